@@ -1,0 +1,1 @@
+"""Detectors: from light to a digital signal, with every noise a real one has."""

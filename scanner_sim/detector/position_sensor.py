@@ -1,0 +1,72 @@
+"""The position sensor: a line of InGaAs pixels (the paper's "linear CCD"; silicon is blind at 1.5 µm)."""
+
+from __future__ import annotations
+
+from typing import Self
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from scanner_sim.detector.noise import NoiseSwitches
+from scanner_sim.parts import Part
+from scanner_sim.units import ElectronRate, Electrons, ElectronsPerNumber, Length, Ratio
+
+
+class PositionSensor(Part):
+    """A linear array; pixel i has its centre at p = offset + (i + 1/2) pitch.
+
+    p is counted from the image of infinity (p = 0, eq 1) towards nearer ranges. Anti-blooming drains the
+    charge above the full well: it does not reach the neighbours.
+    """
+
+    pixels: int = Field(default=256, ge=8, le=4096)
+    """Number of pixels."""
+    pitch: Length = Field(default=50e-6, gt=0.0, le=1e-2)
+    """Distance of the pixels, and their width (fill factor 1)."""
+    height: Length = Field(default=250e-6, gt=0.0, le=0.1)
+    """Height of the pixels; light above or below is lost."""
+    offset: Length = Field(default=0.0, ge=0.0, le=1.0)
+    """Position p of the array's far end: 0 shows everything out to infinity."""
+    quantum_efficiency: Ratio = Field(default=0.8, gt=0.0, le=1.0)
+    """Electrons per photon at the laser's wavelength."""
+    full_well: Electrons = Field(default=5e7, gt=0.0)
+    """Charge at which a pixel saturates."""
+    read_noise: Electrons = Field(default=1000.0, ge=0.0)
+    """Standard deviation of the read noise."""
+    dark_current: ElectronRate = Field(default=2.5e7, ge=0.0)
+    """Mean dark current of a pixel (2.5e7 electron/s are 4 pA)."""
+    prnu: Ratio = Field(default=0.005, ge=0.0, le=0.2)
+    """Standard deviation of the pixels' response, left after the flat field."""
+    adc_bits: int = Field(default=16, ge=4, le=24)
+    """Bits of the analogue-digital converter."""
+    gain: ElectronsPerNumber | None = Field(default=None, gt=0.0)
+    """Electrons per digital number; by default the converter's range equals the full well."""
+    bias: int = Field(default=64, ge=0)
+    """Digital number of a pixel without charge: keeps negative noise from being cut off."""
+    noise: NoiseSwitches = NoiseSwitches()
+    """A switch for every term."""
+
+    @model_validator(mode="after")
+    def _bias_fits(self) -> Self:
+        if self.bias > self.largest_number // 2:
+            raise PydanticCustomError(
+                "bias",
+                "a bias of {bias} leaves less than half of the converter's {bits} bits; reduce it",
+                {"bias": self.bias, "bits": self.adc_bits},
+            )
+        return self
+
+    @property
+    def largest_number(self) -> int:
+        """Largest digital number of the converter."""
+        return int(2**self.adc_bits) - 1
+
+    @property
+    def electrons_per_number(self) -> float:
+        """Electrons per digital number."""
+        return self.full_well / (self.largest_number - self.bias) if self.gain is None else self.gain
+
+    @property
+    def length(self) -> float:
+        """Length of the array [m]."""
+        return self.pixels * self.pitch

@@ -1,0 +1,97 @@
+"""The exceptions of the program, and which one is raised when.
+
+========================  =======================================  ===========
+exception                 raised when                              exit status
+========================  =======================================  ===========
+:class:`InputError`       what the user gave cannot be used        2
+:class:`ScenarioError`    a scenario has faults: all of them       2
+:class:`RunError`         the work itself failed (disk, device)    1
+========================  =======================================  ===========
+
+Single shots never raise: they carry a :class:`scanner_sim.status.Status`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+
+class ScannerSimError(Exception):
+    """Any error that is reported to the user in one message, without a traceback.
+
+    Parameters
+    ----------
+    message
+        What is wrong, in one sentence.
+    remedy
+        What the user can do about it; empty where nothing sensible can be said.
+    """
+
+    exit_status = 1
+
+    def __init__(self, message: str, *, remedy: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.remedy = remedy
+
+    def __str__(self) -> str:
+        return f"{self.message} {self.remedy}".strip()
+
+
+class InputError(ScannerSimError):
+    """What the user gave (a file, an option, a device) cannot be used."""
+
+    exit_status = 2
+
+
+class RunError(ScannerSimError):
+    """The work itself failed although its input was good: a full disk, a lost device."""
+
+    exit_status = 1
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One fault of a scenario.
+
+    Attributes
+    ----------
+    place
+        Path in the file, ``scanner.laser.power``; empty for the file as a whole.
+    problem
+        What came and what was wanted.
+    remedy
+        What to write instead; may be empty.
+    line
+        Line in the file, counted from 1; None where the scenario did not come from a file.
+    """
+
+    place: str
+    problem: str
+    remedy: str = ""
+    line: int | None = None
+
+    def __str__(self) -> str:
+        where = self.place or "scenario"
+        if self.line is not None:
+            where = f"line {self.line}, {where}"
+        return f"{where}: {self.problem}" + (f" {self.remedy}" if self.remedy else "")
+
+
+class ScenarioError(InputError):
+    """A scenario has faults; all that could be found are reported together.
+
+    Parameters
+    ----------
+    faults
+        The faults, in the order of the file.
+    source
+        Name of the file, or a word for where the scenario came from.
+    """
+
+    def __init__(self, faults: Sequence[Fault], *, source: str = "scenario") -> None:
+        count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
+        super().__init__(f"{source}: {count}\n" + "\n".join(f"  {fault}" for fault in faults))
+        self.faults = tuple(faults)
+        self.source = source

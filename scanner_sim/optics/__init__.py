@@ -1,0 +1,1 @@
+"""Optics: the laser beam, the two deflecting mirrors, the receiver and its filter."""

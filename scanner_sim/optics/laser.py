@@ -1,0 +1,43 @@
+"""The laser and its Gaussian beam."""
+
+from __future__ import annotations
+
+import math
+
+from pydantic import Field
+
+from scanner_sim.parts import Part
+from scanner_sim.units import Length, Power
+
+
+class Laser(Part):
+    """A continuous laser with a collimated Gaussian beam.
+
+    The radius at 1/e² of the irradiance along the beam is w(z) = w₀ √(1 + (z − z₀)²/z_R²) with the Rayleigh
+    length z_R = π w₀² / (M² λ) (Siegman, *Lasers*, 1986, ch. 17; M²: ISO 11146-1:2021).
+    """
+
+    power: Power = Field(default=15e-3, gt=0.0)
+    """Power of the beam as it leaves the scanner."""
+    wavelength: Length = Field(default=1.5e-6, ge=0.3e-6, le=20e-6)
+    """Wavelength in vacuum."""
+    waist_radius: Length = Field(default=2e-3, gt=0.0, le=0.1)
+    """Radius of the waist at 1/e² of the irradiance."""
+    waist_distance: Length = 0.0
+    """Distance of the waist along the beam, from the first deflection axis."""
+    m_squared: float = Field(default=1.0, ge=1.0, le=1000.0)
+    """Beam quality M²: 1 is an ideal Gaussian beam; the divergence grows with it."""
+
+    @property
+    def rayleigh_length(self) -> float:
+        """Rayleigh length z_R [m]."""
+        return math.pi * self.waist_radius**2 / (self.m_squared * self.wavelength)
+
+    @property
+    def divergence(self) -> float:
+        """Half angle of the far field at 1/e² [rad]."""
+        return self.waist_radius / self.rayleigh_length
+
+    def radius(self, distance: float) -> float:
+        """Return the 1/e² radius of the beam [m] at a distance [m] along it."""
+        return self.waist_radius * math.hypot(1.0, (distance - self.waist_distance) / self.rayleigh_length)

@@ -1,0 +1,54 @@
+"""The receiver: a lens that is kept parallel to the beam by the shared mirror, and its filter."""
+
+from __future__ import annotations
+
+import math
+from typing import Self
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from scanner_sim.parts import Part
+from scanner_sim.units import Length, Ratio
+
+
+class Receiver(Part):
+    """The receiving lens beside the laser.
+
+    The lens is ideal but for a Gaussian point spread: it images in focus at every range (the position sensor
+    is tilted to Scheimpflug's condition, as in Blais 1986), without distortion or vignetting.
+    """
+
+    baseline: Length = Field(default=0.2, gt=0.0, le=100.0)
+    """Triangulation base d: from the laser's axis to the lens node."""
+    focal_length: Length = Field(default=0.1, gt=0.0, le=10.0)
+    """Focal length f."""
+    aperture: Length = Field(default=25e-3, gt=0.0)
+    """Diameter of the aperture stop."""
+    transmission: Ratio = Field(default=0.5, gt=0.0, le=1.0)
+    """Transmission of lens and mirrors at the laser's wavelength, filter apart."""
+    point_spread: Length = Field(default=40e-6, gt=0.0)
+    """Standard deviation of the Gaussian point spread on the sensor (lens, alignment), per axis."""
+
+    @model_validator(mode="after")
+    def _aperture_fits(self) -> Self:
+        if self.aperture > self.focal_length:
+            raise PydanticCustomError(
+                "aperture",
+                "the aperture ({aperture} m) is larger than the focal length ({focal} m): no lens is faster "
+                "than f/1 here; reduce receiver.aperture",
+                {"aperture": self.aperture, "focal": self.focal_length},
+            )
+        return self
+
+    @property
+    def aperture_area(self) -> float:
+        """Area of the aperture [m²]."""
+        return math.pi / 4.0 * self.aperture**2
+
+
+class BandpassFilter(Part):
+    """The interference filter in front of the sensor."""
+
+    transmission: Ratio = Field(default=1.0, gt=0.0, le=1.0)
+    """Transmission at the laser's wavelength."""

@@ -1,0 +1,1 @@
+"""Products: what is written for people and for other programs."""

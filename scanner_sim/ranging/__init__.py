@@ -1,0 +1,1 @@
+"""Ranging: from peaks to ranges and coordinates, each with its σ."""

@@ -1,0 +1,22 @@
+"""How the light is followed from the laser to the sensor."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from scanner_sim.parts import Part
+
+
+class Transport(Part):
+    """Settings of the light transport; the defaults meet the accuracy stated in the documentation."""
+
+    beamlets: Literal[7, 19, 37] = 19
+    """Beamlets of a shot on smooth surfaces."""
+    edge_beamlets: int = Field(default=128, ge=19, le=1024)
+    """Beamlets of a shot that meets an edge of shape, material or shadow."""
+    bounces: int = Field(default=1, ge=1, le=16)
+    """Surfaces that laser light may meet: 1 is the direct spot, more adds false spots."""
+    bounce_paths: int = Field(default=64, ge=1, le=4096)
+    """Random paths of a shot, where there is more than one bounce."""

@@ -1,0 +1,1 @@
+"""Scanning: where the beam points, and when."""

@@ -1,0 +1,90 @@
+"""Raster scans: rows of φ, columns of Θ, one voxel after the other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from scanner_sim.parts import Part
+from scanner_sim.units import Angle
+
+
+class RasterScan(Part):
+    """A raster of ``rows`` × ``columns`` voxels over a rectangle of angles, ends included."""
+
+    type: Literal["raster"] = "raster"
+    """Kind of scan."""
+    rows: int = Field(ge=1, le=16384)
+    """Number of rows: steps of φ, top to bottom."""
+    columns: int = Field(ge=1, le=16384)
+    """Number of columns: steps of Θ, left to right."""
+    horizontal: tuple[Angle, Angle]
+    """First and last Θ of a row."""
+    vertical: tuple[Angle, Angle]
+    """First and last φ of the image."""
+
+    @model_validator(mode="after")
+    def _ascending(self) -> Self:
+        for name, (first, last), count in (
+            ("horizontal", self.horizontal, self.columns),
+            ("vertical", self.vertical, self.rows),
+        ):
+            if last < first or (count > 1 and last == first):
+                raise PydanticCustomError(
+                    "raster_order",
+                    "{name} must ascend, [smallest, largest]; write the smaller angle first",
+                    {"name": name},
+                )
+        return self
+
+    @property
+    def shots(self) -> int:
+        """Number of voxels."""
+        return self.rows * self.columns
+
+    def angles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return Θ of the columns, shape (columns,), and φ of the rows, shape (rows,) [rad]."""
+        return _steps(self.horizontal, self.columns), _steps(self.vertical, self.rows)
+
+
+@dataclass(frozen=True)
+class Aim:
+    """Where the mirrors are told to point, one entry per shot.
+
+    Attributes
+    ----------
+    shot
+        Number of each shot, shape (n,), uint32: row · columns + column. It addresses the random numbers.
+    theta, phi
+        Commanded optical deflections [rad], shape (n,), float64.
+    """
+
+    shot: NDArray[np.uint32]
+    theta: NDArray[np.float64]
+    phi: NDArray[np.float64]
+
+
+def raster_aim(scan: RasterScan, shots: NDArray[np.uint32]) -> Aim:
+    """Return the aim of the given shots (shape (n,)) of a raster."""
+    theta, phi = scan.angles()
+    return Aim(shots, theta[shots % scan.columns], phi[shots // scan.columns])
+
+
+def tiled_order(scan: RasterScan, tile: int = 8) -> NDArray[np.uint32]:
+    """Return all shots of a raster, shape (shots,), ordered in small square tiles.
+
+    Neighbours in the order are neighbours in the image, which keeps the rays of a batch coherent.
+    """
+    row, column = np.divmod(np.arange(scan.shots, dtype=np.uint32), np.uint32(scan.columns))
+    rank = np.lexsort((column % tile, row % tile, column // tile, row // tile))
+    return rank.astype(np.uint32)
+
+
+def _steps(ends: tuple[float, float], count: int) -> NDArray[np.float64]:
+    """Return ``count`` angles between both ends, or the middle where there is only one."""
+    return np.linspace(*ends, count) if count > 1 else np.array([0.5 * (ends[0] + ends[1])])

@@ -1,0 +1,67 @@
+"""The instrument as a whole, and its presets."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.optics.deflection import Mirrors
+from scanner_sim.optics.laser import Laser
+from scanner_sim.optics.receiver import BandpassFilter, Receiver
+from scanner_sim.parts import Part
+from scanner_sim.units import Frequency
+
+
+class Scanner(Part):
+    """An auto-synchronised laser scanner; the defaults are the preset ``nrc_2000``.
+
+    ``nrc_2000`` is the prototype of Blais, Beraldin, El-Hakim (2000): wavelength, power, focal length, rate,
+    deflection and the sensor's pixel area are printed there; base, aperture, axis separation and the
+    detector's noise are not, and are assumptions.
+    """
+
+    preset: Literal["nrc_2000"] = "nrc_2000"
+    """Instrument whose values stand where nothing else is written."""
+    laser: Laser = Laser()
+    """The laser and its beam."""
+    mirrors: Mirrors = Mirrors()
+    """The deflection."""
+    receiver: Receiver = Receiver()
+    """The receiving lens."""
+    filter: BandpassFilter = BandpassFilter()
+    """The interference filter."""
+    position_sensor: PositionSensor = PositionSensor()
+    """The line sensor of the triangulation."""
+    rate: Frequency = Field(default=20e3, gt=0.0, le=1e9)
+    """Voxels per second; its inverse is the dwell."""
+
+    @model_validator(mode="after")
+    def _sees_something(self) -> Self:
+        if self.nearest_range <= self.receiver.baseline:
+            raise PydanticCustomError(
+                "nearest_range",
+                "the array sees ranges from {nearest} m, nearer than the base of {base} m, where the image "
+                "is no longer paraxial; shorten the array or the focal length's field",
+                {"nearest": round(self.nearest_range, 4), "base": self.receiver.baseline},
+            )
+        return self
+
+    @property
+    def dwell(self) -> float:
+        """Time spent on a voxel [s]."""
+        return 1.0 / self.rate
+
+    @property
+    def nearest_range(self) -> float:
+        """Nearest range that the array sees on the axis [m]: f d / p_max (eq 1 at Θ = 0)."""
+        end = self.position_sensor.offset + self.position_sensor.length
+        return self.receiver.focal_length * self.receiver.baseline / end
+
+    @property
+    def farthest_range(self) -> float:
+        """Farthest range that the array sees on the axis [m]; infinite where it starts at p = 0."""
+        start = self.position_sensor.offset
+        return self.receiver.focal_length * self.receiver.baseline / start if start > 0.0 else float("inf")

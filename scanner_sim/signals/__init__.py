@@ -1,0 +1,1 @@
+"""Signals: from the digital line of the sensor to the position of the peak and its σ."""

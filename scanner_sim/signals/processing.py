@@ -1,0 +1,36 @@
+"""How the sensor's line is processed."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from scanner_sim.parts import Part
+from scanner_sim.units import Length
+
+PeakMethod = Literal[
+    "centre_of_mass", "parabola", "gaussian", "blais_rioux_2", "blais_rioux_4", "blais_rioux_8"
+]
+
+
+class Processing(Part):
+    """Peak detection and validation."""
+
+    peak: PeakMethod = "gaussian"
+    """Estimator of the sub-pixel position."""
+    threshold: float = Field(default=6.0, ge=0.0, le=1e6)
+    """Least height of a peak, in standard deviations of the dark line (read, dark and quantisation noise)."""
+    ambiguity: float = Field(default=0.5, gt=0.0, le=1.0)
+    """A second, separate peak higher than this share of the first makes the shot ambiguous."""
+    range_gate: tuple[Length, Length] | None = None
+    """Nearest and farthest range that is accepted; by default all that the array sees."""
+
+    @model_validator(mode="after")
+    def _gate_ascends(self) -> Self:
+        if self.range_gate is not None and not 0.0 <= self.range_gate[0] < self.range_gate[1]:
+            raise PydanticCustomError(
+                "range_gate", "the range gate must ascend from 0 m or more: [nearest, farthest]"
+            )
+        return self
