@@ -1,0 +1,44 @@
+"""Scanner Sim: a physically based simulator of an auto-synchronised 3-D laser scanner.
+
+The public names are loaded when first used, so that ``import scanner_sim`` costs nothing and
+``scanner-sim --help`` does not wait for the renderer.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from scanner_sim.config import load_scenario as load_scenario
+    from scanner_sim.scenario import Scenario as Scenario
+    from scanner_sim.simulate import simulate as simulate
+
+    __version__: str
+
+__all__ = ["Scenario", "load_scenario", "simulate", "__version__"]
+
+_HOMES = {
+    "Scenario": "scanner_sim.scenario",
+    "load_scenario": "scanner_sim.config",
+    "simulate": "scanner_sim.simulate",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its home on first use (PEP 562)."""
+    value: Any
+    if name == "__version__":
+        value = importlib.metadata.version("scanner-sim")
+    elif name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """List the public names, loaded or not."""
+    return sorted({*globals(), *__all__})

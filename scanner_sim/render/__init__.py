@@ -1,0 +1,1 @@
+"""Mitsuba and Dr.Jit: the device, plugins, and the transport of spot and background light."""
