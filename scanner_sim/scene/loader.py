@@ -1,0 +1,300 @@
+"""From the description of a scene to a Mitsuba scene, with the names of its objects and materials.
+
+Shapes with a closed form stay analytic, so that truth is exact; meshes come from PLY, OBJ (Mitsuba's own
+readers) or STL (trimesh). A Mitsuba XML file is parsed, moved as one body and stripped of everything but its
+shapes. Every fault of every object is reported together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.errors import Fault, InputError, ScenarioError
+from scanner_sim.frames import pose_matrix, rotation_about
+from scanner_sim.scene import materials
+from scanner_sim.scene.objects import (
+    Box,
+    Cylinder,
+    Disc,
+    MaterialChoice,
+    Mesh,
+    MitsubaFile,
+    Rectangle,
+    Scene,
+    Sphere,
+    Surface,
+    TargetArray,
+)
+from scanner_sim.scene.targets import target_array, target_positions
+
+_FACING = pose_matrix(rotation_about((1.0, 0.0, 0.0), np.pi), (0.0, 0.0, 0.0))
+"""Turns Mitsuba's flat shapes, whose normal is +z, to face the scanner."""
+
+
+@dataclass(frozen=True)
+class LoadedScene:
+    """A scene ready to be traced.
+
+    Attributes
+    ----------
+    mitsuba
+        The ``mitsuba.Scene``.
+    objects, materials
+        Names; object and material number k (from 1) is entry k − 1. Number 0 is "nothing".
+    object_of, material_of
+        Dr.Jit tables from a shape's registry index to these numbers.
+    """
+
+    mitsuba: Any
+    objects: tuple[str, ...]
+    materials: tuple[str, ...]
+    object_of: Any
+    material_of: Any
+
+    @property
+    def triangles(self) -> int:
+        """Number of triangles of all meshes."""
+        return sum(shape.face_count() for shape in self.mitsuba.shapes() if shape.is_mesh())
+
+
+def load_scene(scene: Scene) -> LoadedScene:
+    """Load a scene; :func:`scanner_sim.render.device.activate` must have been called.
+
+    Raises
+    ------
+    ScenarioError
+        With one fault per object that cannot be loaded: missing, broken or empty meshes and XML files,
+        unknown materials.
+    """
+    mi.set_log_level(mi.LogLevel.Error)
+    bsdfs = _Materials()
+    loaded: list[tuple[str, Any]] = []
+    faults: list[Fault] = []
+    if scene.file is not None:
+        _collect(loaded, faults, "scene.file", scene.file.stem, MitsubaFile(name="file", file=scene.file), bsdfs)
+    for index, item in enumerate(scene.objects):
+        _collect(loaded, faults, f"scene.objects[{index}]", item.name, item, bsdfs)
+    if faults:
+        raise ScenarioError(faults, source="scene")
+    return _assemble(loaded)
+
+
+def _collect(
+    loaded: list[tuple[str, Any]], faults: list[Fault], place: str, name: str, item: Any, bsdfs: _Materials
+) -> None:
+    """Append the shapes of one object, or its fault."""
+    try:
+        shapes = _SHAPES[type(item)](item, bsdfs)
+    except InputError as error:
+        faults.append(Fault(f"{place} ({name})", error.message, error.remedy))
+    else:
+        loaded.extend((name, shape) for shape in shapes)
+
+
+def _assemble(loaded: list[tuple[str, Any]]) -> LoadedScene:
+    """Build the scene and the tables from a shape's registry index to its object and material."""
+    scene = mi.load_dict(
+        {"type": "scene", **{f"shape_{number}": shape for number, (_, shape) in enumerate(loaded)}},
+        optimize=False,
+    )
+    objects = tuple(dict.fromkeys(name for name, _ in loaded))
+    named = [shape.bsdf().id() for _, shape in loaded]
+    surfaces = tuple(dict.fromkeys(named))
+    registry = [_registry_index(shape) for _, shape in loaded]
+    object_of = np.zeros(max(registry, default=0) + 1, dtype=np.uint32)
+    material_of = object_of.copy()
+    object_of[registry] = [objects.index(name) + 1 for name, _ in loaded]
+    material_of[registry] = [surfaces.index(name) + 1 for name in named]
+    return LoadedScene(scene, objects, surfaces, mi.UInt32(object_of), mi.UInt32(material_of))
+
+
+def _registry_index(shape: Any) -> int:
+    import drjit as dr
+
+    return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
+
+
+class _Materials:
+    """The BSDFs of one scene: one plugin per material, shared by its shapes."""
+
+    def __init__(self) -> None:
+        self._made: dict[str, Any] = {}
+
+    def __call__(self, choice: MaterialChoice) -> Any:
+        if isinstance(choice, Surface):
+            name = f"reflectance_{choice.reflectance!r}"
+            chosen = materials.Material(name=name, reflectance=choice.reflectance, source="the scenario")
+        else:
+            name, chosen = choice, materials.material(choice)
+        if name not in self._made:
+            self._made[name] = mi.load_dict(materials.mitsuba_bsdf(chosen))
+            self._made[name].set_id(name)
+        return self._made[name]
+
+
+def _transform(matrix: NDArray[np.float64]) -> Any:
+    return mi.ScalarTransform4f(matrix)
+
+
+def _scaling(x: float, y: float, z: float) -> NDArray[np.float64]:
+    return np.diag([x, y, z, 1.0])
+
+
+def _plugin(kind: str, matrix: NDArray[np.float64], bsdf: Any, **settings: Any) -> Any:
+    name = bsdf.id()  # loading renames a nested plugin to its key
+    shape = mi.load_dict({"type": kind, "to_world": _transform(matrix), "bsdf": bsdf, **settings})
+    bsdf.set_id(name)
+    return shape
+
+
+def _rectangle(item: Rectangle, bsdfs: _Materials) -> list[Any]:
+    width, height = item.size
+    matrix = item.scanner_from_object() @ _FACING @ _scaling(0.5 * width, 0.5 * height, 1.0)
+    return [_plugin("rectangle", matrix, bsdfs(item.material))]
+
+
+def _disc(item: Disc, bsdfs: _Materials) -> list[Any]:
+    radius = 0.5 * item.diameter
+    matrix = item.scanner_from_object() @ _FACING @ _scaling(radius, radius, 1.0)
+    return [_plugin("disk", matrix, bsdfs(item.material))]
+
+
+def _sphere(item: Sphere, bsdfs: _Materials) -> list[Any]:
+    return [_plugin("sphere", item.scanner_from_object(), bsdfs(item.material), radius=0.5 * item.diameter)]
+
+
+def _box(item: Box, bsdfs: _Materials) -> list[Any]:
+    matrix = item.scanner_from_object() @ _scaling(*(0.5 * edge for edge in item.size))
+    return [_plugin("cube", matrix, bsdfs(item.material))]
+
+
+def _cylinder(item: Cylinder, bsdfs: _Materials) -> list[Any]:
+    """A tube along y and its two lids."""
+    pose, bsdf = item.scanner_from_object(), bsdfs(item.material)
+    radius, half = 0.5 * item.diameter, 0.5 * item.length
+    tube = _plugin("cylinder", pose, bsdf, p0=[0.0, -half, 0.0], p1=[0.0, half, 0.0], radius=radius)
+    lids = []
+    for end, angle in ((half, -0.5 * np.pi), (-half, 0.5 * np.pi)):
+        outward = pose_matrix(rotation_about((1.0, 0.0, 0.0), angle), (0.0, end, 0.0))
+        lids.append(_plugin("disk", pose @ outward @ _scaling(radius, radius, 1.0), bsdf))
+    return [tube, *lids]
+
+
+def _mesh_file(item: Mesh, bsdfs: _Materials) -> list[Any]:
+    bsdf = bsdfs(item.material)
+    kind = item.mesh.suffix.lower()
+    if not item.mesh.is_file():
+        raise InputError(f"the mesh '{item.mesh}' does not exist.", remedy="Give its path from the scenario.")
+    unit = item.length_unit
+    matrix = item.scanner_from_object() @ _scaling(unit, unit, unit)
+    if kind == ".stl":
+        return [_mesh(item.name, *_read_stl(item.mesh), matrix, bsdf)]
+    if kind not in (".ply", ".obj"):
+        raise InputError(f"'{item.mesh.name}' is no PLY, OBJ or STL file.", remedy="Convert the mesh.")
+    try:
+        shape = _plugin(kind[1:], matrix, bsdf, filename=str(item.mesh))
+    except RuntimeError as error:
+        raise InputError(f"the mesh '{item.mesh}' cannot be read: {_reason(error)}") from None
+    return [_checked(shape, item.mesh)]
+
+
+def _read_stl(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    import trimesh
+
+    try:
+        mesh = trimesh.load_mesh(path, process=False)
+        return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    except Exception as error:
+        raise InputError(f"the mesh '{path}' cannot be read: {error}") from None
+
+
+def _mesh(
+    name: str,
+    vertices: NDArray[np.float64],
+    faces: NDArray[Any],
+    matrix: NDArray[np.float64],
+    bsdf: Any,
+) -> Any:
+    """Return a mesh from arrays, with flat faces."""
+    settings = mi.Properties()
+    settings["bsdf"] = bsdf
+    settings["face_normals"] = True
+    mesh = mi.Mesh(name, len(vertices), len(faces), settings)
+    placed = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+    parameters = mi.traverse(mesh)
+    parameters["vertex_positions"] = mi.Float(placed.astype(np.float32).ravel())
+    parameters["faces"] = mi.UInt32(faces.astype(np.uint32).ravel())
+    parameters.update()
+    return _checked(mesh, Path(name))
+
+
+def _checked(mesh: Any, path: Path) -> Any:
+    """Return a mesh that has faces and finite vertices, or say what is wrong with it; other shapes pass."""
+    parameters = mi.traverse(mesh)
+    if "vertex_positions" not in parameters:
+        return mesh
+    if mesh.face_count() == 0:
+        raise InputError(f"the mesh '{path}' has no faces.", remedy="A point cloud cannot be scanned.")
+    if not np.isfinite(parameters["vertex_positions"].numpy()).all():
+        raise InputError(f"the mesh '{path}' has vertices that are not finite.")
+    if int(parameters["faces"].numpy().max()) >= mesh.vertex_count():
+        raise InputError(f"the mesh '{path}' has faces that name missing vertices.")
+    return mesh
+
+
+def _mitsuba_file(item: MitsubaFile, bsdfs: _Materials) -> list[Any]:
+    """Return the shapes of an XML scene, moved as one body."""
+    if not item.file.is_file():
+        raise InputError(f"the scene '{item.file}' does not exist.", remedy="Give its path from the scenario.")
+    settings = mi.parser.ParserConfig(mi.variant())
+    settings.merge_meshes = False
+    settings.merge_equivalent = False
+    pose = mi.ScalarAffineTransform4d(item.scanner_from_object())
+    try:
+        state = mi.parser.parse_file(settings, str(item.file))
+        mi.parser.transform_all(settings, state)
+        for node in state.nodes:
+            if node.type == mi.ObjectType.Shape:
+                own = node.props["to_world"] if "to_world" in node.props else None
+                node.props["to_world"] = pose if own is None else pose @ own
+        root = mi.parser.instantiate(settings, state)
+    except Exception as error:
+        raise InputError(f"the scene '{item.file}' cannot be loaded: {_reason(error)}") from None
+    if not isinstance(root, mi.Scene) or not root.shapes():
+        raise InputError(f"the scene '{item.file}' holds no shapes.")
+    return [_checked(shape, item.file) for shape in root.shapes()]
+
+
+def _target_array(item: TargetArray, bsdfs: _Materials) -> list[Any]:
+    layout = item.array
+    positions = target_positions(layout.rows, layout.columns, *layout.spacing)
+    parts = target_array(positions, layout.diameter, layout.plate)
+    pose = item.scanner_from_object()
+    bsdf = {"black": bsdfs(item.disc), "white": bsdfs(item.material)}
+    return [
+        _mesh(f"{item.name}-{part}", vertices, faces, pose, bsdf[part])
+        for part, (vertices, faces) in parts.items()
+    ]
+
+
+def _reason(error: Exception) -> str:
+    """Return the sentence of a renderer's error, without its source position."""
+    return " ".join(str(error).split("] ", 1)[-1].split())
+
+
+_SHAPES: dict[type, Any] = {
+    Rectangle: _rectangle,
+    Disc: _disc,
+    Sphere: _sphere,
+    Box: _box,
+    Cylinder: _cylinder,
+    Mesh: _mesh_file,
+    MitsubaFile: _mitsuba_file,
+    TargetArray: _target_array,
+}
