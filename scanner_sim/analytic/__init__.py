@@ -1,1 +1,12 @@
-"""The judge: the paper's closed forms and other published ones, written apart from the simulator."""
+"""The judge: the paper's closed forms and other published ones, written apart from the simulator.
+
+Plain functions of numbers and float64 NumPy arrays in SI units. Nothing here is used by the simulator, and
+nothing of the simulator's physics is used here: where both agree, two derivations agree.
+
+- :mod:`~scanner_sim.analytic.geometry`: triangulation, two mirrors, error propagation, chief rays
+- :mod:`~scanner_sim.analytic.beam`: the Gaussian beam
+- :mod:`~scanner_sim.analytic.spot`: the image of the spot and the light budget in closed form
+- :mod:`~scanner_sim.analytic.quadrature`: the image of the spot by dense integration
+- :mod:`~scanner_sim.analytic.estimators`: peak estimators on one line, one pixel after the other
+- :mod:`~scanner_sim.analytic.noise`: bounds and first-order errors of the spot's position
+"""
