@@ -4,8 +4,8 @@ Dr.Jit compiles kernels for the processor through the LLVM shared library. Versi
 version 15 **aborts the process** on kernels with ``min`` or ``max``, which no smoke test shows. So
 the library is chosen here, before Mitsuba loads, and an old one is never handed to Dr.Jit.
 
-Run as ``python -m scanner_sim.render.device`` it says what was found and exits 0, or 1 where
-nothing usable is installed.
+Run as ``python -m scanner_sim.render.device`` it says what was found and exits 0, or 1 where LLVM
+is missing.
 """
 
 from __future__ import annotations
@@ -273,19 +273,19 @@ def main() -> int:
     Returns
     -------
     int
-        0 if the simulator can run here, 1 if not.
+        0 if the processor can be used, 1 if LLVM is missing (a GPU does not replace it: the tests and
+        the reference results are computed on the processor).
     """
     try:
         llvm = find_llvm()
     except InputError as error:
         sys.stderr.write(f"{error}\n")
         return 1
-    gpu = _gpu_name()
-    version = "none" if llvm is None else ".".join(map(str, llvm.version)) + f" ({llvm.path})"
-    sys.stdout.write(f"LLVM: {version}\nGPU: {gpu or 'none'}\n")
-    if llvm is None and gpu is None:
-        sys.stderr.write(f"Nothing to compute on. {LLVM_REMEDY}\n")
+    if llvm is None:
+        sys.stderr.write(f"No LLVM library of version {OLDEST_LLVM} or newer was found. {LLVM_REMEDY}\n")
         return 1
+    version = ".".join(map(str, llvm.version))
+    sys.stdout.write(f"LLVM {version}: {llvm.path}\nGPU: {_gpu_name() or 'none'}\n")
     return 0
 
 

@@ -1,0 +1,97 @@
+# Everything runs from a fresh clone; nothing needs activating. `make help` lists the targets.
+
+SHELL := /bin/sh
+.DEFAULT_GOAL := help
+
+PYTHON ?= python3
+VENV := .venv
+RUN := $(VENV)/bin/python
+STAMP := $(VENV)/.installed
+DEMO := out/quickstart
+
+# Said by the interpreter itself, so that a shim without a Python behind it counts as missing.
+NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
+
+.PHONY: help demo test lint format typecheck build bench scenes setup llvm clean
+
+help: ## List the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
+
+demo: setup ## Set up and run the quickstart with its pictures
+	$(VENV)/bin/scanner-sim run configs/quickstart.yaml -o $(DEMO) --overwrite
+	@echo "The pictures are in $(CURDIR)/$(DEMO):"
+	@cd $(DEMO) && ls *.png
+
+test: setup ## Set up and run all tests, slow ones too
+	$(RUN) -m pytest -m ""
+
+lint: $(STAMP) ## Check style and format
+	$(RUN) -m ruff check .
+	$(RUN) -m ruff format --check .
+
+format: $(STAMP) ## Put the code into the common format
+	$(RUN) -m ruff check --fix .
+	$(RUN) -m ruff format .
+
+typecheck: $(STAMP) ## Check the types of the package
+	$(RUN) -m mypy
+
+build: $(STAMP) ## Build the wheel into dist/
+	rm -rf dist
+	$(RUN) -m build --wheel --no-isolation
+
+bench: setup ## Measure speed and memory
+	$(RUN) benchmarks/imaging.py
+
+scenes: setup ## Generate the shipped scenes anew
+	$(RUN) scenes/generate.py
+
+setup: $(STAMP) llvm ## Make the environment and see to LLVM
+
+# The environment follows pyproject.toml. It is updated in place, so that a change of the version
+# number, say, does not fetch everything again; `make clean` starts afresh.
+$(STAMP): pyproject.toml
+	@if ! $(RUN) -m pip --version >/dev/null 2>&1; then \
+	  found=; \
+	  for python in $(PYTHON) python3.13 python3.12 python3.11; do \
+	    "$$python" -c '$(NEW_ENOUGH)' >/dev/null 2>&1 || continue; \
+	    found="$$python"; \
+	    "$$python" -c 'import ensurepip, venv' >/dev/null 2>&1 && break; \
+	  done; \
+	  if [ -z "$$found" ]; then \
+	    echo "Python 3.11 or newer is needed and was not found: install it, or name it with make PYTHON=/path/to/python3." >&2; \
+	    exit 1; \
+	  fi; \
+	  if ! "$$found" -c 'import ensurepip, venv' >/dev/null 2>&1; then \
+	    echo "$$found cannot make environments: install its venv module (Debian, Ubuntu: apt-get install python3-venv), or name another Python with make PYTHON=/path/to/python3." >&2; \
+	    exit 1; \
+	  fi; \
+	  echo "Making the environment $(VENV) with $$found"; \
+	  "$$found" -m venv --clear $(VENV) || exit 1; \
+	fi
+	$(RUN) -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	@touch $@
+
+# Dr.Jit needs LLVM 16 or newer. Only Debian and Ubuntu are changed without asking; elsewhere, and
+# where the user chose a library himself, the program says what to do.
+llvm: $(STAMP)
+	@if ! $(RUN) -m scanner_sim.render.device >/dev/null 2>&1; then \
+	  if [ -z "$$DRJIT_LIBLLVM_PATH" ] && command -v apt-get >/dev/null; then \
+	    as_root=; \
+	    if [ "$$(id -u)" -ne 0 ]; then \
+	      command -v sudo >/dev/null || { echo "LLVM is missing: ask root to run apt-get install libllvm19 (or a newer one)." >&2; exit 1; }; \
+	      as_root=sudo; \
+	    fi; \
+	    echo "Installing LLVM through apt-get"; \
+	    $$as_root apt-get update -qq; \
+	    package=$$(apt-cache search --names-only '^libllvm[0-9]+(t64)?$$' | sed -n 's/^libllvm\([0-9]*\)\(t64\)\{0,1\} .*/\1 libllvm\1\2/p' \
+	      | awk '$$1 >= 16' | sort -n | tail -n 1 | cut -d ' ' -f 2); \
+	    [ -n "$$package" ] || { echo "apt-get offers no LLVM 16 or newer: install one by hand and name its library in DRJIT_LIBLLVM_PATH." >&2; exit 1; }; \
+	    $$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$$package" || exit 1; \
+	  fi; \
+	  $(RUN) -m scanner_sim.render.device; \
+	fi
+
+clean: ## Remove the environment, results and caches
+	rm -rf $(VENV) out dist build .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
