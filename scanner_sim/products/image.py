@@ -1,0 +1,251 @@
+"""A range image: the result of a run, as named layers over rows of φ and columns of Θ."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.products.provenance import versions
+from scanner_sim.status import Status
+
+if TYPE_CHECKING:
+    import xarray
+
+
+class Channel(NamedTuple):
+    """One layer of a range image: its name, its unit and what it holds, in one sentence."""
+
+    name: str
+    unit: str
+    sentence: str
+
+
+CHANNELS: tuple[Channel, ...] = (
+    Channel("range_m", "m", "measured range: path from the first mirror axis to the surface"),
+    Channel("sigma_range_m", "m", "standard deviation of range_m that the instrument states"),
+    Channel("P.X", "m", "measured point, to the right of the scanner"),
+    Channel("P.Y", "m", "measured point, downwards"),
+    Channel("P.Z", "m", "measured point, away from the scanner"),
+    Channel("Y", "electron", "returned signal: charge of the detected peak, 0 below the threshold"),
+    Channel("snr", "1", "signal-to-noise ratio of the detected peak"),
+    Channel("peak_px", "pixel", "detected position on the line sensor; the centre of pixel i is at i"),
+    Channel("sigma_peak_px", "pixel", "standard deviation of peak_px that the instrument states"),
+    Channel("status", "1", "0 where a range was measured, otherwise why there is none"),
+    Channel("truth.range_m", "m", "true range along the chief ray; the instrument does not know it"),
+    Channel("truth.object", "1", "number of the object hit by the chief ray, from 1; 0 for nothing"),
+    Channel("truth.material", "1", "number of the material hit by the chief ray, from 1; 0 for nothing"),
+)
+"""Every layer that a range image can have, in the order of presentation; a run holds those it made."""
+
+CHANNEL: Mapping[str, Channel] = MappingProxyType({channel.name: channel for channel in CHANNELS})
+"""The table by name."""
+
+MEASURED = ("range_m", "sigma_range_m", "P.X", "P.Y", "P.Z", "peak_px", "sigma_peak_px")
+"""Layers that are NaN wherever ``status`` is not 0."""
+
+LEGENDS = ("status", "truth.object", "truth.material")
+"""Layers of whole numbers that stand for names."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RangeImage:
+    """Measurements of a raster and the truth behind them, layer by layer.
+
+    A layer is read by its name, ``image["range_m"]``; the table :data:`CHANNELS` tells unit and meaning of
+    each. The arrays are views that cannot be written to.
+
+    Parameters
+    ----------
+    channels
+        Layers by name, each of shape (rows, columns), float32.
+    theta, phi
+        Deflections of the columns, shape (columns,), and of the rows, shape (rows,) [rad]: ascending and
+        evenly spaced.
+    objects, materials
+        Names behind the numbers of ``truth.object`` and ``truth.material``; number 1 is the first name.
+    seed
+        Seed of the random numbers.
+    scenario_yaml
+        The resolved scenario that gives this image.
+    warnings
+        Sentences for the user on things that look unintended.
+    made_by
+        Versions of the programs that made the image.
+
+    Raises
+    ------
+    ValueError
+        If names, shapes, types, angles or the marks of invalid voxels contradict each other.
+    """
+
+    channels: Mapping[str, NDArray[np.float32]]
+    theta: NDArray[np.float64]
+    phi: NDArray[np.float64]
+    objects: tuple[str, ...] = ()
+    materials: tuple[str, ...] = ()
+    seed: int = 0
+    scenario_yaml: str = ""
+    warnings: tuple[str, ...] = ()
+    made_by: Mapping[str, str] = field(default_factory=versions)
+
+    def __post_init__(self) -> None:
+        """Check the image and close its arrays to writing."""
+        object.__setattr__(self, "theta", _closed(_angles("theta", self.theta)))
+        object.__setattr__(self, "phi", _closed(_angles("phi", self.phi)))
+        _check_names(self.channels)
+        for name, layer in self.channels.items():
+            if layer.dtype != np.float32 or layer.shape != self.shape:
+                raise ValueError(
+                    f"{name} must be float32 of shape {self.shape}, not {layer.dtype} of shape {layer.shape}"
+                )
+        ordered = {name: _closed(self.channels[name]) for name in CHANNEL if name in self.channels}
+        object.__setattr__(self, "channels", MappingProxyType(ordered))
+        object.__setattr__(self, "made_by", MappingProxyType(dict(self.made_by)))
+        self._check_codes()
+        self._check_marks()
+
+    def _check_codes(self) -> None:
+        ends = dict(zip(LEGENDS, (max(Status), len(self.objects), len(self.materials)), strict=True))
+        for name in LEGENDS:
+            if name in self:
+                layer = self[name]
+                if not ((layer >= 0) & (layer <= ends[name]) & (layer == np.rint(layer))).all():
+                    raise ValueError(f"{name} must hold whole numbers from 0 to {ends[name]}")
+
+    def _check_marks(self) -> None:
+        valid = self.valid
+        for name in MEASURED:
+            if name in self and not np.isnan(self[name][~valid]).all():
+                raise ValueError(f"{name} must be NaN wherever status is not 0")
+        for name in ("range_m", "P.X", "P.Y", "P.Z"):
+            if name in self and not np.isfinite(self[name][valid]).all():
+                raise ValueError(f"{name} must be a finite number wherever status is 0")
+
+    def __getitem__(self, name: str) -> NDArray[np.float32]:
+        """Return a layer, shape (rows, columns).
+
+        Raises
+        ------
+        KeyError
+            If the image has no such layer; the message names those that it has.
+        """
+        if name not in self.channels:
+            raise KeyError(f"no channel {name!r} in this image; it has {', '.join(self.channels)}")
+        return self.channels[name]
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether the image has the layer ``name``."""
+        return name in self.channels
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Number of rows and columns."""
+        return len(self.phi), len(self.theta)
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where a range was measured, shape (rows, columns)."""
+        return np.equal(self["status"], Status.VALID)
+
+    def points(self) -> NDArray[np.float32]:
+        """Return the measured points in the scanner frame, shape (valid voxels, 3) [m], row by row."""
+        valid = self.valid
+        return np.stack([self[name][valid] for name in ("P.X", "P.Y", "P.Z")], axis=1)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the image as an xarray dataset.
+
+        Returns
+        -------
+        xarray.Dataset
+            Variables by channel name over ``phi`` and ``theta`` [rad], with ``units`` and ``long_name``; status
+            and truth numbers are int32 with CF ``flag_values`` and ``flag_meanings``. Seed, scenario, versions
+            and warnings are attributes of the dataset.
+        """
+        import xarray
+
+        names = {
+            "status": [status.name for status in Status],
+            "truth.object": ["nothing", *self.objects],
+            "truth.material": ["nothing", *self.materials],
+        }
+        variables = {}
+        for name, layer in self.channels.items():
+            about: dict[str, object] = {"units": CHANNEL[name].unit, "long_name": CHANNEL[name].sentence}
+            values: NDArray[np.float32] | NDArray[np.int32] = layer
+            if name in names:
+                values = layer.astype(np.int32)
+                about["flag_values"] = np.arange(len(names[name]), dtype=np.int32)
+                about["flag_meanings"] = " ".join(word.replace(" ", "_") for word in names[name])
+            if name == "status":
+                about["comment"] = "; ".join(f"{status.name}: {status.sentence}" for status in Status)
+            variables[name] = (("phi", "theta"), values, about)
+        coordinates = {
+            "phi": ("phi", self.phi, {"units": "rad", "long_name": "deflection downwards, per row"}),
+            "theta": (
+                "theta",
+                self.theta,
+                {"units": "rad", "long_name": "deflection to the right, per column"},
+            ),
+        }
+        attributes = {
+            "title": "range image",
+            "seed": str(self.seed),
+            "scenario": self.scenario_yaml,
+            "warnings": "\n".join(self.warnings),
+            **{f"version_{program}": number for program, number in self.made_by.items()},
+        }
+        return xarray.Dataset(variables, coordinates, attributes)
+
+    def __repr__(self) -> str:
+        """Return a few lines that say what the image holds."""
+        rows, columns = self.shape
+        spans = [
+            f"{name} {np.degrees(angle[0]):.4g}° to {np.degrees(angle[-1]):.4g}°"
+            for name, angle in (("Θ", self.theta), ("φ", self.phi))
+        ]
+        lines = [f"RangeImage of {rows} rows × {columns} columns, {spans[0]}, {spans[1]}, seed {self.seed}"]
+        valid = self.valid
+        lines.append(f"  {100.0 * valid.mean():.4g} % of the voxels have a range" + self._ranges(valid))
+        lines.append(f"  channels: {', '.join(self.channels)}")
+        lines.extend(f"  warning: {warning}" for warning in self.warnings)
+        return "\n".join(lines)
+
+    def _ranges(self, valid: NDArray[np.bool_]) -> str:
+        if "range_m" not in self or not valid.any():
+            return ""
+        ranges = self["range_m"][valid]
+        text = f", from {ranges.min():.4g} m to {ranges.max():.4g} m"
+        if "sigma_range_m" in self:
+            text += f", median σ {1e3 * float(np.median(self['sigma_range_m'][valid])):.3g} mm"
+        return text
+
+
+def _check_names(channels: Mapping[str, NDArray[np.float32]]) -> None:
+    if "status" not in channels:
+        raise ValueError("a range image needs the channel status")
+    if unknown := [name for name in channels if name not in CHANNEL]:
+        raise ValueError(f"unknown channels: {', '.join(unknown)}; known are {', '.join(CHANNEL)}")
+
+
+def _angles(name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return ``values`` (shape (n,)) if they are finite, ascending and evenly spaced float64."""
+    if values.ndim != 1 or not values.size or values.dtype != np.float64 or not np.isfinite(values).all():
+        raise ValueError(f"{name} must be a list of finite float64 angles")
+    even = np.linspace(values[0], values[-1], values.size)
+    step = (values[-1] - values[0]) / max(values.size - 1, 1)
+    if values.size > 1 and (step <= 0.0 or np.abs(values - even).max() > 1e-6 * step):
+        raise ValueError(f"{name} must ascend in even steps")
+    return values
+
+
+def _closed(array: NDArray[np.generic]) -> NDArray[np.generic]:
+    """Return a view of ``array`` that cannot be written to; nothing is copied."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
