@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
+import sys
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -17,13 +19,30 @@ if TYPE_CHECKING:
 
     __version__: str
 
-__all__ = ["Scenario", "load_scenario", "simulate", "__version__"]
+__all__ = ["Scenario", "__version__", "load_scenario", "simulate"]
 
 _HOMES = {
     "Scenario": "scanner_sim.scenario",
     "load_scenario": "scanner_sim.config",
     "simulate": "scanner_sim.simulate",
 }
+
+
+class _Package(ModuleType):
+    """The package itself, in which ``simulate`` is always the function.
+
+    The import system binds each submodule to its package under the submodule's name. Without this
+    class ``from scanner_sim import simulate`` would give the function or the module of that name,
+    depending on what was imported before.
+    """
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _HOMES and isinstance(value, ModuleType):
+            value = getattr(value, name)
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:

@@ -1,0 +1,63 @@
+"""What users may import, and what importing costs them."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import inspect
+import subprocess
+import sys
+
+import pytest
+
+import scanner_sim
+
+
+def python(code: str) -> str:
+    """Run code in a fresh interpreter and return what it prints."""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout.strip()
+
+
+def test_the_public_names_are_these() -> None:
+    assert set(scanner_sim.__all__) == {"Scenario", "__version__", "load_scenario", "simulate"}
+
+
+@pytest.mark.parametrize("name", scanner_sim.__all__)
+def test_every_public_name_exists(name: str) -> None:
+    assert getattr(scanner_sim, name) is not None
+    assert name in dir(scanner_sim)
+
+
+def test_the_names_are_what_they_say() -> None:
+    assert inspect.isclass(scanner_sim.Scenario)
+    assert inspect.isfunction(scanner_sim.load_scenario)
+    assert inspect.isfunction(scanner_sim.simulate)
+
+
+def test_version_is_that_of_the_installed_distribution() -> None:
+    assert scanner_sim.__version__ == importlib.metadata.version("scanner-sim")
+
+
+def test_an_unknown_name_is_an_attribute_error() -> None:
+    with pytest.raises(AttributeError, match="no attribute 'simulat'"):
+        scanner_sim.simulat  # noqa: B018
+
+
+def test_importing_the_package_loads_no_library() -> None:
+    """Nothing outside the standard library is loaded until a name is used."""
+    code = (
+        "import sys; before = set(sys.modules); import scanner_sim; "
+        "new = {name.split('.')[0] for name in set(sys.modules) - before}; "
+        "print(sorted(new - set(sys.stdlib_module_names) - {'scanner_sim'}))"
+    )
+    assert python(code) == "[]"
+
+
+@pytest.mark.parametrize(
+    "earlier", ["", "import scanner_sim.simulate", "from scanner_sim.simulate import simulate"]
+)
+def test_simulate_is_the_function_whatever_was_imported_before(earlier: str) -> None:
+    """A module of the same name must not take its place."""
+    code = f"{earlier}\nfrom scanner_sim import simulate\nprint(type(simulate).__name__)"
+    assert python(code) == "function"

@@ -1,0 +1,194 @@
+"""The choice of device and LLVM library, on file trees and libraries made for the purpose."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pydantic_core import _pydantic_core
+
+from scanner_sim.errors import InputError
+from scanner_sim.render import device as chosen
+from scanner_sim.render.device import LLVM_VARIABLE, Device, LlvmLibrary, activate, find_llvm
+
+
+@pytest.fixture
+def no_wish(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(LLVM_VARIABLE, raising=False)
+
+
+@pytest.fixture
+def candidates(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, no_wish: None) -> list[Path]:
+    """Libraries on this machine: a list for the test to fill; each verifies as what its name says."""
+    found: list[Path] = []
+    monkeypatch.setattr(chosen, "_candidates", lambda: iter(found))
+    monkeypatch.setattr(chosen, "_verified_version", lambda path: chosen._version_from_name(path))
+    return found
+
+
+@pytest.mark.parametrize(
+    ("name", "version"),
+    [
+        ("/nowhere/libLLVM.so.19.1", (19, 1, 0)),
+        ("/nowhere/libLLVM-15.so.1", (15, 0, 0)),
+        ("/nowhere/libLLVM-14.0.6.so.1", (14, 0, 6)),
+        ("/nowhere/libLLVM-18.1.so", (18, 1, 0)),
+        ("/nowhere/llvm-17/lib/libLLVM.so", (17, 0, 0)),
+        ("/nowhere/opt/llvm@18/lib/libLLVM.dylib", (18, 0, 0)),
+        ("/nowhere/lib/libLLVM.dylib", None),
+    ],
+)
+def test_version_is_read_from_the_name(name: str, version: tuple[int, int, int] | None) -> None:
+    """``libLLVM-15.so.1`` is version 15, not 1; a file without a number is of unknown age."""
+    assert chosen._version_from_name(Path(name)) == version
+
+
+def test_a_link_is_as_old_as_what_it_points_to(tmp_path: Path) -> None:
+    (tmp_path / "libLLVM-15.so.1").touch()
+    link = tmp_path / "libLLVM.so"
+    link.symlink_to("libLLVM-15.so.1")
+    assert chosen._version_from_name(link) == (15, 0, 0)
+
+
+def test_the_newest_library_wins_and_old_ones_never(candidates: list[Path]) -> None:
+    """As numbers, not as text: 9 is older than 19, 19.1 newer than 19.0."""
+    names = ["libLLVM-9.so", "libLLVM-15.so.1", "libLLVM.so.19.1", "libLLVM-17.so.1", "libLLVM-19.0.so"]
+    candidates.extend(Path("/nowhere", name) for name in names)
+    found = find_llvm()
+    assert found == LlvmLibrary(path=Path("/nowhere/libLLVM.so.19.1"), version=(19, 1, 0))
+
+
+def test_an_old_library_is_not_even_loaded(monkeypatch: pytest.MonkeyPatch, candidates: list[Path]) -> None:
+    loaded: list[Path] = []
+    monkeypatch.setattr(chosen, "_verified_version", loaded.append)
+    candidates.extend([Path("/nowhere/libLLVM-15.so.1"), Path("/nowhere/libLLVM-18.so.1")])
+    assert find_llvm() is None
+    assert loaded == [Path("/nowhere/libLLVM-18.so.1")]
+
+
+def test_a_name_that_lies_about_its_age_is_found_out(tmp_path: Path) -> None:
+    """A library without ``LLVMGetVersion`` is older than 16, whatever it is called."""
+    impostor = tmp_path / "libLLVM-19.so"
+    shutil.copy(_pydantic_core.__file__, impostor)
+    assert chosen._verified_version(impostor) is None
+
+
+def test_the_machine_of_the_tests_has_a_usable_library(no_wish: None) -> None:
+    found = find_llvm()
+    assert found is not None
+    assert found.version[0] >= 16
+    assert found.path.is_file()
+
+
+def test_the_users_library_is_taken(monkeypatch: pytest.MonkeyPatch, no_wish: None) -> None:
+    found = find_llvm()
+    assert found is not None
+    monkeypatch.setenv(LLVM_VARIABLE, str(found.path))
+    monkeypatch.setattr(chosen, "_candidates", lambda: pytest.fail("the user has chosen already"))
+    assert find_llvm() == found
+
+
+@pytest.mark.parametrize("name", ["libLLVM-15.so.1", "libLLVM-14.0.6.so.1", "libLLVM.so", "missing.so"])
+def test_the_users_unusable_library_is_refused_with_the_remedy(
+    name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """Never passed over in silence: he would believe that his library is in use."""
+    path = tmp_path / name
+    if "LLVM" in name:
+        path.write_bytes(b"not a library")
+    monkeypatch.setenv(LLVM_VARIABLE, str(path))
+    with pytest.raises(InputError, match=LLVM_VARIABLE) as caught:
+        find_llvm()
+    assert str(path) in str(caught.value)
+    assert "apt-get install libllvm" in caught.value.remedy
+
+
+def test_no_library_and_no_gpu_stops_with_one_remedy(
+    monkeypatch: pytest.MonkeyPatch, candidates: list[Path]
+) -> None:
+    monkeypatch.setattr(chosen, "_gpu_name", lambda: None)
+    for choice in ("auto", "cpu"):
+        with pytest.raises(InputError, match="LLVM") as caught:
+            activate(choice)
+        assert caught.value.exit_status == 2
+        assert "apt-get install libllvm" in caught.value.remedy
+
+
+def test_a_gpu_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(chosen, "_gpu_name", lambda: None)
+    with pytest.raises(InputError, match="GPU") as caught:
+        activate("cuda")
+    assert "cpu" in caught.value.remedy
+
+
+@pytest.mark.parametrize("threads", [0, -1])
+def test_a_number_of_threads_that_cannot_be_is_refused(threads: int) -> None:
+    with pytest.raises(InputError, match="threads"):
+        activate("cpu", threads=threads)
+
+
+def test_an_unknown_device_is_refused() -> None:
+    with pytest.raises(InputError, match="tpu"):
+        activate("tpu")  # type: ignore[arg-type]
+
+
+def test_activate_sets_the_variant_and_may_be_repeated(device: Device) -> None:
+    import mitsuba as mi
+
+    assert device.variant == mi.variant() == "llvm_ad_mono"
+    assert device.llvm is not None
+    assert os.environ[LLVM_VARIABLE] == str(device.llvm.path)
+    assert device.gpu is None
+    assert activate("cpu").model_dump(exclude={"threads"}) == device.model_dump(exclude={"threads"})
+
+
+@pytest.fixture
+def thread_count(device: Device) -> Iterator[None]:
+    """Give later tests their threads back."""
+    import drjit as dr
+
+    before = dr.thread_count()
+    yield
+    dr.set_thread_count(before)
+
+
+def test_the_number_of_threads_is_honoured_and_kept(thread_count: None) -> None:
+    assert activate("cpu", threads=1).threads == 1
+    assert activate("cpu").threads == 1
+    assert activate("cpu", threads=2).threads == 2
+
+
+def test_kernels_with_minimum_and_maximum_compile(device: Device) -> None:
+    """LLVM 15 aborts the process on exactly these."""
+    import drjit as dr
+    import mitsuba as mi
+
+    x = dr.arange(mi.Float, 5) - 2
+    clipped = dr.minimum(dr.maximum(x, -1), 1)
+    assert clipped.numpy().tolist() == [-1, -1, 0, 1, 1]
+
+
+def test_the_module_is_importable_without_the_renderer() -> None:
+    code = (
+        "import sys, scanner_sim.render.device; sys.exit('mitsuba' in sys.modules or 'drjit' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_the_module_says_what_was_found() -> None:
+    command = [sys.executable, "-m", "scanner_sim.render.device"]
+    environment = {key: value for key, value in os.environ.items() if key != LLVM_VARIABLE}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert done.stdout.startswith("LLVM ")
+    refused = subprocess.run(
+        command, env=environment | {LLVM_VARIABLE: "/nowhere.so"}, capture_output=True, text=True, check=False
+    )
+    assert refused.returncode == 1
+    assert "/nowhere.so" in refused.stderr
+    assert "Traceback" not in refused.stderr
