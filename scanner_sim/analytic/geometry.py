@@ -120,9 +120,7 @@ def image_of_point(
     return -f * np.sum(v * n, axis=-1) / depth, f * np.sum(v * m, axis=-1) / depth
 
 
-def range_to_plane(
-    theta: ArrayLike, phi: ArrayLike, D: float, point: ArrayLike, normal: ArrayLike
-) -> Floats:
+def range_to_plane(theta: ArrayLike, phi: ArrayLike, D: float, point: ArrayLike, normal: ArrayLike) -> Floats:
     """Return the range R at which the beam's axis meets a plane; NaN where it does not, or from behind.
 
     The plane goes through ``point`` (3,) [m] with the normal ``normal`` (3,), of any length:
@@ -136,9 +134,7 @@ def range_to_plane(
     return np.asarray(np.where(np.isfinite(R) & (R > 0.0), R, np.nan))
 
 
-def range_to_sphere(
-    theta: ArrayLike, phi: ArrayLike, D: float, centre: ArrayLike, radius: float
-) -> Floats:
+def range_to_sphere(theta: ArrayLike, phi: ArrayLike, D: float, centre: ArrayLike, radius: float) -> Floats:
     """Return the range R at which the beam's axis first meets a sphere; NaN where it passes by.
 
     R is the smaller root of |origin + R u − centre|² = radius², for an origin outside the sphere.
@@ -184,8 +180,15 @@ def shot_jacobian(R: ArrayLike, theta: ArrayLike, phi: ArrayLike, f: float, d: f
 
 
 def propagated_errors(
-    R: ArrayLike, theta: ArrayLike, phi: ArrayLike, f: float, d: float, D: float,
-    dp: float, dtheta: float, dphi: float,
+    R: ArrayLike,
+    theta: ArrayLike,
+    phi: ArrayLike,
+    f: float,
+    d: float,
+    D: float,
+    dp: float,
+    dtheta: float,
+    dphi: float,
 ) -> Floats:
     """Return the standard deviations of (x, y, z, R) [m], shape (..., 4), from independent errors.
 
@@ -197,8 +200,14 @@ def propagated_errors(
 
 
 def propagated_errors_printed(
-    R: ArrayLike, theta: ArrayLike, phi: ArrayLike, f: float, d: float,
-    dp: float, dtheta: float, dphi: float,
+    R: ArrayLike,
+    theta: ArrayLike,
+    phi: ArrayLike,
+    f: float,
+    d: float,
+    dp: float,
+    dtheta: float,
+    dphi: float,
 ) -> Floats:
     """Return the standard deviations of (x, y, z) [m], shape (..., 3): eq 5 as printed.
 

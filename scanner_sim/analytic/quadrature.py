@@ -40,8 +40,18 @@ class LitPoints(NamedTuple):
 
 
 def lit_points(
-    theta: float, phi: float, f: float, d: float, D: float, point: ArrayLike, normal: ArrayLike,
-    w0: float, z0: float, z_R: float, aperture: float, samples: int = 61,
+    theta: float,
+    phi: float,
+    f: float,
+    d: float,
+    D: float,
+    point: ArrayLike,
+    normal: ArrayLike,
+    w0: float,
+    z0: float,
+    z_R: float,
+    aperture: float,
+    samples: int = 61,
 ) -> LitPoints:
     """Follow a Gaussian beam to a Lambertian plane and image it.
 

@@ -46,8 +46,16 @@ class SpotImage(NamedTuple):
 
 
 def spot_image(
-    theta: float, phi: float, f: float, d: float, D: float, point: ArrayLike, normal: ArrayLike,
-    sigma_beam: float, spread: float, psf: float,
+    theta: float,
+    phi: float,
+    f: float,
+    d: float,
+    D: float,
+    point: ArrayLike,
+    normal: ArrayLike,
+    sigma_beam: float,
+    spread: float,
+    psf: float,
 ) -> SpotImage:
     """Return the moments of the spot's image on a plane.
 
@@ -122,7 +130,12 @@ def pixel_shares(centre_px: ArrayLike, sigma_px: ArrayLike, pixels: int) -> Floa
 
 
 def collected_power(
-    P: ArrayLike, rho: ArrayLike, aperture: float, transmission: float, v: ArrayLike, axis: ArrayLike,
+    P: ArrayLike,
+    rho: ArrayLike,
+    aperture: float,
+    transmission: float,
+    v: ArrayLike,
+    axis: ArrayLike,
     normal: ArrayLike,
 ) -> Floats:
     """Return the power through the receiver from a Lambertian spot [W].
