@@ -14,7 +14,7 @@ class Transport(Part):
 
     beamlets: Literal[7, 19, 37] = 19
     """Beamlets of a shot on smooth surfaces."""
-    edge_beamlets: int = Field(default=128, ge=19, le=1024)
+    edge_beamlets: int = Field(default=256, ge=19, le=2048)
     """Beamlets of a shot that meets an edge of shape, material or shadow."""
     bounces: int = Field(default=1, ge=1, le=16)
     """Surfaces that laser light may meet: 1 is the direct spot, more adds false spots."""

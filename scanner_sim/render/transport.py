@@ -1,0 +1,209 @@
+"""The laser's light, from its beam over the scene into the pixels' plane.
+
+Each shot's beam is a sum of Gaussian beamlets (:mod:`scanner_sim.render.beamlets`). A beamlet follows a straight
+line of the beam's ruled hyperboloid, so that the radius w(z) is exact at every distance; where it meets a
+surface, the surface's tangent plane and the lens map its Gaussian onto the sensor; the pixels' height cuts it.
+What arrives is a list of *spots*: power, position and width on the line, without random numbers.
+
+Radiometry: power into the lens from a beamlet of power P on a surface with BSDF f_r is
+P f_r cosθ_o · A cosθ_l / r² · T (Pedrotti, *Introduction to optics*, 3rd ed., ch. 5; eq 19 for a Lambertian
+surface on the axis), averaged over points of the aperture, each with its own line of sight.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from scanner_sim.optics.deflection import Frame, deflected_frame
+from scanner_sim.optics.laser import Laser
+from scanner_sim.optics.receiver import Receiver
+from scanner_sim.render.beamlets import Beamlets
+from scanner_sim.scene.loader import LoadedScene
+
+_GRAZING = 0.02
+"""Least cosine of incidence for the beamlet's footprint; nearer to grazing it stays at this size."""
+_TINY = 1e-30
+
+
+@dataclass(frozen=True)
+class Bench:
+    """The numbers of the optical bench that the light meets, SI."""
+
+    laser: Laser
+    receiver: Receiver
+    axis_separation: float
+    filter_transmission: float
+    pitch: float
+    height: float
+    offset: float
+
+
+@dataclass
+class Spots:
+    """Spots on the line, all Dr.Jit arrays of one length.
+
+    ``position`` and ``sigma`` of the Gaussian along the line [pixel], ``power`` that reaches the line's
+    height [W] (0 where nothing arrives), ``strength`` the power before the height cuts it, per power of the
+    beamlet; ``slope_a``, ``slope_b`` the derivatives of the position along the beam's two axes, per standard
+    deviation of the beam [pixel]; ``distance`` along the beamlet [m], ``seen`` 1 where the lens sees it;
+    ``shape`` registry index of the surface, 0 for none.
+    """
+
+    position: Any
+    sigma: Any
+    power: Any
+    strength: Any
+    slope_a: Any
+    slope_b: Any
+    distance: Any
+    seen: Any
+    shape: Any
+
+
+
+
+def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, theta: Any, phi: Any) -> Spots:
+    """Return the direct spots of all beamlets of all shots.
+
+    Parameters
+    ----------
+    loaded
+        The scene.
+    bench
+        The optics.
+    beamlets
+        How the beam is split into k beamlets.
+    theta, phi
+        True deflections [rad], shape (n,), Dr.Jit.
+
+    Returns
+    -------
+    Spots
+        Arrays of k · n entries; entry j · n + i is beamlet j of shot i.
+    """
+    shots, count = dr.width(theta), len(beamlets.weights)
+    lane = dr.arange(mi.UInt32, shots * count)
+    beamlet = lane // dr.opaque(mi.UInt32, shots)
+    shot = lane - beamlet * dr.opaque(mi.UInt32, shots)
+    node = [dr.gather(mi.Float, _table(beamlets.nodes[:, axis]), beamlet) for axis in (0, 1)]
+    stop = [dr.gather(mi.Float, _table(beamlets.aperture[:, axis]), beamlet) for axis in (0, 1)]
+    weight = dr.gather(mi.Float, _table(beamlets.weights), beamlet)
+    frame = _frame(bench, dr.gather(mi.Float, theta, shot), dr.gather(mi.Float, phi, shot))
+    return _spots(loaded, bench, frame, node, stop, weight, beamlets.width)
+
+
+def _table(values: Any) -> Any:
+    return mi.Float(np.asarray(values, dtype=np.float32))
+
+
+def _frame(bench: Bench, theta: Any, phi: Any) -> Frame:
+    """Return the deflected optics with Dr.Jit vectors."""
+    sin_theta, cos_theta = dr.sincos(theta)
+    sin_phi, cos_phi = dr.sincos(phi)
+    separation = dr.opaque(mi.Float, bench.axis_separation)
+    baseline = dr.opaque(mi.Float, bench.receiver.baseline)
+    parts = deflected_frame(sin_theta, cos_theta, sin_phi, cos_phi, separation, baseline)
+    return Frame(*(mi.Vector3f(*part) for part in parts))
+
+
+def _spots(
+    loaded: LoadedScene, bench: Bench, frame: Frame, node: Any, stop: Any, weight: Any, width: float
+) -> Spots:
+    """Trace one beamlet per lane and image it."""
+    laser, receiver = bench.laser, bench.receiver
+    waist = dr.opaque(mi.Float, 0.5 * laser.waist_radius)
+    rayleigh = dr.opaque(mi.Float, laser.rayleigh_length)
+    distance_to_waist = dr.opaque(mi.Float, laser.waist_distance)
+    a, b = node[0] * waist, node[1] * waist
+    slope = [-b / rayleigh, a / rayleigh]
+    start = [a - slope[0] * distance_to_waist, b - slope[1] * distance_to_waist]
+    origin = mi.Point3f(frame.laser + frame.across * start[0] + frame.normal * start[1])
+    direction = dr.normalize(frame.along + frame.across * slope[0] + frame.normal * slope[1])
+
+    si = loaded.mitsuba.ray_intersect(
+        mi.Ray3f(origin, direction), mi.RayFlags.UV | mi.RayFlags.ShadingFrame, coherent=True
+    )
+    hit = si.is_valid()
+    radius = 0.5 * dr.opaque(mi.Float, receiver.aperture)
+    eye = mi.Point3f(frame.lens + frame.across * (stop[0] * radius) + frame.normal * (stop[1] * radius))
+    sight = eye - si.p
+    squared = dr.maximum(dr.squared_norm(sight), _TINY)
+    towards = sight * dr.rsqrt(squared)
+    bsdf = si.bsdf()
+    reflected = bsdf.eval(mi.BSDFContext(), si, si.to_local(towards), hit)[0]
+    facing = -dr.dot(towards, frame.along)
+    wanted = hit & (facing > 0.0) & (reflected > 0.0)
+    hidden = loaded.mitsuba.ray_test(si.spawn_ray_to(eye), coherent=True, active=wanted)
+    seen = wanted & ~hidden
+    gain = math.pi / 4.0 * receiver.aperture**2 * receiver.transmission * bench.filter_transmission
+    strength = dr.select(seen, reflected * facing / squared * dr.opaque(mi.Float, gain), 0.0)
+
+    # The image of the place, and its derivatives along the two axes of the beam.
+    place = mi.Vector3f(si.p - frame.lens)
+    depth = dr.dot(place, frame.along)
+    f = dr.opaque(mi.Float, receiver.focal_length)
+    p = -f * dr.dot(place, frame.across) / depth
+    q = f * dr.dot(place, frame.normal) / depth
+    cosine = dr.dot(si.n, direction)
+    cosine = dr.select(dr.abs(cosine) < _GRAZING, dr.copysign(mi.Float(_GRAZING), cosine), cosine)
+    spread = waist * dr.sqrt(1.0 + dr.square((si.t - distance_to_waist) / rayleigh))
+
+    def image_slope(axis: Any) -> tuple[Any, Any]:
+        moved = (axis - direction * (dr.dot(si.n, axis) / cosine)) * spread
+        deeper = dr.dot(moved, frame.along)
+        return (
+            (-f * dr.dot(moved, frame.across) - p * deeper) / depth,
+            (f * dr.dot(moved, frame.normal) - q * deeper) / depth,
+        )
+
+    (pa, qa), (pb, qb) = image_slope(frame.across), image_slope(frame.normal)
+    residual = dr.opaque(mi.Float, width) ** 2
+    blur = dr.square(dr.opaque(mi.Float, receiver.point_spread))
+    var_p = residual * (dr.square(pa) + dr.square(pb)) + blur
+    var_q = residual * (dr.square(qa) + dr.square(qb)) + blur
+    covariance = residual * (pa * qa + pb * qb)
+    inside, p, var_p = _cut_by_height(p, q, var_p, var_q, covariance, dr.opaque(mi.Float, bench.height))
+
+    pitch = dr.opaque(mi.Float, bench.pitch)
+    power = weight * dr.opaque(mi.Float, laser.power) * strength * inside
+    return Spots(
+        position=dr.select(hit, (p - dr.opaque(mi.Float, bench.offset)) / pitch - 0.5, 0.0),
+        sigma=dr.select(hit, dr.sqrt(var_p) / pitch, 1.0),
+        power=power,
+        strength=strength,
+        slope_a=pa / pitch,
+        slope_b=pb / pitch,
+        distance=dr.select(hit, si.t, dr.nan),
+        seen=dr.select(seen, mi.UInt32(1), 0),
+        shape=dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0),
+    )
+
+
+def _cut_by_height(
+    p: Any, q: Any, var_p: Any, var_q: Any, covariance: Any, height: Any
+) -> tuple[Any, Any, Any]:
+    """Return the share of a two-dimensional Gaussian within |q| < height/2, and mean and variance of p there.
+
+    Moments of the truncated normal distribution (Johnson, Kotz, Balakrishnan, *Continuous univariate
+    distributions* 1, 1994, ch. 13), carried over to p by the regression of p on q.
+    """
+    sigma_q = dr.sqrt(var_q)
+    low, high = (-0.5 * height - q) / sigma_q, (0.5 * height - q) / sigma_q
+    share = 0.5 * (dr.erf(high * math.sqrt(0.5)) - dr.erf(low * math.sqrt(0.5)))
+    density = [dr.exp(-0.5 * dr.square(end)) / math.sqrt(2.0 * math.pi) for end in (low, high)]
+    safe = dr.maximum(share, 1e-6)
+    shift = (density[0] - density[1]) / safe
+    narrowing = (low * density[0] - high * density[1]) / safe - dr.square(shift)
+    share = dr.select(share > 1e-6, share, 0.0)
+    regression = covariance / var_q
+    return (
+        share,
+        p + dr.select(share > 0.0, regression * sigma_q * shift, 0.0),
+        dr.maximum(var_p + dr.select(share > 0.0, regression * covariance * narrowing, 0.0), 0.1 * var_p),
+    )
