@@ -98,6 +98,8 @@ class RangeImage:
         object.__setattr__(self, "theta", _closed(_angles("theta", self.theta)))
         object.__setattr__(self, "phi", _closed(_angles("phi", self.phi)))
         _check_names(self.channels)
+        if any("\n" in name for name in (*self.objects, *self.materials)):
+            raise ValueError("names of objects and materials must stay on one line")
         for name, layer in self.channels.items():
             if layer.dtype != np.float32 or layer.shape != self.shape:
                 raise ValueError(
@@ -163,9 +165,9 @@ class RangeImage:
         Returns
         -------
         xarray.Dataset
-            Variables by channel name over ``phi`` and ``theta`` [rad], with ``units`` and ``long_name``; status
-            and truth numbers are int32 with CF ``flag_values`` and ``flag_meanings``. Seed, scenario, versions
-            and warnings are attributes of the dataset.
+            Variables by channel name over ``phi`` and ``theta`` [rad], with ``units`` and ``long_name``;
+            status and truth numbers are int32 with CF ``flag_values`` and ``flag_meanings``. Seed,
+            scenario, versions and warnings are attributes of the dataset.
         """
         import xarray
 
