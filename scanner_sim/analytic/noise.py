@@ -33,7 +33,9 @@ def cramer_rao(centre_px: float, sigma_px: float, N: float, background: float, r
     m = N * pixel_shares(centre, sigma_px, _LINE)
     edges = np.arange(_LINE + 1) - 0.5
     slope = -N * np.diff(norm.pdf(edges, centre, sigma_px))
-    return float(1.0 / np.sqrt(np.sum(slope**2 / (m + background + read**2))))
+    variance = m + background + read**2
+    lit = variance > 0.0
+    return float(1.0 / np.sqrt(np.sum(slope[lit] ** 2 / variance[lit])))
 
 
 def cramer_rao_closed(sigma_px: float, N: float, background: float, read: float) -> float:
