@@ -49,7 +49,8 @@ scenes: setup ## Generate the shipped scenes anew
 setup: $(STAMP) llvm ## Make the environment and see to LLVM
 
 # The environment follows pyproject.toml. It is updated in place, so that a change of the version
-# number, say, does not fetch everything again; `make clean` starts afresh.
+# number, say, does not fetch everything again; `make clean` starts afresh. The stamp is a copy of the
+# file: a new date alone installs nothing, so a set-up that is complete stays usable offline.
 $(STAMP): pyproject.toml
 	@if ! $(RUN) -m pip --version >/dev/null 2>&1; then \
 	  found=; \
@@ -69,8 +70,11 @@ $(STAMP): pyproject.toml
 	  echo "Making the environment $(VENV) with $$found"; \
 	  "$$found" -m venv --clear $(VENV) || exit 1; \
 	fi
-	$(RUN) -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	@touch $@
+	@cmp -s pyproject.toml $@ || { \
+	  echo "Installing what pyproject.toml asks for"; \
+	  $(RUN) -m pip install --quiet --disable-pip-version-check --editable '.[dev]'; \
+	}
+	@cp pyproject.toml $@
 
 # Dr.Jit needs LLVM 16 or newer. Only Debian and Ubuntu are changed without asking; elsewhere, and
 # where the user chose a library himself, the program says what to do.
