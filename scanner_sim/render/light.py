@@ -15,7 +15,10 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
 
+from scanner_sim.render.bounces import BounceSpots, trace_bounces
 from scanner_sim.render.beamlets import Beamlets, edge_beamlets, smooth_beamlets
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.transport import Bench, Spots, trace_spots
@@ -23,6 +26,12 @@ from scanner_sim.scene.loader import LoadedScene
 
 _CLUSTERS = 16
 """Clusters that a shot on an edge keeps."""
+_BOUNCE_CLUSTERS = 64
+"""Clusters of the light that met several surfaces; it may cover the whole line."""
+_BOUNCE_BATCH = 1 << 22
+"""Surface points of random paths that are traced together: bounds the memory."""
+_EDGE_BATCH = 16384
+"""Shots on edges that are traced together: bounds the memory."""
 _REACH = 6.0
 """Standard deviations to which a spot's light is followed: the rest is 2e-9 of it."""
 _BENT = 0.05
@@ -54,6 +63,16 @@ class Light:
         """Number m of shots."""
         return int(dr.width(self.index))
 
+    def part(self, places: Any) -> Light:
+        """Return the light of some of the shots only."""
+        clusters, some = dr.width(self.position) // self.shots, dr.width(places)
+        lane = dr.arange(mi.UInt32, clusters * some)
+        at = (lane // some) * self.shots + dr.gather(mi.UInt32, places, lane % some)
+        values = [dr.gather(mi.Float, part, at) for part in (self.cluster_power, self.position, self.sigma)]
+        index = dr.gather(mi.UInt32, self.index, places)
+        dr.eval(index, values)
+        return Light(index, *values)
+
     def power(self, pixel: Any, place: Any) -> Any:
         """Return the power [W] on pixels of the shots at some places: the clusters integrated over each pixel.
 
@@ -83,6 +102,12 @@ class Light:
         )[1]
 
 
+    def line(self, place: int, pixels: int) -> NDArray[np.float64]:
+        """Return the power [W] on every pixel of the shot at a place, shape (pixels,)."""
+        pixel = dr.arange(mi.UInt32, pixels)
+        return self.power(pixel, dr.full(mi.UInt32, place, pixels)).numpy().astype(np.float64)
+
+
 @dataclass
 class Truth:
     """What the chief ray of each shot meets; estimators do not see it. Dr.Jit arrays, shape (n,).
@@ -96,7 +121,7 @@ class Truth:
 
 
 def render_light(
-    loaded: LoadedScene, bench: Bench, settings: Transport, theta: Any, phi: Any
+    loaded: LoadedScene, bench: Bench, settings: Transport, theta: Any, phi: Any, shot: Any, seed: int
 ) -> tuple[Truth, Iterator[Light]]:
     """Follow the laser's light of a batch of shots onto the line.
 
@@ -106,6 +131,8 @@ def render_light(
         Scene, optics and how finely the beam is split.
     theta, phi
         True deflections [rad], shape (n,), Dr.Jit.
+    shot, seed
+        Numbers of the shots, shape (n,), and seed: they address the random paths of several bounces.
 
     Returns
     -------
@@ -131,18 +158,63 @@ def render_light(
     def groups() -> Iterator[Light]:
         smooth = dr.compress(~edge)
         if dr.width(smooth):
-            yield _cluster(spots, smooth, smooth, shots, len(beamlets.weights), 1)
+            direct = _cluster(spots, smooth, smooth, shots, len(beamlets.weights), 1)
+            yield from _with_bounces(loaded, bench, settings, theta, phi, shot, seed, direct)
         rough = dr.compress(edge)
-        if dr.width(rough):
-            fine = edge_beamlets(settings.edge_beamlets)
+        fine = edge_beamlets(settings.edge_beamlets)
+        for start in range(0, dr.width(rough), _EDGE_BATCH):
+            some = dr.arange(mi.UInt32, start, min(start + _EDGE_BATCH, dr.width(rough)))
+            index = dr.gather(mi.UInt32, rough, some)
             many = trace_spots(
-                loaded, bench, fine, dr.gather(mi.Float, theta, rough), dr.gather(mi.Float, phi, rough)
+                loaded, bench, fine, dr.gather(mi.Float, theta, index), dr.gather(mi.Float, phi, index)
             )
-            dr.eval(many)
-            count = dr.width(rough)
-            yield _cluster(many, rough, dr.arange(mi.UInt32, count), count, len(fine.weights), _CLUSTERS)
+            dr.eval(index, many.power, many.position, many.sigma)
+            count = dr.width(index)
+            direct = _cluster(many, index, dr.arange(mi.UInt32, count), count, len(fine.weights), _CLUSTERS)
+            yield from _with_bounces(loaded, bench, settings, theta, phi, shot, seed, direct)
 
     return truth, groups()
+
+
+def _with_bounces(
+    loaded: LoadedScene,
+    bench: Bench,
+    settings: Transport,
+    theta: Any,
+    phi: Any,
+    shot: Any,
+    seed: int,
+    direct: Light,
+) -> Iterator[Light]:
+    """Yield the light of a group, in parts that fit the memory, with the light of several bounces added."""
+    if settings.bounces == 1:
+        yield direct
+        return
+    beamlets = edge_beamlets(settings.bounce_paths)
+    vertices = settings.bounces - 1
+    together = max(1, _BOUNCE_BATCH // (settings.bounce_paths * vertices))
+    for start in range(0, direct.shots, together):
+        some = dr.arange(mi.UInt32, start, min(start + together, direct.shots))
+        part = direct.part(some)
+        spots = trace_bounces(
+            loaded,
+            bench,
+            beamlets,
+            settings.bounces,
+            dr.gather(mi.Float, theta, part.index),
+            dr.gather(mi.Float, phi, part.index),
+            dr.gather(mi.UInt32, shot, part.index),
+            seed,
+        )
+        count = part.shots
+        paths = len(beamlets.weights) * vertices
+        late = _cluster(spots, part.index, dr.arange(mi.UInt32, count), count, paths, _BOUNCE_CLUSTERS)
+        yield Light(
+            part.index,
+            dr.concat((part.cluster_power, late.cluster_power)),
+            dr.concat((part.position, late.position)),
+            dr.concat((part.sigma, late.sigma)),
+        )
 
 
 def _is_edge(
@@ -176,7 +248,7 @@ def _is_edge(
     return edge | (strongest - weakest > _UNEVEN * strongest)
 
 
-def _cluster(spots: Spots, shot: Any, index: Any, stride: int, count: int, clusters: int) -> Light:
+def _cluster(spots: Spots | BounceSpots, shot: Any, index: Any, stride: int, count: int, clusters: int) -> Light:
     """Gather each shot's spots into clusters along the line.
 
     Parameters

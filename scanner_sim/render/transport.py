@@ -94,7 +94,7 @@ def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, theta: An
     node = [dr.gather(mi.Float, _table(beamlets.nodes[:, axis]), beamlet) for axis in (0, 1)]
     stop = [dr.gather(mi.Float, _table(beamlets.aperture[:, axis]), beamlet) for axis in (0, 1)]
     weight = dr.gather(mi.Float, _table(beamlets.weights), beamlet)
-    frame = _frame(bench, dr.gather(mi.Float, theta, shot), dr.gather(mi.Float, phi, shot))
+    frame = device_frame(bench, dr.gather(mi.Float, theta, shot), dr.gather(mi.Float, phi, shot))
     return _spots(loaded, bench, frame, node, stop, weight, beamlets.width)
 
 
@@ -102,7 +102,7 @@ def _table(values: Any) -> Any:
     return mi.Float(np.asarray(values, dtype=np.float32))
 
 
-def _frame(bench: Bench, theta: Any, phi: Any) -> Frame:
+def device_frame(bench: Bench, theta: Any, phi: Any) -> Frame:
     """Return the deflected optics with Dr.Jit vectors."""
     sin_theta, cos_theta = dr.sincos(theta)
     sin_phi, cos_phi = dr.sincos(phi)
@@ -112,70 +112,118 @@ def _frame(bench: Bench, theta: Any, phi: Any) -> Frame:
     return Frame(*(mi.Vector3f(*part) for part in parts))
 
 
-def _spots(
-    loaded: LoadedScene, bench: Bench, frame: Frame, node: Any, stop: Any, weight: Any, width: float
-) -> Spots:
-    """Trace one beamlet per lane and image it."""
-    laser, receiver = bench.laser, bench.receiver
+@dataclass
+class Launch:
+    """Rays as they leave the laser."""
+
+    origin: Any
+    direction: Any
+
+
+def launch(bench: Bench, frame: Frame, node: Any) -> Launch:
+    """Return the straight lines of the beam's ruled hyperboloid through nodes (in standard deviations).
+
+    A line that passes the waist at (a, b) with the slope (−b, a)/z_R stays at the same number of standard
+    deviations of the beam at every distance.
+    """
+    laser = bench.laser
     waist = dr.opaque(mi.Float, 0.5 * laser.waist_radius)
     rayleigh = dr.opaque(mi.Float, laser.rayleigh_length)
-    distance_to_waist = dr.opaque(mi.Float, laser.waist_distance)
+    to_waist = dr.opaque(mi.Float, laser.waist_distance)
     a, b = node[0] * waist, node[1] * waist
-    slope = [-b / rayleigh, a / rayleigh]
-    start = [a - slope[0] * distance_to_waist, b - slope[1] * distance_to_waist]
-    origin = mi.Point3f(frame.laser + frame.across * start[0] + frame.normal * start[1])
-    direction = dr.normalize(frame.along + frame.across * slope[0] + frame.normal * slope[1])
-
-    si = loaded.mitsuba.ray_intersect(
-        mi.Ray3f(origin, direction), mi.RayFlags.UV | mi.RayFlags.ShadingFrame, coherent=True
+    slope_a, slope_b = -b / rayleigh, a / rayleigh
+    start_a, start_b = a - slope_a * to_waist, b - slope_b * to_waist
+    return Launch(
+        mi.Point3f(frame.laser + frame.across * start_a + frame.normal * start_b),
+        dr.normalize(frame.along + frame.across * slope_a + frame.normal * slope_b),
     )
-    hit = si.is_valid()
+
+
+def meet(loaded: LoadedScene, origin: Any, direction: Any, active: Any = True, coherent: bool = True) -> Any:
+    """Return the surfaces that rays meet, with what a BSDF needs."""
+    flags = mi.RayFlags.UV | mi.RayFlags.ShadingFrame
+    return loaded.mitsuba.ray_intersect(mi.Ray3f(origin, direction), flags, coherent=coherent, active=active)
+
+
+def connect(
+    loaded: LoadedScene, bench: Bench, frame: Frame, si: Any, stop: Any, active: Any, coherent: bool = True
+) -> tuple[Any, Any]:
+    """Connect surface points to points of the receiving aperture.
+
+    Returns
+    -------
+    tuple
+        Share of the power that arrives at the point and passes the lens and the filter, 0 where the lens does
+        not see the point; and whether it does.
+    """
+    receiver = bench.receiver
     radius = 0.5 * dr.opaque(mi.Float, receiver.aperture)
     eye = mi.Point3f(frame.lens + frame.across * (stop[0] * radius) + frame.normal * (stop[1] * radius))
     sight = eye - si.p
     squared = dr.maximum(dr.squared_norm(sight), _TINY)
     towards = sight * dr.rsqrt(squared)
-    bsdf = si.bsdf()
-    reflected = bsdf.eval(mi.BSDFContext(), si, si.to_local(towards), hit)[0]
+    reflected = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(towards), active)[0]
     facing = -dr.dot(towards, frame.along)
-    wanted = hit & (facing > 0.0) & (reflected > 0.0)
-    hidden = loaded.mitsuba.ray_test(si.spawn_ray_to(eye), coherent=True, active=wanted)
-    seen = wanted & ~hidden
-    gain = math.pi / 4.0 * receiver.aperture**2 * receiver.transmission * bench.filter_transmission
-    strength = dr.select(seen, reflected * facing / squared * dr.opaque(mi.Float, gain), 0.0)
+    wanted = active & (facing > 0.0) & (reflected > 0.0)
+    seen = wanted & ~loaded.mitsuba.ray_test(si.spawn_ray_to(eye), coherent=coherent, active=wanted)
+    gain = dr.opaque(mi.Float, receiver.aperture_area * receiver.transmission * bench.filter_transmission)
+    return dr.select(seen, reflected * facing / squared * gain, 0.0), seen
 
-    # The image of the place, and its derivatives along the two axes of the beam.
-    place = mi.Vector3f(si.p - frame.lens)
+
+def image(bench: Bench, frame: Frame, point: Any) -> tuple[Any, Any, Any]:
+    """Return where the lens images points: p along the line, q across it (eq 1, exactly), and their depth [m]."""
+    place = mi.Vector3f(point - frame.lens)
     depth = dr.dot(place, frame.along)
-    f = dr.opaque(mi.Float, receiver.focal_length)
-    p = -f * dr.dot(place, frame.across) / depth
-    q = f * dr.dot(place, frame.normal) / depth
-    cosine = dr.dot(si.n, direction)
-    cosine = dr.select(dr.abs(cosine) < _GRAZING, dr.copysign(mi.Float(_GRAZING), cosine), cosine)
-    spread = waist * dr.sqrt(1.0 + dr.square((si.t - distance_to_waist) / rayleigh))
+    scale = dr.opaque(mi.Float, bench.receiver.focal_length) / depth
+    return -scale * dr.dot(place, frame.across), scale * dr.dot(place, frame.normal), depth
 
-    def image_slope(axis: Any) -> tuple[Any, Any]:
-        moved = (axis - direction * (dr.dot(si.n, axis) / cosine)) * spread
+
+def to_pixels(bench: Bench, p: Any) -> Any:
+    """Return positions p [m] in pixels."""
+    return (p - dr.opaque(mi.Float, bench.offset)) / dr.opaque(mi.Float, bench.pitch) - 0.5
+
+
+def _spots(
+    loaded: LoadedScene, bench: Bench, frame: Frame, node: Any, stop: Any, weight: Any, width: float
+) -> Spots:
+    """Trace one beamlet per lane and image it."""
+    laser, receiver = bench.laser, bench.receiver
+    beam = launch(bench, frame, node)
+    si = meet(loaded, beam.origin, beam.direction)
+    hit = si.is_valid()
+    strength, seen = connect(loaded, bench, frame, si, stop, hit)
+    p, q, depth = image(bench, frame, si.p)
+
+    # Derivatives of the image along the two axes of the beam, on the surface's tangent plane.
+    cosine = dr.dot(si.n, beam.direction)
+    cosine = dr.select(dr.abs(cosine) < _GRAZING, dr.copysign(mi.Float(_GRAZING), cosine), cosine)
+    along_beam = (si.t - dr.opaque(mi.Float, laser.waist_distance)) / dr.opaque(
+        mi.Float, laser.rayleigh_length
+    )
+    spread = dr.opaque(mi.Float, 0.5 * laser.waist_radius) * dr.sqrt(1.0 + dr.square(along_beam))
+    f = dr.opaque(mi.Float, receiver.focal_length)
+
+    def slopes(axis: Any) -> tuple[Any, Any]:
+        moved = (axis - beam.direction * (dr.dot(si.n, axis) / cosine)) * spread
         deeper = dr.dot(moved, frame.along)
         return (
             (-f * dr.dot(moved, frame.across) - p * deeper) / depth,
             (f * dr.dot(moved, frame.normal) - q * deeper) / depth,
         )
 
-    (pa, qa), (pb, qb) = image_slope(frame.across), image_slope(frame.normal)
-    residual = dr.opaque(mi.Float, width) ** 2
-    blur = dr.square(dr.opaque(mi.Float, receiver.point_spread))
+    (pa, qa), (pb, qb) = slopes(frame.across), slopes(frame.normal)
+    residual = dr.opaque(mi.Float, width**2)
+    blur = dr.opaque(mi.Float, receiver.point_spread**2)
     var_p = residual * (dr.square(pa) + dr.square(pb)) + blur
     var_q = residual * (dr.square(qa) + dr.square(qb)) + blur
     covariance = residual * (pa * qa + pb * qb)
-    inside, p, var_p = _cut_by_height(p, q, var_p, var_q, covariance, dr.opaque(mi.Float, bench.height))
+    inside, p, var_p = cut_by_height(p, q, var_p, var_q, covariance, dr.opaque(mi.Float, bench.height))
 
     pitch = dr.opaque(mi.Float, bench.pitch)
-    power = weight * dr.opaque(mi.Float, laser.power) * strength * inside
     return Spots(
-        position=dr.select(hit, (p - dr.opaque(mi.Float, bench.offset)) / pitch - 0.5, 0.0),
+        position=dr.select(hit, to_pixels(bench, p), 0.0),
         sigma=dr.select(hit, dr.sqrt(var_p) / pitch, 1.0),
-        power=power,
+        power=weight * dr.opaque(mi.Float, laser.power) * strength * inside,
         strength=strength,
         slope_a=pa / pitch,
         slope_b=pb / pitch,
@@ -185,7 +233,7 @@ def _spots(
     )
 
 
-def _cut_by_height(
+def cut_by_height(
     p: Any, q: Any, var_p: Any, var_q: Any, covariance: Any, height: Any
 ) -> tuple[Any, Any, Any]:
     """Return the share of a two-dimensional Gaussian within |q| < height/2, and mean and variance of p there.

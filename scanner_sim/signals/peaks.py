@@ -14,7 +14,7 @@ through the estimator's derivatives.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import drjit as dr
@@ -59,46 +59,88 @@ class Peaks:
     status: Any
 
 
-class _Line:
-    """Reads charges of one line per lane, and knows their variance from the sensor's noise model."""
+@dataclass(frozen=True)
+class Calibration:
+    """What is known of the sensor: how a number becomes a charge, and the variance of a charge.
 
-    def __init__(self, signal: Signal, sensor: PositionSensor, dwell: float) -> None:
-        switches = sensor.noise
-        self.pixels = sensor.pixels
-        self._signal = signal
-        self.shots = signal.shots
-        self._shot = dr.arange(auto.UInt32, signal.shots)
-        self._gain = dr.opaque(auto.Float, sensor.electrons_per_number)
-        self._dark = dr.opaque(auto.Float, sensor.dark_current * dwell if switches.dark else 0.0)
-        self._bias = dr.opaque(auto.Float, sensor.bias)
-        self._shot_noise = switches.shot
-        self._prnu = dr.opaque(auto.Float, sensor.prnu if switches.prnu else 0.0)
-        floor = sensor.read_noise**2 if switches.read else 0.0
-        floor += sensor.electrons_per_number**2 / 12.0 if switches.quantisation else 0.0
-        dark_shot = sensor.dark_current * dwell if switches.dark and switches.shot else 0.0
-        self.floor_sigma = dr.opaque(auto.Float, (floor + dark_shot) ** 0.5)
-        self._floor = dr.opaque(auto.Float, floor + dark_shot)
-        margin = _NEAR_FULL * sensor.read_noise if switches.read else 0.0
-        full = min(
-            sensor.full_well - margin,
-            (sensor.largest_number - sensor.bias) * sensor.electrons_per_number - margin,
+    The methods take numbers, NumPy or Dr.Jit arrays.
+
+    Attributes
+    ----------
+    bias, gain
+        Digital number without charge, and electrons per digital number.
+    dark
+        Mean dark charge of a dwell [electron].
+    floor
+        Variance of a pixel without light [electron²].
+    shot_noise
+        1 if light has Poisson noise, else 0.
+    prnu
+        Relative standard deviation of the pixels' response.
+    full
+        Charge in the well [electron] from which a pixel counts as saturated.
+    """
+
+    bias: float
+    gain: float
+    dark: float
+    floor: float
+    shot_noise: float
+    prnu: float
+    full: float
+
+    @classmethod
+    def of(cls, sensor: PositionSensor, dwell: float) -> Calibration:
+        """Return the calibration of a sensor that is exposed for a dwell [s]."""
+        switches, gain = sensor.noise, sensor.electrons_per_number
+        read = sensor.read_noise if switches.read else 0.0
+        dark = sensor.dark_current * dwell if switches.dark else 0.0
+        steps = gain**2 / 12.0 if switches.quantisation else 0.0
+        well = min(sensor.full_well, (sensor.largest_number - sensor.bias) * gain)
+        return cls(
+            bias=float(sensor.bias),
+            gain=gain,
+            dark=dark,
+            floor=read**2 + steps + (dark if switches.shot else 0.0),
+            shot_noise=float(switches.shot),
+            prnu=sensor.prnu if switches.prnu else 0.0,
+            full=well - _NEAR_FULL * read if switches.saturation else float("inf"),
         )
-        self.full = dr.opaque(auto.Float, full if switches.saturation else float("inf"))
+
+    @property
+    def floor_sigma(self) -> float:
+        """Standard deviation of a pixel without light [electron]."""
+        return float(self.floor**0.5)
+
+    def charge(self, number: Any) -> Any:
+        """Return the charge above the dark level [electron] of a digital number."""
+        return (number - self.bias) * self.gain - self.dark
+
+    def variance(self, charge: Any) -> Any:
+        """Return the variance [electron²] of a pixel with a charge above the dark level [electron]."""
+        light = (charge + abs(charge)) * 0.5
+        return self.floor + self.shot_noise * light + (self.prnu * light) ** 2
+
+
+class _Line:
+    """Reads charges of one line per lane."""
+
+    def __init__(self, signal: Signal, calibration: Calibration) -> None:
+        self.pixels, self.shots = signal.pixels, signal.shots
+        self._signal = signal
+        self._shot = dr.arange(auto.UInt32, signal.shots)
+        values = {field.name: getattr(calibration, field.name) for field in fields(Calibration)}
+        self.known = Calibration(**{name: dr.opaque(auto.Float, value) for name, value in values.items()})
+        self.floor_sigma = dr.sqrt(self.known.floor)
 
     def charge(self, pixel: Any) -> Any:
-        """Return the charge [electron] above the dark level."""
-        number = dr.gather(auto.Float, self._signal.number, self._signal.address(auto.UInt32(pixel), self._shot))
-        return (number - self._bias) * self._gain - self._dark
-
-    def raw(self, charge: Any) -> Any:
-        """Return the charge in the well [electron], dark charge included."""
-        return charge + self._dark
+        """Return the charge above the dark level [electron]."""
+        address = self._signal.address(auto.UInt32(pixel), self._shot)
+        return self.known.charge(dr.gather(auto.Float, self._signal.number, address))
 
     def variance(self, charge: Any) -> Any:
         """Return the variance [electron²] of a pixel that holds a charge."""
-        light = dr.maximum(charge, 0.0)
-        shot = light if self._shot_noise else 0.0
-        return self._floor + shot + dr.square(self._prnu * light)
+        return self.known.variance(charge)
 
 
 def find_peaks(signal: Signal, sensor: PositionSensor, processing: Processing, dwell: float) -> Peaks:
@@ -119,7 +161,7 @@ def find_peaks(signal: Signal, sensor: PositionSensor, processing: Processing, d
     -------
     Peaks
     """
-    line = _Line(signal, sensor, dwell)
+    line = _Line(signal, Calibration.of(sensor, dwell))
     brightest, height = _brightest(line)
     second = _second_peak(line, brightest)
     threshold = dr.opaque(auto.Float, processing.threshold) * line.floor_sigma
@@ -131,7 +173,7 @@ def find_peaks(signal: Signal, sensor: PositionSensor, processing: Processing, d
     for failed, code in (
         ((second > threshold) & (second > processing.ambiguity * height), Status.AMBIGUOUS),
         (~inside | ~(dr.abs(shift) <= margin), Status.OUT_OF_ARRAY),
-        (line.raw(height) >= line.full, Status.SATURATED),
+        (height + line.known.dark >= line.known.full, Status.SATURATED),
         (~(height > threshold), Status.BELOW_THRESHOLD),
     ):
         status = dr.select(failed, auto.UInt32(int(code)), status)

@@ -1,0 +1,116 @@
+"""Laser light that meets several surfaces before it is seen: false spots and a faint veil.
+
+Random paths start on the beamlets of the spot, are scattered by sampling each surface's BSDF, and are connected to
+the receiving aperture at the second and every later surface (next-event estimation; Veach, *Robust Monte Carlo
+methods for light transport simulation*, 1997, ch. 10). Each such point is imaged with the lens's point spread. What
+is left out: light whose last surface before the lens is a perfect mirror (the spot seen in a mirror).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from scanner_sim.render.beamlets import Beamlets
+from scanner_sim.render.transport import (
+    Bench,
+    connect,
+    cut_by_height,
+    device_frame,
+    image,
+    launch,
+    meet,
+    to_pixels,
+)
+from scanner_sim.scene.loader import LoadedScene
+from scanner_sim.streams import Stream, generator
+
+
+@dataclass
+class BounceSpots:
+    """Where light is seen that met several surfaces, Dr.Jit arrays: power [W], position and sigma [pixel]."""
+
+    power: Any
+    position: Any
+    sigma: Any
+
+
+def trace_bounces(
+    loaded: LoadedScene,
+    bench: Bench,
+    beamlets: Beamlets,
+    bounces: int,
+    theta: Any,
+    phi: Any,
+    shot: Any,
+    seed: int,
+) -> BounceSpots:
+    """Follow random paths from the spots of n shots over up to ``bounces`` surfaces.
+
+    Parameters
+    ----------
+    loaded, bench
+        Scene and optics.
+    beamlets
+        Starts of the k paths of each shot.
+    bounces
+        Largest number of surfaces, 2 or more.
+    theta, phi, shot
+        True deflections [rad] and numbers of the shots, shape (n,), Dr.Jit.
+    seed
+        Seed of the paths.
+
+    Returns
+    -------
+    BounceSpots
+        (bounces − 1) · k · n entries; entry (v · k + j) · n + i is surface v + 2 of path j of shot i.
+    """
+    shots, count = dr.width(theta), len(beamlets.weights)
+    lane = dr.arange(mi.UInt32, shots * count)
+    path = lane // dr.opaque(mi.UInt32, shots)
+    own = lane - path * dr.opaque(mi.UInt32, shots)
+    number = dr.gather(mi.UInt32, shot, own)
+    frame = device_frame(bench, dr.gather(mi.Float, theta, own), dr.gather(mi.Float, phi, own))
+    node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), path) for axis in (0, 1)]
+    stop = [dr.gather(mi.Float, mi.Float(beamlets.aperture[:, axis]), path) for axis in (0, 1)]
+    beam = launch(bench, frame, node)
+    si = meet(loaded, beam.origin, beam.direction)
+    power = dr.gather(mi.Float, mi.Float(beamlets.weights), path) * dr.opaque(mi.Float, bench.laser.power)
+    alive = si.is_valid()
+    found = []
+    for surface in range(2, bounces + 1):
+        random = generator(seed, Stream.BOUNCES, number, path * 32 + surface).next_float32x4()
+        sample, weight = si.bsdf().sample(
+            mi.BSDFContext(), si, random[0], mi.Point2f(random[1], random[2]), alive
+        )
+        power = power * dr.select(alive, weight[0], 0.0)
+        alive &= power > 0.0
+        ray = si.spawn_ray(si.to_world(sample.wo))
+        si = meet(loaded, ray.o, ray.d, alive, coherent=False)
+        alive &= si.is_valid()
+        found.append(_seen(loaded, bench, frame, si, stop, power, alive))
+    return BounceSpots(
+        dr.concat([spots.power for spots in found]),
+        dr.concat([spots.position for spots in found]),
+        dr.concat([spots.sigma for spots in found]),
+    )
+
+
+def _seen(
+    loaded: LoadedScene, bench: Bench, frame: Any, si: Any, stop: Any, power: Any, active: Any
+) -> BounceSpots:
+    """Return the image of light of some power at surface points."""
+    strength, seen = connect(loaded, bench, frame, si, stop, active, coherent=False)
+    p, q, depth = image(bench, frame, si.p)
+    blur = dr.opaque(mi.Float, bench.receiver.point_spread**2)
+    inside, p, variance = cut_by_height(p, q, blur, blur, mi.Float(0.0), dr.opaque(mi.Float, bench.height))
+    position = to_pixels(bench, p)
+    good = seen & (depth > 0.0) & dr.isfinite(position)
+    return BounceSpots(
+        dr.select(good, power * strength * inside, 0.0),
+        dr.select(good, position, 0.0),
+        dr.sqrt(variance) / dr.opaque(mi.Float, bench.pitch) + dr.zeros(mi.Float, dr.width(position)),
+    )

@@ -1,0 +1,114 @@
+"""The brute-force judge of the light transport: one shot by millions of random rays.
+
+Every ray draws its place and direction in the beam (the phase-space density of a Gaussian beam: independent
+normal place at the waist and normal direction), a point of the receiving aperture, and its place in the point
+spread; it is counted in the pixel where it lands. No beamlets, no tangent planes, no closed forms.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.optics.deflection import deflected_frame
+from scanner_sim.render.transport import Bench
+from scanner_sim.scene.loader import LoadedScene
+from scanner_sim.streams import Stream, generator
+
+_RAYS_TOGETHER = 1 << 21
+
+
+@dataclass(frozen=True)
+class ReferenceLine:
+    """Light of one shot on the line: mean and standard error of each pixel's power [W], shape (pixels,)."""
+
+    power: NDArray[np.float64]
+    standard_error: NDArray[np.float64]
+
+
+def reference_line(
+    loaded: LoadedScene,
+    bench: Bench,
+    pixels: int,
+    theta: float,
+    phi: float,
+    *,
+    rays: int = 1 << 20,
+    seed: int = 0,
+    shot: int = 0,
+) -> ReferenceLine:
+    """Return the light of one shot at deflections (Θ, φ) [rad] by brute force.
+
+    Parameters
+    ----------
+    loaded, bench
+        Scene and optics.
+    pixels
+        Number of pixels of the line.
+    theta, phi
+        True deflections [rad].
+    rays
+        Number of random rays.
+    seed, shot
+        Address of the random numbers.
+    """
+    total, squares = np.zeros(pixels), np.zeros(pixels)
+    for start in range(0, rays, _RAYS_TOGETHER):
+        number = dr.arange(mi.UInt32, start, min(start + _RAYS_TOGETHER, rays))
+        pixel, power = _land(loaded, bench, theta, phi, number, seed, shot)
+        inside = (pixel >= 0) & (pixel < pixels) & (power > 0.0)
+        where, amount = pixel[inside].astype(np.int64), power[inside].astype(np.float64)
+        total += np.bincount(where, amount, pixels)
+        squares += np.bincount(where, amount**2, pixels)
+    mean = total / rays
+    return ReferenceLine(mean, np.sqrt(np.maximum(squares / rays - mean**2, 0.0) / rays))
+
+
+def _land(
+    loaded: LoadedScene, bench: Bench, theta: float, phi: float, number: mi.UInt32, seed: int, shot: int
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return where each ray lands [pixel number] and the power that it stands for [W]."""
+    laser, receiver = bench.laser, bench.receiver
+    random = generator(seed, Stream.REFERENCE, mi.UInt32(shot), number)
+    beam, blur, stop = random.next_float32x4_normal(), random.next_float32x4_normal(), random.next_float32x4()
+    parts = deflected_frame(
+        mi.Float(math.sin(theta)),
+        mi.Float(math.cos(theta)),
+        mi.Float(math.sin(phi)),
+        mi.Float(math.cos(phi)),
+        bench.axis_separation,
+        receiver.baseline,
+    )
+    along, across, normal, origin, lens = (mi.Vector3f(*part) for part in parts)
+
+    sigma = 0.5 * laser.waist_radius
+    slope_a, slope_b = beam[2] * sigma / laser.rayleigh_length, beam[3] * sigma / laser.rayleigh_length
+    a = beam[0] * sigma - slope_a * laser.waist_distance
+    b = beam[1] * sigma - slope_b * laser.waist_distance
+    direction = dr.normalize(along + across * slope_a + normal * slope_b)
+    ray = mi.Ray3f(mi.Point3f(origin + across * a + normal * b), direction)
+    si = loaded.mitsuba.ray_intersect(ray)
+
+    radius, angle = 0.5 * receiver.aperture * dr.sqrt(stop[0]), 2.0 * math.pi * stop[1]
+    sin, cos = dr.sincos(angle)
+    eye = mi.Point3f(lens + across * (radius * cos) + normal * (radius * sin))
+    sight = eye - si.p
+    towards = dr.normalize(sight)
+    reflected = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(towards), si.is_valid())[0]
+    facing = -dr.dot(towards, along)
+    seen = si.is_valid() & (facing > 0.0) & ~loaded.mitsuba.ray_test(si.spawn_ray_to(eye))
+    gain = receiver.aperture_area * receiver.transmission * bench.filter_transmission
+    power = laser.power * reflected * facing / dr.squared_norm(sight) * gain
+
+    place = mi.Vector3f(si.p - lens)
+    scale = receiver.focal_length / dr.dot(place, along)
+    p = -scale * dr.dot(place, across) + receiver.point_spread * blur[0]
+    q = scale * dr.dot(place, normal) + receiver.point_spread * blur[1]
+    seen &= dr.abs(q) < 0.5 * bench.height
+    pixel = dr.floor((p - bench.offset) / bench.pitch)
+    return dr.select(seen, pixel, -1.0).numpy(), dr.select(seen, power, 0.0).numpy()
