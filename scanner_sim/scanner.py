@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from collections.abc import Iterator
+from typing import Literal
 
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
 from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.errors import Fault
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import BandpassFilter, Receiver
@@ -35,19 +36,20 @@ class Scanner(Part):
     """The interference filter."""
     position_sensor: PositionSensor = PositionSensor()
     """The line sensor of the triangulation."""
-    rate: Frequency = Field(default=20e3, gt=0.0, le=1e9)
+    rate: Frequency = Field(default=20e3, ge=1e-3, le=1e9)
     """Voxels per second; its inverse is the dwell."""
 
-    @model_validator(mode="after")
-    def _sees_something(self) -> Self:
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield an array that reaches into the near range, where the equations no longer hold."""
         if self.nearest_range <= self.receiver.baseline:
-            raise PydanticCustomError(
-                "nearest_range",
-                "the array sees ranges from {nearest} m, nearer than the base of {base} m, where the image "
-                "is no longer paraxial; shorten the array or the focal length's field",
-                {"nearest": round(self.nearest_range, 4), "base": self.receiver.baseline},
+            end = self.position_sensor.offset + self.position_sensor.length
+            yield Fault(
+                "position_sensor",
+                f"the array ends at p = {1e3 * end:.4g} mm and sees ranges from {self.nearest_range:.4g} m, "
+                "nearer than the base of "
+                f"{self.receiver.baseline:g} m: such rays do not pass the lens.",
+                "Reduce pixels, pitch or offset, or raise receiver.focal_length.",
             )
-        return self
 
     @property
     def dwell(self) -> float:

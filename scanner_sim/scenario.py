@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+import math
+from collections.abc import Iterator
+from typing import Literal
 
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
-from scanner_sim.parts import Part
+from scanner_sim.errors import Fault
+from scanner_sim.parts import Count, Part
 from scanner_sim.products.settings import Output
 from scanner_sim.render.settings import Transport
 from scanner_sim.scan.raster import RasterScan
@@ -22,15 +24,25 @@ class Scenario(Part):
     In a file every dimensional number has a unit; from Python plain numbers are SI.
     """
 
-    schema_version: Literal[1] = Field(alias="schema")
+    schema_version: Literal[1] = Field(alias="schema", examples=[1])
     """Version of the scenario's form."""
-    seed: int = Field(default=0, ge=0, lt=2**63)
+    seed: Count = Field(default=0, ge=0, lt=2**63)
     """Seed of every random number."""
     scanner: Scanner = Scanner()
     """The instrument."""
     scene: Scene = Scene()
     """What stands before it."""
-    scan: RasterScan
+    scan: RasterScan = Field(
+        examples=[
+            {
+                "type": "raster",
+                "rows": 256,
+                "columns": 256,
+                "horizontal": ["-15 deg", "15 deg"],
+                "vertical": ["-15 deg", "15 deg"],
+            }
+        ]
+    )
     """Where it points."""
     transport: Transport = Transport()
     """How light is followed."""
@@ -39,28 +51,24 @@ class Scenario(Part):
     output: Output = Output()
     """What is written."""
 
-    @model_validator(mode="after")
-    def _deflections_are_reached(self) -> Self:
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield angles that the mirrors do not reach and range gates that the array does not see."""
         limit = self.scanner.mirrors.max_deflection
         for name, ends in (("horizontal", self.scan.horizontal), ("vertical", self.scan.vertical)):
             if max(abs(end) for end in ends) > limit:
-                raise PydanticCustomError(
-                    "deflection",
-                    "scan.{name} exceeds the mirrors' largest deflection of {limit} rad "
-                    "(scanner.mirrors.max_deflection)",
-                    {"name": name, "limit": limit},
+                widest = math.degrees(max(ends, key=abs))
+                yield Fault(
+                    f"scan.{name}",
+                    f"{widest:.6g} deg lies beyond the mirrors, which deflect by up to "
+                    f"{math.degrees(limit):.6g} deg ({limit:g} rad) to both sides.",
+                    "Narrow the scan, or raise scanner.mirrors.max_deflection.",
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _gate_is_seen(self) -> Self:
         gate = self.processing.range_gate
         nearest, farthest = self.scanner.nearest_range, self.scanner.farthest_range
         if gate is not None and (gate[1] <= nearest or gate[0] >= farthest):
-            raise PydanticCustomError(
-                "range_gate",
-                "processing.range_gate [{near} m, {far} m] lies outside of the ranges that the array sees, "
-                "{nearest} m to {farthest} m",
-                {"near": gate[0], "far": gate[1], "nearest": nearest, "farthest": farthest},
+            beyond = f"{nearest:.4g} m " + ("or more" if math.isinf(farthest) else f"to {farthest:.4g} m")
+            yield Fault(
+                "processing.range_gate",
+                f"[{gate[0]:g} m, {gate[1]:g} m] lies outside of the ranges that the array sees, {beyond}.",
+                "Move the gate, or change receiver.baseline, receiver.focal_length or the position_sensor.",
             )
-        return self

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
+from decimal import Decimal
 from functools import cache
 from typing import Annotated, Any
 
@@ -20,6 +22,10 @@ FROM_FILE = {"units": "required"}
 """Validation context that makes units compulsory: pass it where the values come from a file."""
 
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_QUANTITY_PATTERN = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*[A-Za-zµ°(].*$"
+_RATIO_PATTERN = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*(%|dB|ppm)?\s*$"
+_FACTOR = r"[A-Za-zµμ°Ω_]+(?:(?:\^|\*\*)-?\d)?"
+_UNIT = re.compile(rf"{_FACTOR}(?:\s*[*/ ]\s*{_FACTOR})*")
 _ELECTRONS = re.compile(r"(?<![\w.])e-(?![\w.])")
 
 
@@ -42,15 +48,20 @@ class Dimension:
     unit
         SI unit of the value inside, in pint's spelling; ``1`` for ratios, which may be written as a plain
         number, in per cent or in decibels.
-    example
+    examples
         What a user would write; shown in error messages and in the JSON schema.
+    spellings
+        Further units in which a value may be written back, the preferred ones first.
     """
 
     unit: str
-    example: str
+    examples: tuple[str | float, ...]
+    spellings: tuple[str, ...] = ()
 
     def parse(self, text: str) -> float:
         """Return the SI value of ``text``.
+
+        Decimal prefixes are exact: ``50 um`` is the same float as 50e-6.
 
         Raises
         ------
@@ -60,42 +71,63 @@ class Dimension:
         match = _NUMBER.fullmatch(text)
         if match is None:
             raise ValueError(f"'{text}' is not a number with a unit")
-        number, unit = float(match[1]), _ELECTRONS.sub("electron", match[2])
-        if not math.isfinite(number):
+        unit = _ELECTRONS.sub("electron", match[2])
+        if not math.isfinite(float(match[1])):
             raise ValueError(f"'{text}' is not finite")
         if self.unit == "1":
-            return _ratio(number, unit)
+            return _ratio(match[1], unit)
         if not unit:
             raise ValueError(f"'{text}' has no unit")
-        return number * _scale(unit, self.unit)
+        return _scaled(match[1], unit, self.unit)
 
-    def format(self, value: float) -> str:
-        """Return ``value`` as a file would spell it; parsing the text gives the same float."""
+    def format(self, value: float) -> str | float:
+        """Return ``value`` as a file would spell it; reading that again gives the same float.
+
+        Ratios stay plain numbers. Of all units that return the float exactly, the one that needs the fewest
+        digits is taken, and then the one whose number lies between 0.1 and 1000.
+        """
         if self.unit == "1":
-            return repr(value)
-        return f"{value!r} {self.unit}"
+            return value
+        units = (*self.spellings, self.unit) if self.unit not in self.spellings else self.spellings
+        exact = [spelling for unit in units for spelling in self._spelled(value, unit)]
+        return min(exact, key=_awkwardness, default=f"{value!r} {self.unit}")
+
+    def _spelled(self, value: float, unit: str) -> Iterator[str]:
+        """Yield the spellings of ``value`` in one unit that are read back as the same float."""
+        number = value / _scale(unit, self.unit)
+        for digits in (6, 12, 15, 16, 17):
+            text = f"{number:.{digits}g} {unit}".replace("e+0", "e").replace("e-0", "e-").replace("e+", "e")
+            if self.parse(text) == value:
+                yield text
+                return
 
     def validate(self, value: object, info: ValidationInfo) -> float:
+        """Return the SI value of what a scenario holds; pydantic's entrance."""
         if isinstance(value, str):
             try:
                 return self.parse(value)
             except ValueError as error:
-                raise PydanticCustomError(
-                    "quantity", "{reason}; write for example {example}",
-                    {"reason": str(error), "example": self.example},
-                ) from None
+                raise self._error("quantity", str(error)) from None
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise PydanticCustomError(
-                "quantity", "this is not a number with a unit; write for example {example}",
-                {"example": self.example},
-            )
+            raise self._error("quantity", "this is not a number with a unit")
         required = isinstance(info.context, dict) and info.context.get("units") == "required"
         if required and self.unit != "1":
-            raise PydanticCustomError(
-                "unit_missing", "{value} has no unit; write for example {example}",
-                {"value": repr(value), "example": self.example},
-            )
-        return float(value)
+            raise self._error("unit_missing", f"{value!r} has no unit")
+        try:
+            return float(value)
+        except OverflowError:
+            raise self._error("quantity", "this number is too large") from None
+
+    @property
+    def sample(self) -> str:
+        """The examples as a phrase for messages."""
+        first, *others = (str(example) for example in self.examples)
+        return " or ".join(filter(None, (", ".join([first, *others[:-1]]), *others[-1:])))
+
+    def _error(self, kind: str, reason: str) -> PydanticCustomError:
+        return PydanticCustomError(
+            kind, "{reason}; write for example {example}", {"reason": reason, "example": self.sample}
+        )
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -109,24 +141,47 @@ class Dimension:
     def __get_pydantic_json_schema__(
         self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
-        text = {"type": "string", "examples": [self.example], "description": f"a quantity in {self.unit}"}
+        examples = list(self.examples)
         if self.unit == "1":
-            return {"anyOf": [{"type": "number"}, {**text, "description": "a ratio"}], "examples": [self.example]}
-        return text
+            return {
+                "anyOf": [{"type": "number"}, {"type": "string", "pattern": _RATIO_PATTERN}],
+                "examples": examples,
+            }
+        return {"type": "string", "pattern": _QUANTITY_PATTERN, "examples": examples}
 
 
-def _ratio(number: float, unit: str) -> float:
-    """Return a dimensionless value from a plain number, per cent or decibels (power ratio)."""
+def _awkwardness(spelling: str) -> tuple[int, bool, bool]:
+    """Return how hard a quantity is to read: digits that matter, exponent, size far from one."""
+    number = spelling.split()[0]
+    digits = len(number.partition("e")[0].strip("-").replace(".", "").strip("0"))
+    size = abs(float(number))
+    return digits, "e" in number, not (size == 0.0 or 0.1 <= size < 1000.0)
+
+
+def _ratio(number: str, unit: str) -> float:
+    """Return a dimensionless value from a plain number, per cent, ppm or decibels (power ratio)."""
     match unit:
         case "":
-            return number
+            return float(number)
         case "%":
-            return number / 100.0
-        case "dB":
-            return float(10.0 ** (number / 10.0))
+            return float(Decimal(number).scaleb(-2))
         case "ppm":
-            return number * 1e-6
+            return float(Decimal(number).scaleb(-6))
+        case "dB":
+            exponent = float(number) / 10.0
+            if exponent > 300.0:
+                raise ValueError(f"{number} dB is too large")
+            return float(10.0**exponent)
     raise ValueError(f"'{unit}' is no unit of a ratio")
+
+
+def _scaled(number: str, unit: str, target: str) -> float:
+    """Return a number of ``unit`` in ``target``; powers of ten are exact."""
+    factor = _scale(unit, target)
+    exponent = round(math.log10(factor)) if factor > 0.0 else 0
+    if math.isclose(factor, 10.0**exponent, rel_tol=1e-12):
+        return float(Decimal(number).scaleb(exponent))
+    return float(number) * factor
 
 
 @cache
@@ -139,6 +194,9 @@ def _scale(unit: str, target: str) -> float:
         If the unit is unknown or of another dimension. An angle must name an angular unit: pint counts
         angles as dimensionless, so a bare ``%`` would pass.
     """
+    # Only products and quotients of names reach pint: 10**10**10 would keep it busy for ever.
+    if not _UNIT.fullmatch(unit):
+        raise ValueError(f"'{unit}' is not a known unit")
     registry = _registry()
     try:
         found = registry.parse_units(unit)
@@ -152,12 +210,12 @@ def _scale(unit: str, target: str) -> float:
         raise ValueError(f"'{unit}' cannot be converted to {target}") from None
 
 
-Length = Annotated[float, Dimension("m", "'200 mm'")]
-Angle = Annotated[float, Dimension("rad", "'15 deg'")]
-Power = Annotated[float, Dimension("W", "'15 mW'")]
-Frequency = Annotated[float, Dimension("Hz", "'20 kHz'")]
-Time = Annotated[float, Dimension("s", "'50 us'")]
-Electrons = Annotated[float, Dimension("electron", "'1000 electron'")]
-ElectronRate = Annotated[float, Dimension("electron/s", "'2.5e7 electron/s'")]
-ElectronsPerNumber = Annotated[float, Dimension("electron/DN", "'800 electron/DN'")]
-Ratio = Annotated[float, Dimension("1", "0.5, '50 %' or '-3 dB'")]
+Length = Annotated[float, Dimension("m", ("200 mm",), ("m", "mm", "um", "nm"))]
+Angle = Annotated[float, Dimension("rad", ("15 deg",), ("deg", "rad", "mrad", "urad"))]
+Power = Annotated[float, Dimension("W", ("15 mW",), ("W", "mW", "uW"))]
+Frequency = Annotated[float, Dimension("Hz", ("20 kHz",), ("Hz", "kHz", "MHz"))]
+Time = Annotated[float, Dimension("s", ("50 us",), ("s", "ms", "us", "ns"))]
+Electrons = Annotated[float, Dimension("electron", ("1000 electron",))]
+ElectronRate = Annotated[float, Dimension("electron/s", ("2.5e7 electron/s",))]
+ElectronsPerNumber = Annotated[float, Dimension("electron/DN", ("800 electron/DN",))]
+Ratio = Annotated[float, Dimension("1", (0.5, "50 %", "-3 dB"))]

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from scanner_sim.parts import Part
+from scanner_sim.parts import Part, Switch
 
 
 class NoiseSwitches(Part):
     """A switch for every term of the position sensor's noise; all on by default."""
 
-    shot: bool = True
+    shot: Switch = True
     """Poisson noise of the light and of the dark charge."""
-    read: bool = True
+    read: Switch = True
     """Read noise."""
-    dark: bool = True
+    dark: Switch = True
     """Dark current: its mean charge (its noise belongs to ``shot``)."""
-    prnu: bool = True
+    prnu: Switch = True
     """Response of each pixel that differs from the mean."""
-    saturation: bool = True
+    saturation: Switch = True
     """Full well and end of the converter."""
-    quantisation: bool = True
+    quantisation: Switch = True
     """Whole numbers of the analogue-digital converter."""

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Self
+from collections.abc import Iterator
 
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
 from scanner_sim.detector.noise import NoiseSwitches
-from scanner_sim.parts import Part
+from scanner_sim.errors import Fault
+from scanner_sim.parts import Count, Part
 from scanner_sim.units import ElectronRate, Electrons, ElectronsPerNumber, Length, Ratio
 
 
@@ -19,42 +19,41 @@ class PositionSensor(Part):
     charge above the full well: it does not reach the neighbours.
     """
 
-    pixels: int = Field(default=256, ge=8, le=4096)
+    pixels: Count = Field(default=256, ge=8, le=4096)
     """Number of pixels."""
-    pitch: Length = Field(default=50e-6, gt=0.0, le=1e-2)
+    pitch: Length = Field(default=50e-6, ge=1e-7, le=1e-2)
     """Distance of the pixels, and their width (fill factor 1)."""
-    height: Length = Field(default=250e-6, gt=0.0, le=0.1)
+    height: Length = Field(default=250e-6, ge=1e-7, le=0.1)
     """Height of the pixels; light above or below is lost."""
     offset: Length = Field(default=0.0, ge=0.0, le=1.0)
     """Position p of the array's far end: 0 shows everything out to infinity."""
     quantum_efficiency: Ratio = Field(default=0.8, gt=0.0, le=1.0)
     """Electrons per photon at the laser's wavelength."""
-    full_well: Electrons = Field(default=5e7, gt=0.0)
+    full_well: Electrons = Field(default=5e7, ge=1.0, le=1e15)
     """Charge at which a pixel saturates."""
-    read_noise: Electrons = Field(default=1000.0, ge=0.0)
+    read_noise: Electrons = Field(default=1000.0, ge=0.0, le=1e12)
     """Standard deviation of the read noise."""
-    dark_current: ElectronRate = Field(default=2.5e7, ge=0.0)
+    dark_current: ElectronRate = Field(default=2.5e7, ge=0.0, le=1e18)
     """Mean dark current of a pixel (2.5e7 electron/s are 4 pA)."""
     prnu: Ratio = Field(default=0.005, ge=0.0, le=0.2)
     """Standard deviation of the pixels' response, left after the flat field."""
-    adc_bits: int = Field(default=16, ge=4, le=24)
+    adc_bits: Count = Field(default=16, ge=4, le=24)
     """Bits of the analogue-digital converter."""
-    gain: ElectronsPerNumber | None = Field(default=None, gt=0.0)
+    gain: ElectronsPerNumber | None = Field(default=None, ge=1e-3, le=1e12)
     """Electrons per digital number; by default the converter's range equals the full well."""
-    bias: int = Field(default=64, ge=0)
+    bias: Count = Field(default=64, ge=0)
     """Digital number of a pixel without charge: keeps negative noise from being cut off."""
     noise: NoiseSwitches = NoiseSwitches()
     """A switch for every term."""
 
-    @model_validator(mode="after")
-    def _bias_fits(self) -> Self:
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield a bias that eats up the converter."""
         if self.bias > self.largest_number // 2:
-            raise PydanticCustomError(
+            yield Fault(
                 "bias",
-                "a bias of {bias} leaves less than half of the converter's {bits} bits; reduce it",
-                {"bias": self.bias, "bits": self.adc_bits},
+                f"{self.bias} leaves less than half of the converter's {self.adc_bits} bits.",
+                f"Write {self.largest_number // 2} or less, or raise adc_bits.",
             )
-        return self
 
     @property
     def largest_number(self) -> int:

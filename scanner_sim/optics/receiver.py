@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import Self
+from collections.abc import Iterator
 
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
+from scanner_sim.errors import Fault
 from scanner_sim.parts import Part
 from scanner_sim.units import Length, Ratio
 
@@ -21,25 +21,24 @@ class Receiver(Part):
 
     baseline: Length = Field(default=0.2, gt=0.0, le=100.0)
     """Triangulation base d: from the laser's axis to the lens node."""
-    focal_length: Length = Field(default=0.1, gt=0.0, le=10.0)
+    focal_length: Length = Field(default=0.1, ge=1e-4, le=10.0)
     """Focal length f."""
-    aperture: Length = Field(default=25e-3, gt=0.0)
+    aperture: Length = Field(default=25e-3, ge=1e-6)
     """Diameter of the aperture stop."""
     transmission: Ratio = Field(default=0.5, gt=0.0, le=1.0)
     """Transmission of lens and mirrors at the laser's wavelength, filter apart."""
-    point_spread: Length = Field(default=40e-6, gt=0.0)
+    point_spread: Length = Field(default=40e-6, ge=1e-8, le=1e-2)
     """Standard deviation of the Gaussian point spread on the sensor (lens, alignment), per axis."""
 
-    @model_validator(mode="after")
-    def _aperture_fits(self) -> Self:
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield an aperture that is larger than the focal length."""
         if self.aperture > self.focal_length:
-            raise PydanticCustomError(
+            yield Fault(
                 "aperture",
-                "the aperture ({aperture} m) is larger than the focal length ({focal} m): no lens is faster "
-                "than f/1 here; reduce receiver.aperture",
-                {"aperture": self.aperture, "focal": self.focal_length},
+                f"{self.aperture:g} m is larger than the focal length of {self.focal_length:g} m, and "
+                "no lens here is faster than f/1.",
+                "Reduce the aperture, or raise focal_length.",
             )
-        return self
 
     @property
     def aperture_area(self) -> float:

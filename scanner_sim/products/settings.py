@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import Literal
 
-from scanner_sim.parts import Part
+from scanner_sim.parts import Part, Switch
 
 
 class Output(Part):
     """The files of the output folder."""
 
-    pictures: bool = True
+    pictures: Switch = True
     """Write range.png, shaded.png and signal.png."""
-    points: bool = True
+    points: Switch = True
     """Write points.ply."""
     compression: Literal["none", "rle", "zips", "zip", "piz"] = "zip"
     """Lossless compression of range.exr."""

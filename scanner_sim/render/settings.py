@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from scanner_sim.parts import Part
+from scanner_sim.parts import Count, Part
 
 
 class Transport(Part):
@@ -14,9 +14,9 @@ class Transport(Part):
 
     beamlets: Literal[7, 19, 37] = 19
     """Beamlets of a shot on smooth surfaces."""
-    edge_beamlets: int = Field(default=256, ge=19, le=2048)
+    edge_beamlets: Count = Field(default=256, ge=19, le=2048)
     """Beamlets of a shot that meets an edge of shape, material or shadow."""
-    bounces: int = Field(default=1, ge=1, le=16)
+    bounces: Count = Field(default=1, ge=1, le=16)
     """Surfaces that laser light may meet: 1 is the direct spot, more adds false spots."""
-    bounce_paths: int = Field(default=64, ge=1, le=4096)
+    bounce_paths: Count = Field(default=64, ge=1, le=4096)
     """Random paths of a shot, where there is more than one bounce."""

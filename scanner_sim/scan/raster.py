@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
-from scanner_sim.parts import Part
+from scanner_sim.errors import Fault
+from scanner_sim.parts import Count, Part
 from scanner_sim.units import Angle
+
+MOST_SHOTS = 2**26
+"""Largest raster: its layers alone take 3.5 GB."""
 
 
 class RasterScan(Part):
@@ -19,28 +23,32 @@ class RasterScan(Part):
 
     type: Literal["raster"] = "raster"
     """Kind of scan."""
-    rows: int = Field(ge=1, le=16384)
+    rows: Count = Field(ge=1, le=16384, examples=[256])
     """Number of rows: steps of φ, top to bottom."""
-    columns: int = Field(ge=1, le=16384)
+    columns: Count = Field(ge=1, le=16384, examples=[256])
     """Number of columns: steps of Θ, left to right."""
-    horizontal: tuple[Angle, Angle]
+    horizontal: tuple[Angle, Angle] = Field(examples=[["-15 deg", "15 deg"]])
     """First and last Θ of a row."""
-    vertical: tuple[Angle, Angle]
+    vertical: tuple[Angle, Angle] = Field(examples=[["-15 deg", "15 deg"]])
     """First and last φ of the image."""
 
-    @model_validator(mode="after")
-    def _ascending(self) -> Self:
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield ends in the wrong order and rasters that no memory holds."""
         for name, (first, last), count in (
             ("horizontal", self.horizontal, self.columns),
             ("vertical", self.vertical, self.rows),
         ):
-            if last < first or (count > 1 and last == first):
-                raise PydanticCustomError(
-                    "raster_order",
-                    "{name} must ascend, [smallest, largest]; write the smaller angle first",
-                    {"name": name},
-                )
-        return self
+            if last < first:
+                yield Fault(name, "the ends must ascend.", "Write the smaller angle first.")
+            elif last == first and count > 1:
+                yield Fault(name, f"both ends are equal, yet there are {count} steps.", "Write two angles.")
+        if self.shots > MOST_SHOTS:
+            yield Fault(
+                "rows",
+                f"{self.rows} × {self.columns} are {self.shots / 1e6:.0f} million voxels, whose layers take "
+                f"{self.shots * 52 / 1e9:.0f} GB; at most {MOST_SHOTS / 1e6:.0f} million are possible.",
+                "Scan in several runs of fewer rows.",
+            )
 
     @property
     def shots(self) -> int:

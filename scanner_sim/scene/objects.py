@@ -2,37 +2,61 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Discriminator, Field, Tag, model_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag
 from pydantic_core import PydanticCustomError
 
+from scanner_sim.errors import Fault
 from scanner_sim.frames import pose_matrix, rotation_about
-from scanner_sim.parts import Part
+from scanner_sim.parts import Count, MeshFile, Number, Part, XmlFile
+from scanner_sim.scene.materials import UnknownMaterialError, material
 from scanner_sim.units import Angle, Length, Ratio
 
-Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64)]
-Position = tuple[Length, Length, Length]
-Extent = Annotated[Length, Field(gt=0.0)]
-Axis = Literal["x", "y", "z"] | tuple[float, float, float]
+FARTHEST = 1e5
+"""Largest coordinate [m]: beyond it float32 no longer resolves a centimetre."""
+SMALLEST = 1e-6
+"""Smallest extent [m]."""
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64, examples=["wall"])]
+Coordinate = Annotated[Length, Field(ge=-FARTHEST, le=FARTHEST)]
+Position = tuple[Coordinate, Coordinate, Coordinate]
+Extent = Annotated[Length, Field(ge=SMALLEST, le=FARTHEST)]
+
+
+def _spelling(word: str, otherwise: str) -> Discriminator:
+    """Tell a value that is one word, or else a list, from the longer spelling of the same thing.
+
+    Tags in parentheses cannot be keys: messages leave them out of the path.
+    """
+    kinds = str if word == "(word)" else (list, tuple)
+    return Discriminator(lambda value: word if isinstance(value, kinds) else otherwise)
+
+
+Axis = Annotated[
+    Annotated[Literal["x", "y", "z"], Tag("(word)")]
+    | Annotated[tuple[Number, Number, Number], Tag("(vector)")],
+    _spelling("(word)", "(vector)"),
+]
 
 
 class Rotation(Part):
     """A turn about an axis through the object's origin (right-handed)."""
 
-    axis: Axis
+    axis: Axis = Field(examples=["y"])
     """``x``, ``y``, ``z`` or a vector."""
     angle: Angle
     """Angle of the turn."""
 
-    @model_validator(mode="after")
-    def _axis_has_a_direction(self) -> Self:
-        if not isinstance(self.axis, str) and not np.linalg.norm(self.axis) > 0.0:
-            raise PydanticCustomError("rotation_axis", "the axis (0, 0, 0) has no direction")
-        return self
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield an axis without direction."""
+        if not isinstance(self.axis, str) and not 1e-100 < np.linalg.norm(self.axis) < 1e100:
+            yield Fault(
+                "axis", f"{self.axis} has no direction.", "Write x, y, z or a vector such as [0, 1, 1]."
+            )
 
     def matrix(self) -> NDArray[np.float64]:
         """Return the rotation matrix, shape (3, 3)."""
@@ -47,8 +71,28 @@ class Surface(Part):
     """Hemispherical reflectance."""
 
 
-MaterialChoice = str | Surface
+def _known(name: str) -> str:
+    try:
+        return material(name).name
+    except UnknownMaterialError as error:
+        raise PydanticCustomError(
+            "material", "{problem} {remedy}", {"problem": error.message, "remedy": error.remedy}
+        ) from None
+
+
+MaterialChoice = Annotated[
+    Annotated[str, AfterValidator(_known), Tag("(word)")] | Annotated[Surface, Tag("(surface)")],
+    _spelling("(word)", "(surface)"),
+    Field(examples=["z93_white", {"reflectance": 0.5}]),
+]
 """Name of a material of the library, or a reflectance."""
+
+Turns = Annotated[
+    Annotated[Rotation, Tag("(turn)")] | Annotated[tuple[Rotation, ...], Tag("(turns)")],
+    _spelling("(turns)", "(turn)"),
+    Field(examples=[{"axis": "y", "angle": "20 deg"}]),
+]
+"""A turn, or several one after the other."""
 
 
 class Posed(Part):
@@ -58,7 +102,7 @@ class Posed(Part):
     """Name, unique in the scene; it appears in the truth layer."""
     position: Position = (0.0, 0.0, 0.0)
     """Place of the object's origin in the scanner frame."""
-    rotation: Rotation | tuple[Rotation, ...] = ()
+    rotation: Turns = ()
     """Turns about the object's origin, the first one first."""
 
     def scanner_from_object(self) -> NDArray[np.float64]:
@@ -74,7 +118,7 @@ class Rectangle(Posed):
     """A flat rectangle that faces the scanner."""
 
     shape: Literal["rectangle"]
-    size: tuple[Extent, Extent]
+    size: tuple[Extent, Extent] = Field(examples=[["4 m", "4 m"]])
     """Width and height."""
     material: MaterialChoice
     """Material of both sides."""
@@ -84,7 +128,7 @@ class Disc(Posed):
     """A flat disc that faces the scanner."""
 
     shape: Literal["disc"]
-    diameter: Length = Field(gt=0.0)
+    diameter: Extent
     """Diameter."""
     material: MaterialChoice
     """Material of both sides."""
@@ -94,7 +138,7 @@ class Sphere(Posed):
     """A sphere about the origin."""
 
     shape: Literal["sphere"]
-    diameter: Length = Field(gt=0.0)
+    diameter: Extent
     """Diameter."""
     material: MaterialChoice
     """Material."""
@@ -104,7 +148,7 @@ class Box(Posed):
     """A box about the origin."""
 
     shape: Literal["box"]
-    size: tuple[Extent, Extent, Extent]
+    size: tuple[Extent, Extent, Extent] = Field(examples=[["1 m", "1 m", "1 m"]])
     """Extent in x, y and z."""
     material: MaterialChoice
     """Material."""
@@ -114,9 +158,9 @@ class Cylinder(Posed):
     """A closed cylinder about the origin, its axis along y."""
 
     shape: Literal["cylinder"]
-    diameter: Length = Field(gt=0.0)
+    diameter: Extent
     """Diameter."""
-    length: Length = Field(gt=0.0)
+    length: Extent
     """Length along the axis."""
     material: MaterialChoice
     """Material."""
@@ -125,9 +169,9 @@ class Cylinder(Posed):
 class Mesh(Posed):
     """A mesh from a PLY, OBJ or STL file."""
 
-    mesh: Path
+    mesh: MeshFile
     """File, relative to the scenario's folder."""
-    length_unit: Length = Field(default=1.0, gt=0.0)
+    length_unit: Length = Field(default=1.0, ge=1e-9, le=FARTHEST)
     """Length of one unit of the file: ``1 mm`` for a mesh drawn in millimetres."""
     material: MaterialChoice
     """Material."""
@@ -136,23 +180,42 @@ class Mesh(Posed):
 class MitsubaFile(Posed):
     """The shapes of a Mitsuba XML scene, moved as one body; its own materials stay."""
 
-    file: Path
+    file: XmlFile
     """XML file, relative to the scenario's folder."""
 
 
 class TargetPattern(Part):
     """An array of circular targets in the plane z = 0, centred on the origin."""
 
-    diameter: Length = Field(gt=0.0)
+    diameter: Extent
     """Diameter of each disc."""
-    rows: int = Field(default=1, ge=1, le=1000)
+    rows: Count = Field(default=1, ge=1, le=1000)
     """Targets from top to bottom."""
-    columns: int = Field(default=1, ge=1, le=1000)
+    columns: Count = Field(default=1, ge=1, le=1000)
     """Targets from left to right."""
     spacing: tuple[Extent, Extent] = (1.0, 1.0)
     """Distance of the centres, horizontally and vertically."""
-    plate: Length = Field(gt=0.0)
+    plate: Extent
     """Edge of the square plate around each disc."""
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield discs that overhang their plates, and plates that overlap."""
+        if self.diameter >= self.plate:
+            yield Fault(
+                "diameter",
+                f"a disc of {self.diameter:g} m does not fit on a plate of {self.plate:g} m.",
+                "Make it smaller than the plate.",
+            )
+        for count, spacing, name in zip(
+            (self.columns, self.rows), self.spacing, ("horizontal", "vertical"), strict=True
+        ):
+            if count > 1 and spacing < self.plate:
+                yield Fault(
+                    "spacing",
+                    f"the {name} spacing of {spacing:g} m is smaller than the plates of {self.plate:g} m, "
+                    "which would overlap.",
+                    "Enlarge it, or make the plates smaller.",
+                )
 
 
 class TargetArray(Posed):
@@ -166,33 +229,35 @@ class TargetArray(Posed):
     """Material of the plates."""
 
 
-_KINDS = ("shape", "mesh", "array", "file")
+KINDS = ("shape", "mesh", "array", "file")
+"""The keys that say what an object is; it has exactly one of them."""
+SHAPES = ("rectangle", "disc", "sphere", "box", "cylinder")
+"""Values of the key ``shape``."""
 
 
 def _kind(value: Any) -> str | None:
     """Return the tag of an object: which of the four keys it has, and for shapes which shape."""
-    get = value.get if isinstance(value, dict) else lambda key: getattr(value, key, None)
-    found = [key for key in _KINDS if get(key) is not None]
+    kinds = {key: value.get(key) if isinstance(value, dict) else getattr(value, key, None) for key in KINDS}
+    found = [key for key in KINDS if kinds[key] is not None]
     if len(found) != 1:
         return None
-    return str(get("shape")) if found == ["shape"] else found[0]
+    return f"({kinds['shape'] if found == ['shape'] else found[0]})"
 
 
 SceneObject = Annotated[
-    Annotated[Rectangle, Tag("rectangle")]
-    | Annotated[Disc, Tag("disc")]
-    | Annotated[Sphere, Tag("sphere")]
-    | Annotated[Box, Tag("box")]
-    | Annotated[Cylinder, Tag("cylinder")]
-    | Annotated[Mesh, Tag("mesh")]
-    | Annotated[MitsubaFile, Tag("file")]
-    | Annotated[TargetArray, Tag("array")],
+    Annotated[Rectangle, Tag("(rectangle)")]
+    | Annotated[Disc, Tag("(disc)")]
+    | Annotated[Sphere, Tag("(sphere)")]
+    | Annotated[Box, Tag("(box)")]
+    | Annotated[Cylinder, Tag("(cylinder)")]
+    | Annotated[Mesh, Tag("(mesh)")]
+    | Annotated[MitsubaFile, Tag("(file)")]
+    | Annotated[TargetArray, Tag("(array)")],
     Discriminator(
         _kind,
         custom_error_type="object_kind",
         custom_error_message=(
-            "an object has exactly one of the keys shape (rectangle, disc, sphere, box, cylinder), mesh, "
-            "array and file"
+            f"an object has exactly one of the keys shape ({', '.join(SHAPES)}), mesh, array and file"
         ),
     ),
 ]
@@ -202,18 +267,18 @@ SceneObject = Annotated[
 class Scene(Part):
     """What stands before the scanner."""
 
-    file: Path | None = None
+    file: XmlFile | None = None
     """Mitsuba XML scene in the scanner's frame, relative to the scenario's folder."""
     objects: tuple[SceneObject, ...] = ()
     """Objects, each with its pose."""
 
-    @model_validator(mode="after")
-    def _names_are_unique(self) -> Self:
-        names = [item.name for item in self.objects]
-        for name in names:
-            if names.count(name) > 1:
-                raise PydanticCustomError(
-                    "object_name", "two objects are called '{name}'; give each a name of its own",
-                    {"name": name},
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield names that are given twice."""
+        first: dict[str, int] = {}
+        for index, item in enumerate(self.objects):
+            if first.setdefault(item.name, index) != index:
+                yield Fault(
+                    f"objects.{index}.name",
+                    f"'{item.name}' is already the name of objects[{first[item.name]}].",
+                    "Give each object a name of its own.",
                 )
-        return self

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from collections.abc import Iterator
+from typing import Literal
 
-from pydantic import Field, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
-from scanner_sim.parts import Part
+from scanner_sim.errors import Fault
+from scanner_sim.parts import Number, Part
 from scanner_sim.units import Length
 
 PeakMethod = Literal[
@@ -20,17 +21,14 @@ class Processing(Part):
 
     peak: PeakMethod = "gaussian"
     """Estimator of the sub-pixel position."""
-    threshold: float = Field(default=6.0, ge=0.0, le=1e6)
+    threshold: Number = Field(default=6.0, ge=0.0, le=1e6)
     """Least height of a peak, in standard deviations of the dark line (read, dark and quantisation noise)."""
-    ambiguity: float = Field(default=0.5, gt=0.0, le=1.0)
+    ambiguity: Number = Field(default=0.5, gt=0.0, le=1.0)
     """A second, separate peak higher than this share of the first makes the shot ambiguous."""
-    range_gate: tuple[Length, Length] | None = None
+    range_gate: tuple[Length, Length] | None = Field(default=None, examples=[["2 m", "30 m"]])
     """Nearest and farthest range that is accepted; by default all that the array sees."""
 
-    @model_validator(mode="after")
-    def _gate_ascends(self) -> Self:
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield a range gate that does not ascend."""
         if self.range_gate is not None and not 0.0 <= self.range_gate[0] < self.range_gate[1]:
-            raise PydanticCustomError(
-                "range_gate", "the range gate must ascend from 0 m or more: [nearest, farthest]"
-            )
-        return self
+            yield Fault("range_gate", "the gate must ascend from 0 m or more.", "Write [nearest, farthest].")
