@@ -12,20 +12,27 @@ from enum import IntEnum
 class Status(IntEnum):
     """Outcome of one shot."""
 
-    sentence: str
+    VALID = 0
+    BELOW_THRESHOLD = 1
+    SATURATED = 2
+    AMBIGUOUS = 3
+    OUT_OF_ARRAY = 4
+    OUT_OF_GATE = 5
 
-    def __new__(cls, code: int, sentence: str) -> Status:
-        member = int.__new__(cls, code)
-        member._value_ = code
-        member.sentence = sentence
-        return member
+    @property
+    def sentence(self) -> str:
+        """What the code says, in words."""
+        return _SENTENCES[self]
 
-    VALID = 0, "a range was measured"
-    BELOW_THRESHOLD = 1, "no pixel of the line rises above the detection threshold"
-    SATURATED = 2, "the peak reaches the full well or the end of the converter"
-    AMBIGUOUS = 3, "two separate peaks of comparable height"
-    OUT_OF_ARRAY = 4, "the peak lies too near the end of the array for the estimator's window"
-    OUT_OF_GATE = 5, "the range lies outside the range gate"
+
+_SENTENCES = {
+    Status.VALID: "a range was measured",
+    Status.BELOW_THRESHOLD: "no pixel of the line rises above the detection threshold",
+    Status.SATURATED: "the peak reaches the full well or the end of the converter",
+    Status.AMBIGUOUS: "two separate peaks of comparable height",
+    Status.OUT_OF_ARRAY: "the peak lies too near the end of the array for the estimator's window",
+    Status.OUT_OF_GATE: "the range lies outside the range gate",
+}
 
 
 def legend() -> dict[str, str]:

@@ -95,7 +95,9 @@ def expose(
     pair, place = row - block * pairs, block * _BLOCK + lane % _BLOCK
     place = dr.minimum(place, dr.opaque(auto.UInt32, shots - 1))  # the last block may be filled in part
     # One call of the generator makes four numbers: light and read noise of two pixels.
-    normal = generator(seed, Stream.DETECTOR, dr.gather(auto.UInt32, shot, place), pair).next_float32x4_normal()
+    normal = generator(
+        seed, Stream.DETECTOR, dr.gather(auto.UInt32, shot, place), pair
+    ).next_float32x4_normal()
     response = pixel_response(sensor, seed)
     signal = Signal(dr.empty(auto.Float, blocks * pairs * _BLOCK * 2), shots, sensor.pixels)
     numbers = []
@@ -161,15 +163,15 @@ def poisson(mean: Any, normal: Any, least: float = 0.0) -> Any:
         return large
     few = mean < _INVERSION
 
-    def search(mean: Any, target: Any, count: Any, term: Any, total: Any) -> Any:
+    def search(count: Any, term: Any, total: Any) -> Any:
         count = count + 1.0
         term = term * mean / count
-        return mean, target, count, term, total + term
+        return count, term, total + term
 
-    def unfinished(mean: Any, target: Any, count: Any, term: Any, total: Any) -> Any:
-        return few & (target > total) & (count < _LONGEST_SEARCH)
+    def unfinished(count: Any, term: Any, total: Any) -> Any:
+        return few & (target > total) & (count < _LONGEST_SEARCH) & (term > 0.0)
 
     first = dr.exp(-mean)
     target = 0.5 * (1.0 + dr.erf(z * 0.7071067811865476))
-    _, _, small, _, _ = dr.while_loop((mean, target, dr.zeros(auto.Float), first, first), unfinished, search)
+    small, _, _ = dr.while_loop((dr.zeros(auto.Float), first, first), unfinished, search)
     return dr.select(few, small, large)

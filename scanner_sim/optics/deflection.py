@@ -28,18 +28,18 @@ class Mirrors(Part):
 
 
 class Frame(NamedTuple):
-    """Axes and points of the deflected optics in the scanner frame, each a triple (x, y, z).
+    """Axes and points of the deflected optics in the scanner frame: triples (x, y, z), or a renderer's vectors.
 
     ``along`` is the direction of the beam u, ``across`` the transverse direction n in the plane of
     triangulation (positive towards +x), ``normal`` their common normal (towards +y), ``laser`` and ``lens`` the virtual
     positions of the laser's origin and of the receiver's node.
     """
 
-    along: tuple[Any, Any, Any]
-    across: tuple[Any, Any, Any]
-    normal: tuple[Any, Any, Any]
-    laser: tuple[Any, Any, Any]
-    lens: tuple[Any, Any, Any]
+    along: Any
+    across: Any
+    normal: Any
+    laser: Any
+    lens: Any
 
 
 def deflected_frame(

@@ -20,12 +20,16 @@ def range_from_position(p: ArrayLike, theta: ArrayLike, f: float, d: float) -> A
     f, d
         Focal length and triangulation base [m].
     """
-    return np.asarray(f * d * np.cos(theta) / p + d * np.sin(theta), dtype=np.float64)
+    p = np.asarray(p, dtype=np.float64)
+    result: Array = f * d * np.cos(theta) / p + d * np.sin(theta)
+    return result
 
 
 def position_from_range(r: ArrayLike, theta: ArrayLike, f: float, d: float) -> Array:
     """Return the position p = f d cosΘ / (R − d sinΘ) [m] of a spot at range R [m]: eq 1 solved for p."""
-    return np.asarray(f * d * np.cos(theta) / (r - d * np.sin(theta)), dtype=np.float64)
+    r = np.asarray(r, dtype=np.float64)
+    result: Array = f * d * np.cos(theta) / (r - d * np.sin(theta))
+    return result
 
 
 def range_jacobian(p: ArrayLike, theta: ArrayLike, f: float, d: float) -> tuple[Array, Array]:
@@ -51,4 +55,5 @@ def range_sigma(
     (``sigma_theta`` [rad]): σ_R² = (∂R/∂p σ_p)² + (∂R/∂Θ σ_Θ)².
     """
     by_position, by_angle = range_jacobian(p, theta, f, d)
-    return np.hypot(by_position * np.asarray(sigma_p), by_angle * sigma_theta)
+    result: Array = np.hypot(by_position * np.asarray(sigma_p), by_angle * sigma_theta)
+    return result

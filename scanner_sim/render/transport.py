@@ -66,8 +66,6 @@ class Spots:
     shape: Any
 
 
-
-
 def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, theta: Any, phi: Any) -> Spots:
     """Return the direct spots of all beamlets of all shots.
 
@@ -195,7 +193,7 @@ def _spots(
     p, q, depth = image(bench, frame, si.p)
 
     # Derivatives of the image along the two axes of the beam, on the surface's tangent plane.
-    cosine = dr.dot(si.n, beam.direction)
+    cosine: Any = dr.dot(si.n, beam.direction)
     cosine = dr.select(dr.abs(cosine) < _GRAZING, dr.copysign(mi.Float(_GRAZING), cosine), cosine)
     along_beam = (si.t - dr.opaque(mi.Float, laser.waist_distance)) / dr.opaque(
         mi.Float, laser.rayleigh_length

@@ -77,7 +77,9 @@ def load_scene(scene: Scene) -> LoadedScene:
     loaded: list[tuple[str, Any]] = []
     faults: list[Fault] = []
     if scene.file is not None:
-        _collect(loaded, faults, "scene.file", scene.file.stem, MitsubaFile(name="file", file=scene.file), bsdfs)
+        _collect(
+            loaded, faults, "scene.file", scene.file.stem, MitsubaFile(name="file", file=scene.file), bsdfs
+        )
     for index, item in enumerate(scene.objects):
         _collect(loaded, faults, f"scene.objects[{index}]", item.name, item, bsdfs)
     if faults:
@@ -117,7 +119,8 @@ def _assemble(loaded: list[tuple[str, Any]]) -> LoadedScene:
 def _registry_index(shape: Any) -> int:
     import drjit as dr
 
-    return int(dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))[0])
+    index: Any = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
+    return int(index[0])
 
 
 class _Materials:
@@ -139,7 +142,7 @@ class _Materials:
 
 
 def _transform(matrix: NDArray[np.float64]) -> Any:
-    return mi.ScalarTransform4f(matrix)
+    return mi.ScalarTransform4f(matrix.tolist())
 
 
 def _scaling(x: float, y: float, z: float) -> NDArray[np.float64]:
@@ -175,7 +178,7 @@ def _box(item: Box, bsdfs: _Materials) -> list[Any]:
 
 
 def _cylinder(item: Cylinder, bsdfs: _Materials) -> list[Any]:
-    """A tube along y and its two lids."""
+    """Return a tube along y and its two lids."""
     pose, bsdf = item.scanner_from_object(), bsdfs(item.material)
     radius, half = 0.5 * item.diameter, 0.5 * item.length
     tube = _plugin("cylinder", pose, bsdf, p0=[0.0, -half, 0.0], p1=[0.0, half, 0.0], radius=radius)
@@ -248,11 +251,13 @@ def _checked(mesh: Any, path: Path) -> Any:
     return mesh
 
 
-def _mitsuba_file(item: MitsubaFile, bsdfs: _Materials) -> list[Any]:
+def _mitsuba_file(item: MitsubaFile, _: _Materials) -> list[Any]:
     """Return the shapes of an XML scene, moved as one body."""
     if not item.file.is_file():
-        raise InputError(f"the scene '{item.file}' does not exist.", remedy="Give its path from the scenario.")
-    settings = mi.parser.ParserConfig(mi.variant())
+        raise InputError(
+            f"the scene '{item.file}' does not exist.", remedy="Give its path from the scenario."
+        )
+    settings = mi.parser.ParserConfig(str(mi.variant()))
     settings.merge_meshes = False
     settings.merge_equivalent = False
     pose = mi.ScalarAffineTransform4d(item.scanner_from_object())
@@ -261,7 +266,7 @@ def _mitsuba_file(item: MitsubaFile, bsdfs: _Materials) -> list[Any]:
         mi.parser.transform_all(settings, state)
         for node in state.nodes:
             if node.type == mi.ObjectType.Shape:
-                own = node.props["to_world"] if "to_world" in node.props else None
+                own = node.props.get("to_world", None)
                 node.props["to_world"] = pose if own is None else pose @ own
         root = mi.parser.instantiate(settings, state)
     except Exception as error:

@@ -129,9 +129,12 @@ class _Line:
         self.pixels, self.shots = signal.pixels, signal.shots
         self._signal = signal
         self._shot = dr.arange(auto.UInt32, signal.shots)
-        values = {field.name: getattr(calibration, field.name) for field in fields(Calibration)}
-        self.known = Calibration(**{name: dr.opaque(auto.Float, value) for name, value in values.items()})
-        self.floor_sigma = dr.sqrt(self.known.floor)
+        values: dict[str, Any] = {
+            field.name: dr.opaque(auto.Float, getattr(calibration, field.name))
+            for field in fields(calibration)
+        }
+        self.known = Calibration(**values)
+        self.floor_sigma: Any = dr.opaque(auto.Float, calibration.floor_sigma)
 
     def charge(self, pixel: Any) -> Any:
         """Return the charge above the dark level [electron]."""
@@ -258,7 +261,7 @@ def _parabola(line: _Line, centre: Any) -> tuple[Any, Any]:
 
 
 def _gaussian(line: _Line, centre: Any) -> tuple[Any, Any]:
-    """A pixel at or below the noise floor has no logarithm: it counts as half the floor."""
+    """Return the vertex on logarithms; a pixel at or below the noise floor counts as half the floor."""
     measured = [line.charge(centre + step) for step in (-1, 0, 1)]
     charges = [dr.maximum(charge, dr.maximum(0.5 * line.floor_sigma, 1e-3)) for charge in measured]
     shift, *slopes = _vertex(*(dr.log(charge) for charge in charges))

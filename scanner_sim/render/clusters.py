@@ -1,0 +1,170 @@
+"""Clusters: many spots of light on the line gathered into a few Gaussians, and those integrated over pixels."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import drjit as dr
+import mitsuba as mi
+
+_REACH = 6.0
+"""Standard deviations (times √2) to which a cluster's light is followed: the rest is below float32."""
+_LEAST_VARIANCE = 1e-4
+"""Floor of a cluster's variance [pixel²]: rounding cannot make it negative."""
+
+
+class SpotsOfLight(Protocol):
+    """Spots on the line: power [W], position and standard deviation [pixel], Dr.Jit arrays."""
+
+    power: Any
+    position: Any
+    sigma: Any
+
+
+@dataclass
+class Clusters:
+    """Gaussian clusters of light of m shots, Dr.Jit arrays of shape (c · m,): k · m + j is cluster k of shot j.
+
+    ``amount`` [W], ``position`` and ``sigma`` [pixel].
+    """
+
+    amount: Any
+    position: Any
+    sigma: Any
+    shots: int
+
+    @property
+    def count(self) -> int:
+        """Number c of clusters of each shot."""
+        return int(dr.width(self.position)) // self.shots
+
+    def part(self, places: Any) -> Clusters:
+        """Return the clusters of the shots at some places only."""
+        some = dr.width(places)
+        lane = dr.arange(mi.UInt32, self.count * some)
+        at = (lane // some) * self.shots + dr.gather(mi.UInt32, places, lane % some)
+        amount = dr.gather(mi.Float, self.amount, at)
+        position, sigma = dr.gather(mi.Float, self.position, at), dr.gather(mi.Float, self.sigma, at)
+        dr.eval(amount, position, sigma)
+        return Clusters(amount, position, sigma, some)
+
+    def joined(self, other: Clusters) -> Clusters:
+        """Return the clusters of both, which must be of the same shots."""
+        return Clusters(
+            dr.concat((self.amount, other.amount)),
+            dr.concat((self.position, other.position)),
+            dr.concat((self.sigma, other.sigma)),
+            self.shots,
+        )
+
+    def power(self, pixel: Any, place: Any) -> Any:
+        """Return the power [W] on pixels of the shots at some places: each cluster integrated in closed form.
+
+        Parameters
+        ----------
+        pixel, place
+            Dr.Jit unsigned arrays of one shape.
+        """
+        centre = mi.Float(pixel)
+
+        def share(number: Any) -> Any:
+            at = place + number * dr.opaque(mi.UInt32, self.shots)
+            middle, width = dr.gather(mi.Float, self.position, at), dr.gather(mi.Float, self.sigma, at)
+            scale = math.sqrt(0.5) / width
+            left, right = (centre - 0.5 - middle) * scale, (centre + 0.5 - middle) * scale
+            amount = dr.gather(mi.Float, self.amount, at)
+            near = (amount > 0.0) & (dr.minimum(dr.abs(left), dr.abs(right)) < _REACH)
+            return dr.select(near, 0.5 * amount * (dr.erf(right) - dr.erf(left)), 0.0)
+
+        count = self.count
+        if count == 1:
+            return share(mi.UInt32(0))
+        return dr.while_loop(
+            (mi.UInt32(0), dr.zeros(mi.Float, dr.width(place))),
+            lambda number, total: number < count,
+            lambda number, total: (number + 1, total + share(number)),
+        )[1]
+
+
+def cluster(spots: SpotsOfLight, index: Any, stride: int, count: int, clusters: int) -> Clusters:
+    """Gather each shot's spots into clusters along the line.
+
+    Parameters
+    ----------
+    spots
+        Entry j · stride + index is spot j of a shot.
+    index
+        Places of the m shots in ``spots``, shape (m,).
+    stride, count
+        Layout of ``spots``.
+    clusters
+        Number of clusters c; each covers an equal part of the shot's extent.
+
+    Returns
+    -------
+    Clusters
+        Power, mean and variance of the spots in each cluster are kept exactly.
+    """
+    m = dr.width(index)
+    step = dr.opaque(mi.UInt32, stride)
+
+    def spot(number: Any) -> tuple[Any, Any, Any]:
+        place = index + number * step
+        return (
+            dr.gather(mi.Float, spots.power, place),
+            dr.gather(mi.Float, spots.position, place),
+            dr.gather(mi.Float, spots.sigma, place),
+        )
+
+    origin, extent = _extent(spot, m, count) if clusters > 1 else (spot(0)[1], mi.Float(0.0))
+    width = dr.maximum(extent / clusters, 1e-6)
+    power, first, second = (dr.alloc_local(mi.Float, clusters, mi.Float(0.0)) for _ in range(3))
+
+    def add(number: Any, power: Any, first: Any, second: Any) -> Any:
+        amount, position, sigma = spot(number)
+        slot = mi.UInt32(dr.clip((position - origin) / width, 0.0, clusters - 1.0))
+        lit = amount > 0.0
+        # Moments about a point in the cluster: about pixel 0 the variance would drown in rounding.
+        apart = position - (origin + mi.Float(slot) * width)
+        for total, value in (
+            (power, amount),
+            (first, amount * apart),
+            (second, amount * (dr.square(apart) + dr.square(sigma))),
+        ):
+            total.write(total.read(slot) + dr.select(lit, value, 0.0), slot)
+        return number + 1, power, first, second
+
+    _, power, first, second = dr.while_loop(
+        (mi.UInt32(0), power, first, second), lambda number, *sums: number < count, add
+    )
+    size = clusters * m
+    result = Clusters(dr.empty(mi.Float, size), dr.empty(mi.Float, size), dr.empty(mi.Float, size), m)
+    for slot in range(clusters):
+        total = power.read(mi.UInt32(slot))
+        lit = total > 0.0
+        mean = dr.select(lit, first.read(mi.UInt32(slot)) / total, 0.0)
+        variance = dr.select(lit, second.read(mi.UInt32(slot)) / total - dr.square(mean), 1.0)
+        place = dr.arange(mi.UInt32, m) + slot * m
+        dr.scatter(result.amount, total, place)
+        dr.scatter(result.position, origin + slot * width + mean, place)
+        dr.scatter(result.sigma, dr.sqrt(dr.maximum(variance, _LEAST_VARIANCE)), place)
+    dr.eval(result.amount, result.position, result.sigma)
+    return result
+
+
+def _extent(spot: Any, shots: int, count: int) -> tuple[Any, Any]:
+    """Return the lowest position [pixel] of each shot's lit spots and the length that they cover."""
+
+    def widen(number: Any, low: Any, high: Any) -> tuple[Any, Any, Any]:
+        amount, position, _ = spot(number)
+        lit = amount > 0.0
+        low = dr.select(lit, dr.minimum(low, position), low)
+        high = dr.select(lit, dr.maximum(high, position), high)
+        return number + 1, low, high
+
+    start = (mi.UInt32(0), dr.full(mi.Float, dr.inf, shots), dr.full(mi.Float, -dr.inf, shots))
+    _, low, high = dr.while_loop(start, lambda number, low, high: number < count, widen)
+    dark = low > high
+    return dr.select(dark, 0.0, low), dr.select(dark, 0.0, high - low)
