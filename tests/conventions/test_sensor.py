@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import drjit as dr
+import drjit.auto.ad as auto
 import numpy as np
 
 from scanner_sim.analytic import spot
+from scanner_sim.detector.line import expose
+from scanner_sim.detector.noise import NoiseSwitches
+from scanner_sim.detector.position_sensor import PositionSensor
 from scanner_sim.optics.deflection import deflected_frame
 from scanner_sim.ranging import triangulation
+from scanner_sim.ranging.ranges import Geometry
+from scanner_sim.render.device import Device
+from scanner_sim.signals.peaks import find_peaks
+from scanner_sim.signals.processing import Processing
 
 F, D = 0.1, 0.2
 
@@ -34,9 +43,31 @@ def test_range_falls_with_p() -> None:
     assert by_p < 0.0
 
 
-def test_pixel_has_its_centre_at_its_number() -> None:
-    """A spot at 3.0 lies evenly about pixel 3; at 3.5 it lies evenly on pixels 3 and 4."""
-    on_pixel, between = spot.pixel_shares(np.array([3.0, 3.5]), 1.0, 8)
-    assert np.argmax(on_pixel) == 3
-    np.testing.assert_allclose(on_pixel[2], on_pixel[4], rtol=1e-12)
-    np.testing.assert_allclose(between[3], between[4], rtol=1e-12)
+def test_position_of_a_pixel() -> None:
+    """Pixel i spans offset + i pitch to offset + (i + 1) pitch: its centre is half a pitch further."""
+    geometry = Geometry(
+        focal_length=F, baseline=D, axis_separation=0.05, pitch=50e-6, offset=1e-3, sigma_angle=0.0
+    )
+    np.testing.assert_allclose(geometry.position(np.array([0.0, 10.0, 10.5])), [1.025e-3, 1.525e-3, 1.55e-3])
+    np.testing.assert_allclose(geometry.pixel(np.array([1.025e-3, 1.55e-3])), [0.0, 10.5], atol=1e-12)
+
+
+def test_pixel_has_its_centre_at_its_number(device: Device) -> None:
+    """A spot that is even about pixel 13 is found at 13.0; one between 13 and 14 at 13.5. Shots come first."""
+    light = spot.pixel_shares(np.array([13.0, 13.5]), np.ones(2), 32)
+    lines = auto.Float((1e-10 * light).astype(np.float32).ravel())
+    sensor = PositionSensor(
+        pixels=32, noise=NoiseSwitches(**dict.fromkeys(NoiseSwitches.model_fields, False))
+    )
+    signal = expose(
+        lambda pixel, place: dr.gather(auto.Float, lines, place * 32 + pixel),
+        dr.arange(auto.UInt32, 2),
+        sensor,
+        1.5e-6,
+        50e-6,
+        0,
+    )
+    assert signal.lines().shape == (2, 32)
+    assert np.argmax(signal.lines()[0]) == 13
+    peaks = find_peaks(signal, sensor, Processing(), 50e-6)
+    np.testing.assert_allclose(peaks.position.numpy(), [13.0, 13.5], atol=1e-4)

@@ -232,7 +232,8 @@ def test_quantisation_step() -> None:
     puts the full well at the end of the converter.
 
     Set-up: a ramp of 256 charges over 2.56 steps, gain 1000, no noise; then the default gain. Expected:
-    bias + round(charge/1000); 65535 at the full well. Tolerance: none.
+    bias + round(charge/1000); 65535 at the full well and 64 + 65471/4 = 16431.75, rounded, at a quarter of it.
+    Tolerance: none.
     """
     charge = 10.0 * np.arange(256) + 0.3
     got = numbers(charge, sensor("quantisation", gain=1000.0, bias=5), 1)[0]
@@ -240,6 +241,7 @@ def test_quantisation_step() -> None:
     assert noise.quantisation_sd(1000.0) == pytest.approx(288.675, abs=1e-3)
     whole = sensor("quantisation", "saturation", gain=None, adc_bits=16, full_well=5e7, bias=64)
     assert numbers(np.array(5e7), whole, 1).min() == 65535.0
+    assert numbers(np.array(1.25e7), whole, 1).max() == 16432.0
 
 
 def test_a_number_depends_on_its_address_alone(device: Device) -> None:
