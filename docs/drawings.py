@@ -1,0 +1,183 @@
+"""Draw the figures of the documentation: ``python docs/drawings.py`` writes ``docs/conventions.svg``.
+
+Nothing is to scale: base, axis separation and sensor are enlarged so that they can be seen.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Arc, Rectangle
+
+LASER, LENS, GREY, INK = "#c0392b", "#1f618d", "#8a8f94", "#1c1c1c"
+FOCAL, BASE, SEPARATION, RANGE = 0.55, 0.9, 0.75, 3.0
+THETA, PHI = np.deg2rad(18.0), np.deg2rad(24.0)
+
+
+def arrow(axes: Axes, start: np.ndarray, end: np.ndarray, colour: str = INK, style: str = "-|>") -> None:
+    """Draw an arrow from ``start`` to ``end``."""
+    axes.annotate(
+        "",
+        end,
+        start,
+        arrowprops={"arrowstyle": style, "color": colour, "lw": 1.1, "shrinkA": 0, "shrinkB": 0},
+    )
+
+
+def label(axes: Axes, place: np.ndarray, text: str, colour: str = INK, **settings: object) -> None:
+    """Write ``text`` centred at ``place``."""
+    axes.text(*place, text, color=colour, **{"ha": "center", "va": "center", "fontsize": 10, **settings})
+
+
+def triangulation(axes: Axes) -> None:
+    """Draw the plane of triangulation from above: eq 1."""
+    u, n = np.array([np.sin(THETA), np.cos(THETA)]), np.array([np.cos(THETA), -np.sin(THETA)])
+    laser, node = np.zeros(2), np.array([BASE, 0.0])
+    spot = RANGE * u
+    p = FOCAL * BASE * np.cos(THETA) / (RANGE - BASE * np.sin(THETA))
+    axis_foot = node - FOCAL * u
+    image = axis_foot + p * n
+
+    axes.plot(*zip(laser, spot, strict=True), color=LASER, lw=2)
+    axes.plot(*zip(spot, image, strict=True), color=LENS, lw=1)
+    axes.plot(*zip(axis_foot, node + 2.2 * u, strict=True), color=LENS, lw=0.9, ls="--")
+    axes.plot(*zip(laser, [0.0, RANGE], strict=True), color=GREY, lw=0.8, ls=":")
+    axes.plot(*zip(node - 0.2 * n, node + 0.2 * n, strict=True), color=LENS, lw=4, solid_capstyle="round")
+    axes.plot(*zip(axis_foot - 0.02 * n, axis_foot + 0.42 * n, strict=True), color=INK, lw=3)
+    axes.plot(*spot, "o", color=LASER, ms=7)
+    axes.plot(*image, "o", color=LASER, ms=4)
+    axes.plot(*laser, "o", color=INK, ms=4)
+    axes.plot(*node, "o", color=INK, ms=3)
+
+    axes.add_patch(Arc((0, 0), 2.2, 2.2, theta1=90 - np.rad2deg(THETA), theta2=90, color=INK))
+    label(axes, 1.27 * np.array([np.sin(THETA / 2), np.cos(THETA / 2)]), "Θ > 0")
+    label(axes, np.add(spot, (0.08, 0.14)), "spot", LASER, ha="left")
+    label(axes, 0.62 * np.add(spot, (-0.1, 0.08)), "R", LASER)
+    label(axes, np.array([-0.1, -0.12]), "laser (0, 0)", ha="right")
+    label(axes, np.add(node, (0.3, 0.1)), "lens node (d, 0)", LENS, ha="left")
+    label(axes, node + 2.3 * u, "∥ u", LENS)
+    label(axes, node + 0.55 * (axis_foot - node) + [-0.12, 0.04], "f", LENS)
+    label(axes, np.add(axis_foot, (-0.12, -0.12)), "p = 0 (infinity)", ha="right", fontsize=9)
+    label(axes, np.add(image, (0.05, -0.17)), "p", LASER)
+    label(
+        axes,
+        axis_foot + 0.47 * n,
+        "sensor: nearer →",
+        ha="left",
+        fontsize=9,
+        rotation=-np.rad2deg(THETA),
+        rotation_mode="anchor",
+    )
+    arrow(axes, laser, 0.8 * u, LASER)
+    label(axes, 0.85 * u + [0.16, -0.06], "u", LASER)
+    arrow(axes, node + 0.95 * u, node + 0.95 * u + 0.5 * n)
+    label(axes, node + 0.95 * u + 0.6 * n, "n")
+    axes.plot(*zip(laser, node, strict=True), color=INK, lw=0.8)
+    label(axes, np.array([0.5 * BASE, 0.1]), "d")
+    compass(axes, np.array([-1.2, 1.9]), "x", "z'")
+    axes.set_title("From above: the plane of triangulation, seen along +y", fontsize=11)
+    axes.set(xlim=(-1.6, 2.6), ylim=(-1.0, 3.3), aspect="equal")
+
+
+def compass(axes: Axes, place: np.ndarray, right: str, other: str) -> None:
+    """Draw two axes: one to the right, and one up or, where the panel counts downwards, down."""
+    arrow(axes, place, np.add(place, (0.55, 0.0)))
+    arrow(axes, place, np.add(place, (0.0, 0.55)))
+    label(axes, np.add(place, (0.67, 0.0)), right)
+    label(axes, np.add(place, (0.0, 0.67)), other)
+
+
+def second_mirror(axes: Axes) -> None:
+    """Draw the second deflection from the side: eq 3."""
+    axes.invert_yaxis()
+    pivot = np.array([SEPARATION, 0.0])
+    towards = np.array([np.cos(PHI), np.sin(PHI)])
+    virtual = pivot - SEPARATION * towards
+    reach = 2.0
+    end = pivot + reach * towards
+    axes.plot([0.0, 3.2], [0.0, 0.0], color=GREY, lw=0.8, ls=":")
+    axes.plot(*zip(virtual, pivot, strict=True), color=LASER, lw=1.2, ls="--")
+    axes.plot([0.0, SEPARATION], [0.0, 0.0], color=LASER, lw=1.2, alpha=0.45)
+    axes.plot(*zip(pivot, end, strict=True), color=LASER, lw=2)
+    axes.plot(*end, "o", color=LASER, ms=7)
+    axes.plot(0.0, 0.0, "o", color=INK, ms=5)
+    axes.plot(*virtual, "o", color=LENS, ms=6, mfc="white", mew=1.6)
+    axes.plot(*pivot, "s", color=INK, ms=6)
+    axes.add_patch(Arc(tuple(pivot), 1.8, 1.8, theta1=0, theta2=np.rad2deg(PHI), color=INK))
+    label(axes, pivot + 1.22 * np.array([np.cos(PHI / 2), np.sin(PHI / 2)]), "φ > 0")
+    label(axes, np.array([-0.08, 0.17]), "first axis:\norigin", ha="right", fontsize=9)
+    label(axes, np.add(pivot, (0.0, 0.42)), "second axis\n(along x)", fontsize=9)
+    label(
+        axes,
+        np.add(virtual, (0.0, -0.3)),
+        "laser and lens appear here:\n(0 or d, −D_g sinφ, D_g (1 − cosφ))",
+        LENS,
+        fontsize=9,
+    )
+    label(axes, np.array([0.5 * SEPARATION, 0.12]), "D_g")
+    label(
+        axes,
+        pivot + 0.62 * reach * towards + [-0.05, 0.25],
+        "R cosΘ − D_g",
+        LASER,
+        rotation=-np.rad2deg(PHI),
+        fontsize=9,
+    )
+    label(axes, np.add(end, (0.12, 0.12)), "spot", LASER, ha="left")
+    compass(axes, np.array([-1.0, 0.75]), "z", "y (down)")
+    axes.set_title("From the right: the second mirror turns everything by φ", fontsize=11)
+    axes.set(xlim=(-1.4, 3.4), ylim=(1.75, -1.1), aspect="equal")
+
+
+def picture(axes: Axes) -> None:
+    """Draw the order of the shots in a picture of 3 × 4 voxels."""
+    axes.invert_yaxis()
+    for row in range(3):
+        for column in range(4):
+            axes.add_patch(Rectangle((column, row), 1, 1, fill=False, ec=GREY))
+            label(axes, np.array([column + 0.5, row + 0.5]), str(row * 4 + column))
+    arrow(axes, np.array([0.0, -0.25]), np.array([4.0, -0.25]))
+    arrow(axes, np.array([-0.25, 0.0]), np.array([-0.25, 3.0]))
+    label(axes, np.array([2.0, -0.55]), "column: Θ grows, to the right")
+    label(axes, np.array([-0.55, 1.5]), "row: φ grows,\ndownwards", rotation=90)
+    label(axes, np.array([2.0, 3.35]), "number of the shot = row · columns + column", fontsize=9)
+    axes.set_title("The picture: what the scanner sees", fontsize=11)
+    axes.set(xlim=(-1.2, 4.4), ylim=(3.7, -0.9), aspect="equal")
+
+
+def line_sensor(axes: Axes) -> None:
+    """Draw the pixels of the line sensor and the light of a spot."""
+    share = np.array([0.02, 0.16, 0.68, 0.95, 0.5, 0.09, 0.01, 0.0])
+    axes.bar(np.arange(8), 1.2 * share, width=0.92, color="#e6b0aa", ec=LASER, lw=0.6)
+    for pixel in range(8):
+        axes.add_patch(Rectangle((pixel - 0.5, -0.42), 1, 0.42, fill=False, ec=INK, lw=0.8))
+        label(axes, np.array([pixel, -0.21]), str(pixel))
+    peak = float(np.arange(8) @ share / share.sum())
+    axes.plot([peak, peak], [-0.42, 1.35], color=LASER, lw=1, ls="--")
+    label(axes, np.array([peak, 1.48]), f"peak at {peak:.2f} px", LASER)
+    arrow(axes, np.array([-0.5, -0.75]), np.array([7.9, -0.75]))
+    label(axes, np.array([3.7, -1.0]), "p = offset + (peak + ½) · pitch, nearer →", fontsize=9)
+    axes.plot([-0.5, -0.5], [-0.85, -0.42], color=INK, lw=0.8)
+    label(axes, np.array([-0.5, -1.0]), "offset", fontsize=9)
+    axes.set_title("The line: pixel i has its centre at i", fontsize=11)
+    axes.set(xlim=(-1.0, 8.1), ylim=(-1.25, 1.75))
+
+
+def main(folder: Path) -> None:
+    """Write the drawing; the same program writes the same bytes."""
+    mpl.rcParams.update({"svg.hashsalt": "scanner-sim", "font.family": "DejaVu Sans"})
+    figure = Figure(figsize=(12.0, 9.6), layout="constrained")
+    panels = figure.subplots(2, 2, gridspec_kw={"height_ratios": [1.35, 1.0]})
+    for draw, axes in zip((triangulation, second_mirror, picture, line_sensor), panels.flat, strict=True):
+        axes.set_axis_off()
+        draw(axes)
+    figure.savefig(folder / "conventions.svg", metadata={"Date": None})
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parent)
