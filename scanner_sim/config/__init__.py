@@ -1,0 +1,10 @@
+"""Scenarios as text: read with every fault at its line, written back complete, described for editors."""
+
+from __future__ import annotations
+
+from scanner_sim.config.doubts import doubts
+from scanner_sim.config.load import load_scenario
+from scanner_sim.config.resolved import resolved_yaml
+from scanner_sim.config.schema import json_schema
+
+__all__ = ["doubts", "json_schema", "load_scenario", "resolved_yaml"]

@@ -1,0 +1,52 @@
+"""Doubts: scenarios that are possible but probably not meant."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from scanner_sim.scenario import Scenario
+
+
+def doubts(scenario: Scenario) -> tuple[str, ...]:
+    """Return a sentence for everything that is possible but makes little sense."""
+    return (*_scene(scenario), *_ranges(scenario), *_instrument(scenario))
+
+
+def _scene(scenario: Scenario) -> Iterator[str]:
+    scene, nearest = scenario.scene, scenario.scanner.nearest_range
+    if scene.file is None and not scene.objects:
+        yield "scene: it is empty, so no voxel will have a return"
+    for index, item in enumerate(scene.objects):
+        x, y, z = item.position
+        if (x, y, z) == (0.0, 0.0, 0.0):
+            yield f"scene.objects[{index}]: '{item.name}' stands at the scanner; give it a position"
+        elif z <= 0.0:
+            yield f"scene.objects[{index}]: '{item.name}' has its origin behind the scanner (z = {z:g} m)"
+        elif math.hypot(x, y, z) < nearest:
+            yield (
+                f"scene.objects[{index}]: '{item.name}' has its origin at {math.hypot(x, y, z):.3g} m, nearer than "
+                f"the {nearest:.3g} m that the array sees"
+            )
+
+
+def _ranges(scenario: Scenario) -> Iterator[str]:
+    gate, scanner = scenario.processing.range_gate, scenario.scanner
+    if gate is not None and (gate[0] < scanner.nearest_range or gate[1] > scanner.farthest_range):
+        yield (
+            f"processing.range_gate: it reaches beyond the ranges that the array sees, {scanner.nearest_range:.4g} m "
+            f"to {scanner.farthest_range:.4g} m"
+        )
+
+
+def _instrument(scenario: Scenario) -> Iterator[str]:
+    sensor, receiver = scenario.scanner.position_sensor, scenario.scanner.receiver
+    if scenario.processing.threshold < 3.0:
+        yield f"processing.threshold: at {scenario.processing.threshold:g} noise alone will be taken for returns"
+    if receiver.point_spread < 0.3 * sensor.pitch:
+        yield (
+            "scanner.receiver.point_spread: the spot is much narrower than a pixel, where no estimator "
+            "interpolates"
+        )
+    if not any((sensor.noise.shot, sensor.noise.read, sensor.noise.prnu, sensor.noise.quantisation)):
+        yield "scanner.position_sensor.noise: all noise is off, yet the stated σ still counts it"

@@ -1,0 +1,193 @@
+"""Faults of values: what pydantic found, said in the words of the scenario."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from pydantic import ValidationError
+
+from scanner_sim.config.document import Place, value_at
+from scanner_sim.config.outline import Slot, flow, homes, slot_at
+from scanner_sim.scene.objects import KINDS, SHAPES
+
+
+class Found(NamedTuple):
+    """A fault whose place is not yet spelt out."""
+
+    place: Place
+    problem: str
+    remedy: str
+
+
+def found_by(error: ValidationError, data: Any) -> list[Found]:
+    """Return the faults that pydantic found in ``data``, in its own order and without repetitions."""
+    found: dict[Found, None] = {}
+    for details in error.errors(include_url=False):
+        tagged: Place = details["loc"]
+        place = tuple(step for step in tagged if not (isinstance(step, str) and step.startswith("(")))
+        for fault in _translated(details, tagged, place, data):
+            found.setdefault(fault)
+    return list(found)
+
+
+def _translated(details: Mapping[str, Any], tagged: Place, place: Place, data: Any) -> Iterator[Found]:
+    context = details.get("ctx", {})
+    slot, came = slot_at(tagged), value_at(data, place)
+    match details["type"]:
+        case "impossible":
+            for fault in context["faults"]:
+                inside = tuple(int(step) if step.isdigit() else step for step in fault.place.split("."))
+                yield Found((*place, *inside), fault.problem, fault.remedy)
+        case "extra_forbidden":
+            yield Found(place, *_unknown(str(place[-1]), slot_at(tagged[:-1])))
+        case "missing" if isinstance(place[-1], int):
+            yield _wrong_length(place[:-1], slot_at(tagged[:-1]), data)
+        case "too_long" | "too_short":
+            yield _wrong_length(place, slot, data)
+        case "missing":
+            yield Found(place, "this key is missing.", f"Write for example '{place[-1]}: {slot.example}'.")
+        case "object_kind":
+            yield _kind_of_object(place, came)
+        case "literal_error" if place == ("schema",):
+            yield Found(place, f"{shown(came)} is no version that this program reads.", "Write 'schema: 1'.")
+        case "literal_error":
+            yield Found(place, f"{shown(came)} is not possible here.", choice(came, slot.choices))
+        case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
+            yield Found(place, _out_of_bounds(details, slot, came), _default(slot))
+        case "finite_number":
+            yield Found(place, f"{shown(came)} is not a finite number.", f"Write for example {slot.example}.")
+        case "string_pattern_mismatch":
+            problem = f"{shown(came)} is no name: a letter, then letters, digits, - and _ are possible."
+            yield Found(place, problem, f"Write for example {slot.example}.")
+        case "string_too_long":
+            yield Found(
+                place, "this name is too long.", f"At most {context['max_length']} letters are possible."
+            )
+        case "quantity" | "unit_missing":
+            yield Found(place, f"{context['reason']}.", f"Write for example {slot.example}.")
+        case "material":
+            yield Found(place, context["problem"], context["remedy"])
+        case "input_file":
+            problem, _, remedy = context["problem"].partition("; ")
+            yield Found(place, problem if problem.endswith(".") else f"{problem}.", _capital(remedy))
+        case _:
+            yield Found(place, f"{shown(came)} is not {_wanted(details['type'])}.", _write(slot))
+
+
+_WANTED = {
+    "bool": "true or false",
+    "int": "a whole number",
+    "float": "a plain number",
+    "string": "a word",
+    "tuple": "a list",
+    "model": "a block of keys",
+    "dataclass": "a block of keys",
+    "path": "the name of a file",
+}
+
+
+def _wanted(kind: str) -> str:
+    return _WANTED.get(kind.split("_")[0], "possible here")
+
+
+def _write(slot: Slot) -> str:
+    if slot.part is not None and not (slot.field is not None and slot.field.examples):
+        key = slot.keys[0]
+        return f"Write keys below it; known are {', '.join(slot.keys)}." if key else ""
+    return f"Write for example {slot.example}."
+
+
+def _unknown(key: str, slot: Slot) -> tuple[str, str]:
+    """Say what an unknown key should have been."""
+    near = nearest(key, slot.keys)
+    if near:
+        return "there is no such key.", f"Did you mean '{near}'?"
+    elsewhere = homes(key)[:2]
+    known = f"known here are {', '.join(slot.keys)}."
+    if elsewhere:
+        return "there is no such key here.", f"It belongs to {' or '.join(elsewhere)}; {known}"
+    return "there is no such key.", _capital(known)
+
+
+def _kind_of_object(place: Place, came: Any) -> Found:
+    example = "{name: wall, shape: rectangle, size: [4 m, 4 m], material: grey_reference}"
+    if not isinstance(came, dict):
+        return Found(place, f"{shown(came)} is not an object.", f"Write for example {example}.")
+    kinds = [key for key in KINDS if came.get(key) is not None]
+    if kinds == ["shape"]:
+        return Found((*place, "shape"), f"{shown(came['shape'])} is no shape.", choice(came["shape"], SHAPES))
+    if kinds:
+        named = f"{', '.join(kinds[:-1])} and {kinds[-1]}"
+        return Found(place, f"it has the keys {named}, which exclude one another.", "Keep one of them.")
+    for key in came:
+        if near := nearest(key, KINDS):
+            return Found((*place, key), "there is no such key.", f"Did you mean '{near}'?")
+    return Found(
+        place,
+        f"it has none of the keys {', '.join(KINDS)}, so it is no object.",
+        f"Write for example {example}.",
+    )
+
+
+def _wrong_length(place: Place, slot: Slot, data: Any) -> Found:
+    came = value_at(data, place)
+    count = len(came) if isinstance(came, list) else 0
+    entries = "1 entry" if count == 1 else f"{count} entries"
+    return Found(place, f"this list has {entries}.", f"Write for example {slot.example}.")
+
+
+def _out_of_bounds(details: Mapping[str, Any], slot: Slot, came: Any) -> str:
+    ((_, bound),) = (item for item in details["ctx"].items() if item[0] != "error")
+    relation = {
+        "greater_than": "more than",
+        "greater_than_equal": "at least",
+        "less_than": "less than",
+        "less_than_equal": "at most",
+    }[details["type"]]
+    limit = f"{bound:g}" if slot.dimension is None else str(slot.dimension.format(float(bound)))
+    if slot.dimension is not None and not isinstance(came, str):
+        came = slot.dimension.format(float(came))
+    return f"{came} is not possible; it must be {relation} {limit}."
+
+
+def _default(slot: Slot) -> str:
+    return f"The default is {slot.default}." if slot.default else ""
+
+
+def nearest(word: object, words: tuple[str, ...] | list[str]) -> str | None:
+    """Return the legal word that was probably meant, or None."""
+    spelling = str(word).lower().replace("-", "_").replace(" ", "_")
+    found = difflib.get_close_matches(spelling, words, n=1, cutoff=0.65)
+    return found[0] if found else None
+
+
+def choice(came: object, choices: tuple[Any, ...]) -> str:
+    """Say which of some words was probably meant, or name them all."""
+    near = nearest(came, [str(item) for item in choices])
+    known = f"Possible: {', '.join(map(str, choices))}."
+    return f"Did you mean '{near}'? {known}" if near else known
+
+
+def shown(value: object) -> str:
+    """Return a value as a message shows it."""
+    match value:
+        case None:
+            return "nothing (an empty value)"
+        case dict():
+            return "a block of keys"
+        case list():
+            return f"a list of {len(value)}"
+        case str():
+            return f"'{value}'" if len(value) <= 60 else f"'{value[:57]}…'"
+        case bool() | int() | float():
+            text = flow(value)
+            return text if len(text) <= 60 else f"{text[:57]}…"
+    return f"a {type(value).__name__}"
+
+
+def _capital(text: str) -> str:
+    if not text:
+        return ""
+    return text[0].upper() + text[1:] + ("" if text.endswith((".", "?")) else ".")

@@ -1,0 +1,221 @@
+"""Loading: from a file or a mapping, with overrides, to a scenario or to all of its faults."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from scanner_sim.config.document import Document, Place, read_document, spell
+from scanner_sim.config.faults import choice, found_by, shown
+from scanner_sim.errors import Fault, InputError, ScenarioError
+from scanner_sim.scenario import Scenario
+from scanner_sim.units import FROM_FILE
+
+LARGEST_FILE = 4_000_000
+"""Bytes of a scenario file: thousands of objects need a tenth of it."""
+
+
+def load_scenario(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()) -> Scenario:
+    """Load a scenario.
+
+    Parameters
+    ----------
+    source
+        A YAML file, or the same as a mapping. In a file a unit is compulsory on every dimensional number; in a
+        mapping a plain number is SI. Relative paths in it count from the file's folder, or from the working
+        folder for a mapping.
+    overrides
+        Values that replace those of the source, each as ``a.b.c=VALUE`` with VALUE as YAML would have it:
+        ``scanner.laser.power=20 mW``. A step may be an index of a list or the name of an object:
+        ``scene.objects.wall.position=[0 m, 0 m, 8 m]``.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    ScenarioError
+        If the scenario has faults; it holds all that could be found, in the order of the file.
+    """
+    if isinstance(source, Mapping):
+        name, document, context = "scenario", Document(_plain(source)), {}
+    else:
+        path = Path(source)
+        name, document = str(path), read_document(_text(path))
+        context = {**FROM_FILE, "folder": path.absolute().parent}
+    if not document.readable:
+        raise ScenarioError(document.faults, source=name)
+    if not isinstance(document.data, dict):
+        raise ScenarioError([_no_scenario(document)], source=name)
+    faults = list(document.faults)
+    origins = _override(document, overrides, faults)
+    if (version := _version_fault(document, origins)) is not None:
+        raise ScenarioError([version], source=name)
+    try:
+        scenario = Scenario.model_validate(document.data, context=context)
+    except ValidationError as error:
+        for found in found_by(error, document.data):
+            if not any(found.place[: len(place)] == place for place in document.broken):
+                faults.append(_fault(document, origins, *found))
+    if faults:
+        # Faults without a line come from overrides, or concern what is not there.
+        raise ScenarioError(sorted(faults, key=lambda fault: fault.line or 10**9), source=name)
+    return scenario
+
+
+def _text(path: Path) -> str:
+    """Return the text of a scenario file."""
+    try:
+        if path.is_dir():
+            raise InputError(f"{path} is a folder, not a scenario.", remedy=_scenario_in(path))
+        with path.open("rb") as stream:
+            content = stream.read(LARGEST_FILE + 1)
+    except FileNotFoundError:
+        raise InputError(f"There is no file {path}.", remedy=_similar(path)) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise InputError(f"{path} cannot be read: {reason}.", remedy="Name a YAML file.") from None
+    if len(content) > LARGEST_FILE:
+        raise InputError(
+            f"{path} is larger than {LARGEST_FILE / 1e6:.0f} MB, too large for a scenario.",
+            remedy="Name a YAML file; large scenes belong into meshes or a Mitsuba XML file.",
+        )
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = content.count(b"\n", 0, error.start) + 1
+        raise InputError(
+            f"{path} is not a text in UTF-8 (line {line}).",
+            remedy="Name a YAML file, saved in the encoding UTF-8.",
+        ) from None
+
+
+def _scenario_in(folder: Path) -> str:
+    try:
+        names = sorted(path.name for path in folder.iterdir() if path.suffix in (".yaml", ".yml"))
+    except OSError:
+        names = []
+    return f"Did you mean {folder / names[0]}?" if names else "Name a YAML file."
+
+
+def _similar(path: Path) -> str:
+    if not path.parent.is_dir():
+        return f"The folder {path.parent} does not exist either."
+    names = [entry.name for entry in path.parent.iterdir() if entry.suffix in (".yaml", ".yml")]
+    near = difflib.get_close_matches(path.name, names, n=1)
+    return f"Did you mean {path.parent / near[0]}?" if near else "Check the name and the folder."
+
+
+def _plain(value: Any) -> Any:
+    """Return a copy in dictionaries and lists, which overrides may change."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
+def _no_scenario(document: Document) -> Fault:
+    if document.data is None:
+        return Fault("", "it is empty.", "Begin with 'schema: 1'; the folder configs has examples.")
+    return Fault(
+        "", f"it holds {shown(document.data)} instead of keys.", "Begin with 'schema: 1'.", document.line(())
+    )
+
+
+def _version_fault(document: Document, origins: Mapping[Place, str]) -> Fault | None:
+    """Return the fault of a scenario of another version: all others would be misleading."""
+    version = document.data.get("schema")
+    if version is None or (version == 1 and isinstance(version, int) and version is not True):
+        return None
+    problem = f"{shown(version)} is no version that this program reads."
+    newer = isinstance(version, int) and version > 1
+    remedy = "Install a newer scanner-sim, or write 'schema: 1'." if newer else "Write 'schema: 1'."
+    return _fault(document, origins, ("schema",), problem, remedy)
+
+
+def _fault(
+    document: Document, origins: Mapping[Place, str], place: Place, problem: str, remedy: str
+) -> Fault:
+    """Return the fault of a place, named after the override that put it there, or with its line."""
+    for length in range(len(place), 0, -1):
+        if place[:length] in origins:
+            where = f"{spell(place, document.data)}, set by '{origins[place[:length]]}'"
+            return Fault(where, problem, remedy)
+    return Fault(spell(place, document.data), problem, remedy, document.line(place))
+
+
+def _override(document: Document, overrides: Sequence[str], faults: list[Fault]) -> dict[Place, str]:
+    """Put the overrides into the data; return which place each of them filled."""
+    origins: dict[Place, str] = {}
+    for text in overrides:
+        path, equals, value_text = text.partition("=")
+        steps = path.strip().split(".")
+        if not equals or not all(steps):
+            faults.append(
+                Fault(
+                    f"override '{text}'",
+                    "this is not KEY=VALUE.",
+                    "Write for example scanner.laser.power=20 mW.",
+                )
+            )
+            continue
+        value = read_document(value_text.strip())
+        if value.faults:
+            faults += [Fault(f"override '{text}'", fault.problem, fault.remedy) for fault in value.faults]
+            continue
+        try:
+            origins[_put(document.data, steps, value.data)] = text
+        except ValueError as error:
+            faults.append(Fault(f"override '{text}'", str(error)))
+    return origins
+
+
+def _put(data: dict[str, Any], steps: list[str], value: Any) -> Place:
+    """Put a value into the data; return its place.
+
+    Raises
+    ------
+    ValueError
+        If the way there leads through something that has no keys.
+    """
+    inside: Any = data
+    place: Place = ()
+    for number, step in enumerate(steps):
+        last = number == len(steps) - 1
+        if isinstance(inside, list):
+            index = _index(inside, step, place)
+            place = (*place, index)
+            if last:
+                inside[index] = value
+            inside = inside[index]
+        elif isinstance(inside, dict):
+            place = (*place, step)
+            if last:
+                inside[step] = value
+            elif inside.get(step) is None:
+                inside[step] = {}
+            inside = inside[step]
+        else:
+            raise ValueError(f"{spell(place)} is {shown(inside)}, which has no keys. Set it as a whole.")
+    return place
+
+
+def _index(items: list[Any], step: str, place: Place) -> int:
+    """Return the index that a step names: a number, or the name of an object."""
+    names = [str(item.get("name")) if isinstance(item, dict) else "" for item in items]
+    if step in names:
+        return names.index(step)
+    if step.isdecimal() and int(step) < len(items):
+        return int(step)
+    if step.isdecimal():
+        raise ValueError(f"{spell(place)} has {len(items)} entries, counted from 0.")
+    known = tuple(name for name in names if name)
+    raise ValueError(
+        f"{spell(place)} has no entry called '{step}'. {choice(step, known) if known else 'Write an index.'}"
+    )

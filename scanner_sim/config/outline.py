@@ -1,0 +1,114 @@
+"""The outline of a scenario: which keys are legal where, read from the types of the parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+import yaml
+from pydantic import Tag
+from pydantic.fields import FieldInfo
+
+from scanner_sim.parts import Part
+from scanner_sim.scenario import Scenario
+from scanner_sim.units import Dimension
+
+EACH = "*"
+"""Stands for any index of a list."""
+
+
+@dataclass
+class Slot:
+    """A place of the outline: the part, the dimension and the field that stand there."""
+
+    place: tuple[str, ...] = ()
+    part: type[Part] | None = None
+    dimension: Dimension | None = None
+    choices: tuple[Any, ...] = ()
+    field: FieldInfo | None = None
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The legal keys below this place."""
+        return () if self.part is None else tuple(key_of(*item) for item in self.part.model_fields.items())
+
+    @property
+    def example(self) -> str:
+        """What a user could write here, as YAML."""
+        if self.field is not None and self.field.examples:
+            return flow(self.field.examples[0])
+        if self.dimension is not None:
+            return self.default or str(self.dimension.examples[0])
+        if self.choices:
+            return flow(self.choices[0])
+        if self.part is not None:
+            return f"{{{self.keys[0]}: {slot_at((*self.place, self.keys[0])).example}}}"
+        return flow(None if self.field is None or self.field.is_required() else self.field.default)
+
+    @property
+    def default(self) -> str:
+        """The default as YAML; empty where there is none, or where it is no plain value."""
+        value = None if self.field is None or self.field.is_required() else self.field.default
+        if not isinstance(value, bool | int | float | str):
+            return ""
+        return str(self.dimension.format(float(value))) if self.dimension is not None else flow(value)
+
+
+@cache
+def outline() -> dict[tuple[str, ...], Slot]:
+    """Return every place of a scenario; union tags in parentheses are steps of their own."""
+    slots: dict[tuple[str, ...], Slot] = {}
+    _visit(Scenario, (), (), None, slots)
+    return slots
+
+
+def slot_at(place: tuple[str | int, ...]) -> Slot:
+    """Return the slot of a place as pydantic names it, tags included; an empty one outside of the outline."""
+    return outline().get(tuple(EACH if isinstance(step, int) else step for step in place), Slot())
+
+
+def homes(key: str) -> list[str]:
+    """Return the places where a key is legal, as a user would write them."""
+    found = {
+        ".".join(step for step in (*place, key) if not step.startswith("(")).replace(f".{EACH}", "[…]")
+        for place, slot in outline().items()
+        if key in slot.keys
+    }
+    return sorted(found, key=lambda text: (text.count("."), text))
+
+
+def key_of(name: str, field: FieldInfo) -> str:
+    """Return the key of a field in files."""
+    return field.alias or name
+
+
+def flow(value: Any) -> str:
+    """Return a value as YAML on one line."""
+    text: str = yaml.safe_dump(
+        value, default_flow_style=True, sort_keys=False, width=10**6, allow_unicode=True
+    )
+    return text.removesuffix("\n").removesuffix("\n...")
+
+
+def _visit(
+    kind: Any, metadata: Any, place: tuple[str, ...], field: FieldInfo | None, slots: dict[Any, Slot]
+) -> None:
+    if get_origin(kind) is Annotated:
+        kind, *inner = get_args(kind)
+        tag = next((item.tag for item in inner if isinstance(item, Tag)), None)
+        return _visit(kind, inner, place if tag is None else (*place, tag), field, slots)
+    slot = slots.setdefault(place, Slot(place, field=field))
+    slot.dimension = next((item for item in metadata if isinstance(item, Dimension)), slot.dimension)
+    if get_origin(kind) in (Union, UnionType):
+        for choice in get_args(kind):
+            _visit(choice, (), place, field, slots)
+    elif get_origin(kind) is tuple:
+        _visit(get_args(kind)[0], (), (*place, EACH), field, slots)
+    elif get_origin(kind) is Literal:
+        slot.choices = get_args(kind)
+    elif isinstance(kind, type) and issubclass(kind, Part):
+        slot.part = kind
+        for name, inside in kind.model_fields.items():
+            _visit(inside.annotation, inside.metadata, (*place, key_of(name, inside)), inside, slots)

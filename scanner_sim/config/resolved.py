@@ -1,0 +1,42 @@
+"""A scenario written back as YAML: complete, readable, and the same again when it is read."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+from scanner_sim.config.document import core_schema
+from scanner_sim.scenario import Scenario
+
+HEADING = "# Scanner Sim scenario, schema 1, resolved: every value is written out.\n"
+
+
+@core_schema
+class _Dumper(yaml.SafeDumper):
+    """Quotes texts by the rules by which they are read again."""
+
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (the name is PyYAML's)
+        """Write equal values out: anchors make a file hard to read."""
+        return True
+
+
+def _list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.Node:
+    short = all(isinstance(item, bool | int | float | str) for item in items)
+    return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=short)
+
+
+_Dumper.add_representer(list, _list)
+
+
+def resolved_yaml(scenario: Scenario) -> str:
+    """Return a scenario as YAML with every default written out and a unit on every dimensional number.
+
+    Reading it gives an equal scenario, to the last bit of every number. Paths are absolute, so the text means
+    the same in any folder.
+    """
+    data = scenario.model_dump(mode="json", by_alias=True)
+    body: str = yaml.dump(
+        data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=10**6, default_flow_style=False
+    )
+    return HEADING + body
