@@ -245,38 +245,27 @@ class Workbench:
 
     def _expose(self, aim: Aim) -> tuple[Any, Iterator[_Group]]:
         """Render, expose and read the shots of an aim: their truth, and the shots in groups."""
-        import drjit as dr
-        import mitsuba as mi
-
         from scanner_sim.detector.line import expose
         from scanner_sim.render.light import render_light
-        from scanner_sim.render.jitter import true_deflections
+        from scanner_sim.render.shots import true_shots
         from scanner_sim.signals.peaks import find_peaks
 
         scenario, scanner = self.scenario, self.scenario.scanner
-        sensor = scanner.position_sensor
-        shot = mi.UInt32(aim.shot)
-        theta, phi = true_deflections(aim, scanner.mirrors.jitter, scenario.seed)
-        truth, lights = render_light(
-            self.loaded, self.optics, scenario.transport, theta, phi, shot, scenario.seed
-        )
+        sensor, seed = scanner.position_sensor, scenario.seed
+        shots = true_shots(aim, scanner.mirrors.jitter, seed)
+        truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, seed)
 
         def groups() -> Iterator[_Group]:
             for light in lights:
-                own = dr.gather(mi.UInt32, shot, light.index)
                 signal = expose(
-                    light.power, own, sensor, scanner.laser.wavelength, scanner.dwell, scenario.seed
+                    light.power, light.shot, sensor, scanner.laser.wavelength, scanner.dwell, seed
                 )
-                dr.eval(signal.number)
                 peaks = find_peaks(signal, sensor, scenario.processing, scanner.dwell)
-                dr.eval(peaks)
                 yield _Group(light.index.numpy(), light, signal, peaks)
 
         return truth, groups()
 
-    def _ranges(
-        self, peak: NDArray[Any], sigma_peak: NDArray[Any], status: NDArray[Any], aim: Aim
-    ) -> Ranges:
+    def _ranges(self, peak: NDArray[Any], sigma_peak: NDArray[Any], status: NDArray[Any], aim: Aim) -> Ranges:
         gate = self.scenario.processing.range_gate
         return ranges_from_peaks(peak, sigma_peak, status, aim.theta, aim.phi, self.geometry, gate)
 

@@ -40,7 +40,7 @@ def generator(seed: int, stream: Stream, shot: Any, sample: Any) -> Any:
     -------
     drjit.auto.Philox4x32
     """
-    import drjit.auto.ad as auto
     import drjit as dr
+    import drjit.auto.ad as auto
 
     return auto.Philox4x32(dr.opaque(auto.UInt64, seed), shot, sample, auto.UInt32(int(stream)), _ROUNDS)

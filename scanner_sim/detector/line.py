@@ -107,6 +107,7 @@ def expose(
         charge *= dr.gather(auto.Float, response, pixel, pixel < sensor.pixels)
         numbers.append(_read_out(charge, normal[2 * side], normal[2 * side + 1], sensor, dwell))
     dr.scatter(signal.number, auto.Array2f(*numbers), lane)
+    dr.eval(signal.number)
     return signal
 
 

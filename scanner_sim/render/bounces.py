@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from scanner_sim.render.beamlets import Beamlets
+from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import (
     Bench,
     connect,
@@ -43,9 +44,7 @@ def trace_bounces(
     bench: Bench,
     beamlets: Beamlets,
     bounces: int,
-    theta: Any,
-    phi: Any,
-    shot: Any,
+    shots: Shots,
     seed: int,
 ) -> BounceSpots:
     """Follow random paths from the spots of n shots over up to ``bounces`` surfaces.
@@ -58,8 +57,8 @@ def trace_bounces(
         Starts of the k paths of each shot.
     bounces
         Largest number of surfaces, 2 or more.
-    theta, phi, shot
-        True deflections [rad] and numbers of the shots, shape (n,), Dr.Jit.
+    shots
+        The n shots.
     seed
         Seed of the paths.
 
@@ -68,12 +67,11 @@ def trace_bounces(
     BounceSpots
         (bounces − 1) · k · n entries; entry (v · k + j) · n + i is surface v + 2 of path j of shot i.
     """
-    shots, count = dr.width(theta), len(beamlets.weights)
-    lane = dr.arange(mi.UInt32, shots * count)
-    path = lane // dr.opaque(mi.UInt32, shots)
-    own = lane - path * dr.opaque(mi.UInt32, shots)
-    number = dr.gather(mi.UInt32, shot, own)
-    frame = device_frame(bench, dr.gather(mi.Float, theta, own), dr.gather(mi.Float, phi, own))
+    n = dr.width(shots.number)
+    lane = dr.arange(mi.UInt32, n * len(beamlets.weights))
+    path = lane // dr.opaque(mi.UInt32, n)
+    own = shots.some(lane - path * dr.opaque(mi.UInt32, n))
+    frame = device_frame(bench, own.theta, own.phi)
     node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), path) for axis in (0, 1)]
     stop = [dr.gather(mi.Float, mi.Float(beamlets.aperture[:, axis]), path) for axis in (0, 1)]
     beam = launch(bench, frame, node)
@@ -82,7 +80,7 @@ def trace_bounces(
     alive = si.is_valid()
     found = []
     for surface in range(2, bounces + 1):
-        random = generator(seed, Stream.BOUNCES, number, path * 32 + surface).next_float32x4()
+        random = generator(seed, Stream.BOUNCES, own.number, path * 32 + surface).next_float32x4()
         sample, weight = si.bsdf().sample(
             mi.BSDFContext(), si, random[0], mi.Point2f(random[1], random[2]), alive
         )

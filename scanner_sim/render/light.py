@@ -21,6 +21,7 @@ from scanner_sim.render.beamlets import Beamlets, edge_beamlets, smooth_beamlets
 from scanner_sim.render.bounces import trace_bounces
 from scanner_sim.render.clusters import Clusters, cluster
 from scanner_sim.render.settings import Transport
+from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Bench, Spots, trace_spots
 from scanner_sim.scene.loader import LoadedScene
 
@@ -40,17 +41,18 @@ _UNEVEN = 0.1
 
 @dataclass
 class Light:
-    """Light on the line for a group of shots.
+    """Light on the line for a group of m shots.
 
     Attributes
     ----------
-    index
-        Place of each of the m shots in the batch, Dr.Jit unsigned.
+    index, shot
+        Place of each shot in the batch, and its number, shape (m,), Dr.Jit unsigned.
     clusters
         Their light.
     """
 
     index: Any
+    shot: Any
     clusters: Clusters
 
     def power(self, pixel: Any, place: Any) -> Any:
@@ -77,7 +79,7 @@ class Truth:
 
 
 def render_light(
-    loaded: LoadedScene, bench: Bench, settings: Transport, theta: Any, phi: Any, shot: Any, seed: int
+    loaded: LoadedScene, bench: Bench, settings: Transport, shots: Shots, seed: int
 ) -> tuple[Truth, Iterator[Light]]:
     """Follow the laser's light of a batch of shots onto the line.
 
@@ -85,10 +87,10 @@ def render_light(
     ----------
     loaded, bench, settings
         Scene, optics and how finely the beam is split.
-    theta, phi
-        True deflections [rad], shape (n,), Dr.Jit.
-    shot, seed
-        Numbers of the shots, shape (n,), and seed: they address the random paths of several bounces.
+    shots
+        The n shots with their true deflections.
+    seed
+        Seed of the random paths of several bounces.
 
     Returns
     -------
@@ -97,38 +99,37 @@ def render_light(
     iterator of Light
         Groups of shots that together hold every shot once.
     """
-    shots = dr.width(theta)
+    count = dr.width(shots.theta)
     beamlets = smooth_beamlets(settings.beamlets)
-    spots = trace_spots(loaded, bench, beamlets, theta, phi)
+    spots = trace_spots(loaded, bench, beamlets, shots.theta, shots.phi)
     dr.eval(spots)
-    chief = dr.arange(mi.UInt32, shots)
+    chief = dr.arange(mi.UInt32, count)
     shape = dr.gather(mi.UInt32, spots.shape, chief)
     truth = Truth(
         dr.gather(mi.Float, spots.distance, chief),
         dr.gather(mi.UInt32, loaded.object_of, shape),
         dr.gather(mi.UInt32, loaded.material_of, shape),
     )
-    edge = _is_edge(loaded, bench, beamlets, spots, chief, shots)
+    edge = _is_edge(loaded, bench, beamlets, spots, chief, count)
     dr.eval(truth, edge)
 
     def groups() -> Iterator[Light]:
         smooth = dr.compress(~edge)
         if dr.width(smooth):
-            direct = Light(smooth, cluster(spots, smooth, shots, len(beamlets.weights), 1))
-            yield from _with_bounces(loaded, bench, settings, theta, phi, shot, seed, direct)
+            clusters = cluster(spots, smooth, count, len(beamlets.weights), 1)
+            direct = Light(smooth, shots.some(smooth).number, clusters)
+            yield from _with_bounces(loaded, bench, settings, shots, seed, direct)
         rough = dr.compress(edge)
         fine = edge_beamlets(settings.edge_beamlets)
         for start in range(0, dr.width(rough), _EDGE_BATCH):
             some = dr.arange(mi.UInt32, start, min(start + _EDGE_BATCH, dr.width(rough)))
             index = dr.gather(mi.UInt32, rough, some)
-            many = trace_spots(
-                loaded, bench, fine, dr.gather(mi.Float, theta, index), dr.gather(mi.Float, phi, index)
-            )
-            dr.eval(index, many.power, many.position, many.sigma)
-            count = dr.width(index)
-            gathered = cluster(many, dr.arange(mi.UInt32, count), count, len(fine.weights), _CLUSTERS)
-            direct = Light(index, gathered)
-            yield from _with_bounces(loaded, bench, settings, theta, phi, shot, seed, direct)
+            few, own = dr.width(index), shots.some(index)
+            many = trace_spots(loaded, bench, fine, own.theta, own.phi)
+            dr.eval(index, own, many.power, many.position, many.sigma)
+            clusters = cluster(many, dr.arange(mi.UInt32, few), few, len(fine.weights), _CLUSTERS)
+            direct = Light(index, own.number, clusters)
+            yield from _with_bounces(loaded, bench, settings, shots, seed, direct)
 
     return truth, groups()
 
@@ -137,9 +138,7 @@ def _with_bounces(
     loaded: LoadedScene,
     bench: Bench,
     settings: Transport,
-    theta: Any,
-    phi: Any,
-    shot: Any,
+    shots: Shots,
     seed: int,
     direct: Light,
 ) -> Iterator[Light]:
@@ -153,21 +152,13 @@ def _with_bounces(
     for start in range(0, dr.width(direct.index), together):
         some = dr.arange(mi.UInt32, start, min(start + together, dr.width(direct.index)))
         index = dr.gather(mi.UInt32, direct.index, some)
-        spots = trace_bounces(
-            loaded,
-            bench,
-            beamlets,
-            settings.bounces,
-            dr.gather(mi.Float, theta, index),
-            dr.gather(mi.Float, phi, index),
-            dr.gather(mi.UInt32, shot, index),
-            seed,
-        )
-        dr.eval(index, spots)
+        own = shots.some(index)
+        spots = trace_bounces(loaded, bench, beamlets, settings.bounces, own, seed)
+        dr.eval(index, own, spots)
         count = dr.width(index)
         points = settings.bounce_paths * vertices
         late = cluster(spots, dr.arange(mi.UInt32, count), count, points, _BOUNCE_CLUSTERS)
-        yield Light(index, direct.clusters.part(some).joined(late))
+        yield Light(index, own.number, direct.clusters.part(some).joined(late))
 
 
 def _is_edge(

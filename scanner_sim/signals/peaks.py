@@ -182,13 +182,15 @@ def find_peaks(signal: Signal, sensor: PositionSensor, processing: Processing, d
         status = dr.select(failed, auto.UInt32(int(code)), status)
     valid = status == int(Status.VALID)
     detected = status != int(Status.BELOW_THRESHOLD)
-    return Peaks(
+    peaks = Peaks(
         position=dr.select(valid, auto.Float(centre) + shift, dr.nan),
         sigma=dr.select(valid, dr.sqrt(variance), dr.nan),
         signal=dr.select(detected, _summed(line, brightest), 0.0),
         snr=height / dr.sqrt(dr.maximum(line.variance(height), 1.0)),
         status=status,
     )
+    dr.eval(peaks)
+    return peaks
 
 
 def _brightest(line: _Line) -> tuple[Any, Any]:

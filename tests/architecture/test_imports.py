@@ -37,7 +37,7 @@ MAY_ASK_JUDGE = {"analytic", "compare", "cli"}
 
 # The device side of the flow. Elsewhere only two files touch it, each for one reason.
 DEVICE_ROOMS = {"mitsuba": {"render"}, "drjit": {"render", "detector", "signals"}}
-DEVICE_FILES = {"mitsuba": {"scene/loader.py"}, "drjit": {"streams.py"}}
+DEVICE_FILES = {"mitsuba": {"scene/loader.py"}, "drjit": {"scene/loader.py", "streams.py"}}
 NUMPY_ROOMS = {"ranging", "tracking", "pose"}
 FORBIDDEN_AFTER_SIGNALS = {"mitsuba", "drjit", "torch", "jax"}
 

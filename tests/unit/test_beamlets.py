@@ -1,0 +1,73 @@
+"""Beamlets have the moments of the beam that they stand for."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from scanner_sim.render.beamlets import Beamlets, edge_beamlets, smooth_beamlets
+
+
+def moment(beamlets: Beamlets, first: int, second: int) -> float:
+    """Return E[aᵐ bⁿ] of the sum of the beamlets: nodes plus an independent normal spread."""
+    total = 0.0
+    for i in range(first + 1):
+        for j in range(second + 1):
+            spread = normal_moment(first - i) * normal_moment(second - j)
+            spread *= beamlets.width ** (first - i + second - j) * math.comb(first, i) * math.comb(second, j)
+            a, b = beamlets.nodes.T
+            total += spread * float((beamlets.weights * a**i * b**j).sum())
+    return total
+
+
+def normal_moment(order: int) -> float:
+    """Return E[xⁿ] of a standard normal number."""
+    return 0.0 if order % 2 else float(math.prod(range(order - 1, 0, -2)))
+
+
+@pytest.mark.parametrize("count", [7, 19, 37])
+def test_smooth_beamlets_have_all_moments_to_the_fifth_order(count: int) -> None:
+    beamlets = smooth_beamlets(count)
+    assert len(beamlets.weights) == count
+    assert (beamlets.weights > 0.0).all()
+    assert beamlets.nodes[0].tolist() == [0.0, 0.0]
+    for m in range(6):
+        for n in range(6 - m):
+            expected = normal_moment(m) * normal_moment(n)
+            assert moment(beamlets, m, n) == pytest.approx(expected, abs=1e-4), (m, n)
+
+
+@pytest.mark.parametrize("count", [19, 64, 256])
+def test_edge_beamlets_have_exact_mean_and_covariance(count: int) -> None:
+    beamlets = edge_beamlets(count)
+    assert beamlets.weights.tolist() == [1.0 / count] * count
+    for (m, n), expected in {(1, 0): 0, (0, 1): 0, (2, 0): 1, (1, 1): 0, (0, 2): 1}.items():
+        assert moment(beamlets, m, n) == pytest.approx(expected, abs=1e-12), (m, n)
+
+
+def test_edge_beamlets_follow_a_straight_edge_within_two_per_cent() -> None:
+    """Claim: the light on one side of any straight edge is right to 2 % of the beam, and unbiased.
+
+    Set-up: edges at 90 directions and 81 distances. Expected: the normal distribution. Tolerance: 0.02 for the
+    worst, 1e-3 for the mean: the issue asks for 2 % of the contrast at edges.
+    """
+    beamlets = edge_beamlets(256)
+    distance = np.linspace(-2.0, 2.0, 81)
+    error = []
+    for angle in np.linspace(0.0, np.pi, 90):
+        along = beamlets.nodes @ [np.cos(angle), np.sin(angle)]
+        share = (beamlets.weights[:, None] * (along[:, None] < distance)).sum(axis=0)
+        error.append(share - stats.norm.cdf(distance))
+    assert np.abs(error).max() < 0.02
+    assert abs(np.mean(error)) < 1e-3
+
+
+@pytest.mark.parametrize("count", [7, 19, 37, 64, 256])
+def test_aperture_points_fill_the_disc_evenly(count: int) -> None:
+    points = smooth_beamlets(count).aperture if count in (7, 19, 37) else edge_beamlets(count).aperture
+    assert points.shape == (count, 2)
+    assert (np.hypot(*points.T) <= 1.0).all()
+    assert np.abs(points.mean(axis=0)).max() < 1.5 / count
