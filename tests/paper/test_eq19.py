@@ -13,6 +13,7 @@ from scanner_sim.analytic import beam, geometry, quadrature, spot
 from scanner_sim.render.device import Device
 from scanner_sim.render.light import render_light
 from scanner_sim.render.settings import Transport
+from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Bench
 from scanner_sim.scanner import Scanner
 from scanner_sim.scene.loader import load_scene
@@ -123,8 +124,8 @@ def _line_of(theta: float, phi: float, about_y: float, about_x: float, z: float)
         offset=scanner.position_sensor.offset,
     )
     loaded = load_scene(Scene(objects=(wall,)))
-    _, groups = render_light(loaded, bench, Transport(), mi.Float(theta), mi.Float(phi), mi.UInt32(0), seed=0)
-    (light,) = groups
+    shot = Shots(number=mi.UInt32(0), theta=mi.Float(theta), phi=mi.Float(phi))
+    _, (light,) = render_light(loaded, bench, Transport(), shot, seed=0)
     return light.line(0, 256)
 
 
