@@ -9,6 +9,7 @@ import argparse
 from pathlib import Path
 
 from modelling import measuring
+from modelling.assembly import node_and_z1
 from modelling.writing import write_scene
 
 
@@ -27,6 +28,11 @@ def main() -> None:
     write_scene(
         folder, "target_board", measuring.target_board(), "Four targets on 1 m × 1 m, faces in z = 0."
     )
+    model, targets = node_and_z1()
+    write_scene(
+        folder, "node_z1", model, "Node and Z1; origin at the centre of the front ring's mating plane."
+    )
+    targets.write(folder / "node_z1_targets.json")
 
 
 if __name__ == "__main__":

@@ -32,12 +32,12 @@ SINK = 0.012
 """How deep a fitting reaches behind the plane it stands on."""
 
 
-def target_plate(diameter: float, size: float, thickness: float) -> dict[str, Solid]:
+def target_plate(diameter: float, size: float, thickness: float, segments: int = 96) -> dict[str, Solid]:
     """Circular target with its face in z = 0, on a plate that reaches back by ``thickness``.
 
     Unlike the other fittings its face is at the origin, which is the point that a tracker measures.
     """
-    parts = circular_target(diameter, size)
+    parts = circular_target(diameter, size, segments)
     surround, faces = parts["white"]
     count = len(surround) // 2
     edge = np.arange(count, 2 * count)
@@ -61,14 +61,14 @@ def target_plate(diameter: float, size: float, thickness: float) -> dict[str, So
 
 def bolt(radius: float, height: float) -> Solid:
     """Hexagonal head."""
-    head = [circle(radius, z, 6) for z in (-height, SINK)]
+    head = [circle(radius, z, 6) for z in (-height, 0.5 * SINK)]
     return loft([0.8 * head[0] + [0.0, 0.0, -0.2 * height], head[0] + [0.0, 0.0, 0.15 * height], head[1]])
 
 
 def stud(radius: float, height: float, sides: int = 12) -> Solid:
     """Round boss with a bevelled edge."""
     bevel = 0.25 * radius
-    return turned_part([(radius - bevel, -height), (radius, bevel - height), (radius, SINK)], sides)
+    return turned_part([(radius - bevel, -height), (radius, bevel - height), (radius, 0.3 * SINK)], sides)
 
 
 def handrail(length: float, standoff: float = 0.07) -> Solid:
@@ -76,27 +76,26 @@ def handrail(length: float, standoff: float = 0.07) -> Solid:
     half, bend = 0.5 * length, 0.03
     rail = tube(_rail_path(half, standoff, bend), 0.017, 10)
     supports = [-half, half] + ([0.0] if length > 0.7 else [])
+    screw = loft([circle(0.008, z, 6) for z in (-0.02, 0.5 * SINK)])
     feet = []
     for x in supports:
         feet.append(moved(box(0.075, 0.055, -0.012, SINK, 0.004), (x, 0.0, 0.0)))
-        feet += [
-            moved(bolt(0.007, 0.019), (x + dx, dy, 0.0)) for dx in (-0.027, 0.027) for dy in (-0.018, 0.018)
-        ]
+        feet += [moved(screw, (x + side * 0.027, side * 0.017, 0.0)) for side in (-1, 1)]
     if length > 0.7:
         feet.append(
-            moved(turned_part([(0.012, -standoff), (0.014, 0.0), (0.014, SINK)], 10), (0.0, 0.0, 0.0))
+            moved(turned_part([(0.012, -standoff), (0.014, 0.0), (0.014, 0.7 * SINK)], 10), (0.0, 0.0, 0.0))
         )
     return joined([rail, *feet])
 
 
 def _rail_path(half: float, standoff: float, bend: float) -> Array:
     """Up from one foot, round two bends, down to the other."""
-    turn = np.linspace(0.0, 0.5 * np.pi, 4)
+    turn = np.linspace(0.0, 0.5 * np.pi, 3)
     right = np.stack(
-        [half - bend * (1.0 - np.sin(turn)), np.zeros(4), bend * (1.0 - np.cos(turn)) - standoff], axis=1
+        [half - bend * (1.0 - np.sin(turn)), np.zeros(3), bend * (1.0 - np.cos(turn)) - standoff], axis=1
     )
     left = right[::-1] * [-1.0, 1.0, 1.0]
-    return np.vstack([[[-half, 0.0, SINK]], left, right, [[half, 0.0, SINK]]])
+    return np.vstack([[[-half, 0.0, 0.7 * SINK]], left, right, [[half, 0.0, 0.7 * SINK]]])
 
 
 def cable(points: ArrayLike, radius: float, steps: int = 8, sides: int = 10) -> Solid:
@@ -158,7 +157,7 @@ def grapple_fixture() -> tuple[Solid, Solid]:
     return joined(base), shaft
 
 
-def dish(radius: float, focal: float, segments: int = 64, rings: int = 10) -> tuple[Solid, Solid, Solid]:
+def dish(radius: float, focal: float, segments: int = 48, rings: int = 7) -> tuple[Solid, Solid, Solid]:
     """Paraboloid that opens towards −z with its vertex at the origin; its feed; the struts."""
     r = np.linspace(radius / rings, radius, rings)
     front = [(float(x), float(-(x**2) / (4.0 * focal))) for x in r]
@@ -191,7 +190,7 @@ def domed_cover(radius: float, depth: float, ribs: int) -> tuple[Solid, Solid]:
             (0.94 * radius, 0.06 - depth),
             (0.94 * radius, SINK),
         ],
-        64,
+        48,
     )
     metal = []
     for number in range(ribs):
