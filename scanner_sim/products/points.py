@@ -1,0 +1,60 @@
+"""Point clouds as binary PLY files, which CloudCompare, MeshLab, Open3D and trimesh read."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from scanner_sim.products.image import RangeImage
+
+_FROM_CHANNEL = (
+    ("x", "P.X", "<f4"),
+    ("y", "P.Y", "<f4"),
+    ("z", "P.Z", "<f4"),
+    ("intensity", "Y", "<f4"),
+    ("sigma_range_m", "sigma_range_m", "<f4"),
+    ("truth_object", "truth.object", "<i4"),
+    ("truth_material", "truth.material", "<i4"),
+)
+_PLY_TYPE = {"<f4": "float", "<i4": "int"}
+
+
+def write_ply(path: str | Path, image: RangeImage) -> None:
+    """Write the measured points, row by row; an existing file is overwritten.
+
+    Every vertex has ``x y z`` [m] in the scanner frame, ``intensity`` [electron], ``sigma_range_m`` and the
+    truth numbers where the image has them, and its ``row`` and ``column`` in the image. Voxels without a
+    range are left out, so a file may hold no vertex at all.
+
+    Raises
+    ------
+    KeyError
+        If the image has no points.
+    OSError
+        If the file cannot be written.
+    """
+    valid = image.valid
+    used = [entry for entry in _FROM_CHANNEL if entry[1] in image or entry[0] in "xyz"]
+    fields = [(name, kind) for name, _, kind in used] + [("row", "<i4"), ("column", "<i4")]
+    vertices = np.empty(np.count_nonzero(valid), dtype=fields)
+    for name, channel, _ in used:
+        vertices[name] = image[channel][valid]
+    vertices["row"], vertices["column"] = np.nonzero(valid)
+    header = "\n".join(
+        [
+            "ply",
+            "format binary_little_endian 1.0",
+            "comment simulated laser scanner; x to the right, y down, z away from the scanner [m]",
+            "comment intensity in electrons; truth numbers count the names below from 1",
+            *(f"comment object {number} {name}" for number, name in enumerate(image.objects, start=1)),
+            *(f"comment material {number} {name}" for number, name in enumerate(image.materials, start=1)),
+            f"element vertex {vertices.size}",
+            *(f"property {_PLY_TYPE[kind]} {name}" for name, kind in fields),
+            "end_header\n",
+        ]
+    )
+    # Not ndarray.tofile: on a full disk its error lacks the operating system's code.
+    with open(path, "wb") as stream:
+        stream.write(header.encode())
+        stream.write(vertices.tobytes())

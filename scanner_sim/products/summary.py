@@ -1,0 +1,96 @@
+"""A result in numbers: counts, quantiles and, apart, how far the measurements lie from the truth."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.products.image import CHANNEL, RangeImage
+from scanner_sim.status import Status
+
+_QUANTILES = {"min": 0.0, "5%": 0.05, "25%": 0.25, "median": 0.5, "75%": 0.75, "95%": 0.95, "max": 1.0}
+
+
+def summary(image: RangeImage) -> dict[str, Any]:
+    """Return the summary of an image as plain numbers, texts, lists and dictionaries.
+
+    Quantiles and errors are taken over the valid voxels and are None where there is none. The section
+    ``truth`` is what a real instrument could not know. No time is in it: same image, same summary.
+    """
+    rows, columns = image.shape
+    status, valid = image["status"], image.valid
+    counts = {code: int(np.count_nonzero(status == code)) for code in Status}
+    result: dict[str, Any] = {
+        "rows": rows,
+        "columns": columns,
+        "theta_rad": [float(image.theta[0]), float(image.theta[-1])],
+        "phi_rad": [float(image.phi[0]), float(image.phi[-1])],
+        "seed": image.seed,
+        "valid_share": counts[Status.VALID] / status.size,
+        "status": [
+            {"code": int(code), "name": code.name, "meaning": code.sentence, "voxels": number}
+            for code, number in counts.items()
+        ],
+    }
+    for name in ("range_m", "sigma_range_m", "Y", "snr", "peak_px", "sigma_peak_px"):
+        if name in image:
+            result[name] = {"unit": CHANNEL[name].unit, **_quantiles(image[name][valid])}
+    result["truth"] = _truth(image)
+    result["channels"] = {
+        name: {"unit": CHANNEL[name].unit, "meaning": CHANNEL[name].sentence} for name in image.channels
+    }
+    result["versions"] = dict(image.made_by)
+    result["warnings"] = list(image.warnings)
+    return result
+
+
+def summary_json(image: RangeImage) -> str:
+    """Return :func:`summary` as the text of ``summary.json``."""
+    return json.dumps(summary(image), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _truth(image: RangeImage) -> dict[str, Any]:
+    """Return what only the simulator knows: errors of the valid voxels, and hits of each object."""
+    result: dict[str, Any] = {}
+    if {"range_m", "truth.range_m"} <= image.channels.keys():
+        known = image.valid & np.isfinite(image["truth.range_m"])
+        error = image["range_m"][known].astype(np.float64) - image["truth.range_m"][known]
+        result["voxels_compared"] = int(error.size)
+        result["error_m"] = {
+            "mean": _finite(np.mean, error),
+            "rms": _finite(_rms, error),
+            **_quantiles(error),
+        }
+        if "sigma_range_m" in image:
+            sigma = image["sigma_range_m"][known].astype(np.float64)
+            stated = sigma > 0.0
+            result["rms_of_error_over_sigma"] = _finite(_rms, error[stated] / sigma[stated])
+    for name, names in (("truth.object", image.objects), ("truth.material", image.materials)):
+        if name in image:
+            hits = np.bincount(image[name].astype(np.int64).ravel(), minlength=len(names) + 1)
+            labels = ["nothing", *names]
+            result[f"voxels_by_{name.removeprefix('truth.')}"] = [
+                {"number": number, "name": label, "voxels": int(hits[number])}
+                for number, label in enumerate(labels)
+            ]
+    return result
+
+
+def _quantiles(values: NDArray[Any]) -> dict[str, float | None]:
+    """Return the quantiles of the finite ``values`` (shape (n,)); None where there are none."""
+    finite = values[np.isfinite(values)].astype(np.float64)
+    if not finite.size:
+        return dict.fromkeys(_QUANTILES)
+    return dict(zip(_QUANTILES, np.quantile(finite, list(_QUANTILES.values())).tolist(), strict=True))
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _finite(statistic: Any, values: NDArray[np.float64]) -> float | None:
+    """Return a statistic of ``values`` (shape (n,)), or None where there are none."""
+    return float(statistic(values)) if values.size else None
