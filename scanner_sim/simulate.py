@@ -113,7 +113,7 @@ def simulate_voxel(
 
 
 @dataclass(frozen=True)
-class _Group:
+class Group:
     """Shots of a batch that went through the sensor together, with everything on the way."""
 
     index: NDArray[np.uint32]
@@ -164,7 +164,7 @@ class Workbench:
 
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
         """Return the layers of the shots of an aim: each of shape (n,)."""
-        truth, groups = self._expose(aim)
+        truth, groups = self.expose(aim)
         n = len(aim.shot)
         peak, sigma_peak, signal, snr = (np.full(n, np.nan) for _ in range(4))
         status = np.zeros(n, dtype=np.uint32)
@@ -203,7 +203,7 @@ class Workbench:
         sensor = scanner.position_sensor
         shot = np.array([row * self.scenario.scan.columns + column], dtype=np.uint32)
         aim = raster_aim(self.scenario.scan, shot)
-        truth, groups = self._expose(aim)
+        truth, groups = self.expose(aim)
         (group,) = groups
         peaks = group.peaks
         ranges = self._ranges(
@@ -243,7 +243,7 @@ class Workbench:
             window=_window(measured, processing.peak, status),
         )
 
-    def _expose(self, aim: Aim) -> tuple[Any, Iterator[_Group]]:
+    def expose(self, aim: Aim) -> tuple[Any, Iterator[Group]]:
         """Render, expose and read the shots of an aim: their truth, and the shots in groups."""
         from scanner_sim.detector.line import expose
         from scanner_sim.render.light import render_light
@@ -255,13 +255,13 @@ class Workbench:
         shots = true_shots(aim, scanner.mirrors.jitter, seed)
         truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, seed)
 
-        def groups() -> Iterator[_Group]:
+        def groups() -> Iterator[Group]:
             for light in lights:
                 signal = expose(
                     light.power, light.shot, sensor, scanner.laser.wavelength, scanner.dwell, seed
                 )
                 peaks = find_peaks(signal, sensor, scenario.processing, scanner.dwell)
-                yield _Group(light.index.numpy(), light, signal, peaks)
+                yield Group(light.index.numpy(), light, signal, peaks)
 
         return truth, groups()
 

@@ -1,0 +1,169 @@
+"""How fast a range image is made, and how much memory that takes.
+
+Run as ``make bench`` or ``python benchmarks/imaging.py [--size N] [--quick]``. Figures are medians of warm runs on
+the machine at hand; ratios travel better than seconds. The chain is the whole of it but for the pictures: rays,
+light, noise, peaks, ranges and the EXR file. "Bare rays" are the same numbers of primary and shadow rays through the
+same scene with nothing computed from them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shutil
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+ROOT = Path(__file__).resolve().parents[1]
+NODE = ROOT / "configs" / "node_512.yaml"
+COMMAND = shutil.which("scanner-sim", path=str(Path(sys.executable).parent)) or "scanner-sim"
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--size", type=int, default=512, help="rows and columns of the warm image")
+    arguments.add_argument("--quick", action="store_true", help="leave out the cold starts and the large image")
+    chosen = arguments.parse_args()
+    table = Table("figure", "measured", "wanted", title="Imaging on this machine")
+    warm(table, chosen.size)
+    if not chosen.quick:
+        cold(table)
+        large(table)
+    Console().print(table)
+
+
+def warm(table: Table, size: int) -> None:
+    """Whole chain against bare rays, kernels warm."""
+    from scanner_sim import load_scenario, simulate
+    from scanner_sim.products.exr import write_exr
+
+    scenario = load_scenario(NODE, [f"scan.rows={size}", f"scan.columns={size}"])
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "range.exr"
+        image = simulate(scenario)
+        whole = median(lambda: write_exr(target, simulate(scenario), scenario.output.compression))
+        writing = median(lambda: write_exr(target, image, scenario.output.compression))
+    voxels = size * size
+    bench = Rays(scenario)
+    chain = median(bench.chain)
+    bare = median(bench.bare)
+    table.add_row("whole chain with EXR", f"{voxels / whole:,.0f} voxels/s", "≥ 200,000 (aim 500,000)")
+    table.add_row("without loading and EXR", f"{voxels / chain:,.0f} voxels/s", "")
+    table.add_row("writing the EXR", f"{1e3 * writing:.0f} ms", "")
+    table.add_row("shots on edges", f"{100.0 * bench.edge_share:.1f} %", "")
+    table.add_row("bare rays", f"{bench.rays / bare / 1e6:.1f} M rays/s, {bench.rays / voxels:.0f} per voxel", "")
+    table.add_row("whole chain over its bare rays", f"{whole / bare:.2f}", "")
+
+
+class Rays:
+    """The scenario's rays: in the chain, and bare."""
+
+    def __init__(self, scenario: object) -> None:
+        import drjit as dr
+        import mitsuba as mi
+
+        from scanner_sim.render.beamlets import edge_beamlets, smooth_beamlets
+        from scanner_sim.render.shots import true_shots
+        from scanner_sim.render.transport import device_frame, launch
+        from scanner_sim.scan.raster import raster_aim, tiled_order
+        from scanner_sim.simulate import BATCH, Workbench
+
+        self.workbench = Workbench(scenario)  # type: ignore[arg-type]
+        scan, settings = scenario.scan, scenario.transport  # type: ignore[attr-defined]
+        order = tiled_order(scan)
+        self.aims = [raster_aim(scan, order[start : start + BATCH]) for start in range(0, scan.shots, BATCH)]
+        smooth, fine = smooth_beamlets(settings.beamlets), edge_beamlets(settings.edge_beamlets)
+        self.scene = self.workbench.loaded.mitsuba
+        self.batches = []
+        self.rays = edges = 0
+        for aim in self.aims:
+            shots = true_shots(aim, 0.0, 0)
+            _, groups = self.workbench.expose(aim)
+            for group in groups:
+                rough = group.light.clusters.count > 1
+                edges += len(group.index) * rough
+                beamlets = fine if rough else smooth
+                count, k = len(group.index), len(beamlets.weights)
+                lane = dr.arange(mi.UInt32, count * k)
+                own = shots.some(dr.gather(mi.UInt32, mi.UInt32(group.index), lane % count))
+                frame = device_frame(self.workbench.optics, own.theta, own.phi)
+                node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), lane // count) for axis in (0, 1)]
+                beam = launch(self.workbench.optics, frame, node)
+                lens = mi.Point3f(frame.lens)
+                dr.eval(beam, lens)
+                self.batches.append((beam, lens))
+                self.rays += 2 * count * k
+            # Shots on edges went through the few beamlets first.
+        self.rays += 2 * edges * len(smooth.weights)
+        self.edge_share = edges / scan.shots
+
+    def chain(self) -> None:
+        for aim in self.aims:
+            self.workbench.measure(aim)
+
+    def bare(self) -> None:
+        import drjit as dr
+        import mitsuba as mi
+
+        for beam, lens in self.batches:
+            ray = mi.Ray3f(beam.origin, beam.direction)
+            met = self.scene.ray_intersect_preliminary(ray, coherent=True)
+            back = mi.Ray3f(ray(met.t * 0.9999), lens - ray(met.t))
+            back.maxt = 1.0
+            dr.eval(self.scene.ray_test(back, coherent=True, active=met.is_valid()))
+        dr.sync_thread()
+
+
+def cold(table: Table) -> None:
+    """Cold starts of the command line, with an empty kernel cache."""
+    with tempfile.TemporaryDirectory() as home:
+        environment = {**os.environ, "HOME": home, "XDG_CACHE_HOME": home}
+        run = [COMMAND, "run", str(ROOT / "configs" / "quickstart.yaml"), "-o", f"{home}/result"]
+        table.add_row("quickstart, cold, with pictures", f"{seconds(run, environment):.1f} s", "< 30 s")
+    helped = statistics.median(seconds([COMMAND, "--help"], dict(os.environ)) for _ in range(5))
+    table.add_row("scanner-sim --help", f"{helped:.2f} s", "< 0.7 s")
+
+
+def large(table: Table) -> None:
+    """Peak memory of a 2048 × 2048 image."""
+    with tempfile.TemporaryDirectory() as folder:
+        run = [COMMAND, "run", str(NODE), "-o", f"{folder}/result"]
+        run += ["--set", "scan.rows=2048", "--set", "scan.columns=2048"]
+        code = (
+            "import resource, subprocess, sys, time; start = time.perf_counter();"
+            "subprocess.run(sys.argv[1:], check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL);"
+            "print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss, time.perf_counter() - start)"
+        )
+        printed = subprocess.run([sys.executable, "-c", code, *run], check=True, capture_output=True, text=True)
+    kilobytes, took = printed.stdout.split()
+    table.add_row("2048 × 2048, all files: memory", f"{float(kilobytes) / 2**20:.2f} GB", "< 3 GB")
+    table.add_row("2048 × 2048, all files: time", f"{float(took):.1f} s", "")
+
+
+def seconds(command: list[str], environment: dict[str, str]) -> float:
+    start = time.perf_counter()
+    subprocess.run(command, check=True, env=environment, capture_output=True)
+    return time.perf_counter() - start
+
+
+def median(work: Callable[[], object], times: int = 7) -> float:
+    """Median seconds of a few runs after one to warm up."""
+    work()
+    spent = []
+    for _ in range(times):
+        start = time.perf_counter()
+        work()
+        spent.append(time.perf_counter() - start)
+    return statistics.median(spent)
+
+
+if __name__ == "__main__":
+    main()
