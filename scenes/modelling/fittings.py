@@ -6,8 +6,6 @@ that no face of it lies in the surface it stands on. Lengths in metres.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -111,11 +109,6 @@ def cable(points: ArrayLike, radius: float, steps: int = 8, sides: int = 10) -> 
     return tube(np.vstack([*spans, given[-1:]]), radius, sides)
 
 
-def clamp(width: float, radius: float) -> Solid:
-    """Saddle that holds a cable of given radius running along x."""
-    return box(width, 3.2 * radius, -2.3 * radius, SINK, 0.4 * radius)
-
-
 def finned_box(width: float, height: float, depth: float, fins: int) -> tuple[Solid, Solid]:
     """Equipment box and its cooling fins."""
     body = box(width, height, -depth, SINK, 0.02)
@@ -212,7 +205,3 @@ def domed_cover(radius: float, depth: float, ribs: int) -> tuple[Solid, Solid]:
 def around(solid: Solid, count: int, phase: float = 0.0) -> list[Solid]:
     """Copies of a solid turned evenly about z."""
     return [turned(solid, phase + 2.0 * np.pi * number / count) for number in range(count)]
-
-
-def along(solid: Solid, places: Sequence[Sequence[float]]) -> list[Solid]:
-    return [moved(solid, place) for place in places]
