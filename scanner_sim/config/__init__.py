@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from scanner_sim.config.doubts import doubts
-from scanner_sim.config.load import load_scenario
+from scanner_sim.config.load import load_scenario, scenario_from_text
 from scanner_sim.config.resolved import resolved_yaml
 from scanner_sim.config.schema import json_schema
 
-__all__ = ["doubts", "json_schema", "load_scenario", "resolved_yaml"]
+__all__ = ["doubts", "json_schema", "load_scenario", "resolved_yaml", "scenario_from_text"]

@@ -45,11 +45,23 @@ def load_scenario(source: str | Path | Mapping[str, Any], overrides: Sequence[st
         If the scenario has faults; it holds all that could be found, in the order of the file.
     """
     if isinstance(source, Mapping):
-        name, document, context = "scenario", Document(_plain(source)), {}
-    else:
-        path = Path(source)
-        name, document = str(path), read_document(_text(path))
-        context = {**FROM_FILE, "folder": path.absolute().parent}
+        return _load(Document(_plain(source)), "scenario", {}, overrides)
+    path = Path(source)
+    return _load(
+        read_document(_text(path)), str(path), {**FROM_FILE, "folder": path.absolute().parent}, overrides
+    )
+
+
+def scenario_from_text(text: str, *, name: str) -> Scenario:
+    """Load a scenario from YAML as :func:`load_scenario` does; ``name`` says in messages where it came from.
+
+    Relative paths count from the working folder.
+    """
+    return _load(read_document(text), name, FROM_FILE, ())
+
+
+def _load(document: Document, name: str, context: Mapping[str, Any], overrides: Sequence[str]) -> Scenario:
+    """Return the scenario of a document, or raise all of its faults."""
     if not document.readable:
         raise ScenarioError(document.faults, source=name)
     if not isinstance(document.data, dict):
@@ -59,7 +71,7 @@ def load_scenario(source: str | Path | Mapping[str, Any], overrides: Sequence[st
     if (version := _version_fault(document, origins)) is not None:
         raise ScenarioError([version], source=name)
     try:
-        scenario = Scenario.model_validate(document.data, context=context)
+        scenario = Scenario.model_validate(document.data, context=dict(context))
     except ValidationError as error:
         for found in found_by(error, document.data):
             if not any(found.place[: len(place)] == place for place in document.broken):

@@ -1,0 +1,197 @@
+"""The command line ``scanner-sim``: its verbs, their options, and nothing that takes long to load."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from scanner_sim.cli.report import reported
+
+app = typer.Typer(
+    name="scanner-sim",
+    help="Simulate an auto-synchronised 3-D laser scanner, from a YAML scenario to a range image.",
+    epilog="Exit status: 0 done, 1 the run failed, 2 bad input. Begin with: scanner-sim run configs/quickstart.yaml",
+    no_args_is_help=True,
+    rich_markup_mode="markdown",
+    context_settings={"help_option_names": ["-h", "--help"]},
+    pretty_exceptions_enable=False,
+)
+
+
+class DeviceName(StrEnum):
+    """Where to compute."""
+
+    auto = "auto"
+    cpu = "cpu"
+    cuda = "cuda"
+
+
+def _complete_key(incomplete: str) -> list[str]:
+    from scanner_sim.cli.plan import keys
+
+    return [f"{key}=" for key in keys() if key.startswith(incomplete)]
+
+
+Config = Annotated[Path, typer.Argument(metavar="CONFIG", help="Scenario, a YAML file.", show_default=False)]
+Override = Annotated[
+    list[str],
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Replace a value of the scenario, as `scan.rows=64`, `scanner.laser.power='20 mW'` or "
+        "`scene.objects.wall.position='[0 m, 0 m, 8 m]'`. May be repeated.",
+        autocompletion=_complete_key,
+    ),
+]
+Seed = Annotated[
+    int | None, typer.Option(metavar="N", help="Seed of the random numbers.", show_default="the scenario's")
+]
+Device = Annotated[
+    DeviceName, typer.Option(help="Compute on the processor or on an NVIDIA GPU; auto takes the GPU if any.")
+]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+
+
+@app.command()
+def run(
+    config: Config,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder of the result.",
+            show_default="output/ and CONFIG's name",
+        ),
+    ] = None,
+    override: Override = [],  # noqa: B006 (typer reads the default, nothing changes it)
+    seed: Seed = None,
+    device: Device = DeviceName.auto,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and stop.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing result.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a scenario and write its range image, pictures and point cloud.
+
+    Example: `scanner-sim run configs/quickstart.yaml -o output/first --set scan.rows=64`
+
+    The files appear whole or not at all. The same scenario and seed give the same bytes.
+    """
+    with reported():
+        from scanner_sim.cli.running import run_scenario
+
+        run_scenario(
+            config,
+            output or Path("output", config.stem),
+            _overrides(override, seed),
+            device=device.value,
+            dry_run=dry_run,
+            overwrite=overwrite,
+            quiet=quiet,
+        )
+
+
+@app.command()
+def check(config: Config, override: Override = [], seed: Seed = None) -> None:  # noqa: B006 (as above)
+    """Check a scenario: print all of its faults, or the scenario with every default written out.
+
+    Example: `scanner-sim check configs/quickstart.yaml > resolved.yaml`
+
+    The files of the scene are opened too. Warnings go to the standard error stream.
+    """
+    with reported():
+        from scanner_sim.cli.checking import check_scenario
+
+        check_scenario(config, _overrides(override, seed))
+
+
+@app.command()
+def show(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR_OR_EXR", help="Folder of a result, or its range.exr.", show_default=False
+        ),
+    ],
+    voxel: Annotated[
+        tuple[int, int] | None,
+        typer.Option(
+            metavar="ROW COL", help="Draw the line of one voxel, counted from 0.", show_default=False
+        ),
+    ] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="DIR", help="Folder of the pictures.", show_default="beside the EXR"
+        ),
+    ] = None,
+    device: Device = DeviceName.auto,
+) -> None:
+    """Draw the pictures of a result, or explain one of its voxels.
+
+    Example: `scanner-sim show output/quickstart --voxel 128 128`
+
+    A voxel is simulated again from the scenario in the file: the light on the sensor's line, the digitised
+    signal, the detected peak and the truth.
+    """
+    with reported():
+        from scanner_sim.cli.showing import show_result, show_voxel
+
+        if voxel is None:
+            show_result(result, output)
+        else:
+            show_voxel(result, voxel, output, device=device.value)
+
+
+@app.command()
+def info() -> None:
+    """Print versions, the LLVM library, the GPU and the number of threads."""
+    with reported():
+        from scanner_sim.cli.checking import print_info
+
+        print_info()
+
+
+@app.command()
+def schema() -> None:
+    """Print the JSON schema of scenarios, by which editors complete and check them.
+
+    Example: `scanner-sim schema > scenario.schema.json`, and as the first line of a scenario
+    `# yaml-language-server: $schema=scenario.schema.json`
+    """
+    with reported():
+        import json
+
+        from scanner_sim.config import json_schema
+
+        typer.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"scanner-sim {version('scanner-sim')}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+    ] = False,
+) -> None:
+    """Simulate an auto-synchronised 3-D laser scanner, from a YAML scenario to a range image."""
+
+
+def _overrides(override: list[str], seed: int | None) -> list[str]:
+    return override if seed is None else [*override, f"seed={seed}"]
+
+
+def main() -> None:
+    """Run the command line."""
+    app()

@@ -1,0 +1,77 @@
+"""The verbs ``check`` and ``info``."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from scanner_sim.cli.report import warn
+from scanner_sim.cli.tables import print_table
+from scanner_sim.config import doubts, load_scenario, resolved_yaml
+from scanner_sim.errors import InputError
+from scanner_sim.scenario import Scenario
+
+
+def check_scenario(config: Path, overrides: Sequence[str]) -> None:
+    """Print the resolved scenario; the files of its scene are opened to see whether they are sound.
+
+    Raises
+    ------
+    ScannerSimError
+        If the scenario or its files have faults.
+    """
+    scenario = load_scenario(config, overrides)
+    for sentence in doubts(scenario):
+        warn(sentence)
+    _open_scene(scenario)
+    text = resolved_yaml(scenario)
+    if not sys.stdout.isatty():
+        sys.stdout.write(text)
+        return
+    from rich.console import Console
+    from rich.syntax import Syntax
+
+    Console().print(Syntax(text.rstrip(), "yaml", background_color="default", word_wrap=True))
+
+
+def _open_scene(scenario: Scenario) -> None:
+    from scanner_sim.render.device import activate
+
+    try:
+        activate("auto")
+    except InputError as error:
+        warn(f"the files of the scene were not opened, because nothing here can render: {error}")
+        return
+    from scanner_sim.scene.loader import load_scene
+
+    load_scene(scenario.scene)
+
+
+def print_info() -> None:
+    """Print what the program runs on.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to compute on; what is known is printed before.
+    """
+    from scanner_sim.products.provenance import versions
+    from scanner_sim.render.device import activate
+
+    rows = dict(versions())
+    rows["Python"] = f"{platform.python_version()} ({sys.executable})"
+    rows["system"] = f"{platform.system()} {platform.machine()}, {os.cpu_count()} processors"
+    try:
+        device = activate("auto")
+    except InputError:
+        print_table(rows)
+        raise
+    llvm = device.llvm
+    rows["LLVM"] = f"{'.'.join(map(str, llvm.version))} ({llvm.path})" if llvm is not None else "none"
+    rows["GPU"] = device.gpu or "none that is usable"
+    rows["variant"] = device.variant
+    rows["threads"] = str(device.threads)
+    print_table(rows)

@@ -1,0 +1,89 @@
+"""What a run will take: ranges, memory and time, told before it starts."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from scanner_sim.errors import InputError
+from scanner_sim.products.folder import planned_files
+from scanner_sim.scenario import Scenario
+
+START_BYTES = 0.7e9
+"""Memory of the program, its kernels and one batch."""
+VOXEL_BYTES = 300.0
+"""Memory of a voxel: its layers, and what writing and drawing them takes for a while."""
+START_SECONDS = 8.0
+"""Time to load the renderer and to compile the kernels, on two cores."""
+VOXELS_PER_SECOND = 2e5
+"""Voxels simulated and written per second, on two cores."""
+
+
+def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
+    """Return what a run would do, as pairs of a word and a phrase."""
+    scan, scanner = scenario.scan, scenario.scanner
+    far = "infinity" if math.isinf(scanner.farthest_range) else f"{scanner.farthest_range:.4g} m"
+    return {
+        "voxels": f"{scan.rows} rows × {scan.columns} columns = {scan.shots:,}",
+        "field of view": f"Θ {_degrees(scan.horizontal)}, φ {_degrees(scan.vertical)}",
+        "scan takes": f"{scan.shots / scanner.rate:.4g} s on the instrument",
+        "ranges seen": f"{scanner.nearest_range:.4g} m to {far}",
+        "objects": ", ".join(item.name for item in scenario.scene.objects) or "none of their own",
+        "memory": f"about {memory(scenario) / 1e9:.1f} GB",
+        "time": f"about {_seconds(scenario):.0f} s on two processor cores",
+        "folder": str(folder),
+        "files": ", ".join(planned_files(scenario.output)),
+    }
+
+
+def memory(scenario: Scenario) -> float:
+    """Return roughly how much memory a run takes [byte]."""
+    return START_BYTES + VOXEL_BYTES * scenario.scan.shots
+
+
+def check_memory(scenario: Scenario) -> None:
+    """Check that a run fits in the memory that is free.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    free = _free_memory()
+    if free is not None and memory(scenario) > free:
+        raise InputError(
+            f"{scenario.scan.rows} × {scenario.scan.columns} voxels take about {memory(scenario) / 1e9:.1f} GB of "
+            f"memory, and {free / 1e9:.1f} GB are free.",
+            remedy="Reduce scan.rows or scan.columns, or scan in several runs.",
+        )
+
+
+def keys() -> list[str]:
+    """Return the keys that --set can replace, outside of objects, for completion in a shell."""
+    from scanner_sim.config.outline import outline
+
+    return sorted(
+        ".".join(place)
+        for place, slot in outline().items()
+        if place and slot.part is None and not any(step == "*" or step.startswith("(") for step in place)
+    )
+
+
+def _degrees(ends: tuple[float, float]) -> str:
+    return f"{math.degrees(ends[0]):.4g}° to {math.degrees(ends[1]):.4g}°"
+
+
+def _seconds(scenario: Scenario) -> float:
+    bounces = scenario.transport.bounces
+    slower = 1.0 if bounces == 1 else 0.2 * scenario.transport.bounce_paths * (bounces - 1)
+    return START_SECONDS + scenario.scan.shots / VOXELS_PER_SECOND * max(slower, 1.0)
+
+
+def _free_memory() -> float | None:
+    """Return the memory that is free or can be freed [byte]; None where the system does not tell."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    kilobytes = [line.split()[1] for line in lines if line.startswith("MemAvailable:")]
+    return 1024.0 * float(kilobytes[0]) if kilobytes else None
