@@ -21,9 +21,9 @@ from scanner_sim.streams import Stream, generator
 LinePower = Callable[[Any, Any], Any]
 """Power on the line [W] as a function of (pixel, place of the shot)."""
 
-_INVERSION = 10.0
-"""Mean below which Poisson numbers are found by inversion; above, the Cornish-Fisher series is exact to 0.1 %."""
-_LONGEST_SEARCH = 64
+_INVERSION = 40.0
+"""Mean below which Poisson numbers are found by inversion; above, the series is good enough."""
+_LONGEST_SEARCH = 128
 
 
 _BLOCK = 64
@@ -143,7 +143,7 @@ def _read_out(charge: Any, shot_normal: Any, read_normal: Any, sensor: PositionS
 def poisson(mean: Any, normal: Any, least: float = 0.0) -> Any:
     """Return Poisson numbers of the given means, each from one standard normal number.
 
-    Above a mean of 10 the quantile follows from the Cornish-Fisher series to the fourth cumulant (Johnson, Kotz,
+    Above a mean of 40 the quantile follows from the Cornish-Fisher series to the fourth cumulant (Johnson, Kotz,
     Balakrishnan, *Continuous univariate distributions* 1, 1994, sec. 12.5), below by inverting the
     distribution term by term.
 

@@ -86,9 +86,18 @@ def edge_beamlets(count: int) -> Beamlets:
     nodes -= nodes.mean(axis=0)
     nodes = nodes @ np.linalg.inv(np.linalg.cholesky(nodes.T @ nodes / count)).T
     width = min(0.5, 2.0 / math.sqrt(count))
-    return Beamlets(
-        math.sqrt(1.0 - width**2) * nodes, np.full(count, 1.0 / count), width, _disc_points(count)
-    )
+    scaled = math.sqrt(1.0 - width**2) * nodes[_neighbours_first(nodes)]
+    return Beamlets(scaled, np.full(count, 1.0 / count), width, _disc_points(count))
+
+
+def _neighbours_first(points: Array) -> NDArray[np.intp]:
+    """Return an order of points, shape (k, 2), in which neighbours stand together: their rays trace faster."""
+    if len(points) <= 2:
+        return np.arange(len(points))
+    axis = int(np.argmax(np.ptp(points, axis=0)))
+    order = np.argsort(points[:, axis], kind="stable")
+    halves = order[: len(order) // 2], order[len(order) // 2 :]
+    return np.concatenate([half[_neighbours_first(points[half])] for half in halves])
 
 
 def _disc_points(count: int) -> Array:

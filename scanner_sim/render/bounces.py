@@ -65,12 +65,12 @@ def trace_bounces(
     Returns
     -------
     BounceSpots
-        (bounces − 1) · k · n entries; entry (v · k + j) · n + i is surface v + 2 of path j of shot i.
+        n · k · (bounces − 1) entries; entry (i · k + j) · (bounces − 1) + v is surface v + 2 of path j of shot i.
     """
     n = dr.width(shots.number)
     lane = dr.arange(mi.UInt32, n * len(beamlets.weights))
-    path = lane // dr.opaque(mi.UInt32, n)
-    own = shots.some(lane - path * dr.opaque(mi.UInt32, n))
+    shot = lane // len(beamlets.weights)
+    path, own = lane - shot * len(beamlets.weights), shots.some(shot)
     frame = device_frame(bench, own.theta, own.phi)
     node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), path) for axis in (0, 1)]
     stop = [dr.gather(mi.Float, mi.Float(beamlets.aperture[:, axis]), path) for axis in (0, 1)]
@@ -78,7 +78,9 @@ def trace_bounces(
     si = meet(loaded, beam.origin, beam.direction)
     power = dr.gather(mi.Float, mi.Float(beamlets.weights), path) * dr.opaque(mi.Float, bench.laser.power)
     alive = si.is_valid()
-    found = []
+    vertices = bounces - 1
+    size = dr.width(lane) * vertices
+    found = BounceSpots(dr.empty(mi.Float, size), dr.empty(mi.Float, size), dr.empty(mi.Float, size))
     for surface in range(2, bounces + 1):
         random = generator(seed, Stream.BOUNCES, own.number, path * 32 + surface).next_float32x4()
         sample, weight = si.bsdf().sample(
@@ -89,12 +91,13 @@ def trace_bounces(
         ray = si.spawn_ray(si.to_world(sample.wo))
         si = meet(loaded, ray.o, ray.d, alive, coherent=False)
         alive &= si.is_valid()
-        found.append(_seen(loaded, bench, frame, si, stop, power, alive))
-    return BounceSpots(
-        dr.concat([spots.power for spots in found]),
-        dr.concat([spots.position for spots in found]),
-        dr.concat([spots.sigma for spots in found]),
-    )
+        spots = _seen(loaded, bench, frame, si, stop, power, alive)
+        dr.eval(si, power, alive, spots)
+        at = lane * vertices + (surface - 2)
+        dr.scatter(found.power, spots.power, at)
+        dr.scatter(found.position, spots.position, at)
+        dr.scatter(found.sigma, spots.sigma, at)
+    return found
 
 
 def _seen(

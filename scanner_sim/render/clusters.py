@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import drjit as dr
@@ -34,6 +34,7 @@ class Clusters:
     position: Any
     sigma: Any
     shots: int
+    _found_ends: tuple[Any, Any] | None = field(default=None, init=False, repr=False, compare=False)
 
     @property
     def count(self) -> int:
@@ -81,24 +82,42 @@ class Clusters:
         count = self.count
         if count == 1:
             return share(mi.UInt32(0))
+        low, high = (dr.gather(mi.Float, end, place) for end in self._ends())
+        near = (centre > low) & (centre < high)
         return dr.while_loop(
             (mi.UInt32(0), dr.zeros(mi.Float, dr.width(place))),
-            lambda number, total: number < count,
+            lambda number, total: near & (number < count),
             lambda number, total: (number + 1, total + share(number)),
         )[1]
 
+    def _ends(self) -> tuple[Any, Any]:
+        """Return the pixels between which each shot's light lies, shape (m,)."""
+        if self._found_ends is None:
+            shot = dr.arange(mi.UInt32, self.shots)
+            low, high = dr.full(mi.Float, dr.inf, self.shots), dr.full(mi.Float, -dr.inf, self.shots)
+            for number in range(self.count):
+                at = shot + number * self.shots
+                lit = dr.gather(mi.Float, self.amount, at) > 0.0
+                middle = dr.gather(mi.Float, self.position, at)
+                reach = _REACH * math.sqrt(2.0) * dr.gather(mi.Float, self.sigma, at) + 0.5
+                low = dr.select(lit, dr.minimum(low, middle - reach), low)
+                high = dr.select(lit, dr.maximum(high, middle + reach), high)
+            dr.eval(low, high)
+            self._found_ends = low, high
+        return self._found_ends
 
-def cluster(spots: SpotsOfLight, index: Any, stride: int, count: int, clusters: int) -> Clusters:
+
+def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Clusters:
     """Gather each shot's spots into clusters along the line.
 
     Parameters
     ----------
     spots
-        Entry j · stride + index is spot j of a shot.
-    index
-        Places of the m shots in ``spots``, shape (m,).
-    stride, count
-        Layout of ``spots``.
+        Entry i · count + j is spot j of shot i.
+    shot
+        The m shots that are wanted, shape (m,).
+    count
+        Spots of each shot.
     clusters
         Number of clusters c; each covers an equal part of the shot's extent.
 
@@ -107,11 +126,10 @@ def cluster(spots: SpotsOfLight, index: Any, stride: int, count: int, clusters: 
     Clusters
         Power, mean and variance of the spots in each cluster are kept exactly.
     """
-    m = dr.width(index)
-    step = dr.opaque(mi.UInt32, stride)
+    m, first_spot = dr.width(shot), shot * count
 
     def spot(number: Any) -> tuple[Any, Any, Any]:
-        place = index + number * step
+        place = first_spot + number
         return (
             dr.gather(mi.Float, spots.power, place),
             dr.gather(mi.Float, spots.position, place),
@@ -139,19 +157,17 @@ def cluster(spots: SpotsOfLight, index: Any, stride: int, count: int, clusters: 
     _, power, first, second = dr.while_loop(
         (mi.UInt32(0), power, first, second), lambda number, *sums: number < count, add
     )
-    size = clusters * m
-    result = Clusters(dr.empty(mi.Float, size), dr.empty(mi.Float, size), dr.empty(mi.Float, size), m)
+    amounts, positions, sigmas = [], [], []
     for slot in range(clusters):
         total = power.read(mi.UInt32(slot))
         lit = total > 0.0
         mean = dr.select(lit, first.read(mi.UInt32(slot)) / total, 0.0)
         variance = dr.select(lit, second.read(mi.UInt32(slot)) / total - dr.square(mean), 1.0)
-        place = dr.arange(mi.UInt32, m) + slot * m
-        dr.scatter(result.amount, total, place)
-        dr.scatter(result.position, origin + slot * width + mean, place)
-        dr.scatter(result.sigma, dr.sqrt(dr.maximum(variance, _LEAST_VARIANCE)), place)
-    dr.eval(result.amount, result.position, result.sigma)
-    return result
+        amounts.append(total)
+        positions.append(origin + slot * width + mean)
+        sigmas.append(dr.sqrt(dr.maximum(variance, _LEAST_VARIANCE)))
+    dr.eval(amounts, positions, sigmas)
+    return Clusters(dr.concat(amounts), dr.concat(positions), dr.concat(sigmas), m)
 
 
 def _extent(spot: Any, shots: int, count: int) -> tuple[Any, Any]:

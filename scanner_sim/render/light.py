@@ -103,20 +103,20 @@ def render_light(
     beamlets = smooth_beamlets(settings.beamlets)
     spots = trace_spots(loaded, bench, beamlets, shots.theta, shots.phi)
     dr.eval(spots)
-    chief = dr.arange(mi.UInt32, count)
+    chief = dr.arange(mi.UInt32, count) * len(beamlets.weights)
     shape = dr.gather(mi.UInt32, spots.shape, chief)
     truth = Truth(
         dr.gather(mi.Float, spots.distance, chief),
         dr.gather(mi.UInt32, loaded.object_of, shape),
         dr.gather(mi.UInt32, loaded.material_of, shape),
     )
-    edge = _is_edge(loaded, bench, beamlets, spots, chief, count)
+    edge = _is_edge(loaded, bench, beamlets, spots, chief)
     dr.eval(truth, edge)
 
     def groups() -> Iterator[Light]:
         smooth = dr.compress(~edge)
         if dr.width(smooth):
-            clusters = cluster(spots, smooth, count, len(beamlets.weights), 1)
+            clusters = cluster(spots, smooth, len(beamlets.weights), 1)
             direct = Light(smooth, shots.some(smooth).number, clusters)
             yield from _with_bounces(loaded, bench, settings, shots, seed, direct)
         rough = dr.compress(edge)
@@ -124,10 +124,10 @@ def render_light(
         for start in range(0, dr.width(rough), _EDGE_BATCH):
             some = dr.arange(mi.UInt32, start, min(start + _EDGE_BATCH, dr.width(rough)))
             index = dr.gather(mi.UInt32, rough, some)
-            few, own = dr.width(index), shots.some(index)
+            own = shots.some(index)
             many = trace_spots(loaded, bench, fine, own.theta, own.phi)
             dr.eval(index, own, many.power, many.position, many.sigma)
-            clusters = cluster(many, dr.arange(mi.UInt32, few), few, len(fine.weights), _CLUSTERS)
+            clusters = cluster(many, dr.arange(mi.UInt32, dr.width(index)), len(fine.weights), _CLUSTERS)
             direct = Light(index, own.number, clusters)
             yield from _with_bounces(loaded, bench, settings, shots, seed, direct)
 
@@ -155,19 +155,18 @@ def _with_bounces(
         own = shots.some(index)
         spots = trace_bounces(loaded, bench, beamlets, settings.bounces, own, seed)
         dr.eval(index, own, spots)
-        count = dr.width(index)
         points = settings.bounce_paths * vertices
-        late = cluster(spots, dr.arange(mi.UInt32, count), count, points, _BOUNCE_CLUSTERS)
+        late = cluster(spots, dr.arange(mi.UInt32, dr.width(index)), points, _BOUNCE_CLUSTERS)
         yield Light(index, own.number, direct.clusters.part(some).joined(late))
 
 
 def _is_edge(
-    loaded: LoadedScene, bench: Bench, beamlets: Beamlets, spots: Spots, shot: Any, shots: int
+    loaded: LoadedScene, bench: Bench, beamlets: Beamlets, spots: Spots, chief: Any
 ) -> Any:
     """Tell which shots need more beamlets: their beamlets disagree, or leave the chief beamlet's tangent plane."""
 
     def beamlet(values: Any, number: int) -> Any:
-        return dr.gather(type(values), values, shot + number * dr.opaque(mi.UInt32, shots))
+        return dr.gather(type(values), values, chief + number)
 
     material = dr.gather(mi.UInt32, loaded.material_of, beamlet(spots.shape, 0))
     seen, position = beamlet(spots.seen, 0), beamlet(spots.position, 0)

@@ -83,12 +83,12 @@ def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, theta: An
     Returns
     -------
     Spots
-        Arrays of k · n entries; entry j · n + i is beamlet j of shot i.
+        Arrays of n · k entries; entry i · k + j is beamlet j of shot i: neighbours trace alike.
     """
     shots, count = dr.width(theta), len(beamlets.weights)
     lane = dr.arange(mi.UInt32, shots * count)
-    beamlet = lane // dr.opaque(mi.UInt32, shots)
-    shot = lane - beamlet * dr.opaque(mi.UInt32, shots)
+    shot = lane // count
+    beamlet = lane - shot * count
     node = [dr.gather(mi.Float, _table(beamlets.nodes[:, axis]), beamlet) for axis in (0, 1)]
     stop = [dr.gather(mi.Float, _table(beamlets.aperture[:, axis]), beamlet) for axis in (0, 1)]
     weight = dr.gather(mi.Float, _table(beamlets.weights), beamlet)

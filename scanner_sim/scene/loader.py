@@ -261,6 +261,10 @@ def _mitsuba_file(item: MitsubaFile, _: _Materials) -> list[Any]:
     settings.merge_meshes = False
     settings.merge_equivalent = False
     pose = mi.ScalarAffineTransform4d(item.scanner_from_object())
+    own_resolver = mi.file_resolver()
+    beside_file = mi.FileResolver(own_resolver)
+    beside_file.prepend(str(item.file.resolve().parent))
+    mi.set_file_resolver(beside_file)
     try:
         state = mi.parser.parse_file(settings, str(item.file))
         mi.parser.transform_all(settings, state)
@@ -271,6 +275,8 @@ def _mitsuba_file(item: MitsubaFile, _: _Materials) -> list[Any]:
         root = mi.parser.instantiate(settings, state)
     except Exception as error:
         raise InputError(f"the scene '{item.file}' cannot be loaded: {_reason(error)}") from None
+    finally:
+        mi.set_file_resolver(own_resolver)
     if not isinstance(root, mi.Scene) or not root.shapes():
         raise InputError(f"the scene '{item.file}' holds no shapes.")
     return [_checked(shape, item.file) for shape in root.shapes()]

@@ -30,7 +30,7 @@ def spots(device: Device) -> Spots:
     power = random.uniform(0.0, 1.0, (COUNT, SHOTS)) * (random.uniform(size=(COUNT, SHOTS)) > 0.33)
     position = random.uniform(20.0, 60.0, (COUNT, SHOTS))
     sigma = random.uniform(0.8, 1.2, (COUNT, SHOTS))
-    return Spots(*(mi.Float(part.astype(np.float32).ravel()) for part in (power, position, sigma)))
+    return Spots(*(mi.Float(part.astype(np.float32).T.ravel()) for part in (power, position, sigma)))
 
 
 def moments(power: np.ndarray, position: np.ndarray, sigma: np.ndarray) -> np.ndarray:
@@ -47,8 +47,8 @@ def test_moments_are_kept(spots: Spots, clusters: int) -> None:
 
     from scanner_sim.render.clusters import cluster
 
-    found = cluster(spots, dr.arange(mi.UInt32, SHOTS), SHOTS, COUNT, clusters)
-    expected = moments(spots.power.numpy(), spots.position.numpy(), spots.sigma.numpy())
+    found = cluster(spots, dr.arange(mi.UInt32, SHOTS), COUNT, clusters)
+    expected = moments(*(part.numpy().reshape(SHOTS, -1).T for part in (spots.power, spots.position, spots.sigma)))
     actual = moments(found.amount.numpy(), found.position.numpy(), found.sigma.numpy())
     assert found.count == clusters
     np.testing.assert_allclose(actual, expected, rtol=2e-6)
@@ -59,7 +59,7 @@ def test_pixels_share_all_the_light(spots: Spots) -> None:
 
     from scanner_sim.render.clusters import cluster
 
-    found = cluster(spots, dr.arange(mi.UInt32, SHOTS), SHOTS, COUNT, 16)
+    found = cluster(spots, dr.arange(mi.UInt32, SHOTS), COUNT, 16)
     for place in range(SHOTS):
         pixel = dr.arange(mi.UInt32, 80)
         line = found.power(pixel, dr.full(mi.UInt32, place, 80)).numpy().astype(np.float64)
@@ -80,7 +80,7 @@ def test_part_and_join(spots: Spots) -> None:
 
     from scanner_sim.render.clusters import cluster
 
-    found = cluster(spots, dr.arange(mi.UInt32, SHOTS), SHOTS, COUNT, 4)
+    found = cluster(spots, dr.arange(mi.UInt32, SHOTS), COUNT, 4)
     part = found.part(mi.UInt32([4, 1]))
     assert part.shots == 2
     kept = found.amount.numpy().reshape(4, SHOTS)[:, [4, 1]]
@@ -99,7 +99,7 @@ def test_dark_shots_stay_dark(device: Device) -> None:
     from scanner_sim.render.clusters import cluster
 
     dark = Spots(dr.zeros(mi.Float, 6), mi.Float([1, 2, 3, 4, 5, 6]), dr.ones(mi.Float, 6))
-    found = cluster(dark, dr.arange(mi.UInt32, 2), 2, 3, 4)
+    found = cluster(dark, dr.arange(mi.UInt32, 2), 3, 4)
     line = found.power(dr.arange(mi.UInt32, 10), dr.zeros(mi.UInt32, 10)).numpy()
     assert (line == 0.0).all()
     assert np.isfinite(found.position.numpy()).all()
