@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 _SMALLEST, _LARGEST = 960, 2048
 """Dots of the longer side of an image."""
-_SLENDEREST = 12.0
+_SLENDEREST = 8.0
 """Longer over shorter side at which an image is stretched to stay readable."""
 
 

@@ -1,0 +1,190 @@
+"""The output folder: whole or not at all, and nobody else's files."""
+
+from __future__ import annotations
+
+import errno
+import os
+import stat
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim.errors import InputError, RunError
+from scanner_sim.products import folder as room
+from scanner_sim.products.folder import FILES, check_target, planned_files, write_run
+from scanner_sim.products.image import RangeImage
+from scanner_sim.products.settings import Output
+
+BARE = Output(pictures=False)
+
+
+def make_image(seed: int = 0) -> RangeImage:
+    ranges = np.full((3, 4), 9.0 + seed, np.float32)
+    layers = dict.fromkeys(("range_m", "P.X", "P.Y", "P.Z", "Y", "truth.range_m"), ranges)
+    return RangeImage(
+        channels={**layers, "status": np.zeros((3, 4), np.float32)},
+        theta=np.linspace(-0.1, 0.1, 4),
+        phi=np.linspace(-0.1, 0.1, 3),
+        seed=seed,
+        scenario_yaml=f"schema: 1\nseed: {seed}\n",
+    )
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Every file below ``folder``, hidden ones too."""
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def fail_with(error: BaseException) -> Any:
+    def fail(*_: object, **__: object) -> None:
+        raise error
+
+    return fail
+
+
+def test_a_run_writes_what_the_settings_name(tmp_path: Path) -> None:
+    for number, output in enumerate((Output(), BARE, Output(points=False))):
+        files = write_run(make_image(), tmp_path / str(number), output)
+        assert [path.name for path in files] == list(planned_files(output))
+        assert set(content(tmp_path / str(number))) == set(planned_files(output))
+    assert planned_files(Output()) == FILES
+    assert (tmp_path / "0" / "scenario.yaml").read_text() == "schema: 1\nseed: 0\n"
+
+
+def test_the_same_image_gives_the_same_bytes_in_every_file(tmp_path: Path) -> None:
+    for name in "ab":
+        write_run(make_image(), tmp_path / name)
+    assert content(tmp_path / "a") == content(tmp_path / "b")
+
+
+def test_parents_are_made_and_the_folder_is_readable_like_any_other(tmp_path: Path) -> None:
+    write_run(make_image(), tmp_path / "a" / "b" / "c", BARE)
+    (tmp_path / "ordinary").mkdir()
+    modes = {stat.S_IMODE(path.stat().st_mode) for path in (tmp_path / "a/b/c", tmp_path / "ordinary")}
+    assert len(modes) == 1
+
+
+def test_a_result_stays_unless_told_otherwise(tmp_path: Path) -> None:
+    write_run(make_image(1), tmp_path / "out")
+    before = content(tmp_path)
+    for attempt in (
+        lambda: check_target(tmp_path / "out", False),
+        lambda: write_run(make_image(2), tmp_path / "out"),
+    ):
+        with pytest.raises(InputError, match="already holds a result") as error:
+            attempt()
+        assert "--overwrite" in error.value.remedy
+    assert content(tmp_path) == before
+
+
+def test_overwriting_replaces_all_of_ours_and_nothing_else(tmp_path: Path) -> None:
+    """Pictures of the earlier run would contradict the new one; the user's notes are the user's."""
+    write_run(make_image(1), tmp_path / "out")
+    (tmp_path / "out" / "notes.txt").write_text("mine")
+    write_run(make_image(2), tmp_path / "out", BARE, overwrite=True)
+    write_run(make_image(2), tmp_path / "fresh", BARE)
+    assert content(tmp_path / "out") == {**content(tmp_path / "fresh"), "notes.txt": b"mine"}
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["fresh", "out"]
+
+
+def test_an_empty_folder_and_one_with_other_files_are_fine(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    write_run(make_image(), tmp_path, BARE)
+    assert content(tmp_path)["notes.txt"] == b"mine"
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_scenario_of_the_user_is_never_overwritten(tmp_path: Path, overwrite: bool) -> None:
+    """``scanner-sim run scenario.yaml -o .`` must not replace the very file it reads."""
+    (tmp_path / "scenario.yaml").write_text("# my comments\nschema: 1\n")
+    with pytest.raises(InputError, match=r"scenario\.yaml but no range\.exr"):
+        write_run(make_image(), tmp_path, BARE, overwrite=overwrite)
+    assert content(tmp_path) == {"scenario.yaml": b"# my comments\nschema: 1\n"}
+
+
+def test_a_place_that_cannot_be_written_to_is_bad_input_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "file").write_text("")
+    (tmp_path / "nowhere").symlink_to(tmp_path / "missing")
+    (tmp_path / "out" / "range.exr").mkdir(parents=True)
+    for place in ("file", "file/below", "nowhere", "out"):
+        with pytest.raises(InputError, match="folder") as error:
+            check_target(tmp_path / place, True)
+        assert "-o" in error.value.remedy
+    denied = PermissionError(errno.EACCES, "Permission denied")
+    monkeypatch.setattr(tempfile, "TemporaryFile", fail_with(denied))
+    with pytest.raises(InputError, match="cannot be written to: Permission denied"):
+        check_target(tmp_path / "new" / "folder", False)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "nowhere", "out"]
+
+
+def test_the_check_leaves_no_trace(tmp_path: Path) -> None:
+    check_target(tmp_path / "a" / "b", False)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("error", "raised"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), RunError),
+        (OSError(errno.EIO, "Input/output error"), RunError),
+        (KeyboardInterrupt(), KeyboardInterrupt),
+    ],
+)
+@pytest.mark.parametrize("existing", [False, True])
+def test_a_failure_while_writing_changes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, raised: type, existing: bool
+) -> None:
+    target = tmp_path / "deep" / "out"
+    if existing:
+        write_run(make_image(1), target)
+    before, folders = content(tmp_path), sorted(tmp_path.rglob("*"))
+    monkeypatch.setattr(room, "write_ply", fail_with(error))
+    with pytest.raises(raised) as caught:
+        write_run(make_image(2), target, overwrite=True)
+    if isinstance(error, OSError):
+        assert str(target) in str(caught.value)
+        assert (caught.value.exit_status, error.errno == errno.ENOSPC) == (1, "is full" in str(caught.value))
+    assert content(tmp_path) == before
+    assert sorted(tmp_path.rglob("*")) == folders
+
+
+@pytest.mark.parametrize("step", range(len(FILES) + len(planned_files(BARE))))
+@pytest.mark.parametrize("error", [OSError(errno.EIO, "Input/output error"), KeyboardInterrupt()])
+def test_a_failure_while_exchanging_puts_the_old_result_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int, error: BaseException
+) -> None:
+    write_run(make_image(1), tmp_path / "out")
+    before, replace, calls = content(tmp_path), os.replace, iter(range(1000))
+
+    def fails_once(source: Path, target: Path) -> None:
+        if next(calls) == step:
+            raise error
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", fails_once)
+    with pytest.raises((RunError, KeyboardInterrupt)):
+        write_run(make_image(2), tmp_path / "out", BARE, overwrite=True)
+    assert content(tmp_path) == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_old_files_that_cannot_be_put_back_are_not_thrown_away(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    write_run(make_image(1), tmp_path / "out")
+    before, replace, calls = content(tmp_path), os.replace, iter(range(1000))
+
+    def disk_dies(source: Path, target: Path) -> None:
+        if next(calls) >= 4:
+            raise OSError(errno.EIO, "Input/output error")
+        replace(source, target)
+
+    monkeypatch.setattr(os, "replace", disk_dies)
+    with pytest.raises(RunError):
+        write_run(make_image(2), tmp_path / "out", BARE, overwrite=True)
+    assert set(before.values()) <= set(content(tmp_path).values())
