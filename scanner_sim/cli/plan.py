@@ -9,9 +9,9 @@ from scanner_sim.errors import InputError
 from scanner_sim.products.folder import planned_files
 from scanner_sim.scenario import Scenario
 
-START_BYTES = 0.7e9
+START_BYTES = 0.55e9
 """Memory of the program, its kernels and one batch."""
-VOXEL_BYTES = 300.0
+VOXEL_BYTES = 160.0
 """Memory of a voxel: its layers, and what writing and drawing them takes for a while."""
 START_SECONDS = 8.0
 """Time to load the renderer and to compile the kernels, on two cores."""

@@ -5,35 +5,53 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from scanner_sim.config.outline import EACH, outline
 from scanner_sim.scenario import Scenario
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+_MEANINGLESS = ("minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "ge", "gt", "le", "lt")
 
 
 def json_schema() -> dict[str, Any]:
     """Return the JSON schema of scenario files (draft 2020-12).
 
-    It knows keys, choices, units and bounds of plain numbers; what several values must not be together, only
-    loading finds out.
+    It knows keys, choices, units and the bounds of plain numbers; what several values must not be together is
+    found when a scenario is loaded.
     """
-    schema = Scenario.model_json_schema(by_alias=True, mode="validation")
-    schema = {"$schema": DIALECT, "title": "Scanner Sim scenario", **_tidy(schema)}
-    # Editors complain about an unknown key otherwise, when the file names its schema in the document itself.
-    schema["title"] = "Scanner Sim scenario"
-    return schema
+    schema: dict[str, Any] = _tidy(Scenario.model_json_schema(by_alias=True, mode="validation"))
+    _spell_defaults(schema)
+    return {"$schema": DIALECT, **schema, "title": "Scanner Sim scenario"}
 
 
 def _tidy(node: Any) -> Any:
-    """Remove what means nothing to an editor: numeric bounds of texts with units, and reST marks."""
+    """Return a schema without what means nothing to an editor: titles, bounds of texts, marks of reST."""
     if isinstance(node, list):
         return [_tidy(item) for item in node]
     if not isinstance(node, dict):
         return node
-    tidy = {key: _tidy(value) for key, value in node.items()}
+    tidy = {
+        key: _tidy(value) for key, value in node.items() if not (key == "title" and isinstance(value, str))
+    }
     if tidy.get("type") == "string":
-        for bound in ("minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum"):
-            tidy.pop(bound, None)
+        # The values inside are numbers, so pydantic bounds them; in a file they are texts with units.
+        tidy = {key: value for key, value in tidy.items() if key not in _MEANINGLESS}
     if isinstance(tidy.get("description"), str):
         text = re.sub(r":\w+:`~?([^`]*)`", r"\1", tidy["description"]).replace("``", "")
-        tidy["description"] = re.sub(r"[ \n]*\n[ \n]*", " ", text)
+        tidy["description"] = " ".join(text.split())
     return tidy
+
+
+def _spell_defaults(schema: dict[str, Any]) -> None:
+    """Write defaults as a file would spell them: with units."""
+    for place, slot in outline().items():
+        part = outline()[place[:-1]].part if place else None
+        if part is None or slot.field is None:
+            continue
+        node = schema if part is Scenario else schema["$defs"][part.__name__]
+        default = slot.field.default
+        entry = outline().get((*place, EACH))
+        if slot.dimension is not None and isinstance(default, float):
+            node["properties"][place[-1]]["default"] = slot.dimension.format(default)
+        elif entry is not None and entry.dimension is not None and isinstance(default, tuple) and default:
+            node["properties"][place[-1]]["default"] = [entry.dimension.format(item) for item in default]

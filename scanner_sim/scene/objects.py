@@ -7,13 +7,13 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import AfterValidator, Discriminator, Field, Tag
+from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema
 from pydantic_core import PydanticCustomError
 
 from scanner_sim.errors import Fault
 from scanner_sim.frames import pose_matrix, rotation_about
 from scanner_sim.parts import Count, MeshFile, Number, Part, XmlFile
-from scanner_sim.scene.materials import UnknownMaterialError, material
+from scanner_sim.scene.materials import MATERIALS, UnknownMaterialError, material
 from scanner_sim.units import Angle, Length, Ratio
 
 FARTHEST = 1e5
@@ -71,6 +71,9 @@ class Surface(Part):
     """Hemispherical reflectance."""
 
 
+_LIBRARY = WithJsonSchema({"type": "string", "enum": list(MATERIALS)})
+
+
 def _known(name: str) -> str:
     try:
         return material(name).name
@@ -81,7 +84,7 @@ def _known(name: str) -> str:
 
 
 MaterialChoice = Annotated[
-    Annotated[str, AfterValidator(_known), Tag("(word)")] | Annotated[Surface, Tag("(surface)")],
+    Annotated[str, AfterValidator(_known), _LIBRARY, Tag("(word)")] | Annotated[Surface, Tag("(surface)")],
     _spelling("(word)", "(surface)"),
     Field(examples=["z93_white", {"reflectance": 0.5}]),
 ]
