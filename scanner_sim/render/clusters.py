@@ -80,8 +80,6 @@ class Clusters:
             return dr.select(near, 0.5 * amount * (dr.erf(right) - dr.erf(left)), 0.0)
 
         count = self.count
-        if count == 1:
-            return share(mi.UInt32(0))
         low, high = (dr.gather(mi.Float, end, place) for end in self._ends())
         near = (centre > low) & (centre < high)
         return dr.while_loop(

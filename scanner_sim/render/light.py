@@ -31,12 +31,15 @@ _BOUNCE_CLUSTERS = 64
 """Clusters of the light that met several surfaces; it may cover the whole line."""
 _BOUNCE_BATCH = 1 << 22
 """Surface points of random paths that are traced together: bounds the memory."""
-_EDGE_BATCH = 16384
-"""Shots on edges that are traced together: bounds the memory."""
+_FINE_BATCH = 1 << 22
+"""Beamlets that are traced together where there are many: bounds the memory."""
 _BENT = 0.05
 """Departure of a beamlet's image from the tangent plane [pixel] that calls for more beamlets."""
-_UNEVEN = 0.1
+_DIFFERENT = 0.1
 """Relative spread of the returned strength that calls for more beamlets."""
+_STEP = 0.5
+"""The same departure [pixel] that can only be an edge of depth."""
+_SMOOTH, _UNEVEN, _EDGE = 0, 1, 2
 
 
 @dataclass
@@ -110,28 +113,33 @@ def render_light(
         dr.gather(mi.UInt32, loaded.object_of, shape),
         dr.gather(mi.UInt32, loaded.material_of, shape),
     )
-    edge = _is_edge(loaded, bench, beamlets, spots, chief)
-    dr.eval(truth, edge)
+    ground = _ground(loaded, bench, beamlets, spots, chief)
+    dr.eval(truth, ground)
 
     def groups() -> Iterator[Light]:
-        smooth = dr.compress(~edge)
+        smooth = dr.compress(ground == _SMOOTH)
         if dr.width(smooth):
             clusters = cluster(spots, smooth, len(beamlets.weights), 1)
             direct = Light(smooth, shots.some(smooth).number, clusters)
             yield from _with_bounces(loaded, bench, settings, shots, seed, direct)
-        rough = dr.compress(edge)
-        fine = edge_beamlets(settings.edge_beamlets)
-        for start in range(0, dr.width(rough), _EDGE_BATCH):
-            some = dr.arange(mi.UInt32, start, min(start + _EDGE_BATCH, dr.width(rough)))
-            index = dr.gather(mi.UInt32, rough, some)
-            own = shots.some(index)
-            many = trace_spots(loaded, bench, fine, own.theta, own.phi)
-            dr.eval(index, own, many.power, many.position, many.sigma)
-            clusters = cluster(many, dr.arange(mi.UInt32, dr.width(index)), len(fine.weights), _CLUSTERS)
-            direct = Light(index, own.number, clusters)
-            yield from _with_bounces(loaded, bench, settings, shots, seed, direct)
+        for kind, count in ((_UNEVEN, settings.uneven_beamlets), (_EDGE, settings.edge_beamlets)):
+            members = dr.compress(ground == kind)
+            together = max(1, _FINE_BATCH // count)
+            for start in range(0, dr.width(members), together):
+                some = dr.arange(mi.UInt32, start, min(start + together, dr.width(members)))
+                index = dr.gather(mi.UInt32, members, some)
+                clusters = _finely(loaded, bench, edge_beamlets(count), shots.some(index))
+                direct = Light(index, shots.some(index).number, clusters)
+                yield from _with_bounces(loaded, bench, settings, shots, seed, direct)
 
     return truth, groups()
+
+
+def _finely(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, shots: Shots) -> Clusters:
+    """Trace shots again with many beamlets, and keep the shape of their light."""
+    spots = trace_spots(loaded, bench, beamlets, shots.theta, shots.phi)
+    dr.eval(spots.power, spots.position, spots.sigma)
+    return cluster(spots, dr.arange(mi.UInt32, dr.width(shots.number)), len(beamlets.weights), _CLUSTERS)
 
 
 def _with_bounces(
@@ -160,10 +168,12 @@ def _with_bounces(
         yield Light(index, own.number, direct.clusters.part(some).joined(late))
 
 
-def _is_edge(
-    loaded: LoadedScene, bench: Bench, beamlets: Beamlets, spots: Spots, chief: Any
-) -> Any:
-    """Tell which shots need more beamlets: their beamlets disagree, or leave the chief beamlet's tangent plane."""
+def _ground(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, spots: Spots, chief: Any) -> Any:
+    """Tell what each shot's beam meets: smooth ground, uneven ground or an edge.
+
+    Where beamlets disagree on material or visibility there is an edge; where they leave the tangent plane of the
+    chief beamlet, or return unequally, the ground is uneven.
+    """
 
     def beamlet(values: Any, number: int) -> Any:
         return dr.gather(type(values), values, chief + number)
@@ -171,21 +181,20 @@ def _is_edge(
     material = dr.gather(mi.UInt32, loaded.material_of, beamlet(spots.shape, 0))
     seen, position = beamlet(spots.seen, 0), beamlet(spots.position, 0)
     slope_a, slope_b = beamlet(spots.slope_a, 0), beamlet(spots.slope_b, 0)
-    laser = bench.laser
-    twist = (beamlet(spots.distance, 0) - dr.opaque(mi.Float, laser.waist_distance)) / dr.opaque(
-        mi.Float, laser.rayleigh_length
-    )
+    # The beam's ruled lines turn about its axis by atan((z − z₀)/z_R).
+    to_waist = beamlet(spots.distance, 0) - dr.opaque(mi.Float, bench.laser.waist_distance)
+    twist = to_waist / dr.opaque(mi.Float, bench.laser.rayleigh_length)
     cosine = dr.rsqrt(1.0 + dr.square(twist))
     sine = twist * cosine
-    edge = mi.Bool(False)
+    edge, farthest = mi.Bool(False), mi.Float(0.0)
     weakest = strongest = beamlet(spots.strength, 0)
-    for number, (a, b) in enumerate(beamlets.nodes.tolist()):
-        if number == 0:
-            continue
+    for number, (a, b) in enumerate(beamlets.nodes.tolist()[1:], 1):
         edge |= dr.gather(mi.UInt32, loaded.material_of, beamlet(spots.shape, number)) != material
         edge |= beamlet(spots.seen, number) != seen
         flat = position + slope_a * (a * cosine - b * sine) + slope_b * (a * sine + b * cosine)
-        edge |= (seen == 1) & (dr.abs(beamlet(spots.position, number) - flat) > _BENT)
+        farthest = dr.maximum(farthest, dr.abs(beamlet(spots.position, number) - flat))
         strength = beamlet(spots.strength, number)
         weakest, strongest = dr.minimum(weakest, strength), dr.maximum(strongest, strength)
-    return edge | (strongest - weakest > _UNEVEN * strongest)
+    edge |= (seen == 1) & (farthest > _STEP)
+    uneven = (seen == 1) & (farthest > _BENT) | (strongest - weakest > _DIFFERENT * strongest)
+    return dr.select(edge, mi.UInt32(_EDGE), dr.select(uneven, mi.UInt32(_UNEVEN), mi.UInt32(_SMOOTH)))
