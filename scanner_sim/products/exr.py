@@ -113,16 +113,15 @@ def read_range_image(path: str | Path) -> RangeImage:
         return _image(header, layers)
     except (KeyError, ValueError, TypeError, AttributeError) as error:
         raise InputError(
-            f"{path} contradicts itself: {error}.", remedy="Run the scenario again to replace it."
+            f"The header of {path} is damaged ({error}).", remedy="Run the scenario again to replace it."
         ) from None
 
 
 def _attributes(image: RangeImage) -> dict[str, Any]:
     """Return the header's own attributes, by name, in a fixed order."""
-    made_by = dict(image.made_by)
     attributes: dict[str, Any] = {
         "owner": "Scanner Sim",
-        "software": software(made_by),
+        "software": software(image.made_by),
         "comments": (
             "Range image of a simulated laser scanner. Units and meanings stand in unit.* and description.*, "
             "the names behind numbers in legend.*; NaN marks voxels without a range. Frame: x to the right, "
@@ -134,7 +133,7 @@ def _attributes(image: RangeImage) -> dict[str, Any]:
         f"{PREFIX}theta": np.array([image.theta[0], image.theta[-1]]),
         f"{PREFIX}phi": np.array([image.phi[0], image.phi[-1]]),
     }
-    attributes |= {f"{PREFIX}version.{program}": number for program, number in made_by.items()}
+    attributes |= {f"{PREFIX}version.{program}": number for program, number in image.made_by.items()}
     for name in image.channels:
         attributes[f"unit.{name}"] = CHANNEL[name].unit
         attributes[f"description.{name}"] = CHANNEL[name].sentence

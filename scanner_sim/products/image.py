@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.products.provenance import versions
+from scanner_sim.products.provenance import in_order, versions
 from scanner_sim.status import Status
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ class RangeImage:
                 )
         ordered = {name: _closed(self.channels[name]) for name in CHANNEL if name in self.channels}
         object.__setattr__(self, "channels", MappingProxyType(ordered))
-        object.__setattr__(self, "made_by", MappingProxyType(dict(self.made_by)))
+        object.__setattr__(self, "made_by", MappingProxyType(in_order(self.made_by)))
         self._check_codes()
         self._check_marks()
 

@@ -6,6 +6,7 @@ changes from one machine or one hour to the next may enter a file.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 
@@ -26,6 +27,12 @@ def versions() -> dict[str, str]:
     return {program: _version(program) for program in PROGRAMS}
 
 
-def software(made_by: dict[str, str]) -> str:
+def in_order(made_by: Mapping[str, str]) -> dict[str, str]:
+    """Return the versions in one order, whatever order a file kept them in."""
+    later = sorted(program for program in made_by if program not in PROGRAMS)
+    return {program: made_by[program] for program in (*PROGRAMS, *later) if program in made_by}
+
+
+def software(made_by: Mapping[str, str]) -> str:
     """Return one line that names the programs, for the ``software`` entry of a file's header."""
     return ", ".join(f"{program} {number}" for program, number in made_by.items())

@@ -67,7 +67,8 @@ def _truth(image: RangeImage) -> dict[str, Any]:
         if "sigma_range_m" in image:
             sigma = image["sigma_range_m"][known].astype(np.float64)
             stated = sigma > 0.0
-            result["rms_of_error_over_sigma"] = _finite(_rms, error[stated] / sigma[stated])
+            pull = error[stated] / sigma[stated]
+            result["error_over_sigma"] = {"rms": _finite(_rms, pull), **_quantiles(pull)}
     for name, names in (("truth.object", image.objects), ("truth.material", image.materials)):
         if name in image:
             hits = np.bincount(image[name].astype(np.int64).ravel(), minlength=len(names) + 1)

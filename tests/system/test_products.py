@@ -1,0 +1,93 @@
+"""The files of a real run, read by programs that are not ours."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from scanner_sim.config import load_scenario
+from scanner_sim.products.exr import read_range_image
+from scanner_sim.products.folder import FILES, write_run
+from scanner_sim.products.image import CHANNELS, RangeImage
+from scanner_sim.render.device import Device
+from scanner_sim.simulate import simulate
+
+SCENARIO = """\
+schema: 1
+seed: 7
+scanner: {preset: nrc_2000}
+scene:
+  objects:
+    - {name: wall, shape: rectangle, size: [1.2 m, 1.2 m], position: [0.2 m, 0.1 m, 6 m], material: {reflectance: 0.5},
+       rotation: {axis: y, angle: 20 deg}}
+scan: {type: raster, rows: 24, columns: 32, horizontal: [-9 deg, 9 deg], vertical: [-7 deg, 7 deg]}
+"""
+
+
+@pytest.fixture(scope="module")
+def run(device: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[RangeImage, Path]:
+    """An image with a wall in the midst of nothing, and its output folder."""
+    place = tmp_path_factory.mktemp("products")
+    (place / "wall.yaml").write_text(SCENARIO)
+    image = simulate(load_scenario(place / "wall.yaml"), device="cpu")
+    assert 0.1 < image.valid.mean() < 0.9
+    write_run(image, place / "out")
+    return image, place / "out"
+
+
+def test_mitsuba_reads_every_channel_of_the_exr(run: tuple[RangeImage, Path]) -> None:
+    import mitsuba as mi
+
+    image, folder = run
+    bitmap = mi.Bitmap(str(folder / "range.exr"))
+    assert bitmap.component_format() == mi.Struct.Type.Float32
+    names = [bitmap.struct_()[index].name for index in range(bitmap.channel_count())]
+    assert set(names) == {channel.name for channel in CHANNELS}
+    layers = np.array(bitmap)
+    for index, name in enumerate(names):
+        np.testing.assert_array_equal(layers[..., index], image[name], err_msg=name)
+    assert bitmap.metadata()["scannerSim.scenario"] == image.scenario_yaml
+
+
+def test_trimesh_reads_the_points(run: tuple[RangeImage, Path]) -> None:
+    image, folder = run
+    cloud = trimesh.load(folder / "points.ply")
+    np.testing.assert_array_equal(cloud.vertices, image.points())
+    extra = cloud.metadata["_ply_raw"]["vertex"]["data"]
+    np.testing.assert_array_equal(extra["intensity"].ravel(), image["Y"][image.valid])
+    assert set(np.unique(extra["truth_object"])) <= {0, 1}
+
+
+def test_pictures_and_summary_belong_to_the_image(run: tuple[RangeImage, Path]) -> None:
+    image, folder = run
+    assert {path.name for path in folder.iterdir()} == set(FILES)
+    for name in ("range.png", "shaded.png", "signal.png"):
+        with Image.open(folder / name) as picture:
+            picture.verify()
+    found = json.loads((folder / "summary.json").read_text())
+    assert found["valid_share"] == image.valid.mean()
+    assert found["truth"]["voxels_by_object"][1]["name"] == "wall"
+
+
+def test_the_written_scenario_gives_the_same_bytes_again(
+    run: tuple[RangeImage, Path], tmp_path: Path
+) -> None:
+    """Claim: an output folder is enough to repeat its run, bit for bit, in every file."""
+    _, folder = run
+    again = simulate(load_scenario(folder / "scenario.yaml"), device="cpu")
+    write_run(again, tmp_path / "again")
+    for name in FILES:
+        assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
+
+
+def test_the_read_image_is_as_good_as_the_simulated_one(run: tuple[RangeImage, Path], tmp_path: Path) -> None:
+    """Claim: every other file can be made from range.exr alone."""
+    _, folder = run
+    write_run(read_range_image(folder / "range.exr"), tmp_path / "copy")
+    for name in FILES:
+        assert (tmp_path / "copy" / name).read_bytes() == (folder / name).read_bytes(), name
