@@ -44,7 +44,7 @@ class Scanner(Part):
         if self.nearest_range <= self.receiver.baseline:
             end = self.position_sensor.offset + self.position_sensor.length
             yield Fault(
-                "position_sensor",
+                "position_sensor.pixels",
                 f"the array ends at p = {1e3 * end:.4g} mm and sees ranges from {self.nearest_range:.4g} m, "
                 "nearer than the base of "
                 f"{self.receiver.baseline:g} m: such rays do not pass the lens.",

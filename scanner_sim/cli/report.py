@@ -25,9 +25,7 @@ TERMINATED = 143
 @contextlib.contextmanager
 def reported() -> Iterator[None]:
     """Turn exceptions into a message on the standard error stream and an exit status."""
-    with contextlib.suppress(ValueError):
-        # Not in the main thread: then somebody else watches over signals.
-        signal.signal(signal.SIGTERM, _terminate)
+    before = signal.signal(signal.SIGTERM, _terminate)
     try:
         yield
         sys.stdout.flush()
@@ -59,6 +57,8 @@ def reported() -> Iterator[None]:
             f"unexpected {type(error).__name__}: {error}",
             f"This is a fault of the program. Set {DEBUG}=1 to see where it happened, and report it.",
         )
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def warn(sentence: str) -> None:

@@ -212,7 +212,8 @@ def _scalar(node: yaml.Node) -> tuple[bool, Any]:
             case "int":
                 return True, int(text, 0) if text.startswith(("0o", "0x")) else int(text)
             case "float":
-                return True, float(text.replace(".inf", "inf").replace(".nan", "nan").lower().strip("."))
+                word = text.lower()
+                return True, float(word.replace(".", "") if word.endswith(("inf", "nan")) else word)
     except ValueError:
         # Thousands of digits, or a tag that contradicts its text: the text itself is the better answer.
         return True, text

@@ -189,7 +189,7 @@ def _override(document: Document, overrides: Sequence[str], faults: list[Fault])
 
 
 def _put(data: dict[str, Any], steps: list[str], value: Any) -> Place:
-    """Put a value into the data; return its place.
+    """Put a value into the data; return its place, or the place of the first key that had to be made.
 
     Raises
     ------
@@ -198,6 +198,7 @@ def _put(data: dict[str, Any], steps: list[str], value: Any) -> Place:
     """
     inside: Any = data
     place: Place = ()
+    made: Place = ()
     for number, step in enumerate(steps):
         last = number == len(steps) - 1
         if isinstance(inside, list):
@@ -212,10 +213,11 @@ def _put(data: dict[str, Any], steps: list[str], value: Any) -> Place:
                 inside[step] = value
             elif inside.get(step) is None:
                 inside[step] = {}
+                made = made or place
             inside = inside[step]
         else:
             raise ValueError(f"{spell(place)} is {shown(inside)}, which has no keys. Set it as a whole.")
-    return place
+    return made or place
 
 
 def _index(items: list[Any], step: str, place: Place) -> int:

@@ -1,0 +1,303 @@
+"""The command line from outside: verbs, exit statuses, what is printed where, and how a run ends early."""
+
+from __future__ import annotations
+
+import errno
+import importlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner
+
+from scanner_sim import load_scenario, simulate
+from scanner_sim.cli import app
+from scanner_sim.config import resolved_yaml
+from scanner_sim.products.exr import read_range_image
+from scanner_sim.products.folder import FILES
+
+SCENARIO = """\
+schema: 1
+seed: 3
+scene:
+  objects:
+    - {name: wall, shape: rectangle, size: [8 m, 8 m], position: [0 m, 0 m, 9 m], material: grey_reference}
+scan: {type: raster, rows: 6, columns: 8, horizontal: [-2 deg, 2 deg], vertical: [-2 deg, 2 deg]}
+output: {pictures: false}
+"""
+# The package's own attribute of that name is the function.
+FLOW = importlib.import_module("scanner_sim.simulate")
+WRITTEN = {name for name in FILES if not name.endswith(".png")}
+
+pytestmark = pytest.mark.usefixtures("device")
+
+
+@pytest.fixture
+def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "small.yaml"
+    path.write_text(SCENARIO, encoding="utf-8")
+    return path
+
+
+def invoke(*arguments: object) -> Any:
+    return CliRunner().invoke(app, [str(argument) for argument in arguments])
+
+
+def in_a_shell(*arguments: object, **options: Any) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "scanner_sim", *map(str, arguments)]
+    return subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, encoding="utf-8", **options
+    )
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@pytest.mark.parametrize("verb", ["run", "check", "show", "info", "schema"])
+def test_every_verb_explains_itself(verb: str) -> None:
+    result = invoke(verb, "--help")
+    assert result.exit_code == 0
+    assert "Usage" in result.stdout
+    assert verb in invoke("--help").stdout
+
+
+def test_the_version_is_printed() -> None:
+    assert invoke("--version").stdout.startswith("scanner-sim ")
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["nix"], ["run"], ["run", "a.yaml", "--seed", "x"], ["run", "a.yaml", "--device", "tpu"],
+     ["show", "a", "--voxel", "1"]],
+)  # fmt: skip
+def test_wrong_usage_is_bad_input(arguments: list[str]) -> None:
+    assert invoke(*arguments).exit_code == 2
+
+
+def test_run_writes_a_result_beside_its_name(config: Path, tmp_path: Path) -> None:
+    result = invoke("run", config, "--device", "cpu")
+    assert result.exit_code == 0
+    assert {path.name for path in (tmp_path / "output" / "small").iterdir()} == WRITTEN
+    assert "with a range    48 (100 %)" in result.stdout
+    assert result.stderr == ""
+
+
+def test_quiet_is_quiet(config: Path) -> None:
+    result = invoke("run", config, "-q")
+    assert (result.exit_code, result.output) == (0, "")
+
+
+def test_the_resolved_scenario_gives_the_same_bytes(config: Path, tmp_path: Path) -> None:
+    assert invoke("run", config, "-o", "a", "--seed", 5, "--set", "scan.rows=7").exit_code == 0
+    assert invoke("run", "a/scenario.yaml", "-o", "deep/b").exit_code == 0
+    assert content(tmp_path / "a") == content(tmp_path / "deep" / "b")
+    image = read_range_image(tmp_path / "a" / "range.exr")
+    assert (image.seed, image.shape) == (5, (7, 8))
+
+
+def test_python_and_the_command_line_give_the_same_arrays(config: Path, tmp_path: Path) -> None:
+    assert invoke("run", config, "-o", "a").exit_code == 0
+    written = read_range_image(tmp_path / "a" / "range.exr")
+    image = simulate(load_scenario(config))
+    assert {name: layer.tobytes() for name, layer in image.channels.items()} == {
+        name: layer.tobytes() for name, layer in written.channels.items()
+    }
+
+
+def test_an_existing_result_stays_unless_it_may_be_replaced(config: Path, tmp_path: Path) -> None:
+    assert invoke("run", config, "-o", "a").exit_code == 0
+    (tmp_path / "a" / "notes.txt").write_text("mine")
+    before = content(tmp_path / "a")
+    result = invoke("run", config, "-o", "a", "--seed", 9)
+    assert result.exit_code == 2
+    assert "already holds a result" in result.stderr
+    assert "--overwrite" in result.stderr
+    assert content(tmp_path / "a") == before
+    assert invoke("run", config, "-o", "a", "--seed", 9, "--overwrite").exit_code == 0
+    after = content(tmp_path / "a")
+    assert after["range.exr"] != before["range.exr"]
+    assert after["notes.txt"] == b"mine"
+
+
+def test_a_dry_run_tells_and_does_nothing(config: Path, tmp_path: Path) -> None:
+    result = invoke("run", config, "--dry-run")
+    assert result.exit_code == 0
+    for words in ("6 rows × 8 columns = 48", "1.563 m to infinity", "memory", "range.exr", "small"):
+        assert words in result.stdout
+    assert list(tmp_path.iterdir()) == [config]
+
+
+def test_check_prints_the_resolved_scenario(config: Path) -> None:
+    result = invoke("check", config, "--set", "scan.rows=9")
+    assert result.exit_code == 0
+    assert result.stdout == resolved_yaml(load_scenario(config, ["scan.rows=9"]))
+    assert result.stderr == ""
+
+
+def test_check_warns_of_what_makes_little_sense(config: Path) -> None:
+    result = invoke("check", config, "--set", "processing.threshold=0")
+    assert result.exit_code == 0
+    assert "warning: processing.threshold" in result.stderr
+
+
+def test_schema_prints_json() -> None:
+    assert json.loads(invoke("schema").stdout)["title"] == "Scanner Sim scenario"
+
+
+def test_info_names_what_it_runs_on() -> None:
+    result = invoke("info")
+    assert result.exit_code == 0
+    for word in ("scanner-sim", "mitsuba", "LLVM", "GPU", "threads", "Python"):
+        assert word in result.stdout
+
+
+def test_show_draws_a_result_and_explains_a_voxel(config: Path, tmp_path: Path) -> None:
+    assert invoke("run", config, "-o", "a").exit_code == 0
+    assert invoke("show", "a").exit_code == 0
+    assert {path.name for path in (tmp_path / "a").iterdir()} == set(FILES)
+    result = invoke("show", "a/range.exr", "--voxel", 2, 3, "-o", "pictures")
+    assert result.exit_code == 0
+    assert (tmp_path / "pictures" / "voxel_2_3.png").stat().st_size > 5000
+    image = read_range_image(tmp_path / "a" / "range.exr")
+    assert f"{image['range_m'][2, 3]:.5f} ±" in result.stdout
+    assert f"{image['peak_px'][2, 3]:.4f} ±" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["show", "nowhere"], "There is no result"),
+        (["show", "small.yaml"], "small.yaml"),
+        (["show", "a", "--voxel", "6", "0"], "outside of the 6 × 8 raster"),
+        (["show", "a", "--voxel", "0", "-1"], "outside of the 6 × 8 raster"),
+        (["show", "a", "-o", "small.yaml/x"], "small.yaml"),
+    ],
+)
+def test_show_refuses_what_it_cannot_show(config: Path, arguments: list[str], words: str) -> None:
+    assert invoke("run", config, "-o", "a").exit_code == 0
+    result = invoke(*arguments)
+    assert result.exit_code in (1, 2)
+    assert words in result.stderr
+    assert "Traceback" not in result.output
+
+
+def test_a_full_disk_leaves_nothing_half_written(
+    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert invoke("run", config, "-o", "a").exit_code == 0
+    before = content(tmp_path / "a")
+
+    def fail(path: Path, image: object) -> None:
+        path.write_bytes(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr("scanner_sim.products.folder.write_ply", fail)
+    for folder in ("a", "new"):
+        result = invoke("run", config, "-o", folder, "--overwrite")
+        assert result.exit_code == 1
+        assert "is full" in result.stderr
+        assert "Make room" in result.stderr
+    assert content(tmp_path / "a") == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a", "small.yaml"]
+
+
+@pytest.mark.parametrize(
+    ("folder", "words"), [("small.yaml", "is not a folder"), ("small.yaml/deep", "small.yaml"), ("/proc/x", "/proc/x")]
+)  # fmt: skip
+def test_an_unwritable_folder_is_refused_before_the_work(
+    config: Path, folder: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if folder.startswith("/proc") and sys.platform != "linux":
+        pytest.skip("only Linux has a folder that nobody may write to")
+    monkeypatch.setattr(FLOW, "simulate", lambda *_, **__: pytest.fail("the work began"))
+    result = invoke("run", config, "-o", folder)
+    assert result.exit_code == 2
+    assert words in result.stderr
+    assert "Traceback" not in result.output
+
+
+def test_an_image_larger_than_the_memory_is_refused(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("scanner_sim.cli.plan._free_memory", lambda: 1e9)
+    result = invoke("run", config, "--set", "scan.rows=8192", "--set", "scan.columns=8192")
+    assert result.exit_code == 2
+    assert "GB are free" in result.stderr
+    assert "Reduce scan.rows" in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("raised", "status", "words"),
+    [
+        (KeyboardInterrupt(), 130, "stopped: interrupted; nothing was written."),
+        (MemoryError(), 1, "memory is exhausted"),
+        (RuntimeError("strange"), 1, "unexpected RuntimeError: strange\nThis is a fault of the program."),
+    ],
+)
+def test_an_early_end_is_one_message(
+    config: Path,
+    tmp_path: Path,
+    raised: BaseException,
+    status: int,
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise raised
+
+    monkeypatch.setattr("scanner_sim.products.folder.write_ply", fail)
+    result = invoke("run", config, "-o", "a")
+    assert result.exit_code == status
+    assert words in result.stderr
+    assert "Traceback" not in result.output
+    assert list(tmp_path.iterdir()) == [config]
+
+
+def test_a_traceback_can_be_asked_for(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise RuntimeError("strange")
+
+    monkeypatch.setattr(FLOW, "simulate", fail)
+    monkeypatch.setenv("SCANNER_SIM_DEBUG", "1")
+    assert isinstance(invoke("run", config).exception, RuntimeError)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_a_run_cleanly(
+    config: Path, tmp_path: Path, number: signal.Signals, status: int
+) -> None:
+    process = in_a_shell("run", config, "--set", "scan.rows=8192", "--set", "scan.columns=1024", "-o", "a")
+    time.sleep(4.0)
+    process.send_signal(number)
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == status, errors
+    assert "Traceback" not in errors
+    assert list(tmp_path.iterdir()) == [config]
+
+
+@pytest.mark.slow
+def test_a_reader_that_leaves_is_no_error() -> None:
+    with in_a_shell("schema") as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        assert process.stderr.read() == ""
+    assert process.returncode == 0
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="the system has no /dev/full")
+def test_a_full_output_stream_is_one_message() -> None:
+    with open("/dev/full", "w") as full:
+        process = subprocess.run(
+            [sys.executable, "-m", "scanner_sim", "schema"], stdout=full, stderr=subprocess.PIPE, text=True
+        )
+    assert process.returncode == 1
+    assert process.stderr == "error: No space left on device.\nMake room on the disk.\n"

@@ -1,0 +1,61 @@
+"""Every shipped scenario runs through the command line, and says where its schema is."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from scanner_sim import load_scenario
+from scanner_sim.cli import app
+from scanner_sim.config import doubts, json_schema
+from scanner_sim.products.exr import read_range_image
+from scanner_sim.products.folder import FILES
+
+CONFIGS = sorted((Path(__file__).resolve().parents[2] / "configs").glob("*.yaml"))
+SIZE = 24
+
+pytestmark = pytest.mark.usefixtures("device")
+
+
+def test_all_of_them_are_here() -> None:
+    assert {path.stem for path in CONFIGS} >= {
+        "quickstart", "node_512", "node_near", "target_board", "plane", "tilted_plane", "step", "sphere",
+        "own_mesh", "empty",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_it_runs(path: Path, tmp_path: Path) -> None:
+    arguments = ["run", str(path), "-o", str(tmp_path / "out"), "--device", "cpu"]
+    arguments += ["--set", f"scan.rows={SIZE}", "--set", f"scan.columns={SIZE}"]
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 0, result.output
+    assert {item.name for item in (tmp_path / "out").iterdir()} == set(FILES)
+    image = read_range_image(tmp_path / "out" / "range.exr")
+    assert image.shape == (SIZE, SIZE)
+    if path.stem == "empty":
+        assert not image.valid.any()
+        assert "nothing was hit" in result.stderr
+        return
+    # Meant to be looked at: most of the picture has a return, and the measured ranges are the true ones.
+    assert image.valid.mean() > 0.15
+    error = np.abs(image["range_m"] - image["truth.range_m"])[image.valid]
+    assert np.nanmedian(error) < 0.005
+    assert not result.stderr
+
+
+@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+def test_it_names_its_schema_and_raises_no_doubts(path: Path) -> None:
+    assert path.read_text(encoding="utf-8").startswith(
+        "# yaml-language-server: $schema=scenario.schema.json\n"
+    )
+    assert path.stem == "empty" or not doubts(load_scenario(path))
+
+
+def test_the_shipped_schema_is_the_generated_one(repo_root: Path) -> None:
+    shipped = json.loads((repo_root / "configs" / "scenario.schema.json").read_text(encoding="utf-8"))
+    assert shipped == json_schema(), "run: scanner-sim schema > configs/scenario.schema.json"
