@@ -1,0 +1,100 @@
+"""The same scenario gives the same bytes, however the work is split."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import drjit as dr
+import numpy as np
+import pytest
+
+from scanner_sim import load_scenario, simulate
+from scanner_sim.products.image import RangeImage
+from scanner_sim.render.device import Device
+from scanner_sim.scenario import Scenario
+from scanner_sim.simulate import Workbench, simulate_voxel
+
+SIZE = ["scan.rows=40", "scan.columns=50"]
+
+
+@pytest.fixture(scope="module")
+def scenario(repo_root: Path) -> Scenario:
+    """The module with relief, edges and two bounces, so that every path through the program is taken."""
+    return load_scenario(repo_root / "configs" / "node_512.yaml", [*SIZE, "transport.bounces=2"])
+
+
+@pytest.fixture(scope="module")
+def image(device: Device, scenario: Scenario) -> RangeImage:
+    return simulate(scenario, device="cpu")
+
+
+@pytest.fixture
+def threads_restored(device: Device) -> Iterator[None]:
+    before = dr.thread_count()
+    yield
+    dr.set_thread_count(before)
+
+
+def same(one: RangeImage, other: RangeImage) -> bool:
+    return one.channels.keys() == other.channels.keys() and all(
+        one[name].tobytes() == other[name].tobytes() for name in one.channels
+    )
+
+
+@pytest.mark.parametrize("batch", [97, 1000, 5000])
+def test_any_batch_size(scenario: Scenario, image: RangeImage, batch: int) -> None:
+    assert same(simulate(scenario, device="cpu", batch=batch), image)
+
+
+def test_one_shot_at_a_time(scenario: Scenario) -> None:
+    few = scenario.model_copy(update={"scan": scenario.scan.model_copy(update={"rows": 3, "columns": 3})})
+    assert same(simulate(few, device="cpu", batch=1), simulate(few, device="cpu"))
+
+
+@pytest.mark.parametrize("threads", [1, 2, 3])
+def test_any_number_of_threads(
+    scenario: Scenario, image: RangeImage, threads: int, threads_restored: None
+) -> None:
+    assert same(simulate(scenario, device="cpu", threads=threads), image)
+
+
+def test_another_process(scenario: Scenario, image: RangeImage, repo_root: Path, tmp_path: Path) -> None:
+    script = (
+        "import sys; from scanner_sim import load_scenario, simulate\n"
+        f"image = simulate(load_scenario(sys.argv[1], {[*SIZE, 'transport.bounces=2']!r}), device='cpu')\n"
+        "open(sys.argv[2], 'wb').write(b''.join(image[name].tobytes() for name in image.channels))"
+    )
+    target = tmp_path / "bytes"
+    config = repo_root / "configs" / "node_512.yaml"
+    subprocess.run([sys.executable, "-c", script, str(config), str(target)], check=True)
+    assert target.read_bytes() == b"".join(image[name].tobytes() for name in image.channels)
+
+
+def test_another_seed_gives_other_noise_of_the_same_truth(scenario: Scenario, image: RangeImage) -> None:
+    other = simulate(scenario.model_copy(update={"seed": scenario.seed + 1}), device="cpu")
+    assert not same(other, image)
+    both = (other["truth.object"] > 0) & (image["truth.object"] > 0)
+    # The mirrors' jitter belongs to the seed: the chief rays differ by microradians.
+    assert np.nanmedian(np.abs(other["truth.range_m"] - image["truth.range_m"])[both]) < 1e-3
+
+
+def test_a_voxel_alone_is_the_voxel_of_the_image(scenario: Scenario, image: RangeImage) -> None:
+    for row, column in ((0, 0), (20, 25), (39, 49), (17, 31)):
+        record = simulate_voxel(scenario, row, column, device="cpu")
+        assert float(record.status) == image["status"][row, column]
+        np.testing.assert_array_equal(np.float32(record.peak_px), image["peak_px"][row, column])
+        np.testing.assert_array_equal(np.float32(record.range_m), image["range_m"][row, column])
+
+
+def test_an_instrument_can_be_used_again(scenario: Scenario, image: RangeImage) -> None:
+    from scanner_sim.scan.raster import raster_aim, tiled_order
+
+    bench = Workbench(scenario, device="cpu")
+    aim = raster_aim(scenario.scan, tiled_order(scenario.scan))
+    for _ in range(2):
+        layers = bench.measure(aim)
+        order = np.argsort(aim.shot)
+        np.testing.assert_array_equal(layers["range_m"][order].astype(np.float32), image["range_m"].ravel())
