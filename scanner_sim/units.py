@@ -111,7 +111,8 @@ class Dimension:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise self._error("quantity", "this is not a number with a unit")
         required = isinstance(info.context, dict) and info.context.get("units") == "required"
-        if required and self.unit != "1":
+        # What is not finite is refused as such afterwards.
+        if required and self.unit != "1" and abs(value) < math.inf:
             raise self._error("unit_missing", f"{value!r} has no unit")
         try:
             return float(value)

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from scanner_sim.cli.report import warn
+from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.tables import print_table
 from scanner_sim.config import doubts, load_scenario, resolved_yaml
 from scanner_sim.errors import InputError
@@ -26,7 +26,8 @@ def check_scenario(config: Path, overrides: Sequence[str]) -> None:
     scenario = load_scenario(config, overrides)
     for sentence in doubts(scenario):
         warn(sentence)
-    _open_scene(scenario)
+    with scenario_of(config):
+        _open_scene(scenario)
     text = resolved_yaml(scenario)
     if not sys.stdout.isatty():
         sys.stdout.write(text)

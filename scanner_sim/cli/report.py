@@ -8,12 +8,13 @@ import os
 import signal
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
 import typer
 
-from scanner_sim.errors import ScannerSimError
+from scanner_sim.errors import ScannerSimError, ScenarioError
 
 DEBUG = "SCANNER_SIM_DEBUG"
 """Environment variable that shows the traceback of an unexpected error."""
@@ -59,6 +60,15 @@ def reported() -> Iterator[None]:
         )
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@contextlib.contextmanager
+def scenario_of(config: Path) -> Iterator[None]:
+    """Name the file of the scenario in faults that are found later, when the files of its scene are opened."""
+    try:
+        yield
+    except ScenarioError as error:
+        raise ScenarioError(error.faults, source=str(config)) from None
 
 
 def warn(sentence: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import Console
 
 from scanner_sim.cli.plan import check_memory, plan
-from scanner_sim.cli.report import warn
+from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.tables import print_table
 from scanner_sim.config import doubts, load_scenario
 from scanner_sim.products.folder import check_target, write_run
@@ -50,7 +50,8 @@ def run_scenario(
     from scanner_sim.simulate import simulate
 
     with _progress(quiet) as (advance, say):
-        image = simulate(scenario, device=device, progress=advance)
+        with scenario_of(config):
+            image = simulate(scenario, device=device, progress=advance)
         say("writing")
         paths = write_run(image, folder, scenario.output, overwrite=overwrite)
     if not quiet:

@@ -301,3 +301,13 @@ def test_a_full_output_stream_is_one_message() -> None:
         )
     assert process.returncode == 1
     assert process.stderr == "error: No space left on device.\nMake room on the disk.\n"
+
+
+def test_help_loads_nothing_that_takes_long() -> None:
+    """What makes ``scanner-sim --help`` quick, without a clock: none of the slow libraries is loaded for it."""
+    code = (
+        "import sys; from scanner_sim.cli import app; app(['--help'], standalone_mode=False); "
+        "sys.exit(str({'numpy', 'pydantic', 'yaml', 'pint', 'mitsuba', 'drjit', 'matplotlib'} & sys.modules.keys()))"
+    )
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert process.stderr.strip() == "set()"
