@@ -1,0 +1,50 @@
+"""The README keeps its promises: its examples run, its tables are complete, its links lead somewhere."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import scanner_sim
+from scanner_sim.config import scenario_from_text
+from scanner_sim.products.folder import FILES
+from scanner_sim.products.image import CHANNELS
+
+PACKAGE_HOME = Path(scanner_sim.__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def readme(repo_root: Path) -> str:
+    return (repo_root / "README.md").read_text(encoding="utf-8")
+
+
+def block(readme: str, language: str) -> str:
+    (found,) = re.findall(rf"```{language}\n(.*?)```", readme, flags=re.DOTALL)
+    return found
+
+
+def test_the_yaml_and_the_python_example_are_the_same_and_run(
+    readme: str, device: object, capsys: pytest.CaptureFixture[str]
+) -> None:
+    names: dict[str, Any] = {}
+    exec(block(readme, "python"), names)
+    assert names["scenario"] == scenario_from_text(block(readme, "yaml"), name="README.md")
+    assert "64 rows × 64 columns" in capsys.readouterr().out
+    assert names["dataset"]["range_m"].attrs["units"] == "m"
+
+
+def test_every_channel_file_and_scenario_is_listed(readme: str, repo_root: Path) -> None:
+    scenarios = {path.name for path in (repo_root / "configs").glob("*.yaml")}
+    wanted = {channel.name for channel in CHANNELS} | set(FILES) | scenarios
+    assert not {name for name in wanted if f"`{name}`" not in readme}
+
+
+def test_links_lead_somewhere(readme: str, repo_root: Path) -> None:
+    links = [link for link in re.findall(r"\]\(([^)]+)\)", readme) if "://" not in link]
+    assert links
+    # The package may be installed elsewhere, without the repository around it.
+    homes = {link: PACKAGE_HOME if link.startswith("scanner_sim/") else repo_root for link in links}
+    assert not [link for link, home in homes.items() if not (home / link).exists()]
