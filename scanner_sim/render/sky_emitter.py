@@ -54,7 +54,7 @@ def register_orbit_sky() -> type:
 def _emitter_class() -> type:
     """Return the plugin for the present variant, whose types its base class fixes."""
 
-    class OrbitSky(mi.Emitter):  # type: ignore[misc,name-defined]
+    class OrbitSky(mi.Emitter):
         """Sun and Earth as one environment emitter; see the module."""
 
         def __init__(self, props: Any) -> None:
@@ -92,7 +92,7 @@ def _emitter_class() -> type:
                 for name in ("earth_direction", "earth_altitude", "earth_radius"):
                     cb.put(name, getattr(self, name), mi.ParamFlags.NonDifferentiable)
 
-        def parameters_changed(self, keys: Any = ()) -> None:
+        def parameters_changed(self, keys: Any = ()) -> None:  # noqa: ARG002
             """Follow changed parameters."""
             self._prepare()
 
@@ -119,32 +119,27 @@ def _emitter_class() -> type:
             u = mi.Point2f(stretched, sample.y)
             direction = dr.select(to_sun, sample_sun(self.light, u)[0], sample_earth(self.light, u)[0])
             density = self._density(direction)
-            ds = mi.DirectionSample3f(
-                p=it.p + direction * self.distance,
-                n=mi.Normal3f(-direction),
-                uv=mi.Point2f(0.0),
-                time=it.time,
-                pdf=dr.select(active, density, 0.0),
-                delta=False,
-                d=direction,
-                dist=self.distance,
-                emitter=mi.EmitterPtr(self),
-            )
+            ds: Any = mi.DirectionSample3f()
+            ds.p = it.p + direction * self.distance
+            ds.n = mi.Normal3f(-direction)
+            ds.uv = mi.Point2f(0.0)
+            ds.time = it.time
+            ds.pdf = dr.select(active, density, 0.0)
+            ds.delta = False
+            ds.d = direction
+            ds.dist = self.distance
+            ds.emitter = mi.EmitterPtr(self)
             valid = active & (density > 0.0)
             weight = dr.select(valid, self._radiance(direction) / dr.maximum(density, 1e-12), 0.0)
             return ds, mi.Spectrum(weight)
 
-        def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:  # noqa: ARG002
             """Return the density of a direction under ``sample_direction``."""
             return dr.select(active, self._density(ds.d), 0.0)
 
-        def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:
+        def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:  # noqa: ARG002
             """Return the radiance from a direction, not divided by its density."""
             return mi.Spectrum(self._radiance(ds.d)) & active
-
-        def sample_wavelengths(self, si: Any, sample: Any, active: Any = True) -> Any:
-            """Return no wavelengths: the light is grey."""
-            return mi.Color0f(), self.eval(si, active)
 
         def sample_ray(self, *_: Any) -> Any:
             """Refuse: rays from the sky need the size of the scene, of which a Python plugin is not told."""
