@@ -10,8 +10,9 @@ from pydantic import Field
 from scanner_sim.detector.position_sensor import PositionSensor
 from scanner_sim.errors import Fault
 from scanner_sim.optics.deflection import Mirrors
+from scanner_sim.optics.filter import BandpassFilter, FilterChoice
 from scanner_sim.optics.laser import Laser
-from scanner_sim.optics.receiver import BandpassFilter, Receiver
+from scanner_sim.optics.receiver import Receiver
 from scanner_sim.parts import Part
 from scanner_sim.units import Frequency
 
@@ -32,8 +33,8 @@ class Scanner(Part):
     """The deflection."""
     receiver: Receiver = Receiver()
     """The receiving lens."""
-    filter: BandpassFilter = BandpassFilter()
-    """The interference filter."""
+    filter: FilterChoice = BandpassFilter()
+    """The interference filter, or ``none``."""
     position_sensor: PositionSensor = PositionSensor()
     """The line sensor of the triangulation."""
     rate: Frequency = Field(default=20e3, ge=1e-3, le=1e9)

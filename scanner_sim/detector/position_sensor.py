@@ -28,7 +28,9 @@ class PositionSensor(Part):
     offset: Length = Field(default=0.0, ge=0.0, le=1.0)
     """Position p of the array's far end: 0 shows everything out to infinity."""
     quantum_efficiency: Ratio = Field(default=0.8, gt=0.0, le=1.0)
-    """Electrons per photon at the laser's wavelength."""
+    """Electrons per photon, at every wavelength of the response."""
+    response: tuple[Length, Length] = Field(default=(0.9e-6, 1.7e-6), examples=[["0.9 um", "1.7 um"]])
+    """Shortest and longest wavelength that frees electrons; the default is that of InGaAs."""
     full_well: Electrons = Field(default=5e7, ge=1.0, le=1e15)
     """Charge at which a pixel saturates."""
     read_noise: Electrons = Field(default=1000.0, ge=0.0, le=1e12)
@@ -47,7 +49,11 @@ class PositionSensor(Part):
     """A switch for every term."""
 
     def contradictions(self) -> Iterator[Fault]:
-        """Yield a bias that eats up the converter."""
+        """Yield a response that does not ascend and a bias that eats up the converter."""
+        if not 0.0 < self.response[0] < self.response[1]:
+            yield Fault(
+                "response", "the wavelengths must ascend from above 0 m.", "Write [shortest, longest]."
+            )
         if self.bias > self.largest_number // 2:
             yield Fault(
                 "bias",

@@ -1,4 +1,4 @@
-"""The receiver: a lens that is kept parallel to the beam by the shared mirror, and its filter."""
+"""The receiver: a lens that is kept parallel to the beam by the shared mirror."""
 
 from __future__ import annotations
 
@@ -44,10 +44,3 @@ class Receiver(Part):
     def aperture_area(self) -> float:
         """Area of the aperture [m²]."""
         return math.pi / 4.0 * self.aperture**2
-
-
-class BandpassFilter(Part):
-    """The interference filter in front of the sensor."""
-
-    transmission: Ratio = Field(default=1.0, gt=0.0, le=1.0)
-    """Transmission at the laser's wavelength."""

@@ -7,13 +7,20 @@ Refraction would widen the penumbra of a low orbit by some seconds of time.
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.units import Dimension
+
 EARTH_RADIUS: Final = 6_371_008.8
 """Mean radius of the Earth [m] (IUGG: Moritz, *Geodetic Reference System 1980*, J. Geodesy 74, 2000)."""
+DEFAULT_ALTITUDE: Final = 400e3
+"""Altitude [m] where nothing else says it: the Space Station's."""
+
+Distance = Annotated[float, Dimension("m", ("400 km",), ("km",))]
+"""A length of the sky, in kilometres where it is written back."""
 
 
 def earth_angular_radius(altitude: float) -> float:

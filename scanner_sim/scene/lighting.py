@@ -5,23 +5,26 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from scanner_sim.errors import Fault
 from scanner_sim.parts import Number, Part
-from scanner_sim.scene import orbit as orbits
-from scanner_sim.scene.earth import EARTH_RADIUS, angle_between, earth_angular_radius, visible_share
-from scanner_sim.scene.objects import Turns
-from scanner_sim.units import Angle, Dimension, Ratio
+from scanner_sim.scene.earth import (
+    DEFAULT_ALTITUDE,
+    EARTH_RADIUS,
+    Distance,
+    angle_between,
+    earth_angular_radius,
+    visible_share,
+)
+from scanner_sim.scene.elements import elements_period, sun_from_elements
+from scanner_sim.scene.orbit import AXES, Orbit, TwoLineElements, period, sun_from_anomaly
+from scanner_sim.units import Dimension, Ratio
 
-DEFAULT_ALTITUDE = 400e3
-"""Altitude [m] where nothing else says it: the Space Station's."""
 _EXCESS = "it follows from the orbit already."
 
 
@@ -35,26 +38,8 @@ class _Kelvin(Dimension):
 
 
 Temperature = Annotated[float, _Kelvin("K", ("5770 K",))]
-Distance = Annotated[float, Dimension("m", ("400 km",), ("km",))]
 Direction = Annotated[tuple[Number, Number, Number], Field(examples=[[0.3, -0.8, -0.5]])]
 """A vector of any length but zero."""
-Axis = Literal["ram", "wake", "zenith", "nadir", "port", "starboard"]
-
-
-def _utc(value: object) -> datetime:
-    """Return a time of the scenario as an aware datetime."""
-    try:
-        found = value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
-        found = found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
-    except (ValueError, OverflowError):
-        found = datetime.min.replace(tzinfo=UTC)
-    if not 1957 <= found.year <= 2099:
-        raise PydanticCustomError(
-            "quantity",
-            "{reason}; write for example {example}",
-            {"reason": f"'{value}' is no time in UTC from 1957 to 2099", "example": "2026-06-21T12:00:00Z"},
-        )
-    return found
 
 
 class Sun(Part):
@@ -102,91 +87,6 @@ class Earth(Part):
     def contradictions(self) -> Iterator[Fault]:
         """Yield a direction without length."""
         yield from _directionless(self.direction)
-
-
-class Attitude(Part):
-    """How the scanner is turned against the orbit: ram is forwards, port is left of it, nadir is down."""
-
-    forward: Axis = "ram"
-    """Where it looks (its z axis)."""
-    down: Axis = "nadir"
-    """What is down in its pictures (its y axis)."""
-    rotation: Turns = ()
-    """Turns of the scanner about its own axes after that, the first one first."""
-
-    def contradictions(self) -> Iterator[Fault]:
-        """Yield two directions on one line."""
-        if abs(np.dot(orbits.AXES[self.forward], orbits.AXES[self.down])) > 0.5:
-            yield Fault(
-                "down",
-                f"'{self.down}' lies along the line of sight, '{self.forward}', so it is not down in the picture.",
-                "Choose a direction square to forward.",
-            )
-
-    def scanner_from_lvlh(self) -> NDArray[np.float64]:
-        """Return the rotation matrix (3, 3) from the orbit's axes (ram, starboard, nadir) to the scanner's."""
-        y, z = np.array(orbits.AXES[self.down]), np.array(orbits.AXES[self.forward])
-        turned = np.eye(3)
-        for turn in (self.rotation,) if not isinstance(self.rotation, tuple) else self.rotation:
-            turned = turn.matrix() @ turned
-        return np.asarray(turned.T @ np.stack([np.cross(y, z), y, z]))
-
-
-class Orbit(Part):
-    """A circular orbit and a place on it."""
-
-    altitude: Distance = Field(default=DEFAULT_ALTITUDE, gt=100e3, le=1e9)
-    """Height above ground."""
-    inclination: Angle = Field(default=math.radians(51.6), ge=0.0, le=math.pi)
-    """Angle between the orbit and the equator; it bounds beta."""
-    beta: Angle = Field(default=0.0, ge=-math.pi / 2.0, le=math.pi / 2.0)
-    """Angle from the orbit's plane to the Sun, positive to port."""
-    anomaly: Angle = Field(default=0.0, ge=-2.0 * math.pi, le=2.0 * math.pi)
-    """Place on the orbit, counted forwards from orbital noon."""
-    attitude: Attitude = Attitude()
-    """Where the scanner looks."""
-
-    def contradictions(self) -> Iterator[Fault]:
-        """Yield a Sun higher above the orbit's plane than it ever stands."""
-        limit = orbits.largest_beta(self.inclination)
-        if abs(self.beta) > limit + 1e-9:
-            yield Fault(
-                "beta",
-                f"{math.degrees(self.beta):.6g} deg is impossible: with an inclination of "
-                f"{math.degrees(self.inclination):.6g} deg the Sun stands at most {math.degrees(limit):.6g} deg "
-                "from the orbit's plane (inclination + 23.44 deg).",
-                "Reduce beta or change the inclination.",
-            )
-
-
-class TwoLineElements(Part):
-    """A real orbit, and a time."""
-
-    line1: str = Field(examples=["1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927"])
-    """First line of the elements."""
-    line2: str = Field(examples=["2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537"])
-    """Second line."""
-    time: Annotated[datetime, BeforeValidator(_utc)] = Field(examples=["2008-09-20T12:25:40Z"])
-    """Time in UTC."""
-    attitude: Attitude = Attitude()
-    """Where the scanner looks."""
-
-    def contradictions(self) -> Iterator[Fault]:
-        """Yield lines that are damaged, and a time at which the orbit does not exist."""
-        found = orbits.elements_fault(self.line1, self.line2)
-        if found is not None:
-            yield Fault(*found, "Copy both lines again, with all their spaces.")
-            return
-        try:
-            _, altitude = orbits.sun_from_elements(self.line1, self.line2, self.time)
-        except ValueError as error:
-            yield Fault("time", f"the orbit cannot be followed to then: {error}.", _NEARER)
-            return
-        if altitude <= 100e3:
-            yield Fault("time", f"the orbit has come down to {1e-3 * altitude:.4g} km by then.", _NEARER)
-
-
-_NEARER = "Choose a time near to that of the elements, or newer elements."
 
 
 @dataclass(frozen=True, eq=False)
@@ -343,11 +243,11 @@ class Lighting(Part):
         earth: NDArray[np.float64] | None = None
         if self.orbit is not None:
             altitude, attitude = self.orbit.altitude, self.orbit.attitude
-            anomaly = self.orbit.anomaly + 2.0 * math.pi * after / orbits.period(altitude)
-            local = orbits.sun_from_anomaly(self.orbit.beta, anomaly)
+            anomaly = self.orbit.anomaly + 2.0 * math.pi * after / period(altitude)
+            local = sun_from_anomaly(self.orbit.beta, anomaly)
         elif self.tle is not None:
             attitude = self.tle.attitude
-            local, altitude = orbits.sun_from_elements(self.tle.line1, self.tle.line2, self.tle.time, after)
+            local, altitude = sun_from_elements(self.tle.line1, self.tle.line2, self.tle.time, after)
         else:
             sun = None if self.sun == "none" else _unit(self.sun.direction)
             earth = None if self.earth == "none" else _unit(self.earth.direction)
@@ -355,15 +255,15 @@ class Lighting(Part):
             return sun, earth, DEFAULT_ALTITUDE if given is None else given
         turn = attitude.scanner_from_lvlh()
         sun = None if self.sun == "none" else turn @ local
-        earth = None if self.earth == "none" else turn @ np.array(orbits.AXES["nadir"])
+        earth = None if self.earth == "none" else turn @ np.array(AXES["nadir"])
         return sun, earth, altitude
 
     @property
     def period(self) -> float | None:
         """Duration of one orbit [s]; None where there is no orbit."""
         if self.orbit is not None:
-            return orbits.period(self.orbit.altitude)
-        return None if self.tle is None else orbits.elements_period(self.tle.line1, self.tle.line2)
+            return period(self.orbit.altitude)
+        return None if self.tle is None else elements_period(self.tle.line1, self.tle.line2)
 
 
 def orbit_times(lighting: Lighting, count: int) -> NDArray[np.float64]:
@@ -376,7 +276,7 @@ def orbit_times(lighting: Lighting, count: int) -> NDArray[np.float64]:
     """
     if lighting.period is None:
         raise ValueError("this lighting has no orbit")
-    return np.arange(count) * (lighting.period / count)
+    return np.asarray(np.arange(count) * (lighting.period / count))
 
 
 def skies(lighting: Lighting, times: NDArray[np.float64]) -> Iterator[Sky]:

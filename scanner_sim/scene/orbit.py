@@ -7,14 +7,21 @@ y starboard (against the orbit's normal), z nadir (down). The Sun is infinitely 
 from __future__ import annotations
 
 import math
-import warnings
-from datetime import datetime
-from typing import Any, Final
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field
+from pydantic_core import PydanticCustomError
 
-from scanner_sim.scene.earth import EARTH_RADIUS
+from scanner_sim.errors import Fault
+from scanner_sim.parts import Part
+from scanner_sim.scene.earth import DEFAULT_ALTITUDE, EARTH_RADIUS, Distance
+from scanner_sim.scene.elements import elements_fault, sun_from_elements
+from scanner_sim.scene.objects import Turns
+from scanner_sim.units import Angle
 
 GRAVITY: Final = 3.986_004_418e14
 """Gravitational constant of the Earth GM [m³/s²] (IERS Conventions 2010, Technical Note 36, table 1.1)."""
@@ -30,6 +37,11 @@ AXES: Final[dict[str, tuple[float, float, float]]] = {
     "zenith": (0.0, 0.0, -1.0),
 }
 """Unit vectors along the local axes, by name."""
+
+
+Axis = Literal["ram", "wake", "zenith", "nadir", "port", "starboard"]
+
+_NEARER = "Choose a time near to that of the elements, or newer elements."
 
 
 def period(altitude: float) -> float:
@@ -70,101 +82,99 @@ def sun_from_anomaly(beta: float, anomaly: float) -> NDArray[np.float64]:
     )
 
 
-def elements_fault(line1: str, line2: str) -> tuple[str, str] | None:
-    """Return which of two lines of orbital elements is at fault ("line1", "line2"), and why; None for good ones."""
-    for name, line, number in (("line1", line1, "1"), ("line2", line2, "2")):
-        if len(line) != 69 or line[0] != number:
-            return (
-                name,
-                f"it has {len(line)} characters and begins with '{line[:1]}'; 69 and '{number}' are wanted.",
+class Attitude(Part):
+    """How the scanner is turned against the orbit: ram is forwards, port is left of it, nadir is down."""
+
+    forward: Axis = "ram"
+    """Where it looks (its z axis)."""
+    down: Axis = "nadir"
+    """What is down in its pictures (its y axis)."""
+    rotation: Turns = ()
+    """Turns of the scanner about its own axes after that, the first one first."""
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield two directions on one line."""
+        if abs(np.dot(AXES[self.forward], AXES[self.down])) > 0.5:
+            yield Fault(
+                "down",
+                f"'{self.down}' lies along the line of sight, '{self.forward}', so it is not down in the picture.",
+                "Choose a direction square to forward.",
             )
-        total = sum(int(sign) if sign.isdigit() else sign == "-" for sign in line[:68])
-        if line[68] != str(total % 10):
-            return name, f"its checksum is {total % 10}, but it ends in {line[68]}: a digit is wrong."
-    if line1[2:7] != line2[2:7]:
-        return "line2", f"it belongs to satellite {line2[2:7]}, the first line to {line1[2:7]}."
+
+    def scanner_from_lvlh(self) -> NDArray[np.float64]:
+        """Return the rotation matrix (3, 3) from the orbit's axes (ram, starboard, nadir) to the scanner's."""
+        y, z = np.array(AXES[self.down]), np.array(AXES[self.forward])
+        turned = np.eye(3)
+        for turn in (self.rotation,) if not isinstance(self.rotation, tuple) else self.rotation:
+            turned = turn.matrix() @ turned
+        return np.asarray(turned.T @ np.stack([np.cross(y, z), y, z]))
+
+
+class Orbit(Part):
+    """A circular orbit and a place on it."""
+
+    altitude: Distance = Field(default=DEFAULT_ALTITUDE, gt=100e3, le=1e9)
+    """Height above ground."""
+    inclination: Angle = Field(default=math.radians(51.6), ge=0.0, le=math.pi)
+    """Angle between the orbit and the equator; it bounds beta."""
+    beta: Angle = Field(default=0.0, ge=-math.pi / 2.0, le=math.pi / 2.0)
+    """Angle from the orbit's plane to the Sun, positive to port."""
+    anomaly: Angle = Field(default=0.0, ge=-2.0 * math.pi, le=2.0 * math.pi)
+    """Place on the orbit, counted forwards from orbital noon."""
+    attitude: Attitude = Attitude()
+    """Where the scanner looks."""
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield a Sun higher above the orbit's plane than it ever stands."""
+        limit = largest_beta(self.inclination)
+        if abs(self.beta) > limit + 1e-9:
+            yield Fault(
+                "beta",
+                f"{math.degrees(self.beta):.6g} deg is impossible: with an inclination of "
+                f"{math.degrees(self.inclination):.6g} deg the Sun stands at most {math.degrees(limit):.6g} deg "
+                "from the orbit's plane (inclination + 23.44 deg).",
+                "Reduce beta or change the inclination.",
+            )
+
+
+class TwoLineElements(Part):
+    """A real orbit, and a time."""
+
+    line1: str = Field(examples=["1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927"])
+    """First line of the elements."""
+    line2: str = Field(examples=["2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537"])
+    """Second line."""
+    time: Annotated[datetime, BeforeValidator(_utc)] = Field(examples=["2008-09-20T12:25:40Z"])
+    """Time in UTC."""
+    attitude: Attitude = Attitude()
+    """Where the scanner looks."""
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield lines that are damaged, and a time at which the orbit does not exist."""
+        found = elements_fault(self.line1, self.line2)
+        if found is not None:
+            yield Fault(*found, "Copy both lines again, with all their spaces.")
+            return
+        try:
+            _, altitude = sun_from_elements(self.line1, self.line2, self.time)
+        except ValueError as error:
+            yield Fault("time", f"the orbit cannot be followed to then: {error}.", _NEARER)
+            return
+        if altitude <= 100e3:
+            yield Fault("time", f"the orbit has come down to {1e-3 * altitude:.4g} km by then.", _NEARER)
+
+
+def _utc(value: object) -> datetime:
+    """Return a time of the scenario as an aware datetime."""
     try:
-        satellite = _satellite(line1, line2)
-    except ValueError as error:
-        return "line1", f"it cannot be read: {error}."
-    return None if satellite.error == 0 else ("line2", "it describes no orbit that SGP4 can follow.")
-
-
-def elements_period(line1: str, line2: str) -> float:
-    """Return the period [s] of an orbit from its mean motion."""
-    return 60.0 * 2.0 * math.pi / float(_satellite(line1, line2).no_kozai)
-
-
-def elements_age(line1: str, line2: str, time: datetime) -> float:
-    """Return how long ago the elements were measured at ``time`` [s]; SGP4 errs by kilometres after days."""
-    from sgp4.api import jday
-
-    satellite = _satellite(line1, line2)
-    whole, part = jday(*time.timetuple()[:6])
-    return 86400.0 * float(whole - satellite.jdsatepoch + part - satellite.jdsatepochF)
-
-
-def sun_from_elements(
-    line1: str, line2: str, time: datetime, after: float = 0.0
-) -> tuple[NDArray[np.float64], float]:
-    """Return the direction to the Sun along the local axes, shape (3,), and the altitude [m].
-
-    Parameters
-    ----------
-    line1, line2
-        Two-line elements.
-    time
-        UTC.
-    after
-        Seconds after that.
-
-    Returns
-    -------
-    direction, altitude
-        Geometric direction from the Earth's centre: aberration (20″) and parallax (9″) are left out, against
-        16′ of the Sun's radius. The altitude counts from the mean sphere.
-
-    Raises
-    ------
-    ValueError
-        If the orbit has decayed by then, or SGP4 cannot follow it for another reason.
-
-    Notes
-    -----
-    SGP4 of Vallado et al. (AIAA 2006-6753) in the frame TEME. The Sun is ERFA's ``epv00`` (good to 1e-6 rad,
-    1900 to 2100), turned to the true equator of date by the IAU 2006/2000A precession and nutation, and to
-    its mean equinox by the equation of the equinoxes.
-    """
-    from sgp4.api import SGP4_ERRORS, jday
-
-    whole, part = jday(*time.timetuple()[:6])
-    part += (1e-6 * time.microsecond + after) / 86400.0
-    error, position, velocity = _satellite(line1, line2).sgp4(whole, part)
-    if error:
-        raise ValueError(str(SGP4_ERRORS[error]))
-    r, v = np.array(position), np.array(velocity)
-    nadir = -r / np.linalg.norm(r)
-    starboard = np.cross(v, r)
-    starboard /= np.linalg.norm(starboard)
-    axes = np.stack([np.cross(starboard, nadir), starboard, nadir])
-    return axes @ _sun_in_teme(whole, part), 1e3 * float(np.linalg.norm(r)) - EARTH_RADIUS
-
-
-def _satellite(line1: str, line2: str) -> Any:
-    from sgp4.api import Satrec
-
-    return Satrec.twoline2rv(line1, line2)
-
-
-def _sun_in_teme(whole: float, part: float) -> NDArray[np.float64]:
-    """Return the direction to the Sun at a Julian date (UTC), true equator and mean equinox of date, (3,)."""
-    import erfa
-
-    with warnings.catch_warnings():
-        # Beyond its table of leap seconds ERFA warns; the Sun moves by 0.04″ in a second.
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        tt = erfa.taitt(*erfa.utctai(whole, part))
-    from_earth, _ = erfa.epv00(*tt)
-    teme_from_gcrs = erfa.rz(erfa.ee06a(*tt), erfa.pnm06a(*tt))
-    sun = -np.asarray(teme_from_gcrs @ from_earth["p"], dtype=np.float64)
-    return np.asarray(sun / np.linalg.norm(sun))
+        found = value if isinstance(value, datetime) else datetime.fromisoformat(str(value))
+        found = found.replace(tzinfo=UTC) if found.tzinfo is None else found.astimezone(UTC)
+    except (ValueError, OverflowError):
+        found = datetime.min.replace(tzinfo=UTC)
+    if not 1957 <= found.year <= 2099:
+        raise PydanticCustomError(
+            "quantity",
+            "{reason}; write for example {example}",
+            {"reason": f"'{value}' is no time in UTC from 1957 to 2099", "example": "2026-06-21T12:00:00Z"},
+        )
+    return found

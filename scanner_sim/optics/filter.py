@@ -1,0 +1,255 @@
+"""The interference filter: what passes at which wavelength and incidence.
+
+The filter stands before the lens, so light that images at p has met it at the incidence atan(p/f); see
+:func:`incidence`. All transmissions here are relative to the filter's peak, which counts with the lens.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Discriminator, Field, Tag
+
+from scanner_sim.errors import Fault
+from scanner_sim.optics.laser import Laser
+from scanner_sim.parts import Count, Number, Part
+from scanner_sim.scene.lighting import Sun
+from scanner_sim.scene.sun import solar_irradiance
+from scanner_sim.units import Length, Ratio
+
+Floats = NDArray[np.float64]
+
+_NODES = 8001
+"""Wavelengths of the integral over a response: 0.1 nm apart for InGaAs."""
+_BAND_NODES = 1001
+"""Wavelengths of the integral over a pass band, densest at its centre."""
+
+
+class BandpassFilter(Part):
+    """An interference filter in front of the lens."""
+
+    transmission: Ratio = Field(default=1.0, gt=0.0, le=1.0)
+    """Peak transmission."""
+    centre: Length | None = Field(default=None, ge=0.2e-6, le=30e-6)
+    """Centre of the pass band at normal incidence; by default the laser's nominal wavelength."""
+    bandwidth: Length = Field(default=30e-9, ge=1e-11, le=2e-6)
+    """Full width of the pass band at half of its peak."""
+    shape: Literal["tophat", "cavities"] = "tophat"
+    """``tophat`` as in eq 18, or the rounded edges of a filter of several ``cavities``."""
+    cavities: Count = Field(default=3, ge=2, le=10)
+    """Number of coupled cavities: more make steeper edges. Without meaning for ``tophat``."""
+    blocking: Ratio = Field(default=1e-6, ge=0.0, le=0.1)
+    """Transmission outside of the pass band, relative to the peak: ``-60 dB``."""
+    effective_index: Number = Field(default=2.0, gt=1.0, le=4.0)
+    """Effective index of refraction: a high one shifts less with incidence."""
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield a band that reaches to the wavelength zero."""
+        if self.centre is not None and self.bandwidth >= self.centre:
+            yield Fault(
+                "bandwidth",
+                f"a band of {1e9 * self.bandwidth:g} nm is wider than its centre of {1e9 * self.centre:g} nm.",
+                "Reduce it, or write 'filter: none'.",
+            )
+
+
+FilterChoice = Annotated[
+    Annotated[Literal["none"], Tag("(word)")] | Annotated[BandpassFilter, Tag("(filter)")],
+    Discriminator(lambda value: "(word)" if isinstance(value, str) else "(filter)"),
+    Field(examples=[{"bandwidth": "10 nm"}]),
+]
+"""A filter, or ``none``: then everything passes that the detector responds to."""
+
+
+def peak_transmission(filter: FilterChoice) -> float:  # noqa: A002 (the name of the part in a scenario)
+    """Return the largest transmission: 1 without a filter."""
+    return 1.0 if filter == "none" else filter.transmission
+
+
+def incidence(position: ArrayLike, focal_length: float) -> Floats:
+    """Return the incidence [rad] of light that images at the position p [m]: atan(p/f)."""
+    return np.arctan(np.asarray(position, dtype=np.float64) / focal_length)
+
+
+def centre_at(centre: float, effective_index: float, incidence: ArrayLike) -> Floats:
+    """Return the centre of the pass band [m] at an incidence [rad]: λ₀ √(1 − sin²θ/n²).
+
+    ``centre`` is the one at normal incidence [m]; the shape of ``incidence`` is kept. Source: Macleod,
+    *Thin-Film Optical Filters*, 4th ed., 2010, section 8.2.4. The width is taken to stay, which holds to
+    about 20°.
+    """
+    sine = np.sin(np.asarray(incidence, dtype=np.float64))
+    return np.asarray(centre * np.sqrt(1.0 - (sine / effective_index) ** 2))
+
+
+def passband(
+    filter: FilterChoice,  # noqa: A002
+    wavelength: ArrayLike,
+    incidence: ArrayLike = 0.0,
+    *,
+    nominal: float,
+) -> Floats:
+    """Return the pass band's share of the peak transmission, 0 to 1, blocking left out.
+
+    Parameters
+    ----------
+    filter
+        The filter, or ``none``: 1 everywhere.
+    wavelength, incidence
+        Wavelength [m] and angle [rad]; they broadcast.
+    nominal
+        The laser's nominal wavelength [m], the centre of a filter that has none of its own.
+
+    Returns
+    -------
+    ndarray
+        Broadcast shape. With x = 2 (λ − λ_c)/Δλ: ``tophat`` is 1 for |x| ≤ 1 and 0 elsewhere; ``cavities`` is
+        1/(1 + x^2m), the maximally flat response of m cavities (Baumeister, *Optical Coating Technology*,
+        2004, ch. 7; for m = 1 it is the line of a single Fabry–Perot cavity).
+    """
+    wavelength, incidence = np.broadcast_arrays(
+        np.asarray(wavelength, dtype=np.float64), np.asarray(incidence, dtype=np.float64)
+    )
+    if filter == "none":
+        return np.ones(wavelength.shape)
+    centre = centre_at(_centre(filter, nominal), filter.effective_index, incidence)
+    return _shape(filter, 2.0 * (wavelength - centre) / filter.bandwidth)
+
+
+def laser_gain(
+    filter: FilterChoice,  # noqa: A002
+    laser: Laser,
+    response: tuple[float, float],
+    incidence: ArrayLike = 0.0,
+) -> Floats:
+    """Return how much of the laser's light counts, as a share of the peak; shape of ``incidence`` [rad].
+
+    The line is where it drifted to, infinitely narrow. Outside of the pass band the blocking is left, outside
+    of the detector's ``response`` [m] nothing.
+    """
+    inside = passband(filter, laser.line, incidence, nominal=laser.wavelength)
+    leak = 0.0 if filter == "none" else filter.blocking
+    seen = response[0] <= laser.line <= response[1]
+    return np.asarray(seen * (inside + leak * (1.0 - inside)))
+
+
+def band_irradiance(
+    sun: Sun,
+    filter: FilterChoice,  # noqa: A002
+    response: tuple[float, float],
+    wavelength: float,
+    incidence: ArrayLike = 0.0,
+) -> tuple[Floats, Floats]:
+    """Return the Sun's irradiance that the detector counts, in the pass band and outside of it.
+
+    Parameters
+    ----------
+    sun
+        The Sun.
+    filter
+        The filter, or ``none``: then everything is out of band, and reflectances are those of out of band.
+    response
+        Shortest and longest wavelength [m] to which the detector responds, with a flat quantum efficiency.
+    wavelength
+        The laser's nominal wavelength λ₀ [m].
+    incidence
+        Angle on the filter [rad], any shape.
+
+    Returns
+    -------
+    in_band, out_of_band
+        Shape of ``incidence`` [W/m²], laser-equivalent: a watt stands for as many photons as a watt at λ₀, so
+        energies are weighted with λ/λ₀. The filter's peak transmission is left to the caller, who applies it
+        with the lens. In band ∫ E s λ/λ₀ dλ and out of band B_s/B_p ∫ E (1 − s) λ/λ₀ dλ over the response, s
+        the :func:`passband`: the bracket of eq 18, restricted to what the detector sees. (Eq 18 counts light
+        inside of the band once more with the blocking, 1e-6 of it.)
+    """
+    angles = np.asarray(incidence, dtype=np.float64)
+    if not response[0] < response[1]:
+        return np.zeros(angles.shape), np.zeros(angles.shape)
+    all_photons = _photon_integral(sun, np.linspace(*response, _NODES), wavelength)
+    if filter == "none":
+        return np.zeros(angles.shape), np.full(angles.shape, all_photons)
+    centres = centre_at(_centre(filter, wavelength), filter.effective_index, angles)
+    inside = np.array([_band_integral(sun, filter, c, response, wavelength) for c in centres.ravel()])
+    inside = inside.reshape(angles.shape)
+    return inside, np.asarray(filter.blocking * (all_photons - inside))
+
+
+def filter_doubts(
+    filter: FilterChoice,  # noqa: A002
+    laser: Laser,
+    response: tuple[float, float],
+    largest_incidence: float = 0.0,
+) -> tuple[str, ...]:
+    """Return a sentence for each reason why the detector would not see the laser.
+
+    Parameters
+    ----------
+    filter, laser
+        The filter and the laser.
+    response
+        Wavelengths to which the detector responds [m].
+    largest_incidence
+        Incidence [rad] at which the array ends.
+    """
+    line = f"{1e9 * laser.line:.6g} nm"
+    if not response[0] <= laser.line <= response[1]:
+        return (
+            f"scanner.position_sensor.response: the laser's {line} lies outside of it, so no voxel will have a return",
+        )
+    gains = laser_gain(filter, laser, response, np.array([0.0, largest_incidence]))
+    if filter == "none" or gains.min() >= 0.5:
+        return ()
+    centre = _centre(filter, laser.wavelength)
+    low, high = 1e9 * (centre - 0.5 * filter.bandwidth), 1e9 * (centre + 0.5 * filter.bandwidth)
+    if gains[0] < 0.5:
+        weak = "hardly any voxel will have a return" if gains[0] < 1e-2 else "most of the light is lost"
+        return (
+            f"scanner.filter: its band of {low:.6g} nm to {high:.6g} nm misses the laser's {line}, so {weak}",
+        )
+    shifted = 1e9 * float(centre_at(centre, filter.effective_index, largest_incidence))
+    return (
+        f"scanner.filter: at {math.degrees(largest_incidence):.3g} deg, where near ranges image, its centre shifts to "
+        f"{shifted:.6g} nm and the band misses the laser's {line}",
+    )
+
+
+def _centre(filter: BandpassFilter, nominal: float) -> float:  # noqa: A002
+    return nominal if filter.centre is None else filter.centre
+
+
+def _shape(filter: BandpassFilter, x: Floats) -> Floats:  # noqa: A002
+    """Return the pass band at x half widths from its centre."""
+    if filter.shape == "tophat":
+        return np.asarray((np.abs(x) <= 1.0).astype(np.float64))
+    # Beyond 1e6 half widths nothing is left, and powers would overflow.
+    return np.asarray(1.0 / (1.0 + np.minimum(np.abs(x), 1e6) ** (2 * filter.cavities)))
+
+
+def _photon_integral(sun: Sun, nodes: Floats, wavelength: float, weights: Floats | float = 1.0) -> float:
+    """Return ∫ E w λ/λ₀ dλ [W/m²] over ascending nodes [m] by the trapezoidal rule."""
+    return float(np.trapezoid(solar_irradiance(sun, nodes) * weights * nodes / wavelength, nodes))
+
+
+def _band_integral(
+    sun: Sun,
+    filter: BandpassFilter,  # noqa: A002
+    centre: float,
+    response: tuple[float, float],
+    wavelength: float,
+) -> float:
+    """Return the in-band irradiance [W/m²] of a filter centred at ``centre`` [m]."""
+    half = 0.5 * filter.bandwidth
+    low, high = ((end - centre) / half for end in response)
+    if filter.shape == "tophat":
+        low, high = max(low, -1.0), min(high, 1.0)
+        if low >= high:
+            return 0.0
+        return _photon_integral(sun, centre + half * np.linspace(low, high, _BAND_NODES), wavelength)
+    x = np.sinh(np.linspace(math.asinh(low), math.asinh(high), _BAND_NODES))
+    return _photon_integral(sun, centre + half * x, wavelength, _shape(filter, x))
