@@ -96,6 +96,9 @@ class Material(BaseModel):
         One of the three kinds above.
     reflectance
         Hemispherical reflectance at 1.5 µm and normal incidence, 0 to 1.
+    reflectance_out_of_band
+        The same as a mean over the Sun's photons from 0.9 to 1.7 µm, which the filter blocks but for a
+        millionth; None where it is taken to be ``reflectance``.
     eta, k
         Complex index of refraction of the specular lobe, n + ik; None for ``diffuse``.
     alpha
@@ -116,6 +119,7 @@ class Material(BaseModel):
     name: Annotated[str, Field(min_length=1)]
     kind: MaterialKind = "diffuse"
     reflectance: Fraction
+    reflectance_out_of_band: Fraction | None = None
     eta: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
     k: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = None
     alpha: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] | None = None
@@ -174,6 +178,7 @@ class Material(BaseModel):
 
 
 RAKIC = "Rakic 1995, Appl. Opt. 34, 4755: n 1.45, k 16.0 at 1.5 µm"
+RAKIC_98 = "mean of Rakić et al. 1998, Appl. Opt. 37, 5271 (Lorentz–Drude)"
 NICKEL = "Ordal et al. 1987, Appl. Opt. 26, 744: n 3.36, k 7.05 at 1.5 µm"
 
 
@@ -186,16 +191,18 @@ MATERIALS: Mapping[str, Material] = _library(
         name="evaporated_aluminium",
         kind="rough_conductor",
         reflectance=0.978,
+        reflectance_out_of_band=0.956,
         eta=1.45,
         k=16.0,
         alpha=0.05,
         specular_share=1.0,
-        source=f"{RAKIC}; alpha is an assumption, 0.01 to 0.1",
+        source=f"{RAKIC}; alpha is an assumption, 0.01 to 0.1; out of band: {RAKIC_98}",
     ),
     Material(
         name="weathered_aluminium",
         kind="mixed",
         reflectance=0.807,
+        reflectance_out_of_band=0.79,
         eta=1.45,
         k=16.0,
         alpha=0.35,
@@ -203,24 +210,37 @@ MATERIALS: Mapping[str, Material] = _library(
         source=(
             "hemispherical reflectance 0.807 at 1.5 µm: literature on weathered aluminium; lobe "
             f"from {RAKIC}; share and alpha are assumptions, 0.2 to 0.7 and 0.2 to 0.5"
+            "; out of band: falls as the bare metal does"
         ),
     ),
     Material(
         name="nickel",
         kind="rough_conductor",
         reflectance=0.804,
+        reflectance_out_of_band=0.77,
         eta=3.36,
         k=7.05,
         alpha=0.1,
         specular_share=1.0,
-        source=f"{NICKEL}; alpha is an assumption, 0.05 to 0.2",
+        source=f"{NICKEL}; alpha is an assumption, 0.05 to 0.2; out of band: {RAKIC_98}, scaled to the value in band",
     ),
-    Material(name="z93_white", reflectance=0.84, source="assumption, 0.80 to 0.88"),
-    Material(name="beta_cloth", reflectance=0.78, source="assumption, 0.70 to 0.85"),
+    Material(
+        name="z93_white",
+        reflectance=0.84,
+        reflectance_out_of_band=0.9,
+        source="assumption, 0.80 to 0.88; out of band: assumption, 0.85 to 0.93, as water bands begin at 1.4 µm",
+    ),
+    Material(
+        name="beta_cloth",
+        reflectance=0.78,
+        reflectance_out_of_band=0.8,
+        source="assumption, 0.70 to 0.85; out of band: assumption, 0.70 to 0.85",
+    ),
     Material(
         name="aluminised_kapton",
         kind="mixed",
         reflectance=0.84,
+        reflectance_out_of_band=0.82,
         eta=1.45,
         k=16.0,
         alpha=0.15,
@@ -228,29 +248,36 @@ MATERIALS: Mapping[str, Material] = _library(
         source=(
             f"assumption, 0.80 to 0.88; lobe of the aluminium behind the film from {RAKIC}; creases "
             "finer than a mesh are alpha (0.05 to 0.3) and the diffuse share (0.2 to 0.5)"
+            "; out of band: the metal behind the film falls, assumption, 0.75 to 0.88"
         ),
     ),
     Material(name="black_paint", reflectance=0.05, source="assumption, 0.04 to 0.06"),
     Material(
         name="dyed_black_anodise",
         reflectance=0.45,
-        source="assumption, 0.3 to 0.6: organic dyes are transparent beyond 0.9 µm",
+        reflectance_out_of_band=0.4,
+        source=(
+            "assumption, 0.3 to 0.6: organic dyes are transparent beyond 0.9 µm; out of band: assumption, "
+            "0.2 to 0.6, as they begin to absorb near that"
+        ),
     ),
     Material(name="black_oxide", reflectance=0.10, source="assumption, 0.05 to 0.15"),
     Material(
         name="oxidised_inconel",
         kind="mixed",
         reflectance=0.20,
+        reflectance_out_of_band=0.19,
         eta=3.36,
         k=7.05,
         alpha=0.4,
         specular_share=0.1,
-        source=f"assumption, 0.10 to 0.30; lobe of its main component, {NICKEL}",
+        source=f"assumption, 0.10 to 0.30; lobe of its main component, {NICKEL}; out of band: falls as nickel does",
     ),
     Material(
         name="solar_cell",
         kind="mixed",
         reflectance=0.30,
+        reflectance_out_of_band=0.21,
         eta=1.45,
         k=16.0,
         alpha=0.05,
@@ -258,6 +285,7 @@ MATERIALS: Mapping[str, Material] = _library(
         source=(
             "assumption, 0.1 to 0.5: silicon is transparent at 1.5 µm and the metal behind it is "
             f"seen through the cover glass; lobe from {RAKIC}"
+            "; out of band: a third of the photons lie below silicon's edge at 1.1 µm and are absorbed but for 0.05"
         ),
     ),
     Material(

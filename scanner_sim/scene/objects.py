@@ -69,6 +69,8 @@ class Surface(Part):
 
     reflectance: Ratio = Field(ge=0.0, le=1.0)
     """Hemispherical reflectance."""
+    reflectance_out_of_band: Ratio | None = Field(default=None, ge=0.0, le=1.0)
+    """The same in the rest of the detector's response; by default equal. It counts for sunlight only."""
 
 
 _LIBRARY = WithJsonSchema({"type": "string", "enum": list(MATERIALS)})
