@@ -14,6 +14,7 @@ from scanner_sim.products.settings import Output
 from scanner_sim.render.settings import Transport
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scanner import Scanner
+from scanner_sim.scene.lighting import Lighting
 from scanner_sim.scene.objects import Scene
 from scanner_sim.signals.processing import Processing
 
@@ -32,6 +33,8 @@ class Scenario(Part):
     """The instrument."""
     scene: Scene = Scene()
     """What stands before it."""
+    lighting: Lighting = Lighting()
+    """Sun and Earth; dark by default."""
     scan: RasterScan = Field(
         examples=[
             {

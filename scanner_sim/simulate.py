@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.config import resolved_yaml
 from scanner_sim.errors import InputError
+from scanner_sim.optics.filter import band_irradiance, incidence, laser_gain, peak_transmission
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.ranging.ranges import Geometry, Ranges, ranges_from_peaks
@@ -148,7 +149,7 @@ class Workbench:
             laser=scanner.laser,
             receiver=receiver,
             axis_separation=scanner.mirrors.axis_separation,
-            filter_transmission=scanner.filter.transmission,
+            filter_transmission=peak_transmission(scanner.filter),
             pitch=sensor.pitch,
             height=sensor.height,
             offset=sensor.offset,
@@ -161,12 +162,60 @@ class Workbench:
             offset=sensor.offset,
             sigma_angle=scanner.mirrors.jitter,
         )
+        self.throughput = self._throughput()
+        self.panorama = self._panorama()
+
+    def _throughput(self) -> Any:
+        """Return what each pixel makes of the laser's and the Sun's light behind the filter."""
+        from scanner_sim.render.incident import Throughput
+
+        scanner, lighting = self.scenario.scanner, self.scenario.lighting
+        sensor = scanner.position_sensor
+        position = self.geometry.position(np.arange(sensor.pixels, dtype=np.float64))
+        angle = incidence(position, scanner.receiver.focal_length)
+        bands = np.zeros((2, sensor.pixels))
+        if lighting.sun != "none":
+            bands[:] = band_irradiance(
+                lighting.sun, scanner.filter, sensor.response, scanner.laser.wavelength, angle
+            )
+        laser = laser_gain(scanner.filter, scanner.laser, sensor.response, angle)
+        return Throughput(self.optics, sensor.pixels, laser, *bands)
+
+    def _panorama(self) -> Any:
+        """Render the background of the scenario's raster; None in the dark."""
+        from scanner_sim.render.background import panorama_view, render_panorama
+        from scanner_sim.render.paths import Albedo
+        from scanner_sim.render.sky import sky_light
+
+        sky, settings, scan = self.scenario.lighting.sky(), self.scenario.transport, self.scenario.scan
+        if sky.dark:
+            return None
+        light = sky_light(
+            sky.sun_direction,
+            sky.sun_angular_radius,
+            sky.earth_direction,
+            sky.earth_altitude,
+            sky.earth_radius,
+        )
+        pixels = self.scenario.scanner.position_sensor.pixels
+        return render_panorama(
+            self.loaded,
+            self.optics,
+            light,
+            Albedo(sky.albedo, sky.albedo_out_of_band),
+            panorama_view(scan.horizontal, scan.angles()[1], self.optics, pixels),
+            bounces=settings.background_bounces,
+            samples=settings.background_samples,
+            seed=self.scenario.seed,
+        )
 
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
         """Return the layers of the shots of an aim: each of shape (n,)."""
+        from scanner_sim.detector.line import electrons_per_watt
+
         truth, groups = self.expose(aim)
         n = len(aim.shot)
-        peak, sigma_peak, signal, snr = (np.full(n, np.nan) for _ in range(4))
+        peak, sigma_peak, signal, snr, laser, window, brightest = (np.full(n, np.nan) for _ in range(7))
         status = np.zeros(n, dtype=np.uint32)
         for group in groups:
             peaks = group.peaks
@@ -174,10 +223,16 @@ class Workbench:
             sigma_peak[group.index] = peaks.sigma.numpy()
             signal[group.index] = peaks.signal.numpy()
             snr[group.index] = peaks.snr.numpy()
+            for values, layer in zip(group.light.link_budget(), (laser, window, brightest), strict=True):
+                layer[group.index] = values.numpy()
             status[group.index] = peaks.status.numpy()
         ranges = self._ranges(peak, sigma_peak, status, aim)
         invalid = ranges.status != Status.VALID
         peak[invalid] = sigma_peak[invalid] = np.nan
+        scanner = self.scenario.scanner
+        electrons = electrons_per_watt(scanner.position_sensor, scanner.laser.wavelength, scanner.dwell)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            contrast = laser / window
         return {
             "range_m": ranges.range,
             "sigma_range_m": ranges.sigma,
@@ -185,7 +240,10 @@ class Workbench:
             "P.Y": ranges.y,
             "P.Z": ranges.z,
             "Y": signal,
-            "snr": snr,
+            "snr": contrast,
+            "snr_detection": snr,
+            "background": window * electrons,
+            "background_peak": brightest * electrons,
             "peak_px": peak,
             "sigma_peak_px": sigma_peak,
             "status": ranges.status,
@@ -215,9 +273,7 @@ class Workbench:
         status = Status(int(ranges.status[0]))
         calibration = Calibration.of(sensor, scanner.dwell)
         measured = calibration.charge(group.signal.lines()[0].astype(np.float64))
-        expected = group.light.line(0, sensor.pixels) * electrons_per_watt(
-            sensor, scanner.laser.wavelength, scanner.dwell
-        )
+        expected = group.light.line(0) * electrons_per_watt(sensor, scanner.laser.wavelength, scanner.dwell)
         true_range = truth.distance.numpy().astype(np.float64)
         true_position = position_from_range(
             true_range, aim.theta, self.geometry.focal_length, self.geometry.baseline
@@ -246,6 +302,7 @@ class Workbench:
     def expose(self, aim: Aim) -> tuple[Any, Iterator[Group]]:
         """Render, expose and read the shots of an aim: their truth, and the shots in groups."""
         from scanner_sim.detector.line import expose
+        from scanner_sim.render.incident import Incident
         from scanner_sim.render.light import render_light
         from scanner_sim.render.shots import true_shots
         from scanner_sim.signals.peaks import find_peaks
@@ -257,11 +314,14 @@ class Workbench:
 
         def groups() -> Iterator[Group]:
             for light in lights:
+                incident = Incident(
+                    light, shots.some(light.index), scenario.scan.columns, self.throughput, self.panorama
+                )
                 signal = expose(
-                    light.power, light.shot, sensor, scanner.laser.wavelength, scanner.dwell, seed
+                    incident.power, light.shot, sensor, scanner.laser.wavelength, scanner.dwell, seed
                 )
                 peaks = find_peaks(signal, sensor, scenario.processing, scanner.dwell)
-                yield Group(light.index.numpy(), light, signal, peaks)
+                yield Group(light.index.numpy(), incident, signal, peaks)
 
         return truth, groups()
 

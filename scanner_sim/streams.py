@@ -22,6 +22,7 @@ class Stream(IntEnum):
     RESPONSE = 3
     BOUNCES = 4
     REFERENCE = 5
+    BACKGROUND = 6
 
 
 def generator(seed: int, stream: Stream, shot: Any, sample: Any) -> Any:

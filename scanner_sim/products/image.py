@@ -32,7 +32,22 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("P.Y", "m", "measured point, downwards"),
     Channel("P.Z", "m", "measured point, away from the scanner"),
     Channel("Y", "electron", "returned signal: charge of the detected peak, 0 below the threshold"),
-    Channel("snr", "1", "signal-to-noise ratio of the detected peak"),
+    Channel(
+        "snr",
+        "1",
+        "laser light on the array over background in a window of 200 µm: I_laser/I_sun (eqs 18, 19)",
+    ),
+    Channel("snr_detection", "1", "charge of the brightest pixel over its standard deviation"),
+    Channel(
+        "background",
+        "electron",
+        "charge of Sun and Earth in a window of 200 µm about the laser's spot, noise-free",
+    ),
+    Channel(
+        "background_peak",
+        "electron",
+        "charge of Sun and Earth on the brightest pixel of the line, noise-free",
+    ),
     Channel("peak_px", "pixel", "detected position on the line sensor; the centre of pixel i is at i"),
     Channel("sigma_peak_px", "pixel", "standard deviation of peak_px that the instrument states"),
     Channel("status", "1", "0 where a range was measured, otherwise why there is none"),

@@ -87,20 +87,21 @@ def sky_light(
     Raises
     ------
     ValueError
-        If a direction is zero, the Sun's radius is not between 0 and 90°, or altitude or radius are not positive.
+        If a direction is zero, the Sun's radius is not between 0 and 90°, or altitude or radius are not positive;
+        what belongs to a missing Sun or Earth is not looked at.
     """
-    if not 0.0 < sun_angular_radius < 0.5 * math.pi:
-        raise ValueError(f"an angular radius of {sun_angular_radius} rad is none of a Sun")
-    if not (earth_altitude > 0.0 and earth_radius > 0.0):
-        raise ValueError(f"no scene is {earth_altitude} m above an Earth of radius {earth_radius} m")
     sun = None if sun_direction is None else _unit(sun_direction)
     earth = None if earth_direction is None else _unit(earth_direction)
+    if sun is not None and not 0.0 < sun_angular_radius < 0.5 * math.pi:
+        raise ValueError(f"an angular radius of {sun_angular_radius} rad is none of a Sun")
+    if earth is not None and not (earth_altitude > 0.0 and earth_radius > 0.0):
+        raise ValueError(f"no scene is {earth_altitude} m above an Earth of radius {earth_radius} m")
 
-    sine = math.sin(sun_angular_radius)
-    cap = 2.0 * math.sin(0.5 * sun_angular_radius) ** 2
-    disc = (-1.0, 0.0, 0.0) if sun is None else (cap, 1.0 / (math.pi * sine**2), 1.0 / (2.0 * math.pi * cap))
-
-    reach = 1.0 + earth_altitude / earth_radius
+    disc = (-1.0, 0.0, 0.0)
+    if sun is not None:
+        cap = 2.0 * math.sin(0.5 * sun_angular_radius) ** 2
+        disc = (cap, 1.0 / (math.pi * math.sin(sun_angular_radius) ** 2), 1.0 / (2.0 * math.pi * cap))
+    reach = 2.0 if earth is None else 1.0 + earth_altitude / earth_radius
     down = np.array([0.0, 1.0, 0.0]) if earth is None else earth
     noon = -1.0 if sun is None else float(-down @ sun)
     ring = (0.0, 0.0) if earth is None or sun is None else _lit_ring(reach, math.acos(np.clip(noon, -1, 1)))

@@ -49,6 +49,9 @@ class LoadedScene:
         Names; object and material number k (from 1) is entry k − 1. Number 0 is "nothing".
     object_of, material_of
         Dr.Jit tables from a shape's registry index to these numbers.
+    out_of_band_ratio
+        Dr.Jit table from a material's number to its reflectance out of the filter's band over that in it; 1 for
+        materials of other people's files.
     """
 
     mitsuba: Any
@@ -56,6 +59,7 @@ class LoadedScene:
     materials: tuple[str, ...]
     object_of: Any
     material_of: Any
+    out_of_band_ratio: Any
 
     @property
     def triangles(self) -> int:
@@ -84,7 +88,7 @@ def load_scene(scene: Scene) -> LoadedScene:
         _collect(loaded, faults, f"scene.objects[{index}]", item.name, item, bsdfs)
     if faults:
         raise ScenarioError(faults, source="scene")
-    return _assemble(loaded)
+    return _assemble(loaded, bsdfs)
 
 
 def _collect(
@@ -99,7 +103,7 @@ def _collect(
         loaded.extend((name, shape) for shape in shapes)
 
 
-def _assemble(loaded: list[tuple[str, Any]]) -> LoadedScene:
+def _assemble(loaded: list[tuple[str, Any]], bsdfs: _Materials) -> LoadedScene:
     """Build the scene and the tables from a shape's registry index to its object and material."""
     scene = mi.load_dict(
         {"type": "scene", **{f"shape_{number}": shape for number, (_, shape) in enumerate(loaded)}},
@@ -113,7 +117,10 @@ def _assemble(loaded: list[tuple[str, Any]]) -> LoadedScene:
     material_of = object_of.copy()
     object_of[registry] = [objects.index(name) + 1 for name, _ in loaded]
     material_of[registry] = [surfaces.index(name) + 1 for name in named]
-    return LoadedScene(scene, objects, surfaces, mi.UInt32(object_of), mi.UInt32(material_of))
+    ratio = [1.0, *(bsdfs.out_of_band_ratio(name) for name in surfaces)]
+    return LoadedScene(
+        scene, objects, surfaces, mi.UInt32(object_of), mi.UInt32(material_of), mi.Float(ratio)
+    )
 
 
 def _registry_index(shape: Any) -> int:
@@ -128,6 +135,14 @@ class _Materials:
 
     def __init__(self) -> None:
         self._made: dict[str, Any] = {}
+        self._described: dict[str, materials.Material] = dict(materials.MATERIALS)
+
+    def out_of_band_ratio(self, name: str) -> float:
+        """Return the reflectance out of the filter's band over that in it."""
+        known = self._described.get(name)
+        if known is None or known.reflectance == 0.0 or known.reflectance_out_of_band is None:
+            return 1.0
+        return known.reflectance_out_of_band / known.reflectance
 
     def __call__(self, choice: MaterialChoice) -> Any:
         if isinstance(choice, Surface):
@@ -135,6 +150,7 @@ class _Materials:
             chosen = materials.Material(name=name, reflectance=choice.reflectance, source="the scenario")
         else:
             name, chosen = choice, materials.material(choice)
+        self._described[name] = chosen
         if name not in self._made:
             self._made[name] = mi.load_dict(materials.mitsuba_bsdf(chosen))
             self._made[name].set_id(name)
@@ -261,10 +277,11 @@ def _mitsuba_file(item: MitsubaFile, _: _Materials) -> list[Any]:
     settings.merge_meshes = False
     settings.merge_equivalent = False
     pose = mi.ScalarAffineTransform4d(item.scanner_from_object())
-    own_resolver = mi.file_resolver()
-    beside_file = mi.FileResolver(own_resolver)
+    renderer: Any = mi  # its type stubs lack the resolver
+    own_resolver = renderer.file_resolver()
+    beside_file = renderer.FileResolver(own_resolver)
     beside_file.prepend(str(item.file.resolve().parent))
-    mi.set_file_resolver(beside_file)
+    renderer.set_file_resolver(beside_file)
     try:
         state = mi.parser.parse_file(settings, str(item.file))
         mi.parser.transform_all(settings, state)
@@ -276,7 +293,7 @@ def _mitsuba_file(item: MitsubaFile, _: _Materials) -> list[Any]:
     except Exception as error:
         raise InputError(f"the scene '{item.file}' cannot be loaded: {_reason(error)}") from None
     finally:
-        mi.set_file_resolver(own_resolver)
+        renderer.set_file_resolver(own_resolver)
     if not isinstance(root, mi.Scene) or not root.shapes():
         raise InputError(f"the scene '{item.file}' holds no shapes.")
     return [_checked(shape, item.file) for shape in root.shapes()]

@@ -1,0 +1,178 @@
+"""All the light on the line: the laser's through the filter, and the background.
+
+A pixel of area a at a place p of the sensor looks at the angle ψ = atan(p/f) to the lens's axis and collects
+L A a cos⁴ψ / f² of a background of radiance L (Pedrotti, *Introduction to optics*, 3rd ed., ch. 5; on the axis this is
+eq 18). What passes the filter depends on ψ as well.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.render.background import Panorama
+from scanner_sim.render.light import Light
+from scanner_sim.render.shots import Shots
+from scanner_sim.render.transport import Bench
+
+WINDOW = 200e-6
+"""Length of the window in which the paper counts the background, along the line [m] (eq 18)."""
+
+
+class Throughput:
+    """What each pixel makes of the light, Dr.Jit tables of shape (pixels,).
+
+    Parameters
+    ----------
+    bench
+        The optics.
+    pixels
+        Number of pixels.
+    laser
+        Share of the laser's light that the filter passes at each pixel, of its peak transmission, shape (pixels,).
+    in_band, out_of_band
+        The Sun's irradiance that the detector counts behind the filter at each pixel [W/m²], shape (pixels,), in
+        watts that free as many electrons as watts of the laser's wavelength.
+    """
+
+    def __init__(
+        self,
+        bench: Bench,
+        pixels: int,
+        laser: NDArray[np.float64],
+        in_band: NDArray[np.float64],
+        out_of_band: NDArray[np.float64],
+    ) -> None:
+        receiver = bench.receiver
+        self.pixels = pixels
+        self.tangent = (bench.offset + (np.arange(pixels) + 0.5) * bench.pitch) / receiver.focal_length
+        gain = receiver.aperture_area * receiver.transmission * bench.filter_transmission
+        collected = (
+            gain * bench.pitch * bench.height / receiver.focal_length**2 / (1.0 + self.tangent**2) ** 2
+        )
+        self.window = WINDOW / bench.pitch
+        self.laser = _table(laser)
+        self.angle = _table(np.arctan(self.tangent))
+        self.in_band = _table(collected * in_band)
+        self.out_of_band = _table(collected * out_of_band)
+
+
+@dataclass
+class Incident:
+    """All the light on the line of a group of m shots.
+
+    Attributes
+    ----------
+    light
+        The laser's.
+    shots
+        The m shots.
+    columns
+        Voxels of a row, by which a shot's number tells its row.
+    throughput
+        Of the pixels.
+    panorama
+        The background, or None in the dark.
+    """
+
+    light: Light
+    shots: Shots
+    columns: int
+    throughput: Throughput
+    panorama: Panorama | None
+
+    def power(self, pixel: Any, place: Any) -> Any:
+        """Return the power [W] on pixels of the shots at some places, 0 to m − 1; Dr.Jit arrays of one shape."""
+        laser = self.light.power(pixel, place) * self._of(self.throughput.laser, pixel)
+        return laser if self.panorama is None else laser + self.background(pixel, place)
+
+    def background(self, pixel: Any, place: Any) -> Any:
+        """Return the background's power [W] alone."""
+        if self.panorama is None:
+            return dr.zeros(mi.Float, dr.width(pixel))
+        in_band, out_of_band = (
+            self._seen(layer, pixel, place) for layer in (self.panorama.in_band, self.panorama.out_of_band)
+        )
+        return in_band * self._of(self.throughput.in_band, pixel) + out_of_band * self._of(
+            self.throughput.out_of_band, pixel
+        )
+
+    def background_error(self, pixel: Any, place: Any) -> Any:
+        """Return the standard error [W] of the background from the finite number of paths."""
+        if self.panorama is None:
+            return dr.zeros(mi.Float, dr.width(pixel))
+        scale = self._of(self.throughput.in_band, pixel) + self._of(self.throughput.out_of_band, pixel)
+        return self._seen(self.panorama.error, pixel, place) * scale
+
+    def line(self, place: int) -> NDArray[np.float64]:
+        """Return the power [W] on every pixel of the shot at a place, shape (pixels,)."""
+        pixel = dr.arange(mi.UInt32, self.throughput.pixels)
+        power = self.power(pixel, dr.full(mi.UInt32, place, self.throughput.pixels)).numpy()
+        return np.asarray(power, dtype=np.float64)
+
+    def link_budget(self) -> tuple[Any, Any, Any]:
+        """Return the light of each shot as the paper counts it, Dr.Jit arrays of shape (m,) [W].
+
+        Returns
+        -------
+        tuple
+            I_laser, the laser light that reaches the array (eq 19); I_sun, the background in a window of 200 µm
+            about it (eq 18), or about the middle of the array where there is no laser light; and the
+            brightest pixel's background.
+        """
+        clusters, place = self.light.clusters, dr.arange(mi.UInt32, dr.width(self.light.index))
+        last = self.throughput.pixels - 1
+        laser, moment = mi.Float(0.0), mi.Float(0.0)
+        for number in range(clusters.count):
+            at = place + number * clusters.shots
+            position = dr.gather(mi.Float, clusters.position, at)
+            nearest = mi.UInt32(dr.clip(dr.round(position), 0.0, last))
+            on_array = (position > -0.5) & (position < last + 0.5)
+            amount = dr.gather(mi.Float, clusters.amount, at) * self._of(self.throughput.laser, nearest)
+            amount = dr.select(on_array, amount, 0.0)
+            laser += amount
+            moment += amount * position
+        centre = dr.select(laser > 0.0, moment / laser, 0.5 * last)
+        # The window's pixels, the outer ones in part.
+        reach = math.ceil(0.5 * self.throughput.window + 1.0)
+        window = mi.Float(0.0)
+        for step in range(-reach, reach + 1):
+            pixel = dr.round(centre) + step
+            apart = dr.abs(pixel - centre)
+            share = dr.clip(0.5 * self.throughput.window + 0.5 - apart, 0.0, 1.0)
+            inside = (pixel >= 0.0) & (pixel <= last) & (share > 0.0)
+            index = mi.UInt32(dr.clip(pixel, 0.0, last))
+            window += dr.select(inside, share * self.background(index, place), 0.0)
+        brightest = self._brightest(place)
+        dr.eval(laser, window, brightest)
+        return laser, window, brightest
+
+    def _brightest(self, place: Any) -> Any:
+        if self.panorama is None:
+            return dr.zeros(mi.Float, dr.width(place))
+        return dr.while_loop(
+            (mi.UInt32(0), dr.zeros(mi.Float, dr.width(place))),
+            lambda pixel, brightest: pixel < self.throughput.pixels,
+            lambda pixel, brightest: (pixel + 1, dr.maximum(brightest, self.background(pixel, place))),
+        )[1]
+
+    def _seen(self, layer: Any, pixel: Any, place: Any) -> Any:
+        """Return a layer of the panorama where pixels look."""
+        assert self.panorama is not None
+        row = dr.gather(mi.UInt32, self.shots.number, place) // dr.opaque(mi.UInt32, self.columns)
+        angle = dr.gather(mi.Float, self.shots.theta, place) - self._of(self.throughput.angle, pixel)
+        return self.panorama.look(layer, row, angle)
+
+    @staticmethod
+    def _of(table: Any, pixel: Any) -> Any:
+        return dr.gather(mi.Float, table, pixel)
+
+
+def _table(values: NDArray[np.float64]) -> Any:
+    return mi.Float(np.asarray(values, dtype=np.float32))
