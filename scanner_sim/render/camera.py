@@ -122,7 +122,8 @@ def develop(camera: Camera, linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     black = 2.0**-camera.stops
     signal = np.clip((exposed - black) / (1.0 - black), 0.0, 1.0) ** (1.0 / camera.gamma)
     steps = 2**camera.bits - 1
-    return np.rint(255.0 / steps * np.rint(steps * signal)).astype(np.uint8)
+    grey: NDArray[np.uint8] = np.rint(255.0 / steps * np.rint(steps * signal)).astype(np.uint8)
+    return grey
 
 
 def _edges(angles: tuple[float, float]) -> tuple[float, float]:
@@ -179,5 +180,6 @@ def _trace(
 def _glare_kernel(rows: int, columns: int) -> NDArray[np.float64]:
     """Return strewn light that falls off with the cube of the distance, normalised, twice the picture's size."""
     y, x = np.ogrid[-rows : rows + 1, -columns : columns + 1]
-    kernel = (1.0 + (x**2 + y**2) / _GLARE_WIDTH**2) ** -1.5
-    return kernel / float(kernel.sum())
+    kernel: NDArray[np.float64] = (1.0 + (x**2 + y**2) / _GLARE_WIDTH**2) ** -1.5
+    kernel /= kernel.sum()
+    return kernel

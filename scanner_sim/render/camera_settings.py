@@ -14,7 +14,7 @@ class Camera(Part):
     Numbers of a typical charge-coupled video camera; none is printed in the paper.
     """
 
-    width: Count = Field(default=512, ge=8, le=8192)
+    width: Count = Field(default=400, ge=8, le=8192)
     """Columns of the picture; the rows follow from the field of view of the scan."""
     samples: Count = Field(default=64, ge=1, le=65536)
     """Random paths per pixel."""
