@@ -30,6 +30,8 @@ from scanner_sim.scene.loader import LoadedScene
 from scanner_sim.streams import Stream, generator
 
 _PATHS_TOGETHER = 1 << 21
+_MOST_SAMPLES = 64
+"""Largest factor of the samples where rows are sparse."""
 _GENERALISED_GOLDEN = 1.085070245491451
 """The real root of x⁹ = x + 1."""
 
@@ -52,6 +54,11 @@ class View:
     first: float
     step: float
     bins: int
+
+    @property
+    def row_step(self) -> float:
+        """Angle between rows [rad]; infinite where there is one row only."""
+        return float(self.phi[1] - self.phi[0]) if len(self.phi) > 1 else math.inf
 
 
 @dataclass
@@ -105,13 +112,14 @@ def render_panorama(
     view
         Angles of the panoramas.
     bounces, samples
-        Surfaces on a path; paths of each bin, an even number.
+        Surfaces on a path; paths of each bin, an even number. Where rows lie more than two bins apart, each gets
+        as many more, up to a limit.
     seed
         Seed of the paths.
     """
     rows = len(view.phi)
     size = rows * view.bins
-    half = samples // 2
+    half = samples // 2 * max(1, round(min(view.row_step / (2.0 * view.step), _MOST_SAMPLES)))
     sums = [[dr.empty(mi.Float, size) for _ in range(4)] for _ in range(2)]
     features = Features(
         dr.empty(mi.UInt32, size), *([dr.empty(mi.Float, size) for _ in range(3)] for _ in range(2))
@@ -147,7 +155,9 @@ def render_panorama(
 def _assembled(view: View, sums: Any, features: Features, spread: float) -> Panorama:
     """Filter the smooth part of both halves alike, blur all, and take the error from the halves' difference."""
     rows = len(view.phi)
-    smoothed = smooth([layer for part in sums for layer in part[2:]], features, rows, view.bins)
+    smoothed = smooth(
+        [layer for part in sums for layer in part[2:]], features, rows, view.bins, view.step / view.row_step
+    )
     sharp = [layer for part in sums for layer in part[:2]]
     halves = blurred([one + other for one, other in zip(sharp, smoothed, strict=True)], view.bins, spread)
     in_band, out_of_band = 0.5 * (halves[0] + halves[2]), 0.5 * (halves[1] + halves[3])

@@ -42,7 +42,9 @@ class Features:
                 dr.scatter(target[axis], dr.gather(mi.Float, source[axis], lane), at)
 
 
-def smooth(layers: list[Any], features: Features, rows: int, columns: int) -> list[Any]:
+def smooth(
+    layers: list[Any], features: Features, rows: int, columns: int, rows_per_column: float
+) -> list[Any]:
     """Filter layers of a picture, each of shape (rows · columns,), over like neighbours.
 
     Parameters
@@ -53,24 +55,31 @@ def smooth(layers: list[Any], features: Features, rows: int, columns: int) -> li
         Geometry of every entry.
     rows, columns
         Size of the picture.
+    rows_per_column
+        Angle of a column over that of a row: where rows lie far apart, the filter reaches over fewer of them.
     """
     for stride in _STRIDES:
-        layers = _pass(layers, features, rows, columns, stride)
+        layers = _pass(layers, features, rows, columns, (int(stride * rows_per_column), stride))
         dr.eval(layers)
     return layers
 
 
-def _pass(layers: list[Any], features: Features, rows: int, columns: int, stride: int) -> list[Any]:
+def _pass(
+    layers: list[Any], features: Features, rows: int, columns: int, stride: tuple[int, int]
+) -> list[Any]:
     lane = dr.arange(mi.UInt32, rows * columns)
     row, column = mi.Int32(lane // columns), mi.Int32(lane % columns)
     material = features.material
     normal, point = mi.Vector3f(*features.normal), mi.Vector3f(*features.point)
-    step = dr.opaque(mi.Int32, stride)
+    step_down, step_right = (dr.opaque(mi.Int32, step) for step in stride)
     total = mi.Float(0.0)
     sums: list[Any] = [mi.Float(0.0) for _ in layers]
-    for down, weight_down in enumerate(_SPLINE, -2):
-        for right, weight_right in enumerate(_SPLINE, -2):
-            y, x = row + down * step, column + right * step
+    splines = (_SPLINE if stride[0] else (0.0, 0.0, 1.0, 0.0, 0.0)), _SPLINE
+    for down, weight_down in enumerate(splines[0], -2):
+        if weight_down == 0.0:
+            continue
+        for right, weight_right in enumerate(splines[1], -2):
+            y, x = row + down * step_down, column + right * step_right
             inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
             at = mi.UInt32(dr.select(inside, y * columns + x, mi.Int32(lane)))
             other = mi.Vector3f(*(dr.gather(mi.Float, part, at) for part in features.normal))
@@ -79,7 +88,7 @@ def _pass(layers: list[Any], features: Features, rows: int, columns: int, stride
             turned = (1.0 - dr.dot(normal, other)) / _LIKE_NORMAL
             lifted = dr.abs(dr.dot(normal, away)) / (_IN_PLANE * dr.norm(away) + 1e-6)
             weight: Any = weight_down * weight_right * dr.exp(-turned - lifted)
-            weight = dr.select(alike, weight, 0.0) if (down, right) != (0, 0) else _SPLINE[2] ** 2
+            weight = dr.select(alike, weight, 0.0) if (down, right) != (0, 0) else weight_down * weight_right
             total += weight
             for number, layer in enumerate(layers):
                 sums[number] += weight * dr.gather(mi.Float, layer, at)

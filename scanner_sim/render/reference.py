@@ -1,4 +1,4 @@
-"""The brute-force judge of the light transport: one shot by millions of random rays.
+"""The brute-force judge of the light transport: one shot by millions of random rays, for laser and background.
 
 Every ray draws its place and direction in the beam (the phase-space density of a Gaussian beam: independent
 normal place at the waist and normal direction), a point of the receiving aperture, and its place in the point
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -16,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.optics.deflection import deflected_frame
+from scanner_sim.render.paths import Albedo, trace_paths
+from scanner_sim.render.sky import SkyLight
 from scanner_sim.render.transport import Bench
 from scanner_sim.scene.loader import LoadedScene
 from scanner_sim.streams import Stream, generator
@@ -25,7 +28,7 @@ _RAYS_TOGETHER = 1 << 21
 
 @dataclass(frozen=True)
 class ReferenceLine:
-    """Light of one shot on the line: mean and standard error of each pixel's power [W], shape (pixels,)."""
+    """Light on the line: mean and standard error of each pixel's power [W], shape (pixels,)."""
 
     power: NDArray[np.float64]
     standard_error: NDArray[np.float64]
@@ -69,6 +72,80 @@ def reference_line(
     return ReferenceLine(mean, np.sqrt(np.maximum(squares / rays - mean**2, 0.0) / rays))
 
 
+def reference_background(
+    loaded: LoadedScene,
+    bench: Bench,
+    light: SkyLight,
+    albedo: Albedo,
+    pixels: int,
+    theta: float,
+    phi: float,
+    *,
+    bounces: int,
+    samples: int,
+    seed: int = 0,
+    shot: int = 0,
+) -> ReferenceLine:
+    """Return the background of one voxel by brute force: random rays from each pixel's own field of view.
+
+    No panorama, no filter, no interpolation: every ray starts in its pixel, is displaced by the point spread and
+    leaves through the lens node; the falloff is that of the ray's own angle.
+
+    Parameters
+    ----------
+    loaded, bench, light, albedo
+        Scene, optics, Sun and Earth.
+    pixels
+        Number of pixels of the line.
+    theta, phi
+        True deflections [rad].
+    bounces, samples
+        Surfaces on a path; rays of each pixel.
+    seed, shot
+        Address of the random numbers.
+
+    Returns
+    -------
+    ReferenceLine
+        In band, for a Sun of 1 W/m².
+    """
+    receiver = bench.receiver
+    number = dr.arange(mi.UInt32, pixels * samples)
+    pixel = mi.Float(number // samples)
+
+    def random(draw: Any) -> Any:
+        return generator(
+            seed, Stream.REFERENCE, mi.UInt32(shot + (1 << 31)), number * 64 + draw
+        ).next_float32x4()
+
+    place = random(mi.UInt32(62))
+    blur = generator(
+        seed, Stream.REFERENCE, mi.UInt32(shot + (1 << 31)), number * 64 + 63
+    ).next_float32x4_normal()
+    p = bench.offset + (pixel + place[0]) * bench.pitch + blur[0] * receiver.point_spread
+    q = (place[1] - 0.5) * bench.height + blur[1] * receiver.point_spread
+    along, across, normal, _, lens = _optics(bench, theta, phi)
+    direction = dr.normalize(along * receiver.focal_length - across * p + normal * q)
+    origin = mi.Point3f(lens) + dr.zeros(mi.Point3f, dr.width(number))
+    found, _ = trace_paths(loaded, light, albedo, bounces, origin, direction, random)
+    gain = receiver.aperture_area * receiver.transmission * bench.filter_transmission
+    gain *= bench.pitch * bench.height / receiver.focal_length**2
+    falloff = dr.square(dr.square(dr.dot(direction, along)))
+    power = ((found.direct + found.indirect) * falloff).numpy().astype(np.float64).reshape(
+        pixels, samples
+    ) * gain
+    return ReferenceLine(power.mean(axis=1), power.std(axis=1, ddof=1) / math.sqrt(samples))
+
+
+def _optics(bench: Bench, theta: float, phi: float) -> tuple[Any, ...]:
+    """Return the deflected optics at one pair of angles [rad]: along, across, normal, laser, lens."""
+    sines = (math.sin(theta), math.cos(theta), math.sin(phi), math.cos(phi))
+    parts = deflected_frame(
+        *(mi.Float(value) for value in sines), bench.axis_separation, bench.receiver.baseline
+    )
+    return tuple(mi.Vector3f(*part) for part in parts)
+
+
 def _land(
     loaded: LoadedScene, bench: Bench, theta: float, phi: float, number: mi.UInt32, seed: int, shot: int
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -76,15 +153,7 @@ def _land(
     laser, receiver = bench.laser, bench.receiver
     random = generator(seed, Stream.REFERENCE, mi.UInt32(shot), number)
     beam, blur, stop = random.next_float32x4_normal(), random.next_float32x4_normal(), random.next_float32x4()
-    parts = deflected_frame(
-        mi.Float(math.sin(theta)),
-        mi.Float(math.cos(theta)),
-        mi.Float(math.sin(phi)),
-        mi.Float(math.cos(phi)),
-        bench.axis_separation,
-        receiver.baseline,
-    )
-    along, across, normal, origin, lens = (mi.Vector3f(*part) for part in parts)
+    along, across, normal, origin, lens = _optics(bench, theta, phi)
 
     sigma = 0.5 * laser.waist_radius
     slope_a, slope_b = beam[2] * sigma / laser.rayleigh_length, beam[3] * sigma / laser.rayleigh_length
