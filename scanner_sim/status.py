@@ -18,6 +18,9 @@ class Status(IntEnum):
     AMBIGUOUS = 3
     OUT_OF_ARRAY = 4
     OUT_OF_GATE = 5
+    BAD_SHAPE = 6
+    BAD_AMPLITUDE = 7
+    ISOLATED = 8
 
     @property
     def sentence(self) -> str:
@@ -32,6 +35,9 @@ _SENTENCES = {
     Status.AMBIGUOUS: "two separate peaks of comparable height",
     Status.OUT_OF_ARRAY: "the peak lies too near the end of the array for the estimator's window",
     Status.OUT_OF_GATE: "the range lies outside the range gate",
+    Status.BAD_SHAPE: "the peak has not the width or the shape of the laser spot",
+    Status.BAD_AMPLITUDE: "the peak is brighter than any surface at its range could be",
+    Status.ISOLATED: "the range agrees with none of its neighbours",
 }
 
 

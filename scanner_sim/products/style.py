@@ -29,6 +29,9 @@ STATUS_COLOUR: dict[Status, str] = {
     Status.AMBIGUOUS: "#d8b26e",
     Status.OUT_OF_ARRAY: "#a58fb5",
     Status.OUT_OF_GATE: "#8aa3b5",
+    Status.BAD_SHAPE: "#b98a9b",
+    Status.BAD_AMPLITUDE: "#c9c28b",
+    Status.ISOLATED: "#93ad94",
 }
 """Muted colours of voxels without a range. They differ in lightness too, and none lies on a colour map in use."""
 

@@ -2,18 +2,52 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Literal
 
 from pydantic import Field
 
 from scanner_sim.errors import Fault
-from scanner_sim.parts import Number, Part
-from scanner_sim.units import Length
+from scanner_sim.parts import Number, Part, Switch
+from scanner_sim.units import Angle, Length
 
 PeakMethod = Literal[
     "centre_of_mass", "parabola", "gaussian", "blais_rioux_2", "blais_rioux_4", "blais_rioux_8"
 ]
+
+
+class Validation(Part):
+    """What tells the laser's spot from sunlight: edges, glints and the Sun must not become ranges."""
+
+    background: Switch = True
+    """Search for the peak that stands out like a spot, and subtract the light beside it. Without it the
+    brightest pixel of the line wins, whatever lit it."""
+    shape: Switch = True
+    """Refuse peaks that have not the width or the shape of the spot."""
+    false_alarm: Number = Field(default=1e-4, ge=1e-12, le=0.1)
+    """Probability with which noise alone makes a spot of the right shape fail the test of its shape."""
+    beam_width: tuple[Number, Number] = (0.7, 2.0)
+    """Least and largest image of the beam along the line, relative to that on a surface which faces the
+    scanner: tilted surfaces and edges lie between."""
+    tolerance: Number = Field(default=0.1, ge=0.0, le=1.0)
+    """Departure of each pixel from the spot's shape, relative to its height, that passes as harmless."""
+    misfit: Number = Field(default=1.0, ge=0.0, le=100.0)
+    """Standard deviation of the position [pixel] for a departure from the shape, root mean square, of the spot's
+    height: what does not fit the spot may also have moved it. 0 trusts every shape that passes."""
+    max_reflectance: Number | None = Field(default=30.0, gt=0.0, le=1e9)
+    """Brightest surface there can be, relative to a white Lambertian one that faces the scanner; more is no
+    laser light from that range. ``none`` is no limit."""
+    isolated: Number | None = Field(default=6.0, ge=0.0, le=1e6)
+    """Standard deviations by which the range of a voxel may differ from that of a neighbour, beyond the rise of the
+    steepest surface; a voxel that differs from all its neighbours is refused. ``none`` keeps it."""
+    steepest: Angle = Field(default=math.radians(80.0), ge=0.0, le=1.57)
+    """Inclination of the steepest surface whose voxels still count as neighbours."""
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield widths that do not ascend."""
+        if not 0.0 <= self.beam_width[0] < self.beam_width[1]:
+            yield Fault("beam_width", "the widths must ascend from 0 or more.", "Write [0.7, 2.0].")
 
 
 class Processing(Part):
@@ -22,11 +56,14 @@ class Processing(Part):
     peak: PeakMethod = "gaussian"
     """Estimator of the sub-pixel position."""
     threshold: Number = Field(default=6.0, ge=0.0, le=1e6)
-    """Least height of a peak, in standard deviations of the dark line (read, dark and quantisation noise)."""
+    """Least height of a peak, in standard deviations of the line without it (read, dark and quantisation noise,
+    and that of the light beneath the peak)."""
     ambiguity: Number = Field(default=0.5, gt=0.0, le=1.0)
     """A second, separate peak higher than this share of the first makes the shot ambiguous."""
     range_gate: tuple[Length, Length] | None = Field(default=None, examples=[["2 m", "30 m"]])
     """Nearest and farthest range that is accepted; by default all that the array sees."""
+    validation: Validation = Validation()
+    """What tells the laser's spot from sunlight."""
 
     def contradictions(self) -> Iterator[Fault]:
         """Yield a range gate that does not ascend."""
