@@ -1,0 +1,187 @@
+"""Sun and Earth as parts of a scenario: what they mean, how they are written, and what is refused."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from scanner_sim.scene.earth import EARTH_RADIUS, earth_angular_radius, visible_share
+from scanner_sim.scene.lighting import Earth, Lighting, Sky, Sun
+from scanner_sim.scene.orbit import Orbit
+
+TLE = {
+    "line1": "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",
+    "line2": "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537",
+    "time": "2008-09-20T12:25:40Z",
+}
+COMPONENT = st.floats(-1e6, 1e6)
+
+
+def test_it_is_dark_by_default() -> None:
+    sky = Lighting().sky()
+    assert sky.dark
+    assert sky.sun_direction is None
+    assert sky.earth_direction is None
+    assert sky.sun_visible == sky.albedo == 0.0
+    assert Sky().dark
+
+
+def test_a_lit_scene() -> None:
+    sky = Lighting.model_validate(
+        {
+            "sun": {"direction": [0, -3, 0]},
+            "earth": {"direction": [0, 0, 5], "altitude": "500 km", "albedo": 0.4},
+        }
+    ).sky()
+    assert not sky.dark
+    np.testing.assert_array_equal(sky.sun_direction, [0.0, -1.0, 0.0])
+    np.testing.assert_array_equal(sky.earth_direction, [0.0, 0.0, 1.0])
+    assert sky.sun_visible == 1.0
+    assert sky.sun_angular_radius == pytest.approx(math.asin(695e3 / 149.68e6))
+    assert math.sin(sky.earth_angular_radius) == pytest.approx(EARTH_RADIUS / (EARTH_RADIUS + 500e3))
+    assert (sky.earth_altitude, sky.earth_radius, sky.albedo) == (500e3, EARTH_RADIUS, 0.4)
+    assert sky.phase == pytest.approx(math.pi / 2.0)
+
+
+@given(x=COMPONENT, y=COMPONENT, z=COMPONENT)
+def test_directions_are_made_unit_vectors(x: float, y: float, z: float) -> None:
+    if math.hypot(x, y, z) < 1e-90:
+        return
+    direction = Lighting(sun=Sun(direction=(x, y, z))).sky().sun_direction
+    assert direction is not None
+    assert np.linalg.norm(direction) == pytest.approx(1.0, abs=1e-12)
+    assert direction @ np.array([x, y, z]) == pytest.approx(math.hypot(x, y, z), rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        {},
+        {"sun": {"direction": [0.1, -0.7, 0.3], "spectrum": "astm_g173", "temperature": "5800 K"}},
+        {"sun": "none", "earth": {"direction": [0, 1, 0], "altitude": "412.3 km"}},
+        {"orbit": {"beta": "30 deg", "anomaly": "90 deg", "attitude": {"forward": "wake", "down": "port"}}},
+        {"orbit": {}, "earth": "none", "sun": {"radius": "1 km"}},
+        {"tle": TLE},
+    ],
+)
+def test_written_back_it_is_the_same(data: dict[str, Any]) -> None:
+    lighting = Lighting.model_validate(data)
+    written = lighting.model_dump(mode="json")
+    assert Lighting.model_validate(written, context={"units": "required"}) == lighting
+
+
+def test_an_orbit_brings_sun_and_earth() -> None:
+    """Without a word about them both are there; each can be changed or left out, but not placed."""
+    both = Lighting.model_validate({"orbit": {"anomaly": "20 deg"}}).sky()
+    assert both.sun_direction is not None
+    np.testing.assert_allclose(both.earth_direction, [0.0, 1.0, 0.0], atol=1e-12)
+    assert both.phase == pytest.approx(math.radians(20.0))
+    assert Lighting.model_validate({"orbit": {}, "sun": "none"}).sky().dark
+    assert Lighting.model_validate({"orbit": {}, "earth": "none"}).sky().earth_direction is None
+    changed = Lighting.model_validate({"tle": TLE, "earth": {"albedo": 0.5}})
+    assert changed.sky().albedo == 0.5
+    assert Lighting(orbit=Orbit()) == Lighting.model_validate({"orbit": {}})
+
+
+def test_without_an_earth_no_eclipse() -> None:
+    night = {"orbit": {"anomaly": "180 deg"}}
+    assert Lighting.model_validate(night).sky().sun_visible == 0.0
+    assert Lighting.model_validate({**night, "earth": "none"}).sky().sun_visible == 1.0
+
+
+def test_in_an_eclipse_the_sun_keeps_its_place() -> None:
+    sky = Lighting(orbit=Orbit(anomaly=math.pi)).sky()
+    assert not sky.dark
+    np.testing.assert_allclose(sky.sun_direction, [0.0, 1.0, 0.0], atol=1e-12)
+    assert sky.phase == pytest.approx(math.pi)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ({"sun": {}}, "sun: it has no direction"),
+        ({"sun": {"direction": [0, 0, 0]}}, "has no direction"),
+        ({"sun": {"direction": [0, 1]}}, "direction"),
+        ({"earth": {"direction": [0, 0, 0]}}, "has no direction"),
+        ({"earth": {}}, "earth: it has no direction"),
+        ({"sun": "bright"}, "none"),
+        ({"sun": {"direction": [0, 0, 1], "spectrum": "plank"}}, "planck"),
+        ({"sun": {"direction": [0, 0, 1], "temperature": "5500 degC"}}, "kelvins"),
+        ({"sun": {"direction": [0, 0, 1], "temperature": "10 K"}}, "greater than or equal to 1000"),
+        ({"sun": {"direction": [0, 0, 1], "distance": "1e6 km"}}, "no small disc"),
+        ({"earth": {"direction": [0, 1, 0], "albedo": 1.2}}, "less than or equal to 1"),
+        ({"earth": {"direction": [0, 1, 0], "altitude": "50 km"}}, "greater than 100000"),
+        ({"orbit": {}, "sun": {"direction": [0, 0, 1]}}, "sun.direction: it follows from the orbit"),
+        ({"orbit": {}, "earth": {"direction": [0, 0, 1]}}, "earth.direction: it follows from the orbit"),
+        ({"orbit": {}, "earth": {"altitude": "500 km"}}, "earth.altitude: it follows from the orbit"),
+        ({"orbit": {}, "tle": TLE}, "tle: there is an orbit already"),
+        ({"moon": {}}, "Extra inputs"),
+    ],
+)
+def test_impossible_lighting(data: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValidationError) as caught:
+        Lighting.model_validate(data)
+    assert words in str(caught.value)
+
+
+@pytest.mark.parametrize(("degrees", "possible"), [(0.0, False), (69.9, False), (70.3, True), (71.0, True)])
+def test_a_sun_behind_the_earth(degrees: float, possible: bool) -> None:
+    """The Earth's radius is 70.2° at 400 km, the Sun's 0.27°: fully hidden is an error, half hidden is a sunset."""
+    sun = Sun(direction=(math.sin(math.radians(degrees)), math.cos(math.radians(degrees)), 0.0))
+    earth = Earth(direction=(0.0, 2.0, 0.0))
+    if not possible:
+        with pytest.raises(ValidationError, match=r"behind the Earth.*an orbit"):
+            Lighting(sun=sun, earth=earth)
+        return
+    share = Lighting(sun=sun, earth=earth).sky().sun_visible
+    assert (share == 1.0) if degrees == 71.0 else (0.5 < share < 0.9)
+
+
+@pytest.mark.parametrize("earth", [math.radians(70.2), 0.3, 0.02, 5e-3])
+@pytest.mark.parametrize("at", [-0.9, -0.5, 0.0, 0.3, 0.8])
+def test_visible_share_against_the_sphere(earth: float, at: float) -> None:
+    """Claim: the hidden share of the Sun's disc is right on the sphere, for near and far Earths.
+
+    Set-up: 300 × 600 points of the Sun's disc (even in area), those inside of the Earth's cap counted; the limb ``at``
+    Sun's radii from the Sun's centre. Tolerance: 2e-3, twice the share of one ring of points.
+    """
+    sun = 4.65e-3
+    separation = earth + at * sun
+    r = sun * np.sqrt((np.arange(300) + 0.5) / 300.0)[:, None]
+    angle = 2.0 * np.pi * (np.arange(600) + 0.5) / 600.0
+    # Direction of the Earth's centre is z; the Sun stands at ``separation`` from it in the x z plane.
+    along = np.cos(separation) * np.cos(r) - np.sin(separation) * np.sin(r) * np.cos(angle)
+    expected = float((along < np.cos(earth)).mean())
+    assert visible_share(separation, sun, earth) == pytest.approx(expected, abs=2e-3)
+
+
+@given(first=st.floats(-1.5, 1.5), second=st.floats(-1.5, 1.5), altitude=st.floats(101e3, 1e9))
+def test_the_sun_only_grows_as_it_rises(first: float, second: float, altitude: float) -> None:
+    sun, earth = 4.65e-3, earth_angular_radius(altitude)
+    low, high = sorted((first, second))
+    shares = [visible_share(max(earth + at * sun, 0.0), sun, earth) for at in (low, high)]
+    assert 0.0 <= shares[0] <= shares[1] + 1e-9 <= 1.0 + 1e-9
+
+
+def test_an_earth_smaller_than_the_sun_makes_a_ring() -> None:
+    assert visible_share(0.0, 4.65e-3, 2e-3) == pytest.approx(1.0 - (2e-3 / 4.65e-3) ** 2, rel=1e-5)
+    assert visible_share(7e-3, 4.65e-3, 2e-3) == 1.0
+
+
+def test_lighting_loads_no_heavy_library() -> None:
+    """Colour-science, SGP4 and ERFA wait until they are needed: the command line answers at once."""
+    code = (
+        "import sys; from scanner_sim.scene.lighting import Lighting; "
+        "Lighting.model_validate({'orbit': {}}).sky(); "
+        "print(sorted({'colour', 'sgp4', 'erfa', 'mitsuba', 'drjit'} & set(sys.modules)))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
