@@ -159,21 +159,24 @@ def _trace(
     Pixels are added up here: a Mitsuba film adds with atomic operations, in an order that no run repeats.
     """
     integrator: Any = mi.load_dict({"type": "path", "max_depth": camera.bounces + 1})
-    sampler: Any = mi.load_dict({"type": "independent"})
+    # Stratified, so that the emitter's choice between Sun and Earth is no source of noise.
+    sampler: Any = mi.load_dict({"type": "multijitter", "sample_count": camera.samples})
+    samples = sampler.sample_count()
+    sampler.set_samples_per_wavefront(samples)
     rows, columns = shape
-    pixels, batch = rows * columns, max(1, _PATHS_AT_ONCE // camera.samples)
+    pixels, batch = rows * columns, max(1, _PATHS_AT_ONCE // samples)
     found = np.empty(pixels, dtype=np.float32)
     for turn, start in enumerate(range(0, pixels, batch)):
         count = min(batch, pixels - start)
-        sampler.seed(seed + 0x9E3779B1 * turn & 0xFFFFFFFF, count * camera.samples)
-        pixel = dr.arange(mi.UInt32, count * camera.samples) // camera.samples + dr.opaque(mi.UInt32, start)
+        sampler.seed(seed + 0x9E3779B1 * turn & 0xFFFFFFFF, count * samples)
+        pixel = dr.arange(mi.UInt32, count * samples) // samples + dr.opaque(mi.UInt32, start)
         row = pixel // columns
         place, column = sampler.next_2d(), pixel - row * columns
         x = dr.opaque(mi.Float, lower[0]) + (mi.Float(column) + place.x) * dr.opaque(mi.Float, step[0])
         y = dr.opaque(mi.Float, lower[1]) + (mi.Float(row) + place.y) * dr.opaque(mi.Float, step[1])
         ray = mi.Ray3f(mi.Point3f(0.0), dr.normalize(mi.Vector3f(x, y, 1.0)))
         radiance = integrator.sample(scene, sampler, ray)[0][0]
-        found[start : start + count] = (dr.block_sum(radiance, camera.samples) / camera.samples).numpy()
+        found[start : start + count] = (dr.block_sum(radiance, samples) / samples).numpy()
     return found.reshape(shape)
 
 

@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from scanner_sim.render import sky
+from scanner_sim.render.transport import meet
 from scanner_sim.scene.loader import LoadedScene
 
 
@@ -75,94 +76,115 @@ def trace_paths(
     random
         Function of a number of a draw, 0, 1, 2…, that returns four uniform random numbers of each ray.
     """
-    earth_in, earth_out = dr.opaque(mi.Float, albedo.in_band), dr.opaque(mi.Float, albedo.out_of_band)
-    count, limit = dr.width(direction), dr.opaque(mi.UInt32, bounces)
-
-    def emitted(towards: Any, scattered: Any, delta: Any) -> tuple[Any, Any]:
-        """Return Sun and Earth seen in a direction, weighted against sampling them."""
-        sun, earth = sky.sun_radiance(light, towards), sky.earth_radiance(light, towards)
-        by_sun, by_earth = sky.pdf_sun(light, towards), sky.pdf_earth(light, towards)
-        weight_sun = dr.select(delta, 1.0, scattered / dr.maximum(scattered + by_sun, 1e-20))
-        weight_earth = dr.select(delta, 1.0, scattered / dr.maximum(scattered + by_earth, 1e-20))
-        return sun * weight_sun, earth * weight_earth
-
-    def surface(state: Any, depth: Any) -> Any:
-        ray, active, gain, ratio, pdf, delta, total, first = state
-        si = loaded.mitsuba.ray_intersect(
-            ray, mi.RayFlags.UV | mi.RayFlags.ShadingFrame, coherent=False, active=active
-        )
-        met = si.is_valid()
-        hit = active & met & (depth < limit)
-        early = depth == 0
-        sun, earth = emitted(ray.d, pdf, delta)
-        escaped = active & ~met
-        # What is seen directly, or in the first mirror, is sharp; the rest is smooth.
-        sharp = early | (delta & (depth == 1))
-        sun, earth = dr.select(escaped, gain * sun, 0.0), dr.select(escaped, gain * earth, 0.0)
-        _add(total, sharp, sun + earth_in * earth, ratio * (sun + earth_out * earth))
-
-        number: Any = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
-        material = dr.gather(mi.UInt32, loaded.material_of, number)
-        first = FirstHit(
-            dr.select(early, dr.select(hit, material, 0), first.material),
-            dr.select(early & hit, si.n, first.normal),
-            dr.select(early & hit, mi.Vector3f(si.p), first.point),
-        )
-        ratio = ratio * dr.select(hit, dr.gather(mi.Float, loaded.out_of_band_ratio, material), 1.0)
-        drawn, more = random(2 * depth), random(2 * depth + 1)
-        bsdf = si.bsdf()
-        for sample, draw, radiance_of in (
-            (mi.Point2f(drawn[0], drawn[1]), sky.sample_sun, sky.sun_radiance),
-            (mi.Point2f(drawn[2], drawn[3]), sky.sample_earth, sky.earth_radiance),
-        ):
-            towards, density = draw(light, sample)
-            value, scattered = bsdf.eval_pdf(mi.BSDFContext(), si, si.to_local(towards), hit)
-            radiance = radiance_of(light, towards)
-            useful = hit & (density > 0.0) & (value[0] > 0.0) & (radiance > 0.0)
-            hidden = loaded.mitsuba.ray_test(si.spawn_ray(towards), coherent=False, active=useful)
-            seen = dr.select(useful & ~hidden, gain * value[0] * radiance / (density + scattered), 0.0)
-            if draw is sky.sample_sun:
-                _add(total, early, seen, ratio * seen)
-            else:
-                _add(total, mi.Bool(False), earth_in * seen, ratio * earth_out * seen)
-
-        sample, weight = bsdf.sample(mi.BSDFContext(), si, more[0], mi.Point2f(more[1], more[2]), hit)
-        gain = gain * dr.select(hit, weight[0], 0.0)
-        # Russian roulette: faint paths end early, the others stand for them.
-        survival = dr.select(early, 1.0, dr.clip(gain, 0.1, 1.0))
-        gain = dr.select(more[3] < survival, gain / survival, 0.0)
-        ray = si.spawn_ray(si.to_world(sample.wo))
-        delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-        return ray, hit & (gain > 0.0), gain, ratio, sample.pdf, delta, total, first
-
-    zero = dr.zeros(mi.Float, count)
-    start = (
-        mi.Ray3f(origin, direction),
-        dr.full(mi.Bool, True, count),
-        dr.full(mi.Float, 1.0, count),
-        dr.full(mi.Float, 1.0, count),
-        zero,
-        dr.full(mi.Bool, True, count),
-        Radiance(mi.Float(zero), mi.Float(zero), mi.Float(zero), mi.Float(zero)),
-        FirstHit(dr.zeros(mi.UInt32, count), dr.zeros(mi.Normal3f, count), dr.zeros(mi.Vector3f, count)),
+    tracer = _Tracer(loaded, light, albedo, dr.opaque(mi.UInt32, bounces), random)
+    count = dr.width(direction)
+    dark = dr.zeros(mi.Float, count)
+    total = Radiance(mi.Float(dark), mi.Float(dark), mi.Float(dark), mi.Float(dark))
+    si = meet(loaded, origin, direction)
+    sun, earth = sky.sun_radiance(light, direction), sky.earth_radiance(light, direction)
+    tracer.collect(total, True, dr.select(si.is_valid(), 0.0, sun), dr.select(si.is_valid(), 0.0, earth), 1.0)
+    hit, gain = si.is_valid(), dr.full(mi.Float, 1.0, count)
+    material = dr.gather(mi.UInt32, loaded.material_of, tracer.shape_of(si, hit))
+    first = FirstHit(dr.select(hit, material, 0), mi.Vector3f(si.n), mi.Vector3f(si.p))
+    ratio = tracer.ratio_of(material, hit)
+    draws = random(mi.UInt32(0))
+    sun = tracer.sampled(si, hit, gain, mi.Point2f(draws[0], draws[1]), sky.sample_sun, sky.sun_radiance)
+    tracer.collect(total, True, sun, 0.0, ratio)
+    earth = tracer.sampled(
+        si, hit, gain, mi.Point2f(draws[2], draws[3]), sky.sample_earth, sky.earth_radiance
     )
-
-    def turn(depth: Any, *state: Any) -> Any:
-        return (depth + 1, *surface(state, depth))
-
+    tracer.collect(total, False, 0.0, earth, ratio)
+    onward = tracer.scatter(si, hit, gain, random(mi.UInt32(1)), roulette=False)
     loop: Any = dr.while_loop
     result = loop(
-        (mi.UInt32(0), *start),
-        lambda depth, ray, active, *rest: active & (depth <= limit),  # the last ray may still meet the sky
-        turn,
+        (mi.UInt32(1), *onward, ratio, total),
+        lambda depth, ray, active, *rest: active,
+        tracer.turn,
         labels=(),
     )
-    return result[-2], result[-1]
+    return result[-1], first
 
 
-def _add(total: Radiance, sharp: Any, light: Any, light_out: Any) -> None:
-    """Add light to the direct part where ``sharp``, else to the indirect one."""
-    total.direct = total.direct + dr.select(sharp, light, 0.0)
-    total.direct_out = total.direct_out + dr.select(sharp, light_out, 0.0)
-    total.indirect = total.indirect + dr.select(sharp, 0.0, light)
-    total.indirect_out = total.indirect_out + dr.select(sharp, 0.0, light_out)
+class _Tracer:
+    """One turn of a path, and what it needs to know."""
+
+    def __init__(
+        self, loaded: LoadedScene, light: sky.SkyLight, albedo: Albedo, limit: Any, random: Any
+    ) -> None:
+        self._loaded, self._light, self._limit, self._random = loaded, light, limit, random
+        self._albedo = dr.opaque(mi.Float, albedo.in_band), dr.opaque(mi.Float, albedo.out_of_band)
+
+    def turn(
+        self,
+        depth: Any,
+        ray: Any,
+        active: Any,
+        gain: Any,
+        density: Any,
+        delta: Any,
+        ratio: Any,
+        total: Radiance,
+    ) -> Any:
+        """Follow paths to their next surface, the ``depth``-th after the first; past the limit only to the sky."""
+        light = self._light
+        si = meet(self._loaded, ray.o, ray.d, active, coherent=False)
+        escaped = active & ~si.is_valid()
+        sun = sky.sun_radiance(light, ray.d) * _heuristic(density, sky.pdf_sun(light, ray.d), delta)
+        earth = sky.earth_radiance(light, ray.d) * _heuristic(density, sky.pdf_earth(light, ray.d), delta)
+        sun, earth = dr.select(escaped, gain * sun, 0.0), dr.select(escaped, gain * earth, 0.0)
+        # What is seen in a first mirror is sharp; the rest is smooth.
+        self.collect(total, delta & (depth == 1), sun, earth, ratio)
+
+        hit = active & si.is_valid() & (depth < self._limit)
+        material = dr.gather(mi.UInt32, self._loaded.material_of, self.shape_of(si, hit))
+        ratio = ratio * self.ratio_of(material, hit)
+        draws = self._random(2 * depth)
+        sun = self.sampled(si, hit, gain, mi.Point2f(draws[0], draws[1]), sky.sample_sun, sky.sun_radiance)
+        # The Earth is faint: every other path asks for it, and counts it twice.
+        asks = hit & (draws[2] < 0.5)
+        place = mi.Point2f(2.0 * draws[2], draws[3])
+        earth = 2.0 * self.sampled(si, asks, gain, place, sky.sample_earth, sky.earth_radiance)
+        self.collect(total, False, sun, earth, ratio)
+        onward = self.scatter(si, hit, gain, self._random(2 * depth + 1), roulette=True)
+        return (depth + 1, *onward, ratio, total)
+
+    def sampled(self, si: Any, active: Any, gain: Any, sample: Any, draw: Any, radiance_of: Any) -> Any:
+        """Return the light of Sun or Earth that a surface sends back, by sampling them."""
+        towards, density = draw(self._light, sample)
+        value, scattered = si.bsdf().eval_pdf(mi.BSDFContext(), si, si.to_local(towards), active)
+        radiance = radiance_of(self._light, towards)
+        useful = active & (density > 0.0) & (value[0] > 0.0) & (radiance > 0.0)
+        hidden = self._loaded.mitsuba.ray_test(si.spawn_ray(towards), coherent=False, active=useful)
+        return dr.select(useful & ~hidden, gain * value[0] * radiance / (density + scattered), 0.0)
+
+    def scatter(self, si: Any, hit: Any, gain: Any, draws: Any, *, roulette: bool) -> Any:
+        """Return the next rays, whether they live, their gain, density and whether a mirror sent them."""
+        sample, weight = si.bsdf().sample(mi.BSDFContext(), si, draws[0], mi.Point2f(draws[1], draws[2]), hit)
+        gain = gain * dr.select(hit, weight[0], 0.0)
+        if roulette:  # faint paths end early, the others stand for them
+            survival = dr.clip(gain, 0.1, 1.0)
+            gain = dr.select(draws[3] < survival, gain / survival, 0.0)
+        ray = si.spawn_ray(si.to_world(sample.wo))
+        delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+        return mi.Ray3f(ray.o, ray.d), hit & (gain > 0.0), gain, sample.pdf, delta
+
+    def shape_of(self, si: Any, hit: Any) -> Any:
+        """Return the registry index of the surfaces, 0 for none."""
+        return dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
+
+    def ratio_of(self, material: Any, hit: Any) -> Any:
+        """Return the reflectance out of band over that in band."""
+        return dr.select(hit, dr.gather(mi.Float, self._loaded.out_of_band_ratio, material), 1.0)
+
+    def collect(self, total: Radiance, sharp: Any, sun: Any, earth: Any, ratio: Any) -> None:
+        """Add light to the direct part where ``sharp``, else to the indirect one."""
+        light, light_out = sun + self._albedo[0] * earth, ratio * (sun + self._albedo[1] * earth)
+        total.direct = total.direct + dr.select(sharp, light, 0.0)
+        total.direct_out = total.direct_out + dr.select(sharp, light_out, 0.0)
+        total.indirect = total.indirect + dr.select(sharp, 0.0, light)
+        total.indirect_out = total.indirect_out + dr.select(sharp, 0.0, light_out)
+
+
+def _heuristic(density: Any, other: Any, delta: Any) -> Any:
+    """Return the balance heuristic's weight of directions that a surface chose; a mirror leaves no choice."""
+    return dr.select(delta, 1.0, density / dr.maximum(density + other, 1e-20))
