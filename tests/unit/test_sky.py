@@ -1,0 +1,224 @@
+"""The sky's corners: what is missing, what is in front of what, and the emitter in other people's scenes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+SUN = (0.6, -0.8, 0.0)
+DOWN = (0.0, 1.0, 0.0)
+RADIUS = 4.65e-3
+SCENE = """<scene version="3.0.0"><emitter type="orbit_sky" id="sky"><vector name="sun_direction" x="0" y="-1" z="-1"/>
+{earth}</emitter><shape type="rectangle"><transform name="to_world"><rotate x="1" angle="180"/><translate z="5"/>
+</transform></shape></scene>"""
+
+pytestmark = pytest.mark.usefixtures("device")
+
+
+def vectors(*rows: Any) -> Any:
+    import mitsuba as mi
+
+    unit = np.array(rows, dtype=float)
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    return mi.Vector3f(*(mi.Float(column) for column in unit.T))
+
+
+def everything(light: Any, direction: Any) -> np.ndarray:
+    from scanner_sim.render.sky import earth_radiance, pdf_earth, pdf_sun, sun_radiance
+
+    return np.array([law(light, direction) for law in (sun_radiance, pdf_sun, earth_radiance, pdf_earth)])
+
+
+@pytest.mark.parametrize(
+    ("sun", "radius", "earth", "altitude"),
+    [
+        ((0.0, 0.0, 0.0), RADIUS, None, 400e3),
+        ((np.nan, 0.0, 1.0), RADIUS, None, 400e3),
+        ((0.0, 1.0), RADIUS, None, 400e3),
+        (SUN, 0.0, None, 400e3),
+        (SUN, 2.0, None, 400e3),
+        (SUN, RADIUS, (0.0, 0.0, 0.0), 400e3),
+        (SUN, RADIUS, DOWN, 0.0),
+    ],
+)
+def test_impossible_skies_are_refused(sun: Any, radius: float, earth: Any, altitude: float) -> None:
+    from scanner_sim.render.sky import sky_light
+
+    with pytest.raises(ValueError, match=r"direction|Sun|above"):
+        sky_light(sun, radius, earth, altitude)
+
+
+def test_without_a_sun_all_is_dark() -> None:
+    import mitsuba as mi
+
+    from scanner_sim.render.sky import earth_directions, sample_earth, sample_sun, sky_light
+
+    light = sky_light(None, 0.0, DOWN)
+    assert not everything(light, vectors(SUN, DOWN, (0.0, 0.0, 1.0))).any()
+    u = mi.Point2f([0.1, 0.9], [0.2, 0.7])
+    assert not np.array(sample_sun(light, u)[1]).any()
+    assert not np.array(sample_earth(light, u)[1]).any()
+    assert not earth_directions(light, 16)[1].any()
+
+
+def test_without_an_earth_only_the_sun_shines() -> None:
+    from scanner_sim.render.sky import earth_directions, sky_light
+
+    light = sky_light(SUN, RADIUS, None, 0.0)
+    found = everything(light, vectors(SUN, DOWN))
+    assert found[0, 0] == pytest.approx(1.0 / (np.pi * np.sin(RADIUS) ** 2), rel=1e-5)
+    assert found[1, 0] == pytest.approx(1.0 / (2.0 * np.pi * (1.0 - np.cos(RADIUS))), rel=1e-5)
+    assert not found[:, 1].any()
+    assert not found[2:].any()
+    assert not earth_directions(light, 16)[1].any()
+
+
+def test_length_of_a_direction_is_of_no_account() -> None:
+    from scanner_sim.render.sky import sky_light
+
+    direction = vectors(SUN, (0.1, 1.0, 0.2))
+    near = everything(sky_light(SUN, RADIUS, DOWN), direction)
+    far = everything(sky_light(np.array(SUN) * 1e8, RADIUS, np.array(DOWN) * 7.0), direction)
+    np.testing.assert_allclose(near, far, rtol=1e-5)
+
+
+def test_the_edge_of_the_suns_disc() -> None:
+    from scanner_sim.render.sky import sky_light, sun_radiance
+
+    sun, across = np.array(SUN), np.array([0.8, 0.6, 0.0])
+    light = sky_light(SUN, RADIUS, None)
+    inside, outside = (sun + across * np.tan(RADIUS * share) for share in (0.999, 1.001))
+    assert np.array(sun_radiance(light, vectors(inside)))[0] > 0.0
+    assert np.array(sun_radiance(light, vectors(outside)))[0] == 0.0
+
+
+def test_the_lit_limb_is_on_the_suns_side() -> None:
+    """Over the terminator the ground towards the Sun is lit, with cosζ = sin of the way to it, the other is not."""
+    from scanner_sim.render.sky import earth_radiance, sky_light
+
+    light = sky_light((1.0, 0.0, 0.0), RADIUS, DOWN, 400e3, 6371e3)
+    way = np.deg2rad(10.0)
+    reach = 1.0 + 400e3 / 6371e3
+    seen = np.arctan2(np.sin(way), reach - np.cos(way))
+    east, west = (np.sin(seen), np.cos(seen), 0.0), (-np.sin(seen), np.cos(seen), 0.0)
+    found = np.array(earth_radiance(light, vectors(east, west, DOWN)))
+    assert found[0] == pytest.approx(np.sin(way) / np.pi, rel=1e-4)
+    assert found[1] == 0.0
+    assert found[2] == pytest.approx(0.0, abs=1e-3)
+
+
+def test_the_earth_hides_the_sun_and_the_night_is_black() -> None:
+    from scanner_sim.render.sky import sky_light
+
+    found = everything(sky_light((0.3, 1.0, 0.0), RADIUS, DOWN), vectors((0.3, 1.0, 0.0), DOWN))
+    assert found[1, 0] > 0.0
+    assert not found[[0, 2, 3]].any()
+
+
+def test_the_limb_is_where_geometry_puts_it() -> None:
+    from scanner_sim.render.sky import earth_radiance, sky_light
+
+    light = sky_light((0.0, -1.0, 0.0), RADIUS, DOWN, 400e3, 6371e3)
+    limb = np.arcsin(6371.0 / 6771.0)
+    at = [(np.sin(limb + step), np.cos(limb + step), 0.0) for step in (-1e-4, 1e-4)]
+    found = np.array(earth_radiance(light, vectors(*at)))
+    assert found[0] > 0.25
+    assert found[1] == 0.0
+
+
+def test_fixed_directions_lie_on_the_lit_earth() -> None:
+    from scanner_sim.render.sky import earth_directions, earth_radiance, sky_light
+
+    light = sky_light((1.0, 0.1, 0.0), RADIUS, DOWN)
+    direction, weight = earth_directions(light, 200)
+    assert direction.shape == (200, 3)
+    np.testing.assert_allclose(np.linalg.norm(direction, axis=1), 1.0, atol=1e-6)
+    assert (weight > 0.0).mean() > 0.99
+    assert (np.array(earth_radiance(light, vectors(*direction))) > 0.0).mean() > 0.99
+    np.testing.assert_array_equal(earth_directions(light, 200)[1], weight)
+
+
+def test_another_place_is_no_other_kernel() -> None:
+    import drjit as dr
+    import mitsuba as mi
+
+    from scanner_sim.render.sky import earth_radiance, sample_earth, sky_light
+
+    @dr.freeze
+    def brightness(light: Any, u: Any) -> Any:
+        direction, density = sample_earth(light, u)
+        return dr.mean(earth_radiance(light, direction) / density)
+
+    u = mi.Point2f(dr.linspace(mi.Float, 0.05, 0.95, 100), 0.5)
+    found = [
+        float(brightness(sky_light((np.sin(a), -np.cos(a), 0.0), RADIUS, DOWN), u)[0])
+        for a in (0.0, 0.5, 1.0)
+    ]
+    assert brightness.n_recordings == 1
+    assert found[0] > found[1] > found[2] > 0.0
+
+
+def loaded(earth: str) -> Any:
+    import mitsuba as mi
+
+    from scanner_sim.render.sky_emitter import register_orbit_sky
+
+    assert register_orbit_sky() is register_orbit_sky()
+    mi.set_log_level(mi.LogLevel.Error)
+    return mi.load_string(SCENE.format(earth=earth))
+
+
+def irradiance(scene: Any) -> float:
+    """Return the irradiance of the plate by 256 samples of the emitter."""
+    import drjit as dr
+    import mitsuba as mi
+
+    si = scene.ray_intersect(mi.Ray3f(mi.Point3f(0.0), mi.Vector3f(0.0, 0.0, 1.0)))
+    side = (dr.arange(mi.Float, 16) + 0.5) / 16.0
+    u = mi.Point2f(*dr.meshgrid(side, side))
+    ds, weight = scene.sample_emitter_direction(dr.gather(type(si), si, dr.zeros(mi.UInt32, 256)), u, True)
+    return float(dr.mean(weight[0] * dr.maximum(dr.dot(ds.d, si.n), 0.0))[0])
+
+
+def test_the_emitter_is_read_from_a_scene_and_follows_its_parameters() -> None:
+    import mitsuba as mi
+
+    scene = loaded('<float name="irradiance" value="2"/>')
+    assert scene.environment().is_environment()
+    assert "OrbitSky" in str(scene.environment())
+    assert irradiance(scene) == pytest.approx(np.sqrt(2.0), rel=1e-3)
+    parameters = mi.traverse(scene)
+    parameters["sky.sun_direction"] = [0.0, 0.0, -3.0]
+    parameters["sky.irradiance"] = 1.0
+    parameters.update()
+    assert irradiance(scene) == pytest.approx(1.0, rel=1e-3)
+    assert not any("earth" in key for key in parameters.keys())  # noqa: SIM118  not a dictionary
+
+
+def test_the_emitters_earth_adds_its_light() -> None:
+    import mitsuba as mi
+
+    scene = loaded('<vector name="earth_direction" x="0" y="0" z="-1"/><float name="albedo" value="0.5"/>')
+    parameters = mi.traverse(scene)
+    assert irradiance(scene) == 0.0  # the Sun stands behind the Earth, which shows its night
+    parameters["sky.sun_direction"] = [0.0, 0.0, 1.0]
+    parameters.update()
+    high = irradiance(scene)
+    assert high == pytest.approx(0.5 * 0.882, rel=0.02)
+    parameters["sky.albedo"] = 0.0
+    parameters.update()
+    assert irradiance(scene) == 0.0
+
+
+def test_the_emitter_says_what_it_cannot() -> None:
+    import mitsuba as mi
+
+    from scanner_sim.render.sky_emitter import register_orbit_sky
+
+    register_orbit_sky()
+    with pytest.raises(RuntimeError, match="sun_direction"):
+        mi.load_dict({"type": "orbit_sky"})
+    with pytest.raises(NotImplementedError, match="sensor"):
+        loaded("").environment().sample_ray(0.0, 0.5, [0.5, 0.5], [0.5, 0.5])
