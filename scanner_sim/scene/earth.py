@@ -50,7 +50,7 @@ def visible_share(separation: float, sun_radius: float, earth_radius: float) -> 
         x = (c² + a² − b²)/(2c), y = √(a² − x²) (Montenbruck and Gill, *Satellite Orbits*, 2000, eqs 3.92–3.94).
         On the sphere the Earth's limb is as curved as a plane circle of the radius tan(β), so the Earth is
         drawn with b = tan(β) about a centre that leaves its limb where it is. Neglected: the second order of
-        the Sun's radius, 1e-5 of the share.
+        the Sun's radius, 1e-6 of the share.
     """
     if separation >= sun_radius + earth_radius:
         return 1.0

@@ -77,8 +77,9 @@ def test_simulator_counts_the_light_of_eq_18(bandwidth: float) -> None:
     Set-up: black body, tophat of 10, 30, 50 nm about the laser, 60 dB. Two things differ on purpose: a watt is
     counted by its photons (λ/λ₀), and the blocked light is what an InGaAs detector sees, not all of it.
     Expected in band: the judge's, as λ/λ₀ cancels about λ₀ but for the spectrum's slope E'/E = −2 per µm, which
-    leaves E'/E Δλ²/(12 λ₀) = −2.7e-4 at 50 nm. Out of band: 1e-6 × ∫ E λ/λ₀ over 0.9–1.7 µm less the
-    band, by the judge's spectrum. Both together: eq 18 within the blocked light that InGaAs does not see, 4e-4 of the bracket at 10 nm. Tolerances: 4e-4, 1e-5, 6e-4.
+    leaves E'/E Δλ²/(12 λ₀) = −2.7e-4 at 50 nm. Out of band: 1e-6 × ∫ E λ/λ₀ over 0.9–1.7 µm
+    less the band, by the judge's spectrum. Both together: eq 18 within the blocked light that InGaAs does not
+    see, 4e-4 of the bracket at 10 nm. Tolerances: 4e-4, 1e-5, 6e-4.
     """
     inside, outside = band_irradiance(Sun(), BandpassFilter(bandwidth=bandwidth), INGAAS, WAVELENGTH)
     assert inside == pytest.approx(judge.band_irradiance(WAVELENGTH, bandwidth), rel=4e-4)
