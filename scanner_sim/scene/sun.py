@@ -38,7 +38,7 @@ def solar_irradiance(sun: Sun, wavelengths: ArrayLike) -> Floats:
     -------
     ndarray
         Shape of ``wavelengths``. ``planck``: π B(λ, T) (R/D)², eq 17 of Blais et al. (2000), with the CODATA
-        radiation constants (colour-science's own are those of ITS-90, 0.01 % off at 1.5 µm). ``astm_g173``: the
+        radiation constants (those of colour-science are ITS-90's, 3e-5 off at 1.5 µm). ``astm_g173``: the
         extraterrestrial column of ASTM G-173-03, interpolated linearly and zero outside of 280 to 4000 nm
         (1.5 % of the total); radius and distance do not change it.
     """

@@ -152,7 +152,7 @@ def test_visible_share_against_the_sphere(earth: float, at: float) -> None:
 
     Set-up: the limb ``at`` Sun's radii from the Sun's centre; on each of 20 000 rings of the disc (even in area) the
     arc outside of the Earth's cap, by the law of cosines on the sphere. Tolerance: 3e-6, the rings and the second order
-    of the Sun's radius; a plane Earth of the radius β would be 6e-4 off at 70°.
+    of the Sun's radius; a plane Earth of the radius β would be 2e-4 off at 70°.
     """
     sun = 4.65e-3
     separation = earth + at * sun
