@@ -11,6 +11,7 @@ from pydantic import Field
 from scanner_sim.errors import Fault
 from scanner_sim.parts import Count, Part
 from scanner_sim.products.settings import Output
+from scanner_sim.render.camera_settings import Camera
 from scanner_sim.render.settings import Transport
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scanner import Scanner
@@ -51,6 +52,8 @@ class Scenario(Part):
     """How light is followed."""
     processing: Processing = Processing()
     """How signals become ranges."""
+    camera: Camera = Camera()
+    """The video camera beside the scanner: what ``camera.png`` shows where the Sun shines."""
     output: Output = Output()
     """What is written."""
 

@@ -32,8 +32,13 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
         "memory": f"about {memory(scenario) / 1e9:.1f} GB",
         "time": f"about {_seconds(scenario):.0f} s on two processor cores",
         "folder": str(folder),
-        "files": ", ".join(planned_files(scenario.output)),
+        "files": ", ".join(planned_files(scenario.output, lit=sunlit(scenario))),
     }
+
+
+def sunlit(scenario: Scenario) -> bool:
+    """Tell whether any of the Sun's disc is in the scenario's sky."""
+    return scenario.lighting.sky().sun_visible > 0.0
 
 
 def memory(scenario: Scenario) -> float:

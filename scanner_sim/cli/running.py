@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from scanner_sim.cli.plan import check_memory, plan
+from scanner_sim.cli.plan import check_memory, plan, sunlit
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.tables import print_table
 from scanner_sim.config import doubts, load_scenario
@@ -47,13 +47,18 @@ def run_scenario(
         return
     check_memory(scenario)
     # Loads the renderer: only after everything that can be refused without it.
+    from scanner_sim.photo import take_photo
     from scanner_sim.simulate import simulate
 
+    camera = None
     with _progress(quiet) as (advance, say):
         with scenario_of(config):
             image = simulate(scenario, device=device, progress=advance)
+            if scenario.output.pictures and sunlit(scenario):
+                say("taking the photograph")
+                camera = take_photo(scenario, device=device)
         say("writing")
-        paths = write_run(image, folder, scenario.output, overwrite=overwrite)
+        paths = write_run(image, folder, scenario.output, camera=camera, overwrite=overwrite)
     if not quiet:
         for sentence in image.warnings:
             warn(sentence)

@@ -28,15 +28,11 @@ def show_result(result: Path, output: Path | None) -> None:
     InputError
         If there is no result, or the folder of the pictures cannot be written to.
     """
-    from scanner_sim.products.pictures import draw_range, draw_shaded, draw_signal
+    from scanner_sim.products.pictures import PICTURES_OF, draw_background, lit
 
     path, image = _read(result)
     folder = output or path.parent
-    pictures: dict[str, Callable[[RangeImage, Path], None]] = {
-        "range.png": draw_range,
-        "shaded.png": draw_shaded,
-        "signal.png": draw_signal,
-    }
+    pictures = {**PICTURES_OF, **({"background.png": draw_background} if lit(image) else {})}
     drawn = [_drawn(folder / name, partial(draw, image)) for name, draw in pictures.items()]
     print_table(closing(image, drawn))
 

@@ -8,8 +8,13 @@ import os
 import secrets
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.errors import InputError, RunError
 from scanner_sim.products.exr import write_exr
@@ -24,7 +29,25 @@ RESULT = "range.exr"
 PICTURES = ("range.png", "shaded.png", "signal.png")
 
 FILES = (RESULT, "scenario.yaml", "summary.json", *PICTURES, "points.ply")
-"""Every file that a run may write."""
+"""Every file that a run in the dark may write."""
+
+LIT_PICTURES = ("background.png", "camera.png")
+"""Pictures that a run adds where the Sun shines."""
+
+Writers = Mapping[str, Callable[[Path], None]]
+"""For each file its name, and what writes it to a path."""
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of output folder: the file that marks it, and the names of all files that may be ours."""
+
+    result: str
+    files: tuple[str, ...]
+
+
+RUN = Kind(RESULT, (*FILES, *LIT_PICTURES))
+"""The folder of a run."""
 
 KEPT = "kept"
 """Where the files of the earlier result wait until all new ones are in place."""
@@ -32,13 +55,14 @@ KEPT = "kept"
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
 
 
-def planned_files(output: Output) -> tuple[str, ...]:
-    """Return the names of the files that a run with these settings writes, in the order of presentation."""
+def planned_files(output: Output, *, lit: bool = False) -> tuple[str, ...]:
+    """Return the names of the files that a run writes, in the order of presentation; ``lit`` under the Sun."""
     left_out = (() if output.pictures else PICTURES) + (() if output.points else ("points.ply",))
-    return tuple(name for name in FILES if name not in left_out)
+    added = LIT_PICTURES if lit and output.pictures else ()
+    return tuple(name for name in (*FILES, *added) if name not in left_out)
 
 
-def check_target(folder: str | Path, overwrite: bool) -> None:
+def check_target(folder: str | Path, overwrite: bool, kind: Kind = RUN) -> None:
     """Check before the work that its result can be written.
 
     Nothing is created.
@@ -51,7 +75,7 @@ def check_target(folder: str | Path, overwrite: bool) -> None:
     """
     folder = Path(folder)
     try:
-        _check_content(folder, overwrite)
+        _check_content(folder, overwrite, kind)
         ground = folder
         while not ground.exists():
             ground = ground.parent
@@ -65,13 +89,14 @@ def check_target(folder: str | Path, overwrite: bool) -> None:
 
 
 def write_run(
-    image: RangeImage, folder: str | Path, output: Output | None = None, *, overwrite: bool = False
+    image: RangeImage,
+    folder: str | Path,
+    output: Output | None = None,
+    *,
+    camera: NDArray[np.uint8] | None = None,
+    overwrite: bool = False,
 ) -> tuple[Path, ...]:
-    """Write all files of a run.
-
-    They are made in a hidden temporary folder beside ``folder`` (inside, where that exists) and moved when
-    the last one is on the disk. On any failure, an interrupt included, ``folder`` is as it was before. Files that
-    are not ours are never touched; those of an earlier result are all replaced or removed.
+    """Write all files of a run, as :func:`write_folder` does.
 
     Parameters
     ----------
@@ -81,6 +106,43 @@ def write_run(
         Where to write; made where it is missing, with its parents.
     output
         Which files; by default all.
+    camera
+        Grey levels of what a video camera sees, shape (rows, columns), for ``camera.png``; None writes none.
+    overwrite
+        Replace an existing result.
+
+    Returns
+    -------
+    tuple of Path
+        The files written. ``background.png`` is among the pictures where there is background light.
+
+    Raises
+    ------
+    InputError
+        As :func:`check_target`.
+    RunError
+        If the disk is full or fails.
+    """
+    return write_folder(folder, RUN, _writers(image, output or Output(), camera), overwrite=overwrite)
+
+
+def write_folder(
+    folder: str | Path, kind: Kind, writers: Writers, *, overwrite: bool = False
+) -> tuple[Path, ...]:
+    """Write the files of an output folder.
+
+    They are made in a hidden temporary folder beside ``folder`` (inside, where that exists) and moved when
+    the last one is on the disk. On any failure, an interrupt included, ``folder`` is as it was before. Files that
+    are not ours are never touched; those of an earlier result are all replaced or removed.
+
+    Parameters
+    ----------
+    folder
+        Where to write; made where it is missing, with its parents.
+    kind
+        What kind of folder it is.
+    writers
+        The files, in the order of presentation.
     overwrite
         Replace an existing result.
 
@@ -96,8 +158,8 @@ def write_run(
     RunError
         If the disk is full or fails.
     """
-    folder, output = Path(folder), output or Output()
-    check_target(folder, overwrite)
+    folder = Path(folder)
+    check_target(folder, overwrite, kind)
     made: list[Path] = []
     workshop: Path | None = None
     try:
@@ -106,13 +168,14 @@ def write_run(
         workshop = (folder.parent if new else folder) / f".{secrets.token_hex(4)}.partial"
         # Not tempfile.mkdtemp: the result shall have the permissions that any new folder gets.
         workshop.mkdir()
-        names = planned_files(output)
-        _write_files(image, workshop, output)
+        for name, write in writers.items():
+            write(workshop / name)
+            _flush(workshop / name)
         if new:
             workshop.rename(folder)
             workshop = None
         else:
-            _exchange(workshop, folder, names)
+            _exchange(workshop, folder, kind, tuple(writers))
         _flush_folder(folder)
         made.clear()
     except OSError as error:
@@ -124,41 +187,42 @@ def write_run(
         for parent in reversed(made):
             with contextlib.suppress(OSError):
                 parent.rmdir()
-    return tuple(folder / name for name in names)
+    return tuple(folder / name for name in writers)
 
 
-def _write_files(image: RangeImage, folder: Path, output: Output) -> None:
-    """Write the files into ``folder`` and see each onto the disk."""
-    # Matplotlib takes longer to load than most runs take to write: only where pictures are wanted.
-    writers: dict[str, Callable[[Path], None]] = {
-        RESULT: lambda path: write_exr(path, image, output.compression),
-        "scenario.yaml": lambda path: _write_text(path, image.scenario_yaml),
-        "summary.json": lambda path: _write_text(path, summary_json(image)),
-        "points.ply": lambda path: write_ply(path, image),
-    }
-    if output.pictures:
-        from scanner_sim.products.pictures import draw_range, draw_shaded, draw_signal
-
-        writers |= {
-            "range.png": lambda path: draw_range(image, path),
-            "shaded.png": lambda path: draw_shaded(image, path),
-            "signal.png": lambda path: draw_signal(image, path),
-        }
-    for name in planned_files(output):
-        writers[name](folder / name)
-        _flush(folder / name)
-
-
-def _write_text(path: Path, text: str) -> None:
+def write_text(path: Path, text: str) -> None:
+    """Write a text as UTF-8, with the ends of its lines as they are."""
     path.write_bytes(text.encode())
 
 
-def _exchange(workshop: Path, folder: Path, names: tuple[str, ...]) -> None:
+def _writers(image: RangeImage, output: Output, camera: NDArray[np.uint8] | None) -> Writers:
+    """Return what writes the files of a run."""
+    writers: dict[str, Callable[[Path], None]] = {
+        RESULT: lambda path: write_exr(path, image, output.compression),
+        "scenario.yaml": lambda path: write_text(path, image.scenario_yaml),
+        "summary.json": lambda path: write_text(path, summary_json(image)),
+        "points.ply": lambda path: write_ply(path, image),
+    }
+    if output.pictures:
+        # Matplotlib takes longer to load than most runs take to write: only where pictures are wanted.
+        from scanner_sim.products.pictures import PICTURES_OF, draw_background, lit
+        from scanner_sim.products.style import save_grey
+
+        writers |= {name: partial(draw, image) for name, draw in PICTURES_OF.items()}
+        if lit(image):
+            writers["background.png"] = lambda path: draw_background(image, path)
+        if camera is not None:
+            writers["camera.png"] = lambda path: save_grey(camera, path)
+    ordered = planned_files(output, lit=True)
+    return {name: writers[name] for name in ordered if name in writers}
+
+
+def _exchange(workshop: Path, folder: Path, kind: Kind, names: tuple[str, ...]) -> None:
     """Put the new files in the place of the old ones; put the old ones back if that fails half-way."""
     kept = workshop / KEPT
     kept.mkdir()
     try:
-        for name in FILES:
+        for name in kind.files:
             if os.path.lexists(folder / name):
                 os.replace(folder / name, kept / name)
         for name in names:
@@ -174,17 +238,17 @@ def _exchange(workshop: Path, folder: Path, names: tuple[str, ...]) -> None:
     kept.rename(workshop / "replaced")
 
 
-def _check_content(folder: Path, overwrite: bool) -> None:
+def _check_content(folder: Path, overwrite: bool, kind: Kind) -> None:
     if os.path.lexists(folder) and not folder.is_dir():
         raise InputError(f"{folder} is not a folder.", remedy="Choose another folder with -o.")
-    present = [name for name in FILES if os.path.lexists(folder / name)]
-    if RESULT in present and not overwrite:
+    present = [name for name in kind.files if os.path.lexists(folder / name)]
+    if kind.result in present and not overwrite:
         raise InputError(
             f"{folder} already holds a result.", remedy="Choose another folder with -o, or add --overwrite."
         )
-    if present and RESULT not in present:
+    if present and kind.result not in present:
         raise InputError(
-            f"{folder} holds {', '.join(present)} but no {RESULT}: these are not ours to replace.",
+            f"{folder} holds {', '.join(present)} but no {kind.result}: these are not ours to replace.",
             remedy="Choose another folder with -o.",
         )
     if folders := [name for name in present if (folder / name).is_dir()]:

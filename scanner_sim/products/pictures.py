@@ -1,10 +1,12 @@
-"""Pictures of a range image: range, slope and signal, each with its scale."""
+"""Pictures of a range image: range, slope, signal and background, each with its scale."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import shorten
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.style import (
+    BACKGROUND_MAP,
     FAINT,
     RANGE_MAP,
     SIGNAL_MAP,
@@ -26,7 +29,16 @@ from scanner_sim.products.style import (
 from scanner_sim.products.voxel_picture import draw_voxel
 from scanner_sim.status import Status
 
-__all__ = ["draw_range", "draw_shaded", "draw_signal", "draw_voxel", "slope"]
+__all__ = [
+    "PICTURES_OF",
+    "draw_background",
+    "draw_range",
+    "draw_shaded",
+    "draw_signal",
+    "draw_voxel",
+    "lit",
+    "slope",
+]
 
 if TYPE_CHECKING:
     from matplotlib.colors import Normalize
@@ -94,6 +106,32 @@ def draw_signal(image: RangeImage, path: str | Path) -> None:
     _draw(image, layer, path)
 
 
+def lit(image: RangeImage) -> bool:
+    """Tell whether any light of Sun or Earth reached the sensor."""
+    return "background" in image and bool((image["background"] > 0.0).any())
+
+
+def draw_background(image: RangeImage, path: str | Path) -> None:
+    """Draw the charge of Sun and Earth in the 200 µm about the spot, in electrons on a logarithmic scale.
+
+    What has less than an electron is as dark as the scale is at its end.
+    """
+    from matplotlib.colors import LogNorm
+
+    charge = np.maximum(np.nan_to_num(image["background"]), np.float32(1e-3))
+    low, high = _spread(charge[charge >= 1.0], 0.5, 99.8, least=0.0)
+    low, high = (low, high) if high > 1.5 * low else (low / 1.5, high * 1.5)
+    layer = Layer(
+        "Background of Sun and Earth",
+        "charge in 200 µm of the line [electrons]",
+        charge,
+        LogNorm(low, high),
+        BACKGROUND_MAP,
+        extend=_extend(charge, low, high),
+    )
+    _draw(image, layer, path)
+
+
 def draw_shaded(image: RangeImage, path: str | Path) -> None:
     """Draw the derivative of the range in grey levels, which brings out the fine structure (paper, Figure 2a).
 
@@ -109,6 +147,12 @@ def draw_shaded(image: RangeImage, path: str | Path) -> None:
     forward, back = (lambda x: np.arctan(x / knee), lambda y: knee * np.tan(y))
     norm = FuncNorm((forward, back), -90.0, 90.0)
     _draw(image, Layer("Range derivative, towards lower right", "slope [°]", angle, norm, SLOPE_MAP), path)
+
+
+PICTURES_OF: Mapping[str, Callable[[RangeImage, str | Path], None]] = MappingProxyType(
+    {"range.png": draw_range, "shaded.png": draw_shaded, "signal.png": draw_signal}
+)
+"""The pictures of every image, by the name of their file."""
 
 
 def slope(image: RangeImage) -> NDArray[np.float64]:

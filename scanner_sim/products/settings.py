@@ -11,7 +11,7 @@ class Output(Part):
     """The files of the output folder."""
 
     pictures: Switch = True
-    """Write range.png, shaded.png and signal.png."""
+    """Write range.png, shaded.png and signal.png, and under the Sun background.png and camera.png."""
     points: Switch = True
     """Write points.ply."""
     compression: Literal["none", "rle", "zips", "zip", "piz"] = "zip"

@@ -35,7 +35,7 @@ STATUS_COLOUR: dict[Status, str] = {
 }
 """Muted colours of voxels without a range. They differ in lightness too, and none lies on a colour map in use."""
 
-RANGE_MAP, SIGNAL_MAP, SLOPE_MAP = "viridis_r", "magma", "gray_r"
+RANGE_MAP, SIGNAL_MAP, SLOPE_MAP, BACKGROUND_MAP = "viridis_r", "magma", "gray_r", "inferno"
 
 _LINE_WIDTH = 0.6
 
@@ -143,6 +143,13 @@ def save(drawing: Figure | NDArray[np.uint8], path: str | Path) -> None:
     dots = _drawn(drawing) if isinstance(drawing, Figure) else drawing
     nameless: Any = {"Software": None}
     imsave(path, dots, format="png", metadata=nameless, pil_kwargs={"compress_level": 3})
+
+
+def save_grey(levels: NDArray[np.uint8], path: str | Path) -> None:
+    """Write grey levels, shape (rows, columns), as PNG without date or program name, dot by dot."""
+    from PIL import Image
+
+    Image.fromarray(levels).save(path, format="png", compress_level=6)
 
 
 def _drawn(figure: Figure) -> NDArray[np.uint8]:
