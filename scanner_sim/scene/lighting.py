@@ -21,10 +21,12 @@ from scanner_sim.scene.earth import (
     earth_angular_radius,
     visible_share,
 )
-from scanner_sim.scene.elements import elements_period, sun_from_elements
+from scanner_sim.scene.elements import elements_age, elements_period, sun_from_elements
 from scanner_sim.scene.orbit import AXES, Orbit, TwoLineElements, period, sun_from_anomaly
 from scanner_sim.units import Dimension, Ratio
 
+OLDEST_ELEMENTS = 14.0
+"""Days after which elements of a low orbit are doubtful: the error along the orbit reaches tens of kilometres."""
 _EXCESS = "it follows from the orbit already."
 
 
@@ -38,14 +40,14 @@ class _Kelvin(Dimension):
 
 
 Temperature = Annotated[float, _Kelvin("K", ("5770 K",))]
-Direction = Annotated[tuple[Number, Number, Number], Field(examples=[[0.3, -0.8, -0.5]])]
+Direction = tuple[Number, Number, Number]
 """A vector of any length but zero."""
 
 
 class Sun(Part):
     """The Sun: a uniform disc."""
 
-    direction: Direction | None = None
+    direction: Direction | None = Field(default=None, examples=[[0.3, -0.8, -0.5]])
     """From the scene towards the Sun, in the scanner's frame; with an orbit it follows from that."""
     spectrum: Literal["planck", "astm_g173"] = "planck"
     """Black body (eq 17), or the spectrum measured outside of the atmosphere (ASTM G-173, at its mean distance)."""
@@ -75,7 +77,7 @@ class Sun(Part):
 class Earth(Part):
     """The Earth: a Lambertian sphere, lit by the Sun."""
 
-    direction: Direction | None = None
+    direction: Direction | None = Field(default=None, examples=[[0.0, 1.0, 0.0]])
     """From the scene towards the Earth's centre, in the scanner's frame; with an orbit it follows from that."""
     altitude: Distance | None = Field(default=None, gt=100e3, le=1e10)
     """Height of the scene above the ground; by default 400 km, with an orbit the orbit's."""
@@ -283,6 +285,20 @@ def skies(lighting: Lighting, times: NDArray[np.float64]) -> Iterator[Sky]:
     """Yield the sky at each of some times [s] after the stated moment."""
     for after in times:
         yield lighting.sky(float(after))
+
+
+def lighting_doubts(lighting: Lighting) -> tuple[str, ...]:
+    """Return a sentence for everything that is possible but probably not meant."""
+    found = []
+    if lighting.sun == "none" and lighting.earth != "none":
+        found.append("lighting.sun: without a Sun the Earth is dark too")
+    if lighting.tle is not None:
+        age = elements_age(lighting.tle.line1, lighting.tle.line2, lighting.tle.time) / 86400.0
+        if abs(age) > OLDEST_ELEMENTS:
+            found.append(
+                f"lighting.tle.time: {abs(age):.0f} days from the elements' own, where SGP4 is far off"
+            )
+    return tuple(found)
 
 
 def _directionless(direction: tuple[float, float, float] | None) -> Iterator[Fault]:

@@ -13,8 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from scanner_sim.config.load import scenario_from_text
+from scanner_sim.errors import ScenarioError
 from scanner_sim.scene.earth import EARTH_RADIUS, earth_angular_radius, visible_share
-from scanner_sim.scene.lighting import Earth, Lighting, Sky, Sun
+from scanner_sim.scene.lighting import Earth, Lighting, Sky, Sun, lighting_doubts
 from scanner_sim.scene.orbit import Orbit
 
 TLE = {
@@ -184,3 +186,42 @@ def test_lighting_loads_no_heavy_library() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        ({}, ""),
+        ({"orbit": {}}, ""),
+        ({"tle": TLE}, ""),
+        ({"tle": {**TLE, "time": "2008-12-20T12:25:40Z"}}, "91 days"),
+        ({"tle": {**TLE, "time": "2008-08-20T12:25:40Z"}}, "31 days"),
+        ({"earth": {"direction": [0, 1, 0]}}, "the Earth is dark too"),
+    ],
+)
+def test_doubts(data: dict[str, Any], words: str) -> None:
+    found = lighting_doubts(Lighting.model_validate(data))
+    assert len(found) == (1 if words else 0)
+    assert words in "".join(found)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            "{sun: {direction: [0, 1]}}",
+            "lighting.sun.direction: this list has 2 entries. Write for example [0.3",
+        ),
+        ("{sun: nine}", "lighting.sun: 'nine' is not possible here. Did you mean 'none'?"),
+        ("{orbit: {beta: 80 deg}}", "line 3, lighting.orbit.beta: 80 deg is impossible"),
+        (
+            "{sun: {direction: [0, 1, 0], spectrum: plank}}",
+            "Did you mean 'planck'? Possible: planck, astm_g173.",
+        ),
+    ],
+)
+def test_a_file_is_told_where_it_is_wrong(text: str, words: str) -> None:
+    scan = "{type: raster, rows: 4, columns: 4, horizontal: [-5 deg, 5 deg], vertical: [-5 deg, 5 deg]}"
+    with pytest.raises(ScenarioError) as caught:
+        scenario_from_text(f"schema: 1\nscan: {scan}\nlighting: {text}\n", name="it")
+    assert words in str(caught.value)
