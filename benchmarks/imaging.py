@@ -74,7 +74,8 @@ class Rays:
         from scanner_sim.render.shots import true_shots
         from scanner_sim.render.transport import device_frame, launch
         from scanner_sim.scan.raster import raster_aim, tiled_order
-        from scanner_sim.simulate import BATCH, Workbench
+        from scanner_sim.simulate import BATCH
+        from scanner_sim.workbench import Workbench
 
         self.workbench = Workbench(scenario)  # type: ignore[arg-type]
         scan, settings = scenario.scan, scenario.transport  # type: ignore[attr-defined]

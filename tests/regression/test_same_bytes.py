@@ -15,7 +15,8 @@ from scanner_sim import load_scenario, simulate
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.device import Device
 from scanner_sim.scenario import Scenario
-from scanner_sim.simulate import Workbench, simulate_voxel
+from scanner_sim.simulate import simulate_voxel
+from scanner_sim.workbench import Workbench
 
 SIZE = ["scan.rows=40", "scan.columns=50"]
 
