@@ -139,9 +139,13 @@ def reference_background(
 
 def _optics(bench: Bench, theta: float, phi: float) -> tuple[Any, ...]:
     """Return the deflected optics at one pair of angles [rad]: along, across, normal, laser, lens."""
-    sines = (math.sin(theta), math.cos(theta), math.sin(phi), math.cos(phi))
     parts = deflected_frame(
-        *(mi.Float(value) for value in sines), bench.axis_separation, bench.receiver.baseline
+        mi.Float(math.sin(theta)),
+        mi.Float(math.cos(theta)),
+        mi.Float(math.sin(phi)),
+        mi.Float(math.cos(phi)),
+        bench.axis_separation,
+        bench.receiver.baseline,
     )
     return tuple(mi.Vector3f(*part) for part in parts)
 

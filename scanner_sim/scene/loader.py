@@ -146,8 +146,15 @@ class _Materials:
 
     def __call__(self, choice: MaterialChoice) -> Any:
         if isinstance(choice, Surface):
-            name = f"reflectance_{choice.reflectance!r}"
-            chosen = materials.Material(name=name, reflectance=choice.reflectance, source="the scenario")
+            name, other = f"reflectance_{choice.reflectance!r}", choice.reflectance_out_of_band
+            if other is not None:
+                name += f"_{other!r}"
+            chosen = materials.Material(
+                name=name,
+                reflectance=choice.reflectance,
+                reflectance_out_of_band=choice.reflectance if other is None else other,
+                source="the scenario",
+            )
         else:
             name, chosen = choice, materials.material(choice)
         self._described[name] = chosen
