@@ -74,6 +74,11 @@ class ExpectedSpot:
         position = self.offset + (pixel + 0.5) * self.pitch
         return self.focal_length * self.baseline * cosine / position + self.baseline * sine
 
+    def pixel(self, range_m: Any, sine: Any, cosine: Any) -> Any:
+        """Return the fractional pixel of a range [m] at a deflection Θ: :meth:`range` solved for it."""
+        position = self.focal_length * self.baseline * cosine / (range_m - self.baseline * sine)
+        return (position - self.offset) / self.pitch - 0.5
+
     def variances(self, pixel: Any, sine: Any, cosine: Any) -> tuple[Any, Any]:
         """Return the two parts of the spot's variance [pixel²] on a surface that faces the scanner.
 

@@ -20,7 +20,7 @@ from scanner_sim.signals.estimators import MARGIN, estimate
 from scanner_sim.signals.expected import ExpectedSpot
 from scanner_sim.signals.line import Around, Calibration, Line, baseline_beside, no_baseline
 from scanner_sim.signals.processing import Processing
-from scanner_sim.signals.search import Found, brightest_pixel, spot_pixel
+from scanner_sim.signals.search import Found, Gate, brightest_pixel, spot_pixel
 from scanner_sim.signals.validation import guard_pixels, judge_shape, white_charge
 from scanner_sim.status import Status
 
@@ -89,7 +89,7 @@ def find_peaks(
     settings = processing.validation
     guard = auto.Int32(0)
     if spot is not None and settings.background:
-        found = _search(line, spot, processing, cosine)
+        found = _search(line, spot, processing, sine, cosine)
         guard = guard_pixels(spot, found.pixel, sine, cosine)
         baseline = baseline_beside(line, found.pixel, guard)
     else:
@@ -146,7 +146,7 @@ def find_peaks(
     return peaks
 
 
-def _search(line: Line, spot: ExpectedSpot, processing: Processing, cosine: Any) -> Found:
+def _search(line: Line, spot: ExpectedSpot, processing: Processing, sine: Any, cosine: Any) -> Found:
     """Search for the spot among what is not too bright for its place on the line."""
     reflectance = processing.validation.max_reflectance
     if reflectance is None:
@@ -159,7 +159,12 @@ def _search(line: Line, spot: ExpectedSpot, processing: Processing, cosine: Any)
         steepness = dr.opaque(auto.Float, most) / dr.square(cosine)
         least = dr.opaque(auto.Float, processing.threshold) * line.floor_sigma
     origin = dr.opaque(auto.Float, spot.offset / spot.pitch + 1.0)
-    return spot_pixel(line, spot.largest_sigma, least, steepness, origin)
+    gate = None
+    if processing.range_gate is not None:
+        nearest, farthest = processing.range_gate
+        level = dr.opaque(auto.Float, _STANDS_OUT * processing.threshold)
+        gate = Gate(spot.pixel(farthest, sine, cosine) - 1.0, spot.pixel(nearest, sine, cosine) + 1.0, level)
+    return spot_pixel(line, spot.largest_sigma, least, steepness, origin, gate)
 
 
 def _summed(around: Around) -> Any:

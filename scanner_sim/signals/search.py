@@ -25,6 +25,8 @@ _SIDE = 3
 """Pixels of each side whose mean is compared with a peak."""
 _REACH = 2.6
 """Standard deviations of the widest spot that the sides keep away: there it has fallen to 3 %."""
+_EXPECTED = 1e5
+"""What a peak inside of the range gate has ahead of all outside of it, in the unit of the threshold."""
 _FARTHEST = 16
 """Largest distance of a side: wider spots lose contrast instead of making the window longer."""
 
@@ -75,7 +77,16 @@ def brightest_pixel(line: Line) -> Found:
     return Found(auto.Int32(best), height, level, second, second_level, height, auto.Bool(False))
 
 
-def spot_pixel(line: Line, sigma: float, least: Any, steepness: Any, origin: Any) -> Found:
+@dataclass
+class Gate:
+    """The pixels of a range gate, Dr.Jit floats: peaks between them that reach ``level`` go before all others."""
+
+    first: Any
+    last: Any
+    level: Any
+
+
+def spot_pixel(line: Line, sigma: float, least: Any, steepness: Any, origin: Any, gate: Gate | None) -> Found:
     """Return the brightest pixel of the peak of each line that stands out most like a spot.
 
     Parameters
@@ -87,6 +98,8 @@ def spot_pixel(line: Line, sigma: float, least: Any, steepness: Any, origin: Any
     least, steepness, origin
         A contrast above ``least + steepness · (pixel + origin)²`` [electron] is too bright for the laser: the
         light of a surface falls with the square of its range, which is inverse to the position on the line.
+    gate
+        Where the spot is expected; a peak outside of it is no rival of one inside.
 
     Returns
     -------
@@ -141,6 +154,9 @@ def spot_pixel(line: Line, sigma: float, least: Any, steepness: Any, origin: Any
             too_bright = dr.select(top & ~dim, dr.maximum(too_bright, contrast), too_bright)
             top &= dim
             level = contrast * dr.rsqrt(dr.maximum(line.variance(side), 1e-12))
+            if gate is not None:
+                expected = (auto.Float(here) >= gate.first) & (auto.Float(here) <= gate.last)
+                level += dr.select(expected & (level > gate.level), _EXPECTED, 0.0)
             best, current, rival = _rank(top, (here, level, contrast), best, current, rival)
         return pixel + _UNROLLED, window[_UNROLLED:], best, current, rival, brightest, too_bright
 
@@ -169,6 +185,8 @@ def spot_pixel(line: Line, sigma: float, least: Any, steepness: Any, origin: Any
         beside = line.charge(other)
         mean += 0.25 * beside
         top, charge = dr.select(beside > charge, other, top), dr.maximum(beside, charge)
+    if gate is not None:
+        rival[0] = dr.select(best[1] < _EXPECTED, rival[0], rival[0] - _EXPECTED)
     side = mean - best[2]
     level = (charge - side) * dr.rsqrt(dr.maximum(line.variance(side), 1e-12))
     return Found(top, best[2], level, rival[1], rival[0], brightest, too_bright > best[2])
