@@ -116,18 +116,21 @@ class Line:
 class Baseline:
     """The light beneath a peak, a straight line in the distance from a pixel, with the variances of its two terms.
 
-    Dr.Jit arrays of shape (m,): ``level`` [electron], ``slope`` [electron/pixel].
+    Dr.Jit arrays of shape (m,): ``level`` [electron], ``slope`` [electron/pixel], their variances, and ``doubt``, by
+    how much the level may be wrong where the light has an edge beneath the peak [electron]: half the difference
+    of the two sides.
     """
 
     level: Any
     slope: Any
     level_variance: Any
     slope_variance: Any
+    doubt: Any
 
 
 def no_baseline() -> Baseline:
     """Return the baseline of a line without any light but the peak's."""
-    return Baseline(*(auto.Float(0.0) for _ in range(4)))
+    return Baseline(*(auto.Float(0.0) for _ in range(5)))
 
 
 def baseline_beside(line: Line, centre: Any, guard: Any) -> Baseline:
@@ -167,6 +170,7 @@ def baseline_beside(line: Line, centre: Any, guard: Any) -> Baseline:
         dr.select(both, 0.5 * (right - left) / distance, 0.0),
         dr.select(both, 0.25 * (noise[0] + noise[1]), one_noise),
         dr.select(both, 0.25 * (noise[0] + noise[1]) / dr.square(distance), 0.0),
+        dr.select(both, 0.5 * dr.abs(right - left), 0.0),
     )
 
 

@@ -2,7 +2,8 @@
 
 *Width.* On logarithms a Gaussian of variance v has the curvature 1/v; its noise follows from the three pixels'
 variances. It must lie between those of the narrowest and the widest image of the beam, point spread and pixel
-included.
+included; where the light beside the peak differs from side to side, a doubt about the level beneath it is
+granted.
 
 *Shape.* The spot of the measured width, integrated over the pixels, is fitted to height and place; χ² is the sum
 of the squared residuals over the pixels' variances, to which a tolerance is added that grows with the height.
@@ -98,6 +99,7 @@ def judge_shape(
     for weight, charge, (_, variance) in zip((1.0, 2.0, 1.0), charges, three, strict=True):
         noise += dr.square(weight / charge) * variance
     slack = dr.opaque(auto.Float, deviate) * dr.sqrt(noise)
+    slack += dr.abs(2.0 / charges[1] - 1.0 / charges[0] - 1.0 / charges[2]) * around.baseline.doubt
     fits = curvature - slack <= (1.0 + _CURVATURE) / (low + _PIXEL)
     fits &= curvature + slack >= (1.0 - _CURVATURE) / (high + _PIXEL)
     place = dr.clip(0.5 * (logarithms[2] - logarithms[0]) / dr.maximum(curvature, 1e-3), -1.0, 1.0)
@@ -136,6 +138,7 @@ def _fit(
         moved = (density - density_next) * (scale / math.sqrt(math.pi))
         below, density = below_next, density_next
         charge, variance = around(step)
+        variance += around.baseline.level_variance
         counts = around.inside(step) & (dr.abs(auto.Int32(step)) <= guard)
         weight = dr.select(counts, dr.rcp(variance + allowed), 0.0)
         saturated |= counts & (around.raw(step) + known.dark >= known.full)

@@ -1,0 +1,254 @@
+"""The expected spot, the search, the baseline and the neighbours, piece by piece."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit as dr
+import drjit.auto.ad as auto
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from scanner_sim.analytic import beam, spot
+from scanner_sim.detector.line import electrons_per_watt, expose
+from scanner_sim.detector.noise import NoiseSwitches
+from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.optics.laser import Laser
+from scanner_sim.optics.receiver import Receiver
+from scanner_sim.ranging.neighbours import isolated
+from scanner_sim.signals.expected import ExpectedSpot
+from scanner_sim.signals.peaks import Peaks, find_peaks
+from scanner_sim.signals.processing import PeakMethod, Processing, Validation
+from scanner_sim.status import Status
+
+DWELL = 50e-6
+SILENT = dict.fromkeys(NoiseSwitches.model_fields, False)
+# Told of noise, given none: every outcome is exact.
+TOLD = PositionSensor(dark_current=0.0, adc_bits=24, gain=4.0)
+QUIET = TOLD.model_copy(update={"noise": NoiseSwitches(**{**SILENT, "saturation": True})})
+SPOT = ExpectedSpot.of(Laser(), Receiver(), 1.0, TOLD, DWELL)
+
+Array = NDArray[np.float64]
+
+
+def peaks_of(lines: Array, processing: Processing | None = None, known: ExpectedSpot | None = SPOT) -> Peaks:
+    """Return the peaks of noise-free lines [electron], shape (m, 256)."""
+    table = auto.Float((lines / electrons_per_watt(QUIET, 1.5e-6, DWELL)).astype(np.float32).ravel())
+    signal = expose(
+        lambda pixel, place: dr.gather(auto.Float, table, place * 256 + pixel),
+        dr.arange(auto.UInt32, len(lines)),
+        QUIET,
+        1.5e-6,
+        DWELL,
+        1,
+    )
+    return find_peaks(signal, TOLD, Processing() if processing is None else processing, DWELL, known)
+
+
+def laser(centre: float, reflectance: float = 0.5) -> Array:
+    """Return the line of a facing surface whose spot lies at a place."""
+    variance, spread = SPOT.variances(centre, 0.0, 1.0)
+    charge = reflectance * SPOT.white / SPOT.range(centre, 0.0, 1.0) ** 2
+    return charge * spot.pixel_shares(centre, np.sqrt(variance + spread), 256)
+
+
+def edge(place: float, step: float) -> Array:
+    """Return a line that rises at a place."""
+    return step * spot.pixel_shares(np.arange(place, 300.0, 0.05), 0.8, 256).sum(0) * 0.05
+
+
+def one(line: Array, **settings: Any) -> Status:
+    """Return the status of one line."""
+    processing = Processing(validation=Validation(**settings))
+    return Status(int(peaks_of(line[None], processing).status.numpy()[0]))
+
+
+@pytest.mark.parametrize("theta", [-0.4, 0.0, 0.4])
+@pytest.mark.parametrize("distance", [1.8, 10.0, 25.0])
+def test_the_spot_is_the_judges(theta: float, distance: float) -> None:
+    """Width and charge at a place equal those that the judge finds on a facing white plane at its range."""
+    place = spot.spot_image(
+        theta,
+        0.0,
+        0.1,
+        0.2,
+        0.05,
+        np.array([np.sin(theta), 0.0, np.cos(theta)]) * distance,
+        np.array([np.sin(theta), 0.0, np.cos(theta)]),
+        0.5 * float(beam.beam_radius(distance, 2e-3, 0.0, 1.5e-6)),
+        0.0,
+        40e-6,
+    )
+    pixel = place.chief / 50e-6 - 0.5
+    assert SPOT.range(pixel, np.sin(theta), np.cos(theta)) == pytest.approx(distance, rel=1e-9)
+    width = np.sqrt(sum(SPOT.variances(pixel, np.sin(theta), np.cos(theta)))) * 50e-6
+    assert width == pytest.approx(place.sigma, rel=1e-6)
+    area = 0.5 * np.pi / 4.0 * 25e-3**2
+    printed = spot.laser_power_printed(distance, 15e-3, 1.0, area)
+    charge = float(spot.electrons(printed, DWELL, 1.5e-6, 0.8))
+    assert SPOT.white / distance**2 == pytest.approx(charge, rel=1e-6)
+
+
+@pytest.mark.usefixtures("device")
+class TestLines:
+    def test_a_spot_beats_a_brighter_edge(self) -> None:
+        """The brightest pixel lies on the lit side; the spot in the shadow has the range."""
+        line = laser(60.3) + edge(120.0, 1.5 * laser(60.3).max())
+        found = peaks_of(line[None])
+        assert found.status.numpy() == Status.VALID
+        assert found.position.numpy() == pytest.approx(60.3, abs=0.01)
+        off = Validation(background=False, shape=False, misfit=0.0)
+        assert peaks_of(line[None], Processing(validation=off)).position.numpy() != pytest.approx(60.3, abs=9)
+
+    @pytest.mark.parametrize("method", ["gaussian", "parabola", "centre_of_mass", "blais_rioux_4"])
+    def test_an_even_and_a_sloping_background_do_not_move_the_peak(self, method: PeakMethod) -> None:
+        line = laser(60.3)
+        slope = line.max() * (0.5 + 0.002 * np.arange(256))
+        quiet, lit, sloping = peaks_of(
+            np.array([line, line + line.max(), line + slope]), Processing(peak=method)
+        ).position.numpy()
+        assert lit == pytest.approx(quiet, abs=2e-4)
+        assert sloping == pytest.approx(quiet, abs=2e-4)
+
+    def test_the_background_is_reported(self) -> None:
+        found = peaks_of((laser(60.3) + 12345.0)[None])
+        assert found.background.numpy() == pytest.approx(12345.0, rel=1e-3)
+        assert found.signal.numpy() == pytest.approx(laser(60.3).sum(), rel=1e-3)
+
+    def test_an_outlier_beside_the_peak_does_not_move_the_baseline(self) -> None:
+        line = laser(60.3)
+        line[67:69] += 0.2 * line.max()
+        assert peaks_of(line[None]).background.numpy() == pytest.approx(0.0, abs=10.0)
+
+    def test_the_background_adds_its_noise_to_sigma(self) -> None:
+        """Shot noise and fixed pattern of the light beneath the spot are those of the whole charge."""
+        line = laser(60.3, 0.01)
+        dark, lit = peaks_of(np.array([line, line + 4e5])).sigma.numpy()
+        floor, prnu = TOLD.read_noise**2, TOLD.prnu
+        expected = np.sqrt((4e5 + (prnu * 4e5) ** 2 + floor) / floor)
+        assert lit / dark == pytest.approx(expected, rel=0.15)
+
+    @pytest.mark.parametrize(
+        ("line", "status"),
+        [
+            (laser(60.0), Status.VALID),
+            (laser(30.0, 20.0), Status.VALID),
+            (laser(30.0, 40.0), Status.BAD_AMPLITUDE),
+            (laser(60.0, 200.0), Status.SATURATED),
+            (3.0 * laser(60.0).sum() * spot.pixel_shares(60.0, 3.0, 256), Status.BAD_SHAPE),
+            (laser(180.0).sum() * spot.pixel_shares(180.0, 0.8, 256), Status.BAD_SHAPE),
+            (laser(60.0) + 0.8 * laser(64.0), Status.BAD_SHAPE),
+            (laser(60.0) + 0.8 * laser(80.0), Status.AMBIGUOUS),
+            (laser(60.0) + 0.2 * laser(80.0), Status.VALID),
+            (laser(60.0, 5.0) + laser(80.0, 0.1), Status.AMBIGUOUS),
+            (edge(100.0, 1e7), Status.BELOW_THRESHOLD),
+            (edge(100.0, 1e9) - edge(118.0, 1e9), Status.SATURATED),
+            (np.zeros(256), Status.BELOW_THRESHOLD),
+        ],
+    )
+    def test_every_refusal(self, line: Array, status: Status) -> None:
+        assert one(line) is status
+
+    def test_the_sun_beside_the_spot_leaves_it_valid(self) -> None:
+        """A saturated stretch wider than a spot is not the laser, and the spot elsewhere is measured."""
+        line = laser(60.3) + edge(150.0, 1e9) - edge(170.0, 1e9)
+        found = peaks_of(line[None])
+        assert found.status.numpy() == Status.VALID
+        assert found.position.numpy() == pytest.approx(60.3, abs=0.01)
+
+    @pytest.mark.parametrize(
+        ("line", "off"),
+        [
+            (laser(30.0, 20.0), {"max_reflectance": 10.0}),
+            (laser(180.0).sum() * spot.pixel_shares(180.0, 0.8, 256), {}),
+        ],
+    )
+    def test_every_test_can_be_switched_off(self, line: Array, off: dict[str, Any]) -> None:
+        assert one(line, **off) is not Status.VALID
+        assert one(line, shape=False, max_reflectance=None) is Status.VALID
+
+    def test_misfit_widens_sigma(self) -> None:
+        """An edge beneath the spot moves it; σ says so unless it is told to trust the shape."""
+        line = laser(60.3) + edge(61.0, 0.3 * laser(60.3).max())
+        aware, trusting = (
+            peaks_of(line[None], Processing(validation=Validation(misfit=misfit))) for misfit in (1.0, 0.0)
+        )
+        error = abs(aware.position.numpy()[0] - 60.3)
+        assert error > 6.0 * trusting.sigma.numpy()[0]
+        assert error < 6.0 * aware.sigma.numpy()[0]
+
+    @pytest.mark.parametrize("place", [1.3, 4.0, 8.0, 250.0])
+    def test_near_the_ends_of_the_array(self, place: float) -> None:
+        """One side alone gives the baseline where the other leaves the array."""
+        # At the far end no surface is bright enough; the amplitude is not what is asked here.
+        strong = 1e6 * spot.pixel_shares(place, np.sqrt(sum(SPOT.variances(place, 0.0, 1.0))), 256)
+        found = peaks_of((strong + 5e4)[None], Processing(validation=Validation(max_reflectance=None)))
+        assert found.status.numpy() == Status.VALID
+        assert found.position.numpy() == pytest.approx(place, abs=0.02)
+        assert found.background.numpy() == pytest.approx(5e4, rel=0.01)
+
+    def test_without_knowledge_of_the_spot_the_brightest_pixel_wins(self) -> None:
+        line = laser(60.3) + 2.0 * laser(180.0).sum() * spot.pixel_shares(90.0, 5.0, 256)
+        assert peaks_of(line[None], known=None).status.numpy() == Status.VALID
+
+    def test_a_wide_beam(self) -> None:
+        """A beam of 12 mm is found as what it is, and only as that."""
+        known = ExpectedSpot.of(Laser(waist_radius=6e-3), Receiver(), 1.0, TOLD, DWELL)
+        width = float(np.sqrt(sum(known.variances(150.0, 0.0, 1.0))))
+        line = 2e7 * spot.pixel_shares(150.2, width, 256)
+        found = peaks_of(line[None], known=known)
+        assert found.status.numpy() == Status.VALID
+        assert found.position.numpy() == pytest.approx(150.2, abs=0.02)
+        assert peaks_of(line[None]).status.numpy() == Status.BAD_SHAPE
+
+
+def test_widths_must_ascend() -> None:
+    with pytest.raises(ValidationError, match="must ascend"):
+        Validation(beam_width=(2.0, 0.7))
+
+
+class TestNeighbours:
+    ANGLES = np.linspace(-0.1, 0.1, 9)
+
+    def found(self, ranges: Array, sigma: float = 1e-3, steepest: float = 1.2) -> NDArray[np.bool_]:
+        status = np.where(np.isnan(ranges), Status.BELOW_THRESHOLD, Status.VALID).astype(np.uint32)
+        return isolated(ranges, np.full(ranges.shape, sigma), status, self.ANGLES, self.ANGLES, 6.0, steepest)
+
+    def test_one_voxel_alone(self) -> None:
+        ranges = np.full((9, 9), 10.0)
+        ranges[4, 5] = ranges[0, 0] = 5.0
+        wanted = np.zeros((9, 9), dtype=bool)
+        wanted[4, 5] = wanted[0, 0] = True
+        np.testing.assert_array_equal(self.found(ranges), wanted)
+
+    @pytest.mark.parametrize("turned", [False, True])
+    def test_a_rail_stays(self, turned: bool) -> None:
+        """One voxel wide, straight or across the raster's diagonal."""
+        ranges = np.full((9, 9), 10.0)
+        if turned:
+            np.fill_diagonal(ranges[::-1], 8.0)
+        else:
+            ranges[:, 4] = 8.0
+        assert not self.found(ranges).any()
+
+    def test_noise_and_slope_are_granted(self) -> None:
+        """A surface inclined by 60° stays; where only 20° are granted every voxel stands alone."""
+        ranges = np.tile(10.0 * np.exp(np.tan(np.deg2rad(60.0)) * self.ANGLES), (9, 1))
+        ranges = ranges * 2.0 ** np.arange(9)[:, None]
+        assert not self.found(ranges).any()
+        assert self.found(ranges, steepest=np.deg2rad(20.0)).all()
+        assert not self.found(ranges, sigma=1e3, steepest=0.0).any()
+
+    def test_few_neighbours_accuse_nobody(self) -> None:
+        ranges = np.full((9, 9), np.nan)
+        ranges[4, 4], ranges[4, 5], ranges[5, 4] = 5.0, 10.0, 10.0
+        assert not self.found(ranges).any()
+        ranges[5, 5] = 10.0
+        assert self.found(ranges).sum() == 1
+
+    def test_one_row_is_no_neighbourhood(self) -> None:
+        status = np.zeros((1, 9), dtype=np.uint32)
+        ranges = np.linspace(5.0, 50.0, 9)[None]
+        assert not isolated(ranges, ranges * 0.0, status, self.ANGLES, np.zeros(1), 6.0, 1.0).any()
