@@ -143,7 +143,9 @@ class Workbench:
 
         truth, groups = self.expose(aim)
         n = len(aim.shot)
-        peak, sigma_peak, signal, snr, laser, window, brightest = (np.full(n, np.nan) for _ in range(7))
+        peak, sigma_peak, signal, snr, laser, window, error, brightest = (
+            np.full(n, np.nan) for _ in range(8)
+        )
         status = np.zeros(n, dtype=np.uint32)
         for group in groups:
             peaks = group.peaks
@@ -151,8 +153,11 @@ class Workbench:
             sigma_peak[group.index] = peaks.sigma.numpy()
             signal[group.index] = peaks.signal.numpy()
             snr[group.index] = peaks.snr.numpy()
-            for values, layer in zip(group.light.link_budget(), (laser, window, brightest), strict=True):
-                layer[group.index] = values.numpy()
+            budget = group.light.link_budget()
+            laser[group.index] = budget.laser.numpy()
+            window[group.index] = budget.background.numpy()
+            error[group.index] = budget.background_error.numpy()
+            brightest[group.index] = budget.brightest.numpy()
             status[group.index] = peaks.status.numpy()
         ranges = self._ranges(peak, sigma_peak, status, aim)
         invalid = ranges.status != Status.VALID
@@ -171,6 +176,7 @@ class Workbench:
             "snr": contrast,
             "snr_detection": snr,
             "background": window * electrons,
+            "background_error": error * electrons,
             "background_peak": brightest * electrons,
             "peak_px": peak,
             "sigma_peak_px": sigma_peak,

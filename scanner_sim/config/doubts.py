@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+from scanner_sim.optics.filter import filter_doubts
 from scanner_sim.scenario import Scenario
+from scanner_sim.scene.lighting import lighting_doubts
 
 
 def doubts(scenario: Scenario) -> tuple[str, ...]:
     """Return a sentence for everything that is possible but makes little sense."""
-    return (*_scene(scenario), *_ranges(scenario), *_instrument(scenario))
+    return (*_scene(scenario), *_ranges(scenario), *_instrument(scenario), *_light(scenario))
 
 
 def _scene(scenario: Scenario) -> Iterator[str]:
@@ -48,5 +50,11 @@ def _instrument(scenario: Scenario) -> Iterator[str]:
             "scanner.receiver.point_spread: the spot is much narrower than a pixel, where no estimator "
             "interpolates"
         )
-    if not any((sensor.noise.shot, sensor.noise.read, sensor.noise.prnu, sensor.noise.quantisation)):
-        yield "scanner.position_sensor.noise: all noise is off, yet the stated σ still counts it"
+
+
+def _light(scenario: Scenario) -> Iterator[str]:
+    scanner = scenario.scanner
+    sensor, receiver = scanner.position_sensor, scanner.receiver
+    yield from lighting_doubts(scenario.lighting)
+    steepest = math.atan((sensor.offset + sensor.length) / receiver.focal_length)
+    yield from filter_doubts(scanner.filter, scanner.laser, sensor.response, steepest)

@@ -44,6 +44,9 @@ CHANNELS: tuple[Channel, ...] = (
         "charge of Sun and Earth in a window of 200 µm about the laser's spot, noise-free",
     ),
     Channel(
+        "background_error", "electron", "standard error of background from the finite number of light paths"
+    ),
+    Channel(
         "background_peak",
         "electron",
         "charge of Sun and Earth on the brightest pixel of the line, noise-free",

@@ -64,6 +64,22 @@ class Throughput:
 
 
 @dataclass
+class LinkBudget:
+    """The light of m shots as the paper counts it, Dr.Jit arrays of shape (m,) [W].
+
+    ``laser`` is I_laser, the laser light that reaches the array (eq 19); ``background`` I_sun, that of Sun and Earth in
+    a window of 200 µm about it (eq 18), or about the middle of the array where there is no laser light;
+    ``background_error`` the standard error of that from the finite number of paths, neighbouring pixels taken to
+    err together; ``brightest`` the background on the brightest pixel.
+    """
+
+    laser: Any
+    background: Any
+    background_error: Any
+    brightest: Any
+
+
+@dataclass
 class Incident:
     """All the light on the line of a group of m shots.
 
@@ -116,16 +132,8 @@ class Incident:
         power = self.power(pixel, dr.full(mi.UInt32, place, self.throughput.pixels)).numpy()
         return np.asarray(power, dtype=np.float64)
 
-    def link_budget(self) -> tuple[Any, Any, Any]:
-        """Return the light of each shot as the paper counts it, Dr.Jit arrays of shape (m,) [W].
-
-        Returns
-        -------
-        tuple
-            I_laser, the laser light that reaches the array (eq 19); I_sun, the background in a window of 200 µm
-            about it (eq 18), or about the middle of the array where there is no laser light; and the
-            brightest pixel's background.
-        """
+    def link_budget(self) -> LinkBudget:
+        """Return the light of each shot as the paper counts it."""
         clusters, place = self.light.clusters, dr.arange(mi.UInt32, dr.width(self.light.index))
         last = self.throughput.pixels - 1
         laser, moment = mi.Float(0.0), mi.Float(0.0)
@@ -141,7 +149,7 @@ class Incident:
         centre = dr.select(laser > 0.0, moment / laser, 0.5 * last)
         # The window's pixels, the outer ones in part.
         reach = math.ceil(0.5 * self.throughput.window + 1.0)
-        window = mi.Float(0.0)
+        window, error = mi.Float(0.0), mi.Float(0.0)
         for step in range(-reach, reach + 1):
             pixel = dr.round(centre) + step
             apart = dr.abs(pixel - centre)
@@ -149,9 +157,10 @@ class Incident:
             inside = (pixel >= 0.0) & (pixel <= last) & (share > 0.0)
             index = mi.UInt32(dr.clip(pixel, 0.0, last))
             window += dr.select(inside, share * self.background(index, place), 0.0)
+            error += dr.select(inside, share * self.background_error(index, place), 0.0)
         brightest = self._brightest(place)
-        dr.eval(laser, window, brightest)
-        return laser, window, brightest
+        dr.eval(laser, window, error, brightest)
+        return LinkBudget(laser, window, error, brightest)
 
     def _brightest(self, place: Any) -> Any:
         if self.panorama is None:

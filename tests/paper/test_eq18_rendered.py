@@ -7,7 +7,6 @@ import pytest
 
 from scanner_sim import Scenario
 from scanner_sim.analytic import spot, sun
-from scanner_sim.render.device import Device
 from scanner_sim.scan.raster import raster_aim
 from scanner_sim.workbench import Workbench
 
@@ -44,8 +43,8 @@ def light(
     bench = Workbench(scenario, device="cpu")
     _, groups = bench.expose(raster_aim(scenario.scan, np.array([0], dtype=np.uint32)))
     (group,) = groups
-    laser, window, _ = group.light.link_budget()
-    return float(laser[0]), float(window[0])
+    budget = group.light.link_budget()
+    return float(budget.laser[0]), float(budget.background[0])
 
 
 def printed(distance: float, reflectance: float, bandwidth: float) -> tuple[float, float]:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from scanner_sim.render.device import Device
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scanner import Scanner
 from scanner_sim.scene.objects import Scene

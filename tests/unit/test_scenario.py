@@ -115,10 +115,6 @@ def test_tiled_order_visits_every_voxel_once() -> None:
         ("processing.threshold=1", "noise alone"),
         ("processing.range_gate=[0.1 m, 5 m]", "reaches beyond"),
         ("scanner.receiver.point_spread=1 um", "narrower than a pixel"),
-        (
-            "scanner.position_sensor.noise={shot: false, read: false, prnu: false, quantisation: false}",
-            "all noise",
-        ),
         ("scene.objects.t.position=[0 m, 0 m, -3 m]", "behind the scanner"),
         ("scene.objects.t.position=[0 m, 0 m, 1 m]", "nearer than"),
         ("scene.objects.t.position=[0 m, 0 m, 0 m]", "stands at the scanner"),
