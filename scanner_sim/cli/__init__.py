@@ -148,6 +148,49 @@ def show(
 
 
 @app.command()
+def orbit(
+    config: Config,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder of the result.",
+            show_default="output/ and CONFIG's name with _orbit",
+        ),
+    ] = None,
+    steps: Annotated[
+        int, typer.Option(metavar="N", min=1, max=100_000, help="Moments, evenly spaced over one orbit.")
+    ] = 90,
+    override: Override = [],  # noqa: B006 (as above)
+    seed: Seed = None,
+    device: Device = DeviceName.auto,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing result.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Sweep one orbit: for each target the share of time in each condition of illumination.
+
+    Example: `scanner-sim orbit configs/lighting_orbit.yaml --steps 180`
+
+    The scenario's lighting needs an `orbit` or a `tle`. Targets are its target arrays, or else all objects. A table,
+    a timeline, CSV and JSON say when each is lit, in shadow, in the dark, or seen against the Sun.
+    """
+    with reported():
+        from scanner_sim.cli.orbit import FOLDER, orbit_scenario
+
+        orbit_scenario(
+            config,
+            output or Path("output", FOLDER.format(config.stem)),
+            _overrides(override, seed),
+            steps=steps,
+            device=device.value,
+            overwrite=overwrite,
+            quiet=quiet,
+        )
+
+
+@app.command()
 def info() -> None:
     """Print versions, the LLVM library, the GPU and the number of threads."""
     with reported():
