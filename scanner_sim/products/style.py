@@ -29,9 +29,9 @@ STATUS_COLOUR: dict[Status, str] = {
     Status.AMBIGUOUS: "#d8b26e",
     Status.OUT_OF_ARRAY: "#a58fb5",
     Status.OUT_OF_GATE: "#8aa3b5",
-    Status.BAD_SHAPE: "#b98a9b",
+    Status.BAD_SHAPE: "#9a6279",
     Status.BAD_AMPLITUDE: "#c9c28b",
-    Status.ISOLATED: "#93ad94",
+    Status.ISOLATED: "#6f8f74",
 }
 """Muted colours of voxels without a range. They differ in lightness too, and none lies on a colour map in use."""
 

@@ -37,10 +37,10 @@ class Validation(Part):
     height: what does not fit the spot may also have moved it. 0 trusts every shape that passes."""
     max_reflectance: Number | None = Field(default=30.0, gt=0.0, le=1e9)
     """Brightest surface there can be, relative to a white Lambertian one that faces the scanner; more is no
-    laser light from that range. ``none`` is no limit."""
+    laser light from that range. ``null`` is no limit."""
     isolated: Number | None = Field(default=6.0, ge=0.0, le=1e6)
     """Standard deviations by which the range of a voxel may differ from that of a neighbour, beyond the rise of the
-    steepest surface; a voxel that differs from all its neighbours is refused. ``none`` keeps it."""
+    steepest surface; a voxel that differs from all its neighbours is refused. ``null`` keeps it."""
     steepest: Angle = Field(default=math.radians(80.0), ge=0.0, le=1.57)
     """Inclination of the steepest surface whose voxels still count as neighbours."""
 
