@@ -13,7 +13,7 @@ from scanner_sim import load_scenario
 from scanner_sim.cli import app
 from scanner_sim.config import doubts, json_schema
 from scanner_sim.products.exr import read_range_image
-from scanner_sim.products.folder import FILES
+from scanner_sim.products.folder import planned_files
 
 CONFIGS = sorted((Path(__file__).resolve().parents[2] / "configs").glob("*.yaml"))
 SIZE = 24
@@ -24,17 +24,21 @@ pytestmark = pytest.mark.usefixtures("device")
 def test_all_of_them_are_here() -> None:
     assert {path.stem for path in CONFIGS} >= {
         "quickstart", "node_512", "node_near", "target_board", "plane", "tilted_plane", "step", "sphere",
-        "own_mesh", "empty",
+        "own_mesh", "empty", "lighting_normal", "lighting_partial_shadow", "lighting_full_shadow",
+        "lighting_saturation", "lighting_dark", "lighting_back", "lighting_worst_case",
+        "lighting_worst_case_no_filter", "lighting_orbit",
     }  # fmt: skip
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
 def test_it_runs(path: Path, tmp_path: Path) -> None:
     arguments = ["run", str(path), "-o", str(tmp_path / "out"), "--device", "cpu"]
-    arguments += ["--set", f"scan.rows={SIZE}", "--set", f"scan.columns={SIZE}"]
+    arguments += ["--set", f"scan.rows={SIZE}", "--set", f"scan.columns={SIZE}", "--set", "camera.width=48"]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
-    assert {item.name for item in (tmp_path / "out").iterdir()} == set(FILES)
+    scenario = load_scenario(path)
+    lit = scenario.lighting.sky().sun_visible > 0.0
+    assert {item.name for item in (tmp_path / "out").iterdir()} == set(planned_files(scenario.output, lit=lit))
     image = read_range_image(tmp_path / "out" / "range.exr")
     assert image.shape == (SIZE, SIZE)
     if path.stem == "empty":
