@@ -88,7 +88,8 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
     point = point + normal * (1e-5 * distance)
     ray: Any = mi.Ray3f(point, -point / distance)
     ray.maxt = distance
-    kept = np.flatnonzero(~np.asarray(loaded.mitsuba.ray_test(ray, coherent=False).numpy(), dtype=bool))
+    hidden = loaded.mitsuba.ray_test(ray, coherent=False) | (point.z <= 0.0)
+    kept = np.flatnonzero(~np.asarray(hidden.numpy(), dtype=bool))
     kept = kept[:: max(1, math.ceil(len(kept) / count))]
     return Samples(mi.Point3f(point.numpy()[:, kept]), mi.Normal3f(normal.numpy()[:, kept]))
 
