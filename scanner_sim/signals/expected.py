@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.detector.line import electrons_per_watt
 from scanner_sim.detector.position_sensor import PositionSensor
@@ -96,6 +97,11 @@ class ExpectedSpot:
         """Largest standard deviation that a facing surface gives anywhere on the line, at Θ = 0 [pixel]."""
         beam, spread = self.variances(np.arange(self.pixels), 0.0, 1.0)
         return float(np.sqrt(np.max(beam) + spread))
+
+    def widest(self, factor: float) -> NDArray[np.float64]:
+        """Return the variance of a spot [pixel²] whose beam is wider by a factor, for every pixel, at Θ = 0."""
+        beam, spread = self.variances(np.arange(self.pixels), 0.0, 1.0)
+        return np.asarray(factor**2 * beam + spread)
 
     @property
     def largest_share(self) -> float:

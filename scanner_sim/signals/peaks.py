@@ -20,7 +20,15 @@ from scanner_sim.signals.estimators import MARGIN, estimate
 from scanner_sim.signals.expected import ExpectedSpot
 from scanner_sim.signals.line import Around, Calibration, Line, baseline_beside, no_baseline
 from scanner_sim.signals.processing import Processing
-from scanner_sim.signals.search import Found, Gate, brightest_pixel, spot_pixel
+from scanner_sim.signals.search import (
+    Found,
+    Gate,
+    Limits,
+    brightest_pixel,
+    distance_of_sides,
+    flank_limit,
+    spot_pixel,
+)
 from scanner_sim.signals.validation import guard_pixels, judge_shape, white_charge
 from scanner_sim.status import Status
 
@@ -33,6 +41,8 @@ _STANDS_OUT = 0.8
 """Share of the threshold by which a peak must also rise above the brighter of its sides: the noise on top of an
 edge rises above the straight line beneath it, but not above the edge. Less than 1, because noise lifts the
 brighter side."""
+_LEAST_CONTRAST = 0.15
+"""Contrast that the widest spot has at least, relative to its charge."""
 _WHITER = 1.5
 """Brightness relative to a white surface that none without gloss can have, tilt towards the lens included."""
 
@@ -129,6 +139,7 @@ def find_peaks(
         (misshapen, Status.BAD_SHAPE),
         (full, Status.SATURATED),
         (low, Status.BELOW_THRESHOLD),
+        (low & found.broad, Status.BAD_SHAPE),
         (low & found.refused, Status.BAD_AMPLITUDE),
         (low & (found.brightest + line.known.dark >= line.known.full), Status.SATURATED),
     ):
@@ -147,24 +158,31 @@ def find_peaks(
 
 
 def _search(line: Line, spot: ExpectedSpot, processing: Processing, sine: Any, cosine: Any) -> Found:
-    """Search for the spot among what is not too bright for its place on the line."""
-    reflectance = processing.validation.max_reflectance
-    if reflectance is None:
-        least: Any = dr.opaque(auto.Float, _NO_LIMIT)
-        steepness = auto.Float(0.0)
-    else:
-        # A white surface's brightest pixel, at R = f d cosΘ/p (d sinΘ is small, and the limit generous).
-        far = spot.focal_length * spot.baseline / spot.pitch
-        most = reflectance * spot.white * spot.largest_share / far**2
-        steepness = dr.opaque(auto.Float, most) / dr.square(cosine)
+    """Search for the spot among what is neither too bright nor too faint for its place."""
+    validation = processing.validation
+    # A white surface's charge over (pixel + ½)², at R = f d cosΘ/p: d sinΘ is small, and the limits are generous.
+    white = spot.white / (spot.focal_length * spot.baseline / spot.pitch) ** 2
+    per_square = dr.opaque(auto.Float, white) / dr.square(cosine)
+    least: Any = dr.opaque(auto.Float, _NO_LIMIT)
+    steepness = auto.Float(0.0)
+    if validation.max_reflectance is not None:
+        steepness = dr.opaque(auto.Float, validation.max_reflectance * spot.largest_share) * per_square
         least = dr.opaque(auto.Float, processing.threshold) * line.floor_sigma
-    origin = dr.opaque(auto.Float, spot.offset / spot.pitch + 1.0)
+    dimmest = dr.opaque(auto.Float, validation.min_reflectance * _LEAST_CONTRAST) * per_square
+    start = spot.offset / spot.pitch + 1.0
+    origin = dr.opaque(auto.Float, start)
+    away = distance_of_sides(spot.largest_sigma)
+    flank: tuple[Any, Any] = (dr.opaque(auto.Float, _NO_LIMIT), auto.Float(0.0))
+    if processing.validation.shape:
+        widest = spot.widest(processing.validation.beam_width[1])
+        low, rise = flank_limit(widest, away, start)
+        flank = dr.opaque(auto.Float, low), dr.opaque(auto.Float, rise)
     gate = None
     if processing.range_gate is not None:
         nearest, farthest = processing.range_gate
         level = dr.opaque(auto.Float, _STANDS_OUT * processing.threshold)
         gate = Gate(spot.pixel(farthest, sine, cosine) - 1.0, spot.pixel(nearest, sine, cosine) + 1.0, level)
-    return spot_pixel(line, spot.largest_sigma, least, steepness, origin, gate)
+    return spot_pixel(line, away, Limits((least, steepness), dimmest, flank, origin), gate)
 
 
 def _summed(around: Around) -> Any:

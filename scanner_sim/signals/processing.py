@@ -27,7 +27,7 @@ class Validation(Part):
     """Refuse peaks that have not the width or the shape of the spot."""
     false_alarm: Number = Field(default=1e-4, ge=1e-12, le=0.1)
     """Probability with which noise alone makes a spot of the right shape fail the test of its shape."""
-    beam_width: tuple[Number, Number] = (0.7, 2.0)
+    beam_width: tuple[Number, Number] = (0.7, 1.5)
     """Least and largest image of the beam along the line, relative to that on a surface which faces the
     scanner: tilted surfaces and edges lie between."""
     tolerance: Number = Field(default=0.1, ge=0.0, le=1.0)
@@ -38,6 +38,9 @@ class Validation(Part):
     max_reflectance: Number | None = Field(default=30.0, gt=0.0, le=1e9)
     """Brightest surface there can be, relative to a white Lambertian one that faces the scanner; more is no
     laser light from that range. ``null`` is no limit."""
+    min_reflectance: Number = Field(default=0.005, ge=0.0, le=1.0)
+    """Darkest surface, tilt included, relative to the same: a peak that is surely fainter is left out of the
+    search. 0 is no limit."""
     isolated: Number | None = Field(default=6.0, ge=0.0, le=1e6)
     """Standard deviations by which the range of a voxel may differ from that of a neighbour, beyond the rise of the
     steepest surface; a voxel that differs from all its neighbours is refused. ``null`` keeps it."""
@@ -47,7 +50,7 @@ class Validation(Part):
     def contradictions(self) -> Iterator[Fault]:
         """Yield widths that do not ascend."""
         if not 0.0 <= self.beam_width[0] < self.beam_width[1]:
-            yield Fault("beam_width", "the widths must ascend from 0 or more.", "Write [0.7, 2.0].")
+            yield Fault("beam_width", "the widths must ascend from 0 or more.", "Write [0.7, 1.5].")
 
 
 class Processing(Part):

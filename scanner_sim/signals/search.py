@@ -4,7 +4,8 @@ Without background the brightest pixel is. With it the light of the Sun decides:
 glints. The search then asks for a *contrast* that neither an edge nor a broad pedestal has: the weighted mean
 (1, 2, 1)/4 of three pixels less the brighter of the two sides, each the mean of three pixels beyond the spot's
 reach. An edge is as bright as its brighter side, so its contrast is zero wherever it lies. Peaks rank by
-their contrast over the noise of their brighter side.
+their contrast over the noise of their brighter side. Sunlit struts and soft glints are hills broader than any spot:
+what has not fallen close to its sides just before them is left out.
 """
 
 from __future__ import annotations
@@ -14,6 +15,8 @@ from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
+import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.signals.line import Line
 
@@ -27,6 +30,8 @@ _REACH = 2.6
 """Standard deviations of the widest spot that the sides keep away: there it has fallen to 3 %."""
 _EXPECTED = 1e5
 """What a peak inside of the range gate has ahead of all outside of it, in the unit of the threshold."""
+_FLANK_NOISE = 3.0
+"""Noise granted to the flanks of a peak, in standard deviations of a pixel."""
 _FARTHEST = 16
 """Largest distance of a side: wider spots lose contrast instead of making the window longer."""
 
@@ -38,7 +43,7 @@ class Found:
     ``pixel`` brightest pixel; ``height`` what its rival is compared with, and ``rival`` the same of the next
     separate peak [electron]; ``level`` and ``rival_level`` how far the brightest pixel and the rival stand out, in
     the unit of the threshold; ``brightest`` charge of the brightest pixel of the whole line; ``refused`` where a
-    stronger peak was left out as too bright for its range.
+    stronger peak was left out as too bright for its range, ``broad`` where one was as too broad for a spot.
     """
 
     pixel: Any
@@ -48,6 +53,7 @@ class Found:
     rival_level: Any
     brightest: Any
     refused: Any
+    broad: Any
 
 
 def brightest_pixel(line: Line) -> Found:
@@ -74,7 +80,9 @@ def brightest_pixel(line: Line) -> Found:
     start_apart = (auto.UInt32(0), dr.full(auto.Float, -dr.inf, line.shots))
     second = dr.while_loop(start_apart, lambda pixel, second: pixel < line.pixels, compare_apart)[1]
     level, second_level = height / line.floor_sigma, second / line.floor_sigma
-    return Found(auto.Int32(best), height, level, second, second_level, height, auto.Bool(False))
+    return Found(
+        auto.Int32(best), height, level, second, second_level, height, auto.Bool(False), auto.Bool(False)
+    )
 
 
 @dataclass
@@ -86,18 +94,56 @@ class Gate:
     level: Any
 
 
-def spot_pixel(line: Line, sigma: float, least: Any, steepness: Any, origin: Any, gate: Gate | None) -> Found:
+@dataclass
+class Limits:
+    """What no spot exceeds: values ``a + b · (pixel + origin)²`` along the line, Dr.Jit floats.
+
+    ``charge`` (a, b) of the contrast [electron]: the light of a surface falls with the square of its range, which
+    is inverse to the position on the line; ``dimmest`` is b of the least contrast. ``flank`` (a, b) of what stands
+    above the sides one pixel nearer than they, as a share of the contrast: the beam's image widens with the
+    position.
+    """
+
+    charge: tuple[Any, Any]
+    dimmest: Any
+    flank: tuple[Any, Any]
+    origin: Any
+
+
+def flank_limit(variances: NDArray[np.float64], away: int, origin: float) -> tuple[float, float]:
+    """Return (a, b) for :class:`Limits` from the variance of the widest spot on each pixel [pixel²].
+
+    For a Gaussian exp(−x²/2s²) centred on a pixel; a quarter more and a twentieth of the contrast are allowed for
+    a place between two pixels.
+    """
+
+    def height(distance: int) -> NDArray[np.float64]:
+        return np.asarray(np.exp(-0.5 * distance**2 / variances))
+
+    sides = sum(height(away + number) for number in range(_SIDE)) / _SIDE
+    contrast = 0.5 * (1.0 + height(1)) - sides
+    shares = 1.25 * (height(away - 1) - sides) / contrast + 0.05
+    place = np.arange(len(variances)) + origin
+    least = float(shares.min())
+    return least, float(((shares - least) / place**2).max())
+
+
+def distance_of_sides(sigma: float) -> int:
+    """Return the distance of the sides [pixel] from a peak; even, so that the loop meets pixels pair by pair."""
+    return min(2 * int(-(-_REACH * sigma // 2)), _FARTHEST)
+
+
+def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Found:
     """Return the brightest pixel of the peak of each line that stands out most like a spot.
 
     Parameters
     ----------
     line
         The lines.
-    sigma
-        Largest standard deviation of a spot [pixel].
-    least, steepness, origin
-        A contrast above ``least + steepness · (pixel + origin)²`` [electron] is too bright for the laser: the
-        light of a surface falls with the square of its range, which is inverse to the position on the line.
+    away
+        Distance of the nearest pixel of each side.
+    limits
+        Peaks beyond them are left out.
     gate
         Where the spot is expected; a peak outside of it is no rival of one inside.
 
@@ -105,8 +151,6 @@ def spot_pixel(line: Line, sigma: float, least: Any, steepness: Any, origin: Any
     -------
     Found
     """
-    # Even, so that the loop meets pixels pair by pair.
-    away = min(2 * int(-(-_REACH * sigma // 2)), _FARTHEST)
     half = away + _SIDE - 1
     first, last = line.charge(auto.UInt32(0)), line.charge(auto.UInt32(line.pixels - 1))
     last_pair = (line.pixels - 1) // 2
@@ -133,6 +177,7 @@ def spot_pixel(line: Line, sigma: float, least: Any, steepness: Any, origin: Any
         rival: list[Any],
         brightest: Any,
         too_bright: Any,
+        too_broad: Any,
     ) -> tuple[Any, ...]:
         window = list(window)
         for step in range(0, _UNROLLED, 2):
@@ -147,18 +192,25 @@ def spot_pixel(line: Line, sigma: float, least: Any, steepness: Any, origin: Any
             top = (middle > before) & (middle >= after) & (contrast > 0.0) & (here < line.pixels)
             if step == 0:
                 top |= (here == 0) & (middle >= after) & (contrast > 0.0)
-            limit = dr.fma(steepness, dr.square(auto.Float(here) + origin), least)
+            squared = dr.square(auto.Float(here) + limits.origin)
+            limit = dr.fma(limits.charge[1], squared, limits.charge[0])
             # A full pixel is no spot's where the limit is lower, nor where the light beside it is bright too.
             is_full = middle >= full
             dim = contrast <= dr.select(is_full & ((limit < full) | (contrast < 0.5 * full)), 0.0, limit)
             too_bright = dr.select(top & ~dim, dr.maximum(too_bright, contrast), too_bright)
-            top &= dim
-            level = contrast * dr.rsqrt(dr.maximum(line.variance(side), 1e-12))
+            top &= dim & (contrast >= limits.dimmest * squared)
+            scale = dr.rsqrt(dr.maximum(line.variance(side), 1e-12))
+            level = contrast * scale
+            flank = 0.5 * (window[step + half - away + 1] + window[step + half + away - 1]) - side
+            share = dr.fma(limits.flank[1], squared, limits.flank[0])
+            narrow = flank * scale <= dr.fma(share, level, _FLANK_NOISE)
+            too_broad = dr.select(top & ~narrow, dr.maximum(too_broad, contrast), too_broad)
+            top &= narrow
             if gate is not None:
                 expected = (auto.Float(here) >= gate.first) & (auto.Float(here) <= gate.last)
                 level += dr.select(expected & (level > gate.level), _EXPECTED, 0.0)
             best, current, rival = _rank(top, (here, level, contrast), best, current, rival)
-        return pixel + _UNROLLED, window[_UNROLLED:], best, current, rival, brightest, too_bright
+        return pixel + _UNROLLED, window[_UNROLLED:], best, current, rival, brightest, too_bright, too_broad
 
     start = (
         auto.UInt32(0),
@@ -168,10 +220,12 @@ def spot_pixel(line: Line, sigma: float, least: Any, steepness: Any, origin: Any
         [zero, zero],
         dr.full(auto.Float, -dr.inf, line.shots),
         zero,
+        zero,
     )
     best: Any
     too_bright: Any
-    _, _, best, current, rival, brightest, too_bright = dr.while_loop(
+    too_broad: Any
+    _, _, best, current, rival, brightest, too_bright, too_broad = dr.while_loop(
         start, lambda pixel, *rest: pixel < line.pixels, compare
     )
     never = (dr.full(auto.Int32, 2 * (line.pixels + _SEPARATE), line.shots), zero, zero)
@@ -189,7 +243,9 @@ def spot_pixel(line: Line, sigma: float, least: Any, steepness: Any, origin: Any
         rival[0] = dr.select(best[1] < _EXPECTED, rival[0], rival[0] - _EXPECTED)
     side = mean - best[2]
     level = (charge - side) * dr.rsqrt(dr.maximum(line.variance(side), 1e-12))
-    return Found(top, best[2], level, rival[1], rival[0], brightest, too_bright > best[2])
+    return Found(
+        top, best[2], level, rival[1], rival[0], brightest, too_bright > best[2], too_broad > best[2]
+    )
 
 
 def _rank(
