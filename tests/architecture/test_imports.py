@@ -27,7 +27,18 @@ ROOMS = (
     "pose",
     "products",
 )
-WHOLE = ("scanner", "scenario", "config", "conditions", "workbench", "simulate", "photo", "sweep", "compare", "cli")
+WHOLE = (
+    "scanner",
+    "scenario",
+    "config",
+    "conditions",
+    "workbench",
+    "simulate",
+    "photo",
+    "sweep",
+    "compare",
+    "cli",
+)
 ORDER = {name: rank for rank, name in enumerate((*ROOMS, "analytic", *WHOLE), start=1)}
 ORDER |= dict.fromkeys(FOUNDATIONS, 0)
 

@@ -40,7 +40,13 @@ def bench() -> Any:
 
 
 def panorama_lines(
-    loaded: Any, light: Any, albedo: Any, voxels: list[tuple[int, int]], bounces: int, seed: int, **changes: Any
+    loaded: Any,
+    light: Any,
+    albedo: Any,
+    voxels: list[tuple[int, int]],
+    bounces: int,
+    seed: int,
+    **changes: Any,
 ) -> np.ndarray:
     """Return the background [W] of voxels for a Sun of 1 W/m², shape (voxels, pixels)."""
     import drjit as dr

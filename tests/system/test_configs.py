@@ -38,7 +38,9 @@ def test_it_runs(path: Path, tmp_path: Path) -> None:
     assert result.exit_code == 0, result.output
     scenario = load_scenario(path)
     lit = scenario.lighting.sky().sun_visible > 0.0
-    assert {item.name for item in (tmp_path / "out").iterdir()} == set(planned_files(scenario.output, lit=lit))
+    assert {item.name for item in (tmp_path / "out").iterdir()} == set(
+        planned_files(scenario.output, lit=lit)
+    )
     image = read_range_image(tmp_path / "out" / "range.exr")
     assert image.shape == (SIZE, SIZE)
     if path.stem == "empty":

@@ -48,7 +48,9 @@ def test_moments_are_kept(spots: Spots, clusters: int) -> None:
     from scanner_sim.render.clusters import cluster
 
     found = cluster(spots, dr.arange(mi.UInt32, SHOTS), COUNT, clusters)
-    expected = moments(*(part.numpy().reshape(SHOTS, -1).T for part in (spots.power, spots.position, spots.sigma)))
+    expected = moments(
+        *(part.numpy().reshape(SHOTS, -1).T for part in (spots.power, spots.position, spots.sigma))
+    )
     actual = moments(found.amount.numpy(), found.position.numpy(), found.sigma.numpy())
     assert found.count == clusters
     np.testing.assert_allclose(actual, expected, rtol=2e-6)

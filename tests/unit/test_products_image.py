@@ -93,7 +93,9 @@ class TestImage:
         with pytest.raises(ValueError, match="finite"):
             with_layer(image, "range_m", np.full_like(image["range_m"], np.nan))
 
-    @pytest.mark.parametrize(("name", "number"), [("status", max(Status) + 1), ("truth.object", 3), ("status", 0.5)])
+    @pytest.mark.parametrize(
+        ("name", "number"), [("status", max(Status) + 1), ("truth.object", 3), ("status", 0.5)]
+    )
     def test_a_number_outside_its_legend_is_refused(self, name: str, number: float) -> None:
         image = make_image()
         with pytest.raises(ValueError, match="whole numbers from 0"):
