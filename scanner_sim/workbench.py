@@ -7,12 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.optics.filter import band_irradiance, incidence, laser_gain, peak_transmission
+from scanner_sim.products.image import MEASURED
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.ranging.neighbours import isolated
 from scanner_sim.ranging.ranges import Geometry, Ranges, ranges_from_peaks
@@ -21,9 +23,6 @@ from scanner_sim.render.device import DeviceChoice, activate
 from scanner_sim.scan.raster import Aim, raster_aim
 from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
-
-MEASURED = ("range_m", "sigma_range_m", "P.X", "P.Y", "P.Z", "peak_px", "sigma_peak_px")
-"""Layers that are NaN wherever there is no valid range."""
 
 
 @dataclass(frozen=True)
@@ -75,12 +74,10 @@ class Workbench:
             offset=sensor.offset,
             sigma_angle=scanner.mirrors.jitter,
         )
-        self.throughput = self._throughput()
-        self.panorama = self._panorama()
-        self.spot = self._spot()
 
-    def _throughput(self) -> Any:
-        """Return what each pixel makes of the laser's and the Sun's light behind the filter."""
+    @cached_property
+    def throughput(self) -> Any:
+        """What each pixel makes of the laser's and the Sun's light behind the filter."""
         from scanner_sim.render.incident import Throughput
 
         scanner, lighting = self.scenario.scanner, self.scenario.lighting
@@ -95,8 +92,9 @@ class Workbench:
         laser = laser_gain(scanner.filter, scanner.laser, sensor.response, angle)
         return Throughput(self.optics, sensor.pixels, laser, *bands)
 
-    def _panorama(self) -> Any:
-        """Render the background of the scenario's raster; None in the dark."""
+    @cached_property
+    def panorama(self) -> Any:
+        """The background of the scenario's raster, rendered when it is first asked for; None in the dark."""
         from scanner_sim.render.background import panorama_view, render_panorama
         from scanner_sim.render.paths import Albedo
         from scanner_sim.render.sky import sky_light
@@ -123,8 +121,9 @@ class Workbench:
             seed=self.scenario.seed,
         )
 
-    def _spot(self) -> Any:
-        """Return what is known of the laser's spot before it is seen."""
+    @cached_property
+    def spot(self) -> Any:
+        """What is known of the laser's spot before it is seen."""
         from scanner_sim.signals.expected import ExpectedSpot
 
         scanner = self.scenario.scanner

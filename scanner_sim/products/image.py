@@ -35,7 +35,7 @@ CHANNELS: tuple[Channel, ...] = (
     Channel(
         "snr",
         "1",
-        "laser light on the array over background in a window of 200 µm: I_laser/I_sun (eqs 18, 19)",
+        "laser light on the array over background in a window of 200 µm, I_laser/I_sun (eqs 18, 19); inf in the dark",
     ),
     Channel("snr_detection", "1", "charge of the brightest pixel over its standard deviation"),
     Channel(

@@ -16,7 +16,7 @@ class Camera(Part):
 
     width: Count = Field(default=400, ge=8, le=8192)
     """Columns of the picture; the rows follow from the field of view of the scan."""
-    samples: Count = Field(default=64, ge=1, le=65536)
+    samples: Count = Field(default=32, ge=1, le=65536)
     """Random paths per pixel, at least; a few more where the number does not divide into an even grid."""
     bounces: Count = Field(default=4, ge=1, le=16)
     """Surfaces that the light may meet."""
