@@ -97,7 +97,7 @@ class Rays:
             shots = true_shots(aim, 0.0, 0)
             _, groups = self.workbench.expose(aim)
             for group in groups:
-                rough = group.light.clusters.count > 1
+                rough = group.light.light.clusters.count > 1
                 edges += len(group.index) * rough
                 beamlets = fine if rough else smooth
                 count, k = len(group.index), len(beamlets.weights)

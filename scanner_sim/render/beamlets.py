@@ -82,12 +82,10 @@ def edge_beamlets(count: int) -> Beamlets:
     index = np.arange(count)
     radius = np.sqrt(-2.0 * np.log1p(-(index + 0.5) / count))
     angle = 2.0 * np.pi * _GOLDEN * index
-    nodes = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
-    nodes -= nodes.mean(axis=0)
-    nodes = nodes @ np.linalg.inv(np.linalg.cholesky(nodes.T @ nodes / count)).T
+    nodes = _whitened(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
     width = min(0.5, 2.0 / math.sqrt(count))
     scaled = math.sqrt(1.0 - width**2) * nodes[_neighbours_first(nodes)]
-    return Beamlets(scaled, np.full(count, 1.0 / count), width, _disc_points(count))
+    return Beamlets(scaled, np.full(count, 1.0 / count), width, _disc_spiral(count))
 
 
 def _neighbours_first(points: Array) -> NDArray[np.intp]:
@@ -98,6 +96,26 @@ def _neighbours_first(points: Array) -> NDArray[np.intp]:
     order = np.argsort(points[:, axis], kind="stable")
     halves = order[: len(order) // 2], order[len(order) // 2 :]
     return np.concatenate([half[_neighbours_first(points[half])] for half in halves])
+
+
+def _disc_spiral(count: int) -> Array:
+    """Return the points of Vogel's spiral over the unit disc, shape (count, 2), in an order unlike the beam's.
+
+    Its mean and covariance are those of the disc. Neighbours in the beam get points all over the aperture: the order steps through the spiral by a number near
+    the golden share of ``count`` that has no divisor in common with it.
+    """
+    stride = next(
+        step for step in range(max(1, round(_GOLDEN * count)), 2 * count) if math.gcd(step, count) == 1
+    )
+    index = (np.arange(count) * stride) % count
+    radius, angle = np.sqrt((index + 0.5) / count), 2.0 * np.pi * _GOLDEN * index
+    return 0.5 * _whitened(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
+
+
+def _whitened(points: Array) -> Array:
+    """Return points, shape (k, 2), shifted and sheared to mean 0 and unit covariance."""
+    centred = points - points.mean(axis=0)
+    return np.asarray(centred @ np.linalg.inv(np.linalg.cholesky(centred.T @ centred / len(points))).T)
 
 
 def _disc_points(count: int) -> Array:

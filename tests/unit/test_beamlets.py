@@ -69,5 +69,5 @@ def test_edge_beamlets_follow_a_straight_edge_within_two_per_cent() -> None:
 def test_aperture_points_fill_the_disc_evenly(count: int) -> None:
     points = smooth_beamlets(count).aperture if count in (7, 19, 37) else edge_beamlets(count).aperture
     assert points.shape == (count, 2)
-    assert (np.hypot(*points.T) <= 1.0).all()
+    assert (np.hypot(*points.T) <= 1.02).all()
     assert np.abs(points.mean(axis=0)).max() < 1.5 / count
