@@ -101,8 +101,8 @@ def _neighbours_first(points: Array) -> NDArray[np.intp]:
 def _disc_spiral(count: int) -> Array:
     """Return the points of Vogel's spiral over the unit disc, shape (count, 2), in an order unlike the beam's.
 
-    Its mean and covariance are those of the disc. Neighbours in the beam get points all over the aperture: the order steps through the spiral by a number near
-    the golden share of ``count`` that has no divisor in common with it.
+    Its mean and covariance are those of the disc. Neighbours in the beam get points all over the aperture: the order
+    steps through the spiral by a number near the golden share of ``count`` that has no divisor in common with it.
     """
     stride = next(
         step for step in range(max(1, round(_GOLDEN * count)), 2 * count) if math.gcd(step, count) == 1
