@@ -1,0 +1,60 @@
+"""What sunlight costs: each lit scenario against the same scene in the dark.
+
+Run as ``python benchmarks/lighting.py [--size N]``. *Kept* is the share of the voxels measured in the dark that are
+still measured; *moved* the share of those whose range differs from the dark one by more than 6 σ; *error* the background's
+Monte-Carlo error over its shot noise, in the window of 200 µm.
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from scanner_sim import load_scenario, simulate
+
+CONFIGS = Path(__file__).resolve().parents[1] / "configs"
+NAMES = (
+    "lighting_normal",
+    "lighting_partial_shadow",
+    "lighting_full_shadow",
+    "lighting_saturation",
+    "lighting_back",
+    "lighting_worst_case",
+    "lighting_worst_case_no_filter",
+)
+BANDWIDTHS = ("10 nm", "3 nm")
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--size", type=int, default=192, help="rows and columns")
+    size = arguments.parse_args().size
+    table = Table("scenario", "kept", "moved", "error: median", "90 %")
+    for name in NAMES:
+        table.add_row(name, *figures(name, size))
+    for bandwidth in BANDWIDTHS:
+        narrow = f"scanner.filter={{bandwidth: {bandwidth}, effective_index: 3.5}}"
+        table.add_row(f"lighting_normal, {bandwidth}", *figures("lighting_normal", size, narrow))
+    Console().print(table)
+
+
+def figures(name: str, size: int, *changes: str) -> tuple[str, str, str, str]:
+    raster = [f"scan.rows={size}", f"scan.columns={size}", *changes]
+    lit = simulate(load_scenario(CONFIGS / f"{name}.yaml", raster))
+    dark = simulate(load_scenario(CONFIGS / f"{name}.yaml", [*raster, "lighting={}"]))
+    both = lit.valid & dark.valid
+    sigma = np.hypot(lit["sigma_range_m"], dark["sigma_range_m"])[both]
+    moved = np.abs(lit["range_m"] - dark["range_m"])[both] > 6.0 * sigma
+    shining = lit["background"] > 1.0
+    error = lit["background_error"][shining] / np.sqrt(lit["background"][shining])
+    middle, high = np.percentile(error, [50, 90]) if shining.any() else (np.nan, np.nan)
+    kept = both.sum() / dark.valid.sum()
+    return f"{100.0 * kept:.2f} %", f"{moved.mean():.1e}", f"{middle:.2f}", f"{high:.1f}"
+
+
+if __name__ == "__main__":
+    main()
