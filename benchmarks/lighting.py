@@ -1,8 +1,8 @@
 """What sunlight costs: each lit scenario against the same scene in the dark.
 
-Run as ``python benchmarks/lighting.py [--size N]``. *Kept* is the share of the voxels measured in the dark that are
-still measured; *moved* the share of those whose range differs from the dark one by more than 6 σ; *error* the background's
-Monte-Carlo error over its shot noise, in the window of 200 µm.
+Run as ``python benchmarks/lighting.py [--size N]``. *Kept* is the share of the voxels measured in the dark that
+are still measured; *moved* the share of those whose range differs from the dark one by more than 6 σ; *error* the
+background's Monte-Carlo error over its shot noise, in the window of 200 µm.
 """
 
 from __future__ import annotations
