@@ -32,6 +32,7 @@ from scanner_sim.streams import Stream, generator
 _PATHS_TOGETHER = 1 << 21
 _MOST_SAMPLES = 64
 """Largest factor of the samples where rows are sparse."""
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _GENERALISED_GOLDEN = 1.085070245491451
 """The real root of x⁹ = x + 1."""
 
@@ -210,9 +211,13 @@ def _trace_rows(
     place = generator(seed, Stream.BACKGROUND, address, drawn_before * 64 + 62).next_float32x4()
     blur = generator(seed, Stream.BACKGROUND, address, drawn_before * 64 + 63).next_float32x4_normal()
     receiver = bench.receiver
-    along = (mi.Float(sample + first_sample) + place[0]) / dr.opaque(mi.Float, 2.0 * samples) - 0.5
+    # Each half of the samples covers the bin on its own, as a lattice with a random start.
+    start = generator(seed, Stream.BACKGROUND, address, dr.opaque(mi.UInt32, first_sample * 64 + 61))
+    along = (mi.Float(sample) + place[0]) / dr.opaque(mi.Float, float(samples)) - 0.5
+    height = mi.Float(sample) * _GOLDEN + start.next_float32x4()[0]
+    height -= dr.floor(height)
     angle = dr.opaque(mi.Float, view.first) + (mi.Float(column) + along) * dr.opaque(mi.Float, view.step)
-    across = (place[1] - 0.5) * bench.height + blur[1] * receiver.point_spread
+    across = (height - 0.5) * bench.height + blur[1] * receiver.point_spread
     phi = dr.gather(mi.Float, mi.Float(view.phi[rows].astype(np.float32)), row)
     frame = device_frame(bench, angle, phi)
     direction = dr.normalize(frame.along + frame.normal * (across / receiver.focal_length))
