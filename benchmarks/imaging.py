@@ -18,6 +18,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
@@ -74,47 +75,46 @@ def warm(table: Table, size: int) -> None:
 class Rays:
     """The scenario's rays: in the chain, and bare."""
 
-    def __init__(self, scenario: object) -> None:
+    def __init__(self, scenario: Any) -> None:
         import drjit as dr
         import mitsuba as mi
 
+        from scanner_sim.render import light
         from scanner_sim.render.beamlets import edge_beamlets, smooth_beamlets
         from scanner_sim.render.shots import true_shots
-        from scanner_sim.render.transport import device_frame, launch
+        from scanner_sim.render.transport import device_frame, launch, trace_spots
         from scanner_sim.scan.raster import raster_aim, tiled_order
         from scanner_sim.simulate import BATCH
         from scanner_sim.workbench import Workbench
 
-        self.workbench = Workbench(scenario)  # type: ignore[arg-type]
-        scan, settings = scenario.scan, scenario.transport  # type: ignore[attr-defined]
+        self.workbench = Workbench(scenario)
+        scan, settings = scenario.scan, scenario.transport
+        loaded, optics = self.workbench.loaded, self.workbench.optics
         order = tiled_order(scan)
         self.aims = [raster_aim(scan, order[start : start + BATCH]) for start in range(0, scan.shots, BATCH)]
-        smooth, fine = smooth_beamlets(settings.beamlets), edge_beamlets(settings.edge_beamlets)
-        self.scene = self.workbench.loaded.mitsuba
-        self.batches = []
-        self.rays = edges = 0
+        smooth = smooth_beamlets(settings.beamlets)
+        self.scene, self.batches, self.rays, finer = loaded.mitsuba, [], 0, 0
         for aim in self.aims:
             shots = true_shots(aim, 0.0, 0)
-            _, groups = self.workbench.expose(aim)
-            for group in groups:
-                rough = group.light.light.clusters.count > 1
-                edges += len(group.index) * rough
-                beamlets = fine if rough else smooth
-                count, k = len(group.index), len(beamlets.weights)
-                lane = dr.arange(mi.UInt32, count * k)
-                own = shots.some(dr.gather(mi.UInt32, mi.UInt32(group.index), lane % count))
-                frame = device_frame(self.workbench.optics, own.theta, own.phi)
-                node = [
-                    dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), lane // count) for axis in (0, 1)
-                ]
-                beam = launch(self.workbench.optics, frame, node)
-                lens = mi.Point3f(frame.lens)
+            spots = trace_spots(loaded, optics, smooth, shots.theta, shots.phi)
+            chief = dr.arange(mi.UInt32, len(aim.shot)) * len(smooth.weights)
+            ground = light._ground(loaded, optics, smooth, spots, chief)
+            for members, beamlets in (
+                (dr.arange(mi.UInt32, len(aim.shot)), smooth),
+                (dr.compress(ground == light._UNEVEN), edge_beamlets(settings.uneven_beamlets)),
+                (dr.compress(ground == light._EDGE), edge_beamlets(settings.edge_beamlets)),
+            ):
+                finer += dr.width(members) if beamlets is not smooth else 0
+                k = len(beamlets.weights)
+                lane = dr.arange(mi.UInt32, dr.width(members) * k)
+                own = shots.some(dr.gather(mi.UInt32, members, lane // k))
+                frame = device_frame(optics, own.theta, own.phi)
+                node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), lane % k) for axis in (0, 1)]
+                beam, lens = launch(optics, frame, node), mi.Point3f(frame.lens)
                 dr.eval(beam, lens)
                 self.batches.append((beam, lens))
-                self.rays += 2 * count * k
-            # Shots on edges went through the few beamlets first.
-        self.rays += 2 * edges * len(smooth.weights)
-        self.edge_share = edges / scan.shots
+                self.rays += 2 * dr.width(lane)
+        self.edge_share = finer / scan.shots
 
     def chain(self) -> None:
         for aim in self.aims:
