@@ -37,14 +37,9 @@ def rotation_about(axis: ArrayLike, angle: float) -> NDArray[np.float64]:
     return turned
 
 
-def pose_matrix(
-    rotation: NDArray[np.float64], position: ArrayLike, scale: float = 1.0
-) -> NDArray[np.float64]:
-    """Return ``target_from_source`` for a body turned by ``rotation`` (3, 3) and put at ``position`` (3,) [m].
-
-    ``scale`` multiplies the body's coordinates first (for meshes drawn in other units than metres).
-    """
+def pose_matrix(rotation: NDArray[np.float64], position: ArrayLike) -> NDArray[np.float64]:
+    """Return ``target_from_source`` for a body turned by ``rotation`` (3, 3) and put at ``position`` (3,) [m]."""
     target_from_source = np.eye(4)
-    target_from_source[:3, :3] = scale * rotation
+    target_from_source[:3, :3] = rotation
     target_from_source[:3, 3] = position
     return target_from_source

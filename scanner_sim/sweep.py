@@ -125,9 +125,7 @@ class _Stage:
         from scanner_sim.detector.line import electrons_per_watt
         from scanner_sim.workbench import Workbench
 
-        # The workbench renders the background of its scan, of which nothing is needed here.
-        narrow = scenario.scan.model_copy(update={"rows": 1})
-        bench = Workbench(scenario.model_copy(update={"scan": narrow}), device=device)
+        bench = Workbench(scenario, device=device)
         self._bench, self._scenario, self._seed = bench, scenario, scenario.seed
         sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
         electrons = electrons_per_watt(sensor, scenario.scanner.laser.wavelength, scenario.scanner.dwell)
@@ -188,19 +186,13 @@ class _Stage:
         """Return what one sky makes of the targets."""
         from scanner_sim.render import illumination as light
         from scanner_sim.render.paths import Albedo
-        from scanner_sim.render.sky import sky_light
+        from scanner_sim.render.sky import light_of
 
         bench, seed = self._bench, self._seed
         loaded, optics = bench.loaded, bench.optics
         if sky.sun_visible == 0.0:
             return _Moment(0.0, 0.0, [(0.0, 0.0, 0.0, 0.0)] * len(self.names))
-        lamp = sky_light(
-            sky.sun_direction,
-            sky.sun_angular_radius,
-            sky.earth_direction,
-            sky.earth_altitude,
-            sky.earth_radius,
-        )
+        lamp = light_of(sky)
         sights = [self._grid, *self._sights]
         every = light.Sight(
             np.concatenate([sight.angle for sight in sights]), np.concatenate([sight.phi for sight in sights])

@@ -97,23 +97,16 @@ class Workbench:
         """The background of the scenario's raster, rendered when it is first asked for; None in the dark."""
         from scanner_sim.render.background import panorama_view, render_panorama
         from scanner_sim.render.paths import Albedo
-        from scanner_sim.render.sky import sky_light
+        from scanner_sim.render.sky import light_of
 
         sky, settings, scan = self.scenario.lighting.sky(), self.scenario.transport, self.scenario.scan
         if sky.dark:
             return None
-        light = sky_light(
-            sky.sun_direction,
-            sky.sun_angular_radius,
-            sky.earth_direction,
-            sky.earth_altitude,
-            sky.earth_radius,
-        )
         pixels = self.scenario.scanner.position_sensor.pixels
         return render_panorama(
             self.loaded,
             self.optics,
-            light,
+            light_of(sky),
             Albedo(sky.albedo, sky.albedo_out_of_band),
             panorama_view(scan.horizontal, scan.angles()[1], self.optics, pixels),
             bounces=settings.background_bounces,

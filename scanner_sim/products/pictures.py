@@ -90,20 +90,8 @@ def draw_range(image: RangeImage, path: str | Path) -> None:
 
 def draw_signal(image: RangeImage, path: str | Path) -> None:
     """Draw the returned signal in electrons on a logarithmic scale."""
-    from matplotlib.colors import LogNorm
-
     signal = np.where(image["Y"] > 0.0, image["Y"], np.float32(np.nan))
-    low, high = _spread(signal, 0.5, 99.8, least=0.0)
-    low, high = (low, high) if high > 1.5 * low else (low / 1.5, high * 1.5)
-    layer = Layer(
-        "Returned signal",
-        "signal [electrons]",
-        signal,
-        LogNorm(low, high),
-        SIGNAL_MAP,
-        extend=_extend(signal, low, high),
-    )
-    _draw(image, layer, path)
+    _draw(image, _logarithmic("Returned signal", "signal [electrons]", signal, signal, SIGNAL_MAP), path)
 
 
 def lit(image: RangeImage) -> bool:
@@ -116,20 +104,20 @@ def draw_background(image: RangeImage, path: str | Path) -> None:
 
     What has less than an electron is as dark as the scale is at its end.
     """
+    charge = np.maximum(np.nan_to_num(image["background"]), np.float32(1e-3))
+    title, label = "Background of Sun and Earth", "charge in 200 µm of the line [electrons]"
+    _draw(image, _logarithmic(title, label, charge, charge[charge >= 1.0], BACKGROUND_MAP), path)
+
+
+def _logarithmic(
+    title: str, label: str, values: NDArray[np.float32], scaled_by: NDArray[np.float32], colours: str
+) -> Layer:
+    """Return a layer on a logarithmic scale that spans the bulk of some values, a factor of 1.5 at least."""
     from matplotlib.colors import LogNorm
 
-    charge = np.maximum(np.nan_to_num(image["background"]), np.float32(1e-3))
-    low, high = _spread(charge[charge >= 1.0], 0.5, 99.8, least=0.0)
+    low, high = _spread(scaled_by, 0.5, 99.8, least=0.0)
     low, high = (low, high) if high > 1.5 * low else (low / 1.5, high * 1.5)
-    layer = Layer(
-        "Background of Sun and Earth",
-        "charge in 200 µm of the line [electrons]",
-        charge,
-        LogNorm(low, high),
-        BACKGROUND_MAP,
-        extend=_extend(charge, low, high),
-    )
-    _draw(image, layer, path)
+    return Layer(title, label, values, LogNorm(low, high), colours, extend=_extend(values, low, high))
 
 
 def draw_shaded(image: RangeImage, path: str | Path) -> None:

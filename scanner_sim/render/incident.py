@@ -51,14 +51,12 @@ class Throughput:
     ) -> None:
         receiver = bench.receiver
         self.pixels = pixels
-        self.tangent = (bench.offset + (np.arange(pixels) + 0.5) * bench.pitch) / receiver.focal_length
+        tangent = (bench.offset + (np.arange(pixels) + 0.5) * bench.pitch) / receiver.focal_length
         gain = receiver.aperture_area * receiver.transmission * bench.filter_transmission
-        collected = (
-            gain * bench.pitch * bench.height / receiver.focal_length**2 / (1.0 + self.tangent**2) ** 2
-        )
+        collected = gain * bench.pitch * bench.height / receiver.focal_length**2 / (1.0 + tangent**2) ** 2
         self.window = WINDOW / bench.pitch
         self.laser = _table(laser)
-        self.angle = _table(np.arctan(self.tangent))
+        self.angle = _table(np.arctan(tangent))
         self.in_band = _table(collected * in_band)
         self.out_of_band = _table(collected * out_of_band)
 

@@ -21,6 +21,8 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.scene.lighting import Sky
+
 Array = NDArray[np.float64]
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
@@ -120,6 +122,17 @@ def sky_light(
         slant=_opaque(0.0 if sun is None else float(side @ sun)),
         lit_from=_opaque(ring[0]),
         lit_to=_opaque(ring[1]),
+    )
+
+
+def light_of(sky: Sky) -> SkyLight:
+    """Return the light of a scenario's sky."""
+    return sky_light(
+        sky.sun_direction,
+        sky.sun_angular_radius,
+        sky.earth_direction,
+        sky.earth_altitude,
+        sky.earth_radius,
     )
 
 
