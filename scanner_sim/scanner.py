@@ -14,7 +14,7 @@ from scanner_sim.optics.filter import BandpassFilter, FilterChoice
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.parts import Part
-from scanner_sim.units import Frequency
+from scanner_sim.units import Frequency, Ratio
 
 
 class Scanner(Part):
@@ -39,6 +39,9 @@ class Scanner(Part):
     """The line sensor of the triangulation."""
     rate: Frequency = Field(default=20e3, ge=1e-3, le=1e9)
     """Voxels per second; its inverse is the dwell."""
+    laser_off: Ratio = Field(default=0.0, ge=0.0, le=0.9)
+    """Share of the dwell in which the laser is off: the line then sees the background alone, which is subtracted. 0 is
+    a laser that always shines, as printed."""
 
     def contradictions(self) -> Iterator[Fault]:
         """Yield an array that reaches into the near range, where the equations no longer hold."""
@@ -56,6 +59,11 @@ class Scanner(Part):
     def dwell(self) -> float:
         """Time spent on a voxel [s]."""
         return 1.0 / self.rate
+
+    @property
+    def exposure(self) -> float:
+        """Time for which the laser shines on a voxel [s]."""
+        return (1.0 - self.laser_off) * self.dwell
 
     @property
     def nearest_range(self) -> float:

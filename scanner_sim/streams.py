@@ -23,6 +23,7 @@ class Stream(IntEnum):
     BOUNCES = 4
     REFERENCE = 5
     BACKGROUND = 6
+    AMBIENT = 9
 
 
 def generator(seed: int, stream: Stream, shot: Any, sample: Any) -> Any:

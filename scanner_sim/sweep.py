@@ -128,7 +128,7 @@ class _Stage:
         bench = Workbench(scenario, device=device)
         self._bench, self._scenario, self._seed = bench, scenario, scenario.seed
         sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
-        electrons = electrons_per_watt(sensor, scenario.scanner.laser.wavelength, scenario.scanner.dwell)
+        electrons = electrons_per_watt(sensor, scenario.scanner.laser.wavelength, scenario.scanner.exposure)
         through = bench.throughput
         # Any pixel may look at any place: the one that makes most of it counts.
         self._gain = tuple(

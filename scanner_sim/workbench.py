@@ -126,7 +126,7 @@ class Workbench:
             scanner.receiver,
             self.optics.filter_transmission * float(passed),
             scanner.position_sensor,
-            scanner.dwell,
+            scanner.exposure,
         )
 
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
@@ -155,7 +155,7 @@ class Workbench:
         invalid = ranges.status != Status.VALID
         peak[invalid] = sigma_peak[invalid] = np.nan
         scanner = self.scenario.scanner
-        electrons = electrons_per_watt(scanner.position_sensor, scanner.laser.wavelength, scanner.dwell)
+        electrons = electrons_per_watt(scanner.position_sensor, scanner.laser.wavelength, scanner.exposure)
         with np.errstate(divide="ignore", invalid="ignore"):
             contrast = laser / window
         return {
@@ -209,7 +209,7 @@ class Workbench:
     def record(self, row: int, column: int) -> VoxelRecord:
         """Return the record of one voxel of the scenario's raster."""
         from scanner_sim.detector.line import electrons_per_watt
-        from scanner_sim.signals.peaks import Calibration
+        from scanner_sim.signals.calibration import Calibration, measured_lines
 
         scanner, processing = self.scenario.scanner, self.scenario.processing
         sensor = scanner.position_sensor
@@ -220,9 +220,10 @@ class Workbench:
         _, groups = self.expose(aim)
         (group,) = groups
         status = Status(int(values["status"]))
-        calibration = Calibration.of(sensor, scanner.dwell)
-        measured = calibration.charge(group.signal.lines()[0].astype(np.float64))
-        expected = group.light.line(0) * electrons_per_watt(sensor, scanner.laser.wavelength, scanner.dwell)
+        calibration = Calibration.of(sensor, scanner.dwell, scanner.laser_off)
+        (measured,), (noise,) = measured_lines(group.signal, calibration)
+        expected = group.light.line(0, background=scanner.laser_off == 0.0)
+        expected *= electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)
         true_position = position_from_range(
             values["truth.range_m"], aim.theta[0], self.geometry.focal_length, self.geometry.baseline
         )
@@ -233,7 +234,7 @@ class Workbench:
             phi=float(aim.phi[0]),
             pixel_signal=measured,
             expected_signal=expected,
-            noise_sigma=np.sqrt(calibration.variance(measured)),
+            noise_sigma=noise,
             threshold=processing.threshold * calibration.floor_sigma,
             saturation_level=calibration.full - calibration.dark,
             status=status,
@@ -279,7 +280,14 @@ class Workbench:
                     light, shots.some(light.index), scenario.scan.columns, self.throughput, self.panorama
                 )
                 signal = expose(
-                    incident.power, light.shot, sensor, scanner.laser.wavelength, scanner.dwell, seed
+                    incident.power,
+                    light.shot,
+                    sensor,
+                    scanner.laser.wavelength,
+                    scanner.dwell,
+                    seed,
+                    background=incident.background,
+                    laser_off=scanner.laser_off,
                 )
                 index = light.index.numpy()
                 theta = aim.theta[index].astype(np.float32)

@@ -3,6 +3,11 @@
 The chain of a charge-integrating array: photons to electrons (quantum efficiency, response of each pixel), dark
 charge, Poisson noise, full well with anti-blooming, read noise, converter. (Janesick, *Photon transfer*, 2007,
 chs 3 to 5.)
+
+The line may be exposed twice in a dwell, with the laser on and off, at the same place of the mirrors: the second
+exposure sees the background alone, to be subtracted later. Each is read and digitised on its own, with its own
+noise; the pixels' response is that of both. Not modelled: the mirrors' motion between the exposures, image lag, the
+time of the second read-out, and the laser's rise and decay.
 """
 
 from __future__ import annotations
@@ -37,25 +42,37 @@ class Signal:
     Attributes
     ----------
     number
-        Digital numbers, Dr.Jit float array; :meth:`address` tells where each one is.
+        Digital numbers, Dr.Jit float array; :meth:`address` tells where each one is. Two neighbours stand together,
+        and behind them the same two of the exposure without the laser, where there is one.
     shots, pixels
         Number m of shots, and of pixels in each line.
+    laser_off
+        Share of the dwell that the exposure without the laser took; 0 where there is none.
     """
 
     number: Any
     shots: int
     pixels: int
+    laser_off: float = 0.0
+
+    @property
+    def exposures(self) -> int:
+        """Number of exposures of each line, 1 or 2."""
+        return 2 if self.laser_off > 0.0 else 1
+
+    def pair(self, pixel: Any, place: Any) -> Any:
+        """Return the index of the pair of a pixel (0 to pixels − 1) of the shot at a place (0 to m − 1)."""
+        row = place // _BLOCK * ((self.pixels + 1) // 2) + pixel // 2
+        return row * _BLOCK + place % _BLOCK
 
     def address(self, pixel: Any, place: Any) -> Any:
-        """Return the index of a pixel (0 to pixels − 1) of the shot at a place (0 to m − 1)."""
-        block = place // _BLOCK
-        pair = block * ((self.pixels + 1) // 2) + pixel // 2
-        return 2 * (pair * _BLOCK + place % _BLOCK) + pixel % 2
+        """Return the index of a pixel of the shot at a place; 2 more is that of the exposure without the laser."""
+        return 2 * self.exposures * self.pair(pixel, place) + pixel % 2
 
-    def lines(self) -> Any:
-        """Return the digital numbers as a NumPy array of shape (m, pixels)."""
+    def lines(self, exposure: int = 0) -> Any:
+        """Return the digital numbers of an exposure as a NumPy array of shape (m, pixels)."""
         pairs = (self.pixels + 1) // 2
-        blocks = self.number.numpy().reshape(-1, pairs, _BLOCK, 2)
+        blocks = self.number.numpy().reshape(-1, pairs, _BLOCK, self.exposures, 2)[:, :, :, exposure]
         return blocks.transpose(0, 2, 1, 3).reshape(-1, 2 * pairs)[: self.shots, : self.pixels]
 
 
@@ -65,7 +82,15 @@ def electrons_per_watt(sensor: PositionSensor, wavelength: float, dwell: float) 
 
 
 def expose(
-    power: LinePower, shot: Any, sensor: PositionSensor, wavelength: float, dwell: float, seed: int
+    power: LinePower,
+    shot: Any,
+    sensor: PositionSensor,
+    wavelength: float,
+    dwell: float,
+    seed: int,
+    *,
+    background: LinePower | None = None,
+    laser_off: float = 0.0,
 ) -> Signal:
     """Expose, read and digitise the lines of a group of shots.
 
@@ -79,14 +104,29 @@ def expose(
     sensor
         The line sensor.
     wavelength, dwell
-        Wavelength [m] and time of exposure [s].
+        Wavelength [m] and time spent on a shot [s].
     seed
         Seed of the noise.
+    background
+        The power [W] without the laser, by the same arguments; wanted where ``laser_off`` is not 0.
+    laser_off
+        Share s of the dwell t in which the laser is off, 0 to below 1: the line is exposed for (1 − s) t to all the
+        light, and for s t to the background.
 
     Returns
     -------
     Signal
+
+    Raises
+    ------
+    ValueError
+        If the laser is off for a time and no background is given.
     """
+    lights = [(power, Stream.DETECTOR, (1.0 - laser_off) * dwell)]
+    if laser_off > 0.0:
+        if background is None:
+            raise ValueError("the exposure without the laser needs the background's power")
+        lights.append((background, Stream.AMBIENT, laser_off * dwell))
     shots, pairs = dr.width(shot), (sensor.pixels + 1) // 2
     blocks = (shots + _BLOCK - 1) // _BLOCK
     lane = dr.arange(auto.UInt32, blocks * pairs * _BLOCK)
@@ -94,19 +134,21 @@ def expose(
     block = row // pairs
     pair, place = row - block * pairs, block * _BLOCK + lane % _BLOCK
     place = dr.minimum(place, dr.opaque(auto.UInt32, shots - 1))  # the last block may be filled in part
-    # One call of the generator makes four numbers: light and read noise of two pixels.
-    normal = generator(
-        seed, Stream.DETECTOR, dr.gather(auto.UInt32, shot, place), pair
-    ).next_float32x4_normal()
     response = pixel_response(sensor, seed)
-    signal = Signal(dr.empty(auto.Float, blocks * pairs * _BLOCK * 2), shots, sensor.pixels)
+    exposures = len(lights)
+    number = dr.empty(auto.Float, blocks * pairs * _BLOCK * 2 * exposures)
+    signal = Signal(number, shots, sensor.pixels, laser_off)
     numbers = []
-    for side in (0, 1):
-        pixel = 2 * pair + side
-        charge = power(pixel, place) * dr.opaque(auto.Float, electrons_per_watt(sensor, wavelength, dwell))
-        charge *= dr.gather(auto.Float, response, pixel, pixel < sensor.pixels)
-        numbers.append(_read_out(charge, normal[2 * side], normal[2 * side + 1], sensor, dwell))
-    dr.scatter(signal.number, auto.Array2f(*numbers), lane)
+    for light, stream, time in lights:
+        # One call of the generator makes four numbers: light and read noise of two pixels.
+        normal = generator(seed, stream, dr.gather(auto.UInt32, shot, place), pair).next_float32x4_normal()
+        for side in (0, 1):
+            pixel = 2 * pair + side
+            charge = light(pixel, place) * dr.opaque(auto.Float, electrons_per_watt(sensor, wavelength, time))
+            charge *= dr.gather(auto.Float, response, pixel, pixel < sensor.pixels)
+            numbers.append(_read_out(charge, normal[2 * side], normal[2 * side + 1], sensor, time))
+    packet = auto.Array2f if exposures == 1 else auto.Array4f
+    dr.scatter(signal.number, packet(*numbers), lane)
     dr.eval(signal.number)
     return signal
 

@@ -41,7 +41,7 @@ CHANNELS: tuple[Channel, ...] = (
     Channel(
         "background",
         "electron",
-        "charge of Sun and Earth in a window of 200 µm about the laser's spot, noise-free",
+        "charge of Sun and Earth in a window of 200 µm about the laser's spot while it shines, noise-free",
     ),
     Channel(
         "background_error", "electron", "standard error of background from the finite number of light paths"
@@ -49,7 +49,7 @@ CHANNELS: tuple[Channel, ...] = (
     Channel(
         "background_peak",
         "electron",
-        "charge of Sun and Earth on the brightest pixel of the line, noise-free",
+        "charge of Sun and Earth on the brightest pixel of the line while the laser shines, noise-free",
     ),
     Channel("peak_px", "pixel", "detected position on the line sensor; the centre of pixel i is at i"),
     Channel("sigma_peak_px", "pixel", "standard deviation of peak_px that the instrument states"),

@@ -21,9 +21,10 @@ class VoxelRecord:
     theta, phi
         Commanded deflections [rad].
     pixel_signal
-        Digitised signal after subtraction of the offset [electron], shape (pixels,).
+        Digitised signal after subtraction of the offset, and of the exposure without the laser where there is
+        one, [electron], shape (pixels,).
     expected_signal
-        Signal that the light alone would give, without noise, [electron], shape (pixels,).
+        Signal that the light of it would give, without noise, [electron], shape (pixels,).
     noise_sigma
         Standard deviation of each pixel of the noise model [electron], shape (pixels,).
     threshold

@@ -124,11 +124,12 @@ class Incident:
         scale = self._of(self.throughput.in_band, pixel) + self._of(self.throughput.out_of_band, pixel)
         return self._seen(self.panorama.error, pixel, place) * scale
 
-    def line(self, place: int) -> NDArray[np.float64]:
-        """Return the power [W] on every pixel of the shot at a place, shape (pixels,)."""
+    def line(self, place: int, *, background: bool = True) -> NDArray[np.float64]:
+        """Return the power [W] on every pixel of the shot at a place, or the laser's alone, shape (pixels,)."""
         pixel = dr.arange(mi.UInt32, self.throughput.pixels)
-        power = self.power(pixel, dr.full(mi.UInt32, place, self.throughput.pixels)).numpy()
-        return np.asarray(power, dtype=np.float64)
+        places = dr.full(mi.UInt32, place, self.throughput.pixels)
+        power = self.power(pixel, places) - (0.0 if background else self.background(pixel, places))
+        return np.asarray(power.numpy(), dtype=np.float64)
 
     def link_budget(self) -> LinkBudget:
         """Return the light of each shot as the paper counts it."""

@@ -1,4 +1,4 @@
-"""Lines of charge: what the digital numbers of the sensor say, pixel by pixel, with their variances."""
+"""Lines of charge, pixel by pixel with their variances, and the light beneath a peak."""
 
 from __future__ import annotations
 
@@ -9,77 +9,12 @@ import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.detector.line import Signal
-from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.signals.calibration import Calibration
 
-_NEAR_FULL = 5.0
-"""Standard deviations of the read noise below the full well from which a pixel counts as saturated."""
 _MEDIAN_VARIANCE = 0.2104
 """Variance of the median of seven standard normal numbers (David, Nagaraja, *Order statistics*, 2003)."""
 SIDE = 7
 """Pixels on each side of a peak that tell its background."""
-
-
-@dataclass(frozen=True)
-class Calibration:
-    """What is known of the sensor: how a number becomes a charge, and the variance of a charge.
-
-    The methods take numbers, NumPy or Dr.Jit arrays.
-
-    Attributes
-    ----------
-    bias, gain
-        Digital number without charge, and electrons per digital number.
-    dark
-        Mean dark charge of a dwell [electron].
-    floor
-        Variance of a pixel without light [electron²].
-    shot_noise
-        1 if light has Poisson noise, else 0.
-    prnu
-        Relative standard deviation of the pixels' response.
-    full
-        Charge in the well [electron] from which a pixel counts as saturated.
-    """
-
-    bias: float
-    gain: float
-    dark: float
-    floor: float
-    shot_noise: float
-    prnu: float
-    full: float
-
-    @classmethod
-    def of(cls, sensor: PositionSensor, dwell: float) -> Calibration:
-        """Return the calibration of a sensor that is exposed for a dwell [s]."""
-        switches, gain = sensor.noise, sensor.electrons_per_number
-        read = sensor.read_noise if switches.read else 0.0
-        dark = sensor.dark_current * dwell if switches.dark else 0.0
-        steps = gain**2 / 12.0 if switches.quantisation else 0.0
-        well = min(sensor.full_well, (sensor.largest_number - sensor.bias) * gain)
-        return cls(
-            bias=float(sensor.bias),
-            gain=gain,
-            dark=dark,
-            floor=read**2 + steps + (dark if switches.shot else 0.0),
-            shot_noise=float(switches.shot),
-            prnu=sensor.prnu if switches.prnu else 0.0,
-            full=well - _NEAR_FULL * read if switches.saturation else float("inf"),
-        )
-
-    @property
-    def floor_sigma(self) -> float:
-        """Standard deviation of a pixel without light [electron]."""
-        return float(self.floor**0.5)
-
-    def charge(self, number: Any) -> Any:
-        """Return the charge above the dark level [electron] of a digital number."""
-        return (number - self.bias) * self.gain - self.dark
-
-    def variance(self, charge: Any) -> Any:
-        """Return the variance [electron²] of a pixel with a charge above the dark level [electron]."""
-        light = (charge + abs(charge)) * 0.5
-        return self.floor + self.shot_noise * light + (self.prnu * light) ** 2
 
 
 class Line:
@@ -87,6 +22,7 @@ class Line:
 
     def __init__(self, signal: Signal, calibration: Calibration) -> None:
         self.pixels, self.shots = signal.pixels, signal.shots
+        self.subtracted = signal.exposures == 2
         self._signal = signal
         self._shot = dr.arange(auto.UInt32, signal.shots)
         values: dict[str, Any] = {
@@ -97,19 +33,68 @@ class Line:
         self.floor_sigma: Any = dr.opaque(auto.Float, calibration.floor_sigma)
 
     def charge(self, pixel: Any) -> Any:
-        """Return the charge above the dark level [electron]."""
-        address = self._signal.address(auto.UInt32(pixel), self._shot)
-        return self.known.charge(dr.gather(auto.Float, self._signal.number, address))
+        """Return the charge above the dark level and above what was subtracted [electron]."""
+        lit, unlit = self._numbers(pixel)
+        return self._difference(lit, unlit) if self.subtracted else self.known.charge(lit)
 
-    def pair(self, pixel: Any) -> tuple[Any, Any]:
-        """Return the charges of an even pixel and of the next: faster than one by one."""
-        address = self._signal.address(auto.UInt32(pixel), self._shot)
-        numbers = dr.gather(auto.Array2f, self._signal.number, address // 2)
-        return self.known.charge(numbers[0]), self.known.charge(numbers[1])
+    def pair(self, pixel: Any) -> tuple[Any, Any, Any]:
+        """Return the charges of an even pixel and of the next, faster than one by one, and the fuller one's well.
 
-    def variance(self, charge: Any) -> Any:
-        """Return the variance [electron²] of a pixel that holds a charge."""
-        return self.known.variance(charge)
+        The well is the largest charge of an exposure above the dark level [electron].
+        """
+        place = self._signal.pair(auto.UInt32(pixel), self._shot)
+        if not self.subtracted:
+            numbers = dr.gather(auto.Array2f, self._signal.number, place)
+            charges = self.known.charge(numbers[0]), self.known.charge(numbers[1])
+            return *charges, dr.maximum(*charges)
+        both = dr.gather(auto.Array4f, self._signal.number, place)
+        fullest = self.known.charge(dr.max(both))
+        return self._difference(both[0], both[2]), self._difference(both[1], both[3]), fullest
+
+    def variance(self, pixel: Any, charge: Any) -> Any:
+        """Return the variance [electron²] of a pixel if it holds a charge above what was subtracted."""
+        if not self.subtracted:
+            return self.known.variance(charge)
+        return self.known.variance_above(self.known.ambient(self._numbers(pixel)[1]), charge)
+
+    def full(self, pixel: Any) -> Any:
+        """Tell where a pixel is saturated in an exposure."""
+        lit, unlit = self._numbers(pixel)
+        return self._is_full(dr.maximum(lit, unlit) if self.subtracted else lit)
+
+    def beneath(self, pixel: Any, charge: Any, side: Any, active: Any) -> tuple[Any, Any]:
+        """Return the variance of a peak's pixel without the peak, and whether it is full.
+
+        Parameters
+        ----------
+        pixel, charge
+            Pixel of a maximum and its charge [electron].
+        side
+            Charge beside the maximum [electron].
+        active
+            Where it is one: elsewhere nothing is read.
+        """
+        if not self.subtracted:
+            return self.known.variance(side), charge >= self.known.full - self.known.dark
+        lit, unlit = self._numbers(pixel, active)
+        variance = self.known.variance_above(self.known.ambient(unlit), side)
+        return variance, self._is_full(dr.maximum(lit, unlit))
+
+    def _numbers(self, pixel: Any, active: Any = True) -> tuple[Any, Any]:
+        """Return the digital numbers with and without the laser; the first twice where there is one exposure."""
+        address = self._signal.address(auto.UInt32(pixel), self._shot)
+        lit = dr.gather(auto.Float, self._signal.number, address, active)
+        if not self.subtracted:
+            return lit, lit
+        return lit, dr.gather(auto.Float, self._signal.number, address + 2, active)
+
+    def _difference(self, lit: Any, unlit: Any) -> Any:
+        """Return c; 0 where the background alone fills the pixel, so that nothing is known of the laser."""
+        difference = self.known.charge(lit) - self.known.ambient(unlit)
+        return dr.select(self._is_full(unlit), 0.0, difference)
+
+    def _is_full(self, number: Any) -> Any:
+        return self.known.charge(number) + self.known.dark >= self.known.full
 
 
 @dataclass
@@ -151,18 +136,19 @@ def baseline_beside(line: Line, centre: Any, guard: Any) -> Baseline:
         Where the array ends on one side, the other side's median alone, without a slope; where it ends on
         both, none. The variances are those of medians of normal noise.
     """
-    sides, inside = [], []
+    sides, inside, noise = [], [], []
     for direction in (-1, 1):
         nearest = centre + direction * (guard + 1)
         farthest = nearest + direction * (SIDE - 1)
         inside.append((farthest >= 0) & (farthest < line.pixels))
         start = dr.select(inside[-1], nearest, centre)
         step = dr.select(inside[-1], direction, 0)
-        sides.append(_median([line.charge(start + number * step) for number in range(SIDE)]))
+        places = [start + number * step for number in range(SIDE)]
+        sides.append(_median([line.charge(place) for place in places]))
+        noise.append(_MEDIAN_VARIANCE * _mean_variance(line, places, sides[-1]))
     (left, right), (on_left, on_right) = sides, inside
     both = on_left & on_right
     distance = auto.Float(guard) + 0.5 * (SIDE + 1)
-    noise = [_MEDIAN_VARIANCE * line.variance(side) for side in sides]
     one = dr.select(on_left, left, dr.select(on_right, right, 0.0))
     one_noise = dr.select(on_left, noise[0], dr.select(on_right, noise[1], 0.0))
     return Baseline(
@@ -172,6 +158,13 @@ def baseline_beside(line: Line, centre: Any, guard: Any) -> Baseline:
         dr.select(both, 0.25 * (noise[0] + noise[1]) / dr.square(distance), 0.0),
         dr.select(both, 0.5 * dr.abs(right - left), 0.0),
     )
+
+
+def _mean_variance(line: Line, places: list[Any], charge: Any) -> Any:
+    """Return the variance of pixels that hold a charge: their mean, where what was subtracted differs."""
+    if not line.subtracted:
+        return line.known.variance(charge)
+    return sum(line.variance(place, charge) for place in places) / len(places)
 
 
 def _median(values: list[Any]) -> Any:
@@ -196,9 +189,13 @@ class Around:
         self.line, self.centre, self.baseline = line, centre, baseline
         self.floor_sigma = line.floor_sigma
 
-    def raw(self, step: int) -> Any:
-        """Return the charge above the dark level; beyond the array's ends that of its last pixel."""
-        return self.line.charge(dr.clip(self.centre + step, 0, self.line.pixels - 1))
+    def pixel(self, step: int) -> Any:
+        """Return the pixel at a step; beyond the array's ends its last one."""
+        return dr.clip(self.centre + step, 0, self.line.pixels - 1)
+
+    def full(self, step: int) -> Any:
+        """Tell where a pixel is saturated."""
+        return self.line.full(self.pixel(step))
 
     def inside(self, step: int) -> Any:
         """Tell where a pixel lies on the array."""
@@ -207,5 +204,6 @@ class Around:
 
     def __call__(self, step: int) -> tuple[Any, Any]:
         """Return the charge above the baseline, and the variance of the whole charge."""
-        raw = self.raw(step)
-        return raw - (self.baseline.level + step * self.baseline.slope), self.line.variance(raw)
+        pixel = self.pixel(step)
+        raw = self.line.charge(pixel)
+        return raw - (self.baseline.level + step * self.baseline.slope), self.line.variance(pixel, raw)

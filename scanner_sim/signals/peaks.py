@@ -16,9 +16,10 @@ import drjit.auto.ad as auto
 
 from scanner_sim.detector.line import Signal
 from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.signals.calibration import Calibration
 from scanner_sim.signals.estimators import MARGIN, estimate
 from scanner_sim.signals.expected import ExpectedSpot
-from scanner_sim.signals.line import Around, Calibration, Line, baseline_beside, no_baseline
+from scanner_sim.signals.line import Around, Line, baseline_beside, no_baseline
 from scanner_sim.signals.processing import Processing
 from scanner_sim.signals.search import (
     Found,
@@ -83,7 +84,7 @@ def find_peaks(
     processing
         Estimator and thresholds.
     dwell
-        Time of exposure [s].
+        Time spent on a shot [s].
     spot
         The spot that the laser makes on the line. Where nothing is known of it there is nothing to validate:
         the brightest pixel wins and the line is taken to be dark beside it.
@@ -94,7 +95,7 @@ def find_peaks(
     -------
     Peaks
     """
-    line = Line(signal, Calibration.of(sensor, dwell))
+    line = Line(signal, Calibration.of(sensor, dwell, signal.laser_off))
     sine, cosine = dr.sincos(auto.Float(theta))
     settings = processing.validation
     guard = auto.Int32(0)
@@ -108,7 +109,7 @@ def find_peaks(
             guard = guard_pixels(spot, found.pixel, sine, cosine)
     top = Around(line, found.pixel, baseline)
     height, whole_variance = top(0)
-    dark_sigma = dr.sqrt(line.variance(baseline.level))
+    dark_sigma = dr.sqrt(line.variance(found.pixel, baseline.level))
     threshold = dr.opaque(auto.Float, processing.threshold)
     low = ~(height > threshold * dark_sigma) | ~(found.level > _STANDS_OUT * threshold)
 
@@ -119,7 +120,7 @@ def find_peaks(
     shift, variance = estimate(processing.peak, around)
     rivalled = found.rival > dr.opaque(auto.Float, processing.ambiguity) * found.height
     too_bright = misshapen = auto.Bool(False)
-    full = top.raw(0) + line.known.dark >= line.known.full
+    full = top.full(0)
     if spot is not None:
         shape = judge_shape(top, spot, guard, sine, cosine, settings)
         full |= shape.saturated

@@ -42,7 +42,7 @@ class Found:
 
     ``pixel`` brightest pixel; ``height`` what its rival is compared with, and ``rival`` the same of the next
     separate peak [electron]; ``level`` and ``rival_level`` how far the brightest pixel and the rival stand out, in
-    the unit of the threshold; ``brightest`` charge of the brightest pixel of the whole line; ``refused`` where a
+    the unit of the threshold; ``brightest`` charge of the fullest pixel of the whole line; ``refused`` where a
     stronger peak was left out as too bright for its range, ``broad`` where one was as too broad for a spot.
     """
 
@@ -155,16 +155,18 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Foun
     first, last = line.charge(auto.UInt32(0)), line.charge(auto.UInt32(line.pixels - 1))
     last_pair = (line.pixels - 1) // 2
 
-    def pair(pixel: Any) -> tuple[Any, Any]:
-        charges = line.pair(2 * dr.minimum(pixel // 2, last_pair))
-        return (
-            dr.select(pixel < line.pixels, charges[0], last),
-            dr.select(pixel + 1 < line.pixels, charges[1], last),
+    def pair(pixel: Any) -> tuple[tuple[Any, Any], Any]:
+        left, right, fullest = line.pair(2 * dr.minimum(pixel // 2, last_pair))
+        charges = (
+            dr.select(pixel < line.pixels, left, last),
+            dr.select(pixel + 1 < line.pixels, right, last),
         )
+        return charges, fullest
 
-    window = [first] * half
+    window, filled = [first] * half, dr.full(auto.Float, -dr.inf, line.shots)
     for pixel in range(0, half, 2):
-        window += pair(auto.UInt32(pixel))
+        charges, fullest = pair(auto.UInt32(pixel))
+        window, filled = [*window, *charges], dr.maximum(filled, fullest)
     full = line.known.full - line.known.dark
     zero = dr.zeros(auto.Float, line.shots)
     nowhere = dr.full(auto.Int32, -2 * _SEPARATE, line.shots)
@@ -181,25 +183,26 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Foun
     ) -> tuple[Any, ...]:
         window = list(window)
         for step in range(0, _UNROLLED, 2):
-            window += pair(pixel + half + step)
+            charges, fullest = pair(pixel + half + step)
+            window += charges
+            brightest = dr.maximum(brightest, fullest)
         sums = [window[k] + window[k + 1] + window[k + 2] for k in range(len(window) - 2)]
         for step in range(_UNROLLED):
             here = auto.Int32(pixel) + step
             before, middle, after = window[step + half - 1 : step + half + 2]
             side = dr.maximum(sums[step], sums[step + half + away]) * (1.0 / _SIDE)
             contrast = 0.25 * (before + 2.0 * middle + after) - side
-            brightest = dr.maximum(brightest, middle)
             top = (middle > before) & (middle >= after) & (contrast > 0.0) & (here < line.pixels)
             if step == 0:
                 top |= (here == 0) & (middle >= after) & (contrast > 0.0)
             squared = dr.square(auto.Float(here) + limits.origin)
             limit = dr.fma(limits.charge[1], squared, limits.charge[0])
             # A full pixel is no spot's where the limit is lower, nor where the light beside it is bright too.
-            is_full = middle >= full
+            variance, is_full = line.beneath(here, middle, side, top)
             dim = contrast <= dr.select(is_full & ((limit < full) | (contrast < 0.5 * full)), 0.0, limit)
             too_bright = dr.select(top & ~dim, dr.maximum(too_bright, contrast), too_bright)
             top &= dim & (contrast >= limits.dimmest * squared)
-            scale = dr.rsqrt(dr.maximum(line.variance(side), 1e-12))
+            scale = dr.rsqrt(dr.maximum(variance, 1e-12))
             level = contrast * scale
             flank = 0.5 * (window[step + half - away + 1] + window[step + half + away - 1]) - side
             share = dr.fma(limits.flank[1], squared, limits.flank[0])
@@ -218,7 +221,7 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Foun
         [nowhere, zero, zero],
         [nowhere, zero, zero],
         [zero, zero],
-        dr.full(auto.Float, -dr.inf, line.shots),
+        filled,
         zero,
         zero,
     )
@@ -242,7 +245,7 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Foun
     if gate is not None:
         rival[0] = dr.select(best[1] < _EXPECTED, rival[0], rival[0] - _EXPECTED)
     side = mean - best[2]
-    level = (charge - side) * dr.rsqrt(dr.maximum(line.variance(side), 1e-12))
+    level = (charge - side) * dr.rsqrt(dr.maximum(line.variance(top, side), 1e-12))
     return Found(
         top, best[2], level, rival[1], rival[0], brightest, too_bright > best[2], too_broad > best[2]
     )

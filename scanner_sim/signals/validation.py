@@ -123,7 +123,6 @@ def _fit(
     and whether a pixel is saturated.
     """
     reach = min(math.ceil(_MARGIN * spot.largest_sigma) + 1, _FARTHEST)
-    known = around.line.known
     allowed = dr.square(tolerance * around(0)[0])
     scale = math.sqrt(0.5) / sigma
     pixels = []
@@ -141,7 +140,7 @@ def _fit(
         variance += around.baseline.level_variance
         counts = around.inside(step) & (dr.abs(auto.Int32(step)) <= guard)
         weight = dr.select(counts, dr.rcp(variance + allowed), 0.0)
-        saturated |= counts & (around.raw(step) + known.dark >= known.full)
+        saturated |= counts & around.full(step)
         aa += weight * share * share
         ab += weight * share * moved
         bb += weight * moved * moved
