@@ -143,6 +143,10 @@ def activate(device: DeviceChoice = "auto", threads: int | None = None) -> Devic
     variant: Literal["llvm_ad_mono", "cuda_ad_mono"] = "llvm_ad_mono" if gpu is None else "cuda_ad_mono"
     if mi.variant() != variant:
         mi.set_variant(variant)
+    # Here, because scenes are loaded in a room that may not import this one, and name the plugin.
+    from scanner_sim.render.retroreflector import register_retroreflector
+
+    register_retroreflector()
     dr.set_backend("llvm" if gpu is None else "cuda")  # what ``drjit.auto`` stands for
     if gpu is None:
         _refuse_old_llvm_in_use(dr.detail.llvm_version())

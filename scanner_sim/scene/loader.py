@@ -26,6 +26,7 @@ from scanner_sim.scene.objects import (
     Mesh,
     MitsubaFile,
     Rectangle,
+    Retroreflector,
     Scene,
     Sphere,
     Surface,
@@ -145,23 +146,34 @@ class _Materials:
         return known.reflectance_out_of_band / known.reflectance
 
     def __call__(self, choice: MaterialChoice) -> Any:
-        if isinstance(choice, Surface):
-            name, other = f"reflectance_{choice.reflectance!r}", choice.reflectance_out_of_band
-            if other is not None:
-                name += f"_{other!r}"
-            chosen = materials.Material(
-                name=name,
-                reflectance=choice.reflectance,
-                reflectance_out_of_band=choice.reflectance if other is None else other,
-                source="the scenario",
-            )
-        else:
+        if isinstance(choice, str):
             name, chosen = choice, materials.material(choice)
+        else:
+            chosen = _described(choice)
+            name = chosen.name
         self._described[name] = chosen
         if name not in self._made:
             self._made[name] = mi.load_dict(materials.mitsuba_bsdf(chosen))
             self._made[name].set_id(name)
         return self._made[name]
+
+
+def _described(choice: Surface | Retroreflector) -> materials.Material:
+    """Return the material that a scenario describes, under a name that tells it from all others."""
+    other = choice.reflectance_out_of_band
+    numbers: list[Any] = [choice.reflectance, other]
+    lobe = choice.lobe if isinstance(choice, Retroreflector) else None
+    if lobe is not None:
+        numbers = [lobe.kind, *numbers, lobe.retro_share, lobe.half_width, lobe.entrance[1]]
+    spelt = "_".join(str(number) for number in numbers if number is not None)
+    return materials.Material(
+        name=f"{'reflectance' if lobe is None else 'retroreflector'}_{spelt}",
+        kind="diffuse" if lobe is None else "retroreflector",
+        reflectance=choice.reflectance,
+        reflectance_out_of_band=choice.reflectance if other is None else other,
+        retro=lobe,
+        source="the scenario",
+    )
 
 
 def _transform(matrix: NDArray[np.float64]) -> Any:

@@ -9,6 +9,7 @@ plain dictionary.
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Mapping
 from functools import lru_cache
 from types import MappingProxyType
@@ -18,9 +19,10 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from scanner_sim.errors import InputError
+from scanner_sim.scene.retroreflectors import RetroLobe
 
 Fraction = Annotated[float, Field(ge=0.0, le=1.0, allow_inf_nan=False)]
-MaterialKind = Literal["diffuse", "rough_conductor", "mixed"]
+MaterialKind = Literal["diffuse", "rough_conductor", "mixed", "retroreflector"]
 
 FRESNEL_TOLERANCE = 2e-3
 """How far a metal's stated reflectance may lie from the one of its (n, k): the third digit."""
@@ -83,17 +85,17 @@ def ggx_albedo(alpha: float) -> float:
 class Material(BaseModel):
     """An opaque surface at the laser's wavelength.
 
-    Three kinds: ``diffuse`` is Lambertian; ``rough_conductor`` is a GGX metal, and a polished one,
+    Four kinds: ``diffuse`` is Lambertian; ``rough_conductor`` is a GGX metal, and a polished one,
     because the lobe by itself loses 1 − :func:`ggx_albedo`; ``mixed`` is ``specular_share`` of the
     GGX lobe and the rest Lambertian, with the Lambertian part chosen so that both together give
-    ``reflectance``.
+    ``reflectance``; ``retroreflector`` sends part of its reflectance back the way the light came.
 
     Attributes
     ----------
     name
         Identifier, also the id of the BSDF in scene files.
     kind
-        One of the three kinds above.
+        One of the four kinds above.
     reflectance
         Hemispherical reflectance at 1.5 µm and normal incidence, 0 to 1.
     reflectance_out_of_band
@@ -104,7 +106,9 @@ class Material(BaseModel):
     alpha
         GGX roughness of the specular lobe; None for ``diffuse``.
     specular_share
-        Weight of the specular lobe, 0 to 1: 0 for ``diffuse``, 1 for ``rough_conductor``.
+        Weight of the specular lobe, 0 to 1: 0 for ``diffuse`` and ``retroreflector``, 1 for ``rough_conductor``.
+    retro
+        Lobe of a ``retroreflector``; None for the other kinds.
     source
         Where the numbers come from; "assumption" with the reasonable range where nobody knows.
 
@@ -124,14 +128,17 @@ class Material(BaseModel):
     k: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = None
     alpha: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] | None = None
     specular_share: Fraction = 0.0
+    retro: RetroLobe | None = None
     source: Annotated[str, Field(min_length=1)] = "given by the user"
 
     @model_validator(mode="after")
     def _check_consistency(self) -> Self:
         metal = (self.eta, self.k, self.alpha)
-        if self.kind == "diffuse":
+        if (self.retro is None) == (self.kind == "retroreflector"):
+            raise ValueError("a retroreflector has a retro lobe, and nothing else has one")
+        if self.kind in ("diffuse", "retroreflector"):
             if any(number is not None for number in metal) or self.specular_share != 0.0:
-                raise ValueError("a diffuse material has no eta, k, alpha and no specular_share")
+                raise ValueError(f"a {self.kind} material has no eta, k, alpha and no specular_share")
             return self
         if self.eta is None or self.k is None or self.alpha is None:
             raise ValueError(f"a {self.kind} material needs eta, k and alpha")
@@ -161,8 +168,11 @@ class Material(BaseModel):
 
         With share s, the metal's normal reflectance F and the lobe's albedo A,
         ρ = s F A + (1 − s) ρ_d: what multiple bounces inside a rough surface bring back leaves it
-        in all directions and is counted with the Lambertian part.
+        in all directions and is counted with the Lambertian part. Of a retro-reflector it is what its
+        lobe leaves at normal incidence.
         """
+        if self.retro is not None:
+            return self.reflectance * (1.0 - self.retro.retro_share)
         if self.kind == "diffuse":
             return self.reflectance
         if self.kind == "rough_conductor":
@@ -299,6 +309,30 @@ MATERIALS: Mapping[str, Material] = _library(
         source="assumption, 0.5 to 0.88; a parameter of the target",
     ),
     Material(name="grey_reference", reflectance=0.50, source="by definition: a 50 % Lambertian reference"),
+    Material(
+        name="retro_sheet",
+        kind="retroreflector",
+        reflectance=0.5,
+        retro=RetroLobe(kind="bead_sheet", retro_share=0.185, half_width=math.radians(0.35)),
+        source=(
+            "lobe fitted to the least values of white sheeting with glass beads, ASTM D4956 type III: 250 and 95 "
+            "cd/lx/m² at 0.2° and 0.5°, gains of 785 and 298; measured with visible light, assumed at 1.5 µm; "
+            "reflectance an assumption, 0.3 to 0.7"
+        ),
+    ),
+    Material(
+        name="corner_cube_array",
+        kind="retroreflector",
+        reflectance=0.65,
+        retro=RetroLobe(
+            kind="corner_cube", retro_share=0.4, half_width=math.radians(0.34), refractive_index=1.57
+        ),
+        source=(
+            "lobe fitted to the least values of white sheeting with micro-prisms, ASTM D4956 type VIII: 700 and 250 "
+            "cd/lx/m² at 0.2° and 0.5°, gains of 2200 and 785; polycarbonate n 1.57; measured with visible light, "
+            "assumed at 1.5 µm; reflectance an assumption, 0.4 to 0.8; precise cubes have lobes of arcseconds"
+        ),
+    ),
 )
 """Every material of the library by name, read-only."""
 
@@ -357,6 +391,17 @@ def mitsuba_bsdf(material: Material) -> dict[str, Any]:
     diffuse = {"type": "diffuse", "reflectance": _uniform(material.diffuse_reflectance)}
     if material.kind == "diffuse":
         return {"type": "twosided", "nested": diffuse}
+    if material.retro is not None:
+        name, value = material.retro.entrance
+        lobe = {
+            "type": "retroreflector",
+            "kind": material.retro.kind,
+            "reflectance": _uniform(material.reflectance),
+            "retro_share": material.retro.retro_share,
+            "half_width": material.retro.half_width,
+            name: value,
+        }
+        return {"type": "twosided", "nested": lobe}
     specular = {
         "type": "roughconductor",
         "distribution": "ggx",

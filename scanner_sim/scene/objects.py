@@ -14,6 +14,7 @@ from scanner_sim.errors import Fault
 from scanner_sim.frames import pose_matrix, rotation_about
 from scanner_sim.parts import Count, MeshFile, Number, Part, XmlFile
 from scanner_sim.scene.materials import MATERIALS, UnknownMaterialError, material
+from scanner_sim.scene.retroreflectors import RetroLobe
 from scanner_sim.units import Angle, Length, Ratio
 
 FARTHEST = 1e5
@@ -73,6 +74,22 @@ class Surface(Part):
     """The same in the rest of the detector's response; by default equal. It counts for sunlight only."""
 
 
+class Retroreflector(RetroLobe):
+    """A surface that sends part of its light back the way it came."""
+
+    type: Literal["retroreflector"]
+    """``retroreflector``."""
+    reflectance: Ratio = Field(ge=0.0, le=1.0)
+    """Hemispherical reflectance, lobe and diffuse base together."""
+    reflectance_out_of_band: Ratio | None = Field(default=None, ge=0.0, le=1.0)
+    """The same in the rest of the detector's response; by default equal. It counts for sunlight only."""
+
+    @property
+    def lobe(self) -> RetroLobe:
+        """The lobe by itself."""
+        return RetroLobe(**{name: getattr(self, name) for name in RetroLobe.model_fields})
+
+
 _LIBRARY = WithJsonSchema({"type": "string", "enum": list(MATERIALS)})
 
 
@@ -85,12 +102,21 @@ def _known(name: str) -> str:
         ) from None
 
 
+def _spelling_of_material(value: Any) -> str:
+    if isinstance(value, str):
+        return "(word)"
+    typed = "type" in value if isinstance(value, dict) else isinstance(value, Retroreflector)
+    return "(retroreflector)" if typed else "(surface)"
+
+
 MaterialChoice = Annotated[
-    Annotated[str, AfterValidator(_known), _LIBRARY, Tag("(word)")] | Annotated[Surface, Tag("(surface)")],
-    _spelling("(word)", "(surface)"),
+    Annotated[str, AfterValidator(_known), _LIBRARY, Tag("(word)")]
+    | Annotated[Surface, Tag("(surface)")]
+    | Annotated[Retroreflector, Tag("(retroreflector)")],
+    Discriminator(_spelling_of_material),
     Field(examples=["z93_white", {"reflectance": 0.5}]),
 ]
-"""Name of a material of the library, or a reflectance."""
+"""Name of a material of the library, a reflectance, or a retro-reflector."""
 
 Turns = Annotated[
     Annotated[Rotation, Tag("(turn)")] | Annotated[tuple[Rotation, ...], Tag("(turns)")],

@@ -101,6 +101,20 @@ def test_unknown_name_far_from_all_lists_the_library():
         {"reflectance": 0.2, "kind": "mixed", "eta": 1.45, "k": 16.0, "alpha": 0.1, "specular_share": 0.5},
         {"reflectance": 0.5, "kind": "mixed", "eta": 1.45, "k": 16.0, "alpha": 0.1},
         {"reflectance": 0.5, "colour": "white"},
+        {"reflectance": 0.5, "kind": "retroreflector"},
+        {"reflectance": 0.5, "retro": {"kind": "bead_sheet"}},
+        {"reflectance": 0.5, "kind": "retroreflector", "retro": {"kind": "bead_sheet"}, "alpha": 0.1},
+        {
+            "reflectance": 0.5,
+            "kind": "retroreflector",
+            "retro": {"kind": "bead_sheet", "refractive_index": 1.5},
+        },
+        {
+            "reflectance": 0.5,
+            "kind": "retroreflector",
+            "retro": {"kind": "corner_cube", "entrance_half_angle": 0.7},
+        },
+        {"reflectance": 0.5, "kind": "retroreflector", "retro": {"half_width": 1e-5}},
     ],
 )
 def test_impossible_materials_are_refused(wrong):
@@ -128,6 +142,13 @@ def test_the_renderer_holds_exactly_the_numbers(entry, device):
 
     if entry.kind == "diffuse":
         assert of("reflectance.value") == np.float32(entry.reflectance)
+        return
+    if entry.retro is not None:
+        name, value = entry.retro.entrance
+        assert of("reflectance.value") == np.float32(entry.reflectance)
+        assert of("retro_share") == np.float32(entry.retro.retro_share)
+        assert of("half_width") == np.float32(entry.retro.half_width)
+        assert of(name) == np.float32(value)
         return
     assert of("eta.value") == np.float32(entry.eta)
     assert of("k.value") == np.float32(entry.k)

@@ -1,0 +1,262 @@
+"""The Mitsuba BSDF ``retroreflector``: sheets of glass beads and arrays of corner cubes.
+
+:func:`scanner_sim.render.device.activate` registers it; elsewhere call :func:`register_retroreflector`. Then::
+
+    <bsdf type="twosided">
+        <bsdf type="retroreflector">
+            <string name="kind" value="bead_sheet"/>
+            <spectrum name="reflectance" value="0.5"/>
+            <float name="retro_share" value="0.185"/>
+            <float name="half_width" value="6.13e-3"/>
+        </bsdf>
+    </bsdf>
+
+*Lobe.* A GGX lobe (Walter et al., *EGSR*, 2007) that is evaluated with the incident direction mirrored about the
+normal: h along Mω_i + ω_o, M = diag(−1, −1, 1), the back vector of Belcour et al. (*JOSA A* 31, 2561,
+2014). Exchanging the directions mirrors h, which an isotropic lobe does not notice: it is reciprocal. Light that
+enters along the normal returns at the observation angle δ about facets tilted by δ/2, so the gain over a white
+Lambertian surface is s ρ E/(4 α²) at δ = 0 and half of it where tan(δ/2) = α √(√2 − 1), the ``half_width``.
+
+*Entrance.* Of light that enters at the angle β the share s E(β) goes into the lobe:
+
+- ``bead_sheet``: E = 2^(−(tan β/tan β_½)²), ``entrance_half_angle`` β_½;
+- ``corner_cube``: aperture and its image at the cube's apex overlap by
+  E = (2/π)(arccos x − x √(1 − x²)), x = √2 tan β', sin β' = sin β/n, ``refractive_index`` n (Degnan, *Contributions of
+  space geodesy to geodynamics* 25, 1993, whose factor cos β is the projection of the aperture, which a BSDF has
+  apart); it is 0 beyond x = 1.
+
+Between two angles the smaller E counts, which keeps the lobe reciprocal and never adds energy.
+
+*Base.* The rest scatters diffusely, with (1 − s E_i)(1 − s E_o)/(1 − s Ē), Ē = 2∫E μ dμ, in place of Lambert's 1: at
+every angle of incidence both together return the ``reflectance``, less what the lobe sends below the surface.
+(The coupling of Ashikhmin, Premoze, Shirley, *SIGGRAPH* 2000, section 3, and of Kelemen and Szirmay-Kalos 2001.)
+
+*Not modelled:* polarisation; interference and diffraction rings; the six-lobed pattern of real cubes and its change
+with their orientation; failure of total reflection by azimuth; the displacement of the returned ray by up to a
+cube's width, and with it the longer path inside; specular reflection by the front face.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, get_args
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+
+from scanner_sim.scene.retroreflectors import (
+    BEAD_HALF_ANGLE,
+    CUBE_INDEX,
+    NARROWEST,
+    WIDEST,
+    RetroKind,
+    roughness,
+)
+
+_NODES = 64
+_TINY = 1e-12
+
+_registered: dict[str, type] = {}
+
+
+def register_retroreflector() -> type:
+    """Make ``retroreflector`` known to Mitsuba's present variant, and return its class.
+
+    Call it again after every change of the variant: a plugin belongs to the variant in which it was made.
+    """
+    variant = str(mi.variant())
+    if variant not in _registered:
+        made = _bsdf_class()
+        mi.register_bsdf("retroreflector", made)
+        _registered[variant] = made
+    return _registered[variant]
+
+
+def bead_entrance(cosine: Any, half_angle: Any) -> Any:
+    """Return the entrance law of a bead sheet, E = 2^(−(tan β/tan β_½)²).
+
+    Parameters
+    ----------
+    cosine
+        cos β, Dr.Jit.
+    half_angle
+        Angle β_½ [rad] at which it is 1/2, Dr.Jit.
+    """
+    tangent2 = dr.rcp(dr.maximum(dr.square(cosine), _TINY)) - 1.0
+    return dr.exp2(-dr.maximum(tangent2, 0.0) / dr.square(dr.tan(half_angle)))
+
+
+def cube_entrance(cosine: Any, index: Any) -> Any:
+    """Return the entrance law of a corner cube with a round aperture: the overlap of two discs.
+
+    Parameters
+    ----------
+    cosine
+        cos β, Dr.Jit.
+    index
+        Index of refraction n; 1 for a hollow cube. Dr.Jit.
+
+    Notes
+    -----
+    The apex of the cube lies √2 radii below its aperture, so the aperture's image is displaced by 2√2 tan β' radii.
+    """
+    sine2 = dr.maximum(1.0 - dr.square(cosine), 0.0) / dr.square(index)
+    shift = dr.minimum(dr.sqrt(2.0 * sine2 / dr.maximum(1.0 - sine2, _TINY)), 1.0)
+    return (2.0 / math.pi) * (dr.acos(shift) - shift * dr.sqrt(1.0 - dr.square(shift)))
+
+
+def _mirrored(direction: Any) -> Any:
+    """Return a local direction mirrored about the normal."""
+    return mi.Vector3f(-direction.x, -direction.y, direction.z)
+
+
+def _bsdf_class() -> type:
+    """Return the plugin for the present variant, whose types its base class fixes."""
+    lobe_flags = mi.BSDFFlags.GlossyReflection | mi.BSDFFlags.FrontSide
+    base_flags = mi.BSDFFlags.DiffuseReflection | mi.BSDFFlags.FrontSide
+
+    class Retroreflector(mi.BSDF):
+        """A lobe about the way the light came, over a diffuse base; see the module."""
+
+        def __init__(self, props: Any) -> None:
+            super().__init__(props)
+            self.kind = str(props.get("kind", "bead_sheet"))
+            if self.kind not in get_args(RetroKind):
+                raise ValueError(
+                    f"retroreflector: kind is {self.kind!r}; it is one of {', '.join(get_args(RetroKind))}."
+                )
+            self.reflectance = props.get_texture("reflectance", 0.5)
+            self.retro_share = _number(props, "retro_share", 0.2, 0.0, 1.0)
+            self.half_width = _number(props, "half_width", math.radians(0.35), NARROWEST, WIDEST)
+            if self.kind == "bead_sheet":
+                self.entrance_half_angle = _number(props, "entrance_half_angle", BEAD_HALF_ANGLE, 0.05, 1.5)
+            else:
+                self.refractive_index = _number(props, "refractive_index", CUBE_INDEX, 1.0, 4.0)
+            self.m_components = [lobe_flags, base_flags]
+            self.m_flags = lobe_flags | base_flags
+            self._prepare()
+
+        def _prepare(self) -> None:
+            """Find the roughness and the mean of the entrance law over the hemisphere."""
+            self.alpha = dr.opaque(mi.Float, roughness(_host(self.half_width)))
+            node, weight = np.polynomial.legendre.leggauss(_NODES)
+            # Ē = 2∫E μ dμ is a plain mean over μ².
+            law = self._entrance(mi.Float(np.sqrt(0.5 * (node + 1.0)).astype(np.float32)))
+            mean = float(0.5 * np.sum(weight * np.asarray(law.numpy(), dtype=np.float64)))
+            self.kept = dr.opaque(mi.Float, 1.0 - _host(self.retro_share) * mean)
+
+        def traverse(self, cb: Any) -> None:
+            """Show the parameters that may be changed."""
+            cb.put("reflectance", self.reflectance, mi.ParamFlags.Differentiable)
+            own = "entrance_half_angle" if self.kind == "bead_sheet" else "refractive_index"
+            for name in ("retro_share", "half_width", own):
+                cb.put(name, getattr(self, name), mi.ParamFlags.NonDifferentiable)
+
+        def parameters_changed(self, keys: Any = ()) -> None:  # noqa: ARG002
+            """Follow changed parameters."""
+            self._prepare()
+
+        def _entrance(self, cosine: Any) -> Any:
+            if self.kind == "bead_sheet":
+                return bead_entrance(cosine, self.entrance_half_angle)
+            return cube_entrance(cosine, self.refractive_index)
+
+        def _facets(self) -> Any:
+            renderer: Any = mi  # its type stubs know the type of microfacets by another name
+            return renderer.MicrofacetDistribution(mi.MicrofacetType.GGX, self.alpha, True)
+
+        def _parts(self, ctx: Any, wi: Any, wo: Any, active: Any) -> tuple[Any, Any]:
+            """Return BSDF times cos θ_o per reflectance, and the density under ``sample``."""
+            cos_in, cos_out = mi.Frame3f.cos_theta(wi), mi.Frame3f.cos_theta(wo)
+            active = active & (cos_in > 0.0) & (cos_out > 0.0)
+            share_in = self.retro_share * self._entrance(cos_in)
+            share_out = self.retro_share * self._entrance(cos_out)
+            back = _mirrored(wi)
+            half = dr.normalize(back + wo)
+            facets, towards = self._facets(), dr.maximum(dr.dot(wo, half), _TINY)
+            lobe_pdf = facets.pdf(back, half) / (4.0 * towards)
+            lobe = facets.eval(half) * facets.G(back, wo, half) / (4.0 * dr.maximum(cos_in, _TINY))
+            base_pdf = mi.warp.square_to_cosine_hemisphere_pdf(wo)
+            base = (1.0 - share_in) * (1.0 - share_out) / self.kept * base_pdf
+            value, density = mi.Float(0.0), mi.Float(0.0)
+            chance = self._chance(ctx, share_in)
+            if ctx.is_enabled(mi.BSDFFlags.GlossyReflection, 0):
+                value += dr.minimum(share_in, share_out) * lobe
+                density += chance * lobe_pdf
+            if ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 1):
+                value += base
+                density += (1.0 - chance) * base_pdf
+            return dr.select(active, value, 0.0), dr.select(active, density, 0.0)
+
+        def _chance(self, ctx: Any, share: Any) -> Any:
+            """Return the probability with which ``sample`` takes the lobe."""
+            if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 1):
+                return mi.Float(1.0)
+            if not ctx.is_enabled(mi.BSDFFlags.GlossyReflection, 0):
+                return mi.Float(0.0)
+            return share
+
+        def sample(
+            self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True
+        ) -> tuple[Any, Any]:
+            """Choose lobe or base, then a direction; return it and BSDF times cosine over density."""
+            cos_in = mi.Frame3f.cos_theta(si.wi)
+            chance = self._chance(ctx, self.retro_share * self._entrance(cos_in))
+            to_lobe = sample1 < chance
+            back = _mirrored(si.wi)
+            facet, _ = self._facets().sample(back, sample2)
+            bs: Any = dr.zeros(mi.BSDFSample3f)
+            bs.wo = dr.select(to_lobe, mi.reflect(back, facet), mi.warp.square_to_cosine_hemisphere(sample2))
+            value, density = self._parts(ctx, si.wi, bs.wo, active)
+            bs.pdf = density
+            bs.eta = 1.0
+            bs.sampled_component = dr.select(to_lobe, mi.UInt32(0), mi.UInt32(1))
+            bs.sampled_type = dr.select(
+                to_lobe,
+                mi.UInt32(int(mi.BSDFFlags.GlossyReflection)),
+                mi.UInt32(int(mi.BSDFFlags.DiffuseReflection)),
+            )
+            valid = active & (density > 0.0)
+            weight = self.reflectance.eval(si, valid) * (value / dr.maximum(density, _TINY))
+            return bs, dr.select(valid, weight, 0.0)
+
+        def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            """Return BSDF times cos θ_o."""
+            value, _ = self._parts(ctx, si.wi, wo, active)
+            return self.reflectance.eval(si, active) * value
+
+        def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+            """Return the density of a direction under ``sample`` [1/sr]."""
+            return self._parts(ctx, si.wi, wo, active)[1]
+
+        def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> tuple[Any, Any]:
+            """Return BSDF times cos θ_o, and the density."""
+            value, density = self._parts(ctx, si.wi, wo, active)
+            return self.reflectance.eval(si, active) * value, density
+
+        def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
+            """Return the reflectance, which denoisers take for the surface's colour."""
+            return self.reflectance.eval(si, active)
+
+        def to_string(self) -> str:
+            """Return the parameters in one line."""
+            own = "entrance_half_angle" if self.kind == "bead_sheet" else "refractive_index"
+            return (
+                f"Retroreflector[kind={self.kind}, reflectance={self.reflectance}, "
+                f"retro_share={_host(self.retro_share):g}, half_width={_host(self.half_width):g}, "
+                f"{own}={_host(getattr(self, own)):g}]"
+            )
+
+    return Retroreflector
+
+
+def _number(props: Any, name: str, default: float, low: float, high: float) -> Any:
+    value = float(props.get(name, default))
+    if not low <= value <= high:
+        raise ValueError(f"retroreflector: {name} is {value:g}; it lies between {low:g} and {high:g}.")
+    return dr.opaque(mi.Float, value)
+
+
+def _host(value: Any) -> float:
+    return float(np.ravel(value.numpy())[0])
