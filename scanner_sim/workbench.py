@@ -129,6 +129,21 @@ class Workbench:
             scanner.exposure,
         )
 
+    @cached_property
+    def bias(self) -> Any:
+        """The estimator's systematic error that is taken off; None where none is."""
+        from scanner_sim.signals.bias import Bias, computed_bias, widths_of
+        from scanner_sim.signals.bias_table import read_bias
+
+        processing = self.scenario.processing
+        match processing.bias_correction:
+            case "none":
+                return None
+            case "computed":
+                return Bias(computed_bias(processing.peak, *widths_of(self.spot)))
+            case path:
+                return Bias(read_bias(path))
+
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
         """Return the layers of the shots of an aim: each of shape (n,)."""
         from scanner_sim.detector.line import electrons_per_watt
@@ -291,7 +306,9 @@ class Workbench:
                 )
                 index = light.index.numpy()
                 theta = aim.theta[index].astype(np.float32)
-                peaks = find_peaks(signal, sensor, scenario.processing, scanner.dwell, self.spot, theta)
+                peaks = find_peaks(
+                    signal, sensor, scenario.processing, scanner.dwell, self.spot, theta, self.bias
+                )
                 yield Group(index, incident, signal, peaks)
 
         return truth, groups()

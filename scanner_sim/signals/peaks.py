@@ -16,11 +16,13 @@ import drjit.auto.ad as auto
 
 from scanner_sim.detector.line import Signal
 from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.signals.bias import Bias
 from scanner_sim.signals.calibration import Calibration
-from scanner_sim.signals.estimators import MARGIN, estimate
+from scanner_sim.signals.estimators import estimate
 from scanner_sim.signals.expected import ExpectedSpot
+from scanner_sim.signals.likelihood import Width
 from scanner_sim.signals.line import Around, Line, baseline_beside, no_baseline
-from scanner_sim.signals.processing import Processing
+from scanner_sim.signals.processing import MARGIN, Processing
 from scanner_sim.signals.search import (
     Found,
     Gate,
@@ -30,7 +32,7 @@ from scanner_sim.signals.search import (
     flank_limit,
     spot_pixel,
 )
-from scanner_sim.signals.validation import guard_pixels, judge_shape, white_charge
+from scanner_sim.signals.validation import farthest_pixel, guard_pixels, judge_shape, white_charge
 from scanner_sim.status import Status
 
 __all__ = ["MARGIN", "Calibration", "Peaks", "find_peaks"]
@@ -72,6 +74,7 @@ def find_peaks(
     dwell: float,
     spot: ExpectedSpot | None = None,
     theta: Any = 0.0,
+    bias: Bias | None = None,
 ) -> Peaks:
     """Find the peak of every line.
 
@@ -90,6 +93,8 @@ def find_peaks(
         the brightest pixel wins and the line is taken to be dark beside it.
     theta
         Deflections Θ [rad], Dr.Jit, shape (m,) or one number.
+    bias
+        Systematic error of the estimator, to be taken off; needs ``spot``.
 
     Returns
     -------
@@ -117,15 +122,19 @@ def find_peaks(
     inside = (found.pixel >= margin) & (found.pixel < line.pixels - margin)
     centre = dr.clip(found.pixel, margin, line.pixels - 1 - margin)
     around = Around(line, centre, baseline)
-    shift, variance = estimate(processing.peak, around)
+    width = None
+    if spot is not None:
+        width = Width.of(spot, centre, guard, (sine, cosine), settings.beam_width, farthest_pixel(spot))
+    place = estimate(processing.peak, around, width, bias)
+    variance = place.variance
     rivalled = found.rival > dr.opaque(auto.Float, processing.ambiguity) * found.height
-    too_bright = misshapen = auto.Bool(False)
+    too_bright, misshapen = auto.Bool(False), inside & ~place.settled
     full = top.full(0)
     if spot is not None:
         shape = judge_shape(top, spot, guard, sine, cosine, settings)
         full |= shape.saturated
         if settings.shape:
-            misshapen = inside & ~shape.fits
+            misshapen |= inside & ~shape.fits
         variance += dr.square(dr.opaque(auto.Float, settings.misfit) * shape.misfit)
         if settings.max_reflectance is not None:
             white = white_charge(spot, auto.Float(found.pixel), sine, cosine)
@@ -136,7 +145,7 @@ def find_peaks(
     for failed, code in (
         (rivalled & (found.rival_level > threshold), Status.AMBIGUOUS),
         (too_bright, Status.BAD_AMPLITUDE),
-        (~inside | ~(dr.abs(shift) <= margin), Status.OUT_OF_ARRAY),
+        (~inside | ~place.within, Status.OUT_OF_ARRAY),
         (misshapen, Status.BAD_SHAPE),
         (full, Status.SATURATED),
         (low, Status.BELOW_THRESHOLD),
@@ -147,7 +156,7 @@ def find_peaks(
         status = dr.select(failed, auto.UInt32(int(code)), status)
     valid = status == int(Status.VALID)
     peaks = Peaks(
-        position=dr.select(valid, auto.Float(centre) + shift, dr.nan),
+        position=dr.select(valid, auto.Float(centre) + place.shift, dr.nan),
         sigma=dr.select(valid, dr.sqrt(variance), dr.nan),
         signal=dr.select(low, 0.0, _summed(top)),
         background=dr.select(low, 0.0, baseline.level),

@@ -4,17 +4,45 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Literal
+from pathlib import Path
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
-from scanner_sim.errors import Fault
-from scanner_sim.parts import Number, Part, Switch
+from scanner_sim.errors import Fault, InputError
+from scanner_sim.parts import InputFile, Number, Part, Switch
+from scanner_sim.signals.bias_table import read_bias
 from scanner_sim.units import Angle, Length
 
 PeakMethod = Literal[
-    "centre_of_mass", "parabola", "gaussian", "blais_rioux_2", "blais_rioux_4", "blais_rioux_8"
+    "centre_of_mass",
+    "parabola",
+    "gaussian",
+    "blais_rioux_2",
+    "blais_rioux_4",
+    "blais_rioux_8",
+    "maximum_likelihood",
 ]
+
+MARGIN: dict[PeakMethod, int] = {
+    "centre_of_mass": 3,
+    "parabola": 1,
+    "gaussian": 1,
+    "blais_rioux_2": 2,
+    "blais_rioux_4": 3,
+    "blais_rioux_8": 5,
+    "maximum_likelihood": 2,
+}
+"""Pixels to each side of the brightest one that an estimator needs. ``maximum_likelihood`` reads four standard
+deviations of the spot to each side, but takes what the array has of them."""
+
+BiasChoice = Annotated[
+    Annotated[Literal["none", "computed"], Tag("(word)")]
+    | Annotated[Path, InputFile((".csv",)), Tag("(file)")],
+    Discriminator(lambda value: "(word)" if isinstance(value, str) and "." not in value else "(file)"),
+    Field(examples=["computed"]),
+]
+"""A table of systematic errors: none, one that is computed, or a file."""
 
 
 class Validation(Part):
@@ -58,6 +86,9 @@ class Processing(Part):
 
     peak: PeakMethod = "gaussian"
     """Estimator of the sub-pixel position."""
+    bias_correction: BiasChoice = "none"
+    """Table by which the estimator's systematic error is taken off: ``computed`` from the spot that the instrument
+    should make, or a CSV file that ``scanner-sim calibrate`` has measured with this estimator."""
     threshold: Number = Field(default=6.0, ge=0.0, le=1e6)
     """Least height of a peak, in standard deviations of the line without it (read, dark and quantisation noise,
     and that of the light beneath the peak)."""
@@ -69,6 +100,18 @@ class Processing(Part):
     """What tells the laser's spot from sunlight."""
 
     def contradictions(self) -> Iterator[Fault]:
-        """Yield a range gate that does not ascend."""
+        """Yield a range gate that does not ascend, and a table of systematic errors that cannot be used."""
         if self.range_gate is not None and not 0.0 <= self.range_gate[0] < self.range_gate[1]:
             yield Fault("range_gate", "the gate must ascend from 0 m or more.", "Write [nearest, farthest].")
+        if isinstance(self.bias_correction, Path):
+            try:
+                table = read_bias(self.bias_correction)
+            except InputError as error:
+                yield Fault("bias_correction", error.message, error.remedy)
+                return
+            if table.estimator != self.peak:
+                yield Fault(
+                    "bias_correction",
+                    f"{self.bias_correction} was measured with the estimator {table.estimator}, not {self.peak}.",
+                    f"Write peak: {table.estimator}, or calibrate again.",
+                )

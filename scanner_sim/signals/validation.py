@@ -64,6 +64,11 @@ def guard_pixels(spot: ExpectedSpot, centre: Any, sine: Any, cosine: Any) -> Any
     return auto.Int32(dr.clip(dr.ceil(_MARGIN * dr.sqrt(beam + spread)), 3.0, _FARTHEST))
 
 
+def farthest_pixel(spot: ExpectedSpot) -> int:
+    """Return how many pixels to each side a spot covers at most, anywhere on the line."""
+    return min(math.ceil(_MARGIN * spot.largest_sigma) + 1, _FARTHEST)
+
+
 def judge_shape(
     around: Around, spot: ExpectedSpot, guard: Any, sine: Any, cosine: Any, settings: Validation
 ) -> Shape:
@@ -122,7 +127,7 @@ def _fit(
     Returns the spot's charge, the mean square of the residuals and of their variance, χ², its degrees of freedom,
     and whether a pixel is saturated.
     """
-    reach = min(math.ceil(_MARGIN * spot.largest_sigma) + 1, _FARTHEST)
+    reach = farthest_pixel(spot)
     allowed = dr.square(tolerance * around(0)[0])
     scale = math.sqrt(0.5) / sigma
     pixels = []
