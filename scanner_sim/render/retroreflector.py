@@ -27,9 +27,9 @@ Lambertian surface is s ρ E/(4 α²) at δ = 0 and half of it where tan(δ/2) =
 
 Between two angles the smaller E counts, which keeps the lobe reciprocal and never adds energy.
 
-*Base.* The rest scatters diffusely, with (1 − s E_i)(1 − s E_o)/(1 − s Ē), Ē = 2∫E μ dμ, in place of Lambert's 1: at
-every angle of incidence both together return the ``reflectance``, less what the lobe sends below the surface.
-(The coupling of Ashikhmin, Premoze, Shirley, *SIGGRAPH* 2000, section 3, and of Kelemen and Szirmay-Kalos 2001.)
+*Base.* What the lobe does not return scatters diffusely, with (1 − a_i)(1 − a_o)/(1 − ā) in place of Lambert's 1, where
+a(β) is the lobe's albedo (s E, less what the smaller E, masking and the horizon take) and ā = 2∫a μ dμ: at every angle
+of incidence both together return the ``reflectance``. (Kelemen, Szirmay-Kalos, *Eurographics* 2001, short papers.)
 
 *Not modelled:* polarisation; interference and diffraction rings; the six-lobed pattern of real cubes and its change
 with their orientation; failure of total reflection by azimuth; the displacement of the returned ray by up to a
@@ -54,7 +54,10 @@ from scanner_sim.scene.retroreflectors import (
     roughness,
 )
 
-_NODES = 64
+_NODES = 129
+"""Entries of the table of the lobe's albedo, over sin β from 0 to 1."""
+_STRATA = 48
+"""Facets per entry along each of two directions: the albedo is then good to 1e-3."""
 _TINY = 1e-12
 
 _registered: dict[str, type] = {}
@@ -138,13 +141,39 @@ def _bsdf_class() -> type:
             self._prepare()
 
         def _prepare(self) -> None:
-            """Find the roughness and the mean of the entrance law over the hemisphere."""
+            """Find the roughness, and the lobe's albedo by evenly spread facets."""
             self.alpha = dr.opaque(mi.Float, roughness(_host(self.half_width)))
-            node, weight = np.polynomial.legendre.leggauss(_NODES)
-            # Ē = 2∫E μ dμ is a plain mean over μ².
-            law = self._entrance(mi.Float(np.sqrt(0.5 * (node + 1.0)).astype(np.float32)))
-            mean = float(0.5 * np.sum(weight * np.asarray(law.numpy(), dtype=np.float64)))
-            self.kept = dr.opaque(mi.Float, 1.0 - _host(self.retro_share) * mean)
+            lane = dr.arange(mi.UInt32, _NODES * _STRATA**2)
+            facet = lane % _STRATA**2
+            sine = mi.Float(lane // _STRATA**2) / (_NODES - 1)
+            # Exactly grazing light has no visible facets; the entrance law is 0 there anyway.
+            back = mi.Vector3f(-sine, 0.0, dr.maximum(dr.safe_sqrt(1.0 - dr.square(sine)), 1e-3))
+            # Gauss's points crowd at the edges, which the tail of the lobe is drawn from.
+            point, weight = np.polynomial.legendre.leggauss(_STRATA)
+            table = mi.Float((0.5 * (point + 1.0)).astype(np.float32))
+            sample = [dr.gather(mi.Float, table, index) for index in (facet % _STRATA, facet // _STRATA)]
+            half, _ = self._facets().sample(back, mi.Point2f(*sample))
+            out = mi.reflect(back, half)
+            masked = self._facets().G(back, out, half) / self._facets().smith_g1(back, half)
+            smaller = dr.minimum(self._entrance(back.z), self._entrance(out.z))
+            kept = dr.select(out.z > 0.0, self.retro_share * smaller * masked, 0.0)
+            values = np.asarray(kept.numpy(), dtype=np.float64).reshape(_NODES, _STRATA, _STRATA)
+            albedo = np.einsum("nab,a,b->n", values, 0.5 * weight, 0.5 * weight)
+            # ā = ∫ a d(sin² β), exactly for a table that is read linearly.
+            v = np.linspace(0.0, 1.0, _NODES)
+            mean = np.sum(
+                (np.diff(v) / 3.0)
+                * (albedo[:-1] * (2.0 * v[:-1] + v[1:]) + albedo[1:] * (v[:-1] + 2.0 * v[1:]))
+            )
+            self.albedo = mi.Float(albedo.astype(np.float32))
+            self.base = dr.opaque(mi.Float, 1.0 - float(mean))
+
+        def _lobe_albedo(self, direction: Any) -> Any:
+            """Return the share of the light from a direction that the lobe returns."""
+            place = (_NODES - 1) * dr.safe_sqrt(1.0 - dr.square(direction.z))
+            cell = dr.minimum(mi.UInt32(place), _NODES - 2)
+            low, high = dr.gather(mi.Float, self.albedo, cell), dr.gather(mi.Float, self.albedo, cell + 1)
+            return low + (place - mi.Float(cell)) * (high - low)
 
         def traverse(self, cb: Any) -> None:
             """Show the parameters that may be changed."""
@@ -170,39 +199,38 @@ def _bsdf_class() -> type:
             """Return BSDF times cos θ_o per reflectance, and the density under ``sample``."""
             cos_in, cos_out = mi.Frame3f.cos_theta(wi), mi.Frame3f.cos_theta(wo)
             active = active & (cos_in > 0.0) & (cos_out > 0.0)
-            share_in = self.retro_share * self._entrance(cos_in)
-            share_out = self.retro_share * self._entrance(cos_out)
+            smaller = dr.minimum(self._entrance(cos_in), self._entrance(cos_out))
+            albedo_in, albedo_out = self._lobe_albedo(wi), self._lobe_albedo(wo)
             back = _mirrored(wi)
             half = dr.normalize(back + wo)
             facets, towards = self._facets(), dr.maximum(dr.dot(wo, half), _TINY)
             lobe_pdf = facets.pdf(back, half) / (4.0 * towards)
             lobe = facets.eval(half) * facets.G(back, wo, half) / (4.0 * dr.maximum(cos_in, _TINY))
             base_pdf = mi.warp.square_to_cosine_hemisphere_pdf(wo)
-            base = (1.0 - share_in) * (1.0 - share_out) / self.kept * base_pdf
+            base = (1.0 - albedo_in) * (1.0 - albedo_out) / self.base * base_pdf
             value, density = mi.Float(0.0), mi.Float(0.0)
-            chance = self._chance(ctx, share_in)
+            chance = self._chance(ctx, albedo_in)
             if ctx.is_enabled(mi.BSDFFlags.GlossyReflection, 0):
-                value += dr.minimum(share_in, share_out) * lobe
+                value += self.retro_share * smaller * lobe
                 density += chance * lobe_pdf
             if ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 1):
                 value += base
                 density += (1.0 - chance) * base_pdf
             return dr.select(active, value, 0.0), dr.select(active, density, 0.0)
 
-        def _chance(self, ctx: Any, share: Any) -> Any:
+        def _chance(self, ctx: Any, albedo: Any) -> Any:
             """Return the probability with which ``sample`` takes the lobe."""
             if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 1):
                 return mi.Float(1.0)
             if not ctx.is_enabled(mi.BSDFFlags.GlossyReflection, 0):
                 return mi.Float(0.0)
-            return share
+            return albedo
 
         def sample(
             self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True
         ) -> tuple[Any, Any]:
             """Choose lobe or base, then a direction; return it and BSDF times cosine over density."""
-            cos_in = mi.Frame3f.cos_theta(si.wi)
-            chance = self._chance(ctx, self.retro_share * self._entrance(cos_in))
+            chance = self._chance(ctx, self._lobe_albedo(si.wi))
             to_lobe = sample1 < chance
             back = _mirrored(si.wi)
             facet, _ = self._facets().sample(back, sample2)
