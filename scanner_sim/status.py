@@ -21,6 +21,7 @@ class Status(IntEnum):
     BAD_SHAPE = 6
     BAD_AMPLITUDE = 7
     ISOLATED = 8
+    INCONSISTENT = 9
 
     @property
     def sentence(self) -> str:
@@ -38,6 +39,7 @@ _SENTENCES = {
     Status.BAD_SHAPE: "the peak has not the width or the shape of the laser spot",
     Status.BAD_AMPLITUDE: "the peak is brighter than any surface at its range could be",
     Status.ISOLATED: "the range agrees with none of its neighbours",
+    Status.INCONSISTENT: "triangulation and time of flight disagree beyond chance, and this is the less precise",
 }
 
 

@@ -24,6 +24,8 @@ class Stream(IntEnum):
     REFERENCE = 5
     BACKGROUND = 6
     AMBIENT = 9
+    PHOTODIODE = 10
+    CLOCK = 11
 
 
 def generator(seed: int, stream: Stream, shot: Any, sample: Any) -> Any:

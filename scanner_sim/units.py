@@ -36,6 +36,7 @@ def _registry() -> Any:
     registry: Any = pint.UnitRegistry()
     registry.define("photoelectron = [photoelectrons] = electron")
     registry.define("digital_number = [digital_numbers] = DN")
+    registry.define("root_hertz = hertz ** 0.5 = rtHz")
     return registry
 
 
@@ -216,6 +217,10 @@ Angle = Annotated[float, Dimension("rad", ("15 deg",), ("deg", "rad", "mrad", "u
 Power = Annotated[float, Dimension("W", ("15 mW",), ("W", "mW", "uW"))]
 Frequency = Annotated[float, Dimension("Hz", ("20 kHz",), ("Hz", "kHz", "MHz"))]
 Time = Annotated[float, Dimension("s", ("50 us",), ("s", "ms", "us", "ns"))]
+Energy = Annotated[float, Dimension("J", ("0.2 uJ",), ("J", "mJ", "uJ", "nJ"))]
+Current = Annotated[float, Dimension("A", ("5 nA",), ("A", "mA", "uA", "nA"))]
+Responsivity = Annotated[float, Dimension("A/W", ("0.95 A/W",))]
+CurrentNoise = Annotated[float, Dimension("A/rtHz", ("2 pA/rtHz",), ("pA/rtHz", "A/rtHz"))]
 Electrons = Annotated[float, Dimension("electron", ("1000 electron",))]
 ElectronRate = Annotated[float, Dimension("electron/s", ("2.5e7 electron/s",))]
 ElectronsPerNumber = Annotated[float, Dimension("electron/DN", ("800 electron/DN",))]

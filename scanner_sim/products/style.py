@@ -32,6 +32,7 @@ STATUS_COLOUR: dict[Status, str] = {
     Status.BAD_SHAPE: "#9a6279",
     Status.BAD_AMPLITUDE: "#c9c28b",
     Status.ISOLATED: "#6f8f74",
+    Status.INCONSISTENT: "#5d6a8c",
 }
 """Muted colours of voxels without a range. They differ in lightness too, and none lies on a colour map in use."""
 
