@@ -82,15 +82,34 @@ def lobe_intensity(sheet: Sheet, observation: ArrayLike) -> Floats:
     return np.asarray(sheet.alpha**2 * (1.0 + t2) ** 2 / (4.0 * np.pi * (sheet.alpha**2 + t2) ** 2))
 
 
+def lobe_albedo(sheet: Sheet) -> float:
+    """Return the share of light along the normal that the lobe returns: s ∫ E(δ) I_lobe 2π sin δ dδ.
+
+    A reciprocal sheet passes no more from 0 to δ than from δ to 0, so the smaller entrance share counts, E(δ).
+    """
+    s = sheet.retro_share
+
+    def part(u: float) -> float:
+        """Return E where the lobe holds the share u within: tan²(δ/2) = α² u/(1 − u)."""
+        delta = 2.0 * np.arctan(sheet.alpha * np.sqrt(u / (1.0 - u)))
+        return float(entrance_share(sheet, min(delta, np.pi / 2.0))) if delta < np.pi / 2.0 else 0.0
+
+    value, _ = quad(part, 0.0, 1.0)
+    return float(s * value)
+
+
 def intensity(sheet: Sheet, observation: ArrayLike) -> Floats:
     """Return the intensity per incident power [1/sr] of a sheet lit along its normal, shape of ``observation`` [rad].
 
-    ρ [s I_lobe + (1 − s)(1 − s E(δ))/(1 − s Ē) cos δ/π].
+    ρ [s E(δ) I_lobe + (1 − a)(1 − s E(δ))/(1 − s Ē) cos δ/π], a from :func:`lobe_albedo`; the second factor is
+    exact to the first order in the width of the lobe.
     """
     delta = np.asarray(observation, dtype=np.float64)
-    s = sheet.retro_share
-    rest = (1.0 - s) * (1.0 - s * entrance_share(sheet, delta)) / (1.0 - s * mean_entrance(sheet))
-    return np.asarray(sheet.reflectance * (s * lobe_intensity(sheet, delta) + rest * np.cos(delta) / np.pi))
+    s, E = sheet.retro_share, entrance_share(sheet, delta)
+    rest = (1.0 - lobe_albedo(sheet)) * (1.0 - s * E) / (1.0 - s * mean_entrance(sheet))
+    return np.asarray(
+        sheet.reflectance * (s * E * lobe_intensity(sheet, delta) + rest * np.cos(delta) / np.pi)
+    )
 
 
 def gain(sheet: Sheet, observation: ArrayLike) -> Floats:
@@ -129,11 +148,12 @@ def offset_power(R: ArrayLike, P: float, sheet: Sheet, d: float, aperture: float
 def coaxial_power(R: ArrayLike, P: float, sheet: Sheet, aperture: float, T: float) -> Floats:
     """Return the power [W] that a lens around the laser collects, the shape of ``R``.
 
-    P T ρ [s t²/(α² + t²) + (1 − s)²/(1 − s Ē) sin²γ], t = tan(γ/2), tan γ = aperture/(2R): the lobe and Lambert's
-    law integrated over the lens. The beam must be thin against the lens. Parameters as in :func:`offset_power`.
+    P T ρ [s t²/(α² + t²) + (1 − a)(1 − s)/(1 − s Ē) sin²γ], t = tan(γ/2), tan γ = aperture/(2R): the lobe and
+    Lambert's law integrated over the lens, for E = 1 within it. The beam must be thin against lens and cone.
+    Parameters as in :func:`offset_power`.
     """
     cone = np.arctan2(0.5 * aperture, np.asarray(R, dtype=np.float64))
     s = sheet.retro_share
-    rest = (1.0 - s) ** 2 / (1.0 - s * mean_entrance(sheet))
+    rest = (1.0 - lobe_albedo(sheet)) * (1.0 - s) / (1.0 - s * mean_entrance(sheet))
     lobe = s * lobe_within(sheet, cone)
     return np.asarray(P * T * sheet.reflectance * (lobe + rest * np.sin(cone) ** 2))

@@ -8,11 +8,20 @@ from collections.abc import Iterator
 from scanner_sim.optics.filter import filter_doubts
 from scanner_sim.scenario import Scenario
 from scanner_sim.scene.lighting import lighting_doubts
+from scanner_sim.scene.materials import MATERIALS
+from scanner_sim.scene.objects import MitsubaFile, Retroreflector, TargetArray
+from scanner_sim.scene.retroreflectors import RetroLobe
 
 
 def doubts(scenario: Scenario) -> tuple[str, ...]:
     """Return a sentence for everything that is possible but makes little sense."""
-    return (*_scene(scenario), *_ranges(scenario), *_instrument(scenario), *_light(scenario))
+    return (
+        *_scene(scenario),
+        *_ranges(scenario),
+        *_instrument(scenario),
+        *_light(scenario),
+        *_retro_reflectors(scenario),
+    )
 
 
 def _scene(scenario: Scenario) -> Iterator[str]:
@@ -58,3 +67,27 @@ def _light(scenario: Scenario) -> Iterator[str]:
     yield from lighting_doubts(scenario.lighting)
     steepest = math.atan((sensor.offset + sensor.length) / receiver.focal_length)
     yield from filter_doubts(scanner.filter, scanner.laser, sensor.response, steepest)
+
+
+def _retro_reflectors(scenario: Scenario) -> Iterator[str]:
+    """Doubt a limit on brightness that refuses what the scene holds; materials of Mitsuba's files are not known."""
+    limit = scenario.processing.validation.max_reflectance
+    for index, item in enumerate(scenario.scene.objects):
+        if isinstance(item, MitsubaFile):
+            continue
+        for choice in (item.disc, item.material) if isinstance(item, TargetArray) else (item.material,):
+            lobe, reflectance = _lobe(choice)
+            # Along the normal, at no angle between laser and lens: D/4 of the lobe over 1/π.
+            brightest = 0.0 if lobe is None else reflectance * lobe.retro_share / (2.0 * lobe.alpha) ** 2
+            if limit is not None and brightest > limit:
+                yield (
+                    f"scene.objects[{index}]: '{item.name}' is a retro-reflector of up to {brightest:.3g} times white; "
+                    f"where it is above processing.validation.max_reflectance, {limit:g}, it is refused"
+                )
+
+
+def _lobe(choice: object) -> tuple[RetroLobe | None, float]:
+    if isinstance(choice, Retroreflector):
+        return choice, choice.reflectance
+    known = MATERIALS.get(choice) if isinstance(choice, str) else None
+    return (None, 0.0) if known is None else (known.retro, known.reflectance)

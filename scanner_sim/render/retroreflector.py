@@ -178,13 +178,19 @@ def _bsdf_class() -> type:
         def traverse(self, cb: Any) -> None:
             """Show the parameters that may be changed."""
             cb.put("reflectance", self.reflectance, mi.ParamFlags.Differentiable)
-            own = "entrance_half_angle" if self.kind == "bead_sheet" else "refractive_index"
-            for name in ("retro_share", "half_width", own):
+            for name in self._numbers():
                 cb.put(name, getattr(self, name), mi.ParamFlags.NonDifferentiable)
 
         def parameters_changed(self, keys: Any = ()) -> None:  # noqa: ARG002
             """Follow changed parameters."""
+            for name in self._numbers():
+                # A plain number would become part of the kernels, and every change compile them again.
+                setattr(self, name, dr.opaque(mi.Float, _host(getattr(self, name))))
             self._prepare()
+
+        def _numbers(self) -> tuple[str, str, str]:
+            own = "entrance_half_angle" if self.kind == "bead_sheet" else "refractive_index"
+            return "retro_share", "half_width", own
 
         def _entrance(self, cosine: Any) -> Any:
             if self.kind == "bead_sheet":
@@ -269,12 +275,8 @@ def _bsdf_class() -> type:
 
         def to_string(self) -> str:
             """Return the parameters in one line."""
-            own = "entrance_half_angle" if self.kind == "bead_sheet" else "refractive_index"
-            return (
-                f"Retroreflector[kind={self.kind}, reflectance={self.reflectance}, "
-                f"retro_share={_host(self.retro_share):g}, half_width={_host(self.half_width):g}, "
-                f"{own}={_host(getattr(self, own)):g}]"
-            )
+            numbers = ", ".join(f"{name}={_host(getattr(self, name)):g}" for name in self._numbers())
+            return f"Retroreflector[kind={self.kind}, reflectance={self.reflectance}, {numbers}]"
 
     return Retroreflector
 
