@@ -1,4 +1,4 @@
-"""Figures 16 and 17 of the paper: run as ``python docs/figures.py``, writes below docs/pictures/.
+"""Figures 16, 17 and retro-reflectors: run as ``python docs/figures.py``, writes below docs/pictures/.
 
 Figure 16 is the Sun's spectrum; Figure 17 the ratio I_laser/I_sun over range, its dots from rendered light and its
 lines from eqs 18 and 19, repaired and as printed.
@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from retroreflectors import figure_retroreflectors
 
 from scanner_sim import Scenario
 from scanner_sim.analytic import sun
@@ -25,6 +26,7 @@ BANDWIDTHS = {10e-9: "#0072b2", 30e-9: "#d55e00", 50e-9: "#009e73"}
 def main() -> None:
     save(figure_16(), "figure_16.png")
     save(figure_17(), "figure_17.png")
+    save(figure_retroreflectors(), "retroreflectors.png")
 
 
 def save(figure: Figure, name: str) -> None:

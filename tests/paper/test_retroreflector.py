@@ -190,10 +190,11 @@ def test_spot_against_brute_force(R: float, degrees: float) -> None:
         assert fast @ place / fast.sum() == pytest.approx(slow @ place / slow.sum(), abs=tolerance)
 
 
-def statuses(material: Any, R: float, **processing: Any) -> set[int]:
+def statuses(material: Any, R: float, power: float = 15e-3, **processing: Any) -> set[int]:
     scenario = load_scenario(
         {
             "schema": 1,
+            "scanner": {"laser": {"power": power}},
             "scene": wall(material, R).model_dump(),
             "scan": {"rows": 4, "columns": 4, "horizontal": (-0.01, 0.01), "vertical": (-0.01, 0.01)},
             "processing": processing,
@@ -207,12 +208,13 @@ def test_retro_reflectors_saturate_triangulation() -> None:
     """Claim: a retro-reflector that overfills the well is SATURATED, one that does not but is brighter than any surface
     may be is BAD_AMPLITUDE, and one that is allowed is measured; never a wrong range in silence.
 
-    Set-up: full scans of 16 voxels. At 20 m both sheets fill the wells; at 10 m the bead sheet is 35 times white, over
-    the default limit of 30, and under one of 3000; at 2 m it is below a white wall. Expected: these codes alone.
+    Set-up: full scans of 16 voxels. At 20 m both sheets fill the wells; at 10 m and 5 mW the bead sheet is 35 times
+    white, over the default limit of 30, and under one of 3000; at 2 m it is below a white wall. Expected: these codes
+    alone.
     """
     for name in MATERIAL_NAMES:
         assert statuses(name, 20.0) == {int(Status.SATURATED)}
         assert statuses(name, 20.0, validation={"max_reflectance": 3000.0}) == {int(Status.SATURATED)}
-    assert statuses("retro_sheet", 10.0) == {int(Status.BAD_AMPLITUDE)}
-    assert statuses("retro_sheet", 10.0, validation={"max_reflectance": 3000.0}) == {int(Status.VALID)}
+    assert statuses("retro_sheet", 10.0, 5e-3) == {int(Status.BAD_AMPLITUDE)}
+    assert statuses("retro_sheet", 10.0, 5e-3, validation={"max_reflectance": 3000.0}) == {int(Status.VALID)}
     assert statuses("retro_sheet", 2.0) == {int(Status.VALID)}
