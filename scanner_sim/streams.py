@@ -23,9 +23,13 @@ class Stream(IntEnum):
     BOUNCES = 4
     REFERENCE = 5
     BACKGROUND = 6
+    SPECKLE = 7
+    SYNCHRONISATION = 8
     AMBIENT = 9
     PHOTODIODE = 10
     CLOCK = 11
+    READOUT = 13
+    WOBBLE = 14
 
 
 def generator(seed: int, stream: Stream, shot: Any, sample: Any) -> Any:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.optics.filter import band_irradiance, incidence, laser_gain, peak_transmission
+from scanner_sim.optics.speckle import Grain
 from scanner_sim.products.image import MEASURED
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.ranging.neighbours import isolated
@@ -143,6 +144,40 @@ class Workbench:
                 return Bias(computed_bias(processing.peak, *widths_of(self.spot)))
             case path:
                 return Bias(read_bias(path))
+
+    @cached_property
+    def grain(self) -> Grain | None:
+        """The grain of the laser's speckle on the line; None for light without speckle."""
+        laser, receiver = self.scenario.scanner.laser, self.scenario.scanner.receiver
+        sensor = self.scenario.scanner.position_sensor
+        return Grain.of(laser.wavelength, receiver, sensor.pitch, sensor.height) if laser.speckle else None
+
+    @property
+    def sweep(self) -> float:
+        """Angle by which the beam moves over the surface while the laser shines on a voxel [rad]."""
+        theta, _ = self.scenario.scan.angles()
+        step = float(theta[1] - theta[0]) if len(theta) > 1 else 0.0
+        return step * self.scenario.scanner.exposure / self.scenario.scanner.dwell
+
+    @cached_property
+    def expected_speckle(self) -> Any:
+        """What the instrument knows of the speckle; None where there is none."""
+        from scanner_sim.signals.speckle import ExpectedSpeckle
+
+        if self.grain is None:
+            return None
+        height = self.optics.height / self.optics.pitch
+        return ExpectedSpeckle(self.grain, self.scenario.processing.speckle_contrast, self.sweep, height)
+
+    def _speckle(self, light: Any, shots: Any, distance: Any) -> Any:
+        """Return the speckle of shots whose chief rays go a distance; None for light without."""
+        from scanner_sim.detector.speckle import BeamPlaces, line_speckle
+
+        if self.grain is None:
+            return None
+        places = BeamPlaces.of(shots.theta, shots.phi, distance, self.optics.laser)
+        pixels = self.scenario.scanner.position_sensor.pixels
+        return line_speckle(light.clusters, places, self.grain, self.sweep, pixels, self.scenario.seed)
 
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
         """Return the layers of the shots of an aim: each of shape (n,)."""
@@ -291,8 +326,10 @@ class Workbench:
 
         def groups() -> Iterator[Group]:
             for light in lights:
+                own = shots.some(light.index)
+                speckle = self._speckle(light, own, truth.distance_of(light.index))
                 incident = Incident(
-                    light, shots.some(light.index), scenario.scan.columns, self.throughput, self.panorama
+                    light, own, scenario.scan.columns, self.throughput, self.panorama, speckle
                 )
                 signal = expose(
                     incident.power,
@@ -307,7 +344,14 @@ class Workbench:
                 index = light.index.numpy()
                 theta = aim.theta[index].astype(np.float32)
                 peaks = find_peaks(
-                    signal, sensor, scenario.processing, scanner.dwell, self.spot, theta, self.bias
+                    signal,
+                    sensor,
+                    scenario.processing,
+                    scanner.dwell,
+                    self.spot,
+                    theta,
+                    self.bias,
+                    self.expected_speckle,
                 )
                 yield Group(index, incident, signal, peaks)
 

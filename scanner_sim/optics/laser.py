@@ -6,7 +6,7 @@ import math
 
 from pydantic import Field
 
-from scanner_sim.parts import Number, Part
+from scanner_sim.parts import Number, Part, Switch
 from scanner_sim.units import Length, Power
 
 
@@ -29,6 +29,8 @@ class Laser(Part):
     """Distance of the waist along the beam, from the first deflection axis."""
     m_squared: Number = Field(default=1.0, ge=1.0, le=1000.0)
     """Beam quality M²: 1 is an ideal Gaussian beam; the divergence grows with it."""
+    speckle: Switch = True
+    """Whether the light is coherent, so that rough surfaces make speckle of it. Off: the mean image alone."""
 
     @property
     def line(self) -> float:

@@ -27,16 +27,25 @@ from scanner_sim.render.transport import (
     to_pixels,
 )
 from scanner_sim.scene.loader import LoadedScene
+from scanner_sim.scene.polarisation import speckle_contrast
 from scanner_sim.streams import Stream, generator
+
+_COHERENCE = speckle_contrast(1.0) ** 2
 
 
 @dataclass
 class BounceSpots:
-    """Where light is seen that met several surfaces, Dr.Jit arrays: power [W], position and sigma [pixel]."""
+    """Where light is seen that met several surfaces, Dr.Jit arrays: power [W], position and sigma [pixel].
+
+    ``across`` mean square distance from the line's middle [pixel²]; ``coherence`` squared contrast of its speckle:
+    several surfaces depolarise.
+    """
 
     power: Any
     position: Any
     sigma: Any
+    across: Any
+    coherence: Any
 
 
 def trace_bounces(
@@ -80,7 +89,8 @@ def trace_bounces(
     alive = si.is_valid()
     vertices = bounces - 1
     size = dr.width(lane) * vertices
-    found = BounceSpots(dr.empty(mi.Float, size), dr.empty(mi.Float, size), dr.empty(mi.Float, size))
+    power_seen, position, sigma, across = (dr.empty(mi.Float, size) for _ in range(4))
+    found = BounceSpots(power_seen, position, sigma, across, dr.full(mi.Float, _COHERENCE, size))
     for surface in range(2, bounces + 1):
         random = generator(seed, Stream.BOUNCES, own.number, path * 32 + surface).next_float32x4()
         sample, weight = si.bsdf().sample(
@@ -97,6 +107,7 @@ def trace_bounces(
         dr.scatter(found.power, spots.power, at)
         dr.scatter(found.position, spots.position, at)
         dr.scatter(found.sigma, spots.sigma, at)
+        dr.scatter(found.across, spots.across, at)
     return found
 
 
@@ -107,11 +118,14 @@ def _seen(
     strength, seen = connect(loaded, bench, frame, si, stop, active, coherent=False)
     p, q, depth = image(bench, frame, si.p)
     blur = dr.opaque(mi.Float, bench.receiver.point_spread**2)
-    inside, p, variance = cut_by_height(p, q, blur, blur, mi.Float(0.0), dr.opaque(mi.Float, bench.height))
-    position = to_pixels(bench, p)
+    height = dr.opaque(mi.Float, bench.height)
+    inside, p, variance, across = cut_by_height(p, q, blur, blur, mi.Float(0.0), height)
+    position, pitch = to_pixels(bench, p), dr.opaque(mi.Float, bench.pitch)
     good = seen & (depth > 0.0) & dr.isfinite(position)
     return BounceSpots(
         dr.select(good, power * strength * inside, 0.0),
         dr.select(good, position, 0.0),
-        dr.sqrt(variance) / dr.opaque(mi.Float, bench.pitch) + dr.zeros(mi.Float, dr.width(position)),
+        dr.sqrt(variance) / pitch + dr.zeros(mi.Float, dr.width(position)),
+        dr.select(good, across / dr.square(pitch), 0.0),
+        mi.Float(_COHERENCE),
     )

@@ -16,23 +16,32 @@ _LEAST_VARIANCE = 1e-4
 
 
 class SpotsOfLight(Protocol):
-    """Spots on the line: power [W], position and standard deviation [pixel], Dr.Jit arrays."""
+    """Spots on the line, Dr.Jit arrays: power [W], position and standard deviation [pixel] along it.
+
+    ``across`` is the mean square distance from the line's middle [pixel²], ``coherence`` the squared contrast of the
+    speckle.
+    """
 
     power: Any
     position: Any
     sigma: Any
+    across: Any
+    coherence: Any
 
 
 @dataclass
 class Clusters:
     """Gaussian clusters of light of m shots, Dr.Jit arrays of shape (c · m,): k · m + j is cluster k of shot j.
 
-    ``amount`` [W], ``position`` and ``sigma`` [pixel].
+    ``amount`` [W], ``position`` and ``sigma`` [pixel] along the line, ``across`` [pixel²] and ``coherence``, which
+    speckle depends on, as those of the spots.
     """
 
     amount: Any
     position: Any
     sigma: Any
+    across: Any
+    coherence: Any
     shots: int
     _found_ends: tuple[Any, Any] | None = field(default=None, init=False, repr=False, compare=False)
 
@@ -46,19 +55,21 @@ class Clusters:
         some = dr.width(places)
         lane = dr.arange(mi.UInt32, self.count * some)
         at = (lane // some) * self.shots + dr.gather(mi.UInt32, places, lane % some)
-        amount = dr.gather(mi.Float, self.amount, at)
-        position, sigma = dr.gather(mi.Float, self.position, at), dr.gather(mi.Float, self.sigma, at)
-        dr.eval(amount, position, sigma)
-        return Clusters(amount, position, sigma, some)
+        amount, position, sigma, across, coherence = (
+            dr.gather(mi.Float, values, at) for values in self._arrays()
+        )
+        dr.eval(amount, position, sigma, across, coherence)
+        return Clusters(amount, position, sigma, across, coherence, some)
 
     def joined(self, other: Clusters) -> Clusters:
         """Return the clusters of both, which must be of the same shots."""
-        return Clusters(
-            dr.concat((self.amount, other.amount)),
-            dr.concat((self.position, other.position)),
-            dr.concat((self.sigma, other.sigma)),
-            self.shots,
+        amount, position, sigma, across, coherence = (
+            dr.concat(pair) for pair in zip(self._arrays(), other._arrays(), strict=True)
         )
+        return Clusters(amount, position, sigma, across, coherence, self.shots)
+
+    def _arrays(self) -> tuple[Any, Any, Any, Any, Any]:
+        return self.amount, self.position, self.sigma, self.across, self.coherence
 
     def power(self, pixel: Any, place: Any) -> Any:
         """Return the power [W] on pixels of the shots at some places: each cluster integrated in closed form.
@@ -122,7 +133,7 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
     Returns
     -------
     Clusters
-        Power, mean and variance of the spots in each cluster are kept exactly.
+        Power, mean and variance of the spots in each cluster are kept exactly, and the means of the rest.
     """
     m, first_spot = dr.width(shot), shot * count
 
@@ -134,11 +145,14 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
             dr.gather(mi.Float, spots.sigma, place),
         )
 
+    def other(values: Any, number: Any) -> Any:
+        return dr.gather(mi.Float, values, first_spot + number)
+
     origin, extent = _extent(spot, m, count) if clusters > 1 else (spot(0)[1], mi.Float(0.0))
     width = dr.maximum(extent / clusters, 1e-6)
-    power, first, second = (dr.alloc_local(mi.Float, clusters, mi.Float(0.0)) for _ in range(3))
+    totals = [dr.alloc_local(mi.Float, clusters, mi.Float(0.0)) for _ in range(5)]
 
-    def add(number: Any, power: Any, first: Any, second: Any) -> Any:
+    def add(number: Any, power: Any, first: Any, second: Any, across: Any, coherence: Any) -> Any:
         amount, position, sigma = spot(number)
         slot = mi.UInt32(dr.clip((position - origin) / width, 0.0, clusters - 1.0))
         lit = amount > 0.0
@@ -148,14 +162,17 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
             (power, amount),
             (first, amount * apart),
             (second, amount * (dr.square(apart) + dr.square(sigma))),
+            (across, amount * other(spots.across, number)),
+            (coherence, amount * other(spots.coherence, number)),
         ):
             total.write(total.read(slot) + dr.select(lit, value, 0.0), slot)
-        return number + 1, power, first, second
+        return number + 1, power, first, second, across, coherence
 
-    _, power, first, second = dr.while_loop(
-        (mi.UInt32(0), power, first, second), lambda number, *sums: number < count, add
-    )
+    sums: Any = dr.while_loop((mi.UInt32(0), *totals), lambda number, *sums: number < count, add)
+    _, power, first, second, *rest = sums
     amounts, positions, sigmas = [], [], []
+    across: list[Any] = []
+    coherence: list[Any] = []
     for slot in range(clusters):
         total = power.read(mi.UInt32(slot))
         lit = total > 0.0
@@ -164,8 +181,17 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
         amounts.append(total)
         positions.append(origin + slot * width + mean)
         sigmas.append(dr.sqrt(dr.maximum(variance, _LEAST_VARIANCE)))
-    dr.eval(amounts, positions, sigmas)
-    return Clusters(dr.concat(amounts), dr.concat(positions), dr.concat(sigmas), m)
+        for found, summed in zip((across, coherence), rest, strict=True):
+            found.append(dr.select(lit, summed.read(mi.UInt32(slot)) / total, 0.0))
+    dr.eval(amounts, positions, sigmas, across, coherence)
+    return Clusters(
+        dr.concat(amounts),
+        dr.concat(positions),
+        dr.concat(sigmas),
+        dr.concat(across),
+        dr.concat(coherence),
+        m,
+    )
 
 
 def _extent(spot: Any, shots: int, count: int) -> tuple[Any, Any]:

@@ -8,6 +8,7 @@ eq 18). What passes the filter depends on ψ as well.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -93,6 +94,8 @@ class Incident:
         Of the pixels.
     panorama
         The background, or None in the dark.
+    speckle
+        What multiplies the laser's light on (pixel, place), or None for light without speckle.
     """
 
     light: Light
@@ -100,10 +103,13 @@ class Incident:
     columns: int
     throughput: Throughput
     panorama: Panorama | None
+    speckle: Callable[[Any, Any], Any] | None = None
 
     def power(self, pixel: Any, place: Any) -> Any:
         """Return the power [W] on pixels of the shots at some places, 0 to m − 1; Dr.Jit arrays of one shape."""
         laser = self.light.power(pixel, place) * self._of(self.throughput.laser, pixel)
+        if self.speckle is not None:
+            laser *= self.speckle(pixel, place)
         return laser if self.panorama is None else laser + self.background(pixel, place)
 
     def background(self, pixel: Any, place: Any) -> Any:

@@ -80,6 +80,10 @@ class Truth:
     object: Any
     material: Any
 
+    def distance_of(self, index: Any) -> Any:
+        """Return the distances [m] of the shots at some places."""
+        return dr.gather(mi.Float, self.distance, index)
+
 
 def render_light(
     loaded: LoadedScene, bench: Bench, settings: Transport, shots: Shots, seed: int

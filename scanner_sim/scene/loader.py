@@ -32,6 +32,7 @@ from scanner_sim.scene.objects import (
     Surface,
     TargetArray,
 )
+from scanner_sim.scene.polarisation import speckle_contrast
 from scanner_sim.scene.targets import target_array, target_positions
 
 _FACING = pose_matrix(rotation_about((1.0, 0.0, 0.0), np.pi), (0.0, 0.0, 0.0))
@@ -53,6 +54,9 @@ class LoadedScene:
     out_of_band_ratio
         Dr.Jit table from a material's number to its reflectance out of the filter's band over that in it; 1 for
         materials of other people's files.
+    coherence
+        Dr.Jit table from a material's number to the squared contrast of its speckle: 1 where the surface keeps the
+        laser's polarisation, 1/2 where it does not and for other people's materials.
     """
 
     mitsuba: Any
@@ -61,6 +65,7 @@ class LoadedScene:
     object_of: Any
     material_of: Any
     out_of_band_ratio: Any
+    coherence: Any
 
     @property
     def triangles(self) -> int:
@@ -119,8 +124,15 @@ def _assemble(loaded: list[tuple[str, Any]], bsdfs: _Materials) -> LoadedScene:
     object_of[registry] = [objects.index(name) + 1 for name, _ in loaded]
     material_of[registry] = [surfaces.index(name) + 1 for name in named]
     ratio = [1.0, *(bsdfs.out_of_band_ratio(name) for name in surfaces)]
+    coherence = [0.5, *(bsdfs.coherence(name) for name in surfaces)]
     return LoadedScene(
-        scene, objects, surfaces, mi.UInt32(object_of), mi.UInt32(material_of), mi.Float(ratio)
+        scene,
+        objects,
+        surfaces,
+        mi.UInt32(object_of),
+        mi.UInt32(material_of),
+        mi.Float(ratio),
+        mi.Float(coherence),
     )
 
 
@@ -145,6 +157,11 @@ class _Materials:
             return 1.0
         return known.reflectance_out_of_band / known.reflectance
 
+    def coherence(self, name: str) -> float:
+        """Return the squared contrast of a material's speckle."""
+        known = self._described.get(name)
+        return speckle_contrast(1.0 if known is None else known.depolarised_share) ** 2
+
     def __call__(self, choice: MaterialChoice) -> Any:
         if isinstance(choice, str):
             name, chosen = choice, materials.material(choice)
@@ -165,6 +182,8 @@ def _described(choice: Surface | Retroreflector) -> materials.Material:
     lobe = choice.lobe if isinstance(choice, Retroreflector) else None
     if lobe is not None:
         numbers = [lobe.kind, *numbers, lobe.retro_share, lobe.half_width, lobe.entrance[1]]
+    unlike = choice.depolarisation if isinstance(choice, Surface) else 1.0
+    numbers.append(None if unlike == 1.0 else f"depolarising_{unlike}")
     spelt = "_".join(str(number) for number in numbers if number is not None)
     return materials.Material(
         name=f"{'reflectance' if lobe is None else 'retroreflector'}_{spelt}",
@@ -172,6 +191,7 @@ def _described(choice: Surface | Retroreflector) -> materials.Material:
         reflectance=choice.reflectance,
         reflectance_out_of_band=choice.reflectance if other is None else other,
         retro=lobe,
+        depolarisation=unlike if lobe is None else None,
         source="the scenario",
     )
 

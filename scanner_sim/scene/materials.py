@@ -109,6 +109,9 @@ class Material(BaseModel):
         Weight of the specular lobe, 0 to 1: 0 for ``diffuse`` and ``retroreflector``, 1 for ``rough_conductor``.
     retro
         Lobe of a ``retroreflector``; None for the other kinds.
+    depolarisation
+        Share of the reflected laser light that has lost its polarisation; None is an assumption: metal and
+        retro-reflecting lobes keep it, light scattered within a material loses it.
     source
         Where the numbers come from; "assumption" with the reasonable range where nobody knows.
 
@@ -129,6 +132,7 @@ class Material(BaseModel):
     alpha: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] | None = None
     specular_share: Fraction = 0.0
     retro: RetroLobe | None = None
+    depolarisation: Fraction | None = None
     source: Annotated[str, Field(min_length=1)] = "given by the user"
 
     @model_validator(mode="after")
@@ -178,6 +182,13 @@ class Material(BaseModel):
         if self.kind == "rough_conductor":
             return 0.0
         return (self.reflectance - self.specular_reflectance) / (1.0 - self.specular_share)
+
+    @property
+    def depolarised_share(self) -> float:
+        """Share of the reflected laser light that has lost its polarisation, dimensionless."""
+        if self.depolarisation is not None:
+            return self.depolarisation
+        return 1.0 - (self.specular_share if self.retro is None else self.retro.retro_share)
 
     @property
     def specular_reflectance(self) -> float:

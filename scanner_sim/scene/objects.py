@@ -72,6 +72,9 @@ class Surface(Part):
     """Hemispherical reflectance."""
     reflectance_out_of_band: Ratio | None = Field(default=None, ge=0.0, le=1.0)
     """The same in the rest of the detector's response; by default equal. It counts for sunlight only."""
+    depolarisation: Ratio = Field(default=1.0, ge=0.0, le=1.0)
+    """Share of the reflected laser light that has lost its polarisation: 0 makes the strongest speckle, of contrast 1,
+    1 the weakest, of contrast 0.71."""
 
 
 class Retroreflector(RetroLobe):

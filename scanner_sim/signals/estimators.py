@@ -22,6 +22,7 @@ import drjit.auto.ad as auto
 
 from scanner_sim.signals.likelihood import Pixels, Slopes, Width, fit_spot
 from scanner_sim.signals.processing import MARGIN, PeakMethod
+from scanner_sim.signals.speckle import SpotSpeckle
 
 Estimator = Callable[[Pixels], tuple[Any, Slopes]]
 Correction = Callable[[Any, Any], tuple[Any, Any]]
@@ -43,7 +44,11 @@ class Estimate:
 
 
 def estimate(
-    method: PeakMethod, around: Pixels, width: Width | None = None, correction: Correction | None = None
+    method: PeakMethod,
+    around: Pixels,
+    width: Width | None = None,
+    correction: Correction | None = None,
+    speckle: SpotSpeckle | None = None,
 ) -> Estimate:
     """Estimate the place of the spot about its brightest pixel.
 
@@ -57,13 +62,15 @@ def estimate(
         What is known of the spot's width; without it ``maximum_likelihood`` fits it freely.
     correction
         The estimator's systematic error, to be taken off; needs ``width``.
+    speckle
+        What is known of the speckle on the spot; without it there is none.
 
     Returns
     -------
     Estimate
-        The variance is the first-order propagation of every pixel's variance through the estimator's derivatives,
-        and of the two terms of the baseline, whose errors all pixels share. Of ``centre_of_mass`` that of the
-        window's place is added (:func:`_jumps`).
+        The variance is the first-order propagation of every pixel's variance through the estimator's derivatives, of
+        the two terms of the baseline, whose errors all pixels share, and of the covariance that speckle gives the
+        charges. Of ``centre_of_mass`` that of the window's place is added (:func:`_jumps`).
     """
     known = width if width is not None else Width.unknown()
     apart, settled = auto.Float(0.0), auto.Bool(True)
@@ -82,8 +89,10 @@ def estimate(
         error, rise = correction(position, dr.sqrt(width.variance))
         return position - error, 1.0 - rise
 
-    shift, stretch = corrected(shift)
     variance, level, tilt = apart, auto.Float(0.0), auto.Float(0.0)
+    if speckle is not None:
+        variance += speckle.carried(slopes, {step: around(step)[0] for step in slopes}, shift)
+    shift, stretch = corrected(shift)
     for step, slope in slopes.items():
         variance += dr.square(slope) * around(step)[1]
         level += slope

@@ -32,6 +32,7 @@ from scanner_sim.signals.search import (
     flank_limit,
     spot_pixel,
 )
+from scanner_sim.signals.speckle import ExpectedSpeckle
 from scanner_sim.signals.validation import farthest_pixel, guard_pixels, judge_shape, white_charge
 from scanner_sim.status import Status
 
@@ -75,6 +76,7 @@ def find_peaks(
     spot: ExpectedSpot | None = None,
     theta: Any = 0.0,
     bias: Bias | None = None,
+    speckle: ExpectedSpeckle | None = None,
 ) -> Peaks:
     """Find the peak of every line.
 
@@ -95,6 +97,8 @@ def find_peaks(
         Deflections Θ [rad], Dr.Jit, shape (m,) or one number.
     bias
         Systematic error of the estimator, to be taken off; needs ``spot``.
+    speckle
+        What is known of the laser's speckle; needs ``spot``. Without it the light is taken to have none.
 
     Returns
     -------
@@ -122,16 +126,18 @@ def find_peaks(
     inside = (found.pixel >= margin) & (found.pixel < line.pixels - margin)
     centre = dr.clip(found.pixel, margin, line.pixels - 1 - margin)
     around = Around(line, centre, baseline)
-    width = None
+    width = grainy = None
+    if spot is not None and speckle is not None:
+        grainy = speckle.about(spot, centre, sine, cosine)
     if spot is not None:
         width = Width.of(spot, centre, guard, (sine, cosine), settings.beam_width, farthest_pixel(spot))
-    place = estimate(processing.peak, around, width, bias)
+    place = estimate(processing.peak, around, width, bias, grainy)
     variance = place.variance
     rivalled = found.rival > dr.opaque(auto.Float, processing.ambiguity) * found.height
     too_bright, misshapen = auto.Bool(False), inside & ~place.settled
     full = top.full(0)
     if spot is not None:
-        shape = judge_shape(top, spot, guard, sine, cosine, settings)
+        shape = judge_shape(top, spot, guard, sine, cosine, settings, grainy)
         full |= shape.saturated
         if settings.shape:
             misshapen |= inside & ~shape.fits

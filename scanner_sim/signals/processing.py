@@ -92,6 +92,9 @@ class Processing(Part):
     threshold: Number = Field(default=6.0, ge=0.0, le=1e6)
     """Least height of a peak, in standard deviations of the line without it (read, dark and quantisation noise,
     and that of the light beneath the peak)."""
+    speckle_contrast: Number = Field(default=1.0 / math.sqrt(2.0), ge=0.0, le=1.0)
+    """Contrast of the laser's speckle that σ and the test of the shape reckon with: 0.71 is that of surfaces which
+    depolarise, 1 of those which do not. Without ``scanner.laser.speckle`` it has no effect."""
     ambiguity: Number = Field(default=0.5, gt=0.0, le=1.0)
     """A second, separate peak higher than this share of the first makes the shot ambiguous."""
     range_gate: tuple[Length, Length] | None = Field(default=None, examples=[["2 m", "30 m"]])

@@ -30,6 +30,7 @@ from scanner_sim.signals.estimators import positive
 from scanner_sim.signals.expected import ExpectedSpot
 from scanner_sim.signals.line import Around
 from scanner_sim.signals.processing import Validation
+from scanner_sim.signals.speckle import SpotSpeckle
 
 _MARGIN = 4.0
 """Standard deviations of a spot to each side that its shape is judged over."""
@@ -70,7 +71,13 @@ def farthest_pixel(spot: ExpectedSpot) -> int:
 
 
 def judge_shape(
-    around: Around, spot: ExpectedSpot, guard: Any, sine: Any, cosine: Any, settings: Validation
+    around: Around,
+    spot: ExpectedSpot,
+    guard: Any,
+    sine: Any,
+    cosine: Any,
+    settings: Validation,
+    speckle: SpotSpeckle | None = None,
 ) -> Shape:
     """Compare peaks with the spot.
 
@@ -86,6 +93,8 @@ def judge_shape(
         Of the deflections Θ, shape (m,).
     settings
         Limits.
+    speckle
+        What is known of the speckle on the spots: it bends their shape.
 
     Returns
     -------
@@ -103,6 +112,9 @@ def judge_shape(
     noise = auto.Float(0.0)
     for weight, charge, (_, variance) in zip((1.0, 2.0, 1.0), charges, three, strict=True):
         noise += dr.square(weight / charge) * variance
+    if speckle is not None:
+        # The middle one counts for 2² and the outer ones for 1 each.
+        noise += 6.0 * speckle.variance
     slack = dr.opaque(auto.Float, deviate) * dr.sqrt(noise)
     slack += dr.abs(2.0 / charges[1] - 1.0 / charges[0] - 1.0 / charges[2]) * around.baseline.doubt
     fits = curvature - slack <= (1.0 + _CURVATURE) / (low + _PIXEL)
@@ -111,7 +123,7 @@ def judge_shape(
     variance = dr.clip(dr.rcp(dr.maximum(curvature, 1e-3)) - _PIXEL, low, high)
 
     charge, residual, expected, chi_squared, freedom, saturated = _fit(
-        around, spot, guard, place, dr.sqrt(variance), dr.opaque(auto.Float, settings.tolerance)
+        around, spot, guard, place, dr.sqrt(variance), dr.opaque(auto.Float, settings.tolerance), speckle
     )
     fits &= (charge > 0.0) & (chi_squared <= _quantile(freedom, dr.opaque(auto.Float, deviate)))
     height = dr.maximum(three[1][0], 1.0)
@@ -120,7 +132,13 @@ def judge_shape(
 
 
 def _fit(
-    around: Around, spot: ExpectedSpot, guard: Any, place: Any, sigma: Any, tolerance: Any
+    around: Around,
+    spot: ExpectedSpot,
+    guard: Any,
+    place: Any,
+    sigma: Any,
+    tolerance: Any,
+    speckle: SpotSpeckle | None,
 ) -> tuple[Any, ...]:
     """Fit height and place by weighted least squares, linear about a first place.
 
@@ -143,6 +161,8 @@ def _fit(
         below, density = below_next, density_next
         charge, variance = around(step)
         variance += around.baseline.level_variance
+        if speckle is not None:
+            variance += speckle.relative(step - place) * dr.square(charge)
         counts = around.inside(step) & (dr.abs(auto.Int32(step)) <= guard)
         weight = dr.select(counts, dr.rcp(variance + allowed), 0.0)
         saturated |= counts & around.full(step)

@@ -19,6 +19,8 @@ class Spots:
     power: Any
     position: Any
     sigma: Any
+    across: Any
+    coherence: Any
 
 
 @pytest.fixture
@@ -30,7 +32,9 @@ def spots(device: Device) -> Spots:
     power = random.uniform(0.0, 1.0, (COUNT, SHOTS)) * (random.uniform(size=(COUNT, SHOTS)) > 0.33)
     position = random.uniform(20.0, 60.0, (COUNT, SHOTS))
     sigma = random.uniform(0.8, 1.2, (COUNT, SHOTS))
-    return Spots(*(mi.Float(part.astype(np.float32).T.ravel()) for part in (power, position, sigma)))
+    across, coherence = random.uniform(0.5, 2.0, (COUNT, SHOTS)), random.uniform(0.5, 1.0, (COUNT, SHOTS))
+    parts = (power, position, sigma, across, coherence)
+    return Spots(*(mi.Float(part.astype(np.float32).T.ravel()) for part in parts))
 
 
 def moments(power: np.ndarray, position: np.ndarray, sigma: np.ndarray) -> np.ndarray:
@@ -54,6 +58,11 @@ def test_moments_are_kept(spots: Spots, clusters: int) -> None:
     actual = moments(found.amount.numpy(), found.position.numpy(), found.sigma.numpy())
     assert found.count == clusters
     np.testing.assert_allclose(actual, expected, rtol=2e-6)
+    power = spots.power.numpy().astype(np.float64).reshape(SHOTS, -1)
+    for kept, given in ((found.across, spots.across), (found.coherence, spots.coherence)):
+        mean = (power * given.numpy().reshape(SHOTS, -1)).sum(axis=1) / power.sum(axis=1)
+        amount, values = (part.numpy().astype(np.float64).reshape(-1, SHOTS) for part in (found.amount, kept))
+        np.testing.assert_allclose((amount * values).sum(axis=0) / amount.sum(axis=0), mean, rtol=2e-6)
 
 
 def test_pixels_share_all_the_light(spots: Spots) -> None:
@@ -100,7 +109,8 @@ def test_dark_shots_stay_dark(device: Device) -> None:
 
     from scanner_sim.render.clusters import cluster
 
-    dark = Spots(dr.zeros(mi.Float, 6), mi.Float([1, 2, 3, 4, 5, 6]), dr.ones(mi.Float, 6))
+    one = dr.ones(mi.Float, 6)
+    dark = Spots(dr.zeros(mi.Float, 6), mi.Float([1, 2, 3, 4, 5, 6]), one, one, one)
     found = cluster(dark, dr.arange(mi.UInt32, 2), 3, 4)
     line = found.power(dr.arange(mi.UInt32, 10), dr.zeros(mi.UInt32, 10)).numpy()
     assert (line == 0.0).all()
