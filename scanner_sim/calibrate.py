@@ -1,10 +1,12 @@
 """Calibration of the peak: its systematic error, measured as one would measure it on the bench.
 
-A flat white target, square to the beam, is moved through the range in fractions of a pixel, and the measured position is
-compared with the one that eq 1 gives for the target's range. The detector has no noise, the mirrors are still, and it is
-dark. At each of a few places along the line, hence widths of the spot, the target passes through one pixel. To simulate
-many places of it at once, targets stand above one another, each before the beam at a φ of its own: the second mirror
-turns the whole triangulation, so that they are one target at Θ = 0.
+A flat white target, square to the beam, is moved through the range in fractions of a pixel, and the measured position
+is compared with the one that eq 1 gives for the target's range. The detector has no noise, the mirrors are still, the
+light makes no speckle, and it is dark. At each of a few places along the line, hence widths of the spot, the target
+passes through one pixel. To simulate many places of it at once, targets stand above one another, each before the beam
+at a φ of its own: the second mirror turns the whole triangulation, so that they are one target. Θ and φ are positive
+throughout: Embree may lose hits of rays that it traces together as coherent when a component of their directions
+changes its sign among them.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ from numpy.typing import NDArray
 from scanner_sim.detector.noise import NoiseSwitches
 from scanner_sim.errors import RunError
 from scanner_sim.optics.deflection import Mirrors
+from scanner_sim.optics.laser import Laser
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scanner import Scanner
@@ -42,6 +45,10 @@ _STILL = ("jitter", "wobble", "synchronisation", "readout_noise", "readout_step"
 """What the mirrors do not do while they calibrate."""
 _FARTHEST = 1000.0
 """Range beyond which no target is set up [m]."""
+_THETA = 0.06
+"""Deflection Θ at which it is measured, relative to the largest."""
+_PHI = (0.1, 0.9)
+"""First and last φ, relative to the largest."""
 _FRACTION = 0.3
 """Share of the full well that the target's brightest pixel fills at most."""
 
@@ -94,7 +101,7 @@ def measure_bias(
     RunError
         If the target is not found often enough for a table.
     """
-    bench = Workbench(_quiet(scenario, Scene(), _scan((0.0, 0.0), 1)), device=device)
+    bench = Workbench(_quiet(scenario, Scene(), _scan(scenario, 1)), device=device)
     nodes = tuple(_nodes(scenario, bench.spot))
     passages: dict[float, Passage] = {}
     for number, node in enumerate(nodes):
@@ -118,7 +125,7 @@ def _nodes(scenario: Scenario, spot: Any) -> Iterator[int]:
     """Yield the pixels through which the target passes."""
     pixels = scenario.scanner.position_sensor.pixels
     margin = min(12, pixels // 4)
-    first = max(margin, math.ceil(float(spot.pixel(_FARTHEST, 0.0, 1.0))))
+    first = max(margin, math.ceil(float(spot.pixel(_FARTHEST, *_deflection(scenario)))))
     yield from sorted({round(pixel) for pixel in np.linspace(first, pixels - 1 - margin, NODES)})
 
 
@@ -128,8 +135,9 @@ def _passage(scenario: Scenario, node: int, spot: Any, device: DeviceChoice) -> 
 
     phase = (np.arange(PLACES) + 0.5) / PLACES - 0.5
     truth = node + phase
-    ranges = np.asarray(spot.range(truth, 0.0, 1.0))
-    width = math.sqrt(sum(spot.variances(float(node), 0.0, 1.0)))
+    deflection = _deflection(scenario)
+    ranges = np.asarray(spot.range(truth, *deflection))
+    width = math.sqrt(sum(spot.variances(float(node), *deflection)))
     brightest = spot.white / ranges.min() ** 2 * min(1.0, 0.4 / width)
     reflectance = min(1.0, _FRACTION * scenario.scanner.position_sensor.full_well / brightest)
     told = _told(scenario.scanner)
@@ -140,9 +148,9 @@ def _passage(scenario: Scenario, node: int, spot: Any, device: DeviceChoice) -> 
         count = len(ranges[part])
         _, groups = bench.expose(raster_aim(scan, np.arange(count, dtype=np.uint32)))
         for group in groups:
-            peaks = find_peaks(
-                group.signal, told, bench.scenario.processing, bench.scenario.scanner.dwell, bench.spot
-            )
+            quiet = bench.scenario
+            theta = np.full(len(group.index), _theta(scenario), dtype=np.float32)
+            peaks = find_peaks(group.signal, told, quiet.processing, quiet.scanner.dwell, bench.spot, theta)
             here = np.arange(PLACES)[part][group.index]
             position[here], status[here] = peaks.position.numpy(), peaks.status.numpy()
             nearest[here] = group.signal.lines().argmax(axis=1)
@@ -152,7 +160,7 @@ def _passage(scenario: Scenario, node: int, spot: Any, device: DeviceChoice) -> 
     order = np.argsort((truth - nearest)[valid])
     return Passage(
         width=width,
-        range=float(spot.range(float(node), 0.0, 1.0)),
+        range=float(spot.range(float(node), *deflection)),
         phase=(truth - nearest)[valid][order],
         bias=(position - truth)[valid][order],
     )
@@ -174,53 +182,73 @@ def _row(passage: Passage) -> Floats:
 def _parts(scenario: Scenario, nearest: float) -> Iterator[slice]:
     """Yield the targets that find room above one another."""
     radius = scenario.scanner.laser.radius(nearest)
-    room = 2.0 * _widest(scenario) * (nearest - scenario.scanner.mirrors.axis_separation) / (_REACH * radius)
-    count = max(1, min(PLACES, int(room)))
+    height = (_PHI[1] - _PHI[0]) * _largest(scenario) * (nearest - scenario.scanner.mirrors.axis_separation)
+    count = max(1, min(PLACES, int(height / (_REACH * radius))))
     for start in range(0, PLACES, count):
         yield slice(start, min(start + count, PLACES))
 
 
-def _widest(scenario: Scenario) -> float:
-    return 0.8 * min(scenario.scanner.mirrors.max_deflection, 0.5)
+def _largest(scenario: Scenario) -> float:
+    return min(scenario.scanner.mirrors.max_deflection, 0.5)
+
+
+def _theta(scenario: Scenario) -> float:
+    return _THETA * _largest(scenario)
+
+
+def _deflection(scenario: Scenario) -> tuple[float, float]:
+    """Return sine and cosine of the deflection Θ."""
+    return math.sin(_theta(scenario)), math.cos(_theta(scenario))
 
 
 def _targets(scenario: Scenario, ranges: Floats, reflectance: float) -> tuple[Scene, RasterScan]:
     """Return targets square to the beam, one for each row of a scan."""
     separation = scenario.scanner.mirrors.axis_separation
     radius = scenario.scanner.laser.radius(float(ranges.max()))
-    scan = _scan((-_widest(scenario), _widest(scenario)), len(ranges))
-    _, phi = scan.angles()
-    step = 2.0 * _widest(scenario) / max(len(ranges) - 1, 1)
+    scan = _scan(scenario, len(ranges))
+    theta, (_, phi) = _theta(scenario), scan.angles()
+    step = (_PHI[1] - _PHI[0]) * _largest(scenario) / len(ranges)
     targets = []
-    for number, (angle, distance) in enumerate(zip(phi, ranges, strict=True)):
-        arm = float(distance) - separation
+    for number, (angle, distance) in enumerate(zip(phi.tolist(), ranges.tolist(), strict=True)):
+        arm = distance * math.cos(theta) - separation
         targets.append(
             {
                 "name": f"target_{number}",
                 "shape": "rectangle",
                 "size": (20.0 * radius, 0.95 * step * arm),
-                "position": (0.0, arm * math.sin(angle), separation + arm * math.cos(angle)),
-                "rotation": {"axis": "x", "angle": -float(angle)},
+                # Eq 3, and a plate that is turned as the two mirrors turn the beam.
+                "position": (
+                    distance * math.sin(theta),
+                    arm * math.sin(angle),
+                    separation + arm * math.cos(angle),
+                ),
+                "rotation": [{"axis": "y", "angle": theta}, {"axis": "x", "angle": -angle}],
                 "material": {"reflectance": reflectance},
             }
         )
     return Scene.model_validate({"objects": targets}), scan
 
 
-def _scan(vertical: tuple[float, float], rows: int) -> RasterScan:
-    ends = vertical if rows > 1 else (0.0, 0.0)
-    return RasterScan(rows=rows, columns=1, horizontal=(0.0, 0.0), vertical=ends)
+def _scan(scenario: Scenario, rows: int) -> RasterScan:
+    first, last = (share * _largest(scenario) for share in _PHI)
+    theta = _theta(scenario)
+    return RasterScan(
+        rows=rows, columns=1, horizontal=(theta, theta), vertical=(first, last if rows > 1 else first)
+    )
 
 
 def _quiet(scenario: Scenario, scene: Scene, scan: RasterScan) -> Scenario:
     """Return the scenario with another scene and scan, in the dark, without any noise or correction."""
     scanner = scenario.scanner
     silent = NoiseSwitches(**dict.fromkeys(NoiseSwitches.model_fields, False))
-    still = scanner.mirrors.model_copy(
-        update={name: 0.0 for name in _STILL if name in Mirrors.model_fields}
-    )
+    still = scanner.mirrors.model_copy(update={name: 0.0 for name in _STILL if name in Mirrors.model_fields})
     sensor = scanner.position_sensor.model_copy(update={"noise": silent})
-    bench = scanner.model_copy(update={"position_sensor": sensor, "mirrors": still, "laser_off": 0.0})
+    laser = scanner.laser.model_copy(
+        update={name: False for name in ("speckle",) if name in Laser.model_fields}
+    )
+    bench = scanner.model_copy(
+        update={"laser": laser, "position_sensor": sensor, "mirrors": still, "laser_off": 0.0}
+    )
     processing = scenario.processing.model_copy(update={"bias_correction": "none", "range_gate": None})
     return scenario.model_copy(
         update={

@@ -17,7 +17,7 @@ from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scanner import Scanner
 from scanner_sim.scene.lighting import Lighting
 from scanner_sim.scene.objects import Scene
-from scanner_sim.signals.processing import Processing
+from scanner_sim.signals.processing import MARGIN, Processing
 
 
 class Scenario(Part):
@@ -58,7 +58,7 @@ class Scenario(Part):
     """What is written."""
 
     def contradictions(self) -> Iterator[Fault]:
-        """Yield angles that the mirrors do not reach and range gates that the array does not see."""
+        """Yield angles beyond the mirrors, range gates beyond the array and estimators that find no room on it."""
         limit = self.scanner.mirrors.max_deflection
         for name, ends in (("horizontal", self.scan.horizontal), ("vertical", self.scan.vertical)):
             if max(abs(end) for end in ends) > limit:
@@ -69,6 +69,13 @@ class Scenario(Part):
                     f"{math.degrees(limit):.6g} deg ({limit:g} rad) to both sides.",
                     "Narrow the scan, or raise scanner.mirrors.max_deflection.",
                 )
+        pixels, window = self.scanner.position_sensor.pixels, 2 * MARGIN[self.processing.peak] + 1
+        if window > pixels:
+            yield Fault(
+                "processing.peak",
+                f"{self.processing.peak} reads {window} pixels, and the array has {pixels}.",
+                "Choose another estimator, or raise scanner.position_sensor.pixels.",
+            )
         gate = self.processing.range_gate
         nearest, farthest = self.scanner.nearest_range, self.scanner.farthest_range
         if gate is not None and (gate[1] <= nearest or gate[0] >= farthest):

@@ -191,6 +191,45 @@ def orbit(
 
 
 @app.command()
+def calibrate(
+    config: Config,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="Table of the errors, a CSV file.",
+            show_default="CONFIG's name with _bias.csv",
+        ),
+    ] = None,
+    override: Override = [],  # noqa: B006 (as above)
+    seed: Seed = None,
+    device: Device = DeviceName.auto,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Measure the systematic error of the peak estimator, and write the table that corrects it.
+
+    Example: `scanner-sim calibrate configs/quickstart.yaml -o bias.csv --set processing.peak=parabola`
+
+    A flat white target is moved through the range without noise. The table, with a picture beside it, is used by
+    `processing.bias_correction: bias.csv`.
+    """
+    with reported():
+        from scanner_sim.cli.calibrating import calibrate_scenario
+
+        calibrate_scenario(
+            config,
+            output or Path(f"{config.stem}_bias.csv"),
+            _overrides(override, seed),
+            device=device.value,
+            overwrite=overwrite,
+            quiet=quiet,
+        )
+
+
+@app.command()
 def info() -> None:
     """Print versions, the LLVM library, the GPU and the number of threads."""
     with reported():

@@ -11,6 +11,14 @@ from scanner_sim.scene.lighting import lighting_doubts
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.objects import MitsubaFile, Retroreflector, TargetArray
 from scanner_sim.scene.retroreflectors import RetroLobe
+from scanner_sim.signals.processing import MARGIN
+
+_NARROWEST = 0.35
+"""Standard deviation of a spot [pixel] below which its light is in one pixel nearly everywhere."""
+_WIDEST_MASS = 1.3
+"""That from which the seven pixels of the centre of mass cut the spot: they do not reach 2.7 of it."""
+_WIDEST_FIT = 8.0
+"""That from which 24 pixels to each side do not reach three of it."""
 
 
 def doubts(scenario: Scenario) -> tuple[str, ...]:
@@ -51,13 +59,42 @@ def _ranges(scenario: Scenario) -> Iterator[str]:
 
 
 def _instrument(scenario: Scenario) -> Iterator[str]:
-    sensor, receiver = scenario.scanner.position_sensor, scenario.scanner.receiver
     if scenario.processing.threshold < 3.0:
         yield f"processing.threshold: at {scenario.processing.threshold:g} noise alone will be taken for returns"
-    if receiver.point_spread < 0.3 * sensor.pitch:
+    yield from _estimator(scenario)
+
+
+def _estimator(scenario: Scenario) -> Iterator[str]:
+    """Yield what a peak estimator makes of spots too narrow or too wide for it."""
+    scanner, peak = scenario.scanner, scenario.processing.peak
+    sensor, receiver = scanner.position_sensor, scanner.receiver
+    farthest = min(scanner.farthest_range, scanner.nearest_range * sensor.pixels)
+
+    def width(distance: float) -> float:
+        """Return the standard deviation of the spot [pixel] at a range on the axis."""
+        image = 0.5 * scanner.laser.radius(distance) * receiver.focal_length / distance
+        return math.hypot(image, receiver.point_spread) / sensor.pitch
+
+    for distance in (scanner.nearest_range, farthest):
+        if width(distance) < _NARROWEST:
+            yield (
+                f"scanner.receiver.point_spread: at {distance:.3g} m the spot has a standard deviation of "
+                f"{width(distance):.2g} pixel; below {_NARROWEST:g} no estimator interpolates, not {peak} either"
+            )
+            break
+    window = MARGIN["centre_of_mass"]
+    if peak == "centre_of_mass" and scenario.processing.bias_correction == "none":
+        widest = max((scanner.nearest_range, farthest), key=width)
+        if width(widest) > _WIDEST_MASS:
+            yield (
+                f"processing.peak: centre_of_mass reads {2 * window + 1} pixels and cuts the spot of "
+                f"{width(widest):.2g} pixel (standard deviation) at {widest:.3g} m, which moves it by 0.03 pixel or "
+                "more; set processing.bias_correction: computed, or choose maximum_likelihood"
+            )
+    if (widest_spot := width(scanner.nearest_range)) > _WIDEST_FIT:
         yield (
-            "scanner.receiver.point_spread: the spot is much narrower than a pixel, where no estimator "
-            "interpolates"
+            f"scanner.laser.waist_radius: at {scanner.nearest_range:.3g} m the spot is {widest_spot:.2g} pixel wide "
+            f"(standard deviation), and {peak} and the test of shape see its core only"
         )
 
 

@@ -37,6 +37,7 @@ WHOLE = (
     "photo",
     "sweep",
     "compare",
+    "calibrate",
     "cli",
 )
 ORDER = {name: rank for rank, name in enumerate((*ROOMS, "analytic", *WHOLE), start=1)}

@@ -1,0 +1,83 @@
+"""The verb ``calibrate``."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.progress import Progress
+
+from scanner_sim.cli.report import scenario_of, warn
+from scanner_sim.cli.tables import print_table
+from scanner_sim.config import doubts, load_scenario
+from scanner_sim.errors import InputError
+from scanner_sim.products.bias_picture import BiasCurve, draw_bias
+from scanner_sim.render.device import DeviceChoice
+
+
+def calibrate_scenario(
+    config: Path,
+    file: Path,
+    overrides: Sequence[str],
+    *,
+    device: DeviceChoice,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Measure the systematic error of a scenario's estimator; write its table, and a picture beside it.
+
+    Raises
+    ------
+    ScannerSimError
+        If the scenario has faults, the files or the device cannot be used, or the target is not found.
+    OSError
+        If the disk fails.
+    """
+    picture = file.with_suffix(".png")
+    if file.suffix.lower() != ".csv":
+        raise InputError(f"{file.name} is no name of a table.", remedy="Write one that ends in .csv.")
+    if not file.parent.is_dir():
+        raise InputError(f"there is no folder {file.parent}.", remedy="Make it, or name another.")
+    for path in (file, picture):
+        if path.exists() and not overwrite:
+            raise InputError(f"{path} exists already.", remedy="Name another file, or add --overwrite.")
+    scenario = load_scenario(config, overrides)
+    if not quiet:
+        for sentence in doubts(scenario):
+            warn(sentence)
+    from scanner_sim.calibrate import measure_bias
+
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+        task = bar.add_task("along the line", total=None)
+        with scenario_of(config):
+            table, passages = measure_bias(
+                scenario,
+                device=device,
+                progress=lambda done, total: bar.update(task, completed=done, total=total),
+            )
+    from scanner_sim.signals.bias import computed_bias
+    from scanner_sim.signals.bias_table import write_bias
+
+    computed = computed_bias(scenario.processing.peak, passages[0].width, passages[-1].width)
+    curves = []
+    for passage in passages:
+        taken = computed.at(np.array([passage.width]), passage.phase + passage.bias)[0]
+        label = f"s = {passage.width:.2f} px, {passage.range:.3g} m"
+        curves.append(BiasCurve(label, passage.phase, passage.bias, passage.bias - taken))
+    write_bias(table, file)
+    draw_bias(scenario.processing.peak, curves, picture)
+    if quiet:
+        return
+    largest, left = (max(float(np.abs(getattr(c, name)).max()) for c in curves) for name in ("bias", "left"))
+    print_table(
+        {
+            "estimator": scenario.processing.peak,
+            "measured at": f"{len(passages)} places, {passages[0].width:.2f} to {passages[-1].width:.2f} px wide",
+            "largest error": f"{largest:.4f} px; the computed table would leave {left:.4f} px",
+            "files": f"{file}, {picture}",
+            "use": f"processing.bias_correction: {file.name}",
+        }
+    )
