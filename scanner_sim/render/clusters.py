@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import drjit as dr
 import mitsuba as mi
@@ -16,15 +16,21 @@ _LEAST_VARIANCE = 1e-4
 
 
 class SpotsOfLight(Protocol):
-    """Spots on the line, Dr.Jit arrays: power [W], position and standard deviation [pixel] along it.
-
-    ``across`` is the mean square distance from the line's middle [pixel²], ``coherence`` the squared contrast of the
-    speckle.
-    """
+    """Spots on the line: power [W], position and standard deviation [pixel], Dr.Jit arrays."""
 
     power: Any
     position: Any
     sigma: Any
+
+
+@runtime_checkable
+class CoherentSpots(SpotsOfLight, Protocol):
+    """Spots of coherent light: speckle depends on their extent across the line.
+
+    ``across`` is their mean square distance from the line's middle [pixel²], ``coherence`` the squared contrast of the
+    speckle.
+    """
+
     across: Any
     coherence: Any
 
@@ -133,7 +139,8 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
     Returns
     -------
     Clusters
-        Power, mean and variance of the spots in each cluster are kept exactly, and the means of the rest.
+        Power, mean and variance of the spots in each cluster are kept exactly, and the means of the rest, which is 0
+        for light that is not coherent.
     """
     m, first_spot = dr.width(shot), shot * count
 
@@ -145,8 +152,11 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
             dr.gather(mi.Float, spots.sigma, place),
         )
 
-    def other(values: Any, number: Any) -> Any:
-        return dr.gather(mi.Float, values, first_spot + number)
+    def other(number: Any) -> tuple[Any, Any]:
+        if not isinstance(spots, CoherentSpots):
+            return mi.Float(0.0), mi.Float(0.0)
+        place = first_spot + number
+        return dr.gather(mi.Float, spots.across, place), dr.gather(mi.Float, spots.coherence, place)
 
     origin, extent = _extent(spot, m, count) if clusters > 1 else (spot(0)[1], mi.Float(0.0))
     width = dr.maximum(extent / clusters, 1e-6)
@@ -154,6 +164,7 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
 
     def add(number: Any, power: Any, first: Any, second: Any, across: Any, coherence: Any) -> Any:
         amount, position, sigma = spot(number)
+        wide, contrast = other(number)
         slot = mi.UInt32(dr.clip((position - origin) / width, 0.0, clusters - 1.0))
         lit = amount > 0.0
         # Moments about a point in the cluster: about pixel 0 the variance would drown in rounding.
@@ -162,8 +173,8 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
             (power, amount),
             (first, amount * apart),
             (second, amount * (dr.square(apart) + dr.square(sigma))),
-            (across, amount * other(spots.across, number)),
-            (coherence, amount * other(spots.coherence, number)),
+            (across, amount * wide),
+            (coherence, amount * contrast),
         ):
             total.write(total.read(slot) + dr.select(lit, value, 0.0), slot)
         return number + 1, power, first, second, across, coherence
