@@ -23,6 +23,7 @@ Not modelled: spots that are not Gaussian. What does not fit is the business of 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -159,7 +160,7 @@ class Fit:
     variance: Any
 
 
-def fit_spot(around: Pixels, width: Width, first: Any) -> Fit:
+def fit_spot(around: Pixels, width: Width, first: Any, speckle: Callable[[Any], Any] | None = None) -> Fit:
     """Fit charge, place and width of the spot.
 
     Parameters
@@ -170,6 +171,9 @@ def fit_spot(around: Pixels, width: Width, first: Any) -> Fit:
         What is known of the width.
     first
         A first guess of the shift from the brightest pixel [pixel], shape (m,).
+    speckle
+        Relative variance of a pixel's charge by speckle, of the distance from the spot's middle [pixel]; without it
+        there is none. It enters the weights; that neighbours share some of it does not.
 
     Returns
     -------
@@ -178,6 +182,7 @@ def fit_spot(around: Pixels, width: Width, first: Any) -> Fit:
     steps = range(-width.reach, width.reach + 1)
     charges = [around(step)[0] for step in steps]
     counts = [around.inside(step) & (dr.abs(auto.Int32(step)) <= width.guard) for step in steps]
+    grainy = [auto.Float(0.0) if speckle is None else speckle(step - first) for step in steps]
     known = dr.rcp(dr.square(width.spread))
     logarithm = dr.log(width.variance)
     middle = charges[width.reach]
@@ -201,6 +206,7 @@ def fit_spot(around: Pixels, width: Width, first: Any) -> Fit:
             edge, below, density = edge_next, below_next, density_next
             whole = model + around.baseline.level + step * around.baseline.slope
             variance = dr.maximum(around.line.variance(around.pixel(step), whole), _LEAST_VARIANCE)
+            variance += grainy[number] * dr.square(model)
             weight = dr.select(counts[number], dr.rcp(variance), 0.0)
             residual = weight * (charges[number] - model)
             slopes = [model, moved, widened]
