@@ -39,8 +39,8 @@ _SETTLED = 0.2
 """Largest last step, in standard deviations of the position, of a fit that has found its place."""
 _SETTLED_PIXEL = 1e-3
 """The same in pixels: where there is hardly any noise."""
-_KNOWN = 0.02
-"""Relative standard deviation to which the width on a facing surface is known: the lens's focus."""
+_KNOWN = 0.005
+"""Relative standard deviation to which the variance v on a facing surface is known, from a calibration of the focus."""
 _UNKNOWN = 1e3
 _SIDES = 8
 """Pixels to each side that are fitted where nothing is known of the spot."""

@@ -265,6 +265,6 @@ def test_each_fit_is_the_judges() -> None:
         )
         processing = Processing(peak="maximum_likelihood", validation=BARE)
         got = find_peaks(signal, line, processing, DWELL, expected(sigma)).position.numpy()
-        wanted = [estimators.maximum_likelihood(row.tolist(), sigma, READ, 0.02) for row in lines]
+        wanted = [estimators.maximum_likelihood(row.tolist(), sigma, READ, 0.005) for row in lines]
         bound = noise.cramer_rao(0.0, sigma, float(charge.min()), 0.0, READ)
         np.testing.assert_allclose(got, wanted, rtol=0.0, atol=0.06 * bound)
