@@ -3,7 +3,7 @@
 The charge of pixel i is Q_i s_i. Q_i = ∫ e dx is the mean image on it, a sum of Gaussian clusters e_k, and s_i has mean
 1, the variance
 
-    v_i = [Σ_k b_ki √(C_k² ρ_k / M)]² / Q_i²,   b_ki² = D ∫_i e_k² dx,
+    v_i = [Σ_k b_ki √(C_k² ρ_k / M)]² / Q_i²,   b_ki² ≈ D ∫_i e_k² dx   (:func:`concentration`),
 
 and the correlation of :class:`~scanner_sim.optics.speckle.Grain` with its neighbours. ρ_k is the pixel's variance under
 an even light, for the cluster's own extent. This is exact for one cluster and cells that are small against the pixel or
@@ -202,7 +202,7 @@ def _factors(light: LineLight, amplitude: Any, white: Any, first: Any, groups: i
         amount = dr.gather(auto.Float, light.amount, at)
         near = inside & (amount > 0.0) & (dr.abs(apart) < _FOLLOWED * sigma + 0.5)
         part = amount * gaussian_share(apart, sigma)
-        spread = dr.sqrt(concentration(apart, sigma)) * dr.gather(auto.Float, amplitude, at)
+        spread = dr.sqrt(concentration(apart, sigma, grain)) * dr.gather(auto.Float, amplitude, at)
         return charge + dr.select(near, part, 0.0), deviation + dr.select(near, part * spread, 0.0)
 
     zero = dr.zeros(auto.Float, wide * m)
@@ -240,10 +240,23 @@ def gaussian_share(apart: Any, sigma: Any) -> Any:
     return 0.5 * (dr.erf((apart + 0.5) * scale) - dr.erf((apart - 0.5) * scale))
 
 
-def concentration(apart: Any, sigma: Any) -> Any:
-    """Return D ∫_i e² dx / (∫_i e dx)², 1 or more, of a Gaussian e on a pixel ``apart`` from its middle [pixel].
+def concentration(apart: Any, sigma: Any, grain: Grain) -> Any:
+    """Return by how much a pixel's relative variance exceeds that under an even light.
 
-    In the tail, where e is nearly exponential with the slope a = apart/σ², it is (a/2) coth(a/2).
+    Parameters
+    ----------
+    apart
+        Distance of the pixel's centre from the middle of a Gaussian e [pixel].
+    sigma
+        Standard deviation of the Gaussian [pixel].
+    grain
+        The grain.
+
+    Notes
+    -----
+    For fine grain it is κ = D ∫_i e² dx / (∫_i e dx)²; in the tail, where e is nearly exponential with the slope
+    a = apart/σ², (a/2) coth(a/2). The light then fills the share 1/κ of the pixel only, and its grain loses the more
+    to the next pixel: κ (1 − ℓκ)/(1 − ℓ) to first order in the loss ℓ under an even light, at least κ/2.
     """
     distance = dr.abs(apart)
     part = gaussian_share(distance, sigma)
@@ -254,7 +267,9 @@ def concentration(apart: Any, sigma: Any) -> Any:
     decay = dr.exp(-2.0 * half)
     tail = half * (1.0 + decay) / dr.maximum(1.0 - decay, 1e-6)
     core = distance < _TAIL * sigma
-    return dr.maximum(dr.select(core, square / dr.square(dr.maximum(part, 1e-6)), tail), 1.0)
+    crowding = dr.maximum(dr.select(core, square / dr.square(dr.maximum(part, 1e-6)), tail), 1.0)
+    loss = dr.opaque(auto.Float, grain.loss)
+    return crowding * dr.maximum((1.0 - loss * crowding) / (1.0 - loss), 0.5)
 
 
 def pixel_variance(grain: Grain, along: Any, across: Any) -> Any:

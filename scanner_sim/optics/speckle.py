@@ -60,12 +60,15 @@ class Grain:
         ρ_0 for C = 1 and the profile ``across``.
     across
         Standard deviation σ_y across the line for which ``taps`` and ``variance`` hold.
+    loss
+        Share of a pixel's variance that goes to its neighbours' covariance, 1 − ρ_0/Σ_k ρ_k over all k.
     """
 
     length: float
     taps: tuple[float, ...]
     variance: float
     across: float
+    loss: float
 
     @property
     def reach(self) -> int:
@@ -104,7 +107,7 @@ def _grain(cell: float, across: float) -> Grain:
     kept = np.concatenate([taps[reach:0:-1], taps[: reach + 1]])
     kept = kept / math.sqrt(float(np.sum(kept**2)))
     length = math.sqrt(cell_area(cell, 1.0) / (2.0 * math.pi))
-    return Grain(length, tuple(kept.tolist()), total, across)
+    return Grain(length, tuple(kept.tolist()), total, across, 1.0 - total / float(spectrum[0]))
 
 
 def pixel_spectrum(cell: float, across: float) -> NDArray[np.float64]:

@@ -110,14 +110,14 @@ def estimate(
 
 
 def _bent(method: PeakMethod, around: Pixels, shift: Any, speckle: SpotSpeckle | None) -> Any:
-    """Return by how much noise of the bend raises the variance of a vertex; 1 for the other estimators.
+    """Return by how much speckle in the bend raises the variance of a vertex; 1 for the other estimators.
 
     With the half difference A of the outer points and the bend B the vertex is s = A/B, of the variance
     (var A + s² var B)/B² at its true place s. What is known is the measured one; that of the true place is, on the
     average, larger by the variance itself, hence var s = (var A + ŝ² var B)/(B² − var B). It matters where a pixel's
     relative noise is large: there the places that noise moves towards a pixel's centre would claim too small a σ.
     """
-    if method not in ("gaussian", "parabola"):
+    if speckle is None or method not in ("gaussian", "parabola"):
         return auto.Float(1.0)
     charges = {step: around(step)[0] for step in (-1, 0, 1)}
     points, slopes = dict(charges), {-1: auto.Float(-1.0), 0: auto.Float(2.0), 1: auto.Float(-1.0)}
@@ -127,8 +127,7 @@ def _bent(method: PeakMethod, around: Pixels, shift: Any, speckle: SpotSpeckle |
         slopes = {step: slope / floored[step] for step, slope in slopes.items()}
     bend = 2.0 * points[0] - points[-1] - points[1]
     noise = sum((dr.square(slope) * around(step)[1] for step, slope in slopes.items()), auto.Float(0.0))
-    if speckle is not None:
-        noise += speckle.carried(slopes, charges, shift)
+    noise += speckle.carried(slopes, charges, shift)
     return dr.rcp(1.0 - dr.minimum(noise / dr.maximum(dr.square(bend), 1e-30), _MOST_BENT))
 
 

@@ -76,7 +76,7 @@ class SpotSpeckle:
 
     def relative(self, apart: Any) -> Any:
         """Return the relative variance of pixels whose centres are ``apart`` from the spot's middle [pixel]."""
-        return self.variance * concentration(apart, self.sigma)
+        return self.variance * concentration(apart, self.sigma, self.grain)
 
     def carried(self, slopes: dict[int, Any], charges: dict[int, Any], shift: Any) -> Any:
         """Return the variance that the speckle gives a quantity.
@@ -91,7 +91,7 @@ class SpotSpeckle:
             Place of the spot from the brightest pixel's centre [pixel].
         """
         moved = {
-            step: slope * charges[step] * dr.sqrt(concentration(step - shift, self.sigma))
+            step: slope * charges[step] * dr.sqrt(concentration(step - shift, self.sigma, self.grain))
             for step, slope in slopes.items()
         }
         total = auto.Float(0.0)
