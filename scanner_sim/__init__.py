@@ -14,15 +14,17 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from scanner_sim.config import load_scenario as load_scenario
+    from scanner_sim.pose.estimate import estimate_pose as estimate_pose
     from scanner_sim.scenario import Scenario as Scenario
     from scanner_sim.simulate import simulate as simulate
 
     __version__: str
 
-__all__ = ["Scenario", "__version__", "load_scenario", "simulate"]
+__all__ = ["Scenario", "__version__", "estimate_pose", "load_scenario", "simulate"]
 
 _HOMES = {
     "Scenario": "scanner_sim.scenario",
+    "estimate_pose": "scanner_sim.pose.estimate",
     "load_scenario": "scanner_sim.config",
     "simulate": "scanner_sim.simulate",
 }

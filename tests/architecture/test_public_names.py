@@ -20,7 +20,13 @@ def python(code: str) -> str:
 
 
 def test_the_public_names_are_these() -> None:
-    assert set(scanner_sim.__all__) == {"Scenario", "__version__", "load_scenario", "simulate"}
+    assert set(scanner_sim.__all__) == {
+        "Scenario",
+        "__version__",
+        "estimate_pose",
+        "load_scenario",
+        "simulate",
+    }
 
 
 @pytest.mark.parametrize("name", scanner_sim.__all__)
@@ -33,6 +39,7 @@ def test_the_names_are_what_they_say() -> None:
     assert inspect.isclass(scanner_sim.Scenario)
     assert inspect.isfunction(scanner_sim.load_scenario)
     assert inspect.isfunction(scanner_sim.simulate)
+    assert inspect.isfunction(scanner_sim.estimate_pose)
 
 
 def test_version_is_that_of_the_installed_distribution() -> None:

@@ -1,0 +1,293 @@
+"""Least squares of many poses at once: Gauss-Newton, damped where a step fails (Levenberg, Marquardt).
+
+The pose is changed by (δc, δω): X = c + R r with r the target about the centre of the array becomes
+X + δc + δω × R r, so a measured quantity with the gradient g changes by g·δc + (R r × g)·δω. The normal equations
+N δ = b, 6 × 6, are solved for all poses in one call of LAPACK.
+
+SciPy's optimisers take one problem per call, 1.5 ms each of four targets; a batch of poses would be a Python loop. They
+stand in the tests as the reference for this one. Levenberg, *Quart. Appl. Math.* 2 (1944); Marquardt, *SIAM J. Appl.
+Math.* 11 (1963); Huber, *Ann. Math. Statist.* 35 (1964) for the weights of doubtful targets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.pose.collinearity import project
+from scanner_sim.pose.sightings import Flags, Prior, several, some
+from scanner_sim.pose.transforms import cayley, cross_matrix, vector_from_rotation
+
+Array = NDArray[np.float64]
+
+FINE = 1e-8
+"""Step [rad, and of the distance] below which a pose has settled; the error left is its square, or a small share."""
+COARSE = 1e-3
+"""Fall of χ² that a step promises below which a pose is good enough to be compared with others."""
+_MOST_STEPS, _MOST_COARSE_STEPS = 50, 20
+_SHARE_CLOSED = 0.15
+_FIRST_DAMPING, _LAST_DAMPING = 1e-3, 1e9
+_RIDGE = 1e-14
+"""Share of the diagonal that is always added: keeps a singular matrix from stopping the whole batch."""
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Residuals of B poses: W (measured − predicted).
+
+    Attributes
+    ----------
+    points
+        Targets about the centre of the array [m], shape (3, n, B or 1).
+    measured
+        (Θ, φ[, R]), or points (x, y, z) in the scanner frame where ``in_space``, shape (c, n, B).
+    whitening
+        W: 1/σ of each quantity, shape (c, n, B or 1), or a matrix per target, shape (c, c, n, B or 1); zero for what
+        was not measured.
+    in_space
+        Whether points are compared (eq 12), rather than angles and ranges (eq 16).
+    axis_separation
+        D_g [m].
+    huber
+        Standard deviations beyond which a target's residual counts linearly; 0 for plain least squares.
+    prior, centre
+        Pose known before, or None, and the centre of the array [m] (3, B or 1), about which it is moved.
+    """
+
+    points: Array
+    measured: Array
+    whitening: Array
+    in_space: bool
+    axis_separation: float
+    huber: float
+    prior: Prior | None
+    centre: Array
+
+    def some(self, index: Any) -> Problem:
+        """Return the poses ``index``."""
+        return replace(
+            self,
+            points=some(self.points, index),
+            measured=self.measured[..., index],
+            whitening=some(self.whitening, index),
+            prior=None if self.prior is None else self.prior.some(index),
+            centre=some(self.centre, index),
+        )
+
+
+@dataclass
+class Fit:
+    """State of an adjustment of B poses.
+
+    Attributes
+    ----------
+    rotation, position
+        ``scanner_from_object`` (3, 3, B) and the place of the centre of the array [m] (3, B).
+    cost
+        Σ of the squared whitened residuals, or of Huber's function of them (B,).
+    normal, slope
+        N (6, 6, B) and b (6, B).
+    settled
+        Whether the last step was small enough (B,).
+    """
+
+    rotation: Array
+    position: Array
+    cost: Array
+    normal: Array
+    slope: Array
+    settled: Flags
+
+    def some(self, index: Any) -> Fit:
+        """Return the poses ``index``."""
+        return Fit(*(getattr(self, name)[..., index] for name in self.__dataclass_fields__))
+
+
+def place_points(problem: Problem, rotation: Array, position: Array) -> tuple[Array, Array]:
+    """Return (R r, X) of the targets [m], both of shape (3, n, B)."""
+    turned: Array = np.einsum("ijb,jnb->inb", rotation, problem.points)
+    return turned, turned + position[:, None]
+
+
+def predict(problem: Problem, placed: Array) -> tuple[Array, Array | None]:
+    """Return what would be measured of points at ``placed`` (3, n, B) and its gradients; None is the unit matrix."""
+    if problem.in_space:
+        return placed, None
+    return project(placed, problem.axis_separation, with_range=len(problem.measured) == 3)
+
+
+def target_weights(problem: Problem, whitened: Array) -> Array | None:
+    """Return Huber's weights min(1, k/|e|) of the targets, shape (n, B), or None for plain least squares."""
+    if not problem.huber:
+        return None
+    length = np.sqrt(np.sum(whitened * whitened, axis=0))
+    weights: Array = np.minimum(1.0, problem.huber / np.maximum(length, 1e-300))
+    return weights
+
+
+def whiten(problem: Problem, residuals: Array) -> Array:
+    """Return W times the residuals, shape (c, n, B)."""
+    if problem.whitening.ndim == residuals.ndim:
+        return residuals * problem.whitening
+    result: Array = np.einsum("cdnb,dnb->cnb", problem.whitening, residuals)
+    return result
+
+
+def jacobian(problem: Problem, turned: Array, gradients: Array | None) -> Array:
+    """Return W ∂(predicted)/∂(δc, δω), the rows W g and R r × W g, shape (7, c, n, B) with a row left for residuals."""
+    whitening = problem.whitening
+    if gradients is None and whitening.ndim == 4:
+        scaled = np.swapaxes(whitening, 0, 1)
+    elif gradients is None:
+        scaled = np.eye(3)[:, :, None, None] * whitening
+    elif whitening.ndim == 3:
+        scaled = gradients * whitening
+    else:
+        scaled = np.einsum("cdnb,kdnb->kcnb", whitening, gradients)
+    rows = np.empty((7, *np.broadcast_shapes(scaled.shape[1:], turned.shape[1:])))
+    rows[:3] = scaled
+    spare = np.empty(rows.shape[1:])
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(turned[j], scaled[k], out=rows[3 + i])
+        rows[3 + i] -= np.multiply(turned[k], scaled[j], out=spare)
+    return rows
+
+
+def linearise(problem: Problem, rotation: Array, position: Array) -> tuple[Array, Array, Array]:
+    """Return cost (B,), normal matrix (6, 6, B) and right-hand side (6, B) of poses."""
+    turned, placed = place_points(problem, rotation, position)
+    predicted, gradients = predict(problem, placed)
+    whitened = whiten(problem, problem.measured - predicted)
+    rows = jacobian(problem, turned, gradients)
+    rows[6] = whitened
+    weights = target_weights(problem, whitened)
+    if weights is not None:
+        rows *= np.sqrt(weights)
+    # With the residuals as a seventh row one product gives normal matrix, right-hand side and cost.
+    flat = rows.reshape(7, -1, rows.shape[-1])
+    product = np.einsum("akb,ckb->acb", flat, flat)
+    normal, slope, cost = product[:6, :6], product[:6, 6], product[6, 6]
+    if weights is not None:
+        squared = np.sum(whitened * whitened, axis=0)
+        beyond = 2.0 * problem.huber * np.sqrt(squared) - problem.huber**2
+        cost = np.where(squared > problem.huber**2, beyond, squared).sum(axis=0)
+    if problem.prior is not None:
+        apart, change = prior_residual(problem.prior, problem.centre, rotation, position)
+        cost = cost + np.einsum("kb,kb->b", apart, apart)
+        normal = normal + np.einsum("kab,kcb->acb", change, change)
+        slope = slope - np.einsum("kab,kb->ab", change, apart)
+    return cost, normal, slope
+
+
+def prior_residual(prior: Prior, centre: Array, rotation: Array, position: Array) -> tuple[Array, Array]:
+    """Return W (pose − prior), shape (6, B), and its derivative by (δc, δω), shape (6, 6, B).
+
+    The rotation differs by ρ = log(R R₀ᵀ), which changes by J⁻¹(ρ) δω, with J the left Jacobian of the rotations:
+    J⁻¹ = I − ½ [ρ]× + (1/ρ² − (1 + cosρ)/(2ρ sinρ)) [ρ]×² (Barfoot, *State Estimation for Robotics*, 2017, eq 7.76).
+    """
+    arm = np.einsum("ijb,jb->ib", rotation, np.broadcast_to(centre, position.shape))
+    apart = np.einsum("ijb,kjb->ikb", rotation, np.broadcast_to(prior.rotation, rotation.shape))
+    rho = vector_from_rotation(np.moveaxis(apart, -1, 0))
+    angle = np.maximum(np.linalg.norm(rho, axis=-1), 1e-4)
+    cross = cross_matrix(rho)
+    factor = 1.0 / angle**2 - (1.0 + np.cos(angle)) / (2.0 * angle * np.sin(angle))
+    by_turn = np.eye(3) - 0.5 * cross + factor[:, None, None] * (cross @ cross)
+    change = np.zeros((len(rho), 6, 6))
+    change[:, :3, :3] = np.eye(3)
+    change[:, :3, 3:] = cross_matrix(arm.T)
+    change[:, 3:, 3:] = by_turn
+    difference = np.concatenate([position - arm - prior.position, rho.T])
+    return (
+        np.einsum("kab,ab->kb", prior.root, difference),
+        np.einsum("kab,bac->kcb", np.broadcast_to(prior.root, (6, 6, len(rho))), change),
+    )
+
+
+def begin(problem: Problem, rotation: Array, position: Array) -> Fit:
+    """Return the state of an adjustment at poses (3, 3, B) and (3, B): see :func:`adjust`."""
+    return Fit(
+        rotation.copy(),
+        position.copy(),
+        *linearise(problem, rotation, position),
+        np.zeros(position.shape[1], dtype=bool),
+    )
+
+
+def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
+    """Improve poses until they settle.
+
+    Parameters
+    ----------
+    problem
+        The residuals of B poses.
+    start
+        Where to start, from :func:`begin` or an earlier adjustment of the same problem; it is used up.
+    until
+        :data:`FINE`, a bound on the step, or :data:`COARSE`, a bound on the fall of χ² that it promises.
+
+    Returns
+    -------
+    Fit
+        Not settled are those that need more than 50 steps (20 for a coarse adjustment), or that no damping brings down.
+        A pose does not depend on the others of its batch.
+    """
+    done = fit = start
+    live, damping = np.arange(len(start.cost)), np.zeros(len(start.cost))
+    closed = ~np.isfinite(start.cost)
+    for _ in range(_MOST_STEPS if until == FINE else _MOST_COARSE_STEPS):
+        matrix = fit.normal.copy("C")
+        matrix.reshape(36, -1)[::7] *= 1.0 + _RIDGE + damping
+        step = _solve(matrix, fit.slope)
+        turned = np.einsum("ijb,jkb->ikb", cayley(step[3:]), fit.rotation)
+        moved = fit.position + step[:3]
+        length, turn = np.abs(step).reshape(2, 3, -1).max(axis=1)
+        small = (turn < FINE) & (length < FINE * np.abs(fit.position).max(axis=0))
+        if until == COARSE:
+            small |= np.einsum("ab,ab->b", step, fit.slope) < COARSE
+        small &= damping < 2.0 * _FIRST_DAMPING
+        trial = Fit(turned, moved, *linearise(problem, turned, moved), small)
+        better = (trial.cost <= fit.cost) | (small & np.isfinite(trial.cost))
+        if not better.all():
+            worse = np.flatnonzero(~better)
+            _store(fit.some(worse), trial, worse)
+            trial.settled = better & small
+        fit = trial
+        if damping.any() or not better.all():
+            damping = np.where(better, 0.1 * damping, np.maximum(10.0 * damping, _FIRST_DAMPING))
+            damping[damping < 1e-5] = 0.0
+        finished = (fit.settled | (damping > _LAST_DAMPING)) & ~closed
+        if not finished.any():
+            continue
+        if len(live) == len(start.cost) and finished.all():
+            return fit
+        index = np.flatnonzero(finished)
+        _store(fit.some(index), done, live[index])
+        closed |= finished
+        if closed.all():
+            return done
+        # Copying the open ones together pays only when there are clearly fewer of them.
+        if closed.mean() > _SHARE_CLOSED:
+            going = several(np.flatnonzero(~closed))
+            live, fit, problem, damping = live[going], fit.some(going), problem.some(going), damping[going]
+            closed = closed[going]
+    index = np.flatnonzero(~closed)
+    _store(fit.some(index), done, live[index])
+    return done
+
+
+def _store(fit: Fit, into: Fit, index: NDArray[np.intp]) -> None:
+    for name in fit.__dataclass_fields__:
+        getattr(into, name)[..., index] = getattr(fit, name)
+
+
+def _solve(matrix: Array, right: Array) -> Array:
+    """Return the solutions (6, B) of matrix (6, 6, B) · x = right (6, B)."""
+    stacked = matrix.transpose(2, 0, 1)
+    try:
+        solved = np.linalg.solve(stacked, right.T[..., None])[..., 0]
+    except np.linalg.LinAlgError:  # one exactly singular matrix stops them all: least-norm steps instead
+        solved = np.einsum("bij,jb->bi", np.linalg.pinv(stacked, hermitian=True), right)
+    return np.ascontiguousarray(solved.T)

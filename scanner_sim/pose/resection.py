@@ -1,0 +1,207 @@
+"""Where resection starts: poses from angles alone, for planar arrays and for any three targets.
+
+Both take the beams as if they met in one point, the virtual origin at the mean φ, which the exact adjustment that
+follows does not. A plane has two such poses, because a small tilt to one side looks nearly as one to the other: from
+the homography to its tangent and from there in closed form (Collins and Bartoli, *Int. J. Comput. Vision* 109 (2014)
+252). Three points have up to four (Grunert 1841, in the form of Haralick et al., *Int. J. Comput. Vision* 13 (1994)
+331).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.pose.collinearity import bearings, virtual_origin
+from scanner_sim.pose.sightings import Flags, Sightings, shared
+
+Array = NDArray[np.float64]
+
+PLANAR = 0.05
+"""Thickness of an array over its lesser width below which it starts as a plane."""
+
+
+def planar_starts(sightings: Sightings) -> tuple[Array, Array]:
+    """Return both poses of planar arrays of at least four targets.
+
+    With the plane's coordinates (X, Y) about the middle, u (1 + g·(X, Y)) = h_u·(1, X, Y) and the same for v: the
+    parts of both that no linear function of (X, Y) can explain are two equations for g, or more, solved by least
+    squares. The homography has the derivative J at the middle, and R₂₂ the upper left quarter of the rotation from the plane to a
+    frame along the sight, B R₂₂ = z J with B the projection's derivative: the largest singular value of a quarter of a
+    rotation is 1, so z = 1/σ_max(B⁻¹J), and its columns are completed to unit length in two ways.
+
+    Returns
+    -------
+    tuple
+        R (3, 3, 2, B) and c [m] (3, 2, B): ``scanner_from_object``, for the centre of the array. NaN where four of
+        the targets are not in general position.
+    """
+    seen = shared(sightings.seen)
+    middle, _, axes = sightings.principal
+    along, across = axes[:, 1], axes[:, 2]
+    about = sightings.points - middle[:, None]
+    plane = np.stack([np.einsum("inb,ib->nb", about, along), np.einsum("inb,ib->nb", about, across)])
+    rays = bearings(*sightings.values[:2])
+    image = np.where(sightings.seen, rays[:2] / rays[2], 0.0)
+
+    design = np.stack([np.ones_like(plane[0]), *plane]) * np.broadcast_to(seen, plane[0].shape)
+    inverse = np.linalg.pinv(design.transpose(2, 0, 1)).transpose(2, 1, 0)  # (3, n, B or 1)
+    products = np.einsum("inb,jnb->ijnb", image, plane)  # u X, u Y; v X, v Y
+    linear = np.einsum("knb,ijnb->kijb", inverse, products)
+    rest = products - np.einsum("knb,kijb->ijnb", design, linear)
+    alone = np.einsum("knb,inb->kib", inverse, image)
+    left_over = image - np.einsum("knb,kib->inb", design, alone)
+    xx, yy = np.einsum("ijnb,ijnb->jb", rest, rest)
+    xy = np.einsum("inb,inb->b", rest[:, 0], rest[:, 1])
+    bx, by = -np.einsum("ijnb,inb->jb", rest, left_over)
+    determinant = xx * yy - xy * xy
+    g = np.stack([(yy * bx - xy * by) / determinant, (xx * by - xy * bx) / determinant])
+    homography = alone + np.einsum("kijb,jb->kib", linear, g)  # rows 1, X, Y; columns u, v
+    centre_image, slopes = homography[0], np.swapaxes(homography[1:], 0, 1)
+    tangent = slopes - centre_image[:, None] * g[None]
+
+    sight = np.concatenate([centre_image, np.ones_like(centre_image[:1])])
+    to_sight = _towards(sight / np.sqrt(np.sum(sight * sight, axis=0)))
+    projection = to_sight[:2, :2] - centre_image[:, None] * to_sight[2:, :2]
+    quarter = _inverse_of_two(projection, tangent)
+    (a, b), (c, d) = quarter
+    size = np.sqrt(
+        0.5 * (a * a + b * b + c * c + d * d + np.hypot(a * a + c * c - b * b - d * d, 2.0 * (a * b + c * d)))
+    )
+    a, b, c, d = a / size, b / size, c / size, d / size
+    first, second = (
+        np.sqrt(np.maximum(1.0 - a * a - c * c, 0.0)),
+        np.sqrt(np.maximum(1.0 - b * b - d * d, 0.0)),
+    )
+    second = np.where(a * b + c * d > 0.0, -second, second)
+    origin = virtual_origin(_mean_phi(sightings), sightings.axis_separation)
+    rotations, positions = [], []
+    for sign in (1.0, -1.0):
+        x, y = np.stack([a, c, sign * first]), np.stack([b, d, sign * second])
+        turned = np.einsum("ijb,jkb->ikb", to_sight, np.stack([x, y, _cross(x, y)], axis=1))
+        frame = np.stack([along, across, _cross(along, across)], axis=1)
+        rotation = np.einsum("ikb,jkb->ijb", turned, frame)
+        rotations.append(rotation)
+        positions.append(
+            origin + sight / size - np.einsum("ijb,jb->ib", rotation, np.broadcast_to(middle, sight.shape))
+        )
+    return np.stack(rotations, axis=2), np.stack(positions, axis=1)
+
+
+def widest_three(points: Array, used: Flags) -> NDArray[np.intp]:
+    """Return three targets far from one another, shape (3, B), from points (3, n, B or 1) and flags (n, B).
+
+    The farthest from the middle, the farthest from it, and the one with the largest triangle.
+    """
+    share = used / np.maximum(used.sum(axis=0), 1)
+    middle = np.einsum("inb,nb->ib", points, share)
+    points = np.broadcast_to(points, (3, *used.shape))
+    poses = np.arange(used.shape[1])
+
+    def farthest(measure: Array) -> NDArray[np.intp]:
+        chosen: NDArray[np.intp] = np.where(used, measure, -1.0).argmax(axis=0)
+        return chosen
+
+    first = farthest(np.sum((points - middle[:, None]) ** 2, axis=0))
+    from_first = points - points[:, first, poses][:, None]
+    second = farthest(np.sum(from_first**2, axis=0))
+    side = from_first[:, second, poses][:, None]
+    third = farthest(np.sum(_cross(from_first, side) ** 2, axis=0))
+    return np.stack([first, second, third])
+
+
+def three_point_starts(sightings: Sightings, three: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Return the poses that three targets of each case allow.
+
+    Parameters
+    ----------
+    sightings
+        B poses.
+    three
+        Numbers of the targets, shape (3, B).
+
+    Returns
+    -------
+    tuple
+        R (3, 3, 8, B) and c [m] (3, 8, B). The law of cosines in the three triangles of sight gives a quartic for
+        v = s₃/s₁; each of its roots (real parts: noise makes a pair of equal roots complex) has two s₂, of which one
+        belongs to the third side; both are given, so that the adjustment chooses. NaN where there is no such root.
+    """
+    poses = np.arange(sightings.count)
+    corners = np.broadcast_to(sightings.points, (3, *sightings.seen.shape))[:, three, poses]  # (3, 3, B)
+    theta, phi = sightings.values[:2, three, poses]
+    rays = bearings(theta, phi)
+    origin = virtual_origin(phi.mean(axis=0), sightings.axis_separation)
+    aa, bb, cc = (np.sum((corners[:, i] - corners[:, j]) ** 2, axis=0) for i, j in ((1, 2), (0, 2), (0, 1)))
+    ca, cb, cg = (np.sum(rays[:, i] * rays[:, j], axis=0) for i, j in ((1, 2), (0, 2), (0, 1)))
+    d, s, k, m = (aa - cc) / bb, (aa + cc) / bb, cc / bb, aa / bb
+    quartic = (
+        (d - 1.0) ** 2 - 4.0 * k * ca**2,
+        4.0 * (d * (1.0 - d) * cb - (1.0 - s) * ca * cg + 2.0 * k * ca**2 * cb),
+        2.0
+        * (
+            d**2
+            - 1.0
+            + 2.0 * d**2 * cb**2
+            + 2.0 * (1.0 - k) * ca**2
+            - 4.0 * s * ca * cb * cg
+            + 2.0 * (1.0 - m) * cg**2
+        ),
+        4.0 * (-d * (1.0 + d) * cb + 2.0 * m * cg**2 * cb - (1.0 - s) * ca * cg),
+        (1.0 + d) ** 2 - 4.0 * m * cg**2,
+    )
+    leading = np.where(np.abs(quartic[0]) < 1e-12, 1e-12, quartic[0])
+    companion = np.zeros((len(poses), 4, 4))
+    companion[:, 0] = -np.stack(quartic[1:], axis=-1) / leading[:, None]
+    companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
+    v = np.linalg.eigvals(np.nan_to_num(companion, posinf=0.0, neginf=0.0)).real.T  # (4, B)
+    v = np.where(v > 0.0, v, np.nan)
+    s1 = np.sqrt(bb / (1.0 + v * v - 2.0 * v * cb))
+    root = np.sqrt(np.maximum(cg**2 - 1.0 + cc / s1**2, 0.0))
+    s1, v = np.concatenate([s1, s1]), np.concatenate([v, v])
+    s2 = s1 * np.concatenate([cg + root, cg - root])
+    placed = rays[:, :, None] * np.stack([s1, np.where(s2 > 0.0, s2, np.nan), s1 * v])  # (3, 3, 8, B)
+    in_scanner, in_object = _triad(placed), _triad(corners)
+    rotation = np.einsum("ikab,jkb->ijab", in_scanner, in_object)
+    away = np.einsum("ijab,jb->iab", rotation, corners.mean(axis=1))
+    return rotation, placed.mean(axis=1) - away + origin[:, None]
+
+
+def _mean_phi(sightings: Sightings) -> Array:
+    mean: Array = (sightings.values[1] * sightings.seen).sum(axis=0) / np.maximum(
+        sightings.seen.sum(axis=0), 1
+    )
+    return mean
+
+
+def _cross(a: Array, b: Array) -> Array:
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _triad(corners: Array) -> Array:
+    """Return orthonormal axes, the columns of (3, 3, ...), of triangles (3 coordinates, 3 corners, ...)."""
+    along, other = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    normal = _cross(along, other)
+    x, z = (vector / np.sqrt(np.sum(vector * vector, axis=0)) for vector in (along, normal))
+    return np.stack([x, _cross(z, x), z], axis=1)
+
+
+def _towards(unit: Array) -> Array:
+    """Return the shortest turns (3, 3, B) that bring z onto unit vectors (3, B) with z > −1."""
+    x, y, z = unit
+    f = 1.0 / (1.0 + z)
+    return np.stack(
+        [
+            np.stack([1.0 - f * x * x, -f * x * y, x]),
+            np.stack([-f * x * y, 1.0 - f * y * y, y]),
+            np.stack([-x, -y, z]),
+        ]
+    )
+
+
+def _inverse_of_two(matrix: Array, right: Array) -> Array:
+    """Return the solutions of 2 × 2 systems: matrix (2, 2, B), right (2, 2, B)."""
+    (a, b), (c, d) = matrix
+    adjugate = np.stack([np.stack([d, -b]), np.stack([-c, a])])
+    result: Array = np.einsum("ijb,jkb->ikb", adjugate, right) / (a * d - b * c)
+    return result

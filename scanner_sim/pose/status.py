@@ -1,0 +1,45 @@
+"""Status codes of poses: why there is none, or why it should be doubted, each with its sentence."""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+
+class PoseStatus(IntEnum):
+    """Outcome of one pose. The codes are stable: new ones are added at the end."""
+
+    VALID = 0
+    AMBIGUOUS = 1
+    HIDDEN = 2
+    TOO_FEW = 3
+    COLLINEAR = 4
+    NOT_CONVERGED = 5
+    MIRRORED = 6
+    NO_CONSENSUS = 7
+
+    @property
+    def sentence(self) -> str:
+        """What the code says, in words."""
+        return _SENTENCES[self]
+
+    @property
+    def has_pose(self) -> bool:
+        """Whether a pose stands beside the code, rather than NaN."""
+        return self in (PoseStatus.VALID, PoseStatus.AMBIGUOUS)
+
+
+_SENTENCES = {
+    PoseStatus.VALID: "a pose was found",
+    PoseStatus.AMBIGUOUS: "a pose was found, but another, listed beside it, fits nearly as well",
+    PoseStatus.HIDDEN: "no target was measured",
+    PoseStatus.TOO_FEW: "fewer than three targets were measured",
+    PoseStatus.COLLINEAR: "the measured targets lie on one line: the turn about it is open",
+    PoseStatus.NOT_CONVERGED: "the adjustment did not settle",
+    PoseStatus.MIRRORED: "the targets fit their mirror image: check the signs of the surveyed points",
+    PoseStatus.NO_CONSENSUS: "too few targets agree on one pose",
+}
+
+
+def legend() -> dict[str, str]:
+    """Return ``{code: "NAME: sentence"}`` for file headers."""
+    return {str(int(member)): f"{member.name}: {member.sentence}" for member in PoseStatus}
