@@ -83,13 +83,14 @@ def test_fits_that_do_not_come_to_rest_are_refused() -> None:
     """Without the test of shape lines of unrelated charges still do not all get a position, and real spots do."""
     rng = np.random.default_rng(0)
     jumble = 1e5 * rng.random((500, PIXELS)) ** 3
+    brightest = jumble.argmax(axis=1)
+    jumble[np.arange(500), brightest] *= 1.1  # so that noise does not choose between equals
     peaks = fitted(jumble, 1.0, "shot", "read")
     status, position = peaks.status.numpy(), peaks.position.numpy()
     assert (status == Status.BAD_SHAPE).mean() > 0.05
     valid = status == Status.VALID
     assert np.isfinite(peaks.sigma.numpy()[valid]).all()
-    # Noise decides between pixels of nearly equal charge, so not quite all lie about the brightest one.
-    assert (np.abs(position - jumble.argmax(axis=1))[valid] <= 4.0).mean() > 0.98
+    assert (np.abs(position - brightest)[valid] <= 4.0).all()
     spots = fitted(lines(rng.uniform(20.0, 40.0, 500), 1.0, 1e5), 1.0, "shot", "read")
     assert (spots.status.numpy() == Status.VALID).all()
 
