@@ -1,0 +1,184 @@
+"""The laser's pulse: its energy, its shape in time and how often it is fired."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from scanner_sim.constants import SPEED_OF_LIGHT
+from scanner_sim.errors import Fault, InputError
+from scanner_sim.parts import InputFile, Part
+from scanner_sim.units import Energy, Frequency, Power, Time
+
+Array = NDArray[np.float64]
+
+PulseFile = Annotated[Path, InputFile((".csv",)), Field(examples=["pulse.csv"])]
+
+FWHM: Final = 2.0 * math.sqrt(2.0 * math.log(2.0))
+"""Full width at half maximum of a Gaussian over its standard deviation."""
+
+_PEAK_POWER = 100.0
+"""Peak power [W] where a scenario gives neither power nor energy."""
+_T2_WIDTH = 3.394607797
+"""Full width at half maximum of t² e^(−t/τ), in units of τ."""
+_LARGEST = 100_000
+"""Lines of the largest file that is read."""
+
+
+class Pulse(Part):
+    """A pulsed laser; time 0 of a pulse is the centroid of its power.
+
+    Shapes: ``gaussian``; ``t2_exponential``, P ∝ t² e^(−t/τ), which rises fast and falls slowly (Carlsson, Steinvall,
+    Letalick, *Signature simulation and signal analysis for 3-D laser radar*, FOI-R-0163-SE, 2001); or the name of a
+    CSV file with lines of time [s] and power (in any unit) of a measured pulse.
+    """
+
+    peak_power: Power | None = Field(default=None, gt=0.0, le=1e9)
+    """Highest power; 100 W where neither this nor ``energy`` is given."""
+    energy: Energy | None = Field(default=None, gt=0.0, le=1e3)
+    """Energy of a pulse, instead of ``peak_power``."""
+    width: Time = Field(default=2e-9, ge=1e-12, le=1e-3)
+    """Full width at half maximum of the named shapes; a file has its own."""
+    shape: Literal["gaussian", "t2_exponential"] | PulseFile = "gaussian"
+    """Shape in time, or a CSV file of samples."""
+    repetition_rate: Frequency = Field(default=20e3, ge=1.0, le=1e9)
+    """Pulses per second."""
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield power beside energy, a file that holds no pulse, and pulses longer than their period."""
+        if self.peak_power is not None and self.energy is not None:
+            yield Fault("energy", "a pulse has a peak power or an energy, not both.", "Keep one of them.")
+        if isinstance(self.shape, Path):
+            try:
+                read_pulse(self.shape)
+            except InputError as error:
+                yield Fault("shape", error.message, error.remedy)
+                return
+        if self.length > 1.0 / self.repetition_rate:
+            yield Fault(
+                "repetition_rate",
+                f"the pulse lasts {self.length:.3g} s, longer than the period of {1.0 / self.repetition_rate:.3g} s.",
+                "Lower the rate, or shorten the pulse.",
+            )
+
+    def samples(self) -> tuple[Array, Array]:
+        """Return times [s] from the centroid, ascending, and power there per energy [1/s]; linear between them.
+
+        The trapezoidal area is 1 and the centroid 0.
+        """
+        if isinstance(self.shape, Path):
+            time, power = read_pulse(self.shape)
+        elif self.shape == "gaussian":
+            time = np.linspace(-7.0, 7.0, 2049) * self.width / FWHM
+            power = np.exp(-0.5 * np.linspace(-7.0, 7.0, 2049) ** 2)
+        else:
+            scaled = np.linspace(0.0, 30.0, 4097)
+            time, power = scaled * self.width / _T2_WIDTH, scaled**2 * np.exp(-scaled)
+        power = power / np.trapezoid(power, time)
+        # The centroid of a polygon: exact where time · power is integrated piece by piece.
+        step, left, right = np.diff(time), power[:-1], power[1:]
+        middle = np.sum(step * (time[:-1] * (2.0 * left + right) + time[1:] * (left + 2.0 * right))) / 6.0
+        return time - middle, power
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of the pulse in time [s]."""
+        if self.shape == "gaussian":
+            return self.width / FWHM
+        time, power = self.samples()
+        return math.sqrt(float(np.trapezoid(power * time**2, time)))
+
+    @property
+    def length(self) -> float:
+        """Time [s] outside of which there is no power worth counting."""
+        time, _ = self.samples()
+        return float(time[-1] - time[0])
+
+    @property
+    def pulse_energy(self) -> float:
+        """Energy of a pulse [J]."""
+        if self.energy is not None:
+            return self.energy
+        peak = _PEAK_POWER if self.peak_power is None else self.peak_power
+        if self.shape == "gaussian":
+            return peak * self.sigma * math.sqrt(2.0 * math.pi)
+        return peak / float(self.samples()[1].max())
+
+    @property
+    def mean_power(self) -> float:
+        """Power averaged over the pulses and the time between them [W]."""
+        return self.pulse_energy * self.repetition_rate
+
+    @property
+    def ambiguity_range(self) -> float:
+        """Range c/(2 rate) [m] from which on an echo is taken for one of the next pulse."""
+        return SPEED_OF_LIGHT / (2.0 * self.repetition_rate)
+
+    def doubts(self, farthest: float) -> Iterator[str]:
+        """Yield a sentence if a scene that reaches ``farthest`` [m] is deeper than the ambiguity range."""
+        if farthest > self.ambiguity_range:
+            yield (
+                f"pulse.repetition_rate: the scene reaches {farthest:.4g} m, beyond the ambiguity range of "
+                f"{self.ambiguity_range:.4g} m; echoes from beyond are taken for near ones"
+            )
+
+
+def read_pulse(path: Path) -> tuple[Array, Array]:
+    """Read a measured pulse.
+
+    Parameters
+    ----------
+    path
+        CSV file; each line has a time [s] and a power. Lines that begin with # are left out.
+
+    Returns
+    -------
+    tuple
+        Times [s], ascending, and powers, shape (n,), n ≥ 3.
+
+    Raises
+    ------
+    InputError
+        If the file has no such lines, negative powers, times that do not ascend, or no power at all.
+    """
+    remedy = "Write lines of time in seconds and power, as 1e-9,0.5"
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path.name} cannot be read: {error}.", remedy=remedy) from None
+    lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
+    if len(lines) < 3:
+        raise InputError(f"{path.name} has {len(lines)} samples; a pulse needs three.", remedy=remedy)
+    if len(lines) > _LARGEST:
+        raise InputError(f"{path.name} has more than {_LARGEST} samples.", remedy="Thin them out.")
+    values = []
+    for number, line in enumerate(lines, 1):
+        try:
+            time, power = (float(word) for word in line.split(","))
+        except ValueError:
+            raise InputError(f"{path.name}: sample {number} is not two numbers.", remedy=remedy) from None
+        values.append((time, power))
+    table = np.array(values)
+    if not np.isfinite(table).all():
+        raise InputError(f"{path.name} has samples that are not finite.", remedy="Remove them.")
+    descends = np.flatnonzero(np.diff(table[:, 0]) <= 0.0)
+    if descends.size:
+        raise InputError(
+            f"{path.name}: the time of sample {descends[0] + 2} is not later than the one before.",
+            remedy="Sort the samples by time, and keep one of each time.",
+        )
+    if (table[:, 1] < 0.0).any():
+        first = int(np.flatnonzero(table[:, 1] < 0.0)[0]) + 1
+        raise InputError(
+            f"{path.name}: the power of sample {first} is negative.",
+            remedy="Take the baseline off and cut the pulse where the noise begins.",
+        )
+    if not table[:, 1].any():
+        raise InputError(f"{path.name} has no power.", remedy=remedy)
+    return table[:, 0], table[:, 1]
