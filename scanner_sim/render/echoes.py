@@ -1,0 +1,292 @@
+"""Echoes: the pulse's light from the laser over the scene into the photodiode, each beamlet with its own path.
+
+A beamlet's path is the line from the laser to the surface and from there to the lens node. To the node, not to the
+point of the aperture that it is seen from: by Fermat's principle all ways through the lens to one image point are
+optically as long (Born and Wolf, *Principles of optics*, 7th ed., 1999, sec. 3.3.2). The surface's tangent plane turns
+the beamlet's width into a spread of its path, so that slopes stretch the pulse; beamlets at different depths split it.
+
+Not modelled: the index of refraction of air (there is none in orbit), the spread of delays within the lens, and the
+lens's point spread at the edge of the photodiode's field, which cuts sharply.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from scanner_sim.optics.deflection import Frame
+from scanner_sim.render.beamlets import Beamlets, edge_beamlets, smooth_beamlets
+from scanner_sim.render.echo_clusters import gather_echoes
+from scanner_sim.render.light import Truth
+from scanner_sim.render.settings import Transport
+from scanner_sim.render.shots import Shots
+from scanner_sim.render.transport import Bench, connect, device_frame, launch, meet
+from scanner_sim.scene.loader import LoadedScene
+
+CLUSTERS = 16
+"""Echoes that a shot on an edge keeps."""
+_TINY = 1e-6
+_COARSE = 64.0
+"""References of paths are multiples of a 64th of a metre: differences from them are exact in single precision."""
+_GRAZING = 0.02
+"""Least cosine of incidence for the beamlet's footprint; nearer to grazing it stays at this size."""
+_FINE_BATCH = 1 << 22
+"""Beamlets that are traced together where there are many: bounds the memory."""
+_BENT = 5e-3
+"""Departure of a beamlet's path from the tangent plane [m] that calls for more beamlets."""
+_STEP = 20e-3
+"""The same departure [m] that is taken for an edge."""
+_DIFFERENT = 0.1
+"""Relative spread of the returned strength that calls for more beamlets."""
+_SMOOTH, _UNEVEN, _EDGE = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class View:
+    """How the photodiode looks at the scene.
+
+    Attributes
+    ----------
+    offset
+        Whether its lens is the one at the triangulation base; else it looks along the laser.
+    field_of_view
+        Full angle of its round field [rad]. On the laser's axis the field is centred on the beam; beside it the field
+        reaches from infinity inwards, and what is nearer than base/tan(angle) is not seen.
+    """
+
+    offset: bool
+    field_of_view: float
+
+    def frame(self, frame: Frame) -> Frame:
+        """Return the deflected optics with the photodiode's lens in place of the position sensor's."""
+        return frame if self.offset else frame._replace(lens=frame.laser)
+
+    def sees(self, frame: Frame, point: Any) -> Any:
+        """Return whether points lie in the field; ``frame`` is that of :meth:`frame`."""
+        place = mi.Vector3f(point - frame.lens)
+        depth = dr.dot(place, frame.along)
+        half = dr.opaque(mi.Float, math.tan(0.5 * self.field_of_view))
+        aside = -dr.dot(place, frame.across) - (half * depth if self.offset else 0.0)
+        above = dr.dot(place, frame.normal)
+        return (depth > 0.0) & (dr.square(aside) + dr.square(above) <= dr.square(half * depth))
+
+
+@dataclass
+class Echoes:
+    """Echoes of m shots, c Gaussians each, Dr.Jit arrays: entry k · m + j is echo k of shot j.
+
+    ``index`` and ``shot``: place in the batch and number of each shot, shape (m,). ``share`` of the pulse's power that
+    reaches the photodiode; ``path`` there and back [m], from the shot's ``reference`` (m,); its standard deviation
+    ``spread`` [m].
+    """
+
+    index: Any
+    shot: Any
+    share: Any
+    path: Any
+    spread: Any
+    reference: Any
+
+    def joined(self, other: Echoes) -> Echoes:
+        """Return the echoes of both, which must be of the same shots and references."""
+        return Echoes(
+            self.index,
+            self.shot,
+            dr.concat((self.share, other.share)),
+            dr.concat((self.path, other.path)),
+            dr.concat((self.spread, other.spread)),
+            self.reference,
+        )
+
+    def part(self, places: Any) -> Echoes:
+        """Return the echoes of the shots at some places only."""
+        m, some = dr.width(self.index), dr.width(places)
+        lane = dr.arange(mi.UInt32, dr.width(self.share) // m * some)
+        at = (lane // some) * m + dr.gather(mi.UInt32, places, lane % some)
+        part = Echoes(
+            dr.gather(mi.UInt32, self.index, places),
+            dr.gather(mi.UInt32, self.shot, places),
+            dr.gather(mi.Float, self.share, at),
+            dr.gather(mi.Float, self.path, at),
+            dr.gather(mi.Float, self.spread, at),
+            dr.gather(mi.Float, self.reference, places),
+        )
+        dr.eval(part)
+        return part
+
+
+@dataclass
+class Returns:
+    """What each beamlet brings back, Dr.Jit arrays of n · k entries.
+
+    ``share`` of the pulse's power; ``path`` from the shot's reference and its standard deviation ``spread`` [m];
+    ``strength`` per power of the beamlet; ``slope_a``, ``slope_b`` derivatives of the path along the beam's axes per
+    standard deviation of the beam [m]; ``distance`` along the beamlet [m]; ``seen`` 1 where the photodiode sees it;
+    ``shape`` registry index of the surface, 0 for none.
+    """
+
+    share: Any
+    path: Any
+    spread: Any
+    strength: Any
+    slope_a: Any
+    slope_b: Any
+    distance: Any
+    seen: Any
+    shape: Any
+
+
+def render_echoes(
+    loaded: LoadedScene, bench: Bench, view: View, settings: Transport, shots: Shots, seed: int
+) -> tuple[Truth, Iterator[Echoes]]:
+    """Follow the pulses of a batch of shots to the photodiode.
+
+    Parameters
+    ----------
+    loaded, bench, view, settings
+        Scene, optics, the photodiode's look, and how finely the beam is split.
+    shots
+        The n shots with their true deflections.
+    seed
+        Seed of the random paths of several bounces.
+
+    Returns
+    -------
+    Truth
+        Of all shots.
+    iterator of Echoes
+        Groups of shots that together hold every shot once.
+    """
+    from scanner_sim.render.echo_bounces import with_bounces
+
+    count = dr.width(shots.theta)
+    beamlets = smooth_beamlets(settings.beamlets)
+    returns, reference = trace_returns(loaded, bench, view, beamlets, shots)
+    chief = dr.arange(mi.UInt32, count) * len(beamlets.weights)
+    shape = dr.gather(mi.UInt32, returns.shape, chief)
+    truth = Truth(
+        dr.gather(mi.Float, returns.distance, chief),
+        dr.gather(mi.UInt32, loaded.object_of, shape),
+        dr.gather(mi.UInt32, loaded.material_of, shape),
+    )
+    ground = _ground(loaded, bench, beamlets, returns, chief)
+    dr.eval(truth, ground)
+
+    def groups() -> Iterator[Echoes]:
+        smooth: Any = dr.compress(ground == _SMOOTH)
+        if dr.width(smooth):
+            own = dr.gather(mi.Float, reference, smooth)
+            direct = _gathered(returns, smooth, len(beamlets.weights), 1, smooth, shots.some(smooth), own)
+            yield from with_bounces(loaded, bench, view, settings, shots, seed, direct)
+        for kind, fine in ((_UNEVEN, settings.uneven_beamlets), (_EDGE, settings.edge_beamlets)):
+            members = dr.compress(ground == kind)
+            together = max(1, _FINE_BATCH // fine)
+            for start in range(0, dr.width(members), together):
+                some = dr.arange(mi.UInt32, start, min(start + together, dr.width(members)))
+                index = dr.gather(mi.UInt32, members, some)
+                own_shots = shots.some(index)
+                many, own = trace_returns(loaded, bench, view, edge_beamlets(fine), own_shots)
+                every = dr.arange(mi.UInt32, dr.width(index))
+                direct = _gathered(many, every, fine, CLUSTERS, index, own_shots, own)
+                yield from with_bounces(loaded, bench, view, settings, shots, seed, direct)
+
+    return truth, groups()
+
+
+def trace_returns(
+    loaded: LoadedScene, bench: Bench, view: View, beamlets: Beamlets, shots: Shots
+) -> tuple[Returns, Any]:
+    """Return what comes back of all beamlets of all shots, and the reference of the paths of each shot [m]."""
+    n, count = dr.width(shots.theta), len(beamlets.weights)
+    lane = dr.arange(mi.UInt32, n * count)
+    shot = lane // count
+    beamlet = lane - shot * count
+    node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), beamlet) for axis in (0, 1)]
+    stop = [dr.gather(mi.Float, mi.Float(beamlets.aperture[:, axis]), beamlet) for axis in (0, 1)]
+    weight = dr.gather(mi.Float, mi.Float(beamlets.weights), beamlet)
+    theta, phi = (dr.gather(mi.Float, angle, shot) for angle in (shots.theta, shots.phi))
+    frame = view.frame(device_frame(bench, theta, phi))
+    beam = launch(bench, frame, node)
+    si = meet(loaded, beam.origin, beam.direction)
+    hit = si.is_valid()
+    strength, seen = connect(loaded, bench, frame, si, stop, hit)
+    seen &= view.sees(frame, si.p)
+    strength = dr.select(seen, strength, 0.0)
+    back = mi.Vector3f(si.p - frame.lens)
+    length = dr.norm(back)
+    whole = dr.select(hit, si.t + length, 0.0)
+    dr.eval(si, strength, seen, length, whole)
+    # The nearest of what comes back: all paths of the shot are then small numbers of one sign.
+    nearest = dr.block_reduce(dr.ReduceOp.Min, dr.select(hit, whole, dr.inf), count)
+    reference = dr.select(dr.isfinite(nearest), dr.floor(nearest * _COARSE) / _COARSE, 0.0)
+    half = 0.5 * dr.gather(mi.Float, reference, shot)
+    path = (si.t - half) + (length - half)
+
+    # Derivatives of the path along the two axes of the beam, on the surface's tangent plane.
+    cosine: Any = dr.dot(si.n, beam.direction)
+    cosine = dr.select(dr.abs(cosine) < _GRAZING, dr.copysign(mi.Float(_GRAZING), cosine), cosine)
+    laser = bench.laser
+    away = (si.t - dr.opaque(mi.Float, laser.waist_distance)) / dr.opaque(mi.Float, laser.rayleigh_length)
+    scale = dr.opaque(mi.Float, 0.5 * laser.waist_radius) * dr.sqrt(1.0 + dr.square(away))
+    both = beam.direction + back / dr.maximum(length, _TINY)
+
+    def slope(axis: Any) -> Any:
+        moved = axis - beam.direction * (dr.dot(si.n, axis) / cosine)
+        return dr.dot(moved, both) * scale
+
+    slope_a, slope_b = slope(frame.across), slope(frame.normal)
+    spread = dr.opaque(mi.Float, beamlets.width) * dr.sqrt(dr.square(slope_a) + dr.square(slope_b))
+    returns = Returns(
+        share=weight * strength,
+        path=dr.select(hit, path, 0.0),
+        spread=dr.select(hit, spread, 0.0),
+        strength=strength,
+        slope_a=slope_a,
+        slope_b=slope_b,
+        distance=dr.select(hit, si.t, dr.nan),
+        seen=dr.select(seen, mi.UInt32(1), 0),
+        shape=dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0),
+    )
+    dr.eval(returns, reference)
+    return returns, reference
+
+
+def _gathered(
+    returns: Returns, places: Any, count: int, clusters: int, index: Any, shots: Shots, reference: Any
+) -> Echoes:
+    """Gather the returns of the shots at some places into a few echoes."""
+    found = gather_echoes(returns.share, returns.path, returns.spread, places, count, clusters)
+    return Echoes(index, shots.number, *found, reference)
+
+
+def _ground(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, returns: Returns, chief: Any) -> Any:
+    """Tell what each shot's beam meets: smooth ground, uneven ground or an edge."""
+
+    def beamlet(values: Any, number: int) -> Any:
+        return dr.gather(type(values), values, chief + number)
+
+    material = dr.gather(mi.UInt32, loaded.material_of, beamlet(returns.shape, 0))
+    seen, position = beamlet(returns.seen, 0), beamlet(returns.path, 0)
+    slope_a, slope_b = beamlet(returns.slope_a, 0), beamlet(returns.slope_b, 0)
+    # The beam's ruled lines turn about its axis by atan((z − z₀)/z_R).
+    to_waist = beamlet(returns.distance, 0) - dr.opaque(mi.Float, bench.laser.waist_distance)
+    twist = to_waist / dr.opaque(mi.Float, bench.laser.rayleigh_length)
+    cosine = dr.rsqrt(1.0 + dr.square(twist))
+    sine = twist * cosine
+    edge, farthest = mi.Bool(False), mi.Float(0.0)
+    weakest = strongest = beamlet(returns.strength, 0)
+    for number, (a, b) in enumerate(beamlets.nodes.tolist()[1:], 1):
+        edge |= dr.gather(mi.UInt32, loaded.material_of, beamlet(returns.shape, number)) != material
+        edge |= beamlet(returns.seen, number) != seen
+        flat = position + slope_a * (a * cosine - b * sine) + slope_b * (a * sine + b * cosine)
+        farthest = dr.maximum(farthest, dr.abs(beamlet(returns.path, number) - flat))
+        strength = beamlet(returns.strength, number)
+        weakest, strongest = dr.minimum(weakest, strength), dr.maximum(strongest, strength)
+    edge |= (seen == 1) & (farthest > _STEP)
+    uneven = (seen == 1) & (farthest > _BENT) | (strongest - weakest > _DIFFERENT * strongest)
+    return dr.select(edge, mi.UInt32(_EDGE), dr.select(uneven, mi.UInt32(_UNEVEN), mi.UInt32(_SMOOTH)))
