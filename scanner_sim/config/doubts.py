@@ -78,8 +78,8 @@ def _estimator(scenario: Scenario) -> Iterator[str]:
     for distance in (scanner.nearest_range, farthest):
         if width(distance) < _NARROWEST:
             yield (
-                f"scanner.receiver.point_spread: at {distance:.3g} m the spot has a standard deviation of "
-                f"{width(distance):.2g} pixel; below {_NARROWEST:g} no estimator interpolates, not {peak} either"
+                f"scanner.receiver.point_spread: at {distance:.3g} m the spot is narrower than a pixel, its standard "
+                f"deviation {width(distance):.2g}; below {_NARROWEST:g} no estimator interpolates, not {peak} either"
             )
             break
     window = MARGIN["centre_of_mass"]
