@@ -12,4 +12,5 @@ nothing of the simulator's physics is used here: where both agree, two derivatio
 - :mod:`~scanner_sim.analytic.sun`: sunlight against laser light
 - :mod:`~scanner_sim.analytic.retroreflector`: retro-reflecting sheets, beside the laser and around it
 - :mod:`~scanner_sim.analytic.orbit`: eclipses, Earthshine and the Sun's place
+- :mod:`~scanner_sim.analytic.pose`: errors of the pose of a square array
 """

@@ -27,7 +27,7 @@ FINE = 1e-8
 """Step [rad, and of the distance] below which a pose has settled; the error left is its square, or a small share."""
 COARSE = 1e-3
 """Fall of χ² that a step promises below which a pose is good enough to be compared with others."""
-_MOST_STEPS, _MOST_COARSE_STEPS = 50, 20
+_MOST_STEPS, _MOST_COARSE_STEPS, _MOST_HUBER_STEPS = 50, 20, 300
 _SHARE_CLOSED = 0.15
 _FIRST_DAMPING, _LAST_DAMPING = 1e-3, 1e9
 _RIDGE = 1e-14
@@ -231,13 +231,15 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
     Returns
     -------
     Fit
-        Not settled are those that need more than 50 steps (20 for a coarse adjustment), or that no damping brings down.
+        Not settled are those that need more than 50 steps (20 for a coarse adjustment, 300 with
+        Huber's weights, which settle by equal shares), or that no damping brings down.
         A pose does not depend on the others of its batch.
     """
     done = fit = start
     live, damping = np.arange(len(start.cost)), np.zeros(len(start.cost))
     closed = ~np.isfinite(start.cost)
-    for _ in range(_MOST_STEPS if until == FINE else _MOST_COARSE_STEPS):
+    most = _MOST_COARSE_STEPS if until == COARSE else _MOST_HUBER_STEPS if problem.huber else _MOST_STEPS
+    for _ in range(most):
         matrix = fit.normal.copy("C")
         matrix.reshape(36, -1)[::7] *= 1.0 + _RIDGE + damping
         step = _solve(matrix, fit.slope)

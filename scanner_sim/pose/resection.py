@@ -26,9 +26,9 @@ def planar_starts(sightings: Sightings) -> tuple[Array, Array]:
 
     With the plane's coordinates (X, Y) about the middle, u (1 + g·(X, Y)) = h_u·(1, X, Y) and the same for v: the
     parts of both that no linear function of (X, Y) can explain are two equations for g, or more, solved by least
-    squares. The homography has the derivative J at the middle, and R₂₂ the upper left quarter of the rotation from the plane to a
-    frame along the sight, B R₂₂ = z J with B the projection's derivative: the largest singular value of a quarter of a
-    rotation is 1, so z = 1/σ_max(B⁻¹J), and its columns are completed to unit length in two ways.
+    squares. The homography has the derivative J at the middle, and with R₂₂ the upper left quarter of the rotation from
+    the plane to a frame along the sight, B R₂₂ = z J with B the projection's derivative: the largest singular value of
+    a quarter of a rotation is 1, so z = 1/σ_max(B⁻¹J), and its columns are completed to unit length in two ways.
 
     Returns
     -------

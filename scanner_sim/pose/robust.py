@@ -1,8 +1,8 @@
 """Which targets agree on one pose, where some are not what they are taken for.
 
-Fischler and Bolles, *Comm. ACM* 24 (1981) 381 (RANSAC), with the truncated squares of Torr and Zisserman (2000). With
-the few targets of an object all threes can be tried, so nothing is drawn at random; of more than 120 threes every so
-many-th is.
+Fischler and Bolles, *Comm. ACM* 24 (1981) 381 (RANSAC), with the truncated squares of Torr and Zisserman (2000) and a
+fit to what agrees before it is judged (Chum, Matas, Kittler 2003). With the few targets of an object all threes can
+be tried, so nothing is drawn at random; of more than 84 threes every so many-th is.
 """
 
 from __future__ import annotations
@@ -13,25 +13,38 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from scanner_sim.pose.adjustment import COARSE, adjust, begin
+from scanner_sim.pose.adjustment import (
+    COARSE,
+    Problem,
+    adjust,
+    begin,
+    jacobian,
+    place_points,
+    predict,
+    whiten,
+)
 from scanner_sim.pose.points import point_fit
 from scanner_sim.pose.resection import three_point_starts
-from scanner_sim.pose.sightings import Flags, Sightings
-from scanner_sim.pose.solution import squared_lengths
+from scanner_sim.pose.sightings import Flags, Sightings, several
+from scanner_sim.pose.solution import solve
 from scanner_sim.pose.weights import Method, measured_points, problem_of
 
 Array = NDArray[np.float64]
 
-MOST_THREES = 120
-_WIDE = 36.0
-"""Squared standard deviations within which a target agrees with a pose of three: that pose has errors too."""
+MOST_THREES = 84
 _CHANCE = 1e-3
-"""Probability with which a good target is left out in the end."""
+"""Probability with which a good target is left out."""
+_GATE = 4.0
+"""Widening of that limit for the poses of three targets, whose covariance is good to first order only."""
 _ROUNDS = 3
 
 
 def agreeing(sightings: Sightings, method: Method) -> tuple[Flags, Flags]:
     """Return the targets that agree on one pose.
+
+    Each three gives a pose and its covariance C; a further target agrees with it if its residual e does within its own
+    error and that of the pose, eᵀ(1 + J C Jᵀ)⁻¹e < 4 χ²(99.9 %), whitened. A fit to those that agree is then judged by
+    the sum of all squared residuals, each cut at χ²(99.9 %); the least sum wins.
 
     Parameters
     ----------
@@ -43,42 +56,87 @@ def agreeing(sightings: Sightings, method: Method) -> tuple[Flags, Flags]:
     Returns
     -------
     tuple
-        Which targets agree (n, B), and whether they are enough (B,): four for ``uv``, since three angles' pairs always
+        Which targets agree (n, B), and whether they are enough (B,): four for ``uv``, since the angles of three always
         have a pose, three otherwise.
     """
-    poses = np.arange(sightings.count)
-    least = np.full(sightings.count, np.inf)
-    rotation = np.full((3, 3, sightings.count), np.nan)
-    position = np.full((3, sightings.count), np.nan)
+    channels, needed = (2, 4) if method == "uv" else (3, 3)
+    limit = float(chdtri(channels, _CHANCE))
+    # All of them first: a lone three of a small square says little about the fourth. Most often that is all.
+    plain = solve(sightings, method, "covariance", 0.0)
+    squares, kept = _refitted(sightings, method, plain.rotation, plain.position, sightings.seen, limit)
+    doubtful = np.flatnonzero((kept != sightings.seen).any(axis=0))
+    if doubtful.size:
+        doubtful = several(doubtful)
+        least = np.minimum(squares[:, doubtful], limit).sum(axis=0)
+        kept[:, doubtful] = _best_of_threes(sightings.some(doubtful), method, limit, least, kept[:, doubtful])
+    return kept, kept.sum(axis=0) >= needed
+
+
+def _best_of_threes(sightings: Sightings, method: Method, limit: float, least: Array, kept: Flags) -> Flags:
+    """Return the targets (n, B) that agree with the best of the threes, where it is better than ``least`` (B,)."""
     threes = list(combinations(range(len(sightings.seen)), 3))
-    threes = threes[:: -(-len(threes) // MOST_THREES)]
-    for three in threes:
+    for three in threes[:: -(-len(threes) // MOST_THREES)]:
+        chosen = np.full(sightings.count, np.inf)
+        rotation, position = np.tile(np.eye(3)[:, :, None], sightings.count), np.ones((3, sightings.count))
+        agree = np.zeros_like(sightings.seen)
         for turned, placed in _poses_of(sightings, three, method):
-            squares = squared_lengths(sightings, method, turned, placed)
-            score = np.minimum(np.nan_to_num(squares, nan=_WIDE), _WIDE).sum(axis=0)
-            score = np.where(np.isfinite(placed).all(axis=0), score, np.inf)
-            better = score < least
-            least[better] = score[better]
+            apart = _distances(_problem(sightings, method, (turned, placed)), turned, placed, three)
+            apart = np.where(sightings.seen & np.isfinite(apart), apart, np.inf)
+            score = np.minimum(apart, _GATE * limit).sum(axis=0)
+            score = np.where(
+                np.isfinite(placed).all(axis=0) & np.isfinite(turned).all(axis=(0, 1)), score, np.inf
+            )
+            better = score < chosen
+            chosen[better] = score[better]
+            agree[:, better] = apart[:, better] < _GATE * limit
             rotation[..., better], position[..., better] = turned[..., better], placed[..., better]
-    found = np.isfinite(least)
-    rotation[..., ~found], position[..., ~found] = np.eye(3)[:, :, None], np.ones((3, 1))
-    needed = 4 if method == "uv" else 3
-    channels = 2 if method == "uv" else 3
-    kept = squared_lengths(sightings, method, rotation, position) < _WIDE
-    kept &= sightings.seen
-    enough = found & (kept.sum(axis=0) >= needed)
+        squares, agree = _refitted(sightings, method, rotation, position, agree, limit)
+        score = np.where(np.isfinite(chosen), np.minimum(squares, limit).sum(axis=0), np.inf)
+        better = score < least
+        least = np.where(better, score, least)
+        kept = np.where(better, agree, kept)
+    return kept
+
+
+def _refitted(
+    sightings: Sightings, method: Method, rotation: Array, position: Array, agree: Flags, limit: float
+) -> tuple[Array, Flags]:
+    """Fit to the targets that agree, and choose them again; return all squared residuals and the choice (n, B)."""
+    squares = np.full(agree.shape, np.inf)
     for _ in range(_ROUNDS):
-        index = poses[enough]
-        if not index.size:
-            break
-        chosen = sightings.some(index)
-        problem = problem_of(chosen.only(kept[:, index]), method, "covariance")
-        fit = adjust(problem, begin(problem, rotation[..., index], position[..., index]), until=COARSE)
-        rotation[..., index], position[..., index] = fit.rotation, fit.position
-        limit = float(chdtri(channels, _CHANCE))
-        kept[:, index] = (squared_lengths(chosen, method, fit.rotation, fit.position) < limit) & chosen.seen
-        enough = enough & (kept.sum(axis=0) >= needed)
-    return kept, enough
+        problem = _problem(sightings.only(agree), method, (rotation, position))
+        fit = adjust(problem, begin(problem, rotation, position), until=COARSE)
+        rotation, position = fit.rotation, fit.position
+        whole = _problem(sightings, method, (rotation, position))
+        _, placed = place_points(whole, rotation, position)
+        whitened = whiten(whole, whole.measured - predict(whole, placed)[0])
+        squares = np.nan_to_num(np.sum(whitened * whitened, axis=0), nan=np.inf)
+        squares = np.where(sightings.seen, squares, np.inf)
+        agree = squares < limit
+    return squares, agree
+
+
+def _problem(sightings: Sightings, method: Method, pose: tuple[Array, Array]) -> Problem:
+    return problem_of(
+        sightings, method, "covariance", pose=pose if sightings.object_variances is not None else None
+    )
+
+
+def _distances(problem: Problem, rotation: Array, position: Array, three: tuple[int, ...]) -> Array:
+    """Return eᵀ(1 + J C Jᵀ)⁻¹e of all targets (n, B) for poses of three of them, C the inverse of JᵀJ of these."""
+    turned, placed = place_points(problem, rotation, position)
+    predicted, gradients = predict(problem, placed)
+    whitened = whiten(problem, problem.measured - predicted)
+    rows = np.nan_to_num(jacobian(problem, turned, gradients)[:6])
+    own = rows[:, :, list(three)].reshape(6, -1, rows.shape[-1])
+    normal = np.einsum("akb,ckb->bac", own, own)
+    size = np.einsum("baa->ba", normal)[:, :, None] * np.eye(6)
+    # The ridge keeps the poses of three targets nearly on a line, or hidden, from being singular.
+    covariance = np.linalg.inv(normal + 1e-12 * size + 1e-12 * np.eye(6))
+    spread = np.einsum("acnb,bad,denb->nbce", rows, covariance, rows, optimize=True)
+    spread = spread + np.eye(len(whitened))
+    errors = np.nan_to_num(np.moveaxis(whitened, 0, -1))[..., None]
+    return np.asarray((errors * np.linalg.solve(spread, errors)).sum(axis=(-2, -1)))
 
 
 def _poses_of(sightings: Sightings, three: tuple[int, ...], method: Method) -> list[tuple[Array, Array]]:

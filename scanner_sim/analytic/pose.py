@@ -1,0 +1,77 @@
+"""Errors of the pose of a square array of four targets, in closed form.
+
+The array has the side a, stands at the range R on the axis and faces the scanner; its corners are at
+(±h, ±h), h = a/2. To first order a small motion (t, ω) of the array moves the corner (x, y) by
+
+    δx = t_x − ω_z y,   δy = t_y + ω_z x,   δz = t_z + ω_x y − ω_y x,
+
+    δΘ = δx/R − x δz/R²,   δφ = δy/R − y δz/R²,   δR = δz,
+
+where the axis separation against R and (h/R)² against 1 are left out. The normal equations fall apart: t_z and roll ω_z
+stand alone, and t_x goes with ω_y (t_y with ω_x) because x² is h² at every corner: in Θ a tilt looks like a shift of
+h² ω_y/R, and the two are told apart by φ, in which the tilt shows as x y ω_y/R².
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+
+class SquareErrors(NamedTuple):
+    """Standard deviations of the pose of a square array.
+
+    ``lateral`` of t_x and t_y [m], ``depth`` of t_z [m], ``tilt`` of the turns about x and y [rad], ``roll`` of the turn
+    about the axis of sight [rad].
+    """
+
+    lateral: float
+    depth: float
+    tilt: float
+    roll: float
+
+
+def square_resection(sigma: float, R: float, a: float) -> SquareErrors:
+    """Return the errors from angles alone (UV, eq 16).
+
+    lateral σR/√2, depth σR²/(√2 a), tilt 2σR²/a², roll σR/(√2 a), with ``sigma`` the standard deviation of Θ and of φ [rad],
+    ``R`` the range and ``a`` the side [m]. 4.0 mm in depth at 10 m for 1 m and 56.6 µrad.
+    """
+    return SquareErrors(
+        lateral=sigma * R / np.sqrt(2.0),
+        depth=sigma * R**2 / (np.sqrt(2.0) * a),
+        tilt=2.0 * sigma * R**2 / a**2,
+        roll=sigma * R / (np.sqrt(2.0) * a),
+    )
+
+
+def square_points(sigma: float, sigma_range: float, R: float, a: float) -> SquareErrors:
+    """Return the errors from points that count alike (XYZ, eq 11).
+
+    lateral σR/2, depth σ_R/2, tilt σ_R/a, roll σR/(√2 a), with ``sigma`` as in :func:`square_resection` and
+    ``sigma_range`` the standard deviation of the ranges [m].
+    """
+    return SquareErrors(
+        lateral=0.5 * sigma * R,
+        depth=0.5 * sigma_range,
+        tilt=sigma_range / a,
+        roll=sigma * R / (np.sqrt(2.0) * a),
+    )
+
+
+def square_joint(sigma: float, sigma_range: float, R: float, a: float) -> SquareErrors:
+    """Return the errors from angles and ranges, each weighted by its variance.
+
+    The information of both adds: 1/depth² = 2a²/(σ²R⁴) + 4/σ_R², 1/tilt² = a⁴/(4σ²R⁴) + a²/σ_R²,
+    lateral² = (σR)²/4 + (h² tilt/R)², h = a/2; roll as before. Arguments as in :func:`square_points`.
+    """
+    depth = 1.0 / np.sqrt(2.0 * a**2 / (sigma**2 * R**4) + 4.0 / sigma_range**2)
+    tilt = 1.0 / np.sqrt(a**4 / (4.0 * sigma**2 * R**4) + a**2 / sigma_range**2)
+    lateral = np.hypot(0.5 * sigma * R, 0.25 * a**2 * tilt / R)
+    return SquareErrors(float(lateral), float(depth), float(tilt), sigma * R / (np.sqrt(2.0) * a))
+
+
+def crossing_range(sigma: float, sigma_range: float, a: float) -> float:
+    """Return the range [m] from which ranges give the depth better than angles, √(σ_R a/(√2 σ))."""
+    return float(np.sqrt(sigma_range * a / (np.sqrt(2.0) * sigma)))
