@@ -1,0 +1,94 @@
+"""Fusion: ranges by triangulation and by time of flight combined by their σ, with a check that they agree."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import norm
+
+from scanner_sim.status import Status
+
+Array = NDArray[np.float64]
+
+CHANCE = 1e-4
+"""Probability that two right ranges are taken for inconsistent."""
+
+
+@dataclass(frozen=True)
+class Fused:
+    """Combined ranges, arrays of shape (n,).
+
+    ``range`` and ``sigma`` [m], NaN wherever ``status`` is not 0; ``weight`` share of time of flight in the range, 0 to
+    1, NaN likewise; ``triangulation`` and ``time_of_flight`` the status of either after the check.
+    """
+
+    range: Array
+    sigma: Array
+    weight: Array
+    status: NDArray[np.uint32]
+    triangulation: NDArray[np.uint32]
+    time_of_flight: NDArray[np.uint32]
+
+
+def fuse(
+    triangulation: tuple[Array, Array, NDArray[np.uint32]],
+    time_of_flight: tuple[Array, Array, NDArray[np.uint32]],
+    chance: float = CHANCE,
+) -> Fused:
+    """Combine two independent ranges of each voxel.
+
+    Where both are valid and differ by no more than z √(σ₁² + σ₂²), the range is the mean weighted by 1/σ² and its
+    variance 1/(1/σ₁² + 1/σ₂²), the best linear estimate (Aitken, *Proc. Roy. Soc. Edinburgh* 55, 1935). Where they
+    differ by more, which happens by chance with the probability ``chance``, one of them is wrong: the rule is that the
+    one with the larger σ is refused as ``INCONSISTENT`` and the other stands alone. Where one is valid it stands alone;
+    where none is, the status is that of the triangulation.
+
+    Parameters
+    ----------
+    triangulation, time_of_flight
+        Range [m], its σ [m] and status, each of shape (n,).
+    chance
+        Probability that two right ranges are taken for inconsistent; z is the normal quantile of it, two-sided.
+    """
+    (r1, s1, status1), (r2, s2, status2) = triangulation, time_of_flight
+    first, second = status1 == Status.VALID, status2 == Status.VALID
+    limit = float(norm.isf(0.5 * chance))
+    both = first & second
+    with np.errstate(invalid="ignore"):
+        apart = both & (np.abs(r1 - r2) > limit * np.hypot(s1, s2))
+        refuse1, refuse2 = apart & (s1 > s2), apart & ~(s1 > s2)
+    after1 = np.where(refuse1, np.uint32(Status.INCONSISTENT), status1).astype(np.uint32)
+    after2 = np.where(refuse2, np.uint32(Status.INCONSISTENT), status2).astype(np.uint32)
+    use1, use2 = first & ~refuse1, second & ~refuse2
+    # Shares rather than 1/σ²: a σ of 0 is allowed, and two of them share alike.
+    v1, v2 = np.where(use1, s1, np.inf) ** 2, np.where(use2, s2, np.inf) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        weight = np.where(use1 & use2, np.where(v1 + v2 > 0.0, v1 / (v1 + v2), 0.5), use2 * 1.0)
+        mixed = np.where(use1, (1.0 - weight) * r1, 0.0) + np.where(use2, weight * r2, 0.0)
+        variance = np.where(use1 & use2, weight * v2, np.where(use1, v1, v2))
+    none = ~use1 & ~use2
+    status = np.where(none, status1, np.uint32(Status.VALID)).astype(np.uint32)
+    mixed[none] = variance[none] = weight[none] = np.nan
+    return Fused(mixed, np.sqrt(variance), weight, status, after1, after2)
+
+
+def crossing_distance(
+    sigma_time_of_flight: ArrayLike, focal_length: float, baseline: float, sigma_position: float
+) -> Array:
+    """Return the range [m] at which both ways are equally precise, R = √(σ_TOF f d/Δp).
+
+    Nearer, triangulation with σ = R² Δp/(f d) (eq 4) is the better one.
+
+    Parameters
+    ----------
+    sigma_time_of_flight
+        σ of the time of flight [m], constant over the range.
+    focal_length, baseline
+        f and d [m].
+    sigma_position
+        Δp, standard deviation of the position on the sensor [m].
+    """
+    scale = focal_length * baseline / sigma_position
+    return np.sqrt(np.asarray(sigma_time_of_flight, dtype=np.float64) * scale)
