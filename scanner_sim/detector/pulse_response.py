@@ -17,9 +17,9 @@ Array = NDArray[np.float64]
 
 _REACH = 7.0
 """Standard deviations at which a Gaussian ends."""
-_ROWS, _GROWTH = 64, 1.1
-"""Rows of the table and the ratio of their variances; the last is 21 times as wide as the first."""
-_NODES = 4096
+_ROWS, _GROWTH = 128, 1.05
+"""Rows of the table and the ratio of their variances; the last is 22 times as wide as the first."""
+_NODES = 2048
 _GRID = 1 << 16
 
 

@@ -34,6 +34,8 @@ from scanner_sim.status import Status
 
 _CLIPPED_LEVEL = 0.5
 """Level, over the saturation, at which the edges of clipped pulses are timed."""
+_LEAST_LEVEL = 1e-4
+"""Level, over the saturation, of the leading edge where there is no noise to set one."""
 _CALIBRATION = 64
 """Phases at which an estimator's constant error is computed."""
 _LEAST_WHITE = 1e-12
@@ -119,7 +121,8 @@ class PulseDetector:
         self.edges = EdgeTiming(pulse, photodiode, digitiser, self.noise, settings.fraction)
         self.full = photodiode.saturation / self.step if photodiode.noise.saturation else math.inf
         level = settings.level
-        self.level = float(self._dark_threshold) if level is None else level / self.step
+        least = _LEAST_LEVEL * photodiode.saturation / self.step
+        self.level = max(self._dark_threshold, least) if level is None else level / self.step
         if not self.level < self.full:
             raise InputError(
                 f"the level of {self.level * self.step:.3g} A is not below the saturation of "

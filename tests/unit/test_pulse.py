@@ -1,0 +1,149 @@
+"""The pulse, the photodiode and the clock: what they say of themselves, and what they refuse."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import drjit.auto.ad as auto
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from scanner_sim.analytic import time_of_flight as judge
+from scanner_sim.detector.noise_colour import colouring_taps, correlation
+from scanner_sim.detector.photodiode import Digitiser, Photodiode, background_power
+from scanner_sim.detector.pulse_response import PulseResponse
+from scanner_sim.errors import InputError
+from scanner_sim.optics.pulse import Pulse, read_pulse
+from scanner_sim.render.device import Device
+from scanner_sim.signals.pulse_detection import PulseDetector
+from scanner_sim.signals.pulse_settings import PulseDetection
+
+
+@pytest.mark.parametrize("shape", ["gaussian", "t2_exponential"])
+def test_a_named_pulse_has_its_width_area_centroid_and_peak(shape: Any) -> None:
+    """Half the peak spans the width; the area is the energy; the centroid is 0; the peak is the peak power."""
+    pulse = Pulse(shape=shape, width=3e-9, peak_power=50.0)
+    time, power = pulse.samples()
+    above = time[power >= 0.5 * power.max()]
+    assert above[-1] - above[0] == pytest.approx(3e-9, abs=2.1 * (time[1] - time[0]))
+    assert np.trapezoid(power, time) == pytest.approx(1.0, abs=1e-6)
+    assert abs(np.trapezoid(power * time, time)) < 1e-6 * pulse.sigma
+    assert pulse.pulse_energy * power.max() == pytest.approx(50.0, rel=1e-5)
+
+
+def test_the_preset_is_a_tenth_of_a_microjoule_twice() -> None:
+    """100 W and 2 ns are 0.213 µJ, at 20 kHz 4.3 mW: below the 10 mW average of the preset."""
+    assert Pulse().pulse_energy == pytest.approx(0.2129e-6, rel=1e-3)
+    assert Pulse().mean_power < 10e-3
+    assert Pulse(energy=1e-6).pulse_energy == 1e-6
+
+
+def test_a_measured_pulse_is_read_centred_and_scaled(tmp_path: Path) -> None:
+    file = tmp_path / "pulse.csv"
+    file.write_text("# time, power\n5e-9,0\n6e-9,4\n8e-9,0\n")
+    pulse = Pulse(shape=file, energy=1e-6)
+    time, power = pulse.samples()
+    # A triangle: its centroid is the mean of its corners.
+    np.testing.assert_allclose(time, np.array([5.0, 6.0, 8.0]) * 1e-9 - 19e-9 / 3.0, atol=1e-18)
+    assert power.max() == pytest.approx(2.0 / 3e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "0 samples"),
+        ("0,1\n1,1\n", "2 samples"),
+        ("0,0\n1e-9,-1\n2e-9,0\n", "sample 2 is negative"),
+        ("0,0\n2e-9,1\n1e-9,0\n", "sample 3 is not later"),
+        ("0,0\n0,1\n1e-9,0\n", "sample 2 is not later"),
+        ("0,0\n1e-9,0\n2e-9,0\n", "no power"),
+        ("0,0\n1e-9,nan\n2e-9,0\n", "not finite"),
+        ("0,0\n1e-9;1\n2e-9,0\n", "sample 2 is not two numbers"),
+    ],
+)
+def test_a_bad_pulse_file_is_refused_with_its_reason(tmp_path: Path, text: str, problem: str) -> None:
+    file = tmp_path / "pulse.csv"
+    file.write_text(text)
+    with pytest.raises(InputError, match=problem):
+        read_pulse(file)
+    with pytest.raises(ValidationError, match=problem):
+        Pulse(shape=file)
+
+
+@pytest.mark.parametrize(
+    ("make", "problem"),
+    [
+        (lambda: Pulse(peak_power=1.0, energy=1.0), "not both"),
+        (lambda: Pulse(width=1e-6, repetition_rate=1e6), "longer than the period"),
+        (lambda: Photodiode(gain=0.5), "greater than or equal to 1"),
+        (lambda: Photodiode(bulk_dark_current=1e-4, gain=100.0), "dark current"),
+        (lambda: Digitiser(gate=(5.0, 2.0)), "ascend"),
+        (lambda: Digitiser(gate=(0.0, 1e6)), "samples per shot"),
+        (lambda: Digitiser(rate=1.0), "greater than or equal to 1000000"),
+    ],
+)
+def test_contradictions_are_faults(make: Any, problem: str) -> None:
+    with pytest.raises(ValidationError, match=problem):
+        make()
+
+
+def test_a_scene_beyond_the_ambiguity_range_is_doubted() -> None:
+    pulse = Pulse(repetition_rate=1e6)
+    assert pulse.ambiguity_range == pytest.approx(149.9, abs=0.1)
+    assert not list(pulse.doubts(149.0))
+    assert "149.9 m" in next(pulse.doubts(151.0))
+
+
+def test_a_level_beyond_the_saturation_is_refused(device: Device) -> None:
+    detection = PulseDetection(timing="leading_edge", level=1e-3)
+    with pytest.raises(InputError, match="not below the saturation"):
+        PulseDetector(Pulse(), Photodiode(saturation=0.5e-3), Digitiser(), detection)
+
+
+def test_the_diode_agrees_with_the_judge() -> None:
+    """F of McIntyre is 5.5 at M = 10 and k = 0.45; the noise bandwidth of a Gaussian is 1.064 B."""
+    diode = Photodiode()
+    assert diode.excess_noise == pytest.approx(judge.excess_noise(10.0, 0.45), rel=1e-12)
+    assert diode.excess_noise == pytest.approx(5.545, abs=1e-3)
+    assert diode.noise_bandwidth == pytest.approx(judge.noise_bandwidth(200e6), rel=1e-9)
+
+
+def test_background_is_radiance_times_etendue() -> None:
+    """A narrow field has the solid angle π/4 angle²: to 1e-6 at 5 mrad."""
+    assert background_power(2.0, 5e-4, 0.5, 5e-3) == pytest.approx(5e-4 * np.pi / 4 * 25e-6, rel=1e-5)
+
+
+@pytest.mark.parametrize("sigma", [0.05, 0.3, 0.66, 2.0, 6.0])
+def test_the_colouring_taps_give_the_correlation(sigma: float) -> None:
+    """The taps' own correlation is e^(−k²/4s²) to 1e-4 at every lag, whatever the sampling."""
+    taps = colouring_taps(sigma)
+    got = np.correlate(taps, taps, "full")[taps.size - 1 :]
+    np.testing.assert_allclose(got, correlation(np.arange(got.size), sigma), atol=1e-4)
+    assert taps.size % 4 == 1
+
+
+@pytest.mark.parametrize("shape", ["gaussian", "t2_exponential"])
+def test_device_and_double_precision_agree(device: Device, shape: Any) -> None:
+    """The kernel's response is the double-precision one within 1e-3 of the peak for any variance, in area too."""
+    response = PulseResponse.of(Pulse(shape=shape), 1e9)
+    least = 0.44
+    kernel = response.on_device(least)
+    time = np.linspace(-40.0, 40.0, 4001)
+    for variance in (least, least + 0.01, 1.0, 5.0, 30.0):
+        got = kernel.values(auto.Float(time.astype(np.float32)), auto.Float(variance)).numpy()
+        expected = response.values(time, variance)
+        assert np.abs(got - expected).max() < 1e-3 * expected.max()
+        assert np.trapezoid(got, time) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_tabulated_response_is_the_integral() -> None:
+    """Against direct quadrature of pulse × Gaussian for t² e^(−t/τ): within 2e-5 of the peak."""
+    pulse = Pulse(shape="t2_exponential")
+    time, power = pulse.samples()
+    response = PulseResponse.of(pulse, 1e9)
+    at = np.linspace(-4.0, 8.0, 25)
+    bell = np.exp(-0.5 * (at[:, None] - time[None, :] * 1e9) ** 2 / 0.44) / np.sqrt(2 * np.pi * 0.44)
+    direct = np.trapezoid(bell * power * 1e-9, time * 1e9, axis=1)
+    assert np.abs(response.values(at, 0.44) - direct).max() < 2e-5 * direct.max()
