@@ -131,17 +131,18 @@ def line_speckle(
     -------
     LineSpeckle
     """
-    m = light.shots
     first, last = _groups_lit(light, grain.reach, pixels)
-    dr.eval(first, last)
-    groups = max(int(dr.max(last - first)[0]) + 1, 1)
+    count = auto.UInt32(last - first + 1)
+    dr.eval(first, count)
+    groups = int(dr.max(count)[0])
     averaged = patterns(dr.opaque(auto.Float, sweep), places.slimness)
-    shot = dr.arange(auto.UInt32, light.count * m) % m
+    shot = dr.arange(auto.UInt32, light.count * light.shots) % dr.opaque(auto.UInt32, light.shots)
     even = light.coherence * pixel_variance(grain, dr.square(light.sigma), light.across)
     amplitude = dr.sqrt(even / dr.gather(auto.Float, averaged, shot))
-    white = _white(places, first, groups, seed)
+    white = _white(places, first, count, groups, seed)
     dr.eval(amplitude, white)
-    return LineSpeckle(_factors(light, amplitude, white, first, groups, grain), 4 * first, 4 * groups, m)
+    factor = _factors(light, amplitude, white, first, count, groups, grain)
+    return LineSpeckle(factor, 4 * first, 4 * groups, light.shots)
 
 
 def _groups_lit(light: LineLight, reach: int, pixels: int) -> tuple[Any, Any]:
@@ -161,68 +162,83 @@ def _groups_lit(light: LineLight, reach: int, pixels: int) -> tuple[Any, Any]:
     return first, dr.maximum(auto.Int32(dr.floor(0.25 * end)), first)
 
 
-def _white(places: BeamPlaces, first: Any, groups: int, seed: int) -> Any:
-    """Return independent normal numbers of the pixels: entry ((g · m) + j) · 4 + k is pixel 4 (first[j] + g) + k."""
+def _white(places: BeamPlaces, first: Any, count: Any, groups: int, seed: int) -> Any:
+    """Return independent normal numbers of the pixels: entry (g · m + j) · 4 + k is pixel 4 (first[j] + g) + k.
+
+    Shot j has ``count[j]`` groups, none has more than ``groups``.
+    """
     m = dr.width(first)
-    lane = dr.arange(auto.UInt32, groups * m)
-    group = lane // m
-    shot = lane - group * m
-    # Groups may begin before the array: the address must not be negative.
-    sample = auto.UInt32(dr.gather(auto.Int32, first, shot) + auto.Int32(group) + 0x10000)
+    shot, shots = dr.arange(auto.UInt32, m), dr.opaque(auto.UInt32, m)
     nodes = []
     for coordinate in (places.horizontal, places.vertical):
-        value = dr.gather(auto.Float, coordinate, shot)
-        node = dr.floor(value)
-        sine, cosine = dr.sincos(0.5 * math.pi * (value - node))
+        node = dr.floor(coordinate)
+        sine, cosine = dr.sincos(0.5 * math.pi * (coordinate - node))
         nodes.append(((auto.Int32(node), cosine), (auto.Int32(node) + 1, sine)))
-    total = auto.Array4f(0.0)
-    for column, across in nodes[0]:
-        for row, down in nodes[1]:
-            cell = auto.UInt32(column & 0xFFFF) | (auto.UInt32(row & 0xFFFF) << 16)
-            normal = generator(seed, Stream.SPECKLE, cell, sample).next_float32x4_normal()
-            total += across * down * auto.Array4f(normal)
-    white = dr.empty(auto.Float, 4 * groups * m)
-    dr.scatter(white, total, lane)
+    corners = [
+        (auto.UInt32(column & 0xFFFF) | (auto.UInt32(row & 0xFFFF) << 16), across * down)
+        for column, across in nodes[0]
+        for row, down in nodes[1]
+    ]
+    # Groups may begin before the array: the address must not be negative.
+    sample = auto.UInt32(first + 0x10000)
+    white = dr.zeros(auto.Float, 4 * groups * m)
+
+    def draw(group: Any) -> tuple[Any]:
+        total = auto.Array4f(0.0)
+        for cell, weight in corners:
+            normal = generator(seed, Stream.SPECKLE, cell, sample + group).next_float32x4_normal()
+            total += weight * auto.Array4f(normal)
+        dr.scatter(white, total, group * shots + shot)
+        return (group + 1,)
+
+    dr.while_loop((dr.zeros(auto.UInt32, m),), lambda group: group < count, draw)
     return white
 
 
-def _factors(light: LineLight, amplitude: Any, white: Any, first: Any, groups: int, grain: Grain) -> Any:
+def _factors(
+    light: LineLight, amplitude: Any, white: Any, first: Any, count: Any, groups: int, grain: Grain
+) -> Any:
     """Return the table of :class:`LineSpeckle`."""
-    m, wide, reach = light.shots, 4 * groups, grain.reach
-    lane = dr.arange(auto.UInt32, wide * m)
-    step = auto.Int32(lane // m)
-    shot = auto.UInt32(lane % m)
-    inside = (step >= reach) & (step < wide - reach)
-    pixel = auto.Float(4 * dr.gather(auto.Int32, first, shot) + step)
+    m, reach = light.shots, grain.reach
+    shot, shots = dr.arange(auto.UInt32, m), dr.opaque(auto.UInt32, m)
+    clusters = light.count
+    weights = [dr.opaque(auto.Float, weight) for weight in grain.taps]
+    table = dr.full(auto.Float, 1.0, 4 * groups * m)
+    dr.make_opaque(table)
 
-    def share(number: Any, charge: Any, deviation: Any) -> tuple[Any, Any]:
-        at = shot + number * m
+    def share(number: Any, pixel: Any, charge: Any, deviation: Any) -> tuple[Any, Any]:
+        at = shot + number * shots
         sigma = dr.gather(auto.Float, light.sigma, at)
-        apart = pixel - dr.gather(auto.Float, light.position, at)
+        apart = dr.abs(pixel - dr.gather(auto.Float, light.position, at))
         amount = dr.gather(auto.Float, light.amount, at)
-        near = inside & (amount > 0.0) & (dr.abs(apart) < _FOLLOWED * sigma + 0.5)
+        near = (amount > 0.0) & (apart < _FOLLOWED * sigma + 0.5)
         part = amount * gaussian_share(apart, sigma)
         spread = dr.sqrt(concentration(apart, sigma, grain)) * dr.gather(auto.Float, amplitude, at)
         return charge + dr.select(near, part, 0.0), deviation + dr.select(near, part * spread, 0.0)
 
-    zero = dr.zeros(auto.Float, wide * m)
-    if light.count == 1:
-        charge, deviation = share(auto.UInt32(0), zero, zero)
-    else:
-        count = light.count
-        _, charge, deviation = dr.while_loop(
-            (auto.UInt32(0), zero, auto.Float(zero)),
-            lambda number, *sums: inside & (number < count),
-            lambda number, *sums: (number + 1, *share(number, *sums)),
-        )
-    normal = auto.Float(0.0)
-    for tap, weight in enumerate(grain.taps):
-        here = auto.UInt32(dr.clip(step + (tap - reach), 0, wide - 1))
-        at = (here // 4 * m + shot) * 4 + here % 4
-        normal = dr.fma(dr.opaque(auto.Float, weight), dr.gather(auto.Float, white, at), normal)
-    factor = dr.select(charge > 0.0, gamma_like(deviation / charge, normal), 1.0)
-    dr.eval(factor)
-    return factor
+    def settle(step: Any) -> tuple[Any]:
+        pixel, zero = auto.Float(4 * first + auto.Int32(step)), dr.zeros(auto.Float, m)
+        if clusters == 1:
+            charge, deviation = share(auto.UInt32(0), pixel, zero, zero)
+        else:
+            _, charge, deviation = dr.while_loop(
+                (auto.UInt32(0), zero, auto.Float(zero)),
+                lambda number, *sums: number < clusters,
+                lambda number, *sums: (number + 1, *share(number, pixel, *sums)),
+            )
+        normal = auto.Float(0.0)
+        for tap, weight in enumerate(weights):
+            here = step + tap - reach
+            number = dr.gather(auto.Float, white, (here // 4 * shots + shot) * 4 + here % 4)
+            normal = dr.fma(weight, number, normal)
+        factor = dr.select(charge > 0.0, gamma_like(deviation / charge, normal), 1.0)
+        dr.scatter(table, factor, step * shots + shot)
+        return (step + 1,)
+
+    end = 4 * count - reach
+    dr.while_loop((dr.full(auto.UInt32, reach, m),), lambda step: step < end, settle)
+    dr.eval(table)
+    return table
 
 
 def gamma_like(deviation: Any, normal: Any) -> Any:
@@ -235,7 +251,7 @@ def gamma_like(deviation: Any, normal: Any) -> Any:
 
 
 def gaussian_share(apart: Any, sigma: Any) -> Any:
-    """Return the share of a Gaussian that a pixel holds whose centre is ``apart`` from its middle [pixel]."""
+    """Return the share of a Gaussian that a pixel holds whose centre is ``apart``, 0 or more, from its middle [pixel]."""
     scale = math.sqrt(0.5) / sigma
     return 0.5 * (dr.erf((apart + 0.5) * scale) - dr.erf((apart - 0.5) * scale))
 
@@ -246,7 +262,7 @@ def concentration(apart: Any, sigma: Any, grain: Grain) -> Any:
     Parameters
     ----------
     apart
-        Distance of the pixel's centre from the middle of a Gaussian e [pixel].
+        Distance of the pixel's centre from the middle of a Gaussian e, 0 or more [pixel].
     sigma
         Standard deviation of the Gaussian [pixel].
     grain
@@ -258,15 +274,14 @@ def concentration(apart: Any, sigma: Any, grain: Grain) -> Any:
     a = apart/σ², (a/2) coth(a/2). The light then fills the share 1/κ of the pixel only, and its grain loses the more
     to the next pixel: κ (1 − ℓκ)/(1 − ℓ) to first order in the loss ℓ under an even light, at least κ/2.
     """
-    distance = dr.abs(apart)
-    part = gaussian_share(distance, sigma)
+    part = gaussian_share(apart, sigma)
     scale = dr.rcp(sigma)
-    square = dr.erf((distance + 0.5) * scale) - dr.erf((distance - 0.5) * scale)
+    square = dr.erf((apart + 0.5) * scale) - dr.erf((apart - 0.5) * scale)
     square *= 0.25 / math.sqrt(math.pi) * scale
-    half = dr.minimum(0.5 * distance * dr.square(scale), 40.0)
+    half = dr.minimum(0.5 * apart * dr.square(scale), 40.0)
     decay = dr.exp(-2.0 * half)
     tail = half * (1.0 + decay) / dr.maximum(1.0 - decay, 1e-6)
-    core = distance < _TAIL * sigma
+    core = apart < _TAIL * sigma
     crowding = dr.maximum(dr.select(core, square / dr.square(dr.maximum(part, 1e-6)), tail), 1.0)
     loss = dr.opaque(auto.Float, grain.loss)
     return crowding * dr.maximum((1.0 - loss * crowding) / (1.0 - loss), 0.5)
