@@ -251,7 +251,7 @@ def gamma_like(deviation: Any, normal: Any) -> Any:
 
 
 def gaussian_share(apart: Any, sigma: Any) -> Any:
-    """Return the share of a Gaussian that a pixel holds whose centre is ``apart``, 0 or more, from its middle [pixel]."""
+    """Return the share of a Gaussian on a pixel whose centre is ``apart``, 0 or more, from its middle [pixel]."""
     scale = math.sqrt(0.5) / sigma
     return 0.5 * (dr.erf((apart + 0.5) * scale) - dr.erf((apart - 0.5) * scale))
 
