@@ -96,9 +96,10 @@ class Workbench:
     @cached_property
     def panorama(self) -> Any:
         """The background of the scenario's raster, rendered when it is first asked for; None in the dark."""
-        from scanner_sim.render.background import panorama_view, render_panorama
+        from scanner_sim.render.background import render_panorama
         from scanner_sim.render.paths import Albedo
         from scanner_sim.render.sky import light_of
+        from scanner_sim.render.view import panorama_view
 
         sky, settings, scan = self.scenario.lighting.sky(), self.scenario.transport, self.scenario.scan
         if sky.dark:

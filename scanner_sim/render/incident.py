@@ -21,9 +21,7 @@ from scanner_sim.render.background import Panorama
 from scanner_sim.render.light import Light
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Bench
-
-WINDOW = 200e-6
-"""Length of the window in which the paper counts the background, along the line [m] (eq 18)."""
+from scanner_sim.render.view import WINDOW
 
 
 class Throughput:
@@ -68,8 +66,8 @@ class LinkBudget:
 
     ``laser`` is I_laser, the laser light that reaches the array (eq 19); ``background`` I_sun, that of Sun and Earth in
     a window of 200 µm about it (eq 18), or about the middle of the array where there is no laser light;
-    ``background_error`` the standard error of that from the finite number of paths, neighbouring pixels taken to
-    err together; ``brightest`` the background on the brightest pixel.
+    ``background_error`` the standard error of that from the finite number of paths; ``brightest`` the background on
+    the brightest pixel.
     """
 
     laser: Any
@@ -123,13 +121,6 @@ class Incident:
             self.throughput.out_of_band, pixel
         )
 
-    def background_error(self, pixel: Any, place: Any) -> Any:
-        """Return the standard error [W] of the background from the finite number of paths."""
-        if self.panorama is None:
-            return dr.zeros(mi.Float, dr.width(pixel))
-        scale = self._of(self.throughput.in_band, pixel) + self._of(self.throughput.out_of_band, pixel)
-        return self._seen(self.panorama.error, pixel, place) * scale
-
     def line(self, place: int, *, background: bool = True) -> NDArray[np.float64]:
         """Return the power [W] on every pixel of the shot at a place, or the laser's alone, shape (pixels,)."""
         pixel = dr.arange(mi.UInt32, self.throughput.pixels)
@@ -154,7 +145,7 @@ class Incident:
         centre = dr.select(laser > 0.0, moment / laser, 0.5 * last)
         # The window's pixels, the outer ones in part.
         reach = math.ceil(0.5 * self.throughput.window + 1.0)
-        window, error = mi.Float(0.0), mi.Float(0.0)
+        window, gain, gain_out = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
         for step in range(-reach, reach + 1):
             pixel = dr.round(centre) + step
             apart = dr.abs(pixel - centre)
@@ -162,10 +153,20 @@ class Incident:
             inside = (pixel >= 0.0) & (pixel <= last) & (share > 0.0)
             index = mi.UInt32(dr.clip(pixel, 0.0, last))
             window += dr.select(inside, share * self.background(index, place), 0.0)
-            error += dr.select(inside, share * self.background_error(index, place), 0.0)
+            gain += dr.select(inside, share * self._of(self.throughput.in_band, index), 0.0)
+            gain_out += dr.select(inside, share * self._of(self.throughput.out_of_band, index), 0.0)
+        error = self._error(mi.UInt32(dr.clip(dr.round(centre), 0.0, last)), place, gain, gain_out)
         brightest = self._brightest(place)
         dr.eval(laser, window, error, brightest)
         return LinkBudget(laser, window, error, brightest)
+
+    def _error(self, middle: Any, place: Any, gain: Any, gain_out: Any) -> Any:
+        """Return the standard error [W] of the background in a window about a pixel; both bands err together."""
+        if self.panorama is None:
+            return dr.zeros(mi.Float, dr.width(place))
+        return gain * self._seen(self.panorama.error, middle, place) + gain_out * self._seen(
+            self.panorama.error_out, middle, place
+        )
 
     def _brightest(self, place: Any) -> Any:
         if self.panorama is None:

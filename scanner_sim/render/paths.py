@@ -77,19 +77,10 @@ def trace_paths(
         Function of a number of a draw, 0, 1, 2…, that returns four uniform random numbers of each ray.
     """
     tracer = _Tracer(loaded, light, albedo, dr.opaque(mi.UInt32, bounces), random)
-    count = dr.width(direction)
-    dark = dr.zeros(mi.Float, count)
-    total = Radiance(mi.Float(dark), mi.Float(dark), mi.Float(dark), mi.Float(dark))
-    si = meet(loaded, origin, direction)
-    sun, earth = sky.sun_radiance(light, direction), sky.earth_radiance(light, direction)
-    tracer.collect(total, True, dr.select(si.is_valid(), 0.0, sun), dr.select(si.is_valid(), 0.0, earth), 1.0)
-    hit, gain = si.is_valid(), dr.full(mi.Float, 1.0, count)
-    material = dr.gather(mi.UInt32, loaded.material_of, tracer.shape_of(si, hit))
-    first = FirstHit(dr.select(hit, material, 0), mi.Vector3f(si.n), mi.Vector3f(si.p))
-    ratio = tracer.ratio_of(material, hit)
+    total = _dark(dr.width(direction))
     draws = random(mi.UInt32(0))
-    sun = tracer.sampled(si, hit, gain, mi.Point2f(draws[0], draws[1]), sky.sample_sun, sky.sun_radiance)
-    tracer.collect(total, True, sun, 0.0, ratio)
+    si, ratio, first = tracer.begin(total, origin, direction, mi.Point2f(draws[0], draws[1]))
+    hit, gain = si.is_valid(), dr.full(mi.Float, 1.0, dr.width(direction))
     earth = tracer.sampled(
         si, hit, gain, mi.Point2f(draws[2], draws[3]), sky.sample_earth, sky.earth_radiance
     )
@@ -105,6 +96,51 @@ def trace_paths(
     return result[-1], first
 
 
+def trace_sharp(
+    loaded: LoadedScene,
+    light: sky.SkyLight,
+    albedo: Albedo,
+    origin: Any,
+    direction: Any,
+    disc: Any,
+    mirror: Any,
+) -> tuple[Any, Any]:
+    """Estimate the direct part of :func:`trace_paths` alone, with rays that run alike.
+
+    Parameters
+    ----------
+    loaded, light, albedo, origin, direction
+        As there.
+    disc
+        Uniform numbers for the place on the Sun's disc, ``mi.Point2f``, shape (n,).
+    mirror
+        Four uniform numbers for the choice among a first surface's lobes, shape (n,).
+
+    Returns
+    -------
+    tuple
+        Radiance in band and out of band per unit of the Sun's irradiance [1/sr], shape (n,).
+    """
+    tracer = _Tracer(loaded, light, albedo, mi.UInt32(1), None)
+    total = _dark(dr.width(direction))
+    si, ratio, _ = tracer.begin(total, origin, direction, disc, coherent=True)
+    delta = mi.BSDFFlags.Delta
+    if any(mi.has_flag(shape.bsdf().flags(), delta) for shape in loaded.mitsuba.shapes() if shape.bsdf()):
+        ray, active, gain, _, mirrored = tracer.scatter(
+            si, si.is_valid(), mi.Float(1.0), mirror, roulette=False
+        )
+        active &= mirrored
+        escaped = active & ~loaded.mitsuba.ray_test(ray, coherent=False, active=active)
+        sun, earth = sky.sun_radiance(light, ray.d), sky.earth_radiance(light, ray.d)
+        sun, earth = dr.select(escaped, gain * sun, 0.0), dr.select(escaped, gain * earth, 0.0)
+        tracer.collect(total, True, sun, earth, ratio)
+    return total.direct, total.direct_out
+
+
+def _dark(count: int) -> Radiance:
+    return Radiance(*(dr.zeros(mi.Float, count) for _ in range(4)))
+
+
 class _Tracer:
     """One turn of a path, and what it needs to know."""
 
@@ -113,6 +149,25 @@ class _Tracer:
     ) -> None:
         self._loaded, self._light, self._limit, self._random = loaded, light, limit, random
         self._albedo = dr.opaque(mi.Float, albedo.in_band), dr.opaque(mi.Float, albedo.out_of_band)
+
+    def begin(
+        self, total: Radiance, origin: Any, direction: Any, disc: Any, *, coherent: bool = False
+    ) -> tuple[Any, Any, FirstHit]:
+        """Collect what is seen of the sky and the Sun's light from the first surface, with a point of its disc.
+
+        Returns the surface, its ratio of reflectances, and its features.
+        """
+        light = self._light
+        si = meet(self._loaded, origin, direction)
+        hit = si.is_valid()
+        sun, earth = sky.sun_radiance(light, direction), sky.earth_radiance(light, direction)
+        self.collect(total, True, dr.select(hit, 0.0, sun), dr.select(hit, 0.0, earth), 1.0)
+        material = dr.gather(mi.UInt32, self._loaded.material_of, self.shape_of(si, hit))
+        first = FirstHit(dr.select(hit, material, 0), mi.Vector3f(si.n), mi.Vector3f(si.p))
+        ratio = self.ratio_of(material, hit)
+        sun = self.sampled(si, hit, 1.0, disc, sky.sample_sun, sky.sun_radiance, coherent)
+        self.collect(total, True, sun, 0.0, ratio)
+        return si, ratio, first
 
     def turn(
         self,
@@ -148,13 +203,22 @@ class _Tracer:
         onward = self.scatter(si, hit, gain, self._random(2 * depth + 1), roulette=True)
         return (depth + 1, *onward, ratio, total)
 
-    def sampled(self, si: Any, active: Any, gain: Any, sample: Any, draw: Any, radiance_of: Any) -> Any:
+    def sampled(
+        self,
+        si: Any,
+        active: Any,
+        gain: Any,
+        sample: Any,
+        draw: Any,
+        radiance_of: Any,
+        coherent: bool = False,
+    ) -> Any:
         """Return the light of Sun or Earth that a surface sends back, by sampling them."""
         towards, density = draw(self._light, sample)
         value, scattered = si.bsdf().eval_pdf(mi.BSDFContext(), si, si.to_local(towards), active)
         radiance = radiance_of(self._light, towards)
         useful = active & (density > 0.0) & (value[0] > 0.0) & (radiance > 0.0)
-        hidden = self._loaded.mitsuba.ray_test(si.spawn_ray(towards), coherent=False, active=useful)
+        hidden = self._loaded.mitsuba.ray_test(si.spawn_ray(towards), coherent=coherent, active=useful)
         return dr.select(useful & ~hidden, gain * value[0] * radiance / (density + scattered), 0.0)
 
     def scatter(self, si: Any, hit: Any, gain: Any, draws: Any, *, roulette: bool) -> Any:

@@ -52,9 +52,10 @@ def panorama_lines(
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.background import panorama_view, render_panorama
+    from scanner_sim.render.background import render_panorama
     from scanner_sim.render.incident import Incident, Throughput
     from scanner_sim.render.shots import Shots
+    from scanner_sim.render.view import panorama_view
 
     theta, phi = RASTER.angles()
     view = panorama_view(RASTER.horizontal, phi, bench(), PIXELS)

@@ -1,0 +1,121 @@
+"""What the pixels of a row look at: the angles of a panorama, and the rays through its bins."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from scanner_sim.render.transport import Bench, device_frame
+
+WINDOW = 200e-6
+"""Length of the window in which the paper counts the background, along the line [m] (eq 18)."""
+
+_QUANTILES = 1024
+
+
+@dataclass(frozen=True)
+class View:
+    """The angles of a raster's panoramas.
+
+    Attributes
+    ----------
+    phi
+        φ of each row [rad], shape (rows,).
+    first, step
+        Angle of the first bin's centre, and of a bin [rad].
+    bins
+        Number of bins of a row.
+    """
+
+    phi: NDArray[np.float64]
+    first: float
+    step: float
+    bins: int
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(self.phi)
+
+    @property
+    def row_step(self) -> float:
+        """Angle between rows [rad]; infinite where there is one row only."""
+        return float(self.phi[1] - self.phi[0]) if self.rows > 1 else math.inf
+
+
+def panorama_view(theta: tuple[float, float], phi: NDArray[np.float64], bench: Bench, pixels: int) -> View:
+    """Return the angles that the pixels of all voxels of a raster see: Θ from ``theta``, rows at ``phi`` [rad]."""
+    f, step = bench.receiver.focal_length, bench.pitch / bench.receiver.focal_length
+    first = theta[0] - math.atan((bench.offset + pixels * bench.pitch) / f) - step
+    last = theta[1] - math.atan(bench.offset / f) + step
+    bins = math.ceil((last - first) / step) + 1
+    return View(np.asarray(phi, dtype=np.float64), first, step, bins)
+
+
+def rays_through(bench: Bench, view: View, row: Any, column: Any, along: Any, across: Any) -> tuple[Any, Any]:
+    """Return the rays from the lens node through places of bins.
+
+    Parameters
+    ----------
+    bench, view
+        Optics and angles.
+    row, column
+        The bins; Dr.Jit, shape (n,).
+    along
+        Place along the row from the bin's centre [bin], shape (n,).
+    across
+        Uniform number for the place across the row, shape (n,): the pixel's height blurred by the point spread.
+
+    Returns
+    -------
+    tuple
+        Origins and unit directions, shape (n,).
+    """
+    angle = (mi.Float(column) + along) * dr.opaque(mi.Float, view.step) + dr.opaque(mi.Float, view.first)
+    phi = dr.gather(mi.Float, mi.Float(view.phi.astype(np.float32)), row)
+    frame = device_frame(bench, angle, phi)
+    table = mi.Float(height_quantiles(bench.height, bench.receiver.point_spread).astype(np.float32))
+    at = across * _QUANTILES
+    low = mi.UInt32(dr.minimum(at, _QUANTILES - 1.0))
+    height = dr.lerp(dr.gather(mi.Float, table, low), dr.gather(mi.Float, table, low + 1), at - mi.Float(low))
+    slope = height / dr.opaque(mi.Float, bench.receiver.focal_length)
+    return mi.Point3f(frame.lens), dr.normalize(frame.along + frame.normal * slope)
+
+
+def height_quantiles(height: float, point_spread: float) -> NDArray[np.float64]:
+    """Return quantiles of the place across the line at which light that a pixel counts would land unblurred.
+
+    The pixel's height convolved with the Gaussian point spread; one number through the quantile keeps points that
+    are spread evenly so, where a sum of two would not.
+
+    Parameters
+    ----------
+    height, point_spread
+        Height of a pixel, and standard deviation of the point spread [m].
+
+    Returns
+    -------
+    ndarray
+        Places [m] at equal steps of probability, both ends included; the Gaussian ends at 4 standard deviations.
+    """
+    probability = np.linspace(0.0, 1.0, _QUANTILES + 1)
+    if point_spread <= 0.0:
+        return height * (probability - 0.5)
+    reach = 0.5 * height + 4.0 * point_spread
+    place = np.linspace(-reach, reach, 8 * _QUANTILES + 1)
+
+    def integral(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the integral of the normal distribution function."""
+        return np.asarray(
+            0.5 * x * (1.0 + erf(x / math.sqrt(2.0))) + np.exp(-0.5 * x**2) / math.sqrt(2.0 * math.pi)
+        )
+
+    below = integral((place + 0.5 * height) / point_spread) - integral((place - 0.5 * height) / point_spread)
+    return np.interp(probability, (below - below[0]) / (below[-1] - below[0]), place)
