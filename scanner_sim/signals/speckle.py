@@ -22,7 +22,7 @@ from typing import Any
 import drjit as dr
 import drjit.auto.ad as auto
 
-from scanner_sim.detector.speckle import pixel_variance
+from scanner_sim.detector.speckle import pixel_variance, quick_concentration
 from scanner_sim.optics.speckle import Grain, patterns
 from scanner_sim.signals.expected import ExpectedSpot
 
@@ -74,21 +74,9 @@ class SpotSpeckle:
     variance: Any
     sigma: Any
 
-    def concentration(self, apart: Any) -> Any:
-        """Return κ of pixels whose centres are ``apart`` from the spot's middle [pixel], the grain's loss included.
-
-        Spots wider than half a pixel are exponentials within it: κ = x coth x, x = apart/2σ², by its Padé
-        approximant (15 + 6x²)/(15 + x²), good to 1.5 % up to x = 2. See
-        :func:`scanner_sim.detector.speckle.concentration` for the rest.
-        """
-        squared = dr.square(0.5 * apart / dr.square(self.sigma))
-        crowding = (15.0 + 6.0 * squared) / (15.0 + squared)
-        loss = dr.opaque(auto.Float, self.grain.loss)
-        return crowding * dr.maximum((1.0 - loss * crowding) / (1.0 - loss), 0.5)
-
     def relative(self, apart: Any) -> Any:
         """Return the relative variance of pixels whose centres are ``apart`` from the spot's middle [pixel]."""
-        return self.variance * self.concentration(apart)
+        return self.variance * quick_concentration(apart, self.sigma, self.grain)
 
     def carried(self, slopes: dict[int, Any], charges: dict[int, Any], shift: Any) -> Any:
         """Return the variance that the speckle gives a quantity.
@@ -103,7 +91,7 @@ class SpotSpeckle:
             Place of the spot from the brightest pixel's centre [pixel].
         """
         moved = {
-            step: slope * charges[step] * dr.sqrt(self.concentration(step - shift))
+            step: slope * charges[step] * dr.sqrt(quick_concentration(step - shift, self.sigma, self.grain))
             for step, slope in slopes.items()
         }
         total = auto.Float(0.0)

@@ -157,15 +157,15 @@ def test_light_of_several_clusters_adds_its_amplitudes() -> None:
     """Claim: two clusters that coincide have the speckle of one; two apart have each its own contrast.
 
     Set-up: 20 000 patterns; a spot as one cluster and as two halves; and two spots 30 pixels apart, one depolarised.
-    Expected: equal factors to 1e-5; the ratio of the standard deviations √2. Tolerance: of the ratio 4.5 standard
-    errors, 4.5/√20 000 = 3.2 %.
+    Expected: equal factors; the ratio of the standard deviations √2. Tolerance: 0.02 for the quicker law of
+    several clusters, a tenth of the deviation four of them from 1; of the ratio 4.5 standard errors, 4.5/√20 000 = 3.2 %.
     """
     shots = 20_000
     grain = Grain.of(WAVELENGTH, Receiver(), PITCH, HEIGHT)
     whole = one_spot(shots, 40.0, 0.9)
     halves = Light(*(dr.concat((part, part)) for part in _arrays(whole)), shots)
     one, two = (line_speckle(light, apart(shots), grain, 0.0, 256, 3) for light in (whole, halves))
-    np.testing.assert_allclose(factors(one, range(37, 44)), factors(two, range(37, 44)), rtol=1e-5)
+    np.testing.assert_allclose(factors(one, range(38, 43)), factors(two, range(38, 43)), atol=0.02)
     other = one_spot(shots, 70.0, 0.9, 0.5)
     pair = Light(*(dr.concat(parts) for parts in zip(_arrays(whole), _arrays(other), strict=True)), shots)
     both = line_speckle(pair, apart(shots), grain, 0.0, 256, 3)
