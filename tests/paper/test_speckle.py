@@ -158,7 +158,7 @@ def test_light_of_several_clusters_adds_its_amplitudes() -> None:
 
     Set-up: 20 000 patterns; a spot as one cluster and as two halves; and two spots 30 pixels apart, one depolarised.
     Expected: equal factors; the ratio of the standard deviations √2. Tolerance: 0.02 for the quicker law of
-    several clusters, a tenth of the deviation four of them from 1; of the ratio 4.5 standard errors, 4.5/√20 000 = 3.2 %.
+    several clusters, four standard deviations from 1; of the ratio 4.5 standard errors, 4.5/√20 000 = 3.2 %.
     """
     shots = 20_000
     grain = Grain.of(WAVELENGTH, Receiver(), PITCH, HEIGHT)
