@@ -22,8 +22,8 @@ import numpy as np
 class SquareErrors(NamedTuple):
     """Standard deviations of the pose of a square array.
 
-    ``lateral`` of t_x and t_y [m], ``depth`` of t_z [m], ``tilt`` of the turns about x and y [rad], ``roll`` of the turn
-    about the axis of sight [rad].
+    ``lateral`` of t_x and t_y [m], ``depth`` of t_z [m], ``tilt`` of the turns about x and y [rad], ``roll`` of the
+    turn about the axis of sight [rad].
     """
 
     lateral: float
@@ -35,8 +35,8 @@ class SquareErrors(NamedTuple):
 def square_resection(sigma: float, R: float, a: float) -> SquareErrors:
     """Return the errors from angles alone (UV, eq 16).
 
-    lateral σR/√2, depth σR²/(√2 a), tilt 2σR²/a², roll σR/(√2 a), with ``sigma`` the standard deviation of Θ and of φ [rad],
-    ``R`` the range and ``a`` the side [m]. 4.0 mm in depth at 10 m for 1 m and 56.6 µrad.
+    lateral σR/√2, depth σR²/(√2 a), tilt 2σR²/a², roll σR/(√2 a), with ``sigma`` the standard deviation of Θ and of φ
+    [rad], ``R`` the range and ``a`` the side [m]. 4.0 mm in depth at 10 m for 1 m and 56.6 µrad.
     """
     return SquareErrors(
         lateral=sigma * R / np.sqrt(2.0),
@@ -49,11 +49,12 @@ def square_resection(sigma: float, R: float, a: float) -> SquareErrors:
 def square_points(sigma: float, sigma_range: float, R: float, a: float) -> SquareErrors:
     """Return the errors from points that count alike (XYZ, eq 11).
 
-    lateral σR/2, depth σ_R/2, tilt σ_R/a, roll σR/(√2 a), with ``sigma`` as in :func:`square_resection` and
-    ``sigma_range`` the standard deviation of the ranges [m].
+    lateral² = (σR)²/4 + (h σ_R/R)²/4, h = a/2, depth σ_R/2, tilt σ_R/a, roll σR/(√2 a), with ``sigma`` as in
+    :func:`square_resection` and ``sigma_range`` the standard deviation of the ranges [m]. The second lateral term is
+    often left out: an error of the range moves a corner along its own line of sight, which is h/R off the axis.
     """
     return SquareErrors(
-        lateral=0.5 * sigma * R,
+        lateral=float(np.hypot(0.5 * sigma * R, 0.25 * a * sigma_range / R)),
         depth=0.5 * sigma_range,
         tilt=sigma_range / a,
         roll=sigma * R / (np.sqrt(2.0) * a),

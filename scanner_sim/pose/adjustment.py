@@ -12,7 +12,6 @@ Math.* 11 (1963); Huber, *Ann. Math. Statist.* 35 (1964) for the weights of doub
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +26,9 @@ FINE = 1e-8
 """Step [rad, and of the distance] below which a pose has settled; the error left is its square, or a small share."""
 COARSE = 1e-3
 """Fall of χ² that a step promises below which a pose is good enough to be compared with others."""
-_MOST_STEPS, _MOST_COARSE_STEPS, _MOST_HUBER_STEPS = 50, 20, 300
+_IMMATERIAL = 1e-10
+"""The same for a final pose: 1e-5 standard deviations."""
+_MOST_STEPS, _MOST_COARSE_STEPS, _MOST_HUBER_STEPS = 100, 20, 300
 _SHARE_CLOSED = 0.15
 _FIRST_DAMPING, _LAST_DAMPING = 1e-3, 1e9
 _RIDGE = 1e-14
@@ -66,12 +67,12 @@ class Problem:
     prior: Prior | None
     centre: Array
 
-    def some(self, index: Any) -> Problem:
+    def some(self, index: NDArray[np.intp]) -> Problem:
         """Return the poses ``index``."""
         return replace(
             self,
             points=some(self.points, index),
-            measured=self.measured[..., index],
+            measured=self.measured.take(index, axis=-1),
             whitening=some(self.whitening, index),
             prior=None if self.prior is None else self.prior.some(index),
             centre=some(self.centre, index),
@@ -101,9 +102,9 @@ class Fit:
     slope: Array
     settled: Flags
 
-    def some(self, index: Any) -> Fit:
+    def some(self, index: NDArray[np.intp]) -> Fit:
         """Return the poses ``index``."""
-        return Fit(*(getattr(self, name)[..., index] for name in self.__dataclass_fields__))
+        return Fit(*(getattr(self, name).take(index, axis=-1) for name in self.__dataclass_fields__))
 
 
 def place_points(problem: Problem, rotation: Array, position: Array) -> tuple[Array, Array]:
@@ -231,26 +232,28 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
     Returns
     -------
     Fit
-        Not settled are those that need more than 50 steps (20 for a coarse adjustment, 300 with
+        Not settled are those that need more than 100 steps (20 for a coarse adjustment, 300 with
         Huber's weights, which settle by equal shares), or that no damping brings down.
         A pose does not depend on the others of its batch.
     """
     done = fit = start
-    live, damping = np.arange(len(start.cost)), np.zeros(len(start.cost))
+    live, damping, share = np.arange(len(start.cost)), np.zeros(len(start.cost)), np.ones(len(start.cost))
     closed = ~np.isfinite(start.cost)
     most = _MOST_COARSE_STEPS if until == COARSE else _MOST_HUBER_STEPS if problem.huber else _MOST_STEPS
     for _ in range(most):
         matrix = fit.normal.copy("C")
         matrix.reshape(36, -1)[::7] *= 1.0 + _RIDGE + damping
         step = _solve(matrix, fit.slope)
-        turned = np.einsum("ijb,jkb->ikb", cayley(step[3:]), fit.rotation)
-        moved = fit.position + step[:3]
+        promised = np.einsum("ab,ab->b", step, fit.slope)
         length, turn = np.abs(step).reshape(2, 3, -1).max(axis=1)
         small = (turn < FINE) & (length < FINE * np.abs(fit.position).max(axis=0))
-        if until == COARSE:
-            small |= np.einsum("ab,ab->b", step, fit.slope) < COARSE
+        small |= promised < (COARSE if until == COARSE else _IMMATERIAL)
         small &= damping < 2.0 * _FIRST_DAMPING
+        step *= share
+        turned = np.einsum("ijb,jkb->ikb", cayley(step[3:]), fit.rotation)
+        moved = fit.position + step[:3]
         trial = Fit(turned, moved, *linearise(problem, turned, moved), small)
+        share = _next_share(share, np.einsum("ab,ab->b", step, trial.slope) / (promised * share))
         better = (trial.cost <= fit.cost) | (small & np.isfinite(trial.cost))
         if not better.all():
             worse = np.flatnonzero(~better)
@@ -274,10 +277,24 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
         if closed.mean() > _SHARE_CLOSED:
             going = several(np.flatnonzero(~closed))
             live, fit, problem, damping = live[going], fit.some(going), problem.some(going), damping[going]
-            closed = closed[going]
+            closed, share = closed[going], share[going]
     index = np.flatnonzero(~closed)
     _store(fit.some(index), done, live[index])
     return done
+
+
+def _next_share(share: Array, left: Array) -> Array:
+    """Return which share of the next Gauss-Newton step to take, from how much slope along the last one was left.
+
+    Curved residuals make the valley wider or narrower than N says, most of all between the two tilts of a plane: steps
+    of N then creep, or leap over the bottom to and fro. The secant through the two slopes gives the right length. Where
+    a step left less than 0.3 of the slope N is right, and where it left all of it there is no bottom to aim at: such
+    steps stay whole.
+    """
+    with np.errstate(divide="ignore", invalid="ignore"):
+        right = np.clip(share / (1.0 - left), 0.1, 4.0)
+    result: Array = np.where((np.abs(left) > 0.3) & (left < 0.95), right, 1.0)
+    return result
 
 
 def _store(fit: Fit, into: Fit, index: NDArray[np.intp]) -> None:

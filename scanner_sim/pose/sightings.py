@@ -13,9 +13,12 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-def some(values: Any, index: Any) -> Any:
-    """Return the poses ``index`` of an array whose last axis is the batch, or is 1 and common to all poses."""
-    return values if values is None or values.shape[-1] == 1 else values[..., index]
+def some(values: Any, index: NDArray[np.intp]) -> Any:
+    """Return the poses ``index`` of an array whose last axis is the batch, or is 1 and common to all poses.
+
+    ``take`` and not an index in brackets, which would give another order in memory, and so other last bits of sums.
+    """
+    return values if values is None or values.shape[-1] == 1 else values.take(index, axis=-1)
 
 
 def several(index: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -72,7 +75,7 @@ class Prior:
     position: Array
     root: Array
 
-    def some(self, index: Any) -> Prior:
+    def some(self, index: NDArray[np.intp]) -> Prior:
         """Return the poses ``index``."""
         return Prior(*(some(getattr(self, field.name), index) for field in fields(self)))
 
@@ -124,12 +127,14 @@ class Sightings:
         """Middle, widths and axes of the targets seen: see :func:`principal_axes`."""
         return principal_axes(self.points, shared(self.seen))
 
-    def some(self, index: Any) -> Sightings:
+    def some(self, index: NDArray[np.intp]) -> Sightings:
         """Return the poses ``index``."""
         batched = ("points", "centre", "values", "seen", "ranged", "variances", "theta_range")
         chosen = {name: some(getattr(self, name), index) for name in batched}
         if self.count == 1:  # an axis of length 1 that is the whole batch may be asked for twice
-            chosen |= {name: getattr(self, name)[..., index] for name in ("values", "seen", "ranged")}
+            chosen |= {
+                name: getattr(self, name).take(index, axis=-1) for name in ("values", "seen", "ranged")
+            }
         prior = None if self.prior is None else self.prior.some(index)
         return replace(self, **chosen, prior=prior)
 
