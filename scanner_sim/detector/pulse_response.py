@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any
 
 import drjit as dr
@@ -46,15 +47,16 @@ class PulseResponse:
     times: Array | None = None
     powers: Array | None = None
 
-    @classmethod
-    def of(cls, pulse: Pulse, rate: float) -> PulseResponse:
+    @staticmethod
+    @lru_cache(maxsize=8)
+    def of(pulse: Pulse, rate: float) -> PulseResponse:
         """Return the response to a pulse for ``rate`` samples per second."""
         variance = (pulse.sigma * rate) ** 2
         if pulse.shape == "gaussian":
-            return cls(variance)
+            return PulseResponse(variance)
         times, powers = pulse.samples()
         scaled = times * rate
-        return cls(variance, (float(scaled[0]), float(scaled[-1])), scaled, powers / rate)
+        return PulseResponse(variance, (float(scaled[0]), float(scaled[-1])), scaled, powers / rate)
 
     @property
     def gaussian(self) -> bool:
@@ -74,10 +76,10 @@ class PulseResponse:
         if self.gaussian:
             whole = self.variance + variance
             return np.asarray(np.exp(-0.5 * np.square(time) / whole) / math.sqrt(2.0 * math.pi * whole))
-        grid, (row,) = self._smoothed(np.array([variance]))
+        grid, row = _row(self, variance)
         return np.asarray(np.interp(time, grid, row, left=0.0, right=0.0))
 
-    def _smoothed(self, variances: Array) -> tuple[Array, Array]:
+    def smoothed(self, variances: Array) -> tuple[Array, Array]:
         """Return a fine grid [sample] and the pulse on it, smoothed by Gaussians of some variances."""
         assert self.times is not None
         low, high = self.span(float(variances.max()))
@@ -96,31 +98,47 @@ class PulseResponse:
         """Return the response for kernels, for Gaussians of at least some variance [sample²]."""
         if self.gaussian:
             return DeviceResponse(dr.opaque(auto.Float, self.variance))
-        whole = self.variance + least
-        extra: Array = whole * (_GROWTH ** np.arange(_ROWS, dtype=np.float64) - 1.0)
-        width = np.sqrt(whole + extra)
-        spans = np.array([self.span(least + more) for more in extra]) / width[:, None]
-        low, high = float(spans[:, 0].min()), float(spans[:, 1].max())
-        node = np.linspace(low, high, _NODES)
-        # Narrow rows want a finer grid than the widest needs: four groups of rows have one each.
-        rows = []
-        for group in np.split(np.arange(_ROWS), 4):
-            grid, smooth = self._smoothed(least + extra[group])
-            rows += [
-                np.interp(node * width[row], grid, values) * width[row]
-                for row, values in zip(group, smooth, strict=True)
-            ]
-        table = np.array(rows)
-        table[:, [0, -1]] = 0.0
+        values, low, high = _table(self, least)
         return DeviceResponse(
-            dr.opaque(auto.Float, whole),
+            dr.opaque(auto.Float, self.variance + least),
             Table(
-                auto.Float(table.ravel().astype(np.float32)),
+                auto.Float(values),
                 dr.opaque(auto.Float, least),
                 dr.opaque(auto.Float, low),
                 dr.opaque(auto.Float, (_NODES - 1) / (high - low)),
             ),
         )
+
+
+@lru_cache(maxsize=8)
+def _row(response: PulseResponse, variance: float) -> tuple[Array, Array]:
+    grid, (row,) = response.smoothed(np.array([variance]))
+    return grid, row
+
+
+@lru_cache(maxsize=8)
+def _table(response: PulseResponse, least: float) -> tuple[NDArray[np.float32], float, float]:
+    """Return the rows of a response, one behind the other, and the first and the last node in widths.
+
+    It takes a second and serves every batch of a run, hence the memory.
+    """
+    whole = response.variance + least
+    extra: Array = whole * (_GROWTH ** np.arange(_ROWS, dtype=np.float64) - 1.0)
+    width = np.sqrt(whole + extra)
+    spans = np.array([response.span(least + more) for more in extra]) / width[:, None]
+    low, high = float(spans[:, 0].min()), float(spans[:, 1].max())
+    node = np.linspace(low, high, _NODES)
+    # Narrow rows want a finer grid than the widest needs: four groups of rows have one each.
+    rows = []
+    for group in np.split(np.arange(_ROWS), 4):
+        grid, smooth = response.smoothed(least + extra[group])
+        rows += [
+            np.interp(node * width[row], grid, values) * width[row]
+            for row, values in zip(group, smooth, strict=True)
+        ]
+    table = np.array(rows)
+    table[:, [0, -1]] = 0.0
+    return table.astype(np.float32).ravel(), low, high
 
 
 @dataclass(frozen=True, eq=False)

@@ -119,7 +119,7 @@ class PulseDetector:
         )
         self.threshold = threshold_for(settings.false_alarms, searched, neighbour)
         self.edges = EdgeTiming(pulse, photodiode, digitiser, self.noise, settings.fraction)
-        self.full = photodiode.saturation / self.step if photodiode.noise.saturation else math.inf
+        self.full = self.edges.full
         level = settings.level
         least = _LEAST_LEVEL * photodiode.saturation / self.step
         self.level = max(self._dark_threshold, least) if level is None else level / self.step

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -67,6 +68,11 @@ class EdgeTiming:
         """Current of a digital number [A]."""
         return self.digitiser.step(self.photodiode.saturation)
 
+    @cached_property
+    def full(self) -> float:
+        """Digital number at which the amplifier saturates; infinite where it does not."""
+        return self.photodiode.saturation / self.step if self.photodiode.noise.saturation else math.inf
+
     def table(self, level: float) -> EdgeTable:
         """Return the walk at a level [digital number]; it takes a second to compute."""
         return edge_table(self.pulse, self.photodiode, self.digitiser, level)
@@ -85,12 +91,12 @@ class EdgeTiming:
         level
             The level [digital number].
         """
-        lead = self._crossing(edges.lead, edges.rise, coloured, level)
+        lead = self._crossing(edges.lead, edges.rise, coloured, level, edges.high)
         if table is None:
             return edges.lead, lead
-        tail = self._crossing(edges.tail, edges.fall, coloured, level)
+        tail = self._crossing(1.0 - edges.tail, edges.fall, coloured, level, edges.above)
         walk = table.correction(edges)
-        variance = lead * dr.square(1.0 + walk.by_lead - walk.by_width) + tail * dr.square(walk.by_width)
+        variance = lead * dr.square(1.0 + walk.by_lead) + tail * dr.square(walk.by_tail)
         return edges.lead + walk.delay, variance + dr.square(walk.residual)
 
     def fraction_of(self, waveforms: Waveforms, peak: Any, coloured: Any, active: Any) -> tuple[Any, ...]:
@@ -110,7 +116,7 @@ class EdgeTiming:
         shift = edges.lead + dr.fma(at - auto.Float(first), right - left, left)
         # Noise of the crossing and of the height; near to one another they move together and partly cancel.
         shot = self.noise.per_current * self.step * height
-        crossing = self._variance(edges.lead, coloured, level)
+        crossing = self._variance(edges.lead, coloured, level, edges.high)
         top = coloured + shot + self.noise.white
         apart = auto.Float(auto.Int32(peak) - auto.Int32(edges.sample)) + place - edges.lead
         alike = dr.exp(-0.25 * dr.square(apart / max(self.noise.sigma, 1e-9)))
@@ -135,14 +141,19 @@ class EdgeTiming:
         nodes = np.linspace(0.0, 1.0, _NODES)
         return auto.Float(np.interp(nodes, lead[order], delay[order], period=1.0).astype(np.float32))
 
-    def _variance(self, place: Any, coloured: Any, level: Any) -> Any:
-        """Return the variance [A²] of the line between two samples at a place between them."""
+    def _variance(self, share: Any, coloured: Any, level: Any, upper: Any) -> Any:
+        """Return the variance [A²] of the line between two samples, to which the upper one contributes a share.
+
+        What the amplifier clips has no noise.
+        """
         together = float(correlation(np.ones(1), self.noise.sigma)[0])
         shot = coloured + self.noise.per_current * self.step * level
-        both = dr.square(place) + dr.square(1.0 - place)
-        return shot * (both + 2.0 * together * place * (1.0 - place)) + self.noise.white * both
+        rest = 1.0 - share
+        share = dr.select(upper >= dr.opaque(auto.Float, self.full - 0.5), 0.0, share)
+        both = dr.square(share) + dr.square(rest)
+        return shot * (both + 2.0 * together * share * rest) + self.noise.white * both
 
-    def _crossing(self, place: Any, slope: Any, coloured: Any, level: Any) -> Any:
+    def _crossing(self, share: Any, slope: Any, coloured: Any, level: Any, upper: Any) -> Any:
         """Return the variance [sample²] of a level's crossing between two samples."""
         slope = dr.maximum(slope, _LEAST_SLOPE) * dr.opaque(auto.Float, self.step)
-        return self._variance(place, coloured, level) / dr.square(slope)
+        return self._variance(share, coloured, level, upper) / dr.square(slope)

@@ -26,8 +26,8 @@ Array = NDArray[np.float64]
 
 _LARGEST = 1e6
 """Largest amplitude over the level in the table."""
-_AMPLITUDES, _PHASES = 192, 48
-_WIDTHS, _FRACTIONS = 128, 32
+_AMPLITUDES, _PHASES, _FRACTIONS = 800, 192, 96
+_ROWS_PER_SAMPLE, _MOST_ROWS = 64, 4096
 _MAX_STEPS = 4096
 
 
@@ -36,8 +36,8 @@ class Edges:
     """Crossings of a level about a peak, Dr.Jit arrays.
 
     ``sample`` before the rising crossing and ``lead`` fraction behind it; ``width`` from there to the falling crossing
-    [sample]; ``rise`` and ``fall`` slopes [per sample]; ``tail`` fraction of the falling crossing; ``whole`` whether
-    both were found.
+    [sample]; ``rise`` and ``fall`` slopes [per sample]; ``tail`` fraction of the falling crossing; ``high`` and
+    ``above`` the samples over the level beside the crossings; ``whole`` whether both were found.
     """
 
     sample: Any
@@ -46,6 +46,8 @@ class Edges:
     rise: Any
     fall: Any
     tail: Any
+    high: Any
+    above: Any
     whole: Any
 
 
@@ -90,122 +92,122 @@ def cross(waveforms: Waveforms, peak: Any, level: Any, active: Any) -> Edges:
     tail = (above - level) / dr.maximum(fall, 1e-20)
     width = auto.Float(auto.Int32(after) - auto.Int32(before)) - 1.0 + tail - lead
     whole = active & (low < level) & (below < level) & (high >= level) & (above >= level)
-    return Edges(before, lead, width, rise, fall, tail, whole)
+    return Edges(before, lead, width, rise, fall, tail, high, above, whole)
 
 
 @dataclass
 class Correction:
-    """Delay of the centroid behind the rising crossing, its derivatives, and what the table leaves [sample]."""
+    """Delay of the centroid behind the rising crossing, its derivatives, and what the table leaves [sample].
+
+    ``by_lead`` is taken with the falling crossing held, ``by_tail`` with the rising one held.
+    """
 
     delay: Any
-    by_width: Any
     by_lead: Any
+    by_tail: Any
     residual: Any
 
 
 @dataclass(frozen=True, eq=False)
 class EdgeTable:
-    """Delay of a pulse's centroid behind its rising crossing [sample], over width and fraction.
+    """Delay of a pulse's centroid behind its rising crossing [sample].
+
+    The rows go by the falling crossing, counted from the sample before the rising one: where it passes from one
+    sample to the next the delay has a bend, which so falls on a row. The columns go by the rising crossing's fraction.
 
     Attributes
     ----------
     level
         The level [digital number].
-    widest
-        Width [sample] of the last row.
+    density
+        Rows per sample, a whole number.
     delay
-        Shape (widths, fractions), fractions from 0 to 1.
-    slope
-        Derivative of the delay by the width, the same shape.
+        Shape (rows, columns), fractions from 0 to 1.
     residual
-        What the table leaves, root mean square [sample], shape (widths,).
+        What the table leaves, root mean square [sample], shape (rows,).
     device
-        The three on the device, one behind the other.
+        Both on the device, one behind the other.
     """
 
     level: float
-    widest: float
+    density: int
     delay: Array
-    slope: Array
     residual: Array
     device: Any
 
     def correction(self, edges: Edges) -> Correction:
         """Return the delay behind the rising crossing and how it changes."""
-        row = dr.clip(edges.width * dr.opaque(auto.Float, (_WIDTHS - 1) / self.widest), 0.0, _WIDTHS - 1.001)
+        rows = self.residual.size
+        row = dr.clip(
+            (edges.width + edges.lead) * dr.opaque(auto.Float, self.density), 0.0, float(rows) - 1.001
+        )
         column = dr.clip(edges.lead, 0.0, 1.0) * (_FRACTIONS - 1.001)
         first, left = auto.UInt32(row), auto.UInt32(column)
         down, across = row - auto.Float(first), column - auto.Float(left)
-
-        def corners(number: int) -> list[Any]:
-            start = number * _WIDTHS * _FRACTIONS + first * _FRACTIONS + left
-            steps = (0, 1, _FRACTIONS, _FRACTIONS + 1)
-            return [dr.gather(auto.Float, self.device, start + step) for step in steps]
-
-        def between(corner: list[Any]) -> Any:
-            upper = dr.fma(across, corner[1] - corner[0], corner[0])
-            lower = dr.fma(across, corner[3] - corner[2], corner[2])
-            return dr.fma(down, lower - upper, upper)
-
-        delays = corners(0)
-        by_lead = (delays[1] - delays[0]) * (_FRACTIONS - 1)
-        return Correction(between(delays), between(corners(1)), by_lead, between(corners(2)))
+        start = first * _FRACTIONS + left
+        a, b, c, d = (
+            dr.gather(auto.Float, self.device, start + step) for step in (0, 1, _FRACTIONS, _FRACTIONS + 1)
+        )
+        upper, lower = dr.fma(across, b - a, a), dr.fma(across, d - c, c)
+        return Correction(
+            delay=dr.fma(down, lower - upper, upper),
+            by_lead=dr.fma(down, (d - c) - (b - a), b - a) * (_FRACTIONS - 1),
+            by_tail=(lower - upper) * dr.opaque(auto.Float, self.density),
+            residual=dr.gather(auto.Float, self.device, first + rows * _FRACTIONS),
+        )
 
 
 def edge_table(pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, level: float) -> EdgeTable:
     """Compute the table for a level [digital number]."""
-    ratios = np.geomspace(1.01, _LARGEST, _AMPLITUDES)
+    # Even steps of the width, for a Gaussian: it is 2σ√(2 ln(A/V)).
+    ratios = np.exp(np.linspace(0.01, np.log(_LARGEST) ** 0.5, _AMPLITUDES) ** 2)
     width, lead, delay = _sent(pulse, photodiode, digitiser, level, ratios, _PHASES, 0.0)
-    widest = float(width.max())
-    # A crossing just before a sample and one just behind the sample before are the same: fractions wrap.
     columns = np.linspace(0.0, 1.0, _FRACTIONS)
     order = np.argsort(lead, axis=1)
     width, lead, delay = (np.take_along_axis(values, order, axis=1) for values in (width, lead, delay))
-    rows = [
-        [
-            np.interp(columns, fractions, values, period=1.0)
-            for fractions, values in zip(lead, table, strict=True)
-        ]
+    # A crossing just before a sample and one just behind the sample before are the same: fractions wrap.
+    widths, delays = (
+        np.array(
+            [
+                np.interp(columns, fractions, values, period=1.0)
+                for fractions, values in zip(lead, table, strict=True)
+            ]
+        )
         for table in (width, delay)
-    ]
-    # Louder pulses are wider: at each fraction the delay is a function of the width.
-    widths, delays = (np.maximum.accumulate(rows[0], axis=0), np.array(rows[1]))
-    nodes = np.linspace(0.0, widest, _WIDTHS)
-    table = np.stack(
-        [np.interp(nodes, widths[:, column], delays[:, column]) for column in range(_FRACTIONS)], axis=1
     )
-    slope = np.gradient(table, widest / (_WIDTHS - 1), axis=0)
-    residual = np.zeros(_WIDTHS)
-    device = _on_device(table, slope, residual)
-    first = EdgeTable(level, widest, table, slope, residual, device)
+    widest = float(width.max()) + 1.0
+    density = int(np.clip(_MOST_ROWS / widest, 2, _ROWS_PER_SAMPLE))
+    rows = np.arange(int(widest * density) + 2) / density
+    # Louder pulses are wider: at each fraction the delay is a function of the width.
+    falls = np.maximum.accumulate(widths, axis=0) + columns
+    table = np.stack([np.interp(rows, falls[:, c], delays[:, c]) for c in range(_FRACTIONS)], axis=1)
+    perfect = _made(level, density, table, np.zeros(rows.size))
     test = _sent(pulse, photodiode, digitiser, level, np.geomspace(1.013, _LARGEST / 1.1, 301), 37, 0.5)
-    left = _residual(first, *(values.ravel() for values in test))
-    return EdgeTable(level, widest, table, slope, left, _on_device(table, slope, left))
+    return _made(level, density, table, _residual(perfect, *(values.ravel() for values in test)))
 
 
-def _on_device(table: Array, slope: Array, residual: Array) -> Any:
-    spread = np.repeat(residual[:, None], _FRACTIONS, axis=1)
-    return auto.Float(np.stack([table, slope, spread]).astype(np.float32).ravel())
+def _made(level: float, density: int, delay: Array, residual: Array) -> EdgeTable:
+    both = np.concatenate([delay.ravel(), residual]).astype(np.float32)
+    return EdgeTable(level, density, delay, residual, auto.Float(both))
 
 
 def _residual(table: EdgeTable, width: Array, lead: Array, delay: Array) -> Array:
-    """Return the root mean square error of a table on other pulses, by width."""
+    """Return the root mean square error of a table on other pulses, by row."""
     edges = Edges(
-        None,
-        auto.Float(lead.astype(np.float32)),
-        auto.Float(width.astype(np.float32)),
-        None,
-        None,
-        None,
-        None,
+        sample=None,
+        lead=auto.Float(lead.astype(np.float32)),
+        width=auto.Float(width.astype(np.float32)),
+        **dict.fromkeys(("rise", "fall", "tail", "high", "above", "whole")),
     )
     error = delay - table.correction(edges).delay.numpy()
-    row = np.rint(np.clip(width / table.widest, 0.0, 1.0) * (_WIDTHS - 1)).astype(int)
-    count = np.bincount(row, minlength=_WIDTHS)
-    square = np.bincount(row, error**2, minlength=_WIDTHS)
-    seen = np.flatnonzero(count)
-    root = np.sqrt(square[seen] / count[seen])
-    return np.asarray(np.interp(np.arange(_WIDTHS), seen, root))
+    count = table.residual.size
+    row = np.clip(((width + lead) * table.density).astype(int), 0, count - 1)
+    # Over a quarter of a sample: one row alone is hit by few test pulses.
+    near = np.ones(max(1, table.density // 4))
+    hits = np.convolve(np.bincount(row, minlength=count), near, "same")
+    square = np.convolve(np.bincount(row, error**2, minlength=count), near, "same")
+    seen = np.flatnonzero(hits > 0.5)
+    return np.asarray(np.interp(np.arange(count), seen, np.sqrt(square[seen] / hits[seen])))
 
 
 def _sent(
