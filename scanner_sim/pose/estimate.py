@@ -171,7 +171,7 @@ def estimate_pose(
     -------
     PoseEstimate
         One pose, or a batch with the leading axes of the arguments. Poses that could not be estimated are NaN and their
-        ``status`` says why.
+        ``status`` says why; one that did not settle is given as it was last.
 
     Raises
     ------
@@ -313,7 +313,7 @@ def _fill(
 ) -> None:
     """Write solutions to their places, from the centre of the array to the object's origin."""
     result.status[index] = solution.status
-    good = (solution.status == PoseStatus.VALID) | (solution.status == PoseStatus.AMBIGUOUS)
+    good = (solution.status != PoseStatus.MIRRORED) & np.isfinite(solution.covariance).all(axis=(0, 1))
     into = index[good]
     arm = np.einsum(
         "ijb,jb->ib", solution.rotation, np.broadcast_to(sightings.centre, solution.position.shape)

@@ -25,7 +25,7 @@ class PoseStatus(IntEnum):
     @property
     def has_pose(self) -> bool:
         """Whether a pose stands beside the code, rather than NaN."""
-        return self in (PoseStatus.VALID, PoseStatus.AMBIGUOUS)
+        return self in (PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.NOT_CONVERGED)
 
 
 _SENTENCES = {
@@ -34,7 +34,7 @@ _SENTENCES = {
     PoseStatus.HIDDEN: "no target was measured",
     PoseStatus.TOO_FEW: "fewer than three targets were measured",
     PoseStatus.COLLINEAR: "the measured targets lie on one line: the turn about it is open",
-    PoseStatus.NOT_CONVERGED: "the adjustment did not settle",
+    PoseStatus.NOT_CONVERGED: "the adjustment did not settle; the pose is its last",
     PoseStatus.MIRRORED: "the targets fit their mirror image: check the signs of the surveyed points",
     PoseStatus.NO_CONSENSUS: "too few targets agree on one pose",
 }
