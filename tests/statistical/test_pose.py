@@ -113,7 +113,7 @@ def test_coverage_and_residuals(name: str) -> None:
     found = pose.status <= 1
     assert found.mean() > 0.999
     apart = errors(pose.rotation, pose.position, rotation, position)[found]
-    check_normal((apart / pose.sigma[found]))
+    check_normal(apart / pose.sigma[found])
     distance = np.einsum("ki,kij,kj->k", apart, np.linalg.inv(pose.covariance[found]), apart)
     assert abs(distance.mean() - 6.0) < 4.9 * np.sqrt(12.0 / len(distance)) + 0.12
     if dof:
