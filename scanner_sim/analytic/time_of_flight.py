@@ -148,7 +148,7 @@ def sphere_range(distance: float, radius: float, beam: float) -> float:
 
 
 def corner_echoes(
-    first: ArrayLike, second: ArrayLike, reflectance: float, rays: int, seed: int
+    first: ArrayLike, second: ArrayLike, reflectance: float, half_field: float, rays: int, seed: int
 ) -> tuple[Floats, Floats]:
     """Return light that meets two Lambertian planes, in this order: way [m] and share at a small lens per area [1/m²].
 
@@ -161,6 +161,8 @@ def corner_echoes(
         Planes (n, d) as four numbers: points x with n·x = d, unit normals n; unbounded.
     reflectance
         Of both.
+    half_field
+        Half angle [rad] of the round field about the laser that the lens sees.
     rays
         Number of random directions.
     seed
@@ -189,7 +191,8 @@ def corner_echoes(
     back = np.linalg.norm(point, axis=1)
     # Light leaves on the side that it came from; the lens must be there, before it, and not behind the first plane.
     cosine = -(point @ n2) / back * np.sign(-(rays_out @ n2))
-    visible = met & (cosine > 0.0) & (point[:, 2] > 0.0)
+    within = np.hypot(point[:, 0], point[:, 1]) <= math.tan(half_field) * point[:, 2]
+    visible = met & (cosine > 0.0) & (point[:, 2] > 0.0) & within
     share = np.where(visible, reflectance**2 / math.pi * cosine * point[:, 2] / back**3, 0.0) / rays
     return spot[2] + flight + back, share
 

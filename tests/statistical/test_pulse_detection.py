@@ -241,8 +241,8 @@ def test_clipped_pulses_keep_a_good_range(method: str) -> None:
     """Claim: a retro-reflector that drives the amplifier 3 to 1000 times into saturation still has a range.
 
     Set-up: 20 000 pulses of each strength, all noise. Expected: the truth; σ that covers the scatter, both far below
-    the clock's floor of 10 mm. Tolerance: bias and σ of 1 mm and 2 mm; scatter within 0.3 and 1.2 of σ, which errs towards
-    caution because it takes the noise of a chord's ends for that of the steep edge; all valid.
+    the clock's floor of 10 mm. Tolerance: bias and σ of 1 mm and 2 mm; scatter within 0.3 and 1.2 of σ, which errs
+    towards caution because it takes the noise of a chord's ends for that of the steep edge; all valid.
     """
     diode = Photodiode()
     truth = np.random.default_rng(3).uniform(80.0, 120.0, 20_000)
