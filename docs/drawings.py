@@ -1,4 +1,4 @@
-"""Draw the figures of the documentation: ``python docs/drawings.py`` writes ``docs/conventions.svg``.
+"""Draw the figures of the documentation: ``python docs/drawings.py`` writes ``conventions.svg`` and ``pose.svg``.
 
 Nothing is to scale: base, axis separation and sensor are enlarged so that they can be seen.
 """
@@ -12,7 +12,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Arc, Rectangle
+from matplotlib.patches import Arc, Polygon, Rectangle
 
 LASER, LENS, GREY, INK = "#c0392b", "#1f618d", "#8a8f94", "#1c1c1c"
 FOCAL, BASE, SEPARATION, RANGE = 0.55, 0.9, 0.75, 3.0
@@ -168,8 +168,82 @@ def line_sensor(axes: Axes) -> None:
     axes.set(xlim=(-1.0, 8.1), ylim=(-1.25, 1.75))
 
 
+def seen_from_above(points: np.ndarray) -> np.ndarray:
+    """Return points (..., 3) of the scanner frame as on the sheet: x to the right, y down, z slanting away."""
+    return np.stack([points[..., 0] + 0.55 * points[..., 2], 0.42 * points[..., 2] - points[..., 1]], axis=-1)
+
+
+def axes_of_frame(axes: Axes, origin: np.ndarray, turned: np.ndarray, names: str, colour: str) -> None:
+    """Draw the three axes of a frame, the columns of ``turned``, at ``origin``."""
+    for name, direction in zip(names.split(), turned.T, strict=True):
+        tip = seen_from_above(origin + 0.9 * direction)
+        arrow(axes, seen_from_above(origin), tip, colour)
+        label(axes, seen_from_above(origin + 1.08 * direction), name, colour)
+
+
+def about(axis: int, angle: float) -> np.ndarray:
+    """Return the right-handed rotation about one of the axes."""
+    turned = np.eye(3)
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    turned[first, first] = turned[second, second] = np.cos(angle)
+    turned[second, first] = np.sin(angle)
+    turned[first, second] = -turned[second, first]
+    return turned
+
+
+def pose_frames(axes: Axes) -> None:
+    """Draw scanner and object, and what a pose is."""
+    turned = about(1, 0.5) @ about(0, 0.15) @ about(2, 0.2)
+    place = np.array([1.6, 0.1, 5.0])
+    corners = 0.8 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
+    outline = seen_from_above(corners @ turned.T + place)
+    axes.add_patch(Polygon(outline, fc="#eef2f5", ec=GREY))
+    for number, corner in enumerate(outline):
+        axes.plot(*zip(seen_from_above(np.zeros(3)), corner, strict=True), color=LASER, lw=0.6, ls=":")
+        axes.plot(*corner, "o", color=LASER, ms=6)
+        label(axes, np.add(corner, (0.0, 0.24 if number < 2 else -0.24)), f"r{'₁₂₃₄'[number]}", LASER)
+    axes_of_frame(axes, np.zeros(3), np.eye(3), "x y z", INK)
+    axes_of_frame(axes, place, turned, "x_o y_o z_o", LENS)
+    arrow(axes, seen_from_above(np.zeros(3)), seen_from_above(place), INK)
+    label(axes, np.add(seen_from_above(0.55 * place), (0.22, -0.14)), "t")
+    label(axes, np.array([-0.2, -0.25]), "scanner", ha="right")
+    label(axes, np.add(seen_from_above(place), (0.95, -0.6)), "object", LENS)
+    label(axes, np.array([2.6, -1.75]), "X = R r + t        R = scanner_from_object", fontsize=11)
+    label(axes, np.array([2.6, -2.15]), "errors: t + δt, exp([δω]×) R, both along x, y, z", fontsize=10)
+    axes.set_title("A pose: the object's frame in the scanner's", fontsize=11)
+    axes.set(xlim=(-1.2, 6.6), ylim=(-2.4, 3.6), aspect="equal")
+
+
+def turns(axes: Axes) -> None:
+    """Draw yaw, pitch and roll, each as it is seen along its axis."""
+    for number, (name, right, other, words) in enumerate(
+        (
+            ("yaw, from above", "x", "z", "about y: turns right"),
+            ("pitch, from the right", "z", "−y", "about x: turns up"),
+            ("roll, from behind", "x", "y", "about z: right side down"),
+        )
+    ):
+        middle = np.array([0.0, -3.0 * number])
+        down = other == "y"
+        angle = np.deg2rad(25.0)
+        arrow(axes, middle, np.add(middle, (1.3, 0.0)), GREY)
+        label(axes, np.add(middle, (1.5, 0.0)), right, GREY)
+        arrow(axes, middle, np.add(middle, (0.0, -1.3 if down else 1.3)), GREY)
+        label(axes, np.add(middle, (0.0, -1.5 if down else 1.5)), other, GREY)
+        # What looks along z (yaw, pitch) or to the right (roll) goes to: right, up, down.
+        forward = {0: np.array([0.0, 1.0]), 1: np.array([1.0, 0.0]), 2: np.array([1.0, 0.0])}[number]
+        sense = {0: -angle, 1: angle, 2: -angle}[number]
+        rotation = np.array([[np.cos(sense), -np.sin(sense)], [np.sin(sense), np.cos(sense)]])
+        arrow(axes, middle, middle + 1.25 * rotation @ forward, LENS)
+        arrow(axes, middle + 0.8 * forward, middle + 0.82 * rotation @ forward, LASER, "->")
+        label(axes, np.add(middle, (2.0, 0.75)), name, ha="left")
+        label(axes, np.add(middle, (2.0, 0.4)), words, LENS, ha="left", fontsize=9)
+    axes.set_title("R = R_y(yaw) R_x(pitch) R_z(roll)", fontsize=11)
+    axes.set(xlim=(-0.6, 4.6), ylim=(-7.9, 1.8), aspect="equal")
+
+
 def main(folder: Path) -> None:
-    """Write the drawing; the same program writes the same bytes."""
+    """Write the drawings; the same program writes the same bytes."""
     mpl.rcParams.update({"svg.hashsalt": "scanner-sim", "font.family": "DejaVu Sans"})
     figure = Figure(figsize=(12.0, 9.6), layout="constrained")
     panels = figure.subplots(2, 2, gridspec_kw={"height_ratios": [1.35, 1.0]})
@@ -177,6 +251,12 @@ def main(folder: Path) -> None:
         axes.set_axis_off()
         draw(axes)
     figure.savefig(folder / "conventions.svg", metadata={"Date": None})
+    figure = Figure(figsize=(12.0, 5.6), layout="constrained")
+    panels = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.7, 1.0]})
+    for draw, axes in zip((pose_frames, turns), panels, strict=True):
+        axes.set_axis_off()
+        draw(axes)
+    figure.savefig(folder / "pose.svg", metadata={"Date": None})
 
 
 if __name__ == "__main__":
