@@ -1,0 +1,74 @@
+"""How many waveforms a second: recorded with noise, detected and timed.
+
+Run as ``python benchmarks/waveforms.py [--records N] [--rounds R]``. The records have 256 samples of the default
+receiver; echoes lie at random delays and strengths. The best of the rounds counts, with the median in brackets; the
+first compiles and does not.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+
+import drjit as dr
+import drjit.auto.ad as auto
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from scanner_sim.detector.photodiode import Digitiser, Photodiode
+from scanner_sim.detector.waveform import record
+from scanner_sim.optics.pulse import Pulse
+from scanner_sim.render.device import activate
+from scanner_sim.signals.pulse_detection import PulseDetector
+from scanner_sim.signals.pulse_settings import PulseDetection
+
+METHODS = ("matched_filter", "gaussian_fit", "leading_edge", "constant_fraction")
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("--records", type=int, default=131072)
+    arguments.add_argument("--rounds", type=int, default=5)
+    arguments.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"))
+    given = arguments.parse_args()
+    activate(given.device)
+    from scanner_sim.render.echoes import Echoes
+
+    m, clock = given.records, Digitiser()
+    random = np.random.default_rng(1)
+    shots = dr.arange(auto.UInt32, m)
+
+    def sent(count: int) -> Echoes:
+        floats = [
+            (1e-7 / count * random.uniform(0.02, 2.0, count * m)),
+            random.uniform(0.0, 2.0, count * m),
+            random.uniform(0.0, 0.05, count * m),
+            2.0 * random.uniform(1.0, 30.0, m),
+        ]
+        return Echoes(shots, shots, *(auto.Float(values.astype(np.float32)) for values in floats))
+
+    table = Table("timing", "echoes", "recorded/s", "detected/s", "both/s", title=f"{m} × {clock.samples}")
+    for method in METHODS:
+        for count in (1, 16) if method == "matched_filter" else (1,):
+            echoes = sent(count)
+            detector = PulseDetector(Pulse(), Photodiode(), clock, PulseDetection(timing=method))
+            times = []
+            for number in range(given.rounds + 1):
+                start = time.perf_counter()
+                waveforms = record(echoes, shots, Pulse(), Photodiode(), clock, number, 1e-8)
+                dr.sync_thread()
+                middle = time.perf_counter()
+                detector.detect(waveforms)
+                dr.sync_thread()
+                if number:
+                    times.append((middle - start, time.perf_counter() - middle))
+            spent = np.array(times)
+            spent = np.column_stack([spent, spent.sum(axis=1)])
+            rates = zip(m / spent.min(axis=0), m / np.median(spent, axis=0), strict=True)
+            table.add_row(method, str(count), *(f"{best:,.0f} ({usual:,.0f})" for best, usual in rates))
+    Console().print(table)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,73 @@
+"""Pictures of time of flight: a waveform with its echo, and ranges in grey levels as in the paper's Figure 2b."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.constants import SPEED_OF_LIGHT
+from scanner_sim.products.style import FAINT, INK, house_style, save
+from scanner_sim.products.waveforms import WaveformSet
+from scanner_sim.status import Status
+
+_DPI = 160
+_ECHO = "#b5483a"
+
+
+def range_levels(r: NDArray[np.float64], nearest: float, farthest: float) -> NDArray[np.uint8]:
+    """Return ranges as grey levels: 255 at ``nearest``, 40 at ``farthest``, 0 where there is none.
+
+    Parameters
+    ----------
+    r
+        Ranges [m], shape (rows, columns), NaN without one.
+    nearest, farthest
+        Ends of the scale [m], nearest below farthest; what lies beyond is cut off.
+    """
+    share = np.clip((farthest - r) / (farthest - nearest), 0.0, 1.0)
+    return np.where(np.isfinite(r), np.rint(40.0 + 215.0 * np.nan_to_num(share)), 0.0).astype(np.uint8)
+
+
+def draw_waveform(path: str | Path, waveforms: WaveformSet, number: int) -> None:
+    """Draw one record: current over time and range, with the delay that was found.
+
+    Parameters
+    ----------
+    path
+        The picture, PNG.
+    waveforms
+        Records.
+    number
+        Which of them.
+    """
+    from matplotlib.figure import Figure
+
+    current = waveforms.number[number] * waveforms.step * 1e6
+    time = waveforms.time * 1e9
+    delay, sigma = waveforms.delay[number], waveforms.sigma[number]
+    status = Status(int(waveforms.status[number]))
+    with house_style():
+        figure = Figure(figsize=(5.6, 2.6), dpi=_DPI, layout="constrained")
+        axes = figure.add_subplot()
+        axes.axhline(0.0, color=FAINT, linewidth=0.5)
+        axes.plot(time, current, color=INK, linewidth=0.9, marker=".", markersize=2.5)
+        title = f"voxel ({waveforms.row[number]}, {waveforms.column[number]})"
+        if np.isfinite(delay):
+            axes.axvline(delay * 1e9, color=_ECHO, linewidth=1.0)
+            title += f": echo at {delay * 1e9:.3f} ± {sigma * 1e9:.3f} ns"
+        else:
+            title += f": {status.sentence}"
+        axes.set_title(title, loc="left", fontsize=8.0)
+        axes.set_xlabel("time after the pulse [ns]")
+        axes.set_ylabel("current [µA]")
+        axes.set_xlim(time[0], time[-1])
+        # The range is the time by another scale: a second axis over the same line.
+        above = axes.twiny()
+        low, high = (0.5 * SPEED_OF_LIGHT * end * 1e-9 for end in axes.get_xlim())
+        above.set_xlim(low, high)
+        above.set_xlabel("range [m]", labelpad=2.0)
+        for one in (axes, above):
+            one.spines["right"].set_visible(False)
+        save(figure, path)
