@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 
 _CHARGE = 1.602176634e-19
 _TO_SIGMA = 1.0 / 2.3548200450309493
+_PHASES = 16
 
 
 def excess_noise(gain: float, k: float) -> float:
@@ -98,6 +99,9 @@ def white_noise_bound(sigma: float, step: float, snr: float) -> float:
 def coloured_noise_bound(pulse: float, response: float, step: float, snr: float, white: float) -> float:
     """Return the Cramér–Rao bound [s] on the delay of a Gaussian pulse of unknown amplitude.
 
+    The root of the bound's mean square over all places of the pulse between two samples: where the pulse is hardly
+    wider than a sample the information depends on the place (by 2 % in variance at a standard deviation of 0.87).
+
     Parameters
     ----------
     pulse, response
@@ -110,14 +114,17 @@ def coloured_noise_bound(pulse: float, response: float, step: float, snr: float,
         Share of the noise's variance that is white: the converter's.
     """
     n = 2 * round(8.0 * math.hypot(pulse, response) / step) + 1
-    t = (np.arange(n) - n // 2) * step
-    lag = t[:, None] - t[None, :]
+    grid = (np.arange(n) - n // 2) * step
+    lag = grid[:, None] - grid[None, :]
     R = (1.0 - white) * np.exp(-((lag / (2.0 * response)) ** 2)) + white * np.eye(n)
     variance = pulse**2 + response**2
-    p = snr * np.exp(-0.5 * t**2 / variance)
-    J = np.stack([p * t / variance, p], axis=1)
-    information = J.T @ np.linalg.solve(R, J)
-    return float(np.sqrt(np.linalg.inv(information)[0, 0]))
+    bounds = []
+    for phase in (np.arange(_PHASES) + 0.5) / _PHASES:
+        t = grid - phase * step
+        p = snr * np.exp(-0.5 * t**2 / variance)
+        J = np.stack([p * t / variance, p], axis=1)
+        bounds.append(np.linalg.inv(J.T @ np.linalg.solve(R, J))[0, 0])
+    return float(np.sqrt(np.mean(bounds)))
 
 
 def sphere_range(distance: float, radius: float, beam: float) -> float:

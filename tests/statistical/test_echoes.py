@@ -131,8 +131,8 @@ def test_an_offset_receiver_measures_the_same() -> None:
 def test_spheres_are_measured_over_their_footprint(radius: float, distance: float) -> None:
     """Claim: on a sphere the range is the footprint's mean, within 20 µm; on a large one that is the chief ray's.
 
-    Set-up: spheres hit in the middle, down to one on which the beam bends by 2 mm. Expected: the judge's integral over
-    the beam. Tolerance: 20 µm, the issue's; the sag of the smallest is 95 µm, which a chief ray would miss.
+    Set-up: spheres hit in the middle, down to one whose mean lies 49 µm behind its nearest point. Expected: the judge's
+    integral over the beam. Tolerance: 20 µm, the issue's, which a chief ray alone would miss on the smallest.
     """
     ball = {"name": "ball", "shape": "sphere", "diameter": 2.0 * radius, "material": {"reflectance": 0.5}}
     truth, groups = echoes([{**ball, "position": (0.0, 0.0, distance + radius)}], 0.0, 0.0)

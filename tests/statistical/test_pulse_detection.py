@@ -108,7 +108,7 @@ def test_the_matched_filter_reaches_the_bound(snr: float, bandwidth: float) -> N
     """Claim: σ_t of the matched filter is at most 1.05 times the Cramér–Rao bound from SNR 10 to 1000.
 
     Set-up: 60 000 pulses at random phases, noise of amplifier and converter. Expected: the judge's bound for an unknown
-    amplitude in noise of that colour. Tolerance: the issue's 5 %; below, 1.2 % (four standard errors of a scatter).
+    amplitude in noise of that colour. Tolerance: the issue's 5 %; below, 1.8 %, four times the scatter of 0.44 % over seeds.
     """
     diode = Photodiode(bandwidth=bandwidth, noise=PhotodiodeNoise(shot=False, saturation=False))
     noise = noise_sigma(diode, CLOCK, 0.0)
@@ -122,7 +122,7 @@ def test_the_matched_filter_reaches_the_bound(snr: float, bandwidth: float) -> N
         2e-9 / FWHM, diode.response_sigma, 1e-9, snr, step**2 / 12.0 / noise**2
     )
     ratio = np.std(error[valid]) * 1e-9 / bound
-    assert 0.988 < ratio < 1.05
+    assert 0.982 < ratio < 1.05
     assert abs(error[valid].mean()) < 4.0 * np.std(error[valid]) / np.sqrt(valid.sum()) + 2e-4
     assert delays.sigma.numpy()[valid].mean() * 1e-9 == pytest.approx(bound, rel=0.05)
 
@@ -130,11 +130,11 @@ def test_the_matched_filter_reaches_the_bound(snr: float, bandwidth: float) -> N
 def test_in_white_noise_the_bound_is_the_closed_form() -> None:
     """Claim: where the noise is white the judge's bound is √(2τΔt/√π) σ_n/A, the physics page's.
 
-    Set-up: electronics so fast that neighbouring samples do not correlate. Expected: equal. Tolerance: 1 %.
+    Set-up: electronics so fast that neighbouring samples do not correlate. Expected: equal. Tolerance: 1e-3.
     """
     sigma = 2e-9 / FWHM
     exact = judge.coloured_noise_bound(sigma, 1e-11, 1e-9, 100.0, 0.999)
-    assert exact == pytest.approx(judge.white_noise_bound(sigma, 1e-9, 100.0), rel=0.01)
+    assert exact == pytest.approx(judge.white_noise_bound(sigma, 1e-9, 100.0), rel=1e-3)
 
 
 @pytest.mark.parametrize("method", METHODS)
