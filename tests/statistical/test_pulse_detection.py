@@ -108,7 +108,7 @@ def test_the_matched_filter_reaches_the_bound(snr: float, bandwidth: float) -> N
     """Claim: σ_t of the matched filter is at most 1.05 times the Cramér–Rao bound from SNR 10 to 1000.
 
     Set-up: 60 000 pulses at random phases, noise of amplifier and converter. Expected: the judge's bound for an unknown
-    amplitude in noise of that colour. Tolerance: the issue's 5 %; below, 1.8 %, four times the scatter of 0.44 % over seeds.
+    amplitude in noise of that colour. Tolerance: the issue's 5 %; below, 1.8 %, four times the scatter over seeds.
     """
     diode = Photodiode(bandwidth=bandwidth, noise=PhotodiodeNoise(shot=False, saturation=False))
     noise = noise_sigma(diode, CLOCK, 0.0)
