@@ -114,8 +114,8 @@ def test_late_light_agrees_with_mitransient() -> None:
 
     Set-up: a cone of 3° onto a wall at 4 m with a side wall at x = 0.6 m, seen from the light's place within ±1 rad;
     30 000 thin beams of 128 paths, against 16 renderings. Expected: equal power per bin of the way, ten bins of 0.2 m
-    from 8.2 m on, behind the direct light. Tolerance: |z| < 4.5 in each bin, errors (1 % in the fullest) from the scatter
-    of beams and of renderings; 3 % of the sum, which is known to 0.6 %.
+    from 8.2 m on, behind the direct light. Tolerance: |z| < 4.5 in each bin, errors (1 % in the fullest) from the
+    scatter of beams and of renderings; 3 % of the sum, which is known to 0.6 %.
     """
     pytest.importorskip("mitransient", reason="mitransient is a test-only dependency")
     renderings = np.array([by_mitransient(1024, seed) for seed in range(16)])

@@ -73,6 +73,7 @@ def test_the_threshold_gives_the_rate_of_false_alarms(method: str, bandwidth: fl
     standard errors.
     """
     diode = Photodiode(bandwidth=bandwidth, noise=PhotodiodeNoise(quantisation=False))
+    detector = PulseDetector(PULSE, diode, CLOCK, PulseDetection(timing=method, false_alarms=1e-2))
     m = 50_000
     alarms = 0
     for part in range(4):
@@ -83,8 +84,7 @@ def test_the_threshold_gives_the_rate_of_false_alarms(method: str, bandwidth: fl
             dr.full(auto.Float, 20.0, m),
         )
         waveforms = record(dark, dark.shot, PULSE, diode, CLOCK, 3)
-        delays, _ = found(waveforms, diode, timing=method, false_alarms=1e-2)
-        alarms += int((delays.echoes.numpy() > 0).sum())
+        alarms += int((detector.detect(waveforms).echoes.numpy() > 0).sum())
     assert abs(alarms - 2000) < 175
 
 
@@ -246,9 +246,10 @@ def test_clipped_pulses_keep_a_good_range(method: str) -> None:
     """
     diode = Photodiode()
     truth = np.random.default_rng(3).uniform(80.0, 120.0, 20_000)
+    detector = PulseDetector(PULSE, diode, CLOCK, PulseDetection(timing=method))
     for strength in (3.0, 10.0, 30.0, 300.0, 1000.0):
-        waveforms = sent(np.full(20_000, strength * diode.saturation), truth, diode)
-        delays, place = found(waveforms, diode, timing=method)
+        delays = detector.detect(sent(np.full(20_000, strength * diode.saturation), truth, diode))
+        place = (delays.seconds(CLOCK) - CLOCK.start) * CLOCK.rate
         assert (delays.status.numpy() == Status.VALID).all()
         error = place - truth
         assert abs(metres(error.mean(), CLOCK)) < 1e-3
