@@ -120,7 +120,8 @@ def render_panorama(
             dr.eval(sums, features)
     low, high = dr.minimum(sums[0][0], sums[1][0]), dr.maximum(sums[0][1], sums[1][1])
     seen = bench.height / bench.receiver.focal_length
-    uneven = contrast(low, high, view, 1 if view.row_step < seen else 0)
+    # An edge between rows, at the end of the pixels' height, may escape all samples of one row.
+    uneven = contrast(low, high, view, 1 if view.row_step < 2.0 * seen else 0)
     dr.eval(uneven)
     sharp = sharp_light(loaded, bench, sky, albedo, view, uneven, finer=min(finer, 4), seed=seed)
     smoothed = smooth(
@@ -149,9 +150,17 @@ def _assembled(view: View, bench: Bench, halves: list[Any]) -> Panorama:
     apart = [0.5 * (halves[0] - halves[2]), 0.5 * (halves[1] - halves[3])]
     squares = [dr.square(layer) for layer in convolved(apart, view.bins, window / window.sum())]
     near = np.full(2 * _NEIGHBOURS + 1, 1.0 / (2 * _NEIGHBOURS + 1))
-    errors = [dr.sqrt(layer) for layer in convolved(squares, view.bins, near)]
+    errors = [dr.sqrt(_over_rows(layer, view)) for layer in convolved(squares, view.bins, near)]
     dr.eval(in_band, out_of_band, errors)
     return Panorama(view, in_band, out_of_band, *errors)
+
+
+def _over_rows(layer: Any, view: View) -> Any:
+    """Return the mean of each row with the next to either side; the first and last are repeated."""
+    lane = dr.arange(mi.UInt32, view.rows * view.bins)
+    up = dr.select(lane >= view.bins, lane - view.bins, lane)
+    down = dr.select(lane + view.bins < view.rows * view.bins, lane + view.bins, lane)
+    return (layer + dr.gather(mi.Float, layer, up) + dr.gather(mi.Float, layer, down)) / 3.0
 
 
 def _evenly(number: Any, draw: Any, axis: int, seed: int, part: int) -> Any:

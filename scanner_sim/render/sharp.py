@@ -22,12 +22,12 @@ from scanner_sim.render.view import View, rays_through
 from scanner_sim.scene.loader import LoadedScene
 from scanner_sim.streams import Stream, generator
 
-_LEVELS = ((0.0, 2), (0.02, 4), (0.2, 16))
+_LEVELS = ((0.0, 2), (0.02, 6), (0.2, 24))
 """From which contrast on how many samples are taken, in each half."""
 _RAYS_TOGETHER = 1 << 21
 _FAINT = 0.003
 """Radiance that counts as dark [1/sr]: a hundredth of a white wall's in the Sun."""
-_REACH = 2
+_REACH = 1
 """Bins to either side, among which the pilot's samples are compared."""
 _STARTS = 0xFFFFFF00
 """Addresses of the lattices' random starts: apart from those of the paths."""
