@@ -82,7 +82,7 @@ class Rays:
         from scanner_sim.render import light
         from scanner_sim.render.beamlets import edge_beamlets, smooth_beamlets
         from scanner_sim.render.shots import true_shots
-        from scanner_sim.render.transport import device_frame, launch, trace_spots
+        from scanner_sim.render.transport import frame_at, launch, trace_spots
         from scanner_sim.scan.raster import raster_aim, tiled_order
         from scanner_sim.simulate import BATCH
         from scanner_sim.workbench import Workbench
@@ -91,12 +91,15 @@ class Rays:
         scan, settings = scenario.scan, scenario.transport
         loaded, optics = self.workbench.loaded, self.workbench.optics
         order = tiled_order(scan)
-        self.aims = [raster_aim(scan, order[start : start + BATCH]) for start in range(0, scan.shots, BATCH)]
+        dwell = scenario.scanner.dwell
+        self.aims = [
+            raster_aim(scan, order[start : start + BATCH], dwell) for start in range(0, scan.shots, BATCH)
+        ]
         smooth = smooth_beamlets(settings.beamlets)
         self.scene, self.batches, self.rays, finer = loaded.mitsuba, [], 0, 0
         for aim in self.aims:
-            shots = true_shots(aim, 0.0, 0)
-            spots = trace_spots(loaded, optics, smooth, shots.theta, shots.phi)
+            shots, _ = true_shots(aim, scenario.scanner.mirrors, 0)
+            spots = trace_spots(loaded, optics, smooth, shots)
             chief = dr.arange(mi.UInt32, len(aim.shot)) * len(smooth.weights)
             ground = light._ground(loaded, optics, smooth, spots, chief)
             for members, beamlets in (
@@ -108,7 +111,7 @@ class Rays:
                 k = len(beamlets.weights)
                 lane = dr.arange(mi.UInt32, dr.width(members) * k)
                 own = shots.some(dr.gather(mi.UInt32, members, lane // k))
-                frame = device_frame(optics, own.theta, own.phi)
+                frame = frame_at(optics, own, dr.gather(mi.Float, mi.Float(beamlets.times), lane % k))
                 node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), lane % k) for axis in (0, 1)]
                 beam, lens = launch(optics, frame, node), mi.Point3f(frame.lens)
                 dr.eval(beam, lens)

@@ -92,7 +92,7 @@ def ratio_at(distance: float, bandwidth: float) -> float:
         scan={"rows": 1, "columns": 1, "horizontal": (0.0, 0.0), "vertical": (0.0, 0.0)},
     )
     bench = Workbench(scenario)
-    _, groups = bench.expose(raster_aim(scenario.scan, np.array([0], dtype=np.uint32)))
+    _, groups = bench.expose(raster_aim(scenario.scan, np.array([0], dtype=np.uint32), 50e-6))
     (group,) = groups
     budget = group.light.link_budget()
     return float(budget.laser[0]) / float(budget.background[0])

@@ -146,7 +146,8 @@ def _passage(scenario: Scenario, node: int, spot: Any, device: DeviceChoice) -> 
         scene, scan = _targets(scenario, ranges[part], reflectance)
         bench = Workbench(_quiet(scenario, scene, scan), device=device)
         count = len(ranges[part])
-        _, groups = bench.expose(raster_aim(scan, np.arange(count, dtype=np.uint32)))
+        aim = raster_aim(scan, np.arange(count, dtype=np.uint32), scenario.scanner.dwell)
+        _, groups = bench.expose(aim)
         for group in groups:
             quiet = bench.scenario
             theta = np.full(len(group.index), _theta(scenario), dtype=np.float32)

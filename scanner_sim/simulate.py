@@ -66,7 +66,7 @@ def simulate(
     layers: dict[str, NDArray[np.float32]] = {}
     for start in range(0, scan.shots, batch):
         shots = order[start : start + batch]
-        for name, values in bench.measure(raster_aim(scan, shots)).items():
+        for name, values in bench.measure(raster_aim(scan, shots, scenario.scanner.dwell)).items():
             if name not in layers:
                 layers[name] = np.empty(scan.shots, dtype=np.float32)
             layers[name][shots] = values

@@ -152,6 +152,15 @@ class Dimension:
         return {"type": "string", "pattern": _QUANTITY_PATTERN, "examples": examples}
 
 
+class _Kelvins(Dimension):
+    """Kelvins only: a degree Celsius is no multiple of a kelvin."""
+
+    def parse(self, text: str) -> float:
+        if not text.rstrip().endswith((" K", "kelvin")):
+            raise ValueError(f"'{text}' is not a number of kelvins")
+        return super().parse(text)
+
+
 def _awkwardness(spelling: str) -> tuple[int, bool, bool]:
     """Return how hard a quantity is to read: digits that matter, exponent, size far from one."""
     number = spelling.split()[0]
@@ -204,7 +213,7 @@ def _scale(unit: str, target: str) -> float:
         found = registry.parse_units(unit)
     except Exception:
         raise ValueError(f"'{unit}' is not a known unit") from None
-    if target == "rad" and "radian" not in str(registry.Quantity(1.0, found).to_root_units().units):
+    if target.startswith("rad") and "radian" not in str(registry.Quantity(1.0, found).to_root_units().units):
         raise ValueError(f"'{unit}' is not a unit of angle")
     try:
         return float(registry.Quantity(1.0, found).to(target).magnitude)
@@ -225,3 +234,8 @@ Electrons = Annotated[float, Dimension("electron", ("1000 electron",))]
 ElectronRate = Annotated[float, Dimension("electron/s", ("2.5e7 electron/s",))]
 ElectronsPerNumber = Annotated[float, Dimension("electron/DN", ("800 electron/DN",))]
 Ratio = Annotated[float, Dimension("1", (0.5, "50 %", "-3 dB"))]
+Temperature = Annotated[float, _Kelvins("K", ("5770 K",))]
+TemperatureDifference = Annotated[float, _Kelvins("K", ("5 K",))]
+TemperatureRate = Annotated[float, Dimension("K/s", ("2 K/h",), ("K/h", "K/min"))]
+AnglePerKelvin = Annotated[float, Dimension("rad/K", ("15 urad/K",), ("urad/K",))]
+RatioPerKelvin = Annotated[float, Dimension("K^-1", ("50 ppm/K",), ("ppm/K",))]

@@ -18,7 +18,7 @@ from scanner_sim.optics.speckle import Grain
 from scanner_sim.products.image import MEASURED
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.ranging.neighbours import isolated
-from scanner_sim.ranging.ranges import Geometry, Ranges, ranges_from_peaks
+from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_from_peaks
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.render.device import DeviceChoice, activate
 from scanner_sim.scan.raster import Aim, raster_aim
@@ -73,7 +73,7 @@ class Workbench:
             axis_separation=scanner.mirrors.axis_separation,
             pitch=sensor.pitch,
             offset=sensor.offset,
-            sigma_angle=scanner.mirrors.jitter,
+            synchronisation=scanner.mirrors.synchronisation,
         )
 
     @cached_property
@@ -156,9 +156,8 @@ class Workbench:
     @property
     def sweep(self) -> float:
         """Angle by which the beam moves over the surface while the laser shines on a voxel [rad]."""
-        theta, _ = self.scenario.scan.angles()
-        step = float(theta[1] - theta[0]) if len(theta) > 1 else 0.0
-        return step * self.scenario.scanner.exposure / self.scenario.scanner.dwell
+        scanner = self.scenario.scanner
+        return self.scenario.scan.travel * scanner.exposure / scanner.dwell
 
     @cached_property
     def expected_speckle(self) -> Any:
@@ -184,7 +183,8 @@ class Workbench:
         """Return the layers of the shots of an aim: each of shape (n,)."""
         from scanner_sim.detector.line import electrons_per_watt
 
-        truth, groups = self.expose(aim)
+        shots, pointing = self.fire(aim)
+        truth, groups = self._exposed(aim, shots)
         n = len(aim.shot)
         peak, sigma_peak, signal, snr, laser, window, error, brightest = (
             np.full(n, np.nan) for _ in range(8)
@@ -202,7 +202,8 @@ class Workbench:
             error[group.index] = budget.background_error.numpy()
             brightest[group.index] = budget.brightest.numpy()
             status[group.index] = peaks.status.numpy()
-        ranges = self._ranges(peak, sigma_peak, status, aim)
+        ranges = self._ranges(peak, sigma_peak, status, self._deflections(aim, pointing))
+        covariance = ranges.covariance
         invalid = ranges.status != Status.VALID
         peak[invalid] = sigma_peak[invalid] = np.nan
         scanner = self.scenario.scanner
@@ -215,6 +216,12 @@ class Workbench:
             "P.X": ranges.x,
             "P.Y": ranges.y,
             "P.Z": ranges.z,
+            "sigma_x_m": np.sqrt(covariance.xx),
+            "sigma_y_m": np.sqrt(covariance.yy),
+            "sigma_z_m": np.sqrt(covariance.zz),
+            "cov_xy_m2": covariance.xy,
+            "cov_xz_m2": covariance.xz,
+            "cov_yz_m2": covariance.yz,
             "Y": signal,
             "snr": contrast,
             "snr_detection": snr,
@@ -225,6 +232,8 @@ class Workbench:
             "sigma_peak_px": sigma_peak,
             "status": ranges.status,
             "truth.range_m": truth.distance.numpy(),
+            "truth.theta_rad": aim.theta + pointing.theta,
+            "truth.phi_rad": aim.phi + pointing.phi,
             "truth.object": truth.object.numpy(),
             "truth.material": truth.material.numpy(),
         }
@@ -265,9 +274,8 @@ class Workbench:
         scanner, processing = self.scenario.scanner, self.scenario.processing
         sensor = scanner.position_sensor
         values = self._among_neighbours(row, column)
-        aim = raster_aim(
-            self.scenario.scan, np.array([row * self.scenario.scan.columns + column], dtype=np.uint32)
-        )
+        shot = np.array([row * self.scenario.scan.columns + column], dtype=np.uint32)
+        aim = raster_aim(self.scenario.scan, shot, scanner.dwell)
         _, groups = self.expose(aim)
         (group,) = groups
         status = Status(int(values["status"]))
@@ -305,7 +313,7 @@ class Workbench:
         rows = np.arange(max(row - 1, 0), min(row + 2, scan.rows))
         columns = np.arange(max(column - 1, 0), min(column + 2, scan.columns))
         shots = (rows[:, None] * scan.columns + columns[None, :]).astype(np.uint32)
-        measured = self.measure(raster_aim(scan, shots.ravel()))
+        measured = self.measure(raster_aim(scan, shots.ravel(), self.scenario.scanner.dwell))
         layers = {name: values.astype(np.float64).reshape(shots.shape) for name, values in measured.items()}
         theta, phi = scan.angles()
         self.refuse_isolated(layers, theta[columns], phi[rows])
@@ -314,15 +322,23 @@ class Workbench:
 
     def expose(self, aim: Aim) -> tuple[Any, Iterator[Group]]:
         """Render, expose and read the shots of an aim: their truth, and the shots in groups."""
+        return self._exposed(aim, self.fire(aim)[0])
+
+    def fire(self, aim: Aim) -> tuple[Any, Any]:
+        """Return the shots of an aim as the mirrors' errors let them go, and these errors."""
+        from scanner_sim.render.shots import true_shots
+
+        scanner = self.scenario.scanner
+        return true_shots(aim, scanner.mirrors, self.scenario.seed, scanner.exposure / scanner.dwell)
+
+    def _exposed(self, aim: Aim, shots: Any) -> tuple[Any, Iterator[Group]]:
         from scanner_sim.detector.line import expose
         from scanner_sim.render.incident import Incident
         from scanner_sim.render.light import render_light
-        from scanner_sim.render.shots import true_shots
         from scanner_sim.signals.peaks import find_peaks
 
         scenario, scanner = self.scenario, self.scenario.scanner
         sensor, seed = scanner.position_sensor, scenario.seed
-        shots = true_shots(aim, scanner.mirrors.jitter, seed)
         truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, seed)
 
         def groups() -> Iterator[Group]:
@@ -358,9 +374,31 @@ class Workbench:
 
         return truth, groups()
 
-    def _ranges(self, peak: NDArray[Any], sigma_peak: NDArray[Any], status: NDArray[Any], aim: Aim) -> Ranges:
+    def _deflections(self, aim: Aim, pointing: Any) -> Deflections:
+        """Return what the encoders read, with what the instrument knows of their errors."""
+        from scanner_sim.detector.encoders import read_encoders
+
+        mirrors = self.scenario.scanner.mirrors
+        theta, phi = read_encoders(
+            aim.shot,
+            aim.theta + pointing.seen_theta,
+            aim.phi + pointing.seen_phi,
+            mirrors,
+            self.scenario.seed,
+        )
+        return Deflections(
+            theta, phi, mirrors.reading_sigma(theta, aim.time), mirrors.reading_sigma(phi, aim.time)
+        )
+
+    def _ranges(
+        self,
+        peak: NDArray[Any],
+        sigma_peak: NDArray[Any],
+        status: NDArray[Any],
+        deflections: Deflections,
+    ) -> Ranges:
         gate = self.scenario.processing.range_gate
-        return ranges_from_peaks(peak, sigma_peak, status, aim.theta, aim.phi, self.geometry, gate)
+        return ranges_from_peaks(peak, sigma_peak, status, deflections, self.geometry, gate)
 
 
 def _window(line: NDArray[np.float64], peak: float, method: Any) -> tuple[int, int] | None:

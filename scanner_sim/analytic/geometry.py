@@ -199,6 +199,59 @@ def propagated_errors(
     return np.asarray(np.sqrt(np.sum(scaled**2, axis=-1)))
 
 
+def propagated_covariance(
+    R: ArrayLike,
+    theta: ArrayLike,
+    phi: ArrayLike,
+    f: float,
+    d: float,
+    D: float,
+    dp: ArrayLike,
+    dtheta: ArrayLike,
+    dphi: ArrayLike,
+) -> Floats:
+    """Return the covariance matrix of (x, y, z, R) [m²], shape (..., 4, 4), from independent errors.
+
+    J diag(dp², dtheta², dphi²) Jᵀ with :func:`shot_jacobian`; first order in the errors ``dp`` [m], ``dtheta``,
+    ``dphi`` [rad], which may be numbers or arrays.
+    """
+    jacobian = shot_jacobian(R, theta, phi, f, d, D)
+    variances = np.stack(np.broadcast_arrays(*(np.square(error) for error in (dp, dtheta, dphi))), axis=-1)
+    return np.asarray(np.einsum("...ik,...k,...jk->...ij", jacobian, variances, jacobian))
+
+
+def swept_image(
+    theta: float,
+    phi: float,
+    travel: tuple[float, float],
+    f: float,
+    d: float,
+    D: float,
+    point: ArrayLike,
+    normal: ArrayLike,
+) -> tuple[float, float]:
+    """Return mean and standard deviation of p [m] while the mirrors sweep over a plane at an even rate.
+
+    p(Θ, φ) of the beam's axis by :func:`range_to_plane` and :func:`image_position`, averaged by Gauss–Legendre
+    quadrature over Θ ± travel/2, φ ± travel/2: no expansion. Laser and receiver turn together, so a plane square to the
+    beam leaves p where it is, and a slope smears it.
+
+    Parameters
+    ----------
+    theta, phi, travel
+        Deflections in the middle and their changes from first to last [rad].
+    f, d, D
+        Focal length, base and axis separation [m].
+    point, normal
+        A point of the plane [m] and its normal, shape (3,).
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(16)
+    theta_now, phi_now = theta + 0.5 * travel[0] * nodes, phi + 0.5 * travel[1] * nodes
+    p = image_position(range_to_plane(theta_now, phi_now, D, point, normal), theta_now, f, d)
+    mean = float(p @ weights / 2.0)
+    return mean, float(np.sqrt((p - mean) ** 2 @ weights / 2.0))
+
+
 def propagated_errors_printed(
     R: ArrayLike,
     theta: ArrayLike,

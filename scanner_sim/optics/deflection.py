@@ -8,12 +8,48 @@ by φ about the line x ∥, z = D_g. Laser and receiver are virtual points that 
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field
 
 from scanner_sim.parts import Part
-from scanner_sim.units import Angle, Length
+from scanner_sim.units import (
+    Angle,
+    AnglePerKelvin,
+    Length,
+    Ratio,
+    RatioPerKelvin,
+    TemperatureDifference,
+    TemperatureRate,
+    Time,
+)
+
+Array = NDArray[np.float64]
+
+
+class TemperatureCourse(Part):
+    """How far the mirrors' temperature is from that of their calibration: rate · t + amplitude · sin(2π t/period)."""
+
+    amplitude: TemperatureDifference = Field(default=0.0, ge=0.0, le=200.0)
+    """Amplitude of the periodic part."""
+    period: Time = Field(default=5520.0, ge=1e-3, le=1e9)
+    """Period; 92 minutes is a low orbit."""
+    rate: TemperatureRate = Field(default=0.0, ge=-10.0, le=10.0)
+    """Steady change since the calibration, which was at the first shot."""
+
+    def difference(self, time: Array) -> Array:
+        """Return the difference [K] at times [s] since the first shot, any shape."""
+        return np.asarray(self.rate * time + self.amplitude * np.sin(2.0 * math.pi * time / self.period))
+
+    def spread(self, time: Array) -> Array:
+        """Return what the instrument expects of the difference [K, rms] at times [s], any shape.
+
+        It knows the course but neither its phase nor its sign: hypot(rate · t, amplitude/√2).
+        """
+        return np.hypot(self.rate * time, self.amplitude * math.sqrt(0.5))
 
 
 class Mirrors(Part):
@@ -24,7 +60,53 @@ class Mirrors(Part):
     max_deflection: Angle = Field(default=0.5, gt=0.0, lt=1.5)
     """Largest optical deflection of each axis, to both sides."""
     jitter: Angle = Field(default=8e-6, ge=0.0, le=1e-2)
-    """Standard deviation of the pointing error common to laser and receiver, per axis and shot."""
+    """Standard deviation of the pointing error common to laser and receiver, per axis and shot (repeatability)."""
+    jitter_seen: Ratio = Field(default=0.0, ge=0.0, le=1.0)
+    """Share of the jitter's variance that the angle encoders read, because it is a motion of the shafts."""
+    wobble: Angle = Field(default=3e-6, ge=0.0, le=1e-2)
+    """Standard deviation of the cross-axis error of each mirror, common to laser and receiver; encoders miss it."""
+    wobble_angle: Angle = Field(default=0.05, ge=1e-4, le=10.0)
+    """Deflection of the wobbling mirror over which its wobble changes."""
+    wobble_time: Time = Field(default=50e-3, ge=1e-4, le=1e6)
+    """Time over which the wobble changes; within it a motion that is repeated wobbles alike."""
+    synchronisation: Angle = Field(default=1e-6, ge=0.0, le=1e-3)
+    """Standard deviation of the angle between projection and reception, per shot: it moves the spot on the sensor."""
+    readout_noise: Angle = Field(default=2e-6, ge=0.0, le=1e-2)
+    """Standard deviation of the angle encoders' noise, per axis and shot."""
+    readout_step: Angle = Field(default=1e-6, ge=0.0, le=1e-2)
+    """Step of the angle encoders; 0 for none."""
+    drift_zero: AnglePerKelvin = Field(default=15e-6, ge=-1e-2, le=1e-2)
+    """Drift of the encoders' zero with temperature, both axes."""
+    drift_scale: RatioPerKelvin = Field(default=50e-6, ge=-1e-2, le=1e-2)
+    """Drift of the encoders' scale with temperature, both axes."""
+    temperature: TemperatureCourse = TemperatureCourse()
+    """Temperature of the mirrors; by default it stays, and nothing drifts."""
+
+    def drift(self, deflection: Array, time: Array) -> Array:
+        """Return by how much a drifted mirror points beyond its encoder's reading: ΔT (zero + scale · deflection).
+
+        ``deflection`` [rad] and ``time`` since the first shot [s] broadcast. The servo holds the reading, so the mirror
+        is what moves.
+        """
+        return self.temperature.difference(time) * (self.drift_zero + self.drift_scale * deflection)
+
+    def reading_sigma(self, deflection: Array, time: Array) -> Array:
+        """Return the standard deviation [rad] of an encoder's reading about the true deflection.
+
+        Independent parts: jitter that it does not see, the other mirror's wobble, its own noise, its step q (q²/12, as
+        for a uniform error; Bennett, *Bell System Technical Journal* 27, 1948) and the expected drift.
+
+        Parameters
+        ----------
+        deflection
+            Θ or φ [rad].
+        time
+            Since the first shot [s]; they broadcast.
+        """
+        constant = (1.0 - self.jitter_seen) * self.jitter**2 + self.wobble**2
+        constant += self.readout_noise**2 + self.readout_step**2 / 12.0
+        drift = self.temperature.spread(time) * (self.drift_zero + self.drift_scale * deflection)
+        return np.sqrt(constant + drift**2)
 
 
 class Frame(NamedTuple):

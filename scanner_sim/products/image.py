@@ -31,6 +31,12 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("P.X", "m", "measured point, to the right of the scanner"),
     Channel("P.Y", "m", "measured point, downwards"),
     Channel("P.Z", "m", "measured point, away from the scanner"),
+    Channel("sigma_x_m", "m", "standard deviation of P.X that the instrument states, about the true point"),
+    Channel("sigma_y_m", "m", "standard deviation of P.Y that the instrument states"),
+    Channel("sigma_z_m", "m", "standard deviation of P.Z that the instrument states"),
+    Channel("cov_xy_m2", "m2", "covariance of P.X and P.Y that the instrument states"),
+    Channel("cov_xz_m2", "m2", "covariance of P.X and P.Z that the instrument states"),
+    Channel("cov_yz_m2", "m2", "covariance of P.Y and P.Z that the instrument states"),
     Channel("Y", "electron", "returned signal: charge of the detected peak, 0 below the threshold"),
     Channel(
         "snr",
@@ -55,6 +61,8 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("sigma_peak_px", "pixel", "standard deviation of peak_px that the instrument states"),
     Channel("status", "1", "0 where a range was measured, otherwise why there is none"),
     Channel("truth.range_m", "m", "true range along the chief ray; the instrument does not know it"),
+    Channel("truth.theta_rad", "rad", "true deflection of the beam to the right, in the middle of the dwell"),
+    Channel("truth.phi_rad", "rad", "true deflection of the beam downwards"),
     Channel("truth.object", "1", "number of the object hit by the chief ray, from 1; 0 for nothing"),
     Channel("truth.material", "1", "number of the material hit by the chief ray, from 1; 0 for nothing"),
 )
@@ -63,7 +71,10 @@ CHANNELS: tuple[Channel, ...] = (
 CHANNEL: Mapping[str, Channel] = MappingProxyType({channel.name: channel for channel in CHANNELS})
 """The table by name."""
 
-MEASURED = ("range_m", "sigma_range_m", "P.X", "P.Y", "P.Z", "peak_px", "sigma_peak_px")
+SIGMAS = ("sigma_x_m", "sigma_y_m", "sigma_z_m", "cov_xy_m2", "cov_xz_m2", "cov_yz_m2")
+"""Layers of the point's covariance."""
+
+MEASURED = ("range_m", "sigma_range_m", "P.X", "P.Y", "P.Z", *SIGMAS, "peak_px", "sigma_peak_px")
 """Layers that are NaN wherever ``status`` is not 0."""
 
 LEGENDS = ("status", "truth.object", "truth.material")

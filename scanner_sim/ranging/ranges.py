@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.ranging.coordinates import coordinates
-from scanner_sim.ranging.triangulation import range_from_position, range_sigma
+from scanner_sim.ranging.covariance import PointCovariance, point_covariance
+from scanner_sim.ranging.triangulation import position_sigma, range_from_position, range_jacobian
 from scanner_sim.status import Status
 
 Array = NDArray[np.float64]
@@ -19,7 +20,7 @@ class Geometry:
     """The calibration that turns a pixel into a range, SI.
 
     ``focal_length``, ``baseline``, ``axis_separation`` of the optics; ``pitch`` and ``offset`` of the sensor;
-    ``sigma_angle`` the standard deviation of each deflection.
+    ``synchronisation`` the standard deviation of the angle between projection and reception.
     """
 
     focal_length: float
@@ -27,7 +28,7 @@ class Geometry:
     axis_separation: float
     pitch: float
     offset: float
-    sigma_angle: float
+    synchronisation: float
 
     def position(self, peak: Array) -> Array:
         """Return the position p on the sensor [m] of a fractional pixel."""
@@ -39,10 +40,21 @@ class Geometry:
 
 
 @dataclass(frozen=True)
+class Deflections:
+    """Measured deflections and their standard deviations about the true ones [rad], arrays of shape (n,)."""
+
+    theta: Array
+    phi: Array
+    sigma_theta: Array
+    sigma_phi: Array
+
+
+@dataclass(frozen=True)
 class Ranges:
     """Measured ranges, arrays of shape (n,); NaN wherever ``status`` is not 0.
 
-    ``range`` and ``sigma`` [m], ``x``, ``y``, ``z`` [m] in the scanner frame, ``status`` codes.
+    ``range`` and ``sigma`` [m], ``x``, ``y``, ``z`` [m] in the scanner frame with their ``covariance``, ``status``
+    codes.
     """
 
     range: Array
@@ -50,6 +62,7 @@ class Ranges:
     x: Array
     y: Array
     z: Array
+    covariance: PointCovariance
     status: NDArray[np.uint32]
 
 
@@ -57,8 +70,7 @@ def ranges_from_peaks(
     peak: Array,
     sigma_peak: Array,
     status: NDArray[np.uint32],
-    theta: Array,
-    phi: Array,
+    deflections: Deflections,
     geometry: Geometry,
     gate: tuple[float, float] | None,
 ) -> Ranges:
@@ -70,8 +82,8 @@ def ranges_from_peaks(
         Position and its standard deviation [pixel], shape (n,).
     status
         Status so far, shape (n,).
-    theta, phi
-        Measured deflections [rad], shape (n,).
+    deflections
+        Measured deflections.
     geometry
         Calibration.
     gate
@@ -80,15 +92,24 @@ def ranges_from_peaks(
     Returns
     -------
     Ranges
+        σ is to first order, from independent errors of p, Θ and φ: σ_R² = (∂R/∂p σ_p)² + (∂R/∂Θ σ_Θ)², and
+        :func:`~scanner_sim.ranging.covariance.point_covariance` for the point.
     """
-    f, d = geometry.focal_length, geometry.baseline
+    f, d, theta, phi = geometry.focal_length, geometry.baseline, deflections.theta, deflections.phi
     p = geometry.position(peak)
     r = range_from_position(p, theta, f, d)
-    sigma = range_sigma(p, theta, f, d, sigma_peak * geometry.pitch, geometry.sigma_angle)
+    by_position, by_theta = range_jacobian(p, theta, f, d)
+    sigma_p = position_sigma(p, sigma_peak, f, geometry.pitch, geometry.synchronisation)
+    alone = by_position * sigma_p
+    sigma = np.hypot(alone, by_theta * deflections.sigma_theta)
     status = status.copy()
     if gate is not None:
         status[(status == Status.VALID) & ~((r >= gate[0]) & (r <= gate[1]))] = Status.OUT_OF_GATE
     invalid = status != Status.VALID
     r[invalid] = np.nan
     sigma[invalid] = np.nan
-    return Ranges(r, sigma, *coordinates(r, theta, phi, geometry.axis_separation), status)
+    separation = geometry.axis_separation
+    covariance = point_covariance(
+        r, theta, phi, separation, alone, by_theta, deflections.sigma_theta, deflections.sigma_phi
+    )
+    return Ranges(r, sigma, *coordinates(r, theta, phi, separation), covariance, status)

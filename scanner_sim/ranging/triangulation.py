@@ -46,14 +46,15 @@ def range_jacobian(p: ArrayLike, theta: ArrayLike, f: float, d: float) -> tuple[
     return -f * d * cos / p**2, -f * d * sin / p + d * cos
 
 
-def range_sigma(
-    p: ArrayLike, theta: ArrayLike, f: float, d: float, sigma_p: ArrayLike, sigma_theta: float
+def position_sigma(
+    p: ArrayLike, sigma_peak: ArrayLike, f: float, pitch: float, synchronisation: float
 ) -> Array:
-    """Return the standard deviation of the range [m].
+    """Return the standard deviation of the position p [m] about that of the true range and deflection.
 
-    First order, with independent errors of the position (``sigma_p`` [m]) and of the deflection
-    (``sigma_theta`` [rad]): σ_R² = (∂R/∂p σ_p)² + (∂R/∂Θ σ_Θ)².
+    The peak's own (``sigma_peak`` [pixel] times the ``pitch`` [m]) and, independent of it, that of a receiver which
+    looks past the laser by an angle e of standard deviation ``synchronisation`` [rad]: p = f tanα becomes
+    f tan(α + e), hence σ_p = f (1 + p²/f²) σ_e, and a range error of nearly R² e/d.
     """
-    by_position, by_angle = range_jacobian(p, theta, f, d)
-    result: Array = np.hypot(by_position * np.asarray(sigma_p), by_angle * sigma_theta)
-    return result
+    p = np.asarray(p, dtype=np.float64)
+    apart = (f + p * p / f) * synchronisation
+    return np.asarray(np.hypot(np.asarray(sigma_peak) * pitch, apart))

@@ -20,10 +20,11 @@ from scanner_sim.render.transport import (
     Bench,
     connect,
     cut_by_height,
-    device_frame,
+    frame_at,
     image,
     launch,
     meet,
+    out_of_step,
     to_pixels,
 )
 from scanner_sim.scene.loader import LoadedScene
@@ -80,7 +81,7 @@ def trace_bounces(
     lane = dr.arange(mi.UInt32, n * len(beamlets.weights))
     shot = lane // len(beamlets.weights)
     path, own = lane - shot * len(beamlets.weights), shots.some(shot)
-    frame = device_frame(bench, own.theta, own.phi)
+    frame = frame_at(bench, own, dr.gather(mi.Float, mi.Float(beamlets.times), path))
     node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), path) for axis in (0, 1)]
     stop = [dr.gather(mi.Float, mi.Float(beamlets.aperture[:, axis]), path) for axis in (0, 1)]
     beam = launch(bench, frame, node)
@@ -101,7 +102,7 @@ def trace_bounces(
         ray = si.spawn_ray(si.to_world(sample.wo))
         si = meet(loaded, ray.o, ray.d, alive, coherent=False)
         alive &= si.is_valid()
-        spots = _seen(loaded, bench, frame, si, stop, power, alive)
+        spots = _seen(loaded, bench, own, frame, si, stop, power, alive)
         dr.eval(si, power, alive, spots)
         at = lane * vertices + (surface - 2)
         dr.scatter(found.power, spots.power, at)
@@ -112,11 +113,19 @@ def trace_bounces(
 
 
 def _seen(
-    loaded: LoadedScene, bench: Bench, frame: Any, si: Any, stop: Any, power: Any, active: Any
+    loaded: LoadedScene,
+    bench: Bench,
+    shots: Shots,
+    frame: Any,
+    si: Any,
+    stop: Any,
+    power: Any,
+    active: Any,
 ) -> BounceSpots:
     """Return the image of light of some power at surface points."""
     strength, seen = connect(loaded, bench, frame, si, stop, active, coherent=False)
     p, q, depth = image(bench, frame, si.p)
+    p = out_of_step(bench, p, shots.synchronisation)
     blur = dr.opaque(mi.Float, bench.receiver.point_spread**2)
     height = dr.opaque(mi.Float, bench.height)
     inside, p, variance, across = cut_by_height(p, q, blur, blur, mi.Float(0.0), height)

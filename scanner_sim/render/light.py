@@ -39,6 +39,8 @@ _DIFFERENT = 0.1
 """Relative spread of the returned strength that calls for more beamlets."""
 _STEP = 0.5
 """The same departure [pixel] that can only be an edge of depth."""
+_LONG = 2.0
+"""Way of the spot along the line within a dwell [pixel] beyond which its light is no longer nearly Gaussian."""
 _SMOOTH, _UNEVEN, _EDGE = 0, 1, 2
 
 
@@ -108,7 +110,7 @@ def render_light(
     """
     count = dr.width(shots.theta)
     beamlets = smooth_beamlets(settings.beamlets)
-    spots = trace_spots(loaded, bench, beamlets, shots.theta, shots.phi)
+    spots = trace_spots(loaded, bench, beamlets, shots)
     dr.eval(spots)
     chief = dr.arange(mi.UInt32, count) * len(beamlets.weights)
     shape = dr.gather(mi.UInt32, spots.shape, chief)
@@ -141,7 +143,7 @@ def render_light(
 
 def _finely(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, shots: Shots) -> Clusters:
     """Trace shots again with many beamlets, and keep the shape of their light."""
-    spots = trace_spots(loaded, bench, beamlets, shots.theta, shots.phi)
+    spots = trace_spots(loaded, bench, beamlets, shots)
     dr.eval(spots.power, spots.position, spots.sigma)
     return cluster(spots, dr.arange(mi.UInt32, dr.width(shots.number)), len(beamlets.weights), _CLUSTERS)
 
@@ -185,6 +187,7 @@ def _ground(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, spots: Spots,
     material = dr.gather(mi.UInt32, loaded.material_of, beamlet(spots.shape, 0))
     seen, position = beamlet(spots.seen, 0), beamlet(spots.position, 0)
     slope_a, slope_b = beamlet(spots.slope_a, 0), beamlet(spots.slope_b, 0)
+    slope_time = beamlet(spots.slope_time, 0)
     # The beam's ruled lines turn about its axis by atan((z − z₀)/z_R).
     to_waist = beamlet(spots.distance, 0) - dr.opaque(mi.Float, bench.laser.waist_distance)
     twist = to_waist / dr.opaque(mi.Float, bench.laser.rayleigh_length)
@@ -193,12 +196,15 @@ def _ground(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, spots: Spots,
     edge, farthest = mi.Bool(False), mi.Float(0.0)
     weakest = strongest = beamlet(spots.strength, 0)
     for number, (a, b) in enumerate(beamlets.nodes.tolist()[1:], 1):
+        moment = float(beamlets.times[number])
         edge |= dr.gather(mi.UInt32, loaded.material_of, beamlet(spots.shape, number)) != material
         edge |= beamlet(spots.seen, number) != seen
         flat = position + slope_a * (a * cosine - b * sine) + slope_b * (a * sine + b * cosine)
+        flat += slope_time * moment
         farthest = dr.maximum(farthest, dr.abs(beamlet(spots.position, number) - flat))
         strength = beamlet(spots.strength, number)
         weakest, strongest = dr.minimum(weakest, strength), dr.maximum(strongest, strength)
     edge |= (seen == 1) & (farthest > _STEP)
-    uneven = (seen == 1) & (farthest > _BENT) | (strongest - weakest > _DIFFERENT * strongest)
+    uneven = (seen == 1) & ((farthest > _BENT) | (dr.abs(slope_time) > _LONG))
+    uneven |= strongest - weakest > _DIFFERENT * strongest
     return dr.select(edge, mi.UInt32(_EDGE), dr.select(uneven, mi.UInt32(_UNEVEN), mi.UInt32(_SMOOTH)))

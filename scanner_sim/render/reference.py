@@ -1,8 +1,9 @@
 """The brute-force judge of the light transport: one shot by millions of random rays, for laser and background.
 
 Every ray draws its place and direction in the beam (the phase-space density of a Gaussian beam: independent
-normal place at the waist and normal direction), a point of the receiving aperture, and its place in the point
-spread; it is counted in the pixel where it lands. No beamlets, no tangent planes, no closed forms.
+normal place at the waist and normal direction), a point of the receiving aperture, its place in the point
+spread, and a moment in the dwell; it is counted in the pixel where it lands. No beamlets, no tangent planes, no closed
+forms.
 """
 
 from __future__ import annotations
@@ -41,6 +42,8 @@ def reference_line(
     theta: float,
     phi: float,
     *,
+    travel: tuple[float, float] = (0.0, 0.0),
+    synchronisation: float = 0.0,
     rays: int = 1 << 20,
     seed: int = 0,
     shot: int = 0,
@@ -54,7 +57,11 @@ def reference_line(
     pixels
         Number of pixels of the line.
     theta, phi
-        True deflections [rad].
+        True deflections in the middle of the dwell [rad].
+    travel
+        By how much they change during the dwell [rad].
+    synchronisation
+        Angle by which the receiver looks further along Θ than the laser [rad].
     rays
         Number of random rays.
     seed, shot
@@ -63,7 +70,9 @@ def reference_line(
     total, squares = np.zeros(pixels), np.zeros(pixels)
     for start in range(0, rays, _RAYS_TOGETHER):
         number = dr.arange(mi.UInt32, start, min(start + _RAYS_TOGETHER, rays))
-        pixel, power = _land(loaded, bench, theta, phi, number, seed, shot)
+        moment = generator(seed, Stream.REFERENCE, mi.UInt32(shot + (1 << 30)), number).next_float32x4()[0]
+        aim = theta + (moment - 0.5) * travel[0], phi + (moment - 0.5) * travel[1]
+        pixel, power = _land(loaded, bench, aim, synchronisation, number, seed, shot)
         inside = (pixel >= 0) & (pixel < pixels) & (power > 0.0)
         where, amount = pixel[inside].astype(np.int64), power[inside].astype(np.float64)
         total += np.bincount(where, amount, pixels)
@@ -137,13 +146,11 @@ def reference_background(
     return ReferenceLine(power.mean(axis=1), power.std(axis=1, ddof=1) / math.sqrt(samples))
 
 
-def _optics(bench: Bench, theta: float, phi: float) -> tuple[Any, ...]:
-    """Return the deflected optics at one pair of angles [rad]: along, across, normal, laser, lens."""
+def _optics(bench: Bench, theta: Any, phi: Any) -> tuple[Any, ...]:
+    """Return the deflected optics at pairs of angles [rad]: along, across, normal, laser, lens."""
     parts = deflected_frame(
-        mi.Float(math.sin(theta)),
-        mi.Float(math.cos(theta)),
-        mi.Float(math.sin(phi)),
-        mi.Float(math.cos(phi)),
+        *dr.sincos(mi.Float(theta)),
+        *dr.sincos(mi.Float(phi)),
         bench.axis_separation,
         bench.receiver.baseline,
     )
@@ -151,13 +158,19 @@ def _optics(bench: Bench, theta: float, phi: float) -> tuple[Any, ...]:
 
 
 def _land(
-    loaded: LoadedScene, bench: Bench, theta: float, phi: float, number: mi.UInt32, seed: int, shot: int
+    loaded: LoadedScene,
+    bench: Bench,
+    aim: tuple[Any, Any],
+    synchronisation: float,
+    number: mi.UInt32,
+    seed: int,
+    shot: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return where each ray lands [pixel number] and the power that it stands for [W]."""
     laser, receiver = bench.laser, bench.receiver
     random = generator(seed, Stream.REFERENCE, mi.UInt32(shot), number)
     beam, blur, stop = random.next_float32x4_normal(), random.next_float32x4_normal(), random.next_float32x4()
-    along, across, normal, origin, lens = _optics(bench, theta, phi)
+    along, across, normal, origin, lens = _optics(bench, *aim)
 
     sigma = 0.5 * laser.waist_radius
     slope_a, slope_b = beam[2] * sigma / laser.rayleigh_length, beam[3] * sigma / laser.rayleigh_length
@@ -178,6 +191,9 @@ def _land(
     gain = receiver.aperture_area * receiver.transmission * bench.filter_transmission
     power = laser.power * reflected * facing / dr.squared_norm(sight) * gain
 
+    # The receiver's own axes, turned past the laser's.
+    sine, cosine = math.sin(synchronisation), math.cos(synchronisation)
+    along, across = along * cosine + across * sine, across * cosine - along * sine
     place = mi.Vector3f(si.p - lens)
     scale = receiver.focal_length / dr.dot(place, along)
     p = -scale * dr.dot(place, across) + receiver.point_spread * blur[0]

@@ -1,4 +1,10 @@
-"""Where the mirrors really point: the commanded deflections with their jitter."""
+"""Where the mirrors really point: the commanded deflections with the mirrors' errors.
+
+Three angles belong to a shot. The *commanded* one is in the aim. The *true* one, where the light goes, differs from it
+by jitter, wobble and drift, all common to laser and receiver. The *measured* one is the encoders'
+(:mod:`scanner_sim.detector.encoders`). Besides, the receiver looks past the laser's direction by the synchronisation
+error.
+"""
 
 from __future__ import annotations
 
@@ -8,41 +14,147 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 import numpy as np
+from numpy.typing import NDArray
 
+from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.scan.raster import Aim
 from scanner_sim.streams import Stream, generator
+
+Array = NDArray[np.float64]
 
 
 @dataclass
 class Shots:
     """Shots as they are fired, Dr.Jit arrays of shape (n,).
 
-    ``number`` of each shot (it addresses random numbers), true deflections ``theta`` and ``phi`` [rad].
+    ``number`` of each shot (it addresses random numbers); true deflections ``theta`` and ``phi`` in the middle of the
+    dwell, ``travel_theta`` and ``travel_phi`` by which they change while the laser shines, ``synchronisation`` by which
+    the receiver looks further along Θ than the laser [rad]. What is not given is 0.
     """
 
     number: Any
     theta: Any
     phi: Any
+    travel_theta: Any = None
+    travel_phi: Any = None
+    synchronisation: Any = None
+
+    def __post_init__(self) -> None:
+        """Put zeros where nothing was given."""
+        for name in ("travel_theta", "travel_phi", "synchronisation"):
+            if getattr(self, name) is None:
+                setattr(self, name, dr.zeros(mi.Float, dr.width(self.theta)))
 
     def some(self, index: Any) -> Shots:
         """Return the shots at some places."""
         return Shots(
             dr.gather(mi.UInt32, self.number, index),
-            dr.gather(mi.Float, self.theta, index),
-            dr.gather(mi.Float, self.phi, index),
+            *(
+                dr.gather(mi.Float, values, index)
+                for values in (
+                    self.theta,
+                    self.phi,
+                    self.travel_theta,
+                    self.travel_phi,
+                    self.synchronisation,
+                )
+            ),
         )
 
 
-def true_shots(aim: Aim, jitter: float, seed: int) -> Shots:
-    """Return the shots of an aim with the mirrors' errors.
+@dataclass(frozen=True)
+class Pointing:
+    """By how much the true deflections of n shots differ from the commanded ones [rad], shape (n,), float64.
 
-    Each axis and shot has an independent normal error of standard deviation ``jitter`` [rad], common to laser
-    and receiver, which share the mirrors.
+    ``theta`` and ``phi`` are the whole differences, ``seen_theta`` and ``seen_phi`` the part that the encoders read.
+    """
+
+    theta: Array
+    phi: Array
+    seen_theta: Array
+    seen_phi: Array
+
+
+def true_shots(aim: Aim, mirrors: Mirrors, seed: int, shining: float = 1.0) -> tuple[Shots, Pointing]:
+    """Return the shots of an aim as they are fired.
+
+    Parameters
+    ----------
+    aim
+        The n commanded shots.
+    mirrors
+        The mirrors and their errors.
+    seed
+        Seed of the errors.
+    shining
+        Share of the dwell in which the laser shines; it is centred on the aim's time.
+
+    Returns
+    -------
+    Shots, Pointing
+        The shots, and their errors. Jitter and synchronisation error are independent normal numbers for each axis and
+        shot; wobble is :func:`wobble`; drift is :meth:`~scanner_sim.optics.deflection.Mirrors.drift`.
     """
     number = mi.UInt32(aim.shot)
     normal = generator(seed, Stream.MIRRORS, number, mi.UInt32(0)).next_float32x4_normal()
-    spread = dr.opaque(mi.Float, jitter)
-    theta = mi.Float(aim.theta.astype(np.float32)) + spread * normal[0]
-    phi = mi.Float(aim.phi.astype(np.float32)) + spread * normal[1]
-    dr.eval(number, theta, phi)
-    return Shots(number, theta, phi)
+    other = generator(seed, Stream.SYNCHRONISATION, number, mi.UInt32(0)).next_float32x4_normal()
+    unseen = dr.opaque(mi.Float, mirrors.jitter * (1.0 - mirrors.jitter_seen) ** 0.5)
+    seen = dr.opaque(mi.Float, mirrors.jitter * mirrors.jitter_seen**0.5)
+    shaft = [seen * normal[axis + 2] for axis in (0, 1)]
+    random = [unseen * normal[axis] + shaft[axis] for axis in (0, 1)]
+    if mirrors.wobble > 0.0:
+        # The first mirror's wobble is across its own motion, along φ, and the second's along Θ.
+        random[1] += wobble(aim.theta, aim.time, mirrors, seed, 0)
+        random[0] += wobble(aim.phi, aim.time, mirrors, seed, 1)
+    synchronisation = dr.opaque(mi.Float, mirrors.synchronisation) * other[0]
+    dr.eval(number, random, shaft, synchronisation)
+    still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
+    errors = [np.asarray(random[axis].numpy(), dtype=np.float64) + still[axis] for axis in (0, 1)]
+    shots = Shots(
+        number,
+        _single(aim.theta + errors[0]),
+        _single(aim.phi + errors[1]),
+        _single(shining * aim.travel_theta),
+        _single(shining * aim.travel_phi),
+        synchronisation,
+    )
+    encoders = [np.asarray(part.numpy(), dtype=np.float64) for part in shaft]
+    return shots, Pointing(errors[0], errors[1], encoders[0], encoders[1])
+
+
+def wobble(deflection: Array, time: Array, mirrors: Mirrors, seed: int, mirror: int) -> Any:
+    """Return the cross-axis error of a mirror [rad], a Dr.Jit array of shape (n,).
+
+    Independent normal numbers stand on a lattice over the mirror's deflection (spacing ``wobble_angle``) and time
+    (``wobble_time``). Between four of them the weights' squares add up to 1, so that the error has the same standard
+    deviation everywhere; it is continuous with its first derivative, and what lies two cells apart is independent.
+    A motion that is repeated soon meets the same error (it is *synchronous* with the motion), which is how the wobble
+    of bearings behaves. The correlation's shape is an assumption.
+
+    Parameters
+    ----------
+    deflection, time
+        Of the mirror [rad], and since the start [s], shape (n,).
+    mirrors
+        Size and scales of the wobble.
+    seed, mirror
+        Address of the random numbers; mirror 0 deflects by Θ, mirror 1 by φ.
+    """
+    places = []
+    for values, spacing in ((deflection, mirrors.wobble_angle), (time, mirrors.wobble_time)):
+        cell = np.floor(values / spacing)
+        part = mi.Float((values / spacing - cell).astype(np.float32))
+        step = 0.5 * dr.pi * dr.square(part) * (3.0 - 2.0 * part)
+        sine, cosine = dr.sincos(step)
+        first = mi.UInt32((cell.astype(np.int64) & 0xFFFFFFFF).astype(np.uint32))
+        places.append(((first, cosine), (first + 1, sine)))
+    total = mi.Float(0.0)
+    for angle, by_angle in places[0]:
+        for moment, by_time in places[1]:
+            drawn = generator(seed, Stream.WOBBLE, moment, angle).next_float32x4_normal()
+            total += by_angle * by_time * drawn[mirror]
+    return dr.opaque(mi.Float, mirrors.wobble) * total
+
+
+def _single(values: Array) -> Any:
+    return mi.Float(values.astype(np.float32))

@@ -24,6 +24,7 @@ from scanner_sim.optics.deflection import Frame, deflected_frame
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.render.beamlets import Beamlets
+from scanner_sim.render.shots import Shots
 from scanner_sim.scene.loader import LoadedScene
 
 _GRAZING = 0.02
@@ -51,9 +52,10 @@ class Spots:
     ``position`` and ``sigma`` of the Gaussian along the line [pixel], ``power`` that reaches the line's
     height [W] (0 where nothing arrives), ``strength`` the power before the height cuts it, per power of the
     beamlet; ``slope_a``, ``slope_b`` the derivatives of the position along the beam's two axes, per standard
-    deviation of the beam [pixel]; ``distance`` along the beamlet [m], ``seen`` 1 where the lens sees it;
-    ``shape`` registry index of the surface, 0 for none; ``across`` mean square distance of the light from the
-    line's middle [pixel²], ``coherence`` squared contrast of its speckle.
+    deviation of the beam [pixel], ``slope_time`` that along the dwell, per dwell [pixel]; ``distance`` along
+    the beamlet [m], ``seen`` 1 where the lens sees it; ``shape`` registry index of the surface, 0 for none;
+    ``across`` mean square distance of the light from the line's middle [pixel²], ``coherence`` squared contrast of
+    its speckle.
     """
 
     position: Any
@@ -62,6 +64,7 @@ class Spots:
     strength: Any
     slope_a: Any
     slope_b: Any
+    slope_time: Any
     distance: Any
     seen: Any
     shape: Any
@@ -69,7 +72,7 @@ class Spots:
     coherence: Any
 
 
-def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, theta: Any, phi: Any) -> Spots:
+def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, shots: Shots) -> Spots:
     """Return the direct spots of all beamlets of all shots.
 
     Parameters
@@ -79,24 +82,29 @@ def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, theta: An
     bench
         The optics.
     beamlets
-        How the beam is split into k beamlets.
-    theta, phi
-        True deflections [rad], shape (n,), Dr.Jit.
+        How the beam is split into k beamlets, each with its moment in the dwell.
+    shots
+        The n shots.
 
     Returns
     -------
     Spots
         Arrays of n · k entries; entry i · k + j is beamlet j of shot i: neighbours trace alike.
     """
-    shots, count = dr.width(theta), len(beamlets.weights)
-    lane = dr.arange(mi.UInt32, shots * count)
+    count = len(beamlets.weights)
+    lane = dr.arange(mi.UInt32, dr.width(shots.theta) * count)
     shot = lane // count
-    beamlet = lane - shot * count
+    beamlet, own = lane - shot * count, shots.some(shot)
     node = [dr.gather(mi.Float, _table(beamlets.nodes[:, axis]), beamlet) for axis in (0, 1)]
     stop = [dr.gather(mi.Float, _table(beamlets.aperture[:, axis]), beamlet) for axis in (0, 1)]
     weight = dr.gather(mi.Float, _table(beamlets.weights), beamlet)
-    frame = device_frame(bench, dr.gather(mi.Float, theta, shot), dr.gather(mi.Float, phi, shot))
-    return _spots(loaded, bench, frame, node, stop, weight, beamlets.width)
+    frame = frame_at(bench, own, dr.gather(mi.Float, _table(beamlets.times), beamlet))
+    return _spots(loaded, bench, own, frame, node, stop, weight, beamlets.width)
+
+
+def frame_at(bench: Bench, shots: Shots, time: Any) -> Frame:
+    """Return the deflected optics of shots at moments of their dwell, in units of it about its middle."""
+    return device_frame(bench, shots.theta + time * shots.travel_theta, shots.phi + time * shots.travel_phi)
 
 
 def _table(values: Any) -> Any:
@@ -179,13 +187,30 @@ def image(bench: Bench, frame: Frame, point: Any) -> tuple[Any, Any, Any]:
     return -scale * dr.dot(place, frame.across), scale * dr.dot(place, frame.normal), depth
 
 
+def out_of_step(bench: Bench, p: Any, synchronisation: Any) -> Any:
+    """Return where on the line light lands [m] whose receiver looks past the laser by an angle [rad].
+
+    p = f tanα becomes f tan(α + e), to first order p + e (f + p²/f); the place across the line changes by e p/f of
+    itself, which is left out.
+    """
+    f = dr.opaque(mi.Float, bench.receiver.focal_length)
+    return p + synchronisation * (f + dr.square(p) / f)
+
+
 def to_pixels(bench: Bench, p: Any) -> Any:
     """Return positions p [m] in pixels."""
     return (p - dr.opaque(mi.Float, bench.offset)) / dr.opaque(mi.Float, bench.pitch) - 0.5
 
 
 def _spots(
-    loaded: LoadedScene, bench: Bench, frame: Frame, node: Any, stop: Any, weight: Any, width: float
+    loaded: LoadedScene,
+    bench: Bench,
+    shots: Shots,
+    frame: Frame,
+    node: Any,
+    stop: Any,
+    weight: Any,
+    width: float,
 ) -> Spots:
     """Trace one beamlet per lane and image it."""
     laser, receiver = bench.laser, bench.receiver
@@ -213,12 +238,19 @@ def _spots(
         )
 
     (pa, qa), (pb, qb) = slopes(frame.across), slopes(frame.normal)
+    # The same for the sweep. The first mirror turns the beam about the laser, and the lens's axis turns with it; the
+    # second carries beam and lens round its axis together, and only the slide along the beam is seen.
+    reach = si.t * frame.across.x - dr.opaque(mi.Float, bench.axis_separation)
+    pt = shots.travel_theta * (pa * si.t / spread + f + dr.square(p) / f) + shots.travel_phi * (
+        pb * reach / spread
+    )
     residual = dr.opaque(mi.Float, width**2)
     blur = dr.opaque(mi.Float, receiver.point_spread**2)
     var_p = residual * (dr.square(pa) + dr.square(pb)) + blur
     var_q = residual * (dr.square(qa) + dr.square(qb)) + blur
     covariance = residual * (pa * qa + pb * qb)
     height = dr.opaque(mi.Float, bench.height)
+    p = out_of_step(bench, p, shots.synchronisation)
     inside, p, var_p, across = cut_by_height(p, q, var_p, var_q, covariance, height)
     shape: Any = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
 
@@ -230,6 +262,7 @@ def _spots(
         strength=strength,
         slope_a=pa / pitch,
         slope_b=pb / pitch,
+        slope_time=pt / pitch,
         distance=dr.select(hit, si.t, dr.nan),
         seen=dr.select(seen, mi.UInt32(1), 0),
         shape=shape,

@@ -15,7 +15,9 @@ from scanner_sim.parts import Count, Part
 from scanner_sim.units import Angle
 
 MOST_SHOTS = 2**26
-"""Largest raster: its layers alone take 3.5 GB."""
+"""Largest raster: its layers alone take 7 GB."""
+LAYERS = 26
+"""Layers of an image, four bytes a voxel each."""
 
 
 class RasterScan(Part):
@@ -31,6 +33,9 @@ class RasterScan(Part):
     """First and last Θ of a row."""
     vertical: tuple[Angle, Angle] = Field(examples=[["-15 deg", "15 deg"]])
     """First and last φ of the image."""
+    motion: Literal["continuous", "stepped"] = "continuous"
+    """``continuous``: Θ sweeps along the row at an even rate, and the spot moves by a column while it is measured;
+    ``stepped``: the mirrors rest at every voxel."""
 
     def contradictions(self) -> Iterator[Fault]:
         """Yield ends in the wrong order and rasters that no memory holds."""
@@ -46,7 +51,7 @@ class RasterScan(Part):
             yield Fault(
                 "rows",
                 f"{self.rows} × {self.columns} are {self.shots / 1e6:.0f} million voxels, whose layers take "
-                f"{self.shots * 52 / 1e9:.0f} GB; at most {MOST_SHOTS / 1e6:.0f} million are possible.",
+                f"{self.shots * 4 * LAYERS / 1e9:.0f} GB; at most {MOST_SHOTS / 1e6:.0f} million are possible.",
                 "Scan in several runs of fewer rows.",
             )
 
@@ -59,6 +64,13 @@ class RasterScan(Part):
         """Return Θ of the columns, shape (columns,), and φ of the rows, shape (rows,) [rad]."""
         return _steps(self.horizontal, self.columns), _steps(self.vertical, self.rows)
 
+    @property
+    def travel(self) -> float:
+        """Deflection Θ [rad] by which the mirrors sweep from one voxel to the next, in one dwell."""
+        if self.motion == "stepped" or self.columns == 1:
+            return 0.0
+        return (self.horizontal[1] - self.horizontal[0]) / (self.columns - 1)
+
 
 @dataclass(frozen=True)
 class Aim:
@@ -69,18 +81,36 @@ class Aim:
     shot
         Number of each shot, shape (n,), uint32: row · columns + column. It addresses the random numbers.
     theta, phi
-        Commanded optical deflections [rad], shape (n,), float64.
+        Commanded optical deflections in the middle of the dwell [rad], shape (n,), float64.
+    time
+        Middle of the dwell since the start of the scan [s], shape (n,), float64.
+    travel_theta, travel_phi
+        By how much the deflections change during the dwell [rad], shape (n,), float64; 0 for mirrors at rest.
     """
 
     shot: NDArray[np.uint32]
     theta: NDArray[np.float64]
     phi: NDArray[np.float64]
+    time: NDArray[np.float64]
+    travel_theta: NDArray[np.float64]
+    travel_phi: NDArray[np.float64]
 
 
-def raster_aim(scan: RasterScan, shots: NDArray[np.uint32]) -> Aim:
-    """Return the aim of the given shots (shape (n,)) of a raster."""
+def raster_aim(scan: RasterScan, shots: NDArray[np.uint32], dwell: float) -> Aim:
+    """Return the aim of the given shots (shape (n,)) of a raster with a dwell [s] on every voxel.
+
+    Rows run from left to right at an even rate, one after the other, and the flyback takes no time.
+    """
     theta, phi = scan.angles()
-    return Aim(shots, theta[shots % scan.columns], phi[shots // scan.columns])
+    column, row = shots % scan.columns, shots // scan.columns
+    return Aim(
+        shot=shots,
+        theta=theta[column],
+        phi=phi[row],
+        time=(shots.astype(np.float64) + 0.5) * dwell,
+        travel_theta=np.full(shots.shape, scan.travel),
+        travel_phi=np.zeros(shots.shape),
+    )
 
 
 def tiled_order(scan: RasterScan, tile: int = 8) -> NDArray[np.uint32]:

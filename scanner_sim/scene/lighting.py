@@ -23,23 +23,13 @@ from scanner_sim.scene.earth import (
 )
 from scanner_sim.scene.elements import elements_age, elements_period, sun_from_elements
 from scanner_sim.scene.orbit import AXES, Orbit, TwoLineElements, period, sun_from_anomaly
-from scanner_sim.units import Dimension, Ratio
+from scanner_sim.units import Ratio, Temperature
 
 OLDEST_ELEMENTS = 14.0
 """Days after which elements of a low orbit are doubtful: the error along the orbit reaches tens of kilometres."""
 _EXCESS = "it follows from the orbit already."
 
 
-class _Kelvin(Dimension):
-    """Kelvins only: a degree Celsius is no multiple of a kelvin."""
-
-    def parse(self, text: str) -> float:
-        if not text.rstrip().endswith((" K", "kelvin")):
-            raise ValueError(f"'{text}' is not a number of kelvins")
-        return super().parse(text)
-
-
-Temperature = Annotated[float, _Kelvin("K", ("5770 K",))]
 Direction = tuple[Number, Number, Number]
 """A vector of any length but zero."""
 

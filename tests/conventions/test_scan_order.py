@@ -11,7 +11,7 @@ SCAN = RasterScan(rows=3, columns=4, horizontal=(-0.2, 0.1), vertical=(-0.3, 0.3
 
 
 def test_shot_is_row_times_columns_plus_column() -> None:
-    aim = raster_aim(SCAN, np.arange(12, dtype=np.uint32))
+    aim = raster_aim(SCAN, np.arange(12, dtype=np.uint32), 50e-6)
     theta, phi = SCAN.angles()
     for row in range(3):
         for column in range(4):
@@ -36,7 +36,7 @@ def test_first_row_is_the_top() -> None:
 
 def test_single_shot_points_to_the_middle() -> None:
     one = RasterScan(rows=1, columns=1, horizontal=(-0.2, 0.1), vertical=(0.0, 0.3))
-    aim = raster_aim(one, np.zeros(1, dtype=np.uint32))
+    aim = raster_aim(one, np.zeros(1, dtype=np.uint32), 50e-6)
     np.testing.assert_allclose((aim.theta[0], aim.phi[0]), (-0.05, 0.15), atol=1e-15)
 
 
@@ -47,7 +47,7 @@ def test_tiles_visit_every_shot_once() -> None:
 
 def test_aim_keeps_the_number_of_its_shot() -> None:
     shots = np.array([7, 2, 11], dtype=np.uint32)
-    aim = raster_aim(SCAN, shots)
+    aim = raster_aim(SCAN, shots, 50e-6)
     np.testing.assert_array_equal(aim.shot, shots)
     theta, phi = SCAN.angles()
     np.testing.assert_array_equal(aim.theta, theta[[3, 2, 3]])

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scanner_sim.analytic import geometry
-from scanner_sim.ranging import coordinates, triangulation
+from scanner_sim.ranging import coordinates, ranges, triangulation
 
 F, D, SEPARATION = 0.1, 0.2, 0.05
 ANGLES = st.floats(-0.5, 0.5)
@@ -88,13 +88,42 @@ def test_where_the_printed_form_fails() -> None:
     assert exact[3] / 1e-4 == pytest.approx(5.2351, abs=5e-5)
 
 
-def test_sigma_of_the_range_is_the_jacobians() -> None:
-    """Claim: ``range_sigma`` joins the errors of p and Θ as the full Jacobian does.
+def _stated(R: np.ndarray, theta: np.ndarray, phi: np.ndarray, **changes: float) -> ranges.Ranges:
+    """Return what the instrument states, for Δp 0.5 µm, ΔΘ 8 µrad, Δφ 5 µrad and an angle between its two halves."""
+    numbers = {"synchronisation": 0.0, **changes}
+    bench = ranges.Geometry(F, D, SEPARATION, 50e-6, 0.0, numbers["synchronisation"])
+    angles = ranges.Deflections(theta, phi, np.full(R.shape, 8e-6), np.full(R.shape, 5e-6))
+    peak = bench.pixel(geometry.image_position(R, theta, F, D))
+    return ranges.ranges_from_peaks(
+        peak, np.full(R.shape, 0.01), np.zeros(R.shape, np.uint32), angles, bench, None
+    )
 
-    Set-up: 30 shots over the field, Δp 0.5 µm, ΔΘ 8 µrad. Expected: the judge's fourth entry.
-    Tolerance: 1e-12, rounding.
+
+def test_stated_covariance_is_the_jacobians() -> None:
+    """Claim: σ of the range and the whole covariance of the point are those of the full Jacobian.
+
+    Set-up: 60 shots over the field, D_g 50 mm, Δp 0.5 µm, ΔΘ 8 µrad, Δφ 5 µrad. Expected: the judge's
+    J diag(σ²) Jᵀ, formed with matrices, and its fourth diagonal entry. Tolerance: 1e-11 of the largest entry, rounding.
     """
-    R, theta = np.geomspace(1.6, 40.0, 30), np.linspace(-0.5, 0.5, 30)
-    p = geometry.image_position(R, theta, F, D)
-    expected = geometry.propagated_errors(R, theta, 0.0, F, D, SEPARATION, 0.5e-6, 8e-6, 8e-6)[:, 3]
-    np.testing.assert_allclose(triangulation.range_sigma(p, theta, F, D, 0.5e-6, 8e-6), expected, rtol=1e-12)
+    random = np.random.default_rng(8)
+    R, (theta, phi) = np.geomspace(1.6, 40.0, 60), random.uniform(-0.5, 0.5, (2, 60))
+    stated = _stated(R, theta, phi)
+    expected = geometry.propagated_covariance(R, theta, phi, F, D, SEPARATION, 0.5e-6, 8e-6, 5e-6)
+    found = stated.covariance
+    rows = ((found.xx, found.xy, found.xz), (found.xy, found.yy, found.yz), (found.xz, found.yz, found.zz))
+    largest = np.abs(expected).max(axis=(1, 2))
+    for i in range(3):
+        for j in range(3):
+            assert (np.abs(rows[i][j] - expected[:, i, j]) < 1e-11 * largest).all()
+    np.testing.assert_allclose(stated.sigma**2, expected[:, 3, 3], rtol=1e-11)
+
+
+def test_synchronisation_moves_the_range() -> None:
+    """Claim: an angle of 10 µrad between projection and reception is 5 mm at 10 m, R² e/d, in the stated σ.
+
+    Set-up: R 10 m on the axis, a peak known to 0.5 µm: with and without. Expected: by hand 10²·1e-5/0.2 = 5 mm, p²/f²
+    adding 4e-4. Tolerance: 5e-4.
+    """
+    one = np.array([10.0]), np.zeros(1), np.zeros(1)
+    with_it, without = _stated(*one, synchronisation=1e-5).sigma, _stated(*one).sigma
+    assert float(np.sqrt(with_it**2 - without**2)[0]) == pytest.approx(5e-3, rel=5e-4)

@@ -41,7 +41,7 @@ def light(
         transport={"background_bounces": 1},
     )
     bench = Workbench(scenario, device="cpu")
-    _, groups = bench.expose(raster_aim(scenario.scan, np.array([0], dtype=np.uint32)))
+    _, groups = bench.expose(raster_aim(scenario.scan, np.array([0], dtype=np.uint32), 50e-6))
     (group,) = groups
     budget = group.light.link_budget()
     return float(budget.laser[0]), float(budget.background[0])

@@ -94,7 +94,7 @@ def test_an_instrument_can_be_used_again(scenario: Scenario, image: RangeImage) 
     from scanner_sim.scan.raster import raster_aim, tiled_order
 
     bench = Workbench(scenario, device="cpu")
-    aim = raster_aim(scenario.scan, tiled_order(scenario.scan))
+    aim = raster_aim(scenario.scan, tiled_order(scenario.scan), scenario.scanner.dwell)
     for _ in range(2):
         layers = bench.measure(aim)
         order = np.argsort(aim.shot)

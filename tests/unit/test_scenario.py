@@ -103,7 +103,7 @@ def test_tiled_order_visits_every_voxel_once() -> None:
     scan = RasterScan(rows=13, columns=21, horizontal=(-0.1, 0.1), vertical=(-0.1, 0.1))
     order = tiled_order(scan)
     assert sorted(order.tolist()) == list(range(13 * 21))
-    aim = raster_aim(scan, order)
+    aim = raster_aim(scan, order, 50e-6)
     assert aim.theta[order == 20] == 0.1
     assert aim.phi[order == 20] == -0.1
 

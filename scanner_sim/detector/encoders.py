@@ -1,0 +1,50 @@
+"""The angle encoders of the two mirrors: the deflections that ranging takes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.optics.deflection import Mirrors
+from scanner_sim.streams import Stream, generator
+
+Array = NDArray[np.float64]
+
+
+def read_encoders(
+    shot: NDArray[np.uint32], theta: Array, phi: Array, mirrors: Mirrors, seed: int
+) -> tuple[Array, Array]:
+    """Return what the encoders of both mirrors read in the middle of each dwell [rad], each of shape (n,).
+
+    Parameters
+    ----------
+    shot
+        Number of each shot, shape (n,); it addresses the noise.
+    theta, phi
+        Deflections of the shafts [rad], shape (n,): the commanded ones with the jitter that encoders see.
+    mirrors
+        The encoders' noise and step.
+    seed
+        Seed of the noise.
+
+    Returns
+    -------
+    theta, phi
+        Shaft plus normal noise, rounded to the step. What encoders do not see, the rest of the jitter, the other
+        mirror's wobble and the drift of their own zero and scale, is in the true deflections only
+        (:func:`scanner_sim.render.shots.true_shots`), and in the standard deviation of the reading.
+
+    Notes
+    -----
+    Not modelled: non-linearity that stays (it belongs to the calibration), delay of the reading.
+    """
+    import drjit.auto.ad as auto
+
+    drawn: Any = generator(seed, Stream.READOUT, auto.UInt32(shot), auto.UInt32(0)).next_float32x4_normal()
+    noise = np.asarray(drawn.numpy(), dtype=np.float64) * mirrors.readout_noise
+    read = [theta + noise[0], phi + noise[1]]
+    if mirrors.readout_step > 0.0:
+        read = [np.rint(angle / mirrors.readout_step) * mirrors.readout_step for angle in read]
+    return read[0], read[1]
