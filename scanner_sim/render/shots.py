@@ -95,7 +95,7 @@ def true_shots(aim: Aim, mirrors: Mirrors, seed: int, shining: float = 1.0) -> t
         The shots, and their errors. Jitter and synchronisation error are independent normal numbers for each axis and
         shot; wobble is :func:`wobble`; drift is :meth:`~scanner_sim.optics.deflection.Mirrors.drift`.
     """
-    number = mi.UInt32(aim.shot)
+    number = _device(mi.UInt32, aim.shot)
     normal = generator(seed, Stream.MIRRORS, number, mi.UInt32(0)).next_float32x4_normal()
     other = generator(seed, Stream.SYNCHRONISATION, number, mi.UInt32(0)).next_float32x4_normal()
     unseen = dr.opaque(mi.Float, mirrors.jitter * (1.0 - mirrors.jitter_seen) ** 0.5)
@@ -143,10 +143,10 @@ def wobble(deflection: Array, time: Array, mirrors: Mirrors, seed: int, mirror: 
     places = []
     for values, spacing in ((deflection, mirrors.wobble_angle), (time, mirrors.wobble_time)):
         cell = np.floor(values / spacing)
-        part = mi.Float((values / spacing - cell).astype(np.float32))
+        part = _single(values / spacing - cell)
         step = 0.5 * dr.pi * dr.square(part) * (3.0 - 2.0 * part)
         sine, cosine = dr.sincos(step)
-        first = mi.UInt32((cell.astype(np.int64) & 0xFFFFFFFF).astype(np.uint32))
+        first = _device(mi.UInt32, (cell.astype(np.int64) & 0xFFFFFFFF).astype(np.uint32))
         places.append(((first, cosine), (first + 1, sine)))
     total = mi.Float(0.0)
     for angle, by_angle in places[0]:
@@ -157,4 +157,14 @@ def wobble(deflection: Array, time: Array, mirrors: Mirrors, seed: int, mirror: 
 
 
 def _single(values: Array) -> Any:
-    return mi.Float(values.astype(np.float32))
+    return _device(mi.Float, values.astype(np.float32))
+
+
+def _device(kind: Any, values: NDArray[Any]) -> Any:
+    """Return a copy of values on the device.
+
+    Dr.Jit takes NumPy's memory as it lies and compiles a kernel for each of its alignments; gathering does not mind.
+    """
+    copy = dr.gather(kind, kind(values), dr.arange(mi.UInt32, len(values)))
+    dr.eval(copy)
+    return copy
