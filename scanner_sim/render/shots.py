@@ -163,8 +163,8 @@ def _single(values: Array) -> Any:
 def _device(kind: Any, values: NDArray[Any]) -> Any:
     """Return a copy of values on the device.
 
-    Dr.Jit takes NumPy's memory as it lies and compiles a kernel for each of its alignments; gathering does not mind.
+    Dr.Jit takes NumPy's memory as it lies, and compiles a kernel for each alignment of what it reads: here a small one.
     """
-    copy = dr.gather(kind, kind(values), dr.arange(mi.UInt32, len(values)))
+    copy = kind(values) + dr.opaque(kind, 0)
     dr.eval(copy)
     return copy
