@@ -1,6 +1,6 @@
 """How exact the light transport is: beamlets against brute force, case by case.
 
-Run as ``python benchmarks/accuracy.py [--rays N]``. Each shot is compared with N random rays (default 2²²);
+Run as ``python benchmarks/accuracy.py [--rays N] [--travel MRAD]``. Each shot is compared with N random rays (default 2²²);
 the reference's own noise is in the figures: about 0.0008 pixel and 5e-5 of the energy.
 """
 
@@ -73,8 +73,8 @@ EDGES: dict[str, list[dict[str, Any]]] = {
 }
 
 
-def lines(objects: list[dict[str, Any]], theta: Any, phi: Any, rays: int) -> tuple[Any, Any]:
-    """Return the lines [W], shape (shots, pixels), by beamlets and by brute force."""
+def lines(objects: list[dict[str, Any]], theta: Any, phi: Any, rays: int, travel: float) -> tuple[Any, Any]:
+    """Return the lines [W], shape (shots, pixels), by beamlets and by brute force, swept by ``travel`` in Θ [rad]."""
     import drjit as dr
     import mitsuba as mi
 
@@ -91,13 +91,16 @@ def lines(objects: list[dict[str, Any]], theta: Any, phi: Any, rays: int) -> tup
     )
     loaded = load_scene(Scene(objects=tuple(objects)))
     theta, phi = theta.astype(np.float32), phi.astype(np.float32)
-    shots = Shots(dr.arange(mi.UInt32, len(theta)), mi.Float(theta), mi.Float(phi))
+    swept = dr.full(mi.Float, travel, len(theta))
+    shots = Shots(dr.arange(mi.UInt32, len(theta)), mi.Float(theta), mi.Float(phi), swept)
     beamlets = np.zeros((len(theta), PIXELS))
     for light in render_light(loaded, bench, Transport(), shots, 0)[1]:
         for place, index in enumerate(light.index.numpy()):
             beamlets[index] = light.line(place, PIXELS)
     random = [
-        reference_line(loaded, bench, PIXELS, float(t), float(p), rays=rays, shot=number).power
+        reference_line(
+            loaded, bench, PIXELS, float(t), float(p), travel=(travel, 0.0), rays=rays, shot=number
+        ).power
         for number, (t, p) in enumerate(zip(theta, phi, strict=True))
     ]
     return beamlets, np.array(random)
@@ -106,12 +109,14 @@ def lines(objects: list[dict[str, Any]], theta: Any, phi: Any, rays: int) -> tup
 def main() -> None:
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("--rays", type=int, default=1 << 22, help="random rays of each shot")
-    rays = arguments.parse_args().rays
+    arguments.add_argument("--travel", type=float, default=1.0, help="sweep of Θ in the dwell [mrad]")
+    chosen = arguments.parse_args()
+    rays, travel = chosen.rays, 1e-3 * chosen.travel
     activate("cpu")
     random = np.random.default_rng(1)
     table = Table("smooth surface", "spot, rms [pixel]", "spot, mean [pixel]", "energy, largest")
     for name, (objects, span) in SMOOTH.items():
-        ours, reference = lines(objects, *random.uniform(-span, span, (2, 12)), rays)
+        ours, reference = lines(objects, *random.uniform(-span, span, (2, 12)), rays, travel)
         apart = [(line * np.arange(PIXELS)).sum(axis=1) / line.sum(axis=1) for line in (ours, reference)]
         difference = apart[0] - apart[1]
         energy = np.abs(ours.sum(axis=1) / reference.sum(axis=1) - 1.0).max()
@@ -121,8 +126,9 @@ def main() -> None:
     Console().print(table)
     table = Table("edge", "light over contrast: mean", "rms", "largest", title="24 shots across each edge")
     for name, objects in EDGES.items():
-        theta, phi = np.linspace(-0.004, 0.004, 24), random.uniform(-0.02, 0.02, 24)
-        ours, reference = lines(objects, theta, phi, rays)
+        reach = 0.004 + 0.5 * travel
+        theta, phi = np.linspace(-reach, reach, 24), random.uniform(-0.02, 0.02, 24)
+        ours, reference = lines(objects, theta, phi, rays, travel)
         error = (ours.sum(axis=1) - reference.sum(axis=1)) / np.ptp(reference.sum(axis=1))
         table.add_row(name, f"{error.mean():+.5f}", f"{error.std():.5f}", f"{np.abs(error).max():.5f}")
     Console().print(table)

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-_PLASTIC = 1.0 / 1.324717957244746
-"""Step of the times: with the spiral's radius and direction it fills the beam and the dwell evenly."""
+_TIME_STEP = 0.5544
+"""Step of the times along the spiral: of 370 tried, the one that leaves swept spots of 64 and 256 beamlets most even."""
 _HEXAGONAL_RINGS: dict[int, tuple[float, tuple[tuple[float, float], ...]]] = {
     7: (2.0, ((0.0, 0.0), (1.0, 0.0))),
     19: (1.5, ((0.0, 0.0), (1.0, 0.0), (3.0, 30.0), (4.0, 0.0))),
@@ -32,20 +32,21 @@ _HEXAGONAL_RINGS: dict[int, tuple[float, tuple[tuple[float, float], ...]]] = {
 """Spacing in standard deviations of the nodes, and (squared radius in spacings, direction [deg]) of each ring."""
 _HALF_RING_TIMES: dict[int, tuple[tuple[float, float, float], ...]] = {
     7: ((-0.4082, 0.4082, -0.4082),),
-    19: ((0.3670, -0.3471, 0.3412), (0.0261, 0.1316, 0.0719), (-0.3901, 0.2285, -0.2727)),
+    19: ((-0.3415, 0.3330, -0.3373), (0.0236, 0.5000, 0.4780), (0.5000, -0.4581, 0.1342)),
     37: (
-        (0.3606, -0.3491, 0.3561),
-        (-0.0104, -0.0559, -0.0301),
-        (-0.3000, 0.2656, -0.2162),
-        (-0.1528, 0.1805, 0.4297),
-        (-0.0963, 0.1243, -0.2891),
-        (-0.2389, 0.4600, -0.4913),
+        (-0.3617, 0.3508, -0.3548),
+        (0.0275, 0.0082, -0.0433),
+        (0.2389, -0.2508, 0.2788),
+        (0.1815, 0.4587, 0.0973),
+        (-0.1247, -0.3015, 0.5000),
+        (0.5000, -0.4791, 0.1623),
     ),
 }
 """Moments in the dwell of the first three beamlets of each ring; the other three have the opposite ones.
 
-Found by minimising the fourth moments' errors and the unevenness of the times within ±1/2, at exact second moments;
-seven beamlets leave no choice but the signs of cos 3θ.
+Found by minimising, at exact second moments and within ±1/2, the fourth moments' errors, the unevenness of the times, and
+the light beyond the outermost beamlet in the direction of the sweep, where an edge would go unnoticed: below 0.3 % along
+Θ for sweeps of any length, 3 % in the worst direction. Seven beamlets leave no choice but the signs of cos 3θ.
 """
 
 
@@ -116,7 +117,7 @@ def edge_beamlets(count: int) -> Beamlets:
     width = min(0.5, 2.0 / math.sqrt(count))
     order = _neighbours_first(nodes)
     scaled, weights = math.sqrt(1.0 - width**2) * nodes[order], np.full(count, 1.0 / count)
-    even = np.asarray(((index + 0.5) * _PLASTIC) % 1.0 - 0.5)
+    even = np.asarray(((index + 0.5) * _TIME_STEP) % 1.0 - 0.5)
     times = _corrected(even[order], scaled, weights)
     return Beamlets(scaled, weights, width, _disc_spiral(count), times)
 
