@@ -1,0 +1,150 @@
+"""Mirrors that follow their commands: lag, limits, state, jumps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from scanner_sim.optics.galvanometer import Galvanometers, at_rest, follow, latched, response
+from scanner_sim.optics.jump import (
+    attainable_amplitude,
+    attainable_frequency,
+    jump_duration,
+    jump_path,
+    jump_time,
+)
+
+SERVO = Galvanometers()
+STEP = 12.5e-6
+
+
+def sine(frequency: float, amplitude: float, updates: int) -> NDArray[np.float64]:
+    return amplitude * np.sin(2.0 * np.pi * frequency * STEP * np.arange(1, updates + 1))
+
+
+def test_the_motion_is_the_solution_of_the_equation() -> None:
+    """Against a Runge–Kutta solver of x″ = ω²(u − x) − 2ζω x′ on the same straight pieces; 1e-9 of the amplitude."""
+    u = np.random.default_rng(1).normal(0.0, 1e-3, 120).cumsum() * 1e-2
+    motion, after = follow(SERVO, at_rest(0.0), u, STEP)
+    assert not motion.limited.any()
+    knots, values = STEP * np.arange(121), np.concatenate([[0.0], u])
+
+    def slope(t: float, y: NDArray[np.float64]) -> list[float]:
+        pull = SERVO.omega**2 * (np.interp(t, knots, values) - y[0])
+        return [y[1], float(pull - 2.0 * SERVO.damping * SERVO.omega * y[1])]
+
+    solved = solve_ivp(
+        slope, (0.0, knots[-1]), [0.0, 0.0], t_eval=knots[1:], rtol=1e-10, atol=1e-15, max_step=STEP
+    )
+    scale = np.abs(u).max()
+    np.testing.assert_allclose(motion.true, solved.y[0], atol=1e-6 * scale)
+    np.testing.assert_allclose(motion.rate, solved.y[1], atol=1e-6 * scale * SERVO.omega)
+    assert after.angle == motion.true[-1]
+    assert after.command == u[-1]
+
+
+@pytest.mark.parametrize("frequency", [303.0, 455.0, 2000.0])
+def test_a_sine_comes_out_with_the_gain_and_lag_of_the_transfer_function(frequency: float) -> None:
+    """Fitted after the transient; 3e-3 for the sampled command's straight pieces, whose gain is sinc²(f step)."""
+    updates = 4000
+    motion, _ = follow(SERVO, at_rest(0.0), sine(frequency, 1e-4, updates), STEP)
+    t = STEP * np.arange(1, updates + 1)
+    late = t > 5e-3
+    design = np.stack([np.sin(2 * np.pi * frequency * t), np.cos(2 * np.pi * frequency * t)], axis=1)[late]
+    a, b = np.linalg.lstsq(design, motion.true[late] / 1e-4, rcond=None)[0]
+    assert complex(a, b) == pytest.approx(complex(response(SERVO, frequency)), abs=3e-3)
+
+
+def test_the_default_lag_is_64_microseconds() -> None:
+    """A slow ramp is followed 2ζ/ω late."""
+    assert SERVO.lag == pytest.approx(64e-6, rel=0.01)
+    motion, _ = follow(SERVO, at_rest(0.0), 1.0 * STEP * np.arange(1, 400), STEP)
+    assert motion.commanded[-1] - motion.true[-1] == pytest.approx(SERVO.lag, rel=1e-6)
+
+
+@pytest.mark.parametrize("amplitude", [5e-3, 60e-3])
+def test_two_halves_are_the_whole(amplitude: float) -> None:
+    """State carried over: also where the limits hold."""
+    u = sine(455.0, amplitude, 300)
+    whole, end = follow(SERVO, at_rest(0.0), u, STEP)
+    first, between = follow(SERVO, at_rest(0.0), u[:131], STEP)
+    second, last = follow(SERVO, between, u[131:], STEP)
+    np.testing.assert_allclose(np.concatenate([first.true, second.true]), whole.true, atol=1e-12)
+    np.testing.assert_allclose(np.array(last), np.array(end), atol=1e-9)
+
+
+def test_limits_hold() -> None:
+    u = sine(455.0, 200e-3, 800)
+    motion, _ = follow(SERVO, at_rest(0.0), u, STEP)
+    assert motion.limited.any()
+    assert np.abs(motion.rate).max() <= SERVO.slew * (1.0 + 1e-12)
+    assert np.abs(np.diff(motion.rate)).max() <= SERVO.acceleration * STEP * (1.0 + 1e-9)
+    assert np.abs(motion.true).max() < 0.9 * np.abs(u).max()
+
+
+def test_mirrors_of_a_batch_do_not_know_of_one_another() -> None:
+    """One that is limited leaves its neighbour exact."""
+    u = np.stack([sine(455.0, 2e-3, 200), sine(455.0, 0.2, 200)])
+    both, _ = follow(SERVO, at_rest(np.zeros(2)), u, STEP)
+    for one, row in enumerate(u):
+        alone, _ = follow(SERVO, at_rest(0.0), row, STEP)
+        np.testing.assert_array_equal(both.true[one], alone.true)
+
+
+def test_encoders_latch_earlier() -> None:
+    """The latched angle is the true one of the delay before: on a steady sine within 0.1 µrad of 6 mrad."""
+    fine, coarse = 2.5e-6, STEP
+    frequency, delay = 469.0, 10e-6
+
+    def run(step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        u = 6e-3 * np.sin(2.0 * np.pi * frequency * step * np.arange(1, round(6e-3 / step) + 1))
+        motion, _ = follow(SERVO, at_rest(0.0), u, step)
+        return motion.true, latched(motion, at_rest(0.0), step, delay)
+
+    (true, _), (_, seen) = run(fine), run(coarse)
+    earlier = true[round((coarse - delay) / fine) - 1 :: round(coarse / fine)]
+    np.testing.assert_allclose(seen[200:], earlier[200 : len(seen)], atol=2e-6)
+    still, _ = follow(SERVO, at_rest(0.1), np.full(5, 0.1), coarse)
+    np.testing.assert_allclose(latched(still, at_rest(0.1), coarse, 30e-6), 0.1)
+    with pytest.raises(ValueError, match="longer than the motion"):
+        latched(still, at_rest(0.1), coarse, 1.0)
+
+
+def test_attainable_is_the_edge_of_the_limits() -> None:
+    for frequency in (303.0, 455.0, 1000.0):
+        edge = float(attainable_amplitude(SERVO, frequency))
+        # Begun gently: the kink of a sudden sine asks for more than the sine.
+        u = sine(frequency, 1.0, 4000) * np.minimum(np.arange(4000) / 1500.0, 1.0)
+        within, _ = follow(SERVO, at_rest(0.0), 0.97 * edge * u, STEP)
+        beyond, _ = follow(SERVO, at_rest(0.0), 1.05 * edge * u, STEP)
+        assert not within.limited[2000:].any()
+        assert beyond.limited[2000:].any()
+        assert attainable_frequency(SERVO, edge) == pytest.approx(frequency, rel=1e-6)
+
+
+def test_jumps_stay_within_the_limits_and_settle() -> None:
+    """The time comes out of the servo: it is the command's and a few time constants, and no update is limited."""
+    distance = np.array([1e-5, 1e-3, 0.05, 0.2, 0.5, 1.0])
+    command, settled = jump_duration(SERVO, distance), jump_time(SERVO, distance)
+    assert settled[0] == 0.0
+    assert (settled[1:] > 0.8 * command[1:]).all()
+    assert (settled < command + 8.0 / (SERVO.damping * SERVO.omega)).all()
+    time = STEP * np.arange(1, 800)
+    path = jump_path(SERVO, np.full(6, 0.1), 0.1 - distance, time)
+    np.testing.assert_allclose(path[:, -1], 0.1 - distance, atol=1e-12)
+    motion, _ = follow(SERVO, at_rest(np.full(6, 0.1)), path, STEP)
+    assert not motion.limited.any()
+    for row, when in zip(np.abs(motion.true - path[:, -1:]), settled, strict=True):
+        assert row[time >= when].max() <= SERVO.settled
+
+
+def test_a_jump_can_wait_for_a_longer_one() -> None:
+    time = STEP * np.arange(1, 800)
+    long = float(jump_duration(SERVO, 0.5))
+    path = jump_path(SERVO, np.zeros(2), np.array([0.5, 0.1]), time, np.full(2, long))
+    np.testing.assert_allclose(
+        path[:, time >= long], [[0.5], [0.1]] * np.ones((time >= long).sum()), atol=1e-12
+    )
+    assert path[1, time < 0.98 * long].max() < 0.1

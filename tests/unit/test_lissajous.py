@@ -1,0 +1,156 @@
+"""Lissajous patterns and the visits that run them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+from scanner_sim.optics.galvanometer import Galvanometers
+from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures, sample_shares
+from scanner_sim.scan.schedule import Visiting, mirrors_at, pattern_doubts, run_visit, visits
+from scanner_sim.units import FROM_FILE
+
+DWELL = 50e-6
+SERVO = Galvanometers()
+PLAIN = LissajousPattern(dither_sampling=False, inversion=False, amplitude=5e-3)
+
+
+def angles(pattern: LissajousPattern, number: int, points: int) -> np.ndarray:
+    return np.stack(
+        figure_angles(figures(pattern, [number], (0.0, 0.0)), pattern.cycles, sample_shares(points))
+    )[:, 0]
+
+
+def test_the_equations() -> None:
+    """Eqs 6 and 7 at an instant, spelled out."""
+    pattern = PLAIN.model_copy(update={"phases": (0.3, -0.4), "aspect": 2.0})
+    theta, phi = figure_angles(figures(pattern, [0], (0.1, -0.2)), pattern.cycles, [0.15])
+    assert theta[0, 0] == pytest.approx(5e-3 * np.cos(2 * np.pi * 3 * 0.15 + 0.3) + 0.1, abs=1e-15)
+    assert phi[0, 0] == pytest.approx(10e-3 * np.cos(2 * np.pi * 2 * 0.15 - 0.4) - 0.2, abs=1e-15)
+
+
+def test_sines_cross_the_centre_and_the_other_phases_miss_it() -> None:
+    """A 3:2 figure with phases (90°, 0) never hits a disc of 0.3 A in its centre."""
+    missing = PLAIN.model_copy(update={"phases": (0.5 * np.pi, 0.0)})
+    assert np.hypot(*angles(PLAIN, 0, 128)).min() < 0.01 * PLAIN.amplitude
+    assert np.hypot(*angles(missing, 0, 20_000)).min() > 0.3 * PLAIN.amplitude
+
+
+def test_inversion_runs_every_second_pattern_the_other_way() -> None:
+    pattern = LissajousPattern()
+    np.testing.assert_allclose(angles(pattern, 0, 128), -angles(pattern, 1, 128), atol=1e-15)
+    np.testing.assert_allclose(angles(pattern, 5, 128), -angles(pattern, 4, 128), atol=1e-15)
+
+
+def test_dither_fills_the_gaps_of_a_pattern() -> None:
+    """The places along the figure of 16 patterns lie between one another: no gap above two of 16 steps of a point."""
+    pattern = LissajousPattern(inversion=False)
+    step = 2.0 * np.pi / 128
+    start = figures(pattern, np.arange(16), (0.0, 0.0)).phase
+    moved = np.sort(np.mod((start[:, 0] - pattern.phases[0]) / 3.0, step))
+    gaps = np.diff(moved, append=moved[0] + step)
+    assert gaps.max() < 2.2 * step / 16
+    np.testing.assert_allclose(
+        (start[:, 0] + 0.5 * np.pi) / 3.0, (start[:, 1] + 0.5 * np.pi) / 2.0, atol=1e-14
+    )
+
+
+def test_position_and_phase_dither_stay_within_their_bounds() -> None:
+    pattern = LissajousPattern(dither_position=0.1, dither_phase=0.2, dither_sampling=False, inversion=False)
+    figure = figures(pattern, np.arange(500), (0.1, 0.2))
+    away = (figure.position - [0.1, 0.2]) / pattern.amplitude
+    assert np.abs(away).max() <= 0.1
+    assert np.abs(away).max() > 0.095
+    assert abs(away.mean(axis=0)).max() < 2e-3
+    assert 0.19 < np.abs(figure.phase[:, 0] - pattern.phases[0]).max() <= 0.2
+
+
+@pytest.mark.parametrize(
+    ("wrong", "remedy"), [({"ratio": "4:2"}, "Write 2:1"), ({"ratio": "9:8", "points": 64}, "at least 72")]
+)
+def test_senseless_patterns_are_refused(wrong: dict[str, object], remedy: str) -> None:
+    with pytest.raises(ValidationError, match=remedy):
+        LissajousPattern.model_validate(wrong)
+
+
+def test_patterns_are_read_with_units() -> None:
+    pattern = LissajousPattern.model_validate(
+        {"ratio": "3:2", "points": 128, "amplitude": "2.5 mrad"}, context=FROM_FILE
+    )
+    assert pattern.amplitude == 2.5e-3
+    with pytest.raises(ValidationError):
+        LissajousPattern.model_validate({"amplitude": 2.5e-3}, context=FROM_FILE)
+
+
+def test_impossible_patterns_are_doubted_with_what_is_possible() -> None:
+    """The number of points in the message is one that the mirrors follow."""
+    pattern = LissajousPattern(amplitude=30e-3)
+    (sentence,) = pattern_doubts(pattern, SERVO, DWELL)
+    assert "cannot follow 30 mrad at 469 Hz; at most 23" in sentence
+    points = int(sentence.rsplit(" ", 2)[1])
+    assert not list(pattern_doubts(pattern.model_copy(update={"points": points}), SERVO, DWELL))
+    assert not list(pattern_doubts(LissajousPattern(), SERVO, DWELL))
+
+
+def test_visits_of_one_target_turn_round_in_time() -> None:
+    """Patterns of one target follow each other in 6.6 ms, inverted ones too; the mirrors lag by 64 µs and little more.
+
+    6 mrad at 469 Hz are 17.7 rad/s, and 1.13 mrad of lag.
+    """
+    mirrors = mirrors_at(0.1, 0.05)
+    plan = visits(1, 6, 6.6e-3, 6.4e-3)
+    for number, start in zip(plan.number, plan.start, strict=True):
+        motion, mirrors = run_visit(
+            SERVO,
+            mirrors,
+            LissajousPattern(),
+            int(number),
+            (0.1, 0.05),
+            start=float(start),
+            dwell=DWELL,
+            visiting=Visiting(),
+        )
+        assert motion.time[0] == pytest.approx(start + 0.5 * DWELL, abs=1e-9)
+        assert np.abs(motion.true_theta - motion.commanded_theta).max() < 1.4e-3
+        assert np.abs(motion.true_theta - 0.1).max() < 6.3e-3
+
+
+def test_several_targets_are_reached_in_time_and_settled() -> None:
+    """Jumps of 0.5 rad: patterns start when the schedule says, and lag no more than the steady pattern does."""
+    period = Visiting().period(128, DWELL, 2, SERVO)
+    mirrors = mirrors_at(0.0, 0.0)
+    plan = visits(2, 6, period, 128 * DWELL)
+    for target, number, start in zip(*plan, strict=True):
+        centre = np.array([[-0.245, 0.1], [0.245, -0.1]])[target]
+        motion, mirrors = run_visit(
+            SERVO,
+            mirrors,
+            LissajousPattern(),
+            int(number),
+            centre,
+            start=float(start),
+            dwell=DWELL,
+            visiting=Visiting(),
+        )
+        assert motion.time[0] == pytest.approx(start + 0.5 * DWELL, abs=DWELL / 3)
+        assert not motion.limited
+        assert np.abs(motion.true_theta - motion.commanded_theta).max() < 1.3e-3
+
+
+def test_a_jump_that_needs_longer_gets_it() -> None:
+    motion, mirrors = run_visit(
+        SERVO,
+        mirrors_at(-0.5, 0.0),
+        LissajousPattern(),
+        0,
+        (0.5, 0.0),
+        start=0.0,
+        dwell=DWELL,
+        visiting=Visiting(),
+    )
+    assert motion.time[0] > 5e-3
+    assert mirrors.time == pytest.approx(motion.time[-1] + 0.5 * DWELL, abs=1e-12)
+    assert np.abs(motion.true_theta - motion.commanded_theta).max() < 1.3e-3
+    mean = 0.5 * (motion.true_theta[2:] - motion.true_theta[:-2])
+    np.testing.assert_allclose(motion.travel_theta[5:-1], mean[4:], atol=2e-5)
