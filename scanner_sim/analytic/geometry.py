@@ -230,11 +230,12 @@ def swept_image(
     point: ArrayLike,
     normal: ArrayLike,
 ) -> tuple[float, float]:
-    """Return mean and standard deviation of p [m] while the mirrors sweep over a plane at an even rate.
+    """Return mean and standard deviation of p [m] of the light while the mirrors sweep over a matt plane.
 
     p(Θ, φ) of the beam's axis by :func:`range_to_plane` and :func:`image_position`, averaged by Gauss–Legendre
-    quadrature over Θ ± travel/2, φ ± travel/2: no expansion. Laser and receiver turn together, so a plane square to the
-    beam leaves p where it is, and a slope smears it.
+    quadrature over Θ ± travel/2, φ ± travel/2 with the weight of the light that a Lambertian surface sends to the lens,
+    cosθ_o cosθ_l/r²: no expansion. Laser and receiver turn together, so a plane square to the beam leaves p where it
+    is, and a slope smears it.
 
     Parameters
     ----------
@@ -243,13 +244,19 @@ def swept_image(
     f, d, D
         Focal length, base and axis separation [m].
     point, normal
-        A point of the plane [m] and its normal, shape (3,).
+        A point of the plane [m] and its normal of any length, shape (3,).
     """
     nodes, weights = np.polynomial.legendre.leggauss(16)
     theta_now, phi_now = theta + 0.5 * travel[0] * nodes, phi + 0.5 * travel[1] * nodes
-    p = image_position(range_to_plane(theta_now, phi_now, D, point, normal), theta_now, f, d)
-    mean = float(p @ weights / 2.0)
-    return mean, float(np.sqrt((p - mean) ** 2 @ weights / 2.0))
+    R = range_to_plane(theta_now, phi_now, D, point, normal)
+    sight = point_from_shot(R, theta_now, phi_now, D) - lens_node(phi_now, D, d)
+    along = scanner_axes(theta_now, phi_now)[0]
+    facing = np.abs(sight @ np.asarray(normal, dtype=np.float64)) * np.sum(sight * along, axis=-1)
+    weights = weights * facing / np.sum(sight**2, axis=-1) ** 2
+    weights /= weights.sum()
+    p = image_position(R, theta_now, f, d)
+    mean = float(p @ weights)
+    return mean, float(np.sqrt((p - mean) ** 2 @ weights))
 
 
 def propagated_errors_printed(

@@ -71,3 +71,45 @@ def test_aperture_points_fill_the_disc_evenly(count: int) -> None:
     assert points.shape == (count, 2)
     assert (np.hypot(*points.T) <= 1.02).all()
     assert np.abs(points.mean(axis=0)).max() < 1.5 / count
+
+
+@pytest.mark.parametrize("beamlets", [smooth_beamlets(7), smooth_beamlets(19), smooth_beamlets(37)])
+def test_times_have_all_moments_with_places_to_the_third_order(beamlets: Beamlets) -> None:
+    (a, b), times, weights = beamlets.nodes.T, beamlets.times, beamlets.weights
+    assert np.abs(times).max() <= 0.52
+    assert times[0] == pytest.approx(0.0, abs=1e-12)
+    assert weights @ times**2 == pytest.approx(1.0 / 12.0, rel=1e-12)
+    for odd in (
+        times,
+        times * a,
+        times * b,
+        times * a * a,
+        times * a * b,
+        times * b * b,
+        times**2 * a,
+        times**3,
+    ):
+        assert weights @ odd == pytest.approx(0.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("count", [19, 64, 256, 1024])
+def test_times_of_many_beamlets_fill_the_dwell(count: int) -> None:
+    beamlets = edge_beamlets(count)
+    (a, b), times, weights = beamlets.nodes.T, beamlets.times, beamlets.weights
+    assert weights @ times**2 == pytest.approx(1.0 / 12.0, rel=1e-12)
+    for none in (times, times * a, times * b):
+        assert weights @ none == pytest.approx(0.0, abs=1e-12)
+    assert stats.kstest(times, stats.uniform(-0.5, 1.0).cdf).statistic < 1.5 / np.sqrt(count) / 2.0
+
+
+@pytest.mark.parametrize("sweep", [1.0, 3.0, 10.0, 30.0])
+def test_the_outermost_beamlets_reach_the_ends_of_the_sweep(sweep: float) -> None:
+    """Light beyond the outermost of 19 beamlets, which no edge can be seen in, stays below 0.5 % along Θ."""
+    beamlets = smooth_beamlets(19)
+    reach = float((beamlets.nodes[:, 0] + sweep * beamlets.times).max())
+    moments = (np.arange(10_000) + 0.5) / 10_000 - 0.5
+    assert float(stats.norm.sf(reach - sweep * moments).mean()) < 0.005
+
+
+def test_a_lone_beamlet_shines_in_the_middle() -> None:
+    assert edge_beamlets(3).times.tolist() == [0.0, 0.0, 0.0]
