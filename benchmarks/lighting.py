@@ -48,7 +48,7 @@ def main() -> None:
     Console().print(table)
 
 
-def figures(name: str, size: int, *changes: str) -> tuple[str, str, str, str]:
+def figures(name: str, size: int, *changes: str) -> tuple[str, ...]:
     raster = [f"scan.rows={size}", f"scan.columns={size}", *changes]
     lit = simulate(load_scenario(CONFIGS / f"{name}.yaml", raster))
     dark = simulate(load_scenario(CONFIGS / f"{name}.yaml", [*raster, "lighting={}"]))
@@ -57,9 +57,11 @@ def figures(name: str, size: int, *changes: str) -> tuple[str, str, str, str]:
     moved = np.abs(lit["range_m"] - dark["range_m"])[both] > 6.0 * sigma
     shining = lit["background"] > 1.0
     error = lit["background_error"][shining] / np.sqrt(lit["background"][shining])
-    middle, high = np.percentile(error, [50, 90]) if shining.any() else (np.nan, np.nan)
+    middle, high, highest = np.percentile(error, [50, 90, 99]) if shining.any() else (np.nan,) * 3
+    below = np.mean(error < 1.0) if shining.any() else np.nan
     kept = both.sum() / dark.valid.sum()
-    return f"{100.0 * kept:.2f} %", f"{moved.mean():.1e}", f"{middle:.2f}", f"{high:.1f}"
+    shares = f"{100.0 * kept:.2f} %", f"{moved.mean():.1e}"
+    return *shares, f"{middle:.2f}", f"{high:.1f}", f"{highest:.1f}", f"{100.0 * below:.0f} %"
 
 
 if __name__ == "__main__":

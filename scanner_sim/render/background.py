@@ -97,7 +97,7 @@ def render_panorama(
     finer = max(1, round(min(view.row_step / (2.0 * view.step), _MOST_SAMPLES)))
     half, size = samples // 2 * finer, view.rows * view.bins
     sums = [[dr.empty(mi.Float, size) for _ in range(4)] for _ in range(2)]
-    features = Features.empty(size)
+    features = [Features.empty(size) for _ in range(2)]
     together = max(1, _PATHS_TOGETHER // (view.bins * half))
     for start in range(0, view.rows, together):
         some = np.arange(start, min(start + together, view.rows))
@@ -115,8 +115,7 @@ def render_panorama(
             dr.eval(values, first)
             for target, value in zip(sums[part], values, strict=True):
                 dr.scatter(target, value, at)
-            if part == 0:
-                features.put(first, half, at)
+            features[part].put(first, half, at)
             dr.eval(sums, features)
     low, high = dr.minimum(sums[0][0], sums[1][0]), dr.maximum(sums[0][1], sums[1][1])
     seen = bench.height / bench.receiver.focal_length
@@ -124,14 +123,15 @@ def render_panorama(
     uneven = contrast(low, high, view, 1 if view.row_step < 2.0 * seen else 0)
     dr.eval(uneven)
     sharp = sharp_light(loaded, bench, sky, albedo, view, uneven, finer=min(finer, 4), seed=seed)
-    smoothed = smooth(
-        [layer for part in sums for layer in part[2:]],
-        features,
-        view.rows,
-        view.bins,
-        view.step / view.row_step,
-    )
-    halves = [one + other for one, other in zip(sharp[0] + sharp[1], smoothed, strict=True)]
+    halves = [
+        one + other
+        for part in range(2)
+        for one, other in zip(
+            sharp[part],
+            smooth(sums[part][2:], features[part], view.rows, view.bins, view.step / view.row_step),
+            strict=True,
+        )
+    ]
     return _assembled(view, bench, halves)
 
 

@@ -2,7 +2,8 @@
 
 À-trous wavelets with the weights ¼, ½, ¼ (after Dammertz, Sewtz, Hanika, Lensch, *High Performance Graphics* 2010); a
 neighbour counts only where it has the same material, a like normal and lies in the tangent plane. Weights come from the
-geometry alone, so the filter is linear in the light and the two halves of a picture stay independent.
+geometry alone, so the filter is linear in the light; each half of a picture is compared by its own rays' geometry,
+so that the halves stay independent.
 
 Not modelled: a change of the light over one surface within the filter's reach: a standard
 deviation of 7 columns, 15 at most.
@@ -57,7 +58,7 @@ class Features:
 def smooth(
     layers: list[Any], features: Features, rows: int, columns: int, rows_per_column: float
 ) -> list[Any]:
-    """Filter four layers of a picture, each of shape (rows · columns,), over like neighbours.
+    """Filter two layers of a picture, each of shape (rows · columns,), over like neighbours.
 
     Parameters
     ----------
@@ -70,15 +71,15 @@ def smooth(
     rows_per_column
         Angle of a column over that of a row: where rows lie far apart, the filter reaches over fewer of them.
     """
-    light = dr.ravel(mi.Vector4f(*layers))
+    light = dr.ravel(mi.Vector2f(*layers))
     dr.eval(light)
     for stride in _STRIDES:
         found = _pass(light, features, rows, columns, (int(stride * rows_per_column), stride))
         light = dr.ravel(found)
         dr.eval(light)
     lane = dr.arange(mi.UInt32, rows * columns)
-    found = dr.gather(mi.Vector4f, light, lane)
-    return [found[number] for number in range(4)]
+    found = dr.gather(mi.Vector2f, light, lane)
+    return [found.x, found.y]
 
 
 def _pass(light: Any, features: Features, rows: int, columns: int, stride: tuple[int, int]) -> Any:
@@ -89,7 +90,7 @@ def _pass(light: Any, features: Features, rows: int, columns: int, stride: tuple
     point = mi.Vector3f(own_place.x, own_place.y, own_place.z)
     step_down, step_right = (dr.opaque(mi.Int32, step) for step in stride)
     total = mi.Float(0.25)
-    result: Any = 0.25 * dr.gather(mi.Vector4f, light, lane)
+    result: Any = 0.25 * dr.gather(mi.Vector2f, light, lane)
     # Where the stride reaches no other row, the three rows of weights stand for one.
     weights = {-1: 0.25, 0: 0.5, 1: 0.25} if stride[0] else {0: 0.5}
     for down, weight_down in weights.items():
@@ -106,7 +107,7 @@ def _pass(light: Any, features: Features, rows: int, columns: int, stride: tuple
             weight: Any = weight_down * weight_right * dr.exp(-turned - lifted)
             weight = dr.select(inside & (kind.w == own_kind.w), weight, 0.0)
             total += weight
-            result += weight * dr.gather(mi.Vector4f, light, at)
+            result += weight * dr.gather(mi.Vector2f, light, at)
     return result / total
 
 

@@ -24,5 +24,5 @@ class Transport(Part):
     """Random paths of a shot, where there is more than one bounce."""
     background_bounces: Count = Field(default=4, ge=1, le=16)
     """Surfaces that light of Sun and Earth may meet."""
-    background_samples: Count = Field(default=4, ge=2, le=65536, multiple_of=2)
+    background_samples: Count = Field(default=6, ge=2, le=65536, multiple_of=2)
     """Random paths of Sun and Earth per row of the raster and pixel."""

@@ -117,6 +117,83 @@ def test_panoramas_agree_with_brute_force() -> None:
         assert error < 0.01 * reference.power.sum()
 
 
+def test_a_glossy_sphere_agrees_with_brute_force() -> None:
+    """Claim: light that changes over a bent, glossy surface is not blurred beyond the Monte-Carlo error.
+
+    Set-up: a sphere of weathered metal before a wall, Sun and Earth, two bounces; voxels at its middle, beside it
+    and near its limb, each about 256 pixels that look at all of it. Eight panoramas and 2048 rays per pixel of brute
+    force, as above. Expected: z of each voxel's sum, with the eight seeds' t distribution. Tolerance: level 1e-5;
+    besides this the filter's reach may shift a sum by 0.5 % of it.
+    """
+    from scanner_sim.render.reference import reference_background
+    from scanner_sim.scene.loader import load_scene
+
+    place = (-0.3, 0.0, 6.0)
+    ball = {"name": "ball", "shape": "sphere", "diameter": 1.2, "position": place, "material": "weathered_aluminium"}
+    loaded = load_scene(Scene(objects=({**WALL, "material": GREY}, ball)))
+    light, albedo = sunlit()
+    voxels = [(32, 24), (24, 30), (40, 34)]
+    lines = np.array([panorama_lines(loaded, light, albedo, voxels, 2, seed) for seed in range(8)])
+    theta, phi = RASTER.angles()
+    for number, (row, column) in enumerate(voxels):
+        reference = reference_background(
+            loaded,
+            bench(),
+            light,
+            albedo,
+            PIXELS,
+            float(theta[column]),
+            float(phi[row]),
+            bounces=2,
+            samples=2048,
+            shot=number,
+        )
+        sums, total = lines[:, number].sum(axis=1), reference.power.sum()
+        error = np.hypot(sums.std(ddof=1) / np.sqrt(8), np.sqrt((reference.standard_error**2).sum()))
+        assert abs(sums.mean() - total) < stats.t.isf(0.5e-5, 7) * error + 0.005 * total, (row, column)
+
+
+def test_the_stated_error_is_the_actual_one() -> None:
+    """Claim: the standard error that a panorama states is that of its mean over the window of 200 µm.
+
+    Set-up: the wall and the box, 12 seeds. Actual squared error: the variance over the seeds of four bins' mean;
+    stated: the mean square of ``error``. Both are summed over parts of the picture where one source rules: the
+    smooth wall, and all bins about edges. Expected: ratio 1. Tolerance: a factor of 2 either way. Neighbours share
+    noise over about 30 bins, so the picture has some hundreds of independent places and the ratio
+    scatters by 10 %; errors added linearly would give 4 or more, one half's error in place of the mean's 2.
+    """
+    from scanner_sim.render.background import render_panorama
+    from scanner_sim.render.view import panorama_view
+    from scanner_sim.scene.loader import load_scene
+
+    loaded = load_scene(Scene(objects=tuple(SHADOWED)))
+    light, albedo = sunlit()
+    view = panorama_view(RASTER.horizontal, RASTER.angles()[1], bench(), PIXELS)
+    means, stated = [], []
+    for seed in range(12):
+        panorama = render_panorama(loaded, bench(), light, albedo, view, bounces=3, samples=4, seed=seed)
+        layer = panorama.in_band.numpy().astype(np.float64).reshape(view.rows, view.bins)
+        # Bins −2 to 2, the outer ones by half: the window of four pixels about a bin.
+        means.append(
+            (0.5 * layer[:, :-4] + layer[:, 1:-3:] + layer[:, 2:-2] + layer[:, 3:-1] + 0.5 * layer[:, 4:]) / 4
+        )
+        stated.append(panorama.error.numpy().astype(np.float64).reshape(layer.shape)[:, 2:-2] ** 2)
+    actual, expected = np.var(means, axis=0, ddof=1), np.mean(stated, axis=0)
+    rough = expected > np.quantile(expected, 0.8)
+    for part in (rough, ~rough):
+        assert 0.5 < expected[part].sum() / actual[part].sum() < 2.0
+
+
+def test_pixels_count_through_height_and_point_spread() -> None:
+    from scanner_sim.render.view import height_quantiles
+
+    place = height_quantiles(250e-6, 40e-6)
+    middle = 0.5 * (place[1:] + place[:-1])
+    assert middle.mean() == pytest.approx(0.0, abs=1e-9)
+    assert middle.std() ** 2 == pytest.approx((250e-6) ** 2 / 12.0 + (40e-6) ** 2, rel=5e-3)
+    np.testing.assert_allclose(height_quantiles(250e-6, 0.0)[[0, -1]], [-125e-6, 125e-6])
+
+
 def test_a_white_room_is_as_bright_as_its_sky() -> None:
     """Claim: nothing is lost or gained between sky, surface and line (white furnace).
 
