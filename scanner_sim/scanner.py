@@ -7,14 +7,30 @@ from typing import Literal
 
 from pydantic import Field
 
+from scanner_sim.detector.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.position_sensor import PositionSensor
 from scanner_sim.errors import Fault
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.filter import BandpassFilter, FilterChoice
 from scanner_sim.optics.laser import Laser
+from scanner_sim.optics.pulse import Pulse
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.parts import Part
 from scanner_sim.units import Frequency, Ratio
+
+
+class Lidar(Part):
+    """The time-of-flight unit: one pulse for each voxel, through the beam, mirrors and filter of the triangulation.
+
+    Nothing of it is printed in the paper; the defaults are assumptions.
+    """
+
+    pulse: Pulse = Pulse()
+    """The laser's pulse."""
+    photodiode: Photodiode = Photodiode()
+    """The avalanche photodiode and its amplifier; its ``place`` says whether it looks along the laser."""
+    digitiser: Digitiser = Digitiser()
+    """The converter that records the waveform, and its clock."""
 
 
 class Scanner(Part):
@@ -37,6 +53,8 @@ class Scanner(Part):
     """The interference filter, or ``none``."""
     position_sensor: PositionSensor = PositionSensor()
     """The line sensor of the triangulation."""
+    lidar: Lidar = Lidar()
+    """The time-of-flight unit, where ``ranging`` asks for it."""
     rate: Frequency = Field(default=20e3, ge=1e-3, le=1e9)
     """Voxels per second; its inverse is the dwell."""
     laser_off: Ratio = Field(default=0.0, ge=0.0, le=0.9)

@@ -19,6 +19,9 @@ from scanner_sim.scene.lighting import Lighting
 from scanner_sim.scene.objects import Scene
 from scanner_sim.signals.processing import MARGIN, Processing
 
+_MOST_SAMPLES = 1 << 28
+"""Samples of all waveforms that are kept together: a gigabyte."""
+
 
 class Scenario(Part):
     """Instrument, scene, scan and processing: the same scenario gives the same bytes.
@@ -32,6 +35,8 @@ class Scenario(Part):
     """Seed of every random number."""
     scanner: Scanner = Scanner()
     """The instrument."""
+    ranging: Literal["triangulation", "tof", "both"] = "triangulation"
+    """How ranges are measured: by the line sensor, by time of flight (``scanner.lidar``), or both with their fusion."""
     scene: Scene = Scene()
     """What stands before it."""
     lighting: Lighting = Lighting()
@@ -58,7 +63,7 @@ class Scenario(Part):
     """What is written."""
 
     def contradictions(self) -> Iterator[Fault]:
-        """Yield angles beyond the mirrors, range gates beyond the array and estimators that find no room on it."""
+        """Yield angles beyond the mirrors, range gates beyond what is recorded, and settings that find no room."""
         limit = self.scanner.mirrors.max_deflection
         for name, ends in (("horizontal", self.scan.horizontal), ("vertical", self.scan.vertical)):
             if max(abs(end) for end in ends) > limit:
@@ -69,6 +74,13 @@ class Scenario(Part):
                     f"{math.degrees(limit):.6g} deg ({limit:g} rad) to both sides.",
                     "Narrow the scan, or raise scanner.mirrors.max_deflection.",
                 )
+        if self.ranging != "tof":
+            yield from self._line_contradictions()
+        if self.ranging != "triangulation":
+            yield from self._pulse_contradictions()
+        yield from self._waveform_contradictions()
+
+    def _line_contradictions(self) -> Iterator[Fault]:
         pixels, window = self.scanner.position_sensor.pixels, 2 * MARGIN[self.processing.peak] + 1
         if window > pixels:
             yield Fault(
@@ -85,3 +97,56 @@ class Scenario(Part):
                 f"[{gate[0]:g} m, {gate[1]:g} m] lies outside of the ranges that the array sees, {beyond}.",
                 "Move the gate, or change receiver.baseline, receiver.focal_length or the position_sensor.",
             )
+
+    def _pulse_contradictions(self) -> Iterator[Fault]:
+        lidar, gate = self.scanner.lidar, self.processing.range_gate
+        if lidar.pulse.repetition_rate < self.scanner.rate:
+            yield Fault(
+                "scanner.lidar.pulse.repetition_rate",
+                f"{lidar.pulse.repetition_rate:.4g} pulses a second leave some of {self.scanner.rate:.4g} voxels "
+                "without one.",
+                "Raise it, or lower scanner.rate.",
+            )
+        level, saturation = self.processing.pulse.level, lidar.photodiode.saturation
+        if level is not None and level >= saturation:
+            yield Fault(
+                "processing.pulse.level",
+                f"{level:.3g} A is not below the {saturation:.3g} A at which the amplifier saturates.",
+                "Lower it, or raise scanner.lidar.photodiode.saturation.",
+            )
+        nearest, farthest = lidar.digitiser.gate
+        if gate is not None and (gate[1] <= nearest or gate[0] >= farthest):
+            yield Fault(
+                "processing.range_gate",
+                f"[{gate[0]:g} m, {gate[1]:g} m] lies outside of what the digitiser records, {nearest:.4g} m to "
+                f"{farthest:.4g} m.",
+                "Move the gate, or change scanner.lidar.digitiser.gate.",
+            )
+
+    def _waveform_contradictions(self) -> Iterator[Fault]:
+        chosen = self.output.waveforms
+        if chosen == "none":
+            return
+        if self.ranging == "triangulation":
+            yield Fault(
+                "output.waveforms",
+                "triangulation has no waveforms.",
+                "Write ranging: tof or both, or output.waveforms: none.",
+            )
+        rows, columns = self.scan.rows, self.scan.columns
+        if isinstance(chosen, str):
+            samples = self.scan.shots * self.scanner.lidar.digitiser.samples
+            if samples > _MOST_SAMPLES:
+                yield Fault(
+                    "output.waveforms",
+                    f"all of them are {samples:.3g} samples; {_MOST_SAMPLES:.3g} fit in a file.",
+                    "Name the voxels that are wanted, as [[0, 0], [10, 20]].",
+                )
+            return
+        for row, column in chosen:
+            if not (0 <= row < rows and 0 <= column < columns):
+                yield Fault(
+                    "output.waveforms",
+                    f"voxel [{row}, {column}] lies outside of the {rows} × {columns} raster.",
+                    "Rows and columns count from 0.",
+                )

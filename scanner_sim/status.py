@@ -31,8 +31,8 @@ class Status(IntEnum):
 
 _SENTENCES = {
     Status.VALID: "a range was measured",
-    Status.BELOW_THRESHOLD: "no pixel of the line rises above the detection threshold",
-    Status.SATURATED: "the peak reaches the full well or the end of the converter",
+    Status.BELOW_THRESHOLD: "nothing in the signal rises above the detection threshold",
+    Status.SATURATED: "the signal reaches the full well, the amplifier's limit or the end of the converter",
     Status.AMBIGUOUS: "two separate peaks of comparable height",
     Status.OUT_OF_ARRAY: "the peak lies too near the end of the array for the estimator's window",
     Status.OUT_OF_GATE: "the range lies outside the range gate",

@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.lidar import EchoBench, fuse_points, layers_of
 from scanner_sim.optics.filter import band_irradiance, incidence, laser_gain, peak_transmission
 from scanner_sim.optics.speckle import Grain
-from scanner_sim.products.image import MEASURED
+from scanner_sim.products.image import MEASURED, MEASURED_BY
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.ranging.neighbours import isolated
 from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_from_peaks
@@ -179,11 +180,49 @@ class Workbench:
         pixels = self.scenario.scanner.position_sensor.pixels
         return line_speckle(light.clusters, places, self.grain, self.sweep, pixels, self.scenario.seed)
 
+    @cached_property
+    def echoes(self) -> EchoBench:
+        """The time-of-flight unit before the same scene."""
+        return EchoBench(self.scenario, self.loaded, self.optics)
+
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
-        """Return the layers of the shots of an aim: each of shape (n,)."""
+        """Return the layers of the shots of an aim: each of shape (n,).
+
+        Layers without a prefix hold the triangulation where there is one, and otherwise time of flight.
+        """
+        shots, pointing = self.fire(aim)
+        deflections = self._deflections(aim, pointing)
+        layers: dict[str, NDArray[Any]] = {}
+        ranging = self.scenario.ranging
+        if ranging != "tof":
+            truth, ranges, layers = self._triangulated(aim, shots, deflections)
+        if ranging != "triangulation":
+            truth, echo, more = self.echoes.measure(shots, deflections)
+            layers |= more
+            if ranging == "tof":
+                ranges, layers["Y"] = echo, more["tof.Y"]
+            else:
+                fused, ranges, echo = fuse_points(ranges, echo, deflections, self.geometry)
+                layers |= layers_of(fused, "fused.")
+            layers |= layers_of(echo, "tof.")
+        layers |= layers_of(ranges)
+        for name in ("peak_px", "sigma_peak_px"):
+            if name in layers:
+                layers[name][ranges.status != Status.VALID] = np.nan
+        return layers | {
+            "truth.range_m": truth.distance.numpy(),
+            "truth.theta_rad": aim.theta + pointing.theta,
+            "truth.phi_rad": aim.phi + pointing.phi,
+            "truth.object": truth.object.numpy(),
+            "truth.material": truth.material.numpy(),
+        }
+
+    def _triangulated(
+        self, aim: Aim, shots: Any, deflections: Deflections
+    ) -> tuple[Any, Ranges, dict[str, NDArray[Any]]]:
+        """Return truth, ranges and the line sensor's own layers."""
         from scanner_sim.detector.line import electrons_per_watt
 
-        shots, pointing = self.fire(aim)
         truth, groups = self._exposed(aim, shots)
         n = len(aim.shot)
         peak, sigma_peak, signal, snr, laser, window, error, brightest = (
@@ -202,26 +241,12 @@ class Workbench:
             error[group.index] = budget.background_error.numpy()
             brightest[group.index] = budget.brightest.numpy()
             status[group.index] = peaks.status.numpy()
-        ranges = self._ranges(peak, sigma_peak, status, self._deflections(aim, pointing))
-        covariance = ranges.covariance
-        invalid = ranges.status != Status.VALID
-        peak[invalid] = sigma_peak[invalid] = np.nan
+        ranges = self._ranges(peak, sigma_peak, status, deflections)
         scanner = self.scenario.scanner
         electrons = electrons_per_watt(scanner.position_sensor, scanner.laser.wavelength, scanner.exposure)
         with np.errstate(divide="ignore", invalid="ignore"):
             contrast = laser / window
-        return {
-            "range_m": ranges.range,
-            "sigma_range_m": ranges.sigma,
-            "P.X": ranges.x,
-            "P.Y": ranges.y,
-            "P.Z": ranges.z,
-            "sigma_x_m": np.sqrt(covariance.xx),
-            "sigma_y_m": np.sqrt(covariance.yy),
-            "sigma_z_m": np.sqrt(covariance.zz),
-            "cov_xy_m2": covariance.xy,
-            "cov_xz_m2": covariance.xz,
-            "cov_yz_m2": covariance.yz,
+        layers = {
             "Y": signal,
             "snr": contrast,
             "snr_detection": snr,
@@ -230,18 +255,16 @@ class Workbench:
             "background_peak": brightest * electrons,
             "peak_px": peak,
             "sigma_peak_px": sigma_peak,
-            "status": ranges.status,
-            "truth.range_m": truth.distance.numpy(),
-            "truth.theta_rad": aim.theta + pointing.theta,
-            "truth.phi_rad": aim.phi + pointing.phi,
-            "truth.object": truth.object.numpy(),
-            "truth.material": truth.material.numpy(),
         }
+        return truth, ranges, layers
 
     def refuse_isolated(
         self, layers: dict[str, NDArray[Any]], theta: NDArray[np.float64], phi: NDArray[np.float64]
     ) -> None:
         """Refuse the voxels of an image that agree with none of their neighbours; ``layers`` change in place.
+
+        This is for the triangulation: time of flight knows no background that moves a peak. What was fused with a
+        refused range is then the time of flight's alone.
 
         Parameters
         ----------
@@ -251,7 +274,7 @@ class Workbench:
             Deflections of the columns and of the rows [rad].
         """
         settings = self.scenario.processing.validation
-        if settings.isolated is None:
+        if settings.isolated is None or self.scenario.ranging == "tof":
             return
         alone = isolated(
             layers["range_m"],
@@ -265,6 +288,11 @@ class Workbench:
         layers["status"][alone] = Status.ISOLATED
         for name in MEASURED:
             layers[name][alone] = np.nan
+        if self.scenario.ranging == "both":
+            for name in MEASURED_BY["fused.status"]:
+                layers[name][alone] = layers[name.replace("fused.", "tof.")][alone]
+            timed = layers["tof.status"][alone] == Status.VALID
+            layers["fused.status"][alone] = np.where(timed, Status.VALID, Status.ISOLATED)
 
     def record(self, row: int, column: int) -> VoxelRecord:
         """Return the record of one voxel of the scenario's raster."""

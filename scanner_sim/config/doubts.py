@@ -26,14 +26,16 @@ def doubts(scenario: Scenario) -> tuple[str, ...]:
     return (
         *_scene(scenario),
         *_ranges(scenario),
-        *_instrument(scenario),
+        *(() if scenario.ranging == "tof" else _instrument(scenario)),
+        *(() if scenario.ranging == "triangulation" else _time_of_flight(scenario)),
         *_light(scenario),
-        *_retro_reflectors(scenario),
+        *(() if scenario.ranging == "tof" else _retro_reflectors(scenario)),
     )
 
 
 def _scene(scenario: Scenario) -> Iterator[str]:
     scene, nearest = scenario.scene, scenario.scanner.nearest_range
+    line = scenario.ranging != "tof"
     if scene.file is None and not scene.objects:
         yield "scene: it is empty, so no voxel will have a return"
     for index, item in enumerate(scene.objects):
@@ -42,7 +44,7 @@ def _scene(scenario: Scenario) -> Iterator[str]:
             yield f"scene.objects[{index}]: '{item.name}' stands at the scanner; give it a position"
         elif z <= 0.0:
             yield f"scene.objects[{index}]: '{item.name}' has its origin behind the scanner (z = {z:g} m)"
-        elif math.hypot(x, y, z) < nearest:
+        elif line and math.hypot(x, y, z) < nearest:
             yield (
                 f"scene.objects[{index}]: '{item.name}' has its origin at {math.hypot(x, y, z):.3g} m, nearer than "
                 f"the {nearest:.3g} m that the array sees"
@@ -51,11 +53,28 @@ def _scene(scenario: Scenario) -> Iterator[str]:
 
 def _ranges(scenario: Scenario) -> Iterator[str]:
     gate, scanner = scenario.processing.range_gate, scenario.scanner
-    if gate is not None and (gate[0] < scanner.nearest_range or gate[1] > scanner.farthest_range):
+    if gate is None:
+        return
+    if scenario.ranging != "tof" and (gate[0] < scanner.nearest_range or gate[1] > scanner.farthest_range):
         yield (
             f"processing.range_gate: it reaches beyond the ranges that the array sees, {scanner.nearest_range:.4g} m "
             f"to {scanner.farthest_range:.4g} m"
         )
+
+
+def _time_of_flight(scenario: Scenario) -> Iterator[str]:
+    """Doubt a record that ends before the scene does, and pulses that follow each other too soon for it."""
+    lidar, farthest = scenario.scanner.lidar, 0.0
+    for index, item in enumerate(scenario.scene.objects):
+        distance = math.hypot(*item.position)
+        farthest = max(farthest, distance)
+        if not lidar.digitiser.gate[0] <= distance <= lidar.digitiser.gate[1]:
+            yield (
+                f"scene.objects[{index}]: '{item.name}' has its origin at {distance:.3g} m, outside of what "
+                f"scanner.lidar.digitiser.gate records, {lidar.digitiser.gate[0]:.4g} m to "
+                f"{lidar.digitiser.gate[1]:.4g} m"
+            )
+    yield from (f"scanner.lidar.{doubt}" for doubt in lidar.pulse.doubts(farthest))
 
 
 def _instrument(scenario: Scenario) -> Iterator[str]:

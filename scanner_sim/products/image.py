@@ -25,7 +25,7 @@ class Channel(NamedTuple):
     sentence: str
 
 
-CHANNELS: tuple[Channel, ...] = (
+_POINT = (
     Channel("range_m", "m", "measured range: path from the first mirror axis to the surface"),
     Channel("sigma_range_m", "m", "standard deviation of range_m that the instrument states"),
     Channel("P.X", "m", "measured point, to the right of the scanner"),
@@ -37,7 +37,23 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("cov_xy_m2", "m2", "covariance of P.X and P.Y that the instrument states"),
     Channel("cov_xz_m2", "m2", "covariance of P.X and P.Z that the instrument states"),
     Channel("cov_yz_m2", "m2", "covariance of P.Y and P.Z that the instrument states"),
-    Channel("Y", "electron", "returned signal: charge of the detected peak, 0 below the threshold"),
+)
+"""Layers of a range and its point, which every way of ranging has."""
+
+
+def _point_by(prefix: str, way: str) -> tuple[Channel, ...]:
+    """Return the layers of another way of ranging."""
+    status = Channel(f"{prefix}status", "1", f"as status, {way}")
+    return (*(Channel(prefix + name, unit, f"{text}, {way}") for name, unit, text in _POINT), status)
+
+
+CHANNELS: tuple[Channel, ...] = (
+    *_POINT,
+    Channel(
+        "Y",
+        "electron",
+        "returned signal: charge of the detected peak, before any avalanche; 0 below the threshold",
+    ),
     Channel(
         "snr",
         "1",
@@ -60,6 +76,16 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("peak_px", "pixel", "detected position on the line sensor; the centre of pixel i is at i"),
     Channel("sigma_peak_px", "pixel", "standard deviation of peak_px that the instrument states"),
     Channel("status", "1", "0 where a range was measured, otherwise why there is none"),
+    *_point_by("tof.", "by time of flight"),
+    Channel(
+        "tof.Y",
+        "electron",
+        "charge of the detected echo before the avalanche, from its height; a lower bound where it is clipped",
+    ),
+    Channel("tof.snr_detection", "1", "height of the echo over the noise of a sample without it"),
+    Channel("tof.echoes", "1", "number of echoes in the waveform"),
+    Channel("tof.background_w", "W", "light of Sun and Earth on the photodiode, noise-free"),
+    *_point_by("fused.", "from triangulation and time of flight"),
     Channel("truth.range_m", "m", "true range along the chief ray; the instrument does not know it"),
     Channel("truth.theta_rad", "rad", "true deflection of the beam to the right, in the middle of the dwell"),
     Channel("truth.phi_rad", "rad", "true deflection of the beam downwards"),
@@ -74,10 +100,20 @@ CHANNEL: Mapping[str, Channel] = MappingProxyType({channel.name: channel for cha
 SIGMAS = ("sigma_x_m", "sigma_y_m", "sigma_z_m", "cov_xy_m2", "cov_xz_m2", "cov_yz_m2")
 """Layers of the point's covariance."""
 
-MEASURED = ("range_m", "sigma_range_m", "P.X", "P.Y", "P.Z", *SIGMAS, "peak_px", "sigma_peak_px")
+_RANGED = tuple(channel.name for channel in _POINT)
+
+MEASURED = (*_RANGED, "peak_px", "sigma_peak_px")
 """Layers that are NaN wherever ``status`` is not 0."""
 
-LEGENDS = ("status", "truth.object", "truth.material")
+MEASURED_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "status": MEASURED,
+        **{f"{way}.status": tuple(f"{way}.{name}" for name in _RANGED) for way in ("tof", "fused")},
+    }
+)
+"""For each layer of status, the layers that are NaN wherever it is not 0."""
+
+LEGENDS = (*MEASURED_BY, "truth.object", "truth.material")
 """Layers of whole numbers that stand for names."""
 
 
@@ -141,7 +177,8 @@ class RangeImage:
         self._check_marks()
 
     def _check_codes(self) -> None:
-        ends = dict(zip(LEGENDS, (max(Status), len(self.objects), len(self.materials)), strict=True))
+        ends = dict.fromkeys(MEASURED_BY, int(max(Status)))
+        ends |= {"truth.object": len(self.objects), "truth.material": len(self.materials)}
         for name in LEGENDS:
             if name in self:
                 layer = self[name]
@@ -149,13 +186,18 @@ class RangeImage:
                     raise ValueError(f"{name} must hold whole numbers from 0 to {ends[name]}")
 
     def _check_marks(self) -> None:
-        valid = self.valid
-        for name in MEASURED:
-            if name in self and not np.isnan(self[name][~valid]).all():
-                raise ValueError(f"{name} must be NaN wherever status is not 0")
-        for name in ("range_m", "P.X", "P.Y", "P.Z"):
-            if name in self and not np.isfinite(self[name][valid]).all():
-                raise ValueError(f"{name} must be a finite number wherever status is 0")
+        for status, layers in MEASURED_BY.items():
+            if status not in self:
+                if present := [name for name in layers if name in self]:
+                    raise ValueError(f"{present[0]} needs the channel {status}")
+                continue
+            valid = np.equal(self[status], Status.VALID)
+            for name in layers:
+                if name in self and not np.isnan(self[name][~valid]).all():
+                    raise ValueError(f"{name} must be NaN wherever {status} is not 0")
+                finite = name.rpartition(".")[2] in ("range_m", "X", "Y", "Z")
+                if finite and name in self and not np.isfinite(self[name][valid]).all():
+                    raise ValueError(f"{name} must be a finite number wherever {status} is 0")
 
     def __getitem__(self, name: str) -> NDArray[np.float32]:
         """Return a layer, shape (rows, columns).
@@ -201,7 +243,7 @@ class RangeImage:
         import xarray
 
         names = {
-            "status": [status.name for status in Status],
+            **{name: [status.name for status in Status] for name in MEASURED_BY},
             "truth.object": ["nothing", *self.objects],
             "truth.material": ["nothing", *self.materials],
         }
@@ -213,7 +255,7 @@ class RangeImage:
                 values = layer.astype(np.int32)
                 about["flag_values"] = np.arange(len(names[name]), dtype=np.int32)
                 about["flag_meanings"] = " ".join(word.replace(" ", "_") for word in names[name])
-            if name == "status":
+            if name in MEASURED_BY:
                 about["comment"] = "; ".join(f"{status.name}: {status.sentence}" for status in Status)
             variables[name] = (("phi", "theta"), values, about)
         coordinates = {

@@ -2,17 +2,30 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
-from scanner_sim.parts import Part, Switch
+from pydantic import Discriminator, Field, Tag
+
+from scanner_sim.parts import Count, Part, Switch
+
+WaveformChoice = Annotated[
+    Annotated[Literal["none", "all"], Tag("(word)")]
+    | Annotated[tuple[tuple[Count, Count], ...], Tag("(list)")],
+    Discriminator(lambda value: "(word)" if isinstance(value, str) else "(list)"),
+    Field(examples=["all"]),
+]
+"""Voxels whose waveforms are kept: none, all, or a list of [row, column]."""
 
 
 class Output(Part):
     """The files of the output folder."""
 
     pictures: Switch = True
-    """Write range.png, shaded.png and signal.png, and under the Sun background.png and camera.png."""
+    """Write range.png, shaded.png and signal.png, with time of flight tof.png, and under the Sun background.png and
+    camera.png."""
     points: Switch = True
     """Write points.ply."""
     compression: Literal["none", "rle", "zips", "zip", "piz"] = "zip"
     """Lossless compression of range.exr."""
+    waveforms: WaveformChoice = "none"
+    """Voxels, as [row, column], whose waveforms of time of flight go into waveforms.nc."""

@@ -1,4 +1,4 @@
-"""How the sensor's line is processed."""
+"""How signals are processed: the sensor's line and the pulse's echo."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from pydantic import Discriminator, Field, Tag
 from scanner_sim.errors import Fault, InputError
 from scanner_sim.parts import InputFile, Number, Part, Switch
 from scanner_sim.signals.bias_table import read_bias
+from scanner_sim.signals.pulse_settings import PulseDetection
 from scanner_sim.units import Angle, Length
 
 PeakMethod = Literal[
@@ -98,9 +99,12 @@ class Processing(Part):
     ambiguity: Number = Field(default=0.5, gt=0.0, le=1.0)
     """A second, separate peak higher than this share of the first makes the shot ambiguous."""
     range_gate: tuple[Length, Length] | None = Field(default=None, examples=[["2 m", "30 m"]])
-    """Nearest and farthest range that is accepted; by default all that the array sees."""
+    """Nearest and farthest range that is accepted; by default all that the array sees, or the
+    digitiser records."""
     validation: Validation = Validation()
     """What tells the laser's spot from sunlight."""
+    pulse: PulseDetection = PulseDetection()
+    """How the echoes of time of flight are found and timed."""
 
     def contradictions(self) -> Iterator[Fault]:
         """Yield a range gate that does not ascend, and a table of systematic errors that cannot be used."""

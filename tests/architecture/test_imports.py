@@ -32,6 +32,7 @@ WHOLE = (
     "scenario",
     "config",
     "conditions",
+    "lidar",
     "workbench",
     "simulate",
     "photo",

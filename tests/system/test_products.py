@@ -20,6 +20,7 @@ from scanner_sim.simulate import simulate
 SCENARIO = """\
 schema: 1
 seed: 7
+ranging: both
 scanner: {preset: nrc_2000}
 scene:
   objects:

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 from scanner_sim.errors import InputError
 from scanner_sim.products.exr import read_range_image, write_exr
-from scanner_sim.products.image import CHANNELS, MEASURED, RangeImage
+from scanner_sim.products.image import CHANNELS, MEASURED, MEASURED_BY, RangeImage
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.summary import summary, summary_json
 from scanner_sim.status import Status
@@ -31,12 +31,14 @@ def make_image(rows: int = 5, columns: int = 7, seed: int = 3) -> RangeImage:
     layers["range_m"] = layers["truth.range_m"] + layers["sigma_range_m"] * random.normal(
         size=(rows, columns)
     )
-    layers["status"] = status
+    for name in MEASURED_BY:
+        layers[name] = status
     layers["Y"] = np.where(status == Status.BELOW_THRESHOLD, 0.0, 1e6 * layers["Y"])
     layers["truth.object"] = random.integers(0, 3, (rows, columns))
     layers["truth.material"] = random.integers(0, 2, (rows, columns))
-    for name in MEASURED:
-        layers[name] = np.where(status == 0, layers[name], np.nan)
+    for names in MEASURED_BY.values():
+        for name in names:
+            layers[name] = np.where(status == 0, layers[name], np.nan)
     return RangeImage(
         channels={name: layer.astype(np.float32) for name, layer in layers.items()},
         theta=np.linspace(-0.2, 0.3, columns),

@@ -1,0 +1,311 @@
+"""The time-of-flight half of the workbench: pulse, echoes, waveforms, delays, ranges; and fusion with triangulation.
+
+One pulse belongs to each voxel. It is fired in the middle of the dwell, through the same mirrors as the light of the
+triangulation, and its light passes the same filter. The diode responds where the line sensor does.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.constants import SPEED_OF_LIGHT
+from scanner_sim.detector.photodiode import ELEMENTARY_CHARGE, background_power
+from scanner_sim.optics.filter import band_irradiance, laser_gain
+from scanner_sim.products.waveforms import WaveformSet
+from scanner_sim.ranging.coordinates import coordinates
+from scanner_sim.ranging.covariance import PointCovariance, point_covariance
+from scanner_sim.ranging.fusion import fuse
+from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges
+from scanner_sim.ranging.time_of_flight import ranges_from_delays
+from scanner_sim.scenario import Scenario
+from scanner_sim.status import Status
+
+Array = NDArray[np.float64]
+
+_SAMPLES_TOGETHER = 1 << 24
+"""Samples of waveforms that are kept at once: bounds the memory."""
+
+
+@dataclass(frozen=True)
+class EchoGroup:
+    """Shots of a batch whose waveforms were recorded together: places in the batch, records, delays."""
+
+    index: NDArray[np.uint32]
+    waveforms: Any
+    delays: Any
+
+
+class EchoBench:
+    """The pulsed laser and its photodiode before a loaded scene.
+
+    Parameters
+    ----------
+    scenario
+        Instrument, scene and processing.
+    loaded
+        The scene.
+    optics
+        The triangulation's optics; laser, lens and filter are shared.
+    """
+
+    def __init__(self, scenario: Scenario, loaded: Any, optics: Any) -> None:
+        scanner = scenario.scanner
+        self.scenario, self.loaded, self.unit = scenario, loaded, scanner.lidar
+        passed = float(laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response))
+        self.bare = optics
+        self.optics = dataclasses.replace(optics, filter_transmission=optics.filter_transmission * passed)
+        self.baseline = scanner.receiver.baseline if self.unit.photodiode.place == "offset" else 0.0
+
+    @property
+    def gate(self) -> tuple[float, float]:
+        """Ranges that count [m]: those that are recorded, within the processing's gate."""
+        recorded, wanted = self.unit.digitiser.gate, self.scenario.processing.range_gate
+        return recorded if wanted is None else (max(recorded[0], wanted[0]), min(recorded[1], wanted[1]))
+
+    @cached_property
+    def detector(self) -> Any:
+        """Detection with its filters and tables."""
+        from scanner_sim.signals.pulse_detection import PulseDetector
+
+        unit = self.unit
+        return PulseDetector(unit.pulse, unit.photodiode, unit.digitiser, self.scenario.processing.pulse)
+
+    @cached_property
+    def amperes_per_electron(self) -> float:
+        """Height of an echo's current over its charge before the avalanche [A], for a surface that faces the beam."""
+        from scanner_sim.detector.pulse_response import PulseResponse
+
+        rate, diode = self.unit.digitiser.rate, self.unit.photodiode
+        variance = (diode.response_sigma * rate) ** 2
+        response = PulseResponse.of(self.unit.pulse, rate)
+        summit = response.values(np.linspace(*response.span(variance), 4097), variance).max() * rate
+        return float(summit) * diode.gain * ELEMENTARY_CHARGE
+
+    @cached_property
+    def field(self) -> Any:
+        """The photodiode's field of view."""
+        from scanner_sim.render.field import Field
+
+        # The square of the round field's solid angle; a field beside the laser reaches from infinity inwards.
+        angle = self.unit.photodiode.field_of_view
+        aside = 0.5 * angle if self.baseline else 0.0
+        return Field(0.5 * math.sqrt(math.pi) * angle, aside, self.baseline)
+
+    @cached_property
+    def panorama(self) -> Any:
+        """The background of the raster's rows about the photodiode's lens; None in the dark."""
+        from scanner_sim.render.field import field_panorama
+        from scanner_sim.render.paths import Albedo
+        from scanner_sim.render.sky import light_of
+
+        scenario, sky = self.scenario, self.scenario.lighting.sky()
+        if sky.dark:
+            return None
+        return field_panorama(
+            self.loaded,
+            self.bare,
+            self.field,
+            light_of(sky),
+            Albedo(sky.albedo, sky.albedo_out_of_band),
+            scenario.scan,
+            scenario.transport,
+            scenario.seed,
+        )
+
+    @cached_property
+    def collected(self) -> tuple[float, float]:
+        """Light on the photodiode [W] per radiance over the Sun's irradiance, in the filter's band and beyond it."""
+        scanner, sun = self.scenario.scanner, self.scenario.lighting.sun
+        if sun == "none":
+            return 0.0, 0.0
+        response, wavelength = scanner.position_sensor.response, scanner.laser.wavelength
+        bands = band_irradiance(sun, scanner.filter, response, wavelength)
+        lens = scanner.receiver
+        transmission = lens.transmission * self.bare.filter_transmission
+        field = self.unit.photodiode.field_of_view
+        inside, outside = (
+            background_power(float(band), lens.aperture_area, transmission, field) for band in bands
+        )
+        return inside, outside
+
+    def listen(self, shots: Any) -> tuple[Any, Any, Iterator[EchoGroup]]:
+        """Fire the pulses of n shots: their truth, their background [W] and the shots in groups."""
+        from scanner_sim.detector.waveform import record
+        from scanner_sim.render.echoes import View, render_echoes
+        from scanner_sim.render.field import field_light, in_parts
+
+        unit, scenario = self.unit, self.scenario
+        diode, clock = unit.photodiode, unit.digitiser
+        light = field_light(self.panorama, self.field, shots, scenario.scan.columns, self.collected)
+        view = View(diode.place == "offset", diode.field_of_view)
+        truth, echoes = render_echoes(
+            self.loaded, self.optics, view, scenario.transport, shots, scenario.seed
+        )
+
+        def groups() -> Iterator[EchoGroup]:
+            for some, own in in_parts(echoes, light, max(1, _SAMPLES_TOGETHER // clock.samples)):
+                waveforms = record(some, some.shot, unit.pulse, diode, clock, scenario.seed, own)
+                yield EchoGroup(some.index.numpy(), waveforms, self.detector.detect(waveforms))
+
+        return truth, light, groups()
+
+    def measure(self, shots: Any, deflections: Deflections) -> tuple[Any, Ranges, dict[str, NDArray[Any]]]:
+        """Return truth, ranges and the echoes' own layers of n shots, each layer of shape (n,)."""
+        truth, light, groups = self.listen(shots)
+        n = len(deflections.theta)
+        delay, sigma = np.full(n, np.nan), np.full(n, np.nan)
+        signal, snr = np.zeros(n), np.zeros(n)
+        echoes, status = np.zeros(n, dtype=np.uint32), np.zeros(n, dtype=np.uint32)
+        for group in groups:
+            found, index = group.delays, group.index
+            delay[index] = found.seconds(self.unit.digitiser)
+            sigma[index] = found.sigma.numpy() / self.unit.digitiser.rate
+            signal[index] = found.signal.numpy() / self.amperes_per_electron
+            snr[index] = found.snr.numpy()
+            echoes[index] = found.echoes.numpy()
+            status[index] = found.status.numpy()
+        layers = {
+            "tof.Y": signal,
+            "tof.snr_detection": snr,
+            "tof.echoes": echoes,
+            "tof.background_w": light.numpy(),
+        }
+        return truth, self._ranges(delay, sigma, status, deflections), layers
+
+    def _ranges(
+        self, delay: Array, sigma: Array, status: NDArray[np.uint32], deflections: Deflections
+    ) -> Ranges:
+        theta, d = deflections.theta, self.baseline
+        clock = self.unit.digitiser.jitter if self.unit.photodiode.noise.clock else 0.0
+        alone = ranges_from_delays(delay, sigma, status, theta, clock, self.gate, d)
+        # ∂R/∂Θ at a known delay: 0 on the laser's own axis.
+        by_theta = alone.range * d * np.cos(theta) / (SPEED_OF_LIGHT * delay - d * np.sin(theta))
+        return _with_point(
+            alone.range,
+            np.hypot(alone.sigma, by_theta * deflections.sigma_theta),
+            alone.status,
+            alone.sigma,
+            by_theta,
+            deflections,
+            self.optics.axis_separation,
+        )
+
+    def records(self, shots: Any, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> WaveformSet:
+        """Return the waveforms of n shots at some rows and columns of the raster, shape (n,)."""
+        clock, n = self.unit.digitiser, len(rows)
+        number = np.zeros((n, clock.samples), dtype=np.float32)
+        delay, sigma = np.full(n, np.nan), np.full(n, np.nan)
+        echoes, status = np.zeros(n, dtype=np.uint32), np.zeros(n, dtype=np.uint32)
+        for group in self.listen(shots)[2]:
+            found, index = group.delays, group.index
+            number[index] = group.waveforms.records()
+            delay[index] = found.seconds(clock)
+            sigma[index] = found.sigma.numpy() / clock.rate
+            echoes[index] = found.echoes.numpy()
+            status[index] = found.status.numpy()
+        delay[status != Status.VALID] = np.nan
+        step = clock.step(self.unit.photodiode.saturation)
+        return WaveformSet(rows, columns, number, clock.start, clock.rate, step, delay, sigma, echoes, status)
+
+
+def fuse_points(
+    triangulated: Ranges, echo: Ranges, deflections: Deflections, geometry: Geometry
+) -> tuple[Ranges, Ranges, Ranges]:
+    """Combine both ways of ranging, as :func:`~scanner_sim.ranging.fusion.fuse` does, with the point's covariance.
+
+    Parameters
+    ----------
+    triangulated, echo
+        Ranges of n shots by triangulation and by time of flight, both along the same measured deflections.
+    deflections, geometry
+        These deflections, and the triangulation's calibration.
+
+    Returns
+    -------
+    tuple of Ranges
+        Fused, and both again with ``INCONSISTENT`` where one was refused. With the share w of time of flight the range
+        moves with Θ by (1 − w) ∂R/∂Θ of the triangulation, which is −(R − d sinΘ) tanΘ + d cosΘ (eq 1).
+    """
+    both = fuse(
+        (triangulated.range, triangulated.sigma, triangulated.status), (echo.range, echo.sigma, echo.status)
+    )
+    theta, d = deflections.theta, geometry.baseline
+    share = both.weight
+    r = np.nan_to_num(triangulated.range)
+    by_theta = d * np.cos(theta) - (r - d * np.sin(theta)) * np.tan(theta)
+    alone = np.square(np.nan_to_num(triangulated.sigma)) - np.square(by_theta * deflections.sigma_theta)
+    alone = np.sqrt(np.maximum(alone, 0.0))
+    fused = _with_point(
+        both.range,
+        both.sigma,
+        both.status,
+        np.hypot((1.0 - share) * alone, share * np.nan_to_num(echo.sigma)),
+        (1.0 - share) * by_theta,
+        deflections,
+        geometry.axis_separation,
+    )
+    return fused, _refused(triangulated, both.triangulation), _refused(echo, both.time_of_flight)
+
+
+def layers_of(ranges: Ranges, prefix: str = "") -> dict[str, NDArray[Any]]:
+    """Return ranges as layers whose names begin with a prefix."""
+    covariance = ranges.covariance
+    layers = {
+        "range_m": ranges.range,
+        "sigma_range_m": ranges.sigma,
+        "P.X": ranges.x,
+        "P.Y": ranges.y,
+        "P.Z": ranges.z,
+        "sigma_x_m": np.sqrt(covariance.xx),
+        "sigma_y_m": np.sqrt(covariance.yy),
+        "sigma_z_m": np.sqrt(covariance.zz),
+        "cov_xy_m2": covariance.xy,
+        "cov_xz_m2": covariance.xz,
+        "cov_yz_m2": covariance.yz,
+        "status": ranges.status,
+    }
+    return {prefix + name: values for name, values in layers.items()}
+
+
+def _with_point(
+    r: Array,
+    sigma: Array,
+    status: NDArray[np.uint32],
+    alone: Array,
+    by_theta: Array,
+    deflections: Deflections,
+    separation: float,
+) -> Ranges:
+    """Return ranges with their points; ``alone`` is the range's σ at fixed Θ, ``by_theta`` ∂R/∂Θ."""
+    theta, phi = deflections.theta, deflections.phi
+    covariance = point_covariance(
+        r, theta, phi, separation, alone, by_theta, deflections.sigma_theta, deflections.sigma_phi
+    )
+    return Ranges(r, sigma, *coordinates(r, theta, phi, separation), covariance, status)
+
+
+def _refused(ranges: Ranges, status: NDArray[np.uint32]) -> Ranges:
+    """Return ranges with another status, NaN wherever it is not 0."""
+
+    def kept(values: Array) -> Array:
+        return np.where(status == Status.VALID, values, np.nan)
+
+    covariance = ranges.covariance
+    entries = (kept(getattr(covariance, field.name)) for field in dataclasses.fields(covariance))
+    return Ranges(
+        kept(ranges.range),
+        kept(ranges.sigma),
+        kept(ranges.x),
+        kept(ranges.y),
+        kept(ranges.z),
+        PointCovariance(*entries),
+        status,
+    )

@@ -1,0 +1,136 @@
+"""Background light in the photodiode's field of view, from panoramas about its own lens.
+
+Not modelled: the corners of the round field, which counts as a square of the same solid angle, and the errors of the
+mirrors in φ.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from scanner_sim.render.background import Panorama, render_panorama
+from scanner_sim.render.echoes import Echoes
+from scanner_sim.render.paths import Albedo
+from scanner_sim.render.settings import Transport
+from scanner_sim.render.shots import Shots
+from scanner_sim.render.sky import SkyLight
+from scanner_sim.render.transport import Bench
+from scanner_sim.render.view import View
+from scanner_sim.scan.raster import RasterScan
+from scanner_sim.scene.loader import LoadedScene
+
+_BINS = 8
+"""Bins of the panorama across the field, at most a pixel of the line each, and places that are averaged."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """The square of the solid angle of a photodiode's round field.
+
+    Attributes
+    ----------
+    side
+        Its side [rad].
+    aside
+        Angle from its middle to the beam [rad]: 0 for a lens on the laser's axis; beside it half the round field, which
+        reaches from infinity inwards.
+    baseline
+        Distance of the lens from the laser [m].
+    """
+
+    side: float
+    aside: float
+    baseline: float
+
+
+def field_panorama(
+    loaded: LoadedScene,
+    bench: Bench,
+    field: Field,
+    sky: SkyLight,
+    albedo: Albedo,
+    scan: RasterScan,
+    settings: Transport,
+    seed: int,
+) -> Panorama:
+    """Path-trace what the photodiode sees in all rows of a raster, averaged across the row over its field.
+
+    Parameters
+    ----------
+    loaded, bench, sky, albedo
+        Scene, optics of the triangulation, Sun and Earth.
+    field
+        The photodiode's field.
+    scan
+        The raster.
+    settings, seed
+        How finely light is followed, and the seed of its paths.
+    """
+    f = bench.receiver.focal_length
+    step = max(field.side / _BINS, bench.pitch / f)
+    # A lens on the laser's axis is no part that a scenario can hold, hence the copy that is not checked.
+    receiver = bench.receiver.model_copy(update={"baseline": field.baseline})
+    optics = dataclasses.replace(bench, receiver=receiver, pitch=step * f, height=field.side * f)
+    margin = 0.5 * field.side + 2.0 * step
+    first, last = (end - field.aside for end in scan.horizontal)
+    bins = math.ceil((last - first + 2.0 * margin) / step) + 1
+    view = View(scan.angles()[1], first - margin, step, bins)
+    return render_panorama(
+        loaded,
+        optics,
+        sky,
+        albedo,
+        view,
+        bounces=settings.background_bounces,
+        samples=settings.background_samples,
+        seed=seed,
+    )
+
+
+def field_light(
+    panorama: Panorama | None, field: Field, shots: Shots, columns: int, collected: tuple[float, float]
+) -> Any:
+    """Return the light on the photodiode [W] of n shots, a Dr.Jit array of shape (n,).
+
+    Parameters
+    ----------
+    panorama
+        From :func:`field_panorama`; None in the dark.
+    field
+        The field.
+    shots
+        The shots; their numbers tell the rows.
+    columns
+        Voxels of a row.
+    collected
+        Light on the photodiode from a field of one radiance, in band and out of band [W], per radiance over the Sun's
+        irradiance [1/sr].
+    """
+    if panorama is None:
+        return dr.zeros(mi.Float, dr.width(shots.theta))
+    weights = [dr.opaque(mi.Float, part / _BINS) for part in collected]
+    row, power = shots.number // columns, mi.Float(0.0)
+    for part in range(_BINS):
+        place = field.side * ((part + 0.5) / _BINS - 0.5) - field.aside
+        at = shots.theta + dr.opaque(mi.Float, place)
+        for weight, layer in zip(weights, (panorama.in_band, panorama.out_of_band), strict=True):
+            power = dr.fma(weight, panorama.look(layer, row, at), power)
+    dr.eval(power)
+    return power
+
+
+def in_parts(groups: Iterator[Echoes], light: Any, most: int) -> Iterator[tuple[Echoes, Any]]:
+    """Yield echoes in parts of no more than ``most`` shots, each with the background of its shots [W]."""
+    for echoes in groups:
+        count = dr.width(echoes.shot)
+        for start in range(0, count, most):
+            places = dr.arange(mi.UInt32, start, min(start + most, count))
+            some = echoes if count <= most else echoes.part(places)
+            yield some, dr.gather(mi.Float, light, some.index)

@@ -1,0 +1,251 @@
+"""Time of flight from the scenario to the layers: ranges, their σ, fusion, background, and the same bytes.
+
+Levels: a right program fails a test of this file for fewer than one in 10⁴ seeds; seeds are fixed.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim import load_scenario, simulate
+from scanner_sim.config import doubts, scenario_from_text
+from scanner_sim.errors import ScenarioError
+from scanner_sim.products.image import MEASURED_BY, RangeImage
+from scanner_sim.ranging.fusion import crossing_distance
+from scanner_sim.scenario import Scenario
+from scanner_sim.status import Status
+
+pytestmark = pytest.mark.usefixtures("device")
+
+SILENT_MIRRORS = "mirrors: {jitter: 0 rad, wobble: 0 rad, synchronisation: 0 rad}"
+NOISELESS = "noise: {shot: false, amplifier: false, saturation: false, quantisation: false, clock: false}"
+
+
+def wall(
+    distance: float, ranging: str, scanner: str = "", *, size: int = 24, tilt: float = 0.0, more: str = ""
+) -> Scenario:
+    """Return a scenario before a wall."""
+    side = 2.0 * distance
+    return scenario_from_text(
+        f"""\
+schema: 1
+seed: 5
+ranging: {ranging}
+scanner: {{{scanner}}}
+scene:
+  objects:
+    - {{name: wall, shape: rectangle, size: [{side} m, {side} m], position: [0 m, 0 m, {distance} m],
+       rotation: {{axis: y, angle: {tilt} deg}}, material: {{reflectance: 0.5}}}}
+scan: {{type: raster, rows: {size}, columns: {size}, horizontal: [-9 deg, 9 deg], vertical: [-7 deg, 7 deg]}}
+{more}
+""",
+        name="wall.yaml",
+    )
+
+
+def same(one: RangeImage, other: RangeImage) -> bool:
+    return all(one[name].tobytes() == other[name].tobytes() for name in one.channels)
+
+
+def layers(image: RangeImage, prefix: str) -> dict[str, Any]:
+    return {name: image[prefix + name] for name in ("range_m", "sigma_range_m", "P.X", "P.Z", "status")}
+
+
+@pytest.mark.parametrize("place", ["coaxial", "offset"])
+@pytest.mark.parametrize(("distance", "tilt"), [(2.5, 20.0), (18.0, 0.0), (150.0, 0.0)])
+def test_ranges_without_noise_are_the_true_ones(distance: float, tilt: float, place: str) -> None:
+    """Claim: noise-free ranges lie within 20 µm of the truth to 20 m, and 2e-6 of it to 200 m.
+
+    Set-up: walls through the whole scenario, every noise off. Expected: the chief ray's range. Tolerance: the issue's,
+    and half a step of the float32 in which both layers are kept. The offset field is wide enough to see 2.5 m.
+    """
+    unit = f"digitiser: {{gate: [1 m, {1.2 * distance} m]}}"
+    diode = f"photodiode: {{place: {place}, field_of_view: 0.15 rad, {NOISELESS}}}"
+    image = simulate(wall(distance, "tof", f"{SILENT_MIRRORS}, lidar: {{{diode}, {unit}}}", tilt=tilt))
+    assert image.valid.all()
+    error = np.abs(image["range_m"].astype(float) - image["truth.range_m"])
+    assert error.max() < max(20e-6, 2e-6 * distance) + float(np.spacing(np.float32(distance)))
+
+
+@pytest.fixture(scope="module")
+def plane(device: object) -> RangeImage:
+    """A plane at 12 m, where both ways are of like precision.
+
+    What does not fit the spot does not widen σ: on a plane nothing but noise departs from it. With speckle, whose error
+    is random, beside which the pixels' fixed pattern is small: that is the same for all voxels.
+    """
+    return simulate(
+        wall(12.0, "both", SILENT_MIRRORS, size=128, more="processing: {validation: {misfit: 0}}")
+    )
+
+
+@pytest.mark.parametrize("prefix", ["tof.", "fused."])
+def test_sigma_covers_the_error(plane: RangeImage, prefix: str) -> None:
+    """Claim: (estimate − truth)/σ has a standard deviation of 1 and no mean.
+
+    Set-up: 16 384 voxels of a plane. Expected: 1 ± 0.05, the task's tolerance (its own standard error is 0.0055), mean
+    within 0.1: four standard errors of the mean are 0.03, the rest is the line's own bias.
+    """
+    pull = (plane[prefix + "range_m"] - plane["truth.range_m"]) / plane[prefix + "sigma_range_m"]
+    assert np.isfinite(pull).mean() > 0.999
+    assert np.nanstd(pull) == pytest.approx(1.0, abs=0.05)
+    assert abs(np.nanmean(pull)) < 0.1
+
+
+def test_points_are_covered_too(plane: RangeImage) -> None:
+    """Claim: σ of z covers its error. The true point is that of the true deflections; 1 ± 0.05 as above."""
+    d_g, r, phi = 50e-3, plane["truth.range_m"].astype(float), plane["truth.phi_rad"]
+    z = d_g + (r * np.cos(plane["truth.theta_rad"]) - d_g) * np.cos(phi)
+    for prefix in ("tof.", "fused."):
+        pull = (plane[prefix + "P.Z"] - z) / plane[prefix + "sigma_z_m"]
+        assert np.nanstd(pull) == pytest.approx(1.0, abs=0.05)
+
+
+def test_fused_is_as_good_as_the_better(plane: RangeImage) -> None:
+    """Claim: the fused σ is never worse than the better of both by more than 2 %, stated and found."""
+    better = np.fmin(plane["sigma_range_m"], plane["tof.sigma_range_m"])
+    assert (plane["fused.sigma_range_m"] <= 1.02 * better)[plane["fused.status"] == 0].all()
+    spread = [
+        np.nanstd(plane[prefix + "range_m"] - plane["truth.range_m"]) for prefix in ("", "tof.", "fused.")
+    ]
+    assert spread[2] <= 1.02 * min(spread[:2])
+
+
+def test_the_ways_cross_where_the_closed_form_says() -> None:
+    """Claim: stated σ of both are equal at R = √(σ_TOF f d/Δp).
+
+    Set-up: planes from 8 to 24 m at a narrow field about the axis; where the two curves of median σ cross, by
+    interpolation. Expected: the closed form with σ_TOF and Δp found there. Tolerance 2 %: interpolation and the field.
+    """
+    distances = np.array([8.0, 12.0, 16.0, 24.0])
+    sigmas = []
+    for distance in distances:
+        image = simulate(wall(float(distance), "both", size=16))
+        sigmas.append(
+            [np.nanmedian(image[name]) for name in ("sigma_range_m", "tof.sigma_range_m", "sigma_peak_px")]
+        )
+    triangulation, timed, peak = np.array(sigmas).T
+    ratio = np.log(triangulation / timed)
+    assert ratio[0] < 0.0 < ratio[-1]
+    crossing = np.exp(np.interp(0.0, ratio, np.log(distances)))
+    at_crossing = np.exp(np.interp(0.0, ratio, np.log(peak))) * 50e-6
+    # The synchronisation error of 1 µrad is an error of the position, too.
+    at_crossing = np.hypot(at_crossing, 0.1 * 1e-6)
+    expected = crossing_distance(float(np.median(timed)), 0.1, 0.2, at_crossing)
+    assert crossing == pytest.approx(float(expected), rel=0.02)
+
+
+def test_the_curve_is_flat_within_its_floor() -> None:
+    """Claim: from 1.5 to 30 m σ of time of flight stays within 10 % of the clock's 10 mm floor (Figure 12)."""
+    for distance in (1.5, 5.0, 15.0, 30.0):
+        image = simulate(wall(distance, "tof", size=8))
+        assert np.median(image["sigma_range_m"]) == pytest.approx(10.04e-3, rel=0.1)
+
+
+@pytest.fixture(scope="module")
+def module(repo_root: Path) -> Scenario:
+    """A module with relief and edges, with two bounces."""
+    size = ["scan.rows=24", "scan.columns=30", "transport.bounces=2", "ranging=both"]
+    return load_scenario(repo_root / "configs" / "node_512.yaml", size)
+
+
+@pytest.fixture(scope="module")
+def whole(device: object, module: Scenario) -> RangeImage:
+    return simulate(module, device="cpu")
+
+
+@pytest.mark.parametrize("batch", [97, 400])
+def test_any_batch_gives_the_same_bytes(module: Scenario, whole: RangeImage, batch: int) -> None:
+    assert same(simulate(module, device="cpu", batch=batch), whole)
+
+
+def test_the_bench_works_in_parts(
+    module: Scenario, whole: RangeImage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("scanner_sim.lidar._SAMPLES_TOGETHER", 256 * 50)
+    assert same(simulate(module, device="cpu"), whole)
+
+
+def test_either_way_alone_is_what_it_is_in_both(module: Scenario, whole: RangeImage) -> None:
+    """Truth, and each way's ranges where nothing was refused, do not depend on the other way."""
+    for ranging, prefix in (("triangulation", ""), ("tof", "tof.")):
+        alone = simulate(module.model_copy(update={"ranging": ranging}), device="cpu")
+        for name in ("truth.range_m", "truth.theta_rad", "truth.object"):
+            assert alone[name].tobytes() == whole[name].tobytes()
+        there = whole[prefix + "status"] != Status.INCONSISTENT
+        for name, values in layers(whole, prefix).items():
+            np.testing.assert_array_equal(alone[name][there], values[there])
+        assert ("peak_px" in alone) == (ranging == "triangulation")
+        assert ("tof.range_m" in alone) == (ranging == "tof")
+
+
+def test_disagreement_refuses_one(whole: RangeImage) -> None:
+    """At edges the two ways see different mixtures: one of them is refused, the fused range is the other's."""
+    for way in ("", "tof."):
+        refused = whole[way + "status"] == Status.INCONSISTENT
+        other = "tof." if way == "" else ""
+        kept = refused & (whole[other + "status"] == 0)
+        np.testing.assert_array_equal(whole["fused.range_m"][kept], whole[other + "range_m"][kept])
+    for status, names in MEASURED_BY.items():
+        for name in names:
+            assert np.isnan(whole[name][whole[status] != 0]).all()
+
+
+def test_background_is_the_light_of_a_sunlit_wall() -> None:
+    """Claim: the light on the photodiode is L A Ω T, with L = E ρ cosζ/π of a wall in the Sun.
+
+    Set-up: a wall that fills the field, the Sun 30° off its normal, a filter of 30 nm; both places of the receiver.
+    Expected: the closed form. Tolerance 1 %: the field's square against the circle is exact on an even wall, and the
+    wall's own indirect light is nothing.
+    """
+    from scanner_sim.optics.filter import band_irradiance, peak_transmission
+
+    sun = "lighting: {sun: {direction: [0.5, 0, -0.8660254]}, earth: none}"
+    for place in ("coaxial", "offset"):
+        scenario = wall(10.0, "tof", f"lidar: {{photodiode: {{place: {place}}}}}", size=8, more=sun)
+        image = simulate(scenario)
+        scanner = scenario.scanner
+        assert scenario.lighting.sun != "none"
+        inside, outside = band_irradiance(
+            scenario.lighting.sun,
+            scanner.filter,
+            scanner.position_sensor.response,
+            scanner.laser.wavelength,
+        )
+        radiance = 0.5 * np.cos(np.deg2rad(30.0)) / np.pi * float(inside + outside)
+        solid_angle = np.pi / 4.0 * scanner.lidar.photodiode.field_of_view**2
+        area = np.pi / 4.0 * scanner.receiver.aperture**2
+        expected = (
+            radiance * area * solid_angle * scanner.receiver.transmission * peak_transmission(scanner.filter)
+        )
+        np.testing.assert_allclose(image["tof.background_w"], expected, rtol=0.01)
+
+
+def test_what_cannot_be_is_said_at_the_door() -> None:
+    for more, words in (
+        ("scanner: {lidar: {pulse: {repetition_rate: 5 kHz}}}", "without one"),
+        ("processing: {pulse: {level: 1 A}}", "not below"),
+        ("processing: {range_gate: [40 m, 50 m]}", "records"),
+        ("output: {waveforms: [[24, 0]]}", "outside of the 24"),
+        ("output: {waveforms: some}", "all"),
+    ):
+        with pytest.raises(ScenarioError, match=words):
+            scenario_from_text(
+                "schema: 1\nranging: tof\n"
+                "scan: {type: raster, rows: 24, columns: 24, horizontal: [-9 deg, 9 deg], vertical: [-7 deg, 7 deg]}\n"
+                f"{more}\n",
+                name="bad.yaml",
+            )
+    with pytest.raises(ScenarioError, match="no waveforms"):
+        wall(5.0, "triangulation", more="output: {waveforms: all}")
+
+
+def test_doubts_speak_of_time_of_flight() -> None:
+    assert not doubts(wall(10.0, "tof"))
+    deep = doubts(wall(60.0, "tof", "lidar: {pulse: {repetition_rate: 5 MHz}}"))
+    assert any("ambiguity range" in sentence for sentence in deep)
+    assert any("digitiser" in sentence for sentence in deep)
