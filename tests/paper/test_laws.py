@@ -6,6 +6,7 @@ this file for fewer than one in 10⁴ seeds; seeds are fixed.
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -155,3 +156,23 @@ def test_field_follows_the_full_jacobian(phi: float) -> None:
         errors = F * (1.0 + (p / F) ** 2) * APART, angle, angle
         expected = geometry.propagated_errors(DISTANCE, theta, phi, F, D, SEPARATION, *errors)
         np.testing.assert_allclose((measured - truth).std(axis=0), expected, rtol=0.02)
+
+
+def test_printed_forms_fall_short_as_the_table_says(repo_root: Path) -> None:
+    """Claim: the table of the printed eqs 4 and 5 over the exact forms in ``docs/theory.md``.
+
+    Set-up: φ 0.3 rad; 1 µm with 10 µrad, and 50 µrad alone. Expected: each row of the table. Tolerance: its last digit.
+    """
+    text = (repo_root / "docs" / "theory.md").read_text(encoding="utf-8")
+    for distance in (2.5, 10.0):
+        for theta in (-0.5, 0.0, 0.5):
+            four = geometry.range_error_printed(distance, F, D, 1.0) / geometry.range_error(
+                distance, theta, F, D, 1.0
+            )
+            cells = [f"{float(four):.3f}"]
+            for errors in ((1e-6, 10e-6, 10e-6), (0.0, 50e-6, 50e-6)):
+                exact = geometry.propagated_errors(distance, theta, 0.3, F, D, SEPARATION, *errors)
+                printed = geometry.propagated_errors_printed(distance, theta, 0.3, F, D, *errors)
+                cells.append(", ".join(f"{ratio:.3f}" for ratio in printed / exact[:3]))
+            sign = f"{theta:+.2f}".replace("-", "−") if theta else "0.00"
+            assert f"| {distance:g} m | {sign} | {' | '.join(cells)} |" in text
