@@ -1,0 +1,203 @@
+"""The centre of a target: mean of the hits, or a circle through its edge; bias by delay, and averages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.tracking.response import Response
+from scanner_sim.tracking.samples import PatternSamples
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_UNEVEN = 0.1
+"""Error of the mean of hits, over the radius, because a pattern does not cover its area evenly: measured on discs of
+0.6 to 0.7 of the amplitude within 0.3 of it from the centre; smaller discs there are worse."""
+_FEWEST_EDGES = 4
+"""Fewest crossings of an edge that make a circle with something to check it by."""
+_EDGE = 0.1
+"""Error of an edge between two points, over their distance: the edge is blurred, and not straight between them."""
+_ROUNDS = 8
+"""Gauss–Newton steps of a circle: they double the digits each, and three do."""
+
+
+@dataclass(frozen=True)
+class Centroid:
+    """Centres of a target by pattern.
+
+    Attributes
+    ----------
+    centre
+        (Θ, φ) [rad], shape (patterns, 2); NaN where there is none.
+    covariance
+        Its covariance [rad²], shape (patterns, 2, 2).
+    radius, sigma_radius
+        Radius of the target [rad], shape (patterns,).
+    misfit
+        χ² of the fit over its degrees of freedom, shape (patterns,); NaN for the mean of hits.
+    found
+        Whether there is a centre, shape (patterns,).
+    """
+
+    centre: Array
+    covariance: Array
+    radius: Array
+    sigma_radius: Array
+    misfit: Array
+    found: Mask
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations of Θ and φ [rad], shape (patterns, 2)."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
+
+
+def centroid_of(
+    centre: Array, covariance: Array, radius: Array, sigma_radius: Array, misfit: Array, found: Mask
+) -> Centroid:
+    """Return a centroid that is NaN wherever it was not found. Arguments as the attributes."""
+    blank = np.where(found, 0.0, np.nan)
+    return Centroid(
+        centre + blank[:, None],
+        covariance + blank[:, None, None],
+        radius + blank,
+        sigma_radius + blank,
+        misfit + blank,
+        found,
+    )
+
+
+def hit_centroid(samples: PatternSamples, response: Response) -> Centroid:
+    """Return the mean of the angles of all hits.
+
+    Simple, and never far off; but drawn towards the pattern's centre, and as rough as its points. The radius is √2
+    times the rms distance of the hits from their mean (that of an evenly covered disc). The variance is that of the
+    edge's crossings, each of which lies somewhere between two points: Σ (x_k − c)²/(12 n²), plus (0.1 r)² for the
+    uneven cover.
+    """
+    hit = response.hit.astype(np.float64)
+    count = hit.sum(axis=1)
+    n = np.maximum(count, 1.0)
+    angles = np.stack([samples.theta, samples.phi], axis=-1)
+    centre = np.einsum("pn,pni->pi", hit, angles) / n[:, None]
+    away = angles - centre[:, None]
+    radius = np.sqrt(2.0 * np.einsum("pn,pni,pni->p", hit, away, away) / n)
+    crossing = (response.hit[:, 1:] != response.hit[:, :-1]).astype(np.float64)
+    edge = 0.5 * (away[:, 1:] + away[:, :-1])
+    spread = np.einsum("pn,pni,pnj->pij", crossing, edge, edge) / (12.0 * n**2)[:, None, None]
+    covariance = spread + (_UNEVEN * radius)[:, None, None] ** 2 * np.eye(2)
+    nothing = np.full(len(n), np.nan)
+    return centroid_of(centre, covariance, radius, 0.1 * radius, nothing, response.clear & (count > 0))
+
+
+def edge_points(samples: PatternSamples, response: Response) -> tuple[Array, Mask]:
+    """Return where the pattern crosses the target's edge, and which of the gaps between points do.
+
+    Between two points, one on the target and one off it, the edge is where the straight line through their values
+    reaches the threshold: (patterns, points − 1, 2) [rad] and (patterns, points − 1).
+    """
+    v = response.value
+    crossing = (response.hit[:, 1:] != response.hit[:, :-1]) & response.used[:, 1:] & response.used[:, :-1]
+    step = np.where(crossing, v[:, 1:] - v[:, :-1], 1.0)
+    share = np.clip((response.threshold[:, None] - v[:, :-1]) / np.where(step == 0.0, 1.0, step), 0.0, 1.0)
+    angles = np.stack([samples.theta, samples.phi], axis=-1)
+    points = angles[:, :-1] + share[..., None] * (angles[:, 1:] - angles[:, :-1])
+    return points, crossing
+
+
+def circle_fit(samples: PatternSamples, response: Response) -> Centroid:
+    """Return the circle through the crossings of the target's edge (:func:`edge_points`).
+
+    Least squares of the distance from the circle, Σ(|x_k − c| − r)², started at the algebraic circle (Kåsa, *IEEE
+    Transactions on Instrumentation and Measurement* 25, 1976) and weighed by Huber's function at 2 of the residuals'
+    scale, so that a few false edges do not draw it. The covariance is (JᵀWJ)⁻¹ times the residuals' variance, or
+    times (0.1 of the points' distance)² where that is more; the misfit is their rms over the radius, squared.
+    """
+    points, crossing = edge_points(samples, response)
+    weight = crossing.astype(np.float64)
+    count = weight.sum(axis=1)
+    enough = response.clear & (count >= _FEWEST_EDGES)
+    n = np.maximum(count, 1.0)
+    middle = np.einsum("pn,pni->pi", weight, points) / n[:, None]
+    x = points - middle[:, None]
+    size = np.sqrt(np.einsum("pn,pni,pni->p", weight, x, x) / n)
+    size = np.where(size > 0.0, size, 1.0)
+    x = x / size[:, None, None]
+    ones = np.ones((*x.shape[:2], 1))
+    design = np.concatenate([x, ones], axis=-1)
+    square = np.einsum("pni,pni->pn", x, x)
+    normal = np.einsum("pn,pni,pnj->pij", weight, design, design) + 1e-12 * np.eye(3)
+    linear = np.linalg.solve(normal, np.einsum("pn,pni,pn->pi", weight, design, square)[..., None])[..., 0]
+    centre = 0.5 * linear[:, :2]
+    radius = np.sqrt(np.maximum(linear[:, 2] + np.einsum("pi,pi->p", centre, centre), 1e-12))
+    for _ in range(_ROUNDS):
+        away = x - centre[:, None]
+        distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-9)
+        residual = distance - radius[:, None]
+        scale = np.sqrt(np.einsum("pn,pn->p", weight, residual**2) / np.maximum(n - 3.0, 1.0))
+        tame = weight * np.minimum(1.0, 2.0 * scale[:, None] / np.maximum(np.abs(residual), 1e-12))
+        jacobian = np.concatenate([-away / distance[..., None], -ones], axis=-1)
+        normal = np.einsum("pn,pni,pnj->pij", tame, jacobian, jacobian) + 1e-12 * np.eye(3)
+        change = np.linalg.solve(normal, -np.einsum("pn,pni,pn->pi", tame, jacobian, residual)[..., None])[
+            ..., 0
+        ]
+        # A circle through an arc that hardly bends may run away; half its radius a step is enough for any other.
+        change = np.clip(change, -0.5, 0.5)
+        centre, radius = centre + change[:, :2], np.abs(radius + change[:, 2])
+    # Four edges leave one residual, which may be small by chance: no edge is better than the interpolation.
+    apart = np.hypot(np.diff(samples.theta, axis=1), np.diff(samples.phi, axis=1))
+    least = _EDGE * np.sqrt(np.einsum("pn,pn->p", weight, apart**2) / n)
+    covariance = np.linalg.inv(normal) * np.maximum(scale * size, least)[:, None, None] ** 2
+    return centroid_of(
+        middle + centre * size[:, None],
+        covariance[:, :2, :2],
+        radius * size,
+        np.sqrt(covariance[:, 2, 2]),
+        (scale / np.maximum(radius, 1e-9)) ** 2,
+        enough,
+    )
+
+
+def better_of(first: Centroid, second: Centroid) -> Centroid:
+    """Return the first centroid of each pattern or, where there is none, the second."""
+    chosen = {
+        name: np.where(
+            first.found.reshape(-1, *[1] * (getattr(first, name).ndim - 1)),
+            getattr(first, name),
+            getattr(second, name),
+        )
+        for name in ("centre", "covariance", "radius", "sigma_radius", "misfit", "found")
+    }
+    return Centroid(**chosen)
+
+
+def average_inverted(centroid: Centroid) -> Centroid:
+    """Return the means of each pattern and the inverted one after it, shape (patterns/2, …).
+
+    A delay moves every hit along the path, and the inverted pattern runs it the other way: what is odd in the delay
+    cancels. Both must have been found.
+
+    Raises
+    ------
+    ValueError
+        If the number of patterns is odd.
+    """
+    if len(centroid.centre) % 2:
+        raise ValueError("patterns and inverted patterns come in pairs")
+    first, second = (_some(centroid, slice(start, None, 2)) for start in (0, 1))
+    return centroid_of(
+        0.5 * (first.centre + second.centre),
+        0.25 * (first.covariance + second.covariance),
+        0.5 * (first.radius + second.radius),
+        0.5 * np.hypot(first.sigma_radius, second.sigma_radius),
+        0.5 * (first.misfit + second.misfit),
+        first.found & second.found,
+    )
+
+
+def _some(centroid: Centroid, which: slice) -> Centroid:
+    names = ("centre", "covariance", "radius", "sigma_radius", "misfit", "found")
+    return replace(centroid, **{name: getattr(centroid, name)[which] for name in names})

@@ -1,0 +1,62 @@
+"""The voxels of patterns, as they come from ranging."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.status import Status
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PatternSamples:
+    """Measured voxels, each array of shape (patterns, points), float64 but for the status.
+
+    Attributes
+    ----------
+    time
+        Middle of the dwell [s].
+    theta, phi
+        Measured deflections [rad].
+    signal, sigma_signal
+        Laser light received, and its standard deviation [electrons, or any unit].
+    range, sigma_range
+        Range and its standard deviation [m]; NaN where there is none.
+    status
+        :class:`~scanner_sim.status.Status`, uint8.
+    """
+
+    time: Array
+    theta: Array
+    phi: Array
+    signal: Array
+    sigma_signal: Array
+    range: Array
+    sigma_range: Array
+    status: NDArray[np.uint8]
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where a range was measured."""
+        return np.asarray((self.status == Status.VALID) & np.isfinite(self.range))
+
+    def later(self, delay: float) -> PatternSamples:
+        """Return the samples with angles corrected for a known delay [s] of their reading.
+
+        angle(t + delay) = angle + delay · rate + delay²/2 · acceleration, from differences of the measured angles; for
+        delays up to two dwells (the error is of the third order). Range, signal and time stay: they were right.
+        """
+        return replace(
+            self, theta=_later(self.theta, self.time, delay), phi=_later(self.phi, self.time, delay)
+        )
+
+
+def _later(angle: Array, time: Array, delay: float) -> Array:
+    # All dwells are alike, so that a common step does.
+    step = float(time[0, 1] - time[0, 0])
+    rate = np.gradient(angle, step, axis=1, edge_order=2)
+    return np.asarray(angle + delay * rate + 0.5 * delay**2 * np.gradient(rate, step, axis=1, edge_order=2))

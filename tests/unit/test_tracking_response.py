@@ -1,0 +1,125 @@
+"""Which voxels hit a target: every kind, by intensity and range together."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scanner_sim.status import Status
+from scanner_sim.tracking.response import TargetKind, target_response, two_levels
+from scanner_sim.tracking.samples import PatternSamples
+
+POINTS = 128
+GATE = (9.0, 11.0)
+
+
+def pattern(disc: dict[str, Any], ground: dict[str, Any]) -> tuple[PatternSamples, NDArray[np.bool_]]:
+    """Return one pattern over a disc of 4 mrad in the middle; both parts give signal, range and status."""
+    t = 2.0 * np.pi * (np.arange(POINTS) + 0.5) / POINTS
+    theta, phi = 6e-3 * np.sin(3 * t)[None], 6e-3 * np.sin(2 * t)[None]
+    on = np.hypot(theta, phi) < 4e-3
+    rng = np.random.default_rng(3)
+
+    def both(name: str, otherwise: float) -> Any:
+        return np.where(on, disc.get(name, otherwise), ground.get(name, otherwise))
+
+    signal, distance = both("signal", 1e5), both("range", 10.0)
+    samples = PatternSamples(
+        time=50e-6 * np.arange(POINTS)[None],
+        theta=theta,
+        phi=phi,
+        signal=signal * (1.0 + 0.05 * rng.standard_normal(signal.shape)),
+        sigma_signal=0.05 * signal,
+        range=distance + 5e-3 * rng.standard_normal(signal.shape),
+        sigma_range=np.full(signal.shape, 5e-3),
+        status=both("status", Status.VALID).astype(np.uint8),
+    )
+    return samples, on
+
+
+@pytest.mark.parametrize(
+    ("kind", "disc", "ground"),
+    [
+        ("black", {"signal": 1e4}, {}),
+        ("black", {"signal": np.nan, "range": np.nan, "status": Status.BELOW_THRESHOLD}, {}),
+        ("white", {"signal": 1e6}, {}),
+        ("white", {}, {"signal": np.nan, "range": np.nan, "status": Status.BELOW_THRESHOLD}),
+        ("retro", {"signal": 1e7}, {}),
+        ("retro", {"signal": 2e6, "range": np.nan, "status": Status.SATURATED}, {}),
+        ("raised", {"range": 9.9}, {}),
+        ("raised", {}, {"range": np.nan, "status": Status.BELOW_THRESHOLD}),
+        ("hole", {"range": 10.2}, {}),
+        ("hole", {"range": np.nan, "status": Status.BELOW_THRESHOLD}, {}),
+        ("hole", {"range": 30.0}, {}),
+    ],
+)
+def test_every_kind_of_target_is_told(kind: str, disc: dict[str, Any], ground: dict[str, Any]) -> None:
+    samples, on = pattern(disc, ground)
+    if kind == "hole" and disc.get("range") == 30.0:
+        # Beyond the gate is not measured ground: such a hole is empty, as ranging says of it.
+        samples = dataclasses.replace(
+            samples, status=np.where(on, Status.BELOW_THRESHOLD, 0).astype(np.uint8)
+        )
+    found = target_response(samples, TargetKind(kind), GATE)
+    assert found.clear.all()
+    np.testing.assert_array_equal(found.hit, on)
+    assert found.fraction[0] == pytest.approx(on.mean())
+
+
+@pytest.mark.parametrize("kind", list(TargetKind))
+def test_noise_is_no_target(kind: TargetKind) -> None:
+    """A plain wall, 500 patterns: noise makes two clear levels in none of them."""
+    rng = np.random.default_rng(5)
+    shape = (500, POINTS)
+    samples = PatternSamples(
+        *(np.zeros(shape) for _ in range(3)),
+        signal=1e5 + 5e3 * rng.standard_normal(shape),
+        sigma_signal=np.full(shape, 5e3),
+        range=10.0 + 5e-3 * rng.standard_normal(shape),
+        sigma_range=np.full(shape, 5e-3),
+        status=np.zeros(shape, np.uint8),
+    )
+    found = target_response(samples, kind, GATE)
+    assert not found.clear.any()
+    assert not found.hit.any()
+
+
+def test_few_glints_are_no_target() -> None:
+    """Three voxels a hundred times as bright make no level of their own."""
+    value = 1.0 + 0.01 * np.random.default_rng(7).standard_normal((1, POINTS))
+    value[0, [5, 40, 41]] = 100.0
+    assert not two_levels(value, np.ones_like(value, dtype=bool))[3].any()
+
+
+def test_what_is_outside_of_the_gate_does_not_count() -> None:
+    """A dark pole in front of a black disc's board: its voxels are neither target nor ground."""
+    samples, on = pattern({"signal": 1e4}, {})
+    pole = np.abs(samples.theta - 4.5e-3) < 0.5e-3
+    samples.signal[pole], samples.range[pole] = 1e4, 7.0
+    found = target_response(samples, TargetKind.BLACK, GATE)
+    np.testing.assert_array_equal(found.hit, on & ~pole)
+    assert not found.used[pole].any()
+
+
+def test_nothing_measured_is_not_clear() -> None:
+    samples, _ = pattern({"status": Status.OUT_OF_GATE}, {"status": Status.OUT_OF_GATE})
+    found = target_response(samples, TargetKind.BLACK, GATE)
+    assert not found.clear.any()
+    assert not found.used.any()
+
+
+def test_a_known_delay_is_corrected_to_a_microradian() -> None:
+    """Samples read 10 µs early of a pattern of 6 mrad; the ends have one-sided differences only."""
+    t = (np.arange(POINTS) + 0.5) * 50e-6
+    samples, _ = pattern({}, {})
+
+    def angle(time: NDArray[np.float64]) -> NDArray[np.float64]:
+        return 6e-3 * np.sin(2.0 * np.pi * 3.0 * time / 6.4e-3)[None]
+
+    early = dataclasses.replace(samples, time=t[None], theta=angle(t - 10e-6), phi=angle(t - 10e-6))
+    assert np.abs(early.theta - angle(t)).max() > 150e-6
+    np.testing.assert_allclose(early.later(10e-6).theta[:, 2:-2], angle(t)[:, 2:-2], atol=2e-6)
