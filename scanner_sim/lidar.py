@@ -25,6 +25,7 @@ from scanner_sim.ranging.covariance import PointCovariance, point_covariance
 from scanner_sim.ranging.fusion import fuse
 from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
+from scanner_sim.scanner import Lidar
 from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
 
@@ -214,6 +215,40 @@ class EchoBench:
         delay[status != Status.VALID] = np.nan
         step = clock.step(self.unit.photodiode.saturation)
         return WaveformSet(rows, columns, number, clock.start, clock.rate, step, delay, sigma, echoes, status)
+
+
+def fitted_pulse(unit: Lidar, waveforms: WaveformSet, number: int) -> tuple[Array, Array] | None:
+    """Return the unit's own pulse at the delay that was found, at the height that fits a record best.
+
+    Parameters
+    ----------
+    unit
+        The instrument as it knows itself.
+    waveforms, number
+        Records, and which of them.
+
+    Returns
+    -------
+    tuple or None
+        Times after the pulse [s] and currents [A]; the height is by least squares over the samples that are not
+        clipped. None without an echo.
+    """
+    from scanner_sim.detector.pulse_response import PulseResponse
+
+    delay, rate = float(waveforms.delay[number]), waveforms.rate
+    if not np.isfinite(delay):
+        return None
+    variance = (unit.photodiode.response_sigma * rate) ** 2
+    response = PulseResponse.of(unit.pulse, rate)
+    current = waveforms.number[number].astype(np.float64) * waveforms.step
+    clipped = current >= unit.photodiode.saturation - waveforms.step
+    known = response.values((waveforms.time - delay) * rate, variance) * ~clipped
+    power = float(known @ known)
+    if power == 0.0:
+        return None
+    early, late = response.span(variance)
+    time = delay + np.linspace(early, late, 400) / rate
+    return time, response.values((time - delay) * rate, variance) * float(known @ current) / power
 
 
 def fuse_points(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from scanner_sim.config import resolved_yaml
 from scanner_sim.errors import InputError
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
+from scanner_sim.products.waveforms import WaveformSet, joined
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scan.raster import raster_aim, tiled_order
 from scanner_sim.scenario import Scenario
@@ -95,16 +96,66 @@ def simulate_voxel(
     Raises
     ------
     InputError
-        If the raster has no such voxel.
+        If the raster has no such voxel, or the scenario no line sensor.
     """
+    if scenario.ranging == "tof":
+        raise InputError("time of flight reads no line.", remedy="Ask for the waveform instead.")
+    _check_voxel(scenario, row, column)
+    bench = Workbench(scenario, device=device)
+    return bench.record(row, column)
+
+
+def simulate_waveforms(
+    scenario: Scenario,
+    voxels: Sequence[tuple[int, int]] | None = None,
+    *,
+    device: DeviceChoice = "auto",
+    threads: int | None = None,
+) -> WaveformSet:
+    """Simulate waveforms of a raster scan by time of flight: the same numbers as in the whole image.
+
+    Parameters
+    ----------
+    scenario
+        Instrument, scene, scan and processing.
+    voxels
+        Row and column of each; None takes all, row by row.
+    device, threads
+        Where to compute.
+
+    Raises
+    ------
+    InputError
+        If the scenario has no time of flight, or the raster no such voxel.
+    """
+    if scenario.ranging == "triangulation":
+        raise InputError("triangulation has no waveforms.", remedy="Write ranging: tof, or both.")
+    scan = scenario.scan
+    if voxels is None:
+        shots = np.arange(scan.shots, dtype=np.uint32)
+    else:
+        for row, column in voxels:
+            _check_voxel(scenario, row, column)
+        shots = np.array([row * scan.columns + column for row, column in voxels], dtype=np.uint32)
+    bench = Workbench(scenario, device=device, threads=threads)
+    if not len(shots):
+        raise InputError("no voxel was named.", remedy="Name one as [row, column], or leave them out.")
+    parts = []
+    for start in range(0, len(shots), BATCH):
+        some = shots[start : start + BATCH]
+        aim = raster_aim(scan, some, scenario.scanner.dwell)
+        rows, columns = np.divmod(some.astype(np.int32), np.int32(scan.columns))
+        parts.append(bench.echoes.records(bench.fire(aim)[0], rows, columns))
+    return joined(parts)
+
+
+def _check_voxel(scenario: Scenario, row: int, column: int) -> None:
     scan = scenario.scan
     if not (0 <= row < scan.rows and 0 <= column < scan.columns):
         raise InputError(
             f"voxel ({row}, {column}) lies outside of the {scan.rows} × {scan.columns} raster.",
             remedy="Rows and columns count from 0.",
         )
-    bench = Workbench(scenario, device=device)
-    return bench.record(row, column)
 
 
 def _warnings(layers: dict[str, NDArray[np.float32]]) -> tuple[str, ...]:

@@ -13,6 +13,8 @@ START_BYTES = 0.55e9
 """Memory of the program, its kernels and one batch."""
 VOXEL_BYTES = 160.0
 """Memory of a voxel: its layers, and what writing and drawing them takes for a while."""
+WAVEFORM_BYTES = 14.0
+"""Memory of a sample of a waveform that is kept, joined and written."""
 START_SECONDS = 8.0
 """Time to load the renderer and to compile the kernels, on two cores."""
 VOXELS_PER_SECOND = 2e5
@@ -32,7 +34,7 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
         "memory": f"about {memory(scenario) / 1e9:.1f} GB",
         "time": f"about {_seconds(scenario):.0f} s on two processor cores",
         "folder": str(folder),
-        "files": ", ".join(planned_files(scenario.output, lit=sunlit(scenario))),
+        "files": ", ".join(planned_files(scenario.output, lit=sunlit(scenario), ranging=scenario.ranging)),
     }
 
 
@@ -43,7 +45,10 @@ def sunlit(scenario: Scenario) -> bool:
 
 def memory(scenario: Scenario) -> float:
     """Return roughly how much memory a run takes [byte]."""
-    return START_BYTES + VOXEL_BYTES * scenario.scan.shots
+    ways = 3.0 if scenario.ranging == "both" else 1.0
+    kept = {"none": 0.0, "all": 1.0}.get(str(scenario.output.waveforms), 0.0)
+    waveforms = kept * WAVEFORM_BYTES * scenario.scanner.lidar.digitiser.samples
+    return START_BYTES + (ways * VOXEL_BYTES + waveforms) * scenario.scan.shots
 
 
 def check_memory(scenario: Scenario) -> None:

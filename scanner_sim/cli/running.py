@@ -48,17 +48,22 @@ def run_scenario(
     check_memory(scenario)
     # Loads the renderer: only after everything that can be refused without it.
     from scanner_sim.photo import take_photo
-    from scanner_sim.simulate import simulate
+    from scanner_sim.simulate import simulate, simulate_waveforms
 
-    camera = None
+    camera = waveforms = None
     with _progress(quiet) as (advance, say):
         with scenario_of(config):
             image = simulate(scenario, device=device, progress=advance)
             if scenario.output.pictures and sunlit(scenario):
                 say("taking the photograph")
                 camera = take_photo(scenario, device=device)
+            if (chosen := scenario.output.waveforms) != "none":
+                say("recording waveforms")
+                waveforms = simulate_waveforms(scenario, None if chosen == "all" else chosen, device=device)
         say("writing")
-        paths = write_run(image, folder, scenario.output, camera=camera, overwrite=overwrite)
+        paths = write_run(
+            image, folder, scenario.output, camera=camera, waveforms=waveforms, overwrite=overwrite
+        )
     if not quiet:
         for sentence in image.warnings:
             warn(sentence)
@@ -76,6 +81,10 @@ def closing(image: RangeImage, paths: Sequence[Path]) -> dict[str, str]:
         ranges, sigmas = image["range_m"][valid], image["sigma_range_m"][valid]
         rows["range"] = f"{np.median(ranges):.4g} m median, {ranges.min():.4g} m to {ranges.max():.4g} m"
         rows["σ of the range"] = f"{1e3 * float(np.median(sigmas)):.3g} mm median"
+    for way, name in (("time of flight", "tof."), ("both together", "fused.")):
+        if "fused.range_m" in image and (image[f"{name}status"] == 0).any():
+            sigma = np.nanmedian(image[f"{name}sigma_range_m"])
+            rows[f"σ of {way}"] = f"{1e3 * float(sigma):.3g} mm median"
     for code in Status:
         count = np.count_nonzero(image["status"] == code)
         if count and code is not Status.VALID:

@@ -17,7 +17,9 @@ from scanner_sim.products.exr import read_range_image
 from scanner_sim.products.folder import RESULT
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
+from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.status import Status
 
 
 def show_result(result: Path, output: Path | None) -> None:
@@ -29,16 +31,21 @@ def show_result(result: Path, output: Path | None) -> None:
         If there is no result, or the folder of the pictures cannot be written to.
     """
     from scanner_sim.products.pictures import PICTURES_OF, draw_background, lit
+    from scanner_sim.products.waveform_picture import draw_grey
 
     path, image = _read(result)
     folder = output or path.parent
-    pictures = {**PICTURES_OF, **({"background.png": draw_background} if lit(image) else {})}
+    pictures = {
+        **PICTURES_OF,
+        **({"tof.png": draw_grey} if "tof.range_m" in image else {}),
+        **({"background.png": draw_background} if lit(image) else {}),
+    }
     drawn = [_drawn(folder / name, partial(draw, image)) for name, draw in pictures.items()]
     print_table(closing(image, drawn))
 
 
 def show_voxel(result: Path, voxel: tuple[int, int], output: Path | None, *, device: DeviceChoice) -> None:
-    """Simulate one voxel of a result again, draw its line and print its numbers.
+    """Simulate one voxel of a result again, draw its line, its waveform or both, and print its numbers.
 
     Raises
     ------
@@ -53,12 +60,48 @@ def show_voxel(result: Path, voxel: tuple[int, int], output: Path | None, *, dev
             remedy="Rows and columns count from 0.",
         )
     scenario = scenario_from_text(image.scenario_yaml, name=str(path))
-    from scanner_sim.products.pictures import draw_voxel
-    from scanner_sim.simulate import simulate_voxel
+    folder = output or path.parent
+    table: dict[str, str] = {}
+    pictures: list[Path] = []
+    if scenario.ranging != "tof":
+        from scanner_sim.products.pictures import draw_voxel
+        from scanner_sim.simulate import simulate_voxel
 
-    record = simulate_voxel(scenario, row, column, device=device)
-    picture = _drawn((output or path.parent) / f"voxel_{row}_{column}.png", lambda to: draw_voxel(record, to))
-    print_table(_numbers(record) | {"picture": str(picture)})
+        record = simulate_voxel(scenario, row, column, device=device)
+        pictures.append(_drawn(folder / f"voxel_{row}_{column}.png", lambda to: draw_voxel(record, to)))
+        table |= _numbers(record)
+    if scenario.ranging != "triangulation":
+        from scanner_sim.lidar import fitted_pulse
+        from scanner_sim.products.waveform_picture import draw_waveform
+        from scanner_sim.simulate import simulate_waveforms
+
+        waveforms = simulate_waveforms(scenario, [voxel], device=device)
+        fit = fitted_pulse(scenario.scanner.lidar, waveforms, 0)
+        name = f"waveform_{row}_{column}.png"
+        pictures.append(_drawn(folder / name, lambda to: draw_waveform(to, waveforms, 0, fit)))
+        table |= _timed_numbers(image, row, column, waveforms)
+    print_table(table | {"picture": ", ".join(map(str, pictures))})
+
+
+def _timed_numbers(image: RangeImage, row: int, column: int, waveforms: WaveformSet) -> dict[str, str]:
+    """Return what time of flight made of a voxel as pairs of a word and a phrase."""
+
+    def ranged(prefix: str) -> str:
+        r, sigma = (float(image[prefix + name][row, column]) for name in ("range_m", "sigma_range_m"))
+        status = Status(int(image[f"{prefix}status"][row, column]))
+        return f"{r:.5f} ± {sigma:.5f} m" if math.isfinite(r) else f"none: {status.sentence}"
+
+    delay, sigma = 1e9 * float(waveforms.delay[0]), 1e9 * float(waveforms.sigma[0])
+    table = {
+        "voxel": f"row {row}, column {column}",
+        "echoes": str(int(waveforms.echoes[0])),
+        "delay": f"{delay:.4f} ± {sigma:.4f} ns" if math.isfinite(delay) else "none",
+        "range by time of flight": ranged("tof."),
+    }
+    if "fused.range_m" in image:
+        table["range by both"] = ranged("fused.")
+    true = float(image["truth.range_m"][row, column])
+    return table | {"true range": f"{true:.5f} m" if math.isfinite(true) else "none"}
 
 
 def _numbers(record: VoxelRecord) -> dict[str, str]:

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +23,7 @@ from scanner_sim.products.image import RangeImage
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.settings import Output
 from scanner_sim.products.summary import summary_json
+from scanner_sim.products.waveforms import WaveformSet, write_waveforms
 
 RESULT = "range.exr"
 """The file whose presence makes a folder a result."""
@@ -33,6 +35,12 @@ FILES = (RESULT, "scenario.yaml", "summary.json", *PICTURES, "points.ply")
 
 LIT_PICTURES = ("background.png", "camera.png")
 """Pictures that a run adds where the Sun shines."""
+
+TIMED_PICTURES = ("tof.png",)
+"""Pictures that a run adds with time of flight."""
+
+WAVEFORMS = "waveforms.nc"
+"""The waveforms of time of flight, where the scenario asks for some."""
 
 Writers = Mapping[str, Callable[[Path], None]]
 """For each file its name, and what writes it to a path."""
@@ -46,7 +54,7 @@ class Kind:
     files: tuple[str, ...]
 
 
-RUN = Kind(RESULT, (*FILES, *LIT_PICTURES))
+RUN = Kind(RESULT, (*FILES, *TIMED_PICTURES, *LIT_PICTURES, WAVEFORMS))
 """The folder of a run."""
 
 KEPT = "kept"
@@ -55,10 +63,17 @@ KEPT = "kept"
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT}
 
 
-def planned_files(output: Output, *, lit: bool = False) -> tuple[str, ...]:
+def planned_files(
+    output: Output, *, lit: bool = False, ranging: Literal["triangulation", "tof", "both"] = "triangulation"
+) -> tuple[str, ...]:
     """Return the names of the files that a run writes, in the order of presentation; ``lit`` under the Sun."""
     left_out = (() if output.pictures else PICTURES) + (() if output.points else ("points.ply",))
-    added = LIT_PICTURES if lit and output.pictures else ()
+    added: tuple[str, ...] = ()
+    if output.pictures:
+        added = (() if ranging == "triangulation" else TIMED_PICTURES) + (LIT_PICTURES if lit else ())
+        # The charge of the background is one on the line sensor.
+        left_out += ("background.png",) if ranging == "tof" else ()
+    added += () if output.waveforms == "none" else (WAVEFORMS,)
     return tuple(name for name in (*FILES, *added) if name not in left_out)
 
 
@@ -94,6 +109,7 @@ def write_run(
     output: Output | None = None,
     *,
     camera: NDArray[np.uint8] | None = None,
+    waveforms: WaveformSet | None = None,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write all files of a run, as :func:`write_folder` does.
@@ -108,6 +124,8 @@ def write_run(
         Which files; by default all.
     camera
         Grey levels of what a video camera sees, shape (rows, columns), for ``camera.png``; None writes none.
+    waveforms
+        Records of time of flight for ``waveforms.nc``; None writes none.
     overwrite
         Replace an existing result.
 
@@ -123,7 +141,8 @@ def write_run(
     RunError
         If the disk is full or fails.
     """
-    return write_folder(folder, RUN, _writers(image, output or Output(), camera), overwrite=overwrite)
+    writers = _writers(image, output or Output(), camera, waveforms)
+    return write_folder(folder, RUN, writers, overwrite=overwrite)
 
 
 def write_folder(
@@ -195,7 +214,9 @@ def write_text(path: Path, text: str) -> None:
     path.write_bytes(text.encode())
 
 
-def _writers(image: RangeImage, output: Output, camera: NDArray[np.uint8] | None) -> Writers:
+def _writers(
+    image: RangeImage, output: Output, camera: NDArray[np.uint8] | None, waveforms: WaveformSet | None
+) -> Writers:
     """Return what writes the files of a run."""
     writers: dict[str, Callable[[Path], None]] = {
         RESULT: lambda path: write_exr(path, image, output.compression),
@@ -207,13 +228,18 @@ def _writers(image: RangeImage, output: Output, camera: NDArray[np.uint8] | None
         # Matplotlib takes longer to load than most runs take to write: only where pictures are wanted.
         from scanner_sim.products.pictures import PICTURES_OF, draw_background, lit
         from scanner_sim.products.style import save_grey
+        from scanner_sim.products.waveform_picture import draw_grey
 
         writers |= {name: partial(draw, image) for name, draw in PICTURES_OF.items()}
         if lit(image):
             writers["background.png"] = lambda path: draw_background(image, path)
+        if "tof.range_m" in image:
+            writers["tof.png"] = lambda path: draw_grey(image, path)
         if camera is not None:
             writers["camera.png"] = lambda path: save_grey(camera, path)
-    ordered = planned_files(output, lit=True)
+    if waveforms is not None:
+        writers[WAVEFORMS] = lambda path: write_waveforms(path, waveforms)
+    ordered = planned_files(output, lit=True, ranging="both")
     return {name: writers[name] for name in ordered if name in writers}
 
 

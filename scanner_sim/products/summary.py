@@ -38,6 +38,9 @@ def summary(image: RangeImage) -> dict[str, Any]:
     for name in ("range_m", "sigma_range_m", "Y", "snr", "peak_px", "sigma_peak_px"):
         if name in image:
             result[name] = {"unit": CHANNEL[name].unit, **_quantiles(image[name][valid])}
+    for name in ("tof.range_m", "tof.sigma_range_m", "fused.range_m", "fused.sigma_range_m"):
+        if name in image:
+            result[name] = {"unit": CHANNEL[name].unit, **_quantiles(image[name])}
     result["truth"] = _truth(image)
     result["channels"] = {
         name: {"unit": CHANNEL[name].unit, "meaning": CHANNEL[name].sentence} for name in image.channels
@@ -69,6 +72,11 @@ def _truth(image: RangeImage) -> dict[str, Any]:
             stated = sigma > 0.0
             pull = error[stated] / sigma[stated]
             result["error_over_sigma"] = {"rms": _finite(_rms, pull), **_quantiles(pull)}
+    for way in ("tof", "fused"):
+        if {f"{way}.range_m", "truth.range_m"} <= image.channels.keys():
+            error = image[f"{way}.range_m"].astype(np.float64) - image["truth.range_m"]
+            error = error[np.isfinite(error)]
+            result[f"{way}.error_m"] = {"rms": _finite(_rms, error), **_quantiles(error)}
     for name, names in (("truth.object", image.objects), ("truth.material", image.materials)):
         if name in image:
             hits = np.bincount(image[name].astype(np.int64).ravel(), minlength=len(names) + 1)

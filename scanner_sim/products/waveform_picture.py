@@ -8,9 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.constants import SPEED_OF_LIGHT
-from scanner_sim.products.style import FAINT, INK, house_style, save
+from scanner_sim.products.image import RangeImage
+from scanner_sim.products.style import FAINT, INK, house_style, save, save_grey
 from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.status import Status
+
+Array = NDArray[np.float64]
 
 _DPI = 160
 _ECHO = "#b5483a"
@@ -30,8 +33,21 @@ def range_levels(r: NDArray[np.float64], nearest: float, farthest: float) -> NDA
     return np.where(np.isfinite(r), np.rint(40.0 + 215.0 * np.nan_to_num(share)), 0.0).astype(np.uint8)
 
 
-def draw_waveform(path: str | Path, waveforms: WaveformSet, number: int) -> None:
-    """Draw one record: current over time and range, with the delay that was found.
+def draw_grey(image: RangeImage, path: str | Path) -> None:
+    """Write the ranges by time of flight as grey levels, a dot for each voxel: near is bright, black is none.
+
+    The scale leaves out the outermost half per cent at either end.
+    """
+    ranges = image["tof.range_m"].astype(np.float64)
+    finite = ranges[np.isfinite(ranges)]
+    nearest, farthest = np.percentile(finite, (0.5, 99.5)) if finite.size else (0.0, 1.0)
+    save_grey(range_levels(ranges, nearest, max(farthest, nearest + 1e-3)), path)
+
+
+def draw_waveform(
+    path: str | Path, waveforms: WaveformSet, number: int, fit: tuple[Array, Array] | None = None
+) -> None:
+    """Draw one record: current over time and range, with the delay that was found; enlarged about it.
 
     Parameters
     ----------
@@ -41,6 +57,8 @@ def draw_waveform(path: str | Path, waveforms: WaveformSet, number: int) -> None
         Records.
     number
         Which of them.
+    fit
+        Times [s] and currents [A] of the pulse that was fitted, which is drawn over the record.
     """
     from matplotlib.figure import Figure
 
@@ -49,10 +67,21 @@ def draw_waveform(path: str | Path, waveforms: WaveformSet, number: int) -> None
     delay, sigma = waveforms.delay[number], waveforms.sigma[number]
     status = Status(int(waveforms.status[number]))
     with house_style():
-        figure = Figure(figsize=(5.6, 2.6), dpi=_DPI, layout="constrained")
-        axes = figure.add_subplot()
-        axes.axhline(0.0, color=FAINT, linewidth=0.5)
-        axes.plot(time, current, color=INK, linewidth=0.9, marker=".", markersize=2.5)
+        figure = Figure(figsize=(5.6, 2.6 if fit is None else 4.6), dpi=_DPI, layout="constrained")
+        axes = figure.add_subplot(1 if fit is None else 2, 1, 1)
+        close = [] if fit is None else [figure.add_subplot(2, 1, 2)]
+        for one in (axes, *close):
+            one.axhline(0.0, color=FAINT, linewidth=0.5)
+            one.plot(time, current, color=INK, linewidth=0.9, marker=".", markersize=2.5, label="waveform")
+        for one in close:
+            assert fit is not None
+            one.plot(fit[0] * 1e9, fit[1] * 1e6, color=_ECHO, linewidth=1.0, label="fitted pulse")
+            one.axvline(delay * 1e9, color=_ECHO, linewidth=0.7, linestyle="--", label="delay")
+            one.set_xlim(fit[0][0] * 1e9, fit[0][-1] * 1e9)
+            one.set_xlabel("time after the pulse [ns]")
+            one.set_ylabel("current [µA]")
+            one.spines["right"].set_visible(False)
+            one.legend(fontsize=7.0, loc="upper right")
         title = f"voxel ({waveforms.row[number]}, {waveforms.column[number]})"
         if np.isfinite(delay):
             axes.axvline(delay * 1e9, color=_ECHO, linewidth=1.0)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -100,6 +101,24 @@ class WaveformSet:
                 "step_a": self.step,
             },
         )
+
+
+def joined(parts: Sequence[WaveformSet]) -> WaveformSet:
+    """Return the records of one instrument, in parts, as one."""
+
+    def whole(name: str) -> Any:
+        return np.concatenate([getattr(part, name) for part in parts])
+
+    return replace(
+        parts[0],
+        row=whole("row"),
+        column=whole("column"),
+        number=whole("number"),
+        delay=whole("delay"),
+        sigma=whole("sigma"),
+        echoes=whole("echoes"),
+        status=whole("status"),
+    )
 
 
 def write_waveforms(path: str | Path, waveforms: WaveformSet) -> None:

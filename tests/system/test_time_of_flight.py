@@ -10,13 +10,22 @@ from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
+from typer.testing import CliRunner
 
 from scanner_sim import load_scenario, simulate
+from scanner_sim.cli import app
 from scanner_sim.config import doubts, scenario_from_text
-from scanner_sim.errors import ScenarioError
+from scanner_sim.errors import InputError, ScenarioError
+from scanner_sim.lidar import fitted_pulse
+from scanner_sim.optics.filter import band_irradiance, peak_transmission
+from scanner_sim.products.exr import read_range_image
 from scanner_sim.products.image import MEASURED_BY, RangeImage
+from scanner_sim.products.waveforms import read_waveforms
 from scanner_sim.ranging.fusion import crossing_distance
+from scanner_sim.ranging.time_of_flight import range_from_delay
 from scanner_sim.scenario import Scenario
+from scanner_sim.simulate import simulate_voxel, simulate_waveforms
 from scanner_sim.status import Status
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -202,8 +211,6 @@ def test_background_is_the_light_of_a_sunlit_wall() -> None:
     Expected: the closed form. Tolerance 1 %: the field's square against the circle is exact on an even wall, and the
     wall's own indirect light is nothing.
     """
-    from scanner_sim.optics.filter import band_irradiance, peak_transmission
-
     sun = "lighting: {sun: {direction: [0.5, 0, -0.8660254]}, earth: none}"
     for place in ("coaxial", "offset"):
         scenario = wall(10.0, "tof", f"lidar: {{photodiode: {{place: {place}}}}}", size=8, more=sun)
@@ -249,3 +256,80 @@ def test_doubts_speak_of_time_of_flight() -> None:
     deep = doubts(wall(60.0, "tof", "lidar: {pulse: {repetition_rate: 5 MHz}}"))
     assert any("ambiguity range" in sentence for sentence in deep)
     assert any("digitiser" in sentence for sentence in deep)
+
+
+def test_the_command_line_writes_waveforms_and_draws_them(repo_root: Path, tmp_path: Path) -> None:
+    """The waveforms of the file are those of the voxels, and their delays those of the image."""
+    size = [
+        "--set",
+        "scan.rows=16",
+        "--set",
+        "scan.columns=20",
+        "--set",
+        "output.waveforms=[[3, 4], [9, 11]]",
+    ]
+    for name, pictures in (
+        ("tof_both", ["voxel_9_11.png", "waveform_9_11.png"]),
+        ("tof_node", ["waveform_9_11.png"]),
+    ):
+        out = tmp_path / name
+        run = ["run", str(repo_root / "configs" / f"{name}.yaml"), "-o", str(out), "--device", "cpu"]
+        result = CliRunner().invoke(app, run + size)
+        assert result.exit_code == 0, result.output
+        waveforms = read_waveforms(out / "waveforms.nc")
+        assert list(zip(waveforms.row, waveforms.column, strict=True)) == [(3, 4), (9, 11)]
+        image = read_range_image(out / "range.exr")
+        for number, (row, column) in enumerate(zip(waveforms.row, waveforms.column, strict=True)):
+            found = image["tof.range_m"][row, column]
+            wanted = range_from_delay(waveforms.delay[number], 0.0)
+            np.testing.assert_allclose(found, wanted, rtol=1e-6)
+        with Image.open(out / "tof.png") as picture:
+            assert picture.size == (20, 16)
+            np.testing.assert_array_equal(np.asarray(picture) > 0, np.isfinite(image["tof.range_m"]))
+        shown = CliRunner().invoke(app, ["show", str(out), "--voxel", "9", "11", "--device", "cpu"])
+        assert shown.exit_code == 0, shown.output
+        assert "range by time of flight" in shown.stdout
+        assert all((out / picture).exists() for picture in pictures)
+        assert (out / "voxel_9_11.png").exists() == (name == "tof_both")
+
+
+def test_all_waveforms_are_the_chosen_ones_in_order() -> None:
+    scenario = wall(6.0, "tof", size=5)
+    every = simulate_waveforms(scenario)
+    some = simulate_waveforms(scenario, [(4, 1), (0, 3)])
+    np.testing.assert_array_equal(every.number[[21, 3]], some.number)
+    assert (every.row[21], every.column[21]) == (4, 1)
+    with pytest.raises(InputError, match="outside"):
+        simulate_waveforms(scenario, [(5, 0)])
+    with pytest.raises(InputError, match="no waveforms"):
+        simulate_waveforms(wall(6.0, "triangulation", size=5))
+    with pytest.raises(InputError, match="waveform instead"):
+        simulate_voxel(scenario, 0, 0)
+
+
+def test_the_fitted_pulse_lies_on_the_waveform() -> None:
+    """Within 2 % of its height on a wall that faces the scanner, where the echo is the pulse itself."""
+    scenario = wall(12.0, "tof", size=5)
+    waveforms = simulate_waveforms(scenario, [(2, 2)])
+    fit = fitted_pulse(scenario.scanner.lidar, waveforms, 0)
+    assert fit is not None
+    near = (waveforms.time > fit[0][0]) & (waveforms.time < fit[0][-1])
+    measured = waveforms.number[0] * waveforms.step
+    assert np.abs(np.interp(waveforms.time[near], *fit) - measured[near]).max() < 0.02 * measured.max()
+
+
+def test_charge_is_that_of_the_link_budget() -> None:
+    """Claim: tof.Y = R₀ E T T_f ρ A/(π R²)/q of a grey wall (eq 19 for a pulse).
+
+    Tolerance 1 %: the wall's cosine over the beam, the pulse's spread, and noise of 1e-4.
+    """
+    scenario = wall(10.0, "tof", size=9)
+    scanner = scenario.scanner
+    share = (
+        0.5 * np.pi / 4.0 * scanner.receiver.aperture**2 / (np.pi * 10.0**2) * scanner.receiver.transmission
+    )
+    share *= peak_transmission(scanner.filter)
+    expected = (
+        scanner.lidar.photodiode.responsivity * scanner.lidar.pulse.pulse_energy * share / 1.602176634e-19
+    )
+    assert simulate(scenario)["tof.Y"][4, 4] == pytest.approx(expected, rel=0.01)
