@@ -19,6 +19,9 @@ FEWEST = 4
 CLEAR = 5.0
 """Distance of the two levels, over the scatter within them, from which they are two: halves of noise have 2.8."""
 
+STRAY = 3.0
+"""Distance from the threshold, over that of the levels, from which a value is neither: a glint."""
+
 
 class TargetKind(StrEnum):
     """What makes a target differ from what surrounds it."""
@@ -90,7 +93,8 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
     Response
         Intensity: voxels outside of the gate do not count, whatever their light; a voxel without a peak counts as dark,
         a saturated one as bright for retro-reflectors. Range: what has no return counts as lying at the gate's far end.
-        The level between target and ground is :func:`two_levels` of the pattern's own voxels.
+        The level between target and ground is :func:`two_levels` of the pattern's own voxels; what is three times
+        their distance away from it counts no longer.
     """
     near, far = np.broadcast_to(np.asarray(gate, dtype=np.float64), (len(samples.theta), 2)).T[..., None]
     measured = samples.valid
@@ -110,6 +114,8 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
     most = np.max(np.where(count, known, 0.0), axis=1, keepdims=True)
     sigma = np.where(count & (known > 0.0), known, np.where(most > 0.0, most, 1.0))
     threshold, low, high, clear = two_levels(value, used)
+    far_off = np.abs(value - threshold[:, None]) > STRAY * (high - low)[:, None]
+    used &= ~(far_off & clear[:, None])
     below = kind in (TargetKind.BLACK, TargetKind.RAISED)
     hit = used & ((value < threshold[:, None]) if below else (value > threshold[:, None]))
     hits, counted = hit.sum(axis=1), used.sum(axis=1)

@@ -1,0 +1,136 @@
+"""From a pattern's voxels to the place of a target, with its covariance."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+
+from scanner_sim.parts import Part
+from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid
+from scanner_sim.tracking.disc_fit import disc_fit
+from scanner_sim.tracking.response import Response, TargetKind, target_response
+from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.units import Length
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class TargetLooks(Part):
+    """What the tracker knows of a target's looks."""
+
+    kind: TargetKind
+    """What makes it differ from what surrounds it."""
+    diameter: Length = Field(gt=0.0, le=100.0)
+    """Diameter."""
+    depth: Length = Field(default=0.3, gt=0.0, le=1e4)
+    """How far in front of and behind the expected range target and ground may lie: the range gate."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """Places of a target by pattern; NaN where it was not found.
+
+    Attributes
+    ----------
+    time
+        When [s], shape (patterns,): the mean over the hits.
+    place, covariance
+        (Θ, φ, R), shape (patterns, 3), and its covariance (patterns, 3, 3).
+    radius, sigma_radius
+        Its radius as an angle [rad], shape (patterns,).
+    misfit
+        χ² over degrees of freedom, shape (patterns,).
+    fraction
+        Share of the voxels that hit it, shape (patterns,).
+    found
+        Whether there is a target, shape (patterns,).
+    """
+
+    time: Array
+    place: Array
+    covariance: Array
+    radius: Array
+    sigma_radius: Array
+    misfit: Array
+    fraction: Array
+    found: Mask
+
+
+def measure_target(
+    samples: PatternSamples,
+    looks: TargetLooks,
+    expected_range: ArrayLike,
+    *,
+    spot: ArrayLike,
+    shining: float = 1.0,
+) -> Measurement:
+    """Return where patterns see a target.
+
+    Parameters
+    ----------
+    samples
+        The patterns.
+    looks
+        Kind, diameter and range gate.
+    expected_range
+        Range in whose neighbourhood it is looked for [m], () or (patterns,).
+    spot, shining
+        Spot as an angle and share of the dwell with light: see :func:`~scanner_sim.tracking.disc_fit.disc_fit`.
+
+    Returns
+    -------
+    Measurement
+        Centre of the disc fit with a free radius, or the mean of hits where that fails. The range is that of the plane
+        R = R₀ + g·(angles − centre) through the voxels on the target (for holes: around it; for black discs both) at
+        the centre, weighed by 1/σ_R².
+    """
+    middle = np.broadcast_to(np.asarray(expected_range, dtype=np.float64), (len(samples.theta),))
+    response = target_response(
+        samples, looks.kind, np.stack([middle - looks.depth, middle + looks.depth], axis=1)
+    )
+    hits = hit_centroid(samples, response)
+    rough = better_of(circle_fit(samples, response), hits)
+    centre = better_of(disc_fit(samples, response, rough, spot=spot, shining=shining), hits)
+    distance, variance = _range_at(samples, response, looks.kind, centre)
+    place = np.concatenate([centre.centre, distance[:, None]], axis=1)
+    covariance = np.zeros((len(place), 3, 3))
+    covariance[:, :2, :2], covariance[:, 2, 2] = centre.covariance, variance
+    count = np.maximum(response.hit.sum(axis=1), 1)
+    return Measurement(
+        time=np.where(response.hit, samples.time, 0.0).sum(axis=1) / count
+        + np.where(centre.found, 0.0, np.nan),
+        place=place,
+        covariance=covariance,
+        radius=centre.radius,
+        sigma_radius=centre.sigma_radius,
+        misfit=centre.misfit,
+        fraction=response.fraction,
+        found=centre.found & np.isfinite(distance),
+    )
+
+
+def _range_at(
+    samples: PatternSamples, response: Response, kind: TargetKind, centre: Centroid
+) -> tuple[Array, Array]:
+    """Return range [m] and variance at the centres, shape (patterns,)."""
+    part = {TargetKind.BLACK: response.used, TargetKind.HOLE: response.used & ~response.hit}
+    chosen = part.get(kind, response.hit) & samples.valid & centre.found[:, None]
+    sigma = np.where(chosen & (samples.sigma_range > 0.0), samples.sigma_range, 1.0)
+    weight = np.where(chosen, 1.0 / sigma**2, 0.0)
+    angles = np.stack([samples.theta, samples.phi], axis=-1) - np.nan_to_num(centre.centre)[:, None]
+    # In radii, so that the plane's columns are of like size.
+    scaled = angles / np.where(centre.found, centre.radius, 1.0)[:, None, None]
+    design = np.concatenate([np.ones_like(scaled[..., :1]), scaled], axis=-1)
+    weighted = design * weight[..., None]
+    normal = np.einsum("pni,pnj->pij", weighted, design)
+    enough = chosen.sum(axis=1) >= 4
+    normal = np.where(enough[:, None, None], normal, np.eye(3))
+    normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    value = np.where(chosen, samples.range, 0.0)
+    plane = np.linalg.solve(normal, np.einsum("pni,pn->pi", weighted, value)[..., None])[..., 0]
+    variance = np.linalg.inv(normal)[:, 0, 0]
+    return np.where(enough, plane[:, 0], np.nan), np.where(enough, variance, np.nan)

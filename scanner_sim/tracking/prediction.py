@@ -1,0 +1,105 @@
+"""Where a target will be: a Kalman filter for steady motion in angle and range.
+
+Three lines of algebra on arrays of targets need no library: those for Python take one target at a time, in a loop.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+AXES = 3
+"""Θ, φ and R."""
+
+
+class Motion(NamedTuple):
+    """What is known of targets at a time, shapes (..., 6), (..., 6, 6), (...).
+
+    ``mean`` holds Θ, φ [rad], R [m] and their rates per second, ``covariance`` theirs, ``time`` is in seconds.
+    """
+
+    mean: Array
+    covariance: Array
+    time: Array
+
+
+def begun(place: ArrayLike, covariance: ArrayLike, sigma_rate: ArrayLike, time: ArrayLike) -> Motion:
+    """Return motions that begin with a measured place and an unknown rate.
+
+    Parameters
+    ----------
+    place, covariance
+        (Θ, φ, R), shape (..., 3), and its covariance (..., 3, 3).
+    sigma_rate
+        Standard deviations of the three rates about zero, shape (3,).
+    time
+        Of the measurement [s], shape (...,).
+    """
+    here = np.asarray(place, dtype=np.float64)
+    whole = np.zeros((*here.shape[:-1], 2 * AXES, 2 * AXES))
+    whole[..., :AXES, :AXES] = covariance
+    whole[..., AXES:, AXES:] = np.diag(np.asarray(sigma_rate, dtype=np.float64) ** 2)
+    return Motion(
+        np.concatenate([here, np.zeros_like(here)], axis=-1), whole, np.asarray(time, dtype=np.float64)
+    )
+
+
+def predicted(motion: Motion, time: ArrayLike, unrest: ArrayLike) -> Motion:
+    """Return motions at a time.
+
+    Parameters
+    ----------
+    motion
+        What is known before.
+    time
+        Time [s], shape (...,).
+    unrest
+        Spectral densities q of the accelerations of Θ, φ and R, [rad²/s³] and [m²/s³], shape (3,).
+
+    Returns
+    -------
+    Motion
+        x ← F x, P ← F P Fᵀ + Q, rates being steady, Q = q [[Δ³/3, Δ²/2], [Δ²/2, Δ]] of white accelerations (Bar-Shalom,
+        Li, Kirubarajan, *Estimation with Applications to Tracking and Navigation*, 2001, section 6.2.2).
+    """
+    when = np.asarray(time, dtype=np.float64)
+    step = when - motion.time
+    onward = np.zeros((*step.shape, 2 * AXES, 2 * AXES)) + np.eye(2 * AXES)
+    noise = np.zeros_like(onward)
+    for axis, q in enumerate(np.broadcast_to(np.asarray(unrest, dtype=np.float64), AXES)):
+        rate = axis + AXES
+        onward[..., axis, rate] = step
+        noise[..., axis, axis] = q * np.abs(step) ** 3 / 3.0
+        noise[..., axis, rate] = noise[..., rate, axis] = q * step**2 / 2.0
+        noise[..., rate, rate] = q * np.abs(step)
+    mean = np.einsum("...ij,...j->...i", onward, motion.mean)
+    return Motion(mean, onward @ motion.covariance @ np.swapaxes(onward, -1, -2) + noise, when)
+
+
+def surprise(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Array:
+    """Return the squared Mahalanobis distance of measured from predicted places, (m − x)ᵀ (P + R)⁻¹ (m − x), (...).
+
+    ``motion`` is predicted to the time of the measurement; ``place`` (..., 3) and ``covariance`` (..., 3, 3).
+    """
+    away = np.asarray(place, dtype=np.float64) - motion.mean[..., :AXES]
+    spread = motion.covariance[..., :AXES, :AXES] + np.asarray(covariance, dtype=np.float64)
+    return np.asarray(np.einsum("...i,...i->...", away, np.linalg.solve(spread, away[..., None])[..., 0]))
+
+
+def updated(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Motion:
+    """Return motions with a measurement taken in: K = P Hᵀ (P_HH + R)⁻¹, x ← x + K (m − H x), in Joseph's form.
+
+    ``motion`` is predicted to the time of the measurement; ``place`` (..., 3) and ``covariance`` (..., 3, 3).
+    """
+    noise = np.asarray(covariance, dtype=np.float64)
+    seen = motion.covariance[..., :, :AXES]
+    spread = motion.covariance[..., :AXES, :AXES] + noise
+    gain = np.swapaxes(np.linalg.solve(spread, np.swapaxes(seen, -1, -2)), -1, -2)
+    away = np.asarray(place, dtype=np.float64) - motion.mean[..., :AXES]
+    keep = np.eye(2 * AXES) - np.concatenate([gain, np.zeros_like(gain)], axis=-1)
+    whole = keep @ motion.covariance @ np.swapaxes(keep, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
+    return Motion(motion.mean + np.einsum("...ij,...j->...i", gain, away), whole, motion.time)

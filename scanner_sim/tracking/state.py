@@ -1,0 +1,260 @@
+"""Search, acquire, track, lost: the tracker of one target as functions of an immutable state."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Field
+from scipy.stats import chi2
+
+from scanner_sim.parts import Count, Number, Part
+from scanner_sim.tracking.measurement import Measurement
+from scanner_sim.tracking.prediction import Motion, begun, predicted, surprise, updated
+from scanner_sim.units import Angle, Ratio
+
+Array = NDArray[np.float64]
+
+
+class TrackMode(StrEnum):
+    """What the tracker does with a target."""
+
+    SEARCH = "search"
+    """It runs larger and larger patterns over the expected place."""
+    ACQUIRE = "acquire"
+    """It has seen the target and looks whether it stays."""
+    TRACK = "track"
+    """It follows the target with the smaller pattern."""
+    LOST = "lost"
+    """It has just lost the target and looks around the predicted place."""
+
+
+class Refusal(StrEnum):
+    """Why a measurement was not taken for the target."""
+
+    NONE = "none"
+    """It was taken."""
+    NOT_SEEN = "not_seen"
+    """No two levels, or no centre."""
+    SIZE = "size"
+    """It has not the target's size: a shadow's edge, another target."""
+    SHAPE = "shape"
+    """It is not round, or cut by the pattern's end."""
+    PLACE = "place"
+    """It is farther from the prediction than chance allows."""
+
+
+class TrackerSettings(Part):
+    """How a target is searched for and followed."""
+
+    track_amplitude: Number = Field(default=1.6, gt=1.0, le=10.0)
+    """Amplitude of the tracking pattern over the target's radius."""
+    search_amplitude: Number = Field(default=1.6, gt=1.0, le=100.0)
+    """Amplitude of the first search pattern over the target's radius."""
+    search_growth: Number = Field(default=1.4, ge=1.0, le=10.0)
+    """Factor from one search pattern to the next."""
+    search_most: Angle = Field(default=20e-3, gt=0.0, lt=1.5)
+    """Largest amplitude of a search pattern; after it the search begins anew with the first."""
+    acquire_patterns: Count = Field(default=2, ge=1, le=1000)
+    """Patterns in a row in which a target is seen before it is tracked."""
+    patience: Count = Field(default=3, ge=1, le=1000)
+    """Patterns in a row without the target after which it is lost."""
+    give_up: Count = Field(default=10, ge=1, le=100_000)
+    """Patterns after its loss in which it is looked for where it was going; then where it was expected first."""
+    size_tolerance: Ratio = Field(default=0.25, gt=0.0, le=1.0)
+    """Largest difference of radius, over the radius expected at the measured range."""
+    misfit: Number = Field(default=30.0, gt=1.0, le=1e6)
+    """Largest χ² over degrees of freedom of a disc; speckle and tilt are well below it, other shapes above."""
+    chance: Ratio = Field(default=1e-4, gt=0.0, lt=0.5)
+    """Share of right measurements that the gate of the prediction may refuse."""
+    unrest: Number = Field(default=1e-4, ge=0.0, le=1e6)
+    """Spectral density of the target's angular acceleration [rad²/s³]."""
+    range_unrest: Number = Field(default=1e-2, ge=0.0, le=1e6)
+    """The same of its range [m²/s³]."""
+    fastest: Number = Field(default=0.05, gt=0.0, le=100.0)
+    """Standard deviation of the angular rate [rad/s] that is expected of a target seen for the first time."""
+    fastest_range: Number = Field(default=0.2, gt=0.0, le=1e3)
+    """The same of its range [m/s]."""
+
+
+@dataclass(frozen=True)
+class TrackState:
+    """All that the tracker remembers of a target.
+
+    Attributes
+    ----------
+    mode
+        What it does.
+    motion
+        Where the target is and how it moves, as far as known.
+    expected
+        Where it is looked for when nothing else is known, (Θ, φ, R), shape (3,).
+    patterns
+        Patterns run so far.
+    seen, missed
+        Patterns in a row in which it was seen, or not.
+    searched
+        Search patterns run since the search or the loss began.
+    refusal
+        Why the last measurement was not taken.
+    """
+
+    mode: TrackMode
+    motion: Motion
+    expected: Array
+    patterns: int = 0
+    seen: int = 0
+    missed: int = 0
+    searched: int = 0
+    refusal: Refusal = Refusal.NONE
+
+
+@dataclass(frozen=True)
+class TrackCommand:
+    """The next pattern at a target.
+
+    ``mode``; ``place`` (Θ, φ, R), shape (3,), where the target is expected at the asked time; ``amplitude`` [rad];
+    ``number`` of the pattern, which decides on dither and inversion.
+    """
+
+    mode: TrackMode
+    place: Array
+    amplitude: float
+    number: int
+
+
+def init(expected: ArrayLike, settings: TrackerSettings, time: float = 0.0) -> TrackState:
+    """Return the state of a target that is expected at (Θ, φ, R), shape (3,) [rad, m], and not yet seen."""
+    place = np.asarray(expected, dtype=np.float64)
+    return TrackState(TrackMode.SEARCH, _unknown(place, settings, time), place)
+
+
+def command(state: TrackState, settings: TrackerSettings, diameter: float, time: float) -> TrackCommand:
+    """Return the pattern to be run around a time [s], for a target of a diameter [m]."""
+    if state.mode is TrackMode.SEARCH:
+        place = state.expected
+    else:
+        place = predicted(state.motion, time, _unrest(settings)).mean[:3]
+    radius = _radius(diameter, float(place[2]))
+    if state.mode in (TrackMode.ACQUIRE, TrackMode.TRACK):
+        amplitude = settings.track_amplitude * radius
+    else:
+        first = settings.search_amplitude * radius
+        # So many patterns grow until the largest is reached, and then it begins anew.
+        steps = 1
+        if settings.search_growth > 1.0 and settings.search_most > first:
+            steps += int(
+                np.ceil(np.log(settings.search_most / first) / np.log(settings.search_growth) - 1e-9)
+            )
+        grown = first * settings.search_growth ** (state.searched % steps)
+        amplitude = max(min(grown, settings.search_most), settings.track_amplitude * radius)
+    return TrackCommand(state.mode, place, amplitude, state.patterns)
+
+
+def step(
+    state: TrackState,
+    measurement: Measurement,
+    settings: TrackerSettings,
+    diameter: float,
+    next_time: float,
+    row: int = 0,
+) -> tuple[TrackState, TrackCommand]:
+    """Return the state after a pattern, and the next pattern.
+
+    Parameters
+    ----------
+    state, settings
+        Before the pattern.
+    measurement
+        What it saw; its pattern ``row`` is taken.
+    diameter
+        The target's [m].
+    next_time
+        Middle of the next pattern at this target [s].
+    row
+        Which pattern of the measurement.
+
+    Returns
+    -------
+    TrackState, TrackCommand
+        A measurement counts as the target where it is seen, has its size and shape and, once the target moves steadily,
+        lies where the prediction allows: all else, shadows' edges and glints above all, moves nothing.
+    """
+    refusal = _refusal(state, measurement, settings, diameter, row)
+    counted = replace(state, patterns=state.patterns + 1, refusal=refusal)
+    if refusal is Refusal.NONE:
+        after = _taken(counted, measurement, settings, row)
+    else:
+        after = _missed(counted, settings, measurement_time=next_time)
+    return after, command(after, settings, diameter, next_time)
+
+
+def _refusal(
+    state: TrackState, measurement: Measurement, settings: TrackerSettings, diameter: float, row: int
+) -> Refusal:
+    if not measurement.found[row]:
+        return Refusal.NOT_SEEN
+    place, covariance = measurement.place[row], measurement.covariance[row]
+    radius, expected = float(measurement.radius[row]), _radius(diameter, float(place[2]))
+    allowed = settings.size_tolerance * expected + 3.0 * float(measurement.sigma_radius[row])
+    if abs(radius - expected) > min(allowed, 0.5 * expected):
+        return Refusal.SIZE
+    # A radius without a misfit is that of scattered hits: enough for finding a target, not for following it.
+    misfit = float(measurement.misfit[row])
+    loose = float(np.sqrt(np.trace(covariance[:2, :2]))) > 0.5 * expected
+    if loose or misfit > settings.misfit or (np.isnan(misfit) and state.mode is TrackMode.TRACK):
+        return Refusal.SHAPE
+    if state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE):
+        ahead = predicted(state.motion, float(measurement.time[row]), _unrest(settings))
+        if float(surprise(ahead, place, covariance)) > float(chi2.isf(settings.chance, 3)):
+            return Refusal.PLACE
+    return Refusal.NONE
+
+
+def _taken(state: TrackState, measurement: Measurement, settings: TrackerSettings, row: int) -> TrackState:
+    """Return the state after the target was seen."""
+    place, covariance = measurement.place[row], measurement.covariance[row]
+    time = float(measurement.time[row])
+    if state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE):
+        motion = updated(predicted(state.motion, time, _unrest(settings)), place, covariance)
+        seen = state.seen + 1
+    else:
+        motion, seen = begun(place, covariance, _rates(settings), time), 1
+    mode = TrackMode.TRACK if seen >= settings.acquire_patterns else TrackMode.ACQUIRE
+    if state.mode is TrackMode.TRACK:
+        mode = TrackMode.TRACK
+    return replace(state, mode=mode, motion=motion, seen=seen, missed=0, searched=0)
+
+
+def _missed(state: TrackState, settings: TrackerSettings, measurement_time: float) -> TrackState:
+    """Return the state after the target was not seen."""
+    missed = state.missed + 1
+    kept = replace(state, seen=0, missed=missed)
+    if state.mode is TrackMode.TRACK:
+        return replace(kept, mode=TrackMode.LOST, searched=0) if missed >= settings.patience else kept
+    if state.mode is TrackMode.ACQUIRE:
+        return replace(kept, mode=TrackMode.LOST, searched=0)
+    if state.mode is TrackMode.LOST and state.searched + 1 >= settings.give_up:
+        unknown = _unknown(state.expected, settings, measurement_time)
+        return replace(kept, mode=TrackMode.SEARCH, motion=unknown, searched=0)
+    return replace(kept, searched=state.searched + 1)
+
+
+def _unknown(place: Array, settings: TrackerSettings, time: float) -> Motion:
+    spread = np.diag([settings.search_most**2, settings.search_most**2, 1.0])
+    return begun(place, spread, _rates(settings), time)
+
+
+def _radius(diameter: float, distance: float) -> float:
+    """Return the radius [rad] of a disc that faces the scanner at a range [m]."""
+    return 0.5 * diameter / distance
+
+
+def _unrest(settings: TrackerSettings) -> Array:
+    return np.array([settings.unrest, settings.unrest, settings.range_unrest])
+
+
+def _rates(settings: TrackerSettings) -> Array:
+    return np.array([settings.fastest, settings.fastest, settings.fastest_range])
