@@ -1,0 +1,244 @@
+"""How rigid objects move: a pose at any time, by a constant twist, by waypoints or by a file of poses.
+
+A motion takes the place of an object's pose where it names one; a twist starts from the object's own. All give
+``scanner_from_object`` as 4 × 4 matrices, for arrays of times.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Iterator
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import Discriminator, Field, Tag
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation as Turning
+from scipy.spatial.transform import RotationSpline, Slerp
+
+from scanner_sim.errors import Fault, InputError
+from scanner_sim.parts import InputFile, Part
+from scanner_sim.scene.objects import Posed, Position, Turns
+from scanner_sim.units import Dimension, Time
+
+Array = NDArray[np.float64]
+
+Speed = Annotated[float, Dimension("m/s", ("10 mm/s",), ("m/s", "mm/s"))]
+TurnRate = Annotated[float, Dimension("rad/s", ("1 deg/s",), ("deg/s", "rad/s"))]
+PoseTable = Annotated[Path, InputFile((".csv",)), Field(examples=["motions/node.csv"])]
+
+COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
+"""Columns of a file of poses."""
+MOST_ROWS = 1_000_000
+"""Longest file of poses."""
+
+
+class Poses(NamedTuple):
+    """Poses at ascending times: ``time`` [s] (n,), ``position`` [m] (n, 3), ``quaternion`` (w, x, y, z) (n, 4)."""
+
+    time: Array
+    position: Array
+    quaternion: Array
+
+
+class ConstantTwist(Part):
+    """An object that moves evenly and turns evenly about its own origin."""
+
+    type: Literal["twist"]
+    """Kind of motion."""
+    velocity: tuple[Speed, Speed, Speed] = Field(
+        default=(0.0, 0.0, 0.0), examples=[["10 mm/s", "0 m/s", "0 m/s"]]
+    )
+    """Velocity of the object's origin along the scanner's axes."""
+    turn_rate: tuple[TurnRate, TurnRate, TurnRate] = Field(
+        default=(0.0, 0.0, 0.0), examples=[["0 deg/s", "1 deg/s", "0 deg/s"]]
+    )
+    """Rates of turn about the scanner's axes, through the object's origin."""
+
+    def scanner_from_object(self, time: ArrayLike, start: Array) -> Array:
+        """Return the poses at times [s], shape (n, 4, 4): x₀ + v t, exp([ω t]×) R₀, from ``start`` (4, 4) at time 0."""
+        t = np.atleast_1d(np.asarray(time, dtype=np.float64))
+        turned = Turning.from_rotvec(t[:, None] * np.asarray(self.turn_rate)).as_matrix()
+        return _matrices(turned @ start[:3, :3], start[:3, 3] + t[:, None] * np.asarray(self.velocity))
+
+
+class Waypoint(Part):
+    """A pose at a time."""
+
+    time: Time = Field(ge=0.0, le=1e9)
+    """When, since the start."""
+    position: Position
+    """Place of the object's origin in the scanner frame."""
+    rotation: Turns = ()
+    """Turns about the object's origin, the first one first."""
+
+
+class Waypoints(Part):
+    """An object that passes poses at given times; before the first and after the last it rests."""
+
+    type: Literal["waypoints"]
+    """Kind of motion."""
+    points: tuple[Waypoint, ...] = Field(min_length=2, max_length=10_000)
+    """Poses in the order of their times."""
+    interpolation: Literal["linear", "smooth"] = "smooth"
+    """``linear``: straight and even from pose to pose; ``smooth``: twice differentiable, places from rest to rest."""
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield times that do not ascend."""
+        for index, (first, second) in enumerate(zip(self.points[:-1], self.points[1:], strict=True)):
+            if second.time <= first.time:
+                yield Fault(
+                    f"points[{index + 1}].time",
+                    f"{second.time:g} s is not after the {first.time:g} s of the waypoint before.",
+                    "Write the waypoints in the order of their times.",
+                )
+
+    def poses(self) -> Poses:
+        """Return the waypoints as arrays."""
+        placed = [
+            Posed(name="waypoint", position=point.position, rotation=point.rotation).scanner_from_object()
+            for point in self.points
+        ]
+        matrices = np.stack(placed)
+        quaternion = Turning.from_matrix(matrices[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
+        return Poses(np.array([point.time for point in self.points]), matrices[:, :3, 3], quaternion)
+
+    def scanner_from_object(self, time: ArrayLike, start: Array) -> Array:
+        """Return the poses at times [s], shape (n, 4, 4); the waypoints say all, and ``start`` nothing."""
+        del start
+        return interpolated(self.poses(), time, self.interpolation)
+
+
+class PoseFile(Part):
+    """An object whose poses a file holds: CSV with the columns time_s, x_m, y_m, z_m, qw, qx, qy, qz."""
+
+    type: Literal["file"]
+    """Kind of motion."""
+    file: PoseTable
+    """The file. Quaternions need not be of length one."""
+    interpolation: Literal["linear", "smooth"] = "linear"
+    """``linear``: straight and even from row to row; ``smooth``: twice differentiable, places from rest to rest."""
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield what is wrong with the file."""
+        try:
+            self.poses()
+        except InputError as error:
+            yield Fault("file", error.message, error.remedy)
+
+    def poses(self) -> Poses:
+        """Return the rows of the file (see :func:`read_poses`)."""
+        changed = self.file.stat()
+        return _cached_poses(self.file, changed.st_mtime_ns, changed.st_size)
+
+    def scanner_from_object(self, time: ArrayLike, start: Array) -> Array:
+        """Return the poses at times [s], shape (n, 4, 4); the file says all, and ``start`` nothing."""
+        del start
+        return interpolated(self.poses(), time, self.interpolation)
+
+
+def _kind(value: object) -> str | None:
+    return value.get("type") if isinstance(value, dict) else getattr(value, "type", None)
+
+
+RigidMotion = Annotated[
+    Annotated[ConstantTwist, Tag("twist")]
+    | Annotated[Waypoints, Tag("waypoints")]
+    | Annotated[PoseFile, Tag("file")],
+    Discriminator(_kind),
+]
+
+
+def interpolated(poses: Poses, time: ArrayLike, interpolation: Literal["linear", "smooth"]) -> Array:
+    """Return poses between given ones, shape (n, 4, 4).
+
+    Parameters
+    ----------
+    poses
+        At least two, at ascending times.
+    time
+        Times [s], shape (n,); before the first and after the last the pose is held.
+    interpolation
+        ``linear``: straight lines, and turns about a fixed axis at an even rate (Shoemake's slerp, SIGGRAPH 1985).
+        ``smooth``: cubic splines at rest at both ends, and the spline of rotations that SciPy has (its angular
+        acceleration is continuous, its ends are free).
+    """
+    t = np.clip(np.atleast_1d(np.asarray(time, dtype=np.float64)), poses.time[0], poses.time[-1])
+    turns = Turning.from_quat(poses.quaternion[:, [1, 2, 3, 0]])
+    if interpolation == "linear":
+        place = np.stack([np.interp(t, poses.time, axis) for axis in poses.position.T], axis=1)
+        return _matrices(Slerp(poses.time, turns)(t).as_matrix(), place)
+    place = CubicSpline(poses.time, poses.position, bc_type="clamped")(t)
+    return _matrices(RotationSpline(poses.time, turns)(t).as_matrix(), place)
+
+
+def read_poses(file: Path) -> Poses:
+    """Return the poses of a CSV file with the columns :data:`COLUMNS` in any order.
+
+    Raises
+    ------
+    InputError
+        Missing columns, fields that are no finite numbers, quaternions of length zero, times that do not ascend, fewer
+        than two rows: with the row's number, which counts the heading as 1.
+    """
+    try:
+        with file.open(newline="", encoding="utf-8-sig") as stream:
+            rows = list(csv.reader(stream))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(
+            f"{file.name} cannot be read as CSV: {error}.", remedy="Save it as UTF-8 text."
+        ) from error
+    heading = [name.strip() for name in rows[0]] if rows else []
+    missing = [name for name in COLUMNS if name not in heading]
+    if missing:
+        raise InputError(
+            f"{file.name} has no column {', '.join(missing)}.",
+            remedy=f"Its first line is {','.join(COLUMNS)}.",
+        )
+    if len(rows) - 1 > MOST_ROWS:
+        raise InputError(f"{file.name} has more than {MOST_ROWS} rows.", remedy="Keep fewer poses a second.")
+    places = [heading.index(name) for name in COLUMNS]
+    table: list[list[float]] = []
+    for number, row in enumerate(rows[1:], start=2):
+        if not any(field.strip() for field in row):
+            continue
+        try:
+            values = [float(row[place]) for place in places]
+        except (ValueError, IndexError):
+            raise InputError(f"Row {number} of {file.name} is not a row of numbers.") from None
+        if not all(map(math.isfinite, values)):
+            raise InputError(f"Row {number} of {file.name} holds a number that is not finite.")
+        if not any(values[4:]):
+            raise InputError(
+                f"The quaternion in row {number} of {file.name} is zero.", remedy="Not turned is 1, 0, 0, 0."
+            )
+        if table and values[0] <= table[-1][0]:
+            raise InputError(
+                f"The time in row {number} of {file.name} is not after the one before.",
+                remedy="Sort the rows by time, each once.",
+            )
+        table.append(values)
+    if len(table) < 2:
+        raise InputError(
+            f"{file.name} holds fewer than two poses.", remedy="An object at rest needs no motion."
+        )
+    numbers = np.array(table)
+    return Poses(numbers[:, 0], numbers[:, 1:4], numbers[:, 4:])
+
+
+@lru_cache(maxsize=16)
+def _cached_poses(file: Path, changed: int, size: int) -> Poses:
+    """Read a file once for each of its versions."""
+    del changed, size
+    return read_poses(file)
+
+
+def _matrices(rotation: Array, position: Array) -> Array:
+    """Return 4 × 4 matrices of rotations (n, 3, 3) and positions (n, 3)."""
+    matrices = np.zeros((len(rotation), 4, 4))
+    matrices[:, :3, :3], matrices[:, :3, 3], matrices[:, 3, 3] = rotation, position, 1.0
+    return matrices

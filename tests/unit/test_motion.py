@@ -1,0 +1,142 @@
+"""Rigid motions: poses at any time, and bad files of poses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from scanner_sim.errors import InputError
+from scanner_sim.frames import pose_matrix, rotation_about
+from scanner_sim.scene.motion import COLUMNS, RigidMotion, read_poses
+from scanner_sim.units import FROM_FILE
+
+START = pose_matrix(rotation_about([0.0, 0.0, 1.0], 0.3), [1.0, 2.0, 10.0])
+HEAD = ",".join(COLUMNS)
+
+
+def motion(**keys: Any) -> Any:
+    return TypeAdapter(RigidMotion).validate_python(keys, context=FROM_FILE)
+
+
+def point(time: str, x: str, angle: str) -> dict[str, Any]:
+    return {
+        "time": time,
+        "position": [x, "0 m", "10 m"],
+        "rotation": {"axis": "y", "angle": angle},
+    }
+
+
+def test_a_twist_moves_and_turns_evenly() -> None:
+    """10 mm/s and 1 deg/s: after 30 s 0.3 m and half a right angle, about the scanner's axis through the origin."""
+    twist = motion(
+        type="twist", velocity=["10 mm/s", "0 m/s", "-5 mm/s"], turn_rate=["0 deg/s", "1.5 deg/s", "0 deg/s"]
+    )
+    poses = twist.scanner_from_object([0.0, 30.0], START)
+    np.testing.assert_allclose(poses[0], START, atol=1e-15)
+    np.testing.assert_allclose(poses[1, :3, 3], [1.3, 2.0, 9.85], atol=1e-12)
+    expected = rotation_about([0.0, 1.0, 0.0], np.pi / 4) @ START[:3, :3]
+    np.testing.assert_allclose(poses[1, :3, :3], expected, atol=1e-12)
+
+
+def test_a_twist_is_a_right_handed_turn() -> None:
+    """Positive about y (down) brings x to −z: an object that is right of its origin comes nearer."""
+    twist = motion(type="twist", turn_rate=["0 deg/s", "1 deg/s", "0 deg/s"])
+    moved = twist.scanner_from_object(1.0, np.eye(4))[0] @ [1.0, 0.0, 0.0, 1.0]
+    assert moved[2] == pytest.approx(-np.sin(np.pi / 180.0), rel=1e-12)
+
+
+def test_linear_waypoints_are_even_between() -> None:
+    path = motion(
+        type="waypoints",
+        interpolation="linear",
+        points=[point("1 s", "0 m", "0 deg"), point("3 s", "1 m", "40 deg"), point("4 s", "1 m", "40 deg")],
+    )
+    poses = path.scanner_from_object([0.0, 1.5, 3.5, 9.0], START)
+    np.testing.assert_allclose(poses[:, 0, 3], [0.0, 0.25, 1.0, 1.0], atol=1e-12)
+    np.testing.assert_allclose(poses[1, :3, :3], rotation_about([0, 1, 0], np.radians(10.0)), atol=1e-12)
+    np.testing.assert_allclose(poses[0, :3, :3], np.eye(3), atol=1e-12)
+
+
+def test_smooth_waypoints_pass_their_poses_without_a_kink() -> None:
+    """The given poses are met; velocity has no step at them and none at the ends; matrices stay rotations."""
+    path = motion(
+        type="waypoints",
+        points=[
+            point(f"{t} s", f"{x} m", f"{a} deg")
+            for t, x, a in ((0, 0, 0), (1, 1, 30), (3, 0.5, 80), (4, 2, 60))
+        ],
+    )
+    poses = path.scanner_from_object([0.0, 1.0, 3.0, 4.0], START)
+    np.testing.assert_allclose(poses[:, 0, 3], [0.0, 1.0, 0.5, 2.0], atol=1e-12)
+    np.testing.assert_allclose(
+        poses[:, :3, :3], [rotation_about([0, 1, 0], np.radians(a)) for a in (0, 30, 80, 60)], atol=1e-9
+    )
+    small = 1e-4
+    for time in (0.0, 1.0, 3.0, 4.0):
+        before, at, after = path.scanner_from_object([time - small, time, time + small], START)
+        np.testing.assert_allclose((after - at)[:3, 3], (at - before)[:3, 3], atol=20.0 * small**2)
+        if 0.0 < time < 4.0:
+            np.testing.assert_allclose((after - at)[:3, :3], (at - before)[:3, :3], atol=20.0 * small**2)
+    inside = path.scanner_from_object(np.linspace(0.0, 4.0, 200), START)[:, :3, :3]
+    np.testing.assert_allclose(
+        inside @ np.swapaxes(inside, 1, 2), np.tile(np.eye(3), (200, 1, 1)), atol=1e-12
+    )
+
+
+def test_a_file_of_poses_is_read(tmp_path: Path) -> None:
+    """Columns in any order, quaternions of any length, empty lines passed over."""
+    file = tmp_path / "poses.csv"
+    names = [*COLUMNS[4:], *COLUMNS[:4]]
+    file.write_text(f"{','.join(names)}\n2,0,0,0,0,0,0,5\n\n2,0,2,0,2,1,0,5\n", encoding="utf-8")
+    poses = motion(type="file", file=str(file)).scanner_from_object([1.0, 2.0], START)
+    np.testing.assert_allclose(poses[:, :3, 3], [[0.5, 0.0, 5.0], [1.0, 0.0, 5.0]])
+    np.testing.assert_allclose(poses[1, :3, :3], rotation_about([0, 1, 0], np.pi / 2), atol=1e-12)
+    np.testing.assert_allclose(poses[0, :3, :3], rotation_about([0, 1, 0], np.pi / 4), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no column time_s"),
+        ("time_s,x_m,y_m,z_m\n0,0,0,0\n", "no column qw, qx, qy, qz"),
+        (f"{HEAD}\n0,0,0,5,1,0,0,0\n", "fewer than two poses"),
+        (f"{HEAD}\n0,0,0,5,1,0,0,0\n1,0,x,5,1,0,0,0\n", "Row 3 of bad.csv is not a row of numbers"),
+        (f"{HEAD}\n0,0,0,5,1,0,0,0\n1,0,0\n", "Row 3 of bad.csv is not a row of numbers"),
+        (
+            f"{HEAD}\n0,0,0,5,1,0,0,0\n1,0,nan,5,1,0,0,0\n",
+            "Row 3 of bad.csv holds a number that is not finite",
+        ),
+        (f"{HEAD}\n0,0,0,5,0,0,0,0\n1,0,0,5,1,0,0,0\n", "quaternion in row 2 of bad.csv is zero"),
+        (f"{HEAD}\n1,0,0,5,1,0,0,0\n1,0,0,5,1,0,0,0\n", "time in row 3 of bad.csv is not after"),
+    ],
+)
+def test_bad_files_are_refused_with_the_row(tmp_path: Path, text: str, message: str) -> None:
+    file = tmp_path / "bad.csv"
+    file.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        read_poses(file)
+    with pytest.raises(ValidationError, match=message):
+        motion(type="file", file=str(file))
+
+
+def test_bytes_are_no_table(tmp_path: Path) -> None:
+    file = tmp_path / "bad.csv"
+    file.write_bytes(b"\xff\xfe\x00\x9c")
+    with pytest.raises(InputError, match="cannot be read as CSV"):
+        read_poses(file)
+
+
+def test_waypoints_in_the_wrong_order_are_refused() -> None:
+    with pytest.raises(ValidationError, match=r"points\[1\].time: 1 s is not after the 2 s"):
+        motion(type="waypoints", points=[point("2 s", "0 m", "0 deg"), point("1 s", "1 m", "0 deg")])
+
+
+def test_speeds_need_units() -> None:
+    with pytest.raises(ValidationError, match="no unit"):
+        motion(type="twist", velocity=[0.01, 0.0, 0.0])
+    with pytest.raises(ValidationError):
+        motion(type="twist", turn_rate=["1 Hz", "0 deg/s", "0 deg/s"])
