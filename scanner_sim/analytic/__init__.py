@@ -13,4 +13,5 @@ nothing of the simulator's physics is used here: where both agree, two derivatio
 - :mod:`~scanner_sim.analytic.retroreflector`: retro-reflecting sheets, beside the laser and around it
 - :mod:`~scanner_sim.analytic.orbit`: eclipses, Earthshine and the Sun's place
 - :mod:`~scanner_sim.analytic.pose`: errors of the pose of a square array
+- :mod:`~scanner_sim.analytic.tracking`: a disc under the spot, and the bound on its centre
 """
