@@ -39,6 +39,7 @@ WHOLE = (
     "sweep",
     "compare",
     "calibrate",
+    "budget",
     "cli",
 )
 ORDER = {name: rank for rank, name in enumerate((*ROOMS, "analytic", *WHOLE), start=1)}

@@ -1,0 +1,167 @@
+"""The error budget in closed form: what each source makes of the range of a facing target.
+
+First order throughout: an estimate moves by g·δf when the line of charges f moves by δf, so that a source with the
+covariance C of the pixels has the variance gᵀ C g. g is the gradient of the estimator or, for the maximum-likelihood
+fit, that of weighted least squares, g_i = (m'_i/v_i)/Σ (m'_j²/v_j) with m' = ∂m/∂µ and the variance v of all sources
+(Winick, *J. Opt. Soc. Am. A* 3, 1986). Averages are over the place of the spot in its pixel.
+
+Not modelled: the light's slant, the loss above and below the pixels, the baseline's noise, noise that changes which
+pixel is the brightest, drift, Sun and Earth.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.analytic.beam import beam_radius
+from scanner_sim.analytic.estimators import ESTIMATORS
+from scanner_sim.analytic.geometry import range_error
+from scanner_sim.analytic.speckle import pixel_covariance
+from scanner_sim.analytic.spot import electrons, pixel_shares
+
+Floats = NDArray[np.float64]
+
+_LINE, _PHASES, _SPECKLE_PHASES = 24, 16, 4
+
+
+@dataclass(frozen=True)
+class Instrument:
+    """Plain numbers of an instrument and its target, SI; pixels for what ends in ``_px``.
+
+    ``estimator`` is a key of :data:`~scanner_sim.analytic.estimators.ESTIMATORS` or ``maximum_likelihood``;
+    ``corrected`` says whether its systematic error is taken off. ``power`` is the laser's, ``transmission`` that of
+    lens and filter. ``read``, ``dark`` and ``step`` are read noise, mean dark charge and step of the converter
+    [electron], ``response`` the pixels' relative spread; any of them is 0 where it is switched off, and so are ``shot``
+    (1 or 0) and the ``contrast`` of the speckle. ``sweep`` is the angle by which the beam moves in a dwell, ``half``
+    the deflection to each side over which shots are spread.
+    """
+
+    estimator: str
+    corrected: bool
+    focal_length: float
+    baseline: float
+    aperture: float
+    transmission: float
+    point_spread: float
+    wavelength: float
+    power: float
+    waist_radius: float
+    waist_distance: float
+    m_squared: float
+    pitch: float
+    efficiency: float
+    dwell: float
+    reflectance: float
+    shot: float
+    read: float
+    dark: float
+    step: float
+    response: float
+    contrast: float
+    sweep: float
+    jitter: float
+    wobble: float
+    synchronisation: float
+    readout: float
+    half: float
+
+
+def range_budget(bench: Instrument, distance: float) -> dict[str, float]:
+    """Return the standard deviation of the range [m] that each source makes at a distance [m], and ``all`` make.
+
+    σ_p of the peak and of the angle between projection and reception, f (1 + p²/f²) σ_e, become R²σ_p/(f d) (eq 4 at
+    Θ = 0). Errors σ_Θ of the deflection become ∂R/∂Θ σ_Θ with ∂R/∂Θ = d − R tanΘ, root mean square over ±half:
+    √(d² + R² half²/3).
+
+    Charge of the target: N = P T ρ A/(π R²) · QE t λ/(h c) (eq 19). Speckle is averaged over M = 1 + sweep R/(2w)
+    patterns (Baribeau, Rioux, *Appl. Opt.* 30, 1991).
+    """
+    radius = float(
+        beam_radius(distance, bench.waist_radius, bench.waist_distance, bench.wavelength, bench.m_squared)
+    )
+    along = math.hypot(0.5 * radius * bench.focal_length / distance, bench.point_spread) / bench.pitch
+    watts = bench.power * bench.transmission * bench.reflectance * bench.aperture**2 / (4.0 * distance**2)
+    charge = float(electrons(watts, bench.dwell, bench.wavelength, bench.efficiency))
+    speckle_scale = bench.contrast**2 / (1.0 + 0.5 * bench.sweep * distance / radius)
+    squares: dict[str, list[float]] = {name: [] for name in ("shot", "read", "quantisation", "response")}
+    speckle, bias = [0.0], []
+    every = _PHASES // _SPECKLE_PHASES
+    for number, phase in enumerate((np.arange(_PHASES) + 0.5) / _PHASES - 0.5):
+        centre = _LINE // 2 + float(phase)
+        m = charge * pixel_shares(centre, along, _LINE)
+        parts = {
+            "shot": bench.shot * (m + bench.dark),
+            "read": np.full(_LINE, bench.read**2),
+            "quantisation": np.full(_LINE, bench.step**2 / 12.0),
+            "response": (bench.response * m) ** 2,
+        }
+        variance = np.maximum(sum(parts.values(), np.zeros(_LINE)), 1.0)
+        if bench.contrast > 0.0:
+            variance = variance + speckle_scale * _even(bench, along) * m**2
+        slopes = _slopes(bench.estimator, m, centre, along, charge, variance)
+        for name, values in parts.items():
+            squares[name].append(float(slopes**2 @ values))
+        if bench.contrast > 0.0 and number % every == every // 2:
+            covariance = _speckle(bench, float(phase), along)
+            speckle.append(speckle_scale * charge**2 * float(slopes @ covariance @ slopes))
+        bias.append(_bias(bench, m, centre))
+    peak = {name: math.sqrt(float(np.mean(values))) for name, values in squares.items()}
+    peak["speckle"] = math.sqrt(sum(speckle) / _SPECKLE_PHASES)
+    peak["estimator"] = math.sqrt(float(np.mean(np.square(bias))))
+    per_metre = float(range_error(distance, 0.0, bench.focal_length, bench.baseline, 1.0))
+    found = {name: per_metre * bench.pitch * value for name, value in peak.items()}
+    p = bench.focal_length * bench.baseline / distance
+    apart = bench.focal_length * (1.0 + (p / bench.focal_length) ** 2) * bench.synchronisation
+    found["synchronisation"] = per_metre * apart
+    by_theta = math.hypot(bench.baseline, distance * bench.half / math.sqrt(3.0))
+    found |= {name: by_theta * getattr(bench, name) for name in ("jitter", "wobble", "readout")}
+    found["all"] = math.sqrt(sum(value**2 for value in found.values()))
+    return found
+
+
+def _slopes(
+    estimator: str, m: Floats, centre: float, along: float, charge: float, variance: Floats
+) -> Floats:
+    """Return ∂p̂/∂f of each pixel [pixel/electron] at the noise-free line."""
+    if estimator == "maximum_likelihood":
+        step = 1e-4
+        ahead, behind = (pixel_shares(centre + sign * step, along, _LINE) for sign in (1.0, -1.0))
+        moved = charge * (ahead - behind) / (2.0 * step)
+        return np.asarray(moved / variance / np.sum(moved**2 / variance))
+    slopes, change = np.zeros(_LINE), 1e-6 * float(m.max())
+    for pixel in range(_LINE):
+        lines = [m.copy(), m.copy()]
+        lines[0][pixel] += change
+        lines[1][pixel] -= change
+        one, other = (ESTIMATORS[estimator](line.tolist()) for line in lines)
+        slopes[pixel] = (one - other) / (2.0 * change)
+    return slopes
+
+
+def _bias(bench: Instrument, m: Floats, centre: float) -> float:
+    if bench.corrected or bench.estimator == "maximum_likelihood":
+        return 0.0
+    return ESTIMATORS[bench.estimator](m.tolist()) - centre
+
+
+def _speckle(bench: Instrument, phase: float, along: float) -> Floats:
+    """Return the covariance of the pixels' shares for C = 1, shape (_LINE, _LINE); beyond five pixels 0."""
+    few = 11
+    width = along * bench.pitch
+    middle = (few // 2 + phase) * bench.pitch
+    f_number = bench.focal_length / bench.aperture
+    inner = pixel_covariance(bench.wavelength, f_number, bench.pitch, middle, (width, width), few)
+    covariance = np.zeros((_LINE, _LINE))
+    start = _LINE // 2 - few // 2
+    covariance[start : start + few, start : start + few] = inner
+    return covariance
+
+
+def _even(bench: Instrument, along: float) -> float:
+    """Return the relative variance of a pixel for C = 1, by its cells: S_c/(area of pixel and line's height)."""
+    cell = 4.0 / math.pi * (bench.wavelength * bench.focal_length / bench.aperture) ** 2
+    return min(1.0, cell / (bench.pitch * 2.0 * math.sqrt(math.pi) * along * bench.pitch))

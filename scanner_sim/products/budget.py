@@ -1,0 +1,141 @@
+"""The error budget as a product: rows, tables and the folder they are written to."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.products.folder import Kind, write_folder, write_text
+from scanner_sim.products.provenance import versions
+
+BUDGET = Kind("budget.json", ("budget.json", "budget.csv", "budget.png", "dominance.png", "scenario.yaml"))
+"""The folder of an error budget."""
+
+
+@dataclass(frozen=True)
+class BudgetRow:
+    """The range error that one source makes at one distance; NaN where it is not known.
+
+    Attributes
+    ----------
+    mode
+        Way of ranging.
+    source
+        Name of the source, or ``all``.
+    range_m
+        Distance of the facing target [m].
+    analytic_m
+        Standard deviation by closed forms [m].
+    simulated_m, low_m, high_m
+        Standard deviation of simulated ranges, and its 95 % interval (χ²) [m].
+    freedom
+        Degrees of freedom of it.
+    """
+
+    mode: str
+    source: str
+    range_m: float
+    analytic_m: float
+    simulated_m: float
+    low_m: float
+    high_m: float
+    freedom: int
+
+
+@dataclass(frozen=True, eq=False)
+class Dominance:
+    """Parts of the stated variance of the range over an image.
+
+    Attributes
+    ----------
+    sources
+        Their names.
+    variances
+        Shape (sources, rows, columns) [m²]; NaN where there is no range.
+    theta, phi
+        Deflections of the columns and of the rows [rad].
+    """
+
+    sources: tuple[str, ...]
+    variances: NDArray[np.float64]
+    theta: NDArray[np.float64]
+    phi: NDArray[np.float64]
+
+    @property
+    def largest(self) -> NDArray[np.intp]:
+        """Number of the source with the largest part, shape (rows, columns); −1 where there is no range."""
+        known = np.isfinite(self.variances).all(axis=0)
+        return np.where(known, np.nan_to_num(self.variances).argmax(axis=0), -1)
+
+    def shares(self) -> dict[str, float]:
+        """Return for each source the share of the measured voxels in which its part is the largest."""
+        measured = self.largest[self.largest >= 0]
+        count = max(measured.size, 1)
+        return {name: float(np.sum(measured == number) / count) for number, name in enumerate(self.sources)}
+
+
+def budget_csv(rows: Sequence[BudgetRow]) -> str:
+    """Return the budget as a table, units in the names of the columns; nothing stands for NaN."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(field.name for field in fields(BudgetRow))
+    for row in rows:
+        values = asdict(row).values()
+        table.writerow([_short(value) if isinstance(value, float) else value for value in values])
+    return text.getvalue()
+
+
+def budget_json(rows: Sequence[BudgetRow], reflectance: float, dominance: Dominance | None) -> str:
+    """Return the budget as JSON, with the reflectance of the target and the shares of an image; null for NaN."""
+    plain = [
+        {name: None if isinstance(v, float) and math.isnan(v) else v for name, v in asdict(row).items()}
+        for row in rows
+    ]
+    result = {
+        "reflectance": reflectance,
+        "rows": plain,
+        "share_of_voxels_dominated": None if dominance is None else dominance.shares(),
+        "versions": dict(versions()),
+    }
+    return json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_budget(
+    rows: Sequence[BudgetRow],
+    folder: str | Path,
+    *,
+    reflectance: float,
+    scenario_yaml: str,
+    dominance: Dominance | None = None,
+    overwrite: bool = False,
+) -> tuple[Path, ...]:
+    """Write JSON, CSV, pictures and scenario, as :func:`scanner_sim.products.folder.write_folder` does.
+
+    Raises
+    ------
+    InputError, RunError
+        As there.
+    """
+    from scanner_sim.products.budget_picture import draw_budget, draw_dominance
+
+    writers: dict[str, Callable[[Path], None]] = {
+        "budget.json": lambda path: write_text(path, budget_json(rows, reflectance, dominance)),
+        "budget.csv": lambda path: write_text(path, budget_csv(rows)),
+        "budget.png": lambda path: draw_budget(rows, reflectance, path),
+        "scenario.yaml": lambda path: write_text(path, scenario_yaml),
+    }
+    if dominance is not None:
+        writers["dominance.png"] = lambda path: draw_dominance(dominance, path)
+    return write_folder(folder, BUDGET, writers, overwrite=overwrite)
+
+
+def _short(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.6g}"
