@@ -20,6 +20,7 @@ from scanner_sim.errors import InputError, ScenarioError
 from scanner_sim.lidar import fitted_pulse
 from scanner_sim.optics.filter import band_irradiance, peak_transmission
 from scanner_sim.products.exr import read_range_image
+from scanner_sim.products.folder import planned_files
 from scanner_sim.products.image import MEASURED_BY, RangeImage
 from scanner_sim.products.waveforms import read_waveforms
 from scanner_sim.ranging.fusion import crossing_distance
@@ -333,3 +334,19 @@ def test_charge_is_that_of_the_link_budget() -> None:
         scanner.lidar.photodiode.responsivity * scanner.lidar.pulse.pulse_energy * share / 1.602176634e-19
     )
     assert simulate(scenario)["tof.Y"][4, 4] == pytest.approx(expected, rel=0.01)
+
+
+def test_under_the_sun_the_planned_files_are_written(repo_root: Path, tmp_path: Path) -> None:
+    """With time of flight alone there is no background of the line to draw; the camera still takes its picture."""
+    config = repo_root / "configs" / "lighting_normal.yaml"
+    size = ["scan.rows=8", "scan.columns=8", "camera.width=48", "transport.background_bounces=2"]
+    for ranging in ("tof", "both"):
+        out = tmp_path / ranging
+        changes = [part for change in (*size, f"ranging={ranging}") for part in ("--set", change)]
+        result = CliRunner().invoke(app, ["run", str(config), "-o", str(out), "--device", "cpu", *changes])
+        assert result.exit_code == 0, result.output
+        scenario = load_scenario(config, [*size, f"ranging={ranging}"])
+        written = {path.name for path in out.iterdir()}
+        assert written == set(planned_files(scenario.output, lit=True, ranging=scenario.ranging))
+        assert ("background.png" in written) == (ranging == "both")
+        assert (read_range_image(out / "range.exr")["tof.background_w"] > 0.0).any()
