@@ -20,6 +20,8 @@ _FEWEST_EDGES = 4
 """Fewest crossings of an edge that make a circle with something to check it by."""
 _EDGE = 0.1
 """Error of an edge between two points, over their distance: the edge is blurred, and not straight between them."""
+_AT_REST = 1e-6
+"""Step, over the circle's size, from which it has come to rest."""
 _ROUNDS = 8
 """Gauss–Newton steps of a circle: they double the digits each, and three do."""
 
@@ -133,7 +135,9 @@ def circle_fit(samples: PatternSamples, response: Response) -> Centroid:
     linear = np.linalg.solve(normal, np.einsum("pn,pni,pn->pi", weight, design, square)[..., None])[..., 0]
     centre = 0.5 * linear[:, :2]
     radius = np.sqrt(np.maximum(linear[:, 2] + np.einsum("pi,pi->p", centre, centre), 1e-12))
-    for _ in range(_ROUNDS):
+    # A row that has come to rest stays as it is: no result depends on the batch.
+    moving = enough
+    for round_ in range(_ROUNDS + 1):
         away = x - centre[:, None]
         distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-9)
         residual = distance - radius[:, None]
@@ -141,11 +145,14 @@ def circle_fit(samples: PatternSamples, response: Response) -> Centroid:
         tame = weight * np.minimum(1.0, 2.0 * scale[:, None] / np.maximum(np.abs(residual), 1e-12))
         jacobian = np.concatenate([-away / distance[..., None], -ones], axis=-1)
         normal = np.einsum("pn,pni,pnj->pij", tame, jacobian, jacobian) + 1e-12 * np.eye(3)
+        if round_ == _ROUNDS or not moving.any():
+            break
         change = np.linalg.solve(normal, -np.einsum("pn,pni,pn->pi", tame, jacobian, residual)[..., None])[
             ..., 0
         ]
         # A circle through an arc that hardly bends may run away; half its radius a step is enough for any other.
-        change = np.clip(change, -0.5, 0.5)
+        change = np.where(moving[:, None], np.clip(change, -0.5, 0.5), 0.0)
+        moving = moving & (np.abs(change).max(axis=1) > _AT_REST)
         centre, radius = centre + change[:, :2], np.abs(radius + change[:, 2])
     # Four edges leave one residual, which may be small by chance: no edge is better than the interpolation.
     apart = np.hypot(np.diff(samples.theta, axis=1), np.diff(samples.phi, axis=1))

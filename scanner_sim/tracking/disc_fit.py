@@ -16,6 +16,8 @@ _ROUNDS = 12
 """Steps of the adjustment; from a circle or a mean of hits six do."""
 _MOST = 0.3
 """Largest step of centre and radius in one round, over the radius."""
+_AT_REST = 1e-6
+"""Step, over radius and amplitude, from which a fit has come to rest: a thousandth of any σ."""
 _SHORTEST = 1e-3
 """Travel over spot below which the mean along it is taken as the value in its middle."""
 _ROOT_PI = float(np.sqrt(2.0 * np.pi))
@@ -72,7 +74,9 @@ def disc_fit(
         loose = 1e-3 * known if sigma_radius is None else np.asarray(sigma_radius, dtype=np.float64)
         prior = 1.0 / np.broadcast_to(loose, (rows,)) ** 2
     amplitude, ground = response.target - response.ground, response.ground
-    # The last round only evaluates: covariance and misfit are those at the solution.
+    # A row that has come to rest stays as it is, whatever its neighbours still do: no result depends on the batch. The
+    # last round only evaluates: covariance and misfit are those at the solution.
+    moving = usable
     for round_ in range(_ROUNDS + 1):
         share, by_distance, direction = _share(angles - centre[:, None], travel, size, blur)
         model = ground[:, None] + amplitude[:, None] * share
@@ -92,10 +96,12 @@ def disc_fit(
         right[:, 2] += prior * size * (known - size)
         trace = np.einsum("pii->p", normal)
         normal += (1e-12 * np.where(trace > 0.0, trace, 1.0))[:, None, None] * np.eye(5)
-        if round_ == _ROUNDS:
+        if round_ == _ROUNDS or not moving.any():
             break
         change = np.linalg.solve(normal, right[..., None])[..., 0]
         change[:, :3] = np.clip(change[:, :3], -_MOST, _MOST)
+        change[~moving] = 0.0
+        moving = moving & (np.abs(change).max(axis=1) > _AT_REST)
         change *= unit
         centre, size = centre + change[:, :2], np.maximum(size + change[:, 2], 0.1 * size)
         amplitude, ground = amplitude + change[:, 3], ground + change[:, 4]

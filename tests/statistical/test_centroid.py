@@ -6,6 +6,8 @@ Levels: a right program fails a test of this file for fewer than one in 10⁴ se
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -118,6 +120,20 @@ def test_figures_of_the_three_estimators(amplitude: float, share: float) -> None
         assert (z > 0.5).all()
         assert (z < 1.5).all()
     assert rms["fit"] < rms["circle"] < 0.5 * rms["hits"]
+
+
+def test_no_result_depends_on_the_batch() -> None:
+    """Claim: a pattern's centre is the same alone and among others, to rounding of sums (1e-9 of the radius)."""
+    place, travel = ideal(12, LissajousPattern(amplitude=8e-3))
+    centre = np.random.default_rng(37).uniform(-2e-3, 2e-3, (12, 2))
+    samples = samples_of(place, travel, centre, 0.05, place, 41)
+    together = estimates(samples)
+    names = [field.name for field in dataclasses.fields(samples)]
+    for row in (0, 5, 11):
+        one = PatternSamples(**{name: getattr(samples, name)[row : row + 1] for name in names})
+        for name, alone in estimates(one).items():
+            np.testing.assert_allclose(alone.centre[0], together[name].centre[row], atol=1e-9 * RADIUS)
+            np.testing.assert_allclose(alone.covariance[0], together[name].covariance[row], rtol=1e-6)
 
 
 def test_averaging_improves_as_it_should() -> None:
