@@ -9,6 +9,7 @@ nothing of the simulator's physics is used here: where both agree, two derivatio
 - :mod:`~scanner_sim.analytic.quadrature`: the image of the spot by dense integration
 - :mod:`~scanner_sim.analytic.estimators`: peak estimators on one line, one pixel after the other
 - :mod:`~scanner_sim.analytic.noise`: bounds and first-order errors of the spot's position
+- :mod:`~scanner_sim.analytic.budget`: what each source of error makes of the range of a facing target
 - :mod:`~scanner_sim.analytic.sun`: sunlight against laser light
 - :mod:`~scanner_sim.analytic.retroreflector`: retro-reflecting sheets, beside the laser and around it
 - :mod:`~scanner_sim.analytic.orbit`: eclipses, Earthshine and the Sun's place

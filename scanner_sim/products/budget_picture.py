@@ -98,7 +98,7 @@ def draw_dominance(dominance: Dominance, path: str | Path) -> None:
         picture[...] = to_rgb(_NOWHERE)
         for number in shown:
             picture[largest == number] = to_rgb(COLOURS[dominance.sources[number]])
-        figure = Figure(figsize=(6.6, 5.2), dpi=150, layout="constrained")
+        figure = Figure(figsize=(7.6, 5.2), dpi=150, layout="constrained")
         axes = figure.subplots()
         theta, phi = np.degrees(dominance.theta), np.degrees(dominance.phi)
         step = [0.5 * (a[1] - a[0]) if a.size > 1 else 0.5 for a in (theta, phi)]
