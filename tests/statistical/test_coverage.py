@@ -182,14 +182,13 @@ def test_coverage(processing: dict[str, Any]) -> None:
     its default; each plane has its own seed, hence its own pattern of the pixels' response. Expected: the mean 0 and
     the variance 1 of (estimate − truth)/σ, 95 % within 1.96 σ; χ² of three of the point: mean 3, 95 % below 7.81.
     Tolerance: the mean 0.02 and four standard errors, the variance 0.05, the share 1 %. The standard error is measured
-    from the planes: the pattern of the response is common to the voxels of a plane, so that it is 0.008 to
-    0.012, and half of that in ``even response``, where there is no pattern; that of the variance is 0.01. Power:
-    without the covariances of x and z, without the term of speckle (1.3 or more), or with the pattern left out of σ the
-    numbers leave their bounds.
+    from the planes: the pattern of the response is common to the voxels of a plane, so that it is 0.008 to 0.010, and
+    0.007 in ``even response``, where there is no pattern; that of the variance is 0.01. Power: without the term of
+    speckle the variance is 2.5 and χ²/3 is 1.5.
     """
     got = pulls(**processing)
     assert len(got.range) > 100_000
-    assert got.valid > 0.97
+    assert got.valid > 0.95
     for values in (got.range, *got.point.T):
         assert abs(values.mean()) < 0.02 + 4.0 * got.error_of_mean(values)
         assert values.var() == pytest.approx(1.0, abs=0.05)
@@ -233,7 +232,7 @@ def test_where_sigma_falls_short(processing: dict[str, Any], least: float, most:
     Set-up: the same planes. On surfaces that keep the laser's polarisation the speckle is √2 times stronger, and the
     instrument is not told: the variance is at most 2, the less the more other noise there is. Estimators without
     correction have systematic errors, up to 0.02 px (``blais_rioux_4``), 0.06 px (``parabola``) and 0.005 px
-    (``centre_of_mass``), which no σ holds. Expected: measured variances of 1.43, 2.03, 4.9 and 1.07. Tolerance: bounds
+    (``centre_of_mass``), which no σ holds. Expected: measured variances of 1.42, 1.98, 4.7 and 1.06. Tolerance: bounds
     wide enough for other draws of the planes.
     """
     got = pulls(**processing)
