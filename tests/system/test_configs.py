@@ -34,6 +34,7 @@ def test_all_of_them_are_here() -> None:
 def test_it_runs(path: Path, tmp_path: Path) -> None:
     arguments = ["run", str(path), "-o", str(tmp_path / "out"), "--device", "cpu"]
     arguments += ["--set", f"scan.rows={SIZE}", "--set", f"scan.columns={SIZE}", "--set", "camera.width=48"]
+    arguments += ["--set", "scan.motion=stepped"]  # few columns are far apart: a sweep would smear each over a degree
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 0, result.output
     scenario = load_scenario(path)
@@ -49,10 +50,12 @@ def test_it_runs(path: Path, tmp_path: Path) -> None:
         return
     # Meant to be looked at: most of the picture has a return, and the measured ranges are the true ones.
     assert image.valid.mean() > 0.15
-    best = "fused.range_m" if scenario.ranging == "both" else "range_m"
-    error = np.abs(image[best] - image["truth.range_m"])
-    # Time of flight has a floor of 10 mm: half of its errors are below 6.7 mm.
-    assert np.nanmedian(error) < (0.005 if scenario.ranging == "triangulation" else 0.01)
+    layer = "fused." if scenario.ranging == "both" else ""
+    error = np.abs(image[f"{layer}range_m"] - image["truth.range_m"])
+    # One pattern of speckle leaves 9 mm at 9 m, time of flight has a floor of 10 mm.
+    assert np.nanmedian(error) < 0.015
+    # Half of all normal errors are below 0.67 σ; spots on edges add to it.
+    assert np.nanmedian(error / image[f"{layer}sigma_range_m"]) < 1.0
     assert not result.stderr
 
 
