@@ -1,6 +1,7 @@
 """How exact the light transport is: beamlets against brute force, case by case.
 
-Run as ``python benchmarks/accuracy.py [--rays N] [--travel MRAD]``. Each shot is compared with N random rays (default 2²²);
+Run as ``python benchmarks/accuracy.py [--rays N] [--travel MRAD]``. Each shot is compared with N random rays (default
+2²²);
 the reference's own noise is in the figures: about 0.0008 pixel and 5e-5 of the energy.
 """
 

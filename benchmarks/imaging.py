@@ -101,10 +101,11 @@ class Rays:
             shots, _ = true_shots(aim, scenario.scanner.mirrors, 0)
             spots = trace_spots(loaded, optics, smooth, shots)
             chief = dr.arange(mi.UInt32, len(aim.shot)) * len(smooth.weights)
-            ground = light._ground(loaded, optics, smooth, spots, chief)
+            ground = light._ground(loaded, optics, smooth, shots, spots, chief)
             for members, beamlets in (
                 (dr.arange(mi.UInt32, len(aim.shot)), smooth),
                 (dr.compress(ground == light._UNEVEN), edge_beamlets(settings.uneven_beamlets)),
+                (dr.compress(ground == light._GRAZED), edge_beamlets(settings.edge_beamlets // 2)),
                 (dr.compress(ground == light._EDGE), edge_beamlets(settings.edge_beamlets)),
             ):
                 finer += dr.width(members) if beamlets is not smooth else 0

@@ -35,13 +35,22 @@ _FINE_BATCH = 1 << 22
 """Beamlets that are traced together where there are many: bounds the memory."""
 _BENT = 0.05
 """Departure of a beamlet's image from the tangent plane [pixel] that calls for more beamlets."""
-_DIFFERENT = 0.1
-"""Relative spread of the returned strength that calls for more beamlets."""
+_SLANT = 0.02
+"""Relative rise of the returned strength per standard deviation of the beam that calls for more: it shifts the
+light within each beamlet. A rise along the sweep does not."""
+_KINK = 0.03
+"""Departure of two opposite beamlets' mean strength from the chief one's, relative to the strongest, that calls for
+more."""
 _STEP = 0.5
 """The same departure [pixel] that can only be an edge of depth."""
+_SLIGHT = 0.01
+"""Weight of the beamlets beyond an edge below which the edge only grazes the light of a long sweep, whose outermost
+beamlets are far out."""
+_FAR = 4.0
+"""Standard deviations of the beam that make a sweep long."""
 _LONG = 2.0
 """Way of the spot along the line within a dwell [pixel] beyond which its light is no longer nearly Gaussian."""
-_SMOOTH, _UNEVEN, _EDGE = 0, 1, 2
+_SMOOTH, _UNEVEN, _EDGE, _GRAZED = 0, 1, 2, 3
 
 
 @dataclass
@@ -119,7 +128,7 @@ def render_light(
         dr.gather(mi.UInt32, loaded.object_of, shape),
         dr.gather(mi.UInt32, loaded.material_of, shape),
     )
-    ground = _ground(loaded, bench, beamlets, spots, chief)
+    ground = _ground(loaded, bench, beamlets, shots, spots, chief)
     dr.eval(truth, ground)
 
     def groups() -> Iterator[Light]:
@@ -128,7 +137,12 @@ def render_light(
             clusters = cluster(spots, smooth, len(beamlets.weights), 1)
             direct = Light(smooth, shots.some(smooth).number, clusters)
             yield from _with_bounces(loaded, bench, settings, shots, seed, direct)
-        for kind, count in ((_UNEVEN, settings.uneven_beamlets), (_EDGE, settings.edge_beamlets)):
+        finer = {
+            _UNEVEN: settings.uneven_beamlets,
+            _GRAZED: max(settings.uneven_beamlets, settings.edge_beamlets // 2),
+            _EDGE: settings.edge_beamlets,
+        }
+        for kind, count in finer.items():
             members = dr.compress(ground == kind)
             together = max(1, _FINE_BATCH // count)
             for start in range(0, dr.width(members), together):
@@ -144,7 +158,7 @@ def render_light(
 def _finely(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, shots: Shots) -> Clusters:
     """Trace shots again with many beamlets, and keep the shape of their light."""
     spots = trace_spots(loaded, bench, beamlets, shots)
-    dr.eval(spots.power, spots.position, spots.sigma)
+    dr.eval(spots.power, spots.position, spots.sigma, spots.across, spots.coherence)
     return cluster(spots, dr.arange(mi.UInt32, dr.width(shots.number)), len(beamlets.weights), _CLUSTERS)
 
 
@@ -174,11 +188,14 @@ def _with_bounces(
         yield Light(index, own.number, direct.clusters.part(some).joined(late))
 
 
-def _ground(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, spots: Spots, chief: Any) -> Any:
-    """Tell what each shot's beam meets: smooth ground, uneven ground or an edge.
+def _ground(
+    loaded: LoadedScene, bench: Bench, beamlets: Beamlets, shots: Shots, spots: Spots, chief: Any
+) -> Any:
+    """Tell what each shot's beam meets: smooth ground, uneven ground, an edge, or an edge that only grazes it.
 
-    Where beamlets disagree on material or visibility there is an edge; where they leave the tangent plane of the
-    chief beamlet, or return unequally, the ground is uneven.
+    Where beamlets disagree with the chief one on material or visibility, or lie far off its tangent plane, there is an
+    edge, which only grazes the light where the outermost do; where they leave the plane a little or return
+    unequally, the ground is uneven.
     """
 
     def beamlet(values: Any, number: int) -> Any:
@@ -193,18 +210,34 @@ def _ground(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, spots: Spots,
     twist = to_waist / dr.opaque(mi.Float, bench.laser.rayleigh_length)
     cosine = dr.rsqrt(1.0 + dr.square(twist))
     sine = twist * cosine
-    edge, farthest = mi.Bool(False), mi.Float(0.0)
-    weakest = strongest = beamlet(spots.strength, 0)
+    laser = bench.laser
+    width = dr.opaque(mi.Float, 0.5 * laser.waist_radius) * dr.sqrt(1.0 + dr.square(twist))
+    swept = dr.sqrt(dr.square(shots.travel_theta) + dr.square(shots.travel_phi))
+    swept *= beamlet(spots.distance, 0) / width
+    beyond, farthest, kink = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
+    rise_a, rise_b = mi.Float(0.0), mi.Float(0.0)
+    strength = [beamlet(spots.strength, number) for number in range(len(beamlets.weights))]
+    strongest = strength[0]
     for number, (a, b) in enumerate(beamlets.nodes.tolist()[1:], 1):
-        moment = float(beamlets.times[number])
-        edge |= dr.gather(mi.UInt32, loaded.material_of, beamlet(spots.shape, number)) != material
-        edge |= beamlet(spots.seen, number) != seen
         flat = position + slope_a * (a * cosine - b * sine) + slope_b * (a * sine + b * cosine)
-        flat += slope_time * moment
-        farthest = dr.maximum(farthest, dr.abs(beamlet(spots.position, number) - flat))
-        strength = beamlet(spots.strength, number)
-        weakest, strongest = dr.minimum(weakest, strength), dr.maximum(strongest, strength)
-    edge |= (seen == 1) & (farthest > _STEP)
-    uneven = (seen == 1) & ((farthest > _BENT) | (dr.abs(slope_time) > _LONG))
-    uneven |= strongest - weakest > _DIFFERENT * strongest
-    return dr.select(edge, mi.UInt32(_EDGE), dr.select(uneven, mi.UInt32(_UNEVEN), mi.UInt32(_SMOOTH)))
+        flat += slope_time * float(beamlets.times[number])
+        departure = dr.select(seen == 1, dr.abs(beamlet(spots.position, number) - flat), 0.0)
+        differs = dr.gather(mi.UInt32, loaded.material_of, beamlet(spots.shape, number)) != material
+        differs |= (beamlet(spots.seen, number) != seen) | (departure > _STEP)
+        weight = float(beamlets.weights[number])
+        beyond += dr.select(differs, weight, 0.0)
+        rise_a += weight * a * strength[number]
+        rise_b += weight * b * strength[number]
+        farthest = dr.maximum(farthest, departure)
+        strongest = dr.maximum(strongest, strength[number])
+        if (number - 1) % 6 < 3:
+            mean = 0.5 * (strength[number] + strength[number + 3])
+            kink = dr.maximum(kink, dr.abs(mean - strength[0]))
+    grazed = beyond > 0.0
+    edge = beyond > _SLIGHT * dr.minimum(swept * (1.0 / _FAR), 1.0)
+    uneven = (farthest > _BENT) | ((seen == 1) & (dr.abs(slope_time) > _LONG))
+    # Times have nothing in common with places: this is the rise across the beam alone, the sweep's left out.
+    rise = dr.sqrt(dr.square(rise_a) + dr.square(rise_b)) / (1.0 - beamlets.width**2)
+    uneven |= (kink > _KINK * strongest) | (rise > _SLANT * strongest)
+    ground = dr.select(uneven, mi.UInt32(_UNEVEN), _SMOOTH)
+    return dr.select(edge, _EDGE, dr.select(grazed, _GRAZED, ground))
