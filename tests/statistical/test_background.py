@@ -129,7 +129,13 @@ def test_a_glossy_sphere_agrees_with_brute_force() -> None:
     from scanner_sim.scene.loader import load_scene
 
     place = (-0.3, 0.0, 6.0)
-    ball = {"name": "ball", "shape": "sphere", "diameter": 1.2, "position": place, "material": "weathered_aluminium"}
+    ball = {
+        "name": "ball",
+        "shape": "sphere",
+        "diameter": 1.2,
+        "position": place,
+        "material": "weathered_aluminium",
+    }
     loaded = load_scene(Scene(objects=({**WALL, "material": GREY}, ball)))
     light, albedo = sunlit()
     voxels = [(32, 24), (24, 30), (40, 34)]
