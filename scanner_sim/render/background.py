@@ -38,6 +38,9 @@ from scanner_sim.streams import Stream, generator
 _PATHS_TOGETHER = 1 << 21
 _MOST_SAMPLES = 64
 """Largest factor of the samples where rows are sparse."""
+_NOTHING = 1e-12
+"""Radiance per unit of the Sun's irradiance [1/sr] that counts as none: far smaller numbers come from the filter's
+tails, and threads may round their products, below 1e-38 W, to 0 or not."""
 _NEIGHBOURS = 8
 """Bins to either side over which the squared error is averaged."""
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
@@ -151,8 +154,9 @@ def _assembled(view: View, bench: Bench, halves: list[Any]) -> Panorama:
     squares = [dr.square(layer) for layer in convolved(apart, view.bins, window / window.sum())]
     near = np.full(2 * _NEIGHBOURS + 1, 1.0 / (2 * _NEIGHBOURS + 1))
     errors = [dr.sqrt(_over_rows(layer, view)) for layer in convolved(squares, view.bins, near)]
-    dr.eval(in_band, out_of_band, errors)
-    return Panorama(view, in_band, out_of_band, *errors)
+    layers = [dr.select(layer > _NOTHING, layer, 0.0) for layer in (in_band, out_of_band, *errors)]
+    dr.eval(layers)
+    return Panorama(view, *layers)
 
 
 def _over_rows(layer: Any, view: View) -> Any:

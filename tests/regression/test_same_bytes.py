@@ -51,6 +51,13 @@ def test_any_batch_size(scenario: Scenario, image: RangeImage, batch: int) -> No
     assert same(simulate(scenario, device="cpu", batch=batch), image)
 
 
+def test_any_batch_size_under_the_sun(repo_root: Path) -> None:
+    lit = load_scenario(
+        repo_root / "configs" / "lighting_full_shadow.yaml", ["scan.rows=12", "scan.columns=40"]
+    )
+    assert same(simulate(lit, device="cpu", batch=7), simulate(lit, device="cpu"))
+
+
 def test_one_shot_at_a_time(scenario: Scenario) -> None:
     few = scenario.model_copy(update={"scan": scenario.scan.model_copy(update={"rows": 3, "columns": 3})})
     assert same(simulate(few, device="cpu", batch=1), simulate(few, device="cpu"))
