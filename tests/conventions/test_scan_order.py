@@ -52,3 +52,15 @@ def test_aim_keeps_the_number_of_its_shot() -> None:
     theta, phi = SCAN.angles()
     np.testing.assert_array_equal(aim.theta, theta[[3, 2, 3]])
     np.testing.assert_array_equal(aim.phi, phi[[1, 0, 2]])
+
+
+def test_a_sweep_goes_from_the_middle_of_one_column_to_the_next() -> None:
+    """Travel is positive where Θ grows, and the time is the middle of the dwell; a lone column or a step stays."""
+    aim = raster_aim(SCAN, np.array([0, 5], dtype=np.uint32), 50e-6)
+    np.testing.assert_allclose(aim.travel_theta, 0.1)
+    np.testing.assert_array_equal(aim.travel_phi, 0.0)
+    np.testing.assert_allclose(aim.time, (25e-6, 275e-6))
+    stepped = SCAN.model_copy(update={"motion": "stepped"})
+    lone = RasterScan(rows=2, columns=1, horizontal=(0.1, 0.1), vertical=(0.0, 0.3))
+    for scan in (stepped, lone):
+        assert not raster_aim(scan, np.array([0, 1], dtype=np.uint32), 50e-6).travel_theta.any()

@@ -71,3 +71,16 @@ def test_pixel_has_its_centre_at_its_number(device: Device) -> None:
     assert np.argmax(signal.lines()[0]) == 13
     peaks = find_peaks(signal, sensor, Processing(), 50e-6)
     np.testing.assert_allclose(peaks.position.numpy(), [13.0, 13.5], atol=1e-4)
+
+
+def test_a_receiver_that_looks_further_right_sees_the_spot_nearer(device: Device) -> None:
+    """Positive synchronisation turns the lens's axis to the right of the spot, whose p grows by f e."""
+    import mitsuba as mi
+
+    from scanner_sim.render.transport import Bench, out_of_step
+    from scanner_sim.scanner import Scanner
+
+    scanner = Scanner()
+    bench = Bench(scanner.laser, scanner.receiver, 0.05, 1.0, 50e-6, 250e-6, 0.0)
+    moved = out_of_step(bench, mi.Float(0.0), mi.Float(1e-5))
+    np.testing.assert_allclose(moved.numpy(), 1e-6, rtol=1e-5)

@@ -75,7 +75,7 @@ def quiet(correction: object) -> Scenario:
         schema=1,
         scanner={
             "laser": {"speckle": False},
-            "mirrors": {"jitter": 0.0},
+            "mirrors": {"jitter": 0.0, "wobble": 0.0, "synchronisation": 0.0},
             "position_sensor": {"noise": dict.fromkeys(off, False)},
         },
         scene={
