@@ -12,7 +12,7 @@ from PIL import Image
 
 from scanner_sim.config import load_scenario
 from scanner_sim.products.exr import read_range_image
-from scanner_sim.products.folder import FILES, write_run
+from scanner_sim.products.folder import FILES, TIMED_PICTURES, write_run
 from scanner_sim.products.image import CHANNELS, RangeImage
 from scanner_sim.render.device import Device
 from scanner_sim.simulate import simulate
@@ -66,8 +66,8 @@ def test_trimesh_reads_the_points(run: tuple[RangeImage, Path]) -> None:
 
 def test_pictures_and_summary_belong_to_the_image(run: tuple[RangeImage, Path]) -> None:
     image, folder = run
-    assert {path.name for path in folder.iterdir()} == set(FILES)
-    for name in ("range.png", "shaded.png", "signal.png"):
+    assert {path.name for path in folder.iterdir()} == {*FILES, *TIMED_PICTURES}
+    for name in ("range.png", "shaded.png", "signal.png", "tof.png"):
         with Image.open(folder / name) as picture:
             picture.verify()
     found = json.loads((folder / "summary.json").read_text())
