@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from scanner_sim.detector.encoders import read_encoders
-from scanner_sim.detector.noise import NoiseSwitches
 from scanner_sim.errors import InputError
+from scanner_sim.optics.deflection import ERRORS
 from scanner_sim.products.budget import BudgetRow, Dominance
 from scanner_sim.ranging.triangulation import position_sigma, range_from_position, range_jacobian
 from scanner_sim.render.device import DeviceChoice
@@ -48,14 +48,6 @@ _QUIET, _ALL = "estimator", "all"
 
 _NOISE = {"shot": "shot", "read": "read", "quantisation": "quantisation", "response": "prnu"}
 """Switch of the detector for each source of noise."""
-_MIRRORS = {
-    "jitter": ("jitter",),
-    "wobble": ("wobble",),
-    "synchronisation": ("synchronisation",),
-    "readout": ("readout_noise", "readout_step"),
-    "drift": ("drift_zero", "drift_scale"),
-}
-"""Keys of the mirrors for each source of their errors."""
 _SYSTEMATIC = (_QUIET, "response")
 """Sources that are the same for all shots at one place: one value for each place."""
 
@@ -67,7 +59,7 @@ def sources_of(scenario: Scenario) -> tuple[str, ...]:
     course = mirrors.temperature
     names = [name for name, switch in _NOISE.items() if getattr(noise, switch)]
     names += ["speckle"] if scanner.laser.speckle else []
-    moved = [name for name, keys in _MIRRORS.items() if any(getattr(mirrors, key) for key in keys)]
+    moved = [name for name, keys in ERRORS.items() if any(getattr(mirrors, key) for key in keys)]
     names += [name for name in moved if name != "drift" or course.rate or course.amplitude]
     return (*names, _QUIET, _ALL)
 
@@ -230,17 +222,13 @@ def _alone(scenario: Scenario, name: str, scene: Scene) -> Scenario:
     """Return the scenario in the dark before a scene, with one source of error, or with ``all``."""
     scanner = scenario.scanner.model_copy(update={"laser_off": 0.0})
     if name != _ALL:
-        given = scanner.position_sensor.noise
-        kept = {"dark", "saturation"} | ({_NOISE[name]} if name in _NOISE else set())
-        switches = {key: key in kept and getattr(given, key) for key in NoiseSwitches.model_fields}
-        still = {key: 0.0 for source, keys in _MIRRORS.items() if source != name for key in keys}
+        sensor = scanner.position_sensor
+        switches = sensor.noise.only("dark", "saturation", *([_NOISE[name]] if name in _NOISE else []))
         scanner = scanner.model_copy(
             update={
                 "laser": scanner.laser.model_copy(update={"speckle": name == "speckle"}),
-                "mirrors": scanner.mirrors.model_copy(update=still),
-                "position_sensor": scanner.position_sensor.model_copy(
-                    update={"noise": NoiseSwitches(**switches)}
-                ),
+                "mirrors": scanner.mirrors.still(but=name),
+                "position_sensor": sensor.model_copy(update={"noise": switches}),
             }
         )
     processing = scenario.processing.model_copy(update={"range_gate": None})

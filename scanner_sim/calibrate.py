@@ -19,10 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.detector.noise import NoiseSwitches
 from scanner_sim.errors import RunError
-from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.optics.laser import Laser
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scanner import Scanner
@@ -41,8 +38,6 @@ _BEYOND = 0.25
 the brightest on which the spot is not centred."""
 _REACH = 9.0
 """Least height of a target in 1/e² radii of the beam."""
-_STILL = ("jitter", "wobble", "synchronisation", "readout_noise", "readout_step", "drift_zero", "drift_scale")
-"""What the mirrors do not do while they calibrate."""
 _FARTHEST = 1000.0
 """Range beyond which no target is set up [m]."""
 _THETA = 0.06
@@ -241,14 +236,16 @@ def _scan(scenario: Scenario, rows: int) -> RasterScan:
 def _quiet(scenario: Scenario, scene: Scene, scan: RasterScan) -> Scenario:
     """Return the scenario with another scene and scan, in the dark, without any noise or correction."""
     scanner = scenario.scanner
-    silent = NoiseSwitches(**dict.fromkeys(NoiseSwitches.model_fields, False))
-    still = scanner.mirrors.model_copy(update={name: 0.0 for name in _STILL if name in Mirrors.model_fields})
-    sensor = scanner.position_sensor.model_copy(update={"noise": silent})
-    laser = scanner.laser.model_copy(
-        update={name: False for name in ("speckle",) if name in Laser.model_fields}
-    )
+    sensor = scanner.position_sensor
+    sensor = sensor.model_copy(update={"noise": sensor.noise.only()})
+    laser = scanner.laser.model_copy(update={"speckle": False})
     bench = scanner.model_copy(
-        update={"laser": laser, "position_sensor": sensor, "mirrors": still, "laser_off": 0.0}
+        update={
+            "laser": laser,
+            "position_sensor": sensor,
+            "mirrors": scanner.mirrors.still(),
+            "laser_off": 0.0,
+        }
     )
     processing = scenario.processing.model_copy(update={"bias_correction": "none", "range_gate": None})
     return scenario.model_copy(

@@ -20,3 +20,7 @@ class NoiseSwitches(Part):
     """Full well and end of the converter."""
     quantisation: Switch = True
     """Whole numbers of the analogue-digital converter."""
+
+    def only(self, *kept: str) -> NoiseSwitches:
+        """Return the switches with all terms off but some, which stay as they are."""
+        return self.model_copy(update={name: False for name in type(self).model_fields if name not in kept})

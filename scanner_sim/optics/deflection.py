@@ -29,6 +29,15 @@ from scanner_sim.units import (
 
 Array = NDArray[np.float64]
 
+ERRORS: dict[str, tuple[str, ...]] = {
+    "jitter": ("jitter",),
+    "wobble": ("wobble",),
+    "synchronisation": ("synchronisation",),
+    "readout": ("readout_noise", "readout_step"),
+    "drift": ("drift_zero", "drift_scale"),
+}
+"""Sources of the mirrors' errors, and the keys of :class:`Mirrors` that make each."""
+
 
 class TemperatureCourse(Part):
     """How far the mirrors' temperature is from that of their calibration: rate · t + amplitude · sin(2π t/period)."""
@@ -81,6 +90,11 @@ class Mirrors(Part):
     """Drift of the encoders' scale with temperature, both axes."""
     temperature: TemperatureCourse = TemperatureCourse()
     """Temperature of the mirrors; by default it stays, and nothing drifts."""
+
+    def still(self, *, but: str | None = None) -> Mirrors:
+        """Return the mirrors without errors, or with those of one of the sources in :data:`ERRORS`."""
+        quiet = {key: 0.0 for source, keys in ERRORS.items() if source != but for key in keys}
+        return self.model_copy(update=quiet)
 
     def drift(self, deflection: Array, time: Array) -> Array:
         """Return by how much a drifted mirror points beyond its encoder's reading: ΔT (zero + scale · deflection).
