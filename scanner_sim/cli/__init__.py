@@ -52,6 +52,7 @@ Seed = Annotated[
 Device = Annotated[
     DeviceName, typer.Option(help="Compute on the processor or on an NVIDIA GPU; auto takes the GPU if any.")
 ]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing result.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 
@@ -72,7 +73,7 @@ def run(
     seed: Seed = None,
     device: Device = DeviceName.auto,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and stop.")] = False,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing result.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Simulate a scenario and write its range image, pictures and point cloud.
@@ -168,7 +169,7 @@ def orbit(
     override: Override = [],  # noqa: B006 (as above)
     seed: Seed = None,
     device: Device = DeviceName.auto,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing result.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Sweep one orbit: for each target the share of time in each condition of illumination.
@@ -208,7 +209,7 @@ def calibrate(
     override: Override = [],  # noqa: B006 (as above)
     seed: Seed = None,
     device: Device = DeviceName.auto,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Measure the systematic error of the peak estimator, and write the table that corrects it.
@@ -256,7 +257,7 @@ def budget(
     override: Override = [],  # noqa: B006 (as above)
     seed: Seed = None,
     device: Device = DeviceName.auto,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing result.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Tell where the range error comes from: each source alone and all together, against range.

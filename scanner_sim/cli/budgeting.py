@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import typer
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
-
 from scanner_sim.analytic.budget import Instrument, range_budget
-from scanner_sim.cli.report import scenario_of, warn
-from scanner_sim.cli.tables import print_table
-from scanner_sim.config import doubts, load_scenario, resolved_yaml
+from scanner_sim.cli.progress import progress_bar
+from scanner_sim.cli.report import scenario_of
+from scanner_sim.cli.scenarios import load_and_warn
+from scanner_sim.cli.tables import print_rows, print_table
+from scanner_sim.config import resolved_yaml
 from scanner_sim.products.budget import BUDGET, BudgetRow, write_budget
 from scanner_sim.products.folder import check_target
 from scanner_sim.render.device import DeviceChoice
@@ -46,16 +41,13 @@ def budget_scenario(
     ScannerSimError
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
-    scenario = load_scenario(config, overrides)
-    if not quiet:
-        for sentence in doubts(scenario):
-            warn(sentence)
+    scenario = load_and_warn(config, overrides, quiet)
     check_target(folder, overwrite, BUDGET)
     from scanner_sim.budget import HALF, distances_of, dominating, measure_budget
 
     distances = distances_of(scenario, count)
     dominance = None
-    with _progress(quiet) as (advance, say), scenario_of(config):
+    with progress_bar("source by source", quiet) as (advance, say), scenario_of(config):
         rows = measure_budget(scenario, distances, reflectance, device=device, progress=advance)
         if image:
             say("over the image")
@@ -73,7 +65,7 @@ def budget_scenario(
     )
     if quiet:
         return
-    _print_rows(budget_rows(rows))
+    print_rows(budget_rows(rows))
     closing = {"folder": str(folder), "files": ", ".join(path.name for path in paths)}
     if dominance is not None:
         shares = sorted(dominance.shares().items(), key=lambda share: -share[1])
@@ -136,39 +128,3 @@ def budget_rows(rows: Sequence[BudgetRow]) -> list[list[str]]:
 
 def _mm(metres: float) -> str:
     return "–" if math.isnan(metres) else f"{1e3 * metres:.3g}"
-
-
-def _print_rows(rows: list[list[str]]) -> None:
-    """Print the table: ruled on a terminal, plain in a pipe."""
-    heading, *body = rows
-    if sys.stdout.isatty():
-        table = Table()
-        for column, name in enumerate(heading):
-            table.add_column(Text(name), justify="right" if column else "left")
-        for row in body:
-            table.add_row(*map(Text, row))
-        Console().print(table)
-        return
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for row in rows:
-        cells = (
-            cell.rjust(w) if n else cell.ljust(w) for n, (cell, w) in enumerate(zip(row, widths, strict=True))
-        )
-        typer.echo("  ".join(cells).rstrip())
-
-
-@contextlib.contextmanager
-def _progress(quiet: bool) -> Iterator[tuple[Callable[[int, int], None], Callable[[str], None]]]:
-    """Show a bar on a terminal; give what moves it on and what names its stage."""
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield (lambda done, total: None), (lambda stage: None)
-        return
-    from rich.progress import Progress
-
-    with Progress(console=console, transient=True) as bar:
-        task = bar.add_task("source by source", total=None)
-        yield (
-            lambda done, total: bar.update(task, completed=done, total=total),
-            lambda stage: bar.update(task, description=stage),
-        )

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
-from rich.progress import Progress
 
-from scanner_sim.cli.report import scenario_of, warn
+from scanner_sim.cli.progress import progress_bar
+from scanner_sim.cli.report import scenario_of
+from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_table
-from scanner_sim.config import doubts, load_scenario
 from scanner_sim.errors import InputError
 from scanner_sim.products.bias_picture import BiasCurve, draw_bias
 from scanner_sim.render.device import DeviceChoice
@@ -43,21 +42,11 @@ def calibrate_scenario(
     for path in (file, picture):
         if path.exists() and not overwrite:
             raise InputError(f"{path} exists already.", remedy="Name another file, or add --overwrite.")
-    scenario = load_scenario(config, overrides)
-    if not quiet:
-        for sentence in doubts(scenario):
-            warn(sentence)
+    scenario = load_and_warn(config, overrides, quiet)
     from scanner_sim.calibrate import measure_bias
 
-    console = Console(stderr=True)
-    with Progress(console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
-        task = bar.add_task("along the line", total=None)
-        with scenario_of(config):
-            table, passages = measure_bias(
-                scenario,
-                device=device,
-                progress=lambda done, total: bar.update(task, completed=done, total=total),
-            )
+    with progress_bar("along the line", quiet) as (advance, _), scenario_of(config):
+        table, passages = measure_bias(scenario, device=device, progress=advance)
     from scanner_sim.signals.bias import computed_bias
     from scanner_sim.signals.bias_table import write_bias
 

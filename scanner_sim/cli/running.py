@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
 from scanner_sim.cli.plan import check_memory, plan, sunlit
+from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
+from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_table
-from scanner_sim.config import doubts, load_scenario
 from scanner_sim.products.folder import check_target, write_run
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.device import DeviceChoice
@@ -36,11 +35,7 @@ def run_scenario(
     ScannerSimError
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
-    scenario = load_scenario(config, overrides)
-    suspicions = doubts(scenario)
-    if not quiet:
-        for sentence in suspicions:
-            warn(sentence)
+    scenario = load_and_warn(config, overrides, quiet)
     check_target(folder, overwrite)
     if dry_run:
         print_table(plan(scenario, folder))
@@ -51,7 +46,7 @@ def run_scenario(
     from scanner_sim.simulate import simulate, simulate_waveforms
 
     camera = waveforms = None
-    with _progress(quiet) as (advance, say):
+    with progress_bar("simulating", quiet, "voxels") as (advance, say):
         with scenario_of(config):
             image = simulate(scenario, device=device, progress=advance)
             if scenario.output.pictures and sunlit(scenario):
@@ -92,49 +87,3 @@ def closing(image: RangeImage, paths: Sequence[Path]) -> dict[str, str]:
     rows["folder"] = str(paths[0].parent)
     rows["files"] = ", ".join(path.name for path in paths)
     return rows
-
-
-@contextlib.contextmanager
-def _progress(quiet: bool) -> Iterator[tuple[Callable[[int, int], None], Callable[[str], None]]]:
-    """Show a bar with rate and time left on a terminal, and nothing in a pipe.
-
-    Gives two functions: one that takes the shots done and the shots in all, and one that says what is done now.
-    """
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
-        yield (lambda done, total: None), (lambda stage: None)
-        return
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        ProgressColumn,
-        Task,
-        TaskProgressColumn,
-        TextColumn,
-        TimeRemainingColumn,
-    )
-    from rich.text import Text
-
-    class Rate(ProgressColumn):
-        """Voxels per second."""
-
-        def render(self, task: Task) -> Text:
-            return Text("" if task.speed is None else f"{task.speed / 1e3:.0f} k voxels/s")
-
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TaskProgressColumn(),
-        Rate(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("starting", total=None)
-
-        def advance(done: int, total: int) -> None:
-            bar.update(task, description="simulating", completed=done, total=total)
-
-        def say(stage: str) -> None:
-            bar.update(task, description=stage)
-
-        yield advance, say

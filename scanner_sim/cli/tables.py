@@ -1,9 +1,9 @@
-"""Small tables of a word and a phrase: coloured on a terminal, plain in a pipe."""
+"""Small tables: ruled and coloured on a terminal, plain in a pipe."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 
 import typer
 from rich.console import Console
@@ -25,3 +25,31 @@ def print_table(rows: Mapping[str, str]) -> None:
     width = max(map(len, rows), default=0)
     for word, phrase in rows.items():
         typer.echo(f"{word:<{width}}  {phrase}")
+
+
+def print_rows(rows: Sequence[Sequence[str]], left: Collection[int] = (0,)) -> None:
+    """Print a table on the standard output stream.
+
+    Parameters
+    ----------
+    rows
+        The heading and then the lines, all of one length.
+    left
+        Columns that are aligned to the left; the others stand to the right.
+    """
+    if sys.stdout.isatty():
+        heading, *body = rows
+        table = Table()
+        for column, name in enumerate(heading):
+            table.add_column(Text(name), justify="left" if column in left else "right")
+        for row in body:
+            table.add_row(*map(Text, row))
+        Console().print(table)
+        return
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    for row in rows:
+        cells = (
+            cell.ljust(width) if column in left else cell.rjust(width)
+            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
+        )
+        typer.echo("  ".join(cells).rstrip())

@@ -1,0 +1,25 @@
+"""A scenario as a verb gets it: loaded, and its doubtful sides told."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from scanner_sim.cli.report import warn
+from scanner_sim.config import doubts, load_scenario
+from scanner_sim.scenario import Scenario
+
+
+def load_and_warn(config: Path, overrides: Sequence[str], quiet: bool) -> Scenario:
+    """Return the scenario of a file; warn of what looks unintended, unless ``quiet``.
+
+    Raises
+    ------
+    ScenarioError
+        With all faults of the file.
+    """
+    scenario = load_scenario(config, overrides)
+    if not quiet:
+        for sentence in doubts(scenario):
+            warn(sentence)
+    return scenario
