@@ -2,7 +2,7 @@
 
 Standard deviation over the Cramér–Rao bound against the spot's width, at a largest pixel of 50 times the white noise;
 the same of the fit against that ratio; and the largest systematic error, with and without the computed table. The
-numbers of ``docs/theory.md`` are printed.
+numbers of ``docs/theory/signals.md`` are printed.
 """
 
 from __future__ import annotations

@@ -51,7 +51,7 @@ RATIOS = {
     "maximum_likelihood": (1.00, 1.00, 1.00, 1.00),
 }
 """Standard deviation over the bound for the widths above, white noise of 1/50 of the largest pixel: the table of
-``docs/theory.md``. The parabola at 0.7 px lies below what is possible without bias, and has bias."""
+``docs/theory/signals.md``. The parabola at 0.7 px lies below what is possible without bias, and has bias."""
 
 HEIGHTS = (
     (5.0 * READ, READ),
@@ -179,7 +179,7 @@ def test_the_fit_reaches_the_bound(sigma: float, height: float, read: float) -> 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_efficiency_of_every_estimator(method: PeakMethod) -> None:
-    """Claim: the table of standard deviations over the bound in ``docs/theory.md``.
+    """Claim: the table of standard deviations over the bound in ``docs/theory/signals.md``.
 
     Set-up: white noise of 1/50 of the largest pixel, 24 000 lines at 30 places for each width. Expected: the table.
     Tolerance: 4 %: 3.9 standard errors of 0.46 % (28 cases, once in 400 000 seeds each), half of the last digit, and

@@ -159,11 +159,11 @@ def test_field_follows_the_full_jacobian(phi: float) -> None:
 
 
 def test_printed_forms_fall_short_as_the_table_says(repo_root: Path) -> None:
-    """Claim: the table of the printed eqs 4 and 5 over the exact forms in ``docs/theory.md``.
+    """Claim: the table of the printed eqs 4 and 5 over the exact forms in ``docs/theory/ranging.md``.
 
     Set-up: φ 0.3 rad; 1 µm with 10 µrad, and 50 µrad alone. Expected: each row of the table. Tolerance: its last digit.
     """
-    text = (repo_root / "docs" / "theory.md").read_text(encoding="utf-8")
+    text = (repo_root / "docs" / "theory" / "ranging.md").read_text(encoding="utf-8")
     for distance in (2.5, 10.0):
         for theta in (-0.5, 0.0, 0.5):
             four = geometry.range_error_printed(distance, F, D, 1.0) / geometry.range_error(
