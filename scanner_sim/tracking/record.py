@@ -1,0 +1,149 @@
+"""What a tracking run says of each visit to a target, and the run as a whole."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.tracking.measurement import TargetLooks
+from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.state import Refusal, TrackMode
+
+Array = NDArray[np.float64]
+
+
+class TrackStatus(IntEnum):
+    """Outcome of one visit to a target. The codes are stable: new ones are added at the end."""
+
+    MEASURED = 0
+    NOT_FOUND = 1
+    REFUSED = 2
+    OUT_OF_VIEW = 3
+    LIMITED = 4
+
+    @property
+    def sentence(self) -> str:
+        """What the code says, in words."""
+        return _SENTENCES[self]
+
+
+_SENTENCES = {
+    TrackStatus.MEASURED: "the target was measured, and the tracker took the place",
+    TrackStatus.NOT_FOUND: "the pattern shows no target",
+    TrackStatus.REFUSED: "something was seen whose size, shape or place is not the target's",
+    TrackStatus.OUT_OF_VIEW: "the pattern would leave the field of view, and was not run",
+    TrackStatus.LIMITED: "nothing was found, and the mirrors were at their limits during the pattern",
+}
+
+
+@dataclass(frozen=True)
+class TrackTarget:
+    """A target of a run.
+
+    Attributes
+    ----------
+    name
+        ``node/1`` for the first member of the array ``node``, row by row from the top left; else the object's name.
+    object
+        Name of the object that carries it.
+    looks
+        What the tracker knows of it.
+    expected
+        (Θ, φ, R) where it is looked for first, shape (3,) [rad, rad, m].
+    centre
+        Its centre in the object's frame, shape (3,) [m]: truth, which the tracker does not see.
+    """
+
+    name: str
+    object: str
+    looks: TargetLooks
+    expected: Array
+    centre: Array
+
+
+@dataclass(frozen=True)
+class PatternRecord:
+    """One visit to one target.
+
+    Attributes
+    ----------
+    number
+        Number of the visit in the run, from 0.
+    target
+        Name of the target.
+    time
+        Of the measured place [s]; the middle of the pattern where nothing was found.
+    mode, after
+        In which mode the pattern was run, and the mode after it.
+    refusal
+        Why the measurement was not taken.
+    status
+        :class:`TrackStatus`; 0 where the target was measured.
+    amplitude
+        Amplitude of the pattern along Θ [rad], without the sign of an inversion.
+    centre
+        Commanded centre (Θ, φ), shape (2,) [rad].
+    place, covariance
+        Measured (Θ, φ, R), shape (3,), and its covariance (3, 3) [rad, m]; NaN where none was found. A refused place
+        stays here, so that what was refused can be seen.
+    point, point_covariance
+        The same as x, y, z [m] in the scanner frame.
+    truth
+        True (Θ, φ, R) of the target's centre at ``time``, shape (3,).
+    truth_point
+        True x, y, z [m], shape (3,).
+    samples
+        Voxels of the pattern, arrays (1, points); (1, 0) where no pattern was run.
+    """
+
+    number: int
+    target: str
+    time: float
+    mode: TrackMode
+    after: TrackMode
+    refusal: Refusal
+    status: TrackStatus
+    amplitude: float
+    centre: Array
+    place: Array
+    covariance: Array
+    point: Array
+    point_covariance: Array
+    truth: Array
+    truth_point: Array
+    samples: PatternSamples
+
+
+@dataclass(frozen=True)
+class Track:
+    """A tracking run, finished or interrupted.
+
+    Attributes
+    ----------
+    records
+        Visits in the order of time.
+    targets
+        The targets, in the order in which they are visited.
+    seed
+        Seed of every random number.
+    scenario_yaml
+        The resolved scenario.
+    made_by
+        Name and version of the program.
+    warnings
+        Sentences on results that look unintended.
+    """
+
+    records: tuple[PatternRecord, ...]
+    targets: tuple[TrackTarget, ...]
+    seed: int
+    scenario_yaml: str
+    made_by: str
+    warnings: tuple[str, ...] = ()
+
+    def of(self, target: str) -> tuple[PatternRecord, ...]:
+        """Return the visits to a target."""
+        return tuple(record for record in self.records if record.target == target)
