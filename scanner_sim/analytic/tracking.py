@@ -87,12 +87,3 @@ def centre_bound(
     steps = np.array([0.02 * spot, 0.02 * spot, 0.02 * spot, 1e-3 * levels[1], 1e-3 * levels[1]])
     slopes = np.stack([(signal(at + d) - signal(at - d)) / (2.0 * d.sum()) for d in np.diag(steps)], axis=-1)
     return np.asarray(np.linalg.inv(slopes.T @ slopes / sigma**2)[:2, :2])
-
-
-def hits_move(place: Array, rate: Array, centre: Array, radius: float, delay: float) -> Array:
-    """Return by how much a delay moves the mean of hits, −delay · mean rate on the disc [rad], shape (2,).
-
-    To first order; ``place`` and ``rate`` [rad/s] are dense points of the pattern, shape (points, 2).
-    """
-    inside = np.hypot(*(place - centre).T) < radius
-    return np.asarray(-delay * rate[inside].mean(axis=0))

@@ -39,6 +39,7 @@ cube's width, and with it the longer path inside; specular reflection by the fro
 from __future__ import annotations
 
 import math
+from functools import cache
 from typing import Any, get_args
 
 import drjit as dr
@@ -60,20 +61,20 @@ _STRATA = 48
 """Facets per entry along each of two directions: the albedo is then good to 1e-3."""
 _TINY = 1e-12
 
-_registered: dict[str, type] = {}
-
 
 def register_retroreflector() -> type:
     """Make ``retroreflector`` known to Mitsuba's present variant, and return its class.
 
     Call it again after every change of the variant: a plugin belongs to the variant in which it was made.
     """
-    variant = str(mi.variant())
-    if variant not in _registered:
-        made = _bsdf_class()
-        mi.register_bsdf("retroreflector", made)
-        _registered[variant] = made
-    return _registered[variant]
+    return _registered(str(mi.variant()))
+
+
+@cache
+def _registered(variant: str) -> type:  # noqa: ARG001 (what the cache goes by)
+    made = _bsdf_class()
+    mi.register_bsdf("retroreflector", made)
+    return made
 
 
 def bead_entrance(cosine: Any, half_angle: Any) -> Any:

@@ -16,6 +16,7 @@ two points of the scene. All but the last are found by ``mitsuba.traverse`` and 
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import drjit as dr
@@ -35,20 +36,20 @@ from scanner_sim.render.sky import (
 _FAR = 1e6
 """A python plugin is not told the size of the scene; in single precision directions stay exact to 1e-7 here."""
 
-_registered: dict[str, type] = {}
-
 
 def register_orbit_sky() -> type:
     """Make ``orbit_sky`` known to Mitsuba's present variant, and return its class.
 
     Call it again after every change of the variant: a plugin belongs to the variant in which it was made.
     """
-    variant = str(mi.variant())
-    if variant not in _registered:
-        made = _emitter_class()
-        mi.register_emitter("orbit_sky", made)
-        _registered[variant] = made
-    return _registered[variant]
+    return _registered(str(mi.variant()))
+
+
+@cache
+def _registered(variant: str) -> type:  # noqa: ARG001 (what the cache goes by)
+    made = _emitter_class()
+    mi.register_emitter("orbit_sky", made)
+    return made
 
 
 def _emitter_class() -> type:
