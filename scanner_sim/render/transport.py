@@ -72,7 +72,31 @@ class Spots:
     coherence: Any
 
 
-def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, shots: Shots) -> Spots:
+@dataclass
+class BeamletTables:
+    """Beamlets on the device, Dr.Jit arrays of shape (k,): for those that trace the same ones again and again.
+
+    ``across`` and ``normal`` are the nodes, ``stop_across`` and ``stop_normal`` the points of the aperture; the rest is
+    as in :class:`~scanner_sim.render.beamlets.Beamlets`.
+    """
+
+    across: Any
+    normal: Any
+    stop_across: Any
+    stop_normal: Any
+    weights: Any
+    times: Any
+    width: float
+
+    @classmethod
+    def of(cls, beamlets: Beamlets) -> BeamletTables:
+        """Return the tables of beamlets."""
+        columns = (*beamlets.nodes.T, *beamlets.aperture.T, beamlets.weights, beamlets.times)
+        arrays: list[Any] = [mi.Float(values.astype(np.float32)) for values in columns]
+        return cls(*arrays, beamlets.width)
+
+
+def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets | BeamletTables, shots: Shots) -> Spots:
     """Return the direct spots of all beamlets of all shots.
 
     Parameters
@@ -91,24 +115,21 @@ def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, shots: Sh
     Spots
         Arrays of n · k entries; entry i · k + j is beamlet j of shot i: neighbours trace alike.
     """
-    count = len(beamlets.weights)
+    tables = beamlets if isinstance(beamlets, BeamletTables) else BeamletTables.of(beamlets)
+    count = dr.width(tables.weights)
     lane = dr.arange(mi.UInt32, dr.width(shots.theta) * count)
     shot = lane // count
     beamlet, own = lane - shot * count, shots.some(shot)
-    node = [dr.gather(mi.Float, _table(beamlets.nodes[:, axis]), beamlet) for axis in (0, 1)]
-    stop = [dr.gather(mi.Float, _table(beamlets.aperture[:, axis]), beamlet) for axis in (0, 1)]
-    weight = dr.gather(mi.Float, _table(beamlets.weights), beamlet)
-    frame = frame_at(bench, own, dr.gather(mi.Float, _table(beamlets.times), beamlet))
-    return _spots(loaded, bench, own, frame, node, stop, weight, beamlets.width)
+    node = [dr.gather(mi.Float, values, beamlet) for values in (tables.across, tables.normal)]
+    stop = [dr.gather(mi.Float, values, beamlet) for values in (tables.stop_across, tables.stop_normal)]
+    weight = dr.gather(mi.Float, tables.weights, beamlet)
+    frame = frame_at(bench, own, dr.gather(mi.Float, tables.times, beamlet))
+    return _spots(loaded, bench, own, frame, node, stop, weight, tables.width)
 
 
 def frame_at(bench: Bench, shots: Shots, time: Any) -> Frame:
     """Return the deflected optics of shots at moments of their dwell, in units of it about its middle."""
     return device_frame(bench, shots.theta + time * shots.travel_theta, shots.phi + time * shots.travel_phi)
-
-
-def _table(values: Any) -> Any:
-    return mi.Float(np.asarray(values, dtype=np.float32))
 
 
 def device_frame(bench: Bench, theta: Any, phi: Any) -> Frame:
