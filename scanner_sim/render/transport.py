@@ -92,8 +92,8 @@ class BeamletTables:
     def of(cls, beamlets: Beamlets) -> BeamletTables:
         """Return the tables of beamlets."""
         columns = (*beamlets.nodes.T, *beamlets.aperture.T, beamlets.weights, beamlets.times)
-        arrays: list[Any] = [mi.Float(values.astype(np.float32)) for values in columns]
-        return cls(*arrays, beamlets.width)
+        a, b, c, d, e, f = (mi.Float(values.astype(np.float32)) for values in columns)
+        return cls(a, b, c, d, e, f, beamlets.width)
 
 
 def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets | BeamletTables, shots: Shots) -> Spots:
