@@ -22,7 +22,7 @@ from scipy.spatial.transform import RotationSpline, Slerp
 
 from scanner_sim.errors import Fault, InputError
 from scanner_sim.parts import InputFile, Part
-from scanner_sim.scene.objects import Posed, Position, Turns
+from scanner_sim.scene.poses import Position, Turns, placed
 from scanner_sim.units import Dimension, Time
 
 Array = NDArray[np.float64]
@@ -99,11 +99,7 @@ class Waypoints(Part):
 
     def poses(self) -> Poses:
         """Return the waypoints as arrays."""
-        placed = [
-            Posed(name="waypoint", position=point.position, rotation=point.rotation).scanner_from_object()
-            for point in self.points
-        ]
-        matrices = np.stack(placed)
+        matrices = np.stack([placed(point.position, point.rotation) for point in self.points])
         quaternion = Turning.from_matrix(matrices[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
         return Poses(np.array([point.time for point in self.points]), matrices[:, :3, 3], quaternion)
 
@@ -141,16 +137,22 @@ class PoseFile(Part):
         return interpolated(self.poses(), time, self.interpolation)
 
 
-def _kind(value: object) -> str | None:
-    return value.get("type") if isinstance(value, dict) else getattr(value, "type", None)
+def _kind(value: object) -> str:
+    return f"({value.get('type') if isinstance(value, dict) else getattr(value, 'type', None)})"
 
 
 RigidMotion = Annotated[
-    Annotated[ConstantTwist, Tag("twist")]
-    | Annotated[Waypoints, Tag("waypoints")]
-    | Annotated[PoseFile, Tag("file")],
-    Discriminator(_kind),
+    Annotated[ConstantTwist, Tag("(twist)")]
+    | Annotated[Waypoints, Tag("(waypoints)")]
+    | Annotated[PoseFile, Tag("(file)")],
+    Discriminator(
+        _kind,
+        custom_error_type="motion_kind",
+        custom_error_message="a motion has a type: twist, waypoints or file",
+    ),
+    Field(examples=[{"type": "twist", "velocity": ["10 mm/s", "0 m/s", "0 m/s"]}]),
 ]
+"""Any motion of a rigid object."""
 
 
 def interpolated(poses: Poses, time: ArrayLike, interpolation: Literal["linear", "smooth"]) -> Array:

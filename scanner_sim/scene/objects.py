@@ -3,66 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema
 from pydantic_core import PydanticCustomError
+from scipy.spatial.transform import Rotation as Turning
 
 from scanner_sim.errors import Fault
-from scanner_sim.frames import pose_matrix, rotation_about
-from scanner_sim.parts import Count, MeshFile, Number, Part, XmlFile
+from scanner_sim.parts import Count, MeshFile, Part, XmlFile
 from scanner_sim.scene.materials import MATERIALS, UnknownMaterialError, material
+from scanner_sim.scene.motion import RigidMotion
+from scanner_sim.scene.poses import FARTHEST, Extent, Name, Position, Rotation, Turns, placed
 from scanner_sim.scene.retroreflectors import RetroLobe
-from scanner_sim.units import Angle, Length, Ratio
-
-FARTHEST = 1e5
-"""Largest coordinate [m]: beyond it float32 no longer resolves a centimetre."""
-SMALLEST = 1e-6
-"""Smallest extent [m]."""
-
-Name = Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*$", max_length=64, examples=["wall"])]
-Coordinate = Annotated[Length, Field(ge=-FARTHEST, le=FARTHEST)]
-Position = tuple[Coordinate, Coordinate, Coordinate]
-Extent = Annotated[Length, Field(ge=SMALLEST, le=FARTHEST)]
-
-
-def _spelling(word: str, otherwise: str) -> Discriminator:
-    """Tell a value that is one word, or else a list, from the longer spelling of the same thing.
-
-    Tags in parentheses cannot be keys: messages leave them out of the path.
-    """
-    kinds = str if word == "(word)" else (list, tuple)
-    return Discriminator(lambda value: word if isinstance(value, kinds) else otherwise)
-
-
-Axis = Annotated[
-    Annotated[Literal["x", "y", "z"], Tag("(word)")]
-    | Annotated[tuple[Number, Number, Number], Tag("(vector)")],
-    _spelling("(word)", "(vector)"),
-]
-
-
-class Rotation(Part):
-    """A turn about an axis through the object's origin (right-handed)."""
-
-    axis: Axis = Field(examples=["y"])
-    """``x``, ``y``, ``z`` or a vector."""
-    angle: Angle
-    """Angle of the turn."""
-
-    def contradictions(self) -> Iterator[Fault]:
-        """Yield an axis without direction."""
-        if not isinstance(self.axis, str) and not 1e-100 < np.linalg.norm(self.axis) < 1e100:
-            yield Fault(
-                "axis", f"{self.axis} has no direction.", "Write x, y, z or a vector such as [0, 1, 1]."
-            )
-
-    def matrix(self) -> NDArray[np.float64]:
-        """Return the rotation matrix, shape (3, 3)."""
-        axis = np.eye(3)["xyz".index(self.axis)] if isinstance(self.axis, str) else self.axis
-        return rotation_about(axis, self.angle)
+from scanner_sim.units import Length, Ratio
 
 
 class Surface(Part):
@@ -121,16 +76,9 @@ MaterialChoice = Annotated[
 ]
 """Name of a material of the library, a reflectance, or a retro-reflector."""
 
-Turns = Annotated[
-    Annotated[Rotation, Tag("(turn)")] | Annotated[tuple[Rotation, ...], Tag("(turns)")],
-    _spelling("(turns)", "(turn)"),
-    Field(examples=[{"axis": "y", "angle": "20 deg"}]),
-]
-"""A turn, or several one after the other."""
-
 
 class Posed(Part):
-    """What every object has: a name and a pose."""
+    """What every object has: a name, a pose and perhaps a motion."""
 
     name: Name
     """Name, unique in the scene; it appears in the truth layer."""
@@ -138,14 +86,36 @@ class Posed(Part):
     """Place of the object's origin in the scanner frame."""
     rotation: Turns = ()
     """Turns about the object's origin, the first one first."""
+    motion: RigidMotion | None = None
+    """How the object moves; by default it rests. Waypoints and files of poses take the place of position and rotation,
+    which are a twist's pose at time 0."""
 
     def scanner_from_object(self) -> NDArray[np.float64]:
-        """Return the pose as a 4 × 4 matrix."""
-        turns = (self.rotation,) if isinstance(self.rotation, Rotation) else self.rotation
-        total = np.eye(3)
-        for turn in turns:
-            total = turn.matrix() @ total
-        return pose_matrix(total, self.position)
+        """Return the pose that position and rotation describe, as a 4 × 4 matrix; a motion may differ from it."""
+        return placed(self.position, self.rotation)
+
+    def pose_at(self, time: ArrayLike) -> NDArray[np.float64]:
+        """Return ``scanner_from_object`` at times [s] since the start of the scan, shape (n, 4, 4)."""
+        start = self.scanner_from_object()
+        if self.motion is None:
+            return np.tile(start, (np.size(time), 1, 1))
+        return self.motion.scanner_from_object(time, start)
+
+    def resting_at(self, time: float) -> Self:
+        """Return the object without its motion, where it is at a time [s]."""
+        if self.motion is None:
+            return self
+        (pose,) = self.pose_at(time)
+        turn = Turning.from_matrix(pose[:3, :3]).as_rotvec()
+        angle = float(np.linalg.norm(turn))
+        x, y, z = (turn / angle).tolist() if angle else (0.0, 0.0, 1.0)
+        return self.model_copy(
+            update={
+                "position": tuple(pose[:3, 3].tolist()),
+                "rotation": (Rotation(axis=(x, y, z), angle=angle),),
+                "motion": None,
+            }
+        )
 
 
 class Rectangle(Posed):
@@ -305,6 +275,10 @@ class Scene(Part):
     """Mitsuba XML scene in the scanner's frame, relative to the scenario's folder."""
     objects: tuple[SceneObject, ...] = ()
     """Objects, each with its pose."""
+
+    def resting_at(self, time: float) -> Scene:
+        """Return the scene without motion, every object where it is at a time [s] since the start of the scan."""
+        return self.model_copy(update={"objects": tuple(item.resting_at(time) for item in self.objects)})
 
     def contradictions(self) -> Iterator[Fault]:
         """Yield names that are given twice."""

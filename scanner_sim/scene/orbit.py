@@ -20,7 +20,7 @@ from scanner_sim.errors import Fault
 from scanner_sim.parts import Part
 from scanner_sim.scene.earth import DEFAULT_ALTITUDE, EARTH_RADIUS, Distance
 from scanner_sim.scene.elements import elements_fault, sun_from_elements
-from scanner_sim.scene.objects import Turns
+from scanner_sim.scene.poses import Turns
 from scanner_sim.units import Angle
 
 GRAVITY: Final = 3.986_004_418e14

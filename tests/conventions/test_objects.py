@@ -10,7 +10,8 @@ import pytest
 
 from scanner_sim.render.device import Device
 from scanner_sim.scene.loader import load_scene
-from scanner_sim.scene.objects import Rectangle, Rotation, Scene, Surface
+from scanner_sim.scene.objects import Rectangle, Scene, Surface
+from scanner_sim.scene.poses import Rotation
 from scanner_sim.scene.targets import target_positions
 
 GREY = Surface(reflectance=0.5)

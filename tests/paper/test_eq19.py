@@ -17,7 +17,8 @@ from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Bench
 from scanner_sim.scanner import Scanner
 from scanner_sim.scene.loader import load_scene
-from scanner_sim.scene.objects import Rectangle, Rotation, Scene, Surface
+from scanner_sim.scene.objects import Rectangle, Scene, Surface
+from scanner_sim.scene.poses import Rotation
 
 P, RHO, APERTURE, TRANSMISSION, WAVELENGTH = 15e-3, 0.5, 25e-3, 0.5, 1.5e-6
 B_P = np.pi / 4.0 * APERTURE**2 * TRANSMISSION
