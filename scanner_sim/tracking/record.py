@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -132,7 +133,7 @@ class Track:
     scenario_yaml
         The resolved scenario.
     made_by
-        Name and version of the program.
+        Versions of the program and of the libraries that it computes with.
     warnings
         Sentences on results that look unintended.
     """
@@ -141,7 +142,7 @@ class Track:
     targets: tuple[TrackTarget, ...]
     seed: int
     scenario_yaml: str
-    made_by: str
+    made_by: Mapping[str, str]
     warnings: tuple[str, ...] = ()
 
     def of(self, target: str) -> tuple[PatternRecord, ...]:

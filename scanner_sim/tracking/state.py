@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
-from scipy.stats import chi2
+from scipy.special import gammainccinv
 
 from scanner_sim.parts import Count, Number, Part
 from scanner_sim.tracking.measurement import Measurement
@@ -208,7 +209,7 @@ def _refusal(
         return Refusal.SHAPE
     if state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE):
         ahead = predicted(state.motion, float(measurement.time[row]), _unrest(settings))
-        if float(surprise(ahead, place, covariance)) > float(chi2.isf(settings.chance, 3)):
+        if float(surprise(ahead, place, covariance)) > _gate(settings.chance):
             return Refusal.PLACE
     return Refusal.NONE
 
@@ -250,6 +251,12 @@ def _unknown(place: Array, settings: TrackerSettings, time: float) -> Motion:
 def _radius(diameter: float, distance: float) -> float:
     """Return the radius [rad] of a disc that faces the scanner at a range [m]."""
     return 0.5 * diameter / distance
+
+
+@lru_cache(maxsize=64)
+def _gate(chance: float) -> float:
+    """Return the squared distance that three normal variables exceed by chance (χ² of three degrees of freedom)."""
+    return 2.0 * float(gammainccinv(1.5, chance))
 
 
 def _unrest(settings: TrackerSettings) -> Array:

@@ -1,0 +1,239 @@
+"""A tracking scan: patterns over targets, one after the other, for a time."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Discriminator, Field, Tag
+
+from scanner_sim.errors import Fault
+from scanner_sim.parts import Part
+from scanner_sim.ranging.coordinates import angles_and_range
+from scanner_sim.scan.lissajous import LissajousPattern
+from scanner_sim.scan.schedule import Visiting
+from scanner_sim.scene.materials import MATERIALS
+from scanner_sim.scene.objects import (
+    Disc,
+    MaterialChoice,
+    Retroreflector,
+    Scene,
+    SceneObject,
+    Sphere,
+    Surface,
+    TargetArray,
+)
+from scanner_sim.scene.targets import target_positions
+from scanner_sim.tracking.measurement import TargetLooks
+from scanner_sim.tracking.record import TrackTarget
+from scanner_sim.tracking.response import TargetKind
+from scanner_sim.tracking.state import TrackerSettings
+from scanner_sim.units import Angle, Length, Time
+
+Array = NDArray[np.float64]
+
+TargetName = Annotated[
+    str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*(/[1-9][0-9]*)?$", max_length=80, examples=["node/1"])
+]
+"""``node/1`` is the first target of the array ``node``, row by row from the top left; ``node`` all of them."""
+
+
+class FollowedTarget(Part):
+    """A target, and what the tracker is told of it. What is left out is taken from the scene."""
+
+    target: TargetName
+    """Its name, or an array's for all of its targets."""
+    kind: TargetKind | None = None
+    """What makes it differ from what surrounds it. By default what the scene's object is: black or white as the discs
+    of an array, retro-reflective, or ``raised`` for discs and spheres that stand alone."""
+    diameter: Length | None = Field(default=None, gt=0.0, le=100.0)
+    """Diameter; by default that of the scene's object."""
+    depth: Length = Field(default=0.3, gt=0.0, le=1e4)
+    """How far in front of and behind the expected range target and ground may lie: the range gate."""
+    expected: tuple[Angle, Angle, Length] | None = Field(default=None, examples=[["1 deg", "-2 deg", "8 m"]])
+    """Θ, φ and range where it is looked for first; by default its true place at the start."""
+    offset: tuple[Angle, Angle, Length] = Field(
+        default=(0.0, 0.0, 0.0), examples=[["5 mrad", "0 mrad", "0 m"]]
+    )
+    """By how much the expected place is wrong: it is added to it, so that the search has work."""
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield expected ranges that are none, and one place for several targets."""
+        if self.expected is not None and self.expected[2] <= 0.0:
+            yield Fault(
+                "expected[2]", f"a range of {self.expected[2]:g} m is none.", "Write for example 8 m."
+            )
+
+
+def _spelling(value: object) -> str:
+    return "(word)" if isinstance(value, str) else "(target)"
+
+
+TargetChoice = Annotated[
+    Annotated[TargetName, Tag("(word)")] | Annotated[FollowedTarget, Tag("(target)")],
+    Discriminator(_spelling),
+    Field(examples=["node/1"]),
+]
+
+
+class TrackScan(Part):
+    """Patterns over targets in turn: the scanner searches for them, and follows them."""
+
+    type: Literal["track"]
+    """Kind of scan."""
+    targets: tuple[TargetChoice, ...] = Field(min_length=1, max_length=1000, examples=[["node/1", "node/2"]])
+    """What is followed: names, or mappings with more."""
+    duration: Time = Field(default=2.0, gt=0.0, le=1e6)
+    """Time for which it is followed. A pattern that has begun is finished."""
+    pattern: LissajousPattern = LissajousPattern()
+    """Figure and points. Its amplitude is replaced by what the tracker asks for."""
+    tracker: TrackerSettings = TrackerSettings()
+    """How targets are searched for and followed."""
+    visiting: Visiting = Visiting()
+    """How the mirrors go from pattern to pattern."""
+
+    def asked(self) -> tuple[FollowedTarget, ...]:
+        """Return the targets in their long spelling, in the order of the list."""
+        return tuple(FollowedTarget(target=item) if isinstance(item, str) else item for item in self.targets)
+
+
+def resolve_targets(
+    scan: TrackScan, scene: Scene, axis_separation: float
+) -> tuple[tuple[TrackTarget, ...], tuple[Fault, ...]]:
+    """Return the targets of a scan in a scene, and what is wrong with them.
+
+    Parameters
+    ----------
+    scan, scene
+        What is followed, and what there is.
+    axis_separation
+        D_g [m], for the angles of the expected places.
+
+    Returns
+    -------
+    targets, faults
+        Arrays are taken apart into their members. Faults: unknown objects and members, looks that neither the scan nor
+        the scene tells, targets named twice, and targets that overlap as the scanner sees them, whose voxels nothing
+        can tell apart. Their places are relative to the scenario.
+    """
+    found: list[TrackTarget] = []
+    places: list[str] = []
+    faults: list[Fault] = []
+    for index, asked in enumerate(scan.asked()):
+        place = f"scan.targets.{index}"
+        if isinstance(scan.targets[index], FollowedTarget):
+            place += ".target"
+        for target in _members(asked, scene, axis_separation, place):
+            if isinstance(target, Fault):
+                faults.append(target)
+                continue
+            clash = _clash(target, found)
+            if clash is not None:
+                faults.append(Fault(place, *clash))
+            found.append(target)
+            places.append(place)
+    return tuple(found), tuple(faults)
+
+
+def scanner_from_object(item: SceneObject, time: float) -> Array:
+    """Return the pose of an object at a time [s], shape (4, 4)."""
+    start = item.scanner_from_object()
+    motion = getattr(item, "motion", None)
+    return start if motion is None else np.asarray(motion.scanner_from_object(time, start)[0])
+
+
+def _members(
+    asked: FollowedTarget, scene: Scene, axis_separation: float, place: str
+) -> Iterator[TrackTarget | Fault]:
+    """Yield the targets that one entry names, or its faults."""
+    name, _, member = asked.target.partition("/")
+    item = next((item for item in scene.objects if item.name == name), None)
+    if item is None:
+        names = [item.name for item in scene.objects]
+        near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+        known = f"The scene's objects: {', '.join(names)}." if names else "The scene has no objects."
+        yield Fault(place, f"there is no object '{name}'.", f"Did you mean '{near[0]}'?" if near else known)
+        return
+    if isinstance(item, TargetArray):
+        array = item.array
+        centres = target_positions(array.rows, array.columns, *array.spacing)
+    else:
+        centres = np.zeros((1, 3))
+    if member and not isinstance(item, TargetArray):
+        yield Fault(place, f"'{name}' is one target, no array of them.", f"Write {name}.")
+        return
+    if member and int(member) > len(centres):
+        yield Fault(
+            place, f"'{name}' has {len(centres)} targets.", f"Write {name}/1 to {name}/{len(centres)}."
+        )
+        return
+    looks = _looks(asked, item)
+    if looks is None:
+        missing = "kind" if asked.kind is None else "diameter"
+        yield Fault(
+            place,
+            f"'{name}' is no target of which the scene tells the {missing}.",
+            "Write {target: " + f"{name}, kind: raised, diameter: 100 mm" + "}.",
+        )
+        return
+    chosen = [int(member) - 1] if member else list(range(len(centres)))
+    if len(chosen) > 1 and asked.expected is not None:
+        yield Fault(
+            place, f"one expected place stands for {len(chosen)} targets.", f"Name each, as {name}/1."
+        )
+        return
+    pose = scanner_from_object(item, 0.0)
+    for number in chosen:
+        label = f"{name}/{number + 1}" if isinstance(item, TargetArray) else name
+        here = pose[:3, :3] @ centres[number] + pose[:3, 3]
+        distance, theta, phi = angles_and_range(here[0], here[1], here[2], axis_separation)
+        expected = np.array([theta, phi, distance]) if asked.expected is None else np.array(asked.expected)
+        yield TrackTarget(label, name, looks, expected + np.array(asked.offset), centres[number])
+
+
+def _looks(asked: FollowedTarget, item: SceneObject) -> TargetLooks | None:
+    """Return the looks of a target, from the scan or from the scene; None where neither tells."""
+    kind, diameter = asked.kind, asked.diameter
+    if isinstance(item, TargetArray):
+        kind, diameter = kind or _contrast(item), diameter or item.array.diameter
+    elif isinstance(item, Disc | Sphere):
+        kind, diameter = kind or TargetKind.RAISED, diameter or item.diameter
+    if kind is None or diameter is None:
+        return None
+    return TargetLooks(kind=kind, diameter=diameter, depth=asked.depth)
+
+
+def _contrast(item: TargetArray) -> TargetKind:
+    """Return what the discs of an array are beside their plates."""
+    if isinstance(item.disc, Retroreflector) or (
+        isinstance(item.disc, str) and MATERIALS[item.disc].retro is not None
+    ):
+        return TargetKind.RETRO
+    darker = _reflectance(item.disc) < _reflectance(item.material)
+    return TargetKind.BLACK if darker else TargetKind.WHITE
+
+
+def _reflectance(choice: MaterialChoice) -> float:
+    if isinstance(choice, Surface | Retroreflector):
+        return choice.reflectance
+    return MATERIALS[choice].reflectance
+
+
+def _clash(target: TrackTarget, others: list[TrackTarget]) -> tuple[str, str] | None:
+    """Return problem and remedy where a target is one of the others, or overlaps one; None where not."""
+    for other in others:
+        if other.name == target.name:
+            return f"'{target.name}' is named twice.", "Keep one of them."
+        apart = float(np.hypot(*(target.expected - other.expected)[:2]))
+        radii = sum(0.5 * one.looks.diameter / one.expected[2] for one in (target, other))
+        along = abs(float(target.expected[2] - other.expected[2]))
+        if apart < radii and along < target.looks.depth + other.looks.depth:
+            return (
+                f"'{target.name}' overlaps '{other.name}': they are expected {1e3 * apart:.3g} mrad apart, and their "
+                f"radii together are {1e3 * radii:.3g} mrad.",
+                "Follow one of them, or correct diameter or expected place.",
+            )
+    return None
