@@ -79,6 +79,17 @@ def sunlit() -> tuple[Any, Any]:
     return sky_light((-0.5, -0.6, -0.6), 4.65e-3, (0.0, 1.0, 0.3)), Albedo(0.3, 0.3)
 
 
+def brute_force(loaded: Any, row: int, column: int, *, bounces: int, shot: int) -> Any:
+    """Return the background of a voxel from its own pixels, 2048 rays each."""
+    from scanner_sim.render.reference import reference_background
+
+    theta, phi = (float(angles[place]) for angles, place in zip(RASTER.angles(), (column, row), strict=True))
+    light, albedo = sunlit()
+    return reference_background(
+        loaded, bench(), light, albedo, PIXELS, theta, phi, bounces=bounces, samples=2048, shot=shot
+    )
+
+
 def test_panoramas_agree_with_brute_force() -> None:
     """Claim: one panorama per row serves every voxel: it gives what rays from each pixel's own field give.
 
@@ -89,27 +100,14 @@ def test_panoramas_agree_with_brute_force() -> None:
     Tolerance: level 1e-5 for each voxel; a share of 0.5 % would be found on the wall, where the standard error is
     0.1 %.
     """
-    from scanner_sim.render.reference import reference_background
     from scanner_sim.scene.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(SHADOWED)))
     light, albedo = sunlit()
     voxels = [(10, 5), (32, 40), (33, 60), (50, 30), (20, 33)]
     lines = np.array([panorama_lines(loaded, light, albedo, voxels, 4, seed) for seed in range(8)])
-    theta, phi = RASTER.angles()
     for number, (row, column) in enumerate(voxels):
-        reference = reference_background(
-            loaded,
-            bench(),
-            light,
-            albedo,
-            PIXELS,
-            float(theta[column]),
-            float(phi[row]),
-            bounces=4,
-            samples=2048,
-            shot=number,
-        )
+        reference = brute_force(loaded, row, column, bounces=4, shot=number)
         sums = lines[:, number].sum(axis=1)
         error = np.hypot(sums.std(ddof=1) / np.sqrt(8), np.sqrt((reference.standard_error**2).sum()))
         difference = sums.mean() - reference.power.sum()
@@ -125,7 +123,6 @@ def test_a_glossy_sphere_agrees_with_brute_force() -> None:
     force, as above. Expected: z of each voxel's sum, with the eight seeds' t distribution. Tolerance: level 1e-5;
     besides this the filter's reach may shift a sum by 0.5 % of it.
     """
-    from scanner_sim.render.reference import reference_background
     from scanner_sim.scene.loader import load_scene
 
     place = (-0.3, 0.0, 6.0)
@@ -140,20 +137,8 @@ def test_a_glossy_sphere_agrees_with_brute_force() -> None:
     light, albedo = sunlit()
     voxels = [(32, 24), (24, 30), (40, 34)]
     lines = np.array([panorama_lines(loaded, light, albedo, voxels, 2, seed) for seed in range(8)])
-    theta, phi = RASTER.angles()
     for number, (row, column) in enumerate(voxels):
-        reference = reference_background(
-            loaded,
-            bench(),
-            light,
-            albedo,
-            PIXELS,
-            float(theta[column]),
-            float(phi[row]),
-            bounces=2,
-            samples=2048,
-            shot=number,
-        )
+        reference = brute_force(loaded, row, column, bounces=2, shot=number)
         sums, total = lines[:, number].sum(axis=1), reference.power.sum()
         error = np.hypot(sums.std(ddof=1) / np.sqrt(8), np.sqrt((reference.standard_error**2).sum()))
         assert abs(sums.mean() - total) < stats.t.isf(0.5e-5, 7) * error + 0.005 * total, (row, column)
