@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -133,7 +132,7 @@ class Track:
     scenario_yaml
         The resolved scenario.
     made_by
-        Versions of the program and of the libraries that it computes with.
+        Name and version of the program.
     warnings
         Sentences on results that look unintended.
     """
@@ -142,7 +141,7 @@ class Track:
     targets: tuple[TrackTarget, ...]
     seed: int
     scenario_yaml: str
-    made_by: Mapping[str, str]
+    made_by: str
     warnings: tuple[str, ...] = ()
 
     def of(self, target: str) -> tuple[PatternRecord, ...]:
