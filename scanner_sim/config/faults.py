@@ -50,6 +50,13 @@ def _translated(details: Mapping[str, Any], tagged: Place, place: Place, data: A
             yield Found(place, "this key is missing.", f"Write for example '{place[-1]}: {slot.example}'.")
         case "object_kind":
             yield _kind_of_object(place, came)
+        case "union_tag_invalid" if isinstance(came, dict) and "type" not in came:
+            kinds = _kinds(context["expected_tags"])
+            yield Found(place, "the key 'type' is missing.", f"Possible: {', '.join(kinds)}.")
+        case "union_tag_invalid" if isinstance(came, dict):
+            kinds = _kinds(context["expected_tags"])
+            problem = f"{shown(came['type'])} is not possible here."
+            yield Found((*place, "type"), problem, choice(came["type"], kinds))
         case "literal_error" if place == ("schema",):
             yield Found(place, f"{shown(came)} is no version that this program reads.", "Write 'schema: 1'.")
         case "literal_error":
@@ -74,6 +81,11 @@ def _translated(details: Mapping[str, Any], tagged: Place, place: Place, data: A
             yield Found(place, problem if problem.endswith(".") else f"{problem}.", _capital(remedy))
         case _:
             yield Found(place, f"{shown(came)} is not {_wanted(details['type'])}.", _write(slot))
+
+
+def _kinds(tags: str) -> tuple[str, ...]:
+    """Return the values of the key ``type`` from pydantic's list of tags, ``'(twist)', '(file)'``."""
+    return tuple(tag.strip(" '()") for tag in tags.split(","))
 
 
 _WANTED = {

@@ -145,11 +145,7 @@ RigidMotion = Annotated[
     Annotated[ConstantTwist, Tag("(twist)")]
     | Annotated[Waypoints, Tag("(waypoints)")]
     | Annotated[PoseFile, Tag("(file)")],
-    Discriminator(
-        _kind,
-        custom_error_type="motion_kind",
-        custom_error_message="a motion has a type: twist, waypoints or file",
-    ),
+    Discriminator(_kind),
     Field(examples=[{"type": "twist", "velocity": ["10 mm/s", "0 m/s", "0 m/s"]}]),
 ]
 """Any motion of a rigid object."""
