@@ -108,7 +108,14 @@ class LineSpeckle:
 
 
 def line_speckle(
-    light: LineLight, places: BeamPlaces, grain: Grain, sweep: float, pixels: int, seed: int
+    light: LineLight,
+    places: BeamPlaces,
+    grain: Grain,
+    sweep: Any,
+    pixels: int,
+    seed: int,
+    *,
+    whole: bool = False,
 ) -> LineSpeckle:
     """Return the speckle of m shots.
 
@@ -121,11 +128,13 @@ def line_speckle(
     grain
         The speckle's grain on the line.
     sweep
-        Angle by which the beam moves in the dwell [rad].
+        Angle by which the beam moves in the dwell [rad], a number or a Dr.Jit array of shape (m,).
     pixels
         Pixels of the line.
     seed
         Seed of the patterns: a function of (seed, place of the beam, pixel) and of nothing else.
+    whole
+        Whether the tables have room for the whole line, whatever is lit: their size then does not depend on the light.
 
     Returns
     -------
@@ -134,8 +143,9 @@ def line_speckle(
     first, last = _groups_lit(light, grain.reach, pixels)
     count = auto.UInt32(last - first + 1)
     dr.eval(first, count)
-    groups = int(dr.max(count)[0])
-    averaged = patterns(dr.opaque(auto.Float, sweep), places.slimness)
+    groups = (pixels + 2 * grain.reach) // 4 + 2 if whole else int(dr.max(count)[0])
+    turned = dr.opaque(auto.Float, sweep) if isinstance(sweep, float) else sweep
+    averaged = patterns(turned, places.slimness)
     shot = dr.arange(auto.UInt32, light.count * light.shots) % dr.opaque(auto.UInt32, light.shots)
     even = light.coherence * pixel_variance(grain, dr.square(light.sigma), light.across)
     amplitude = dr.sqrt(even / dr.gather(auto.Float, averaged, shot))
