@@ -3,14 +3,33 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.pose.estimate import PoseEstimate
 from scanner_sim.pose.transforms import cross_matrix
 
 Array = NDArray[np.float64]
+
+
+class UncertainPose(Protocol):
+    """Poses with leading axes (...), and the covariance of (δt, δω): a ``PoseEstimate``, or a series of poses."""
+
+    @property
+    def position(self) -> Array:
+        """Of the object's origin [m], shape (..., 3)."""
+        ...
+
+    @property
+    def rotation(self) -> Array:
+        """``scanner_from_object``, shape (..., 3, 3)."""
+        ...
+
+    @property
+    def covariance(self) -> Array:
+        """Of (δt, δω) along the scanner's axes, shape (..., 6, 6)."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -30,7 +49,7 @@ class RelativePose:
     covariance: Array
 
 
-def point_on_object(pose: PoseEstimate, point: ArrayLike) -> tuple[Array, Array]:
+def point_on_object(pose: UncertainPose, point: ArrayLike) -> tuple[Array, Array]:
     """Return where a point of the object is, and its covariance.
 
     Parameters
@@ -73,7 +92,7 @@ def error_ellipsoid(covariance: ArrayLike) -> tuple[Array, Array]:
     return lengths[..., ::-1], np.where(known, axes, np.nan)[..., ::-1]
 
 
-def relative_pose(a: PoseEstimate, b: PoseEstimate) -> RelativePose:
+def relative_pose(a: UncertainPose, b: UncertainPose) -> RelativePose:
     """Return the pose of b in the frame of a, M_a⁻¹ M_b, of two objects measured independently.
 
     Parameters

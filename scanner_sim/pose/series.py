@@ -1,0 +1,186 @@
+"""Poses over time: of an object before the scanner, or of one object seen from another."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.pose.covariance import relative_pose
+from scanner_sim.pose.estimate import Robust, estimate_pose
+from scanner_sim.pose.status import PoseStatus
+from scanner_sim.pose.transforms import quaternion_from_rotation, vector_from_rotation
+from scanner_sim.pose.weights import Method
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSeries:
+    """Poses of one object by one method.
+
+    Attributes
+    ----------
+    name
+        The object.
+    relative_to
+        The object in whose frame they are; empty for the scanner's.
+    method
+        How they were estimated.
+    time
+        When [s], shape (n,).
+    position, rotation
+        Of the object's origin [m], shape (n, 3), and ``reference_from_object``, shape (n, 3, 3); NaN where there is
+        none.
+    covariance
+        Of (δt, δω) along the axes of the reference, shape (n, 6, 6): see :mod:`scanner_sim.pose.transforms`.
+    chi2, dof
+        Squared residuals in standard deviations and their number less six, shape (n,).
+    targets
+        Number of targets that counted, shape (n,).
+    status
+        :class:`~scanner_sim.pose.status.PoseStatus`, shape (n,).
+    truth_position, truth_rotation
+        True pose, of the shapes of ``position`` and ``rotation``; NaN where nobody knows it.
+    """
+
+    name: str
+    relative_to: str
+    method: Method
+    time: Array
+    position: Array
+    rotation: Array
+    covariance: Array
+    chi2: Array
+    dof: NDArray[np.int64]
+    targets: NDArray[np.int64]
+    status: NDArray[np.int8]
+    truth_position: Array
+    truth_rotation: Array
+
+    @property
+    def label(self) -> str:
+        """The object and, where it is not the scanner, what it is seen from."""
+        return f"{self.name} from {self.relative_to}" if self.relative_to else self.name
+
+    @property
+    def quaternion(self) -> Array:
+        """Unit quaternions (w, x, y, z), w ≥ 0, shape (n, 4)."""
+        return quaternion_from_rotation(self.rotation)
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations of (δt, δω) [m, rad], shape (n, 6)."""
+        return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
+
+    @property
+    def error(self) -> Array:
+        """Measured less true (δt, δω) [m, rad], shape (n, 6): exp([δω]×) true rotation = rotation."""
+        turned = self.rotation @ np.swapaxes(self.truth_rotation, 1, 2)
+        return np.concatenate([self.position - self.truth_position, vector_from_rotation(turned)], axis=1)
+
+
+def pose_series(
+    name: str,
+    object_points: Array,
+    at: Array,
+    place: Array,
+    covariance: Array,
+    *,
+    axis_separation: float,
+    method: Method,
+    robust: Robust | None = None,
+    truth: Array | None = None,
+) -> PoseSeries:
+    """Return the poses of an object from sightings of its targets at common times.
+
+    Parameters
+    ----------
+    name
+        The object.
+    object_points
+        Its targets along its own axes [m], shape (targets, 3).
+    at
+        Times [s], shape (n,).
+    place, covariance
+        (Θ, φ, R) of the targets [rad, rad, m], shape (n, targets, 3), and its covariance (n, targets, 3, 3); NaN where
+        a target was not measured. Covariances with φ, which a symmetrical pattern leaves small, are left out.
+    axis_separation
+        D_g [m].
+    method, robust
+        See :func:`~scanner_sim.pose.estimate.estimate_pose`.
+    truth
+        True ``scanner_from_object`` at the times, shape (n, 4, 4), for comparison only.
+
+    Raises
+    ------
+    InputError
+        As :func:`~scanner_sim.pose.estimate.estimate_pose`.
+    """
+    sigma = np.sqrt(np.diagonal(covariance, axis1=2, axis2=3))
+    found = estimate_pose(
+        object_points,
+        place[..., 0],
+        place[..., 1],
+        place[..., 2],
+        sigma_theta=sigma[..., 0],
+        sigma_phi=sigma[..., 1],
+        sigma_range=sigma[..., 2],
+        covariance_theta_range=covariance[..., 0, 2],
+        axis_separation=axis_separation,
+        method=method,
+        robust=robust,
+    )
+    unknown = np.full((len(at), 4, 4), np.nan)
+    true = unknown if truth is None else truth
+    return PoseSeries(
+        name=name,
+        relative_to="",
+        method=method,
+        time=at,
+        position=found.position,
+        rotation=found.rotation,
+        covariance=found.covariance,
+        chi2=found.chi2,
+        dof=found.dof,
+        targets=np.count_nonzero(found.weights, axis=1).astype(np.int64),
+        status=found.status,
+        truth_position=true[:, :3, 3],
+        truth_rotation=true[:, :3, :3],
+    )
+
+
+def relative_series(reference: PoseSeries, other: PoseSeries) -> PoseSeries:
+    """Return the poses of one object in the frame of another, M_a⁻¹ M_b, of series at the same times.
+
+    Both are taken as measured independently (:func:`~scanner_sim.pose.covariance.relative_pose`); χ² and degrees of
+    freedom add, and the status is that of the first of them that has no pose, or else is not valid.
+
+    Raises
+    ------
+    ValueError
+        If the series have not the same times and method.
+    """
+    if reference.method != other.method or not np.array_equal(reference.time, other.time):
+        raise ValueError("relative poses need series of one method at the same times")
+    between = relative_pose(reference, other)
+    true = np.swapaxes(reference.truth_rotation, 1, 2)
+    apart = (other.truth_position - reference.truth_position)[..., None]
+    without = ~np.isfinite(reference.position).all(axis=1)
+    status = np.where(without | (other.status == PoseStatus.VALID), reference.status, other.status)
+    return PoseSeries(
+        name=other.name,
+        relative_to=reference.name,
+        method=other.method,
+        time=other.time,
+        position=between.position,
+        rotation=between.rotation,
+        covariance=between.covariance,
+        chi2=reference.chi2 + other.chi2,
+        dof=reference.dof + other.dof,
+        targets=reference.targets + other.targets,
+        status=status,
+        truth_position=(true @ apart)[..., 0],
+        truth_rotation=true @ other.truth_rotation,
+    )

@@ -1,0 +1,245 @@
+"""A tracking run in files: one line for each visit to a target, and every voxel of its pattern."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.errors import InputError
+from scanner_sim.products.folder import Kind
+from scanner_sim.products.tables import Columns, read_parquet, texts
+from scanner_sim.tracking.measurement import TargetLooks
+from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
+from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.state import Refusal, TrackMode
+
+Array = NDArray[np.float64]
+
+TABLE, VOXELS = "track.parquet", "patterns.parquet"
+
+TRACK_PICTURES = ("pattern.png", "track.png", "field.png")
+"""Pictures of a tracking run."""
+
+POSES = ("pose.csv", "pose.parquet")
+"""Tables where an object has targets enough for a pose."""
+
+RELATIVE_POSES = ("relative_pose.csv", "relative_pose.parquet")
+"""Tables where there are two such objects."""
+
+POSE_PICTURES = ("pose.png", "outline.png")
+"""Pictures of poses."""
+
+TRACK_FILES = ("track.csv", TABLE, VOXELS, "scenario.yaml", "summary.json", *TRACK_PICTURES)
+"""Files of a tracking run in the order of presentation."""
+
+TRACK = Kind("track.csv", (*TRACK_FILES, *POSES, *RELATIVE_POSES, *POSE_PICTURES))
+"""The folder of a tracking run."""
+
+_ANGULAR, _SPATIAL = ("theta_rad", "phi_rad", "range_m"), ("x_m", "y_m", "z_m")
+_CORNERS = ((0, 1), (0, 2), (1, 2))
+_ANGULAR_CROSS = ("cov_theta_phi_rad2", "cov_theta_range_rad_m", "cov_phi_range_rad_m")
+_SPATIAL_CROSS = ("cov_xy_m2", "cov_xz_m2", "cov_yz_m2")
+_VOXEL = {
+    "time": "time_s",
+    "theta": "theta_rad",
+    "phi": "phi_rad",
+    "signal": "signal",
+    "sigma_signal": "sigma_signal",
+    "range": "range_m",
+    "sigma_range": "sigma_range_m",
+    "status": "status",
+}
+
+
+def track_columns(track: Track) -> dict[str, NDArray[Any]]:
+    """Return the table of a run: a line for each visit, units in the names of the columns.
+
+    Parameters
+    ----------
+    track
+        The run.
+
+    Returns
+    -------
+    dict
+        ``time_s target state``, what was measured with its ``sigma_``, ``status``
+        (:class:`~scanner_sim.tracking.record.TrackStatus`) and ``truth_``; then the visit's number, the state after it,
+        why the measurement was refused, the pattern's amplitude and commanded centre, and the covariances. Measured
+        numbers are NaN where nothing was found; a refused place stays, beside its status.
+    """
+    records = track.records
+
+    def stacked(name: str, shape: tuple[int, ...]) -> Array:
+        return np.array([getattr(record, name) for record in records], dtype=np.float64).reshape(-1, *shape)
+
+    place, point = stacked("place", (3,)), stacked("point", (3,))
+    angular, spatial = stacked("covariance", (3, 3)), stacked("point_covariance", (3, 3))
+    truth, truth_point, centre = stacked("truth", (3,)), stacked("truth_point", (3,)), stacked("centre", (2,))
+    columns: dict[str, NDArray[Any]] = {
+        "time_s": stacked("time", ()),
+        "target": texts([record.target for record in records]),
+        "state": texts([record.mode.value for record in records]),
+    }
+    for names, values in ((_ANGULAR, place), (_SPATIAL, point)):
+        columns |= dict(zip(names, values.T, strict=True))
+    for names, matrices in ((_ANGULAR, angular), (_SPATIAL, spatial)):
+        sigmas = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
+        columns |= {f"sigma_{name}": values for name, values in zip(names, sigmas.T, strict=True)}
+    columns["status"] = np.array([int(record.status) for record in records], dtype=np.int32)
+    for names, values in ((_ANGULAR, truth), (_SPATIAL, truth_point)):
+        columns |= {f"truth_{name}": column for name, column in zip(names, values.T, strict=True)}
+    columns |= {
+        "visit": np.array([record.number for record in records], dtype=np.int64),
+        "next_state": texts([record.after.value for record in records]),
+        "refusal": texts([record.refusal.value for record in records]),
+        "amplitude_rad": stacked("amplitude", ()),
+        "centre_theta_rad": centre[:, 0],
+        "centre_phi_rad": centre[:, 1],
+    }
+    for names, matrices in ((_ANGULAR_CROSS, angular), (_SPATIAL_CROSS, spatial)):
+        columns |= {name: matrices[:, i, j] for name, (i, j) in zip(names, _CORNERS, strict=True)}
+    return columns
+
+
+def voxel_columns(track: Track) -> dict[str, NDArray[Any]]:
+    """Return every voxel of every pattern as a table: the number of its visit, and the fields of its samples."""
+    counts = [record.samples.time.shape[1] for record in track.records]
+    numbers = np.array([record.number for record in track.records], dtype=np.int64)
+    columns: dict[str, NDArray[Any]] = {"visit": np.repeat(numbers, counts)}
+    for field, name in _VOXEL.items():
+        kind = np.uint8 if field == "status" else np.float64
+        parts = [getattr(record.samples, field)[0] for record in track.records]
+        columns[name] = np.concatenate([np.zeros(0), *parts]).astype(kind)
+    return columns
+
+
+def about_track(track: Track) -> dict[str, Any]:
+    """Return what the tables of a run cannot say by themselves, as plain data for their metadata."""
+    return {
+        "software": track.made_by,
+        "seed": track.seed,
+        "scenario": track.scenario_yaml,
+        "warnings": list(track.warnings),
+        "status": {str(int(code)): f"{code.name}: {code.sentence}" for code in TrackStatus},
+        "targets": [
+            {
+                "name": target.name,
+                "object": target.object,
+                "kind": target.looks.kind.value,
+                "diameter_m": target.looks.diameter,
+                "depth_m": target.looks.depth,
+                "expected_rad_rad_m": np.asarray(target.expected).tolist(),
+                "centre_on_object_m": np.asarray(target.centre).tolist(),
+            }
+            for target in track.targets
+        ],
+    }
+
+
+def read_track(folder: str | Path) -> Track:
+    """Return the run that a folder holds.
+
+    Parameters
+    ----------
+    folder
+        Where :func:`scanner_sim.products.tracking.write_track` wrote it.
+
+    Returns
+    -------
+    Track
+        As it was written. Patterns have no voxels where ``output.patterns`` was off.
+
+    Raises
+    ------
+    InputError
+        If there is no run, or its files are broken.
+    """
+    folder = Path(folder)
+    if not (folder / TABLE).exists():
+        raise InputError(f"There is no {TABLE} in {folder}.", remedy="Name the folder of a tracking run.")
+    columns, about = read_parquet(folder / TABLE)
+    voxels = read_parquet(folder / VOXELS)[0] if (folder / VOXELS).exists() else None
+    try:
+        return Track(
+            records=tuple(_records(columns, voxels)),
+            targets=tuple(_target(one) for one in about["targets"]),
+            seed=int(about["seed"]),
+            scenario_yaml=str(about["scenario"]),
+            made_by=str(about["software"]),
+            warnings=tuple(about["warnings"]),
+        )
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(
+            f"{folder / TABLE} is not a table of this version: {type(error).__name__} {error}.",
+            remedy="Run its scenario.yaml again.",
+        ) from None
+
+
+def _target(stated: Mapping[str, Any]) -> TrackTarget:
+    return TrackTarget(
+        name=stated["name"],
+        object=stated["object"],
+        looks=TargetLooks(kind=stated["kind"], diameter=stated["diameter_m"], depth=stated["depth_m"]),
+        expected=np.array(stated["expected_rad_rad_m"], dtype=np.float64),
+        centre=np.array(stated["centre_on_object_m"], dtype=np.float64),
+    )
+
+
+def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
+    def together(names: tuple[str, ...], prefix: str = "") -> Array:
+        return np.stack([columns[prefix + name] for name in names], axis=-1)
+
+    def matrices(names: tuple[str, ...], cross: tuple[str, ...]) -> Array:
+        result = together(names, "sigma_")[:, :, None] ** 2 * np.eye(3)
+        for name, (i, j) in zip(cross, _CORNERS, strict=True):
+            result[:, i, j] = result[:, j, i] = columns[name]
+        # The unit matrix turns unknown variances into unknown rows but leaves zeros beside them.
+        result[np.isnan(columns[cross[0]])] = np.nan
+        return result
+
+    place, point, centre = (
+        together(_ANGULAR),
+        together(_SPATIAL),
+        together(("centre_theta_rad", "centre_phi_rad")),
+    )
+    truth, truth_point = together(_ANGULAR, "truth_"), together(_SPATIAL, "truth_")
+    angular, spatial = matrices(_ANGULAR, _ANGULAR_CROSS), matrices(_SPATIAL, _SPATIAL_CROSS)
+    samples = _samples(columns["visit"], voxels)
+    return [
+        PatternRecord(
+            number=int(columns["visit"][row]),
+            target=str(columns["target"][row]),
+            time=float(columns["time_s"][row]),
+            mode=TrackMode(columns["state"][row]),
+            after=TrackMode(columns["next_state"][row]),
+            refusal=Refusal(columns["refusal"][row]),
+            status=TrackStatus(int(columns["status"][row])),
+            amplitude=float(columns["amplitude_rad"][row]),
+            centre=centre[row],
+            place=place[row],
+            covariance=angular[row],
+            point=point[row],
+            point_covariance=spatial[row],
+            truth=truth[row],
+            truth_point=truth_point[row],
+            samples=samples[row],
+        )
+        for row in range(len(place))
+    ]
+
+
+def _samples(visits: NDArray[Any], voxels: Columns | None) -> list[PatternSamples]:
+    """Return the voxels of each visit; they stand in the order of the visits."""
+    if voxels is None:
+        ends = np.zeros((2, len(visits)), dtype=np.int64)
+        voxels = {name: np.zeros(0) for name in _VOXEL.values()}
+    else:
+        ends = np.stack([np.searchsorted(voxels["visit"], visits, side) for side in ("left", "right")])
+    return [
+        PatternSamples(**{field: voxels[name][None, first:last] for field, name in _VOXEL.items()})
+        for first, last in ends.T.tolist()
+    ]
