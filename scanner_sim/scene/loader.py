@@ -1,42 +1,46 @@
-"""From the description of a scene to a Mitsuba scene, with the names of its objects and materials.
+"""From the description of a scene to Mitsuba scenes, with the names of its objects and materials.
 
-Shapes with a closed form stay analytic, so that truth is exact; meshes come from PLY, OBJ (Mitsuba's own
-readers) or STL (trimesh). A Mitsuba XML file is parsed, moved as one body and stripped of everything but its
-shapes. Every fault of every object is reported together.
+What rests is one Mitsuba scene. Every object that moves is one of its own, in the frame of the object, which never
+changes: a motion is a pose for each ray, and nothing is built or compiled anew. Every fault of every object is reported
+together.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import drjit as dr
 import mitsuba as mi
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.errors import Fault, InputError, ScenarioError
-from scanner_sim.frames import pose_matrix, rotation_about
-from scanner_sim.scene import materials
-from scanner_sim.scene.objects import (
-    Box,
-    Cylinder,
-    Disc,
-    MaterialChoice,
-    Mesh,
-    MitsubaFile,
-    Rectangle,
-    Retroreflector,
-    Scene,
-    Sphere,
-    Surface,
-    TargetArray,
-)
-from scanner_sim.scene.polarisation import speckle_contrast
-from scanner_sim.scene.targets import target_array, target_positions
+from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
+from scanner_sim.scene.shapes import Surfaces, shapes_of
 
-_FACING = pose_matrix(rotation_about((1.0, 0.0, 0.0), np.pi), (0.0, 0.0, 0.0))
-"""Turns Mitsuba's flat shapes, whose normal is +z, to face the scanner."""
+
+@dataclass
+class Pose:
+    """Poses ``scanner_from_object`` for n rays, or one for all.
+
+    ``rotation`` is a ``mi.Matrix3f``, ``place`` of the object's origin a ``mi.Vector3f`` [m].
+    """
+
+    rotation: Any
+    place: Any
+
+    def some(self, index: Any) -> Pose:
+        """Return the poses at some places."""
+        return Pose(dr.gather(mi.Matrix3f, self.rotation, index), dr.gather(mi.Vector3f, self.place, index))
+
+
+@dataclass(frozen=True)
+class Body:
+    """An object that moves: its description, and its ``mitsuba.Scene`` in its own frame."""
+
+    item: Posed
+    mitsuba: Any
 
 
 @dataclass(frozen=True)
@@ -46,7 +50,7 @@ class LoadedScene:
     Attributes
     ----------
     mitsuba
-        The ``mitsuba.Scene``.
+        The ``mitsuba.Scene`` of what rests.
     objects, materials
         Names; object and material number k (from 1) is entry k − 1. Number 0 is "nothing".
     object_of, material_of
@@ -57,6 +61,10 @@ class LoadedScene:
     coherence
         Dr.Jit table from a material's number to the squared contrast of its speckle: 1 where the surface keeps the
         laser's polarisation, 1/2 where it does not and for other people's materials.
+    bodies
+        The objects that move.
+    poses
+        Where each of them is: for all rays alike, or for each ray on its own. As loaded, at time 0.
     """
 
     mitsuba: Any
@@ -66,11 +74,48 @@ class LoadedScene:
     material_of: Any
     out_of_band_ratio: Any
     coherence: Any
+    bodies: tuple[Body, ...] = ()
+    poses: tuple[Pose, ...] = ()
+
+    @property
+    def shapes(self) -> tuple[Any, ...]:
+        """The Mitsuba shapes of all objects; those that move are in the frames of their objects."""
+        return tuple(
+            shape
+            for scene in (self.mitsuba, *(body.mitsuba for body in self.bodies))
+            for shape in scene.shapes()
+        )
 
     @property
     def triangles(self) -> int:
         """Number of triangles of all meshes."""
-        return sum(shape.face_count() for shape in self.mitsuba.shapes() if shape.is_mesh())
+        return sum(shape.face_count() for shape in self.shapes if shape.is_mesh())
+
+    def poses_at(self, time: ArrayLike) -> tuple[Pose, ...]:
+        """Return the poses of the moving objects at times [s], shape (n,), computed in float64."""
+        return device_poses([body.item.pose_at(time) for body in self.bodies])
+
+
+def device_poses(matrices: list[NDArray[np.float64]]) -> tuple[Pose, ...]:
+    """Return poses of several objects, each of shape (n, 4, 4), as float32 on the device; all in one transfer."""
+    if not matrices:
+        return ()
+    rows = np.stack(matrices, axis=1)[:, :, :3, :]
+    count = len(rows)
+    # The copy is for Dr.Jit: it takes NumPy's memory as it lies, and compiles a kernel for each alignment.
+    numbers = mi.Float(np.ascontiguousarray(rows.reshape(count, -1).T, dtype=np.float32).ravel())
+    lane = dr.arange(mi.UInt32, count)
+    entries = [
+        dr.gather(mi.Float, numbers, lane + dr.opaque(mi.UInt32, number * count))
+        for number in range(12 * len(matrices))
+    ]
+    dr.eval(entries)
+    poses = []
+    for first in range(0, len(entries), 12):
+        grid = [entries[first + 4 * row : first + 4 * row + 4] for row in range(3)]
+        rotation = mi.Matrix3f(*(entry for row in grid for entry in row[:3]))
+        poses.append(Pose(rotation, mi.Vector3f(*(row[3] for row in grid))))
+    return tuple(poses)
 
 
 def load_scene(scene: Scene) -> LoadedScene:
@@ -83,285 +128,73 @@ def load_scene(scene: Scene) -> LoadedScene:
         unknown materials.
     """
     mi.set_log_level(mi.LogLevel.Error)
-    bsdfs = _Materials()
-    loaded: list[tuple[str, Any]] = []
+    surfaces = Surfaces()
+    loaded: list[_Loaded] = []
     faults: list[Fault] = []
     if scene.file is not None:
         _collect(
-            loaded, faults, "scene.file", scene.file.stem, MitsubaFile(name="file", file=scene.file), bsdfs
+            loaded, faults, "scene.file", scene.file.stem, MitsubaFile(name="file", file=scene.file), surfaces
         )
     for index, item in enumerate(scene.objects):
-        _collect(loaded, faults, f"scene.objects[{index}]", item.name, item, bsdfs)
+        _collect(loaded, faults, f"scene.objects[{index}]", item.name, item, surfaces)
     if faults:
         raise ScenarioError(faults, source="scene")
-    return _assemble(loaded, bsdfs)
+    return _assemble(loaded, surfaces)
+
+
+class _Loaded(NamedTuple):
+    """An object with its shapes."""
+
+    name: str
+    item: Posed
+    shapes: list[Any]
 
 
 def _collect(
-    loaded: list[tuple[str, Any]], faults: list[Fault], place: str, name: str, item: Any, bsdfs: _Materials
+    loaded: list[_Loaded], faults: list[Fault], place: str, name: str, item: Posed, surfaces: Surfaces
 ) -> None:
-    """Append the shapes of one object, or its fault."""
+    """Append an object with its shapes, or its fault; what moves is loaded in its own frame."""
+    still = {"position": (0.0, 0.0, 0.0), "rotation": ()}
     try:
-        shapes = _SHAPES[type(item)](item, bsdfs)
+        shapes = shapes_of(item if item.motion is None else item.model_copy(update=still), surfaces)
     except InputError as error:
         faults.append(Fault(f"{place} ({name})", error.message, error.remedy))
     else:
-        loaded.extend((name, shape) for shape in shapes)
+        loaded.append(_Loaded(name, item, shapes))
 
 
-def _assemble(loaded: list[tuple[str, Any]], bsdfs: _Materials) -> LoadedScene:
-    """Build the scene and the tables from a shape's registry index to its object and material."""
-    scene = mi.load_dict(
-        {"type": "scene", **{f"shape_{number}": shape for number, (_, shape) in enumerate(loaded)}},
-        optimize=False,
-    )
-    objects = tuple(dict.fromkeys(name for name, _ in loaded))
-    named = [shape.bsdf().id() for _, shape in loaded]
-    surfaces = tuple(dict.fromkeys(named))
-    registry = [_registry_index(shape) for _, shape in loaded]
+def _assemble(loaded: list[_Loaded], surfaces: Surfaces) -> LoadedScene:
+    """Build the scenes and the tables from a shape's registry index to its object and material."""
+    resting = _scene([shape for one in loaded if one.item.motion is None for shape in one.shapes])
+    bodies = tuple(Body(one.item, _scene(one.shapes)) for one in loaded if one.item.motion is not None)
+    shapes = [(one.name, shape, shape.bsdf().id()) for one in loaded for shape in one.shapes]
+    objects = tuple(dict.fromkeys(name for name, _, _ in shapes))
+    materials = tuple(dict.fromkeys(material for _, _, material in shapes))
+    registry = [_registry_index(shape) for _, shape, _ in shapes]
     object_of = np.zeros(max(registry, default=0) + 1, dtype=np.uint32)
     material_of = object_of.copy()
-    object_of[registry] = [objects.index(name) + 1 for name, _ in loaded]
-    material_of[registry] = [surfaces.index(name) + 1 for name in named]
-    ratio = [1.0, *(bsdfs.out_of_band_ratio(name) for name in surfaces)]
-    coherence = [0.5, *(bsdfs.coherence(name) for name in surfaces)]
+    object_of[registry] = [objects.index(name) + 1 for name, _, _ in shapes]
+    material_of[registry] = [materials.index(material) + 1 for _, _, material in shapes]
     return LoadedScene(
-        scene,
+        resting,
         objects,
-        surfaces,
+        materials,
         mi.UInt32(object_of),
         mi.UInt32(material_of),
-        mi.Float(ratio),
-        mi.Float(coherence),
+        mi.Float([1.0, *(surfaces.out_of_band_ratio(name) for name in materials)]),
+        mi.Float([0.5, *(surfaces.coherence(name) for name in materials)]),
+        bodies,
+        device_poses([body.item.pose_at(0.0) for body in bodies]),
+    )
+
+
+def _scene(shapes: list[Any]) -> Any:
+    return mi.load_dict(
+        {"type": "scene", **{f"shape_{number}": shape for number, shape in enumerate(shapes)}},
+        optimize=False,
     )
 
 
 def _registry_index(shape: Any) -> int:
-    import drjit as dr
-
     index: Any = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
     return int(index[0])
-
-
-class _Materials:
-    """The BSDFs of one scene: one plugin per material, shared by its shapes."""
-
-    def __init__(self) -> None:
-        self._made: dict[str, Any] = {}
-        self._described: dict[str, materials.Material] = dict(materials.MATERIALS)
-
-    def out_of_band_ratio(self, name: str) -> float:
-        """Return the reflectance out of the filter's band over that in it."""
-        known = self._described.get(name)
-        if known is None or known.reflectance == 0.0 or known.reflectance_out_of_band is None:
-            return 1.0
-        return known.reflectance_out_of_band / known.reflectance
-
-    def coherence(self, name: str) -> float:
-        """Return the squared contrast of a material's speckle."""
-        known = self._described.get(name)
-        return speckle_contrast(1.0 if known is None else known.depolarised_share) ** 2
-
-    def __call__(self, choice: MaterialChoice) -> Any:
-        if isinstance(choice, str):
-            name, chosen = choice, materials.material(choice)
-        else:
-            chosen = _described(choice)
-            name = chosen.name
-        self._described[name] = chosen
-        if name not in self._made:
-            self._made[name] = mi.load_dict(materials.mitsuba_bsdf(chosen))
-            self._made[name].set_id(name)
-        return self._made[name]
-
-
-def _described(choice: Surface | Retroreflector) -> materials.Material:
-    """Return the material that a scenario describes, under a name that tells it from all others."""
-    other = choice.reflectance_out_of_band
-    numbers: list[Any] = [choice.reflectance, other]
-    lobe = choice.lobe if isinstance(choice, Retroreflector) else None
-    if lobe is not None:
-        numbers = [lobe.kind, *numbers, lobe.retro_share, lobe.half_width, lobe.entrance[1]]
-    unlike = choice.depolarisation if isinstance(choice, Surface) else 1.0
-    numbers.append(None if unlike == 1.0 else f"depolarising_{unlike}")
-    spelt = "_".join(str(number) for number in numbers if number is not None)
-    return materials.Material(
-        name=f"{'reflectance' if lobe is None else 'retroreflector'}_{spelt}",
-        kind="diffuse" if lobe is None else "retroreflector",
-        reflectance=choice.reflectance,
-        reflectance_out_of_band=choice.reflectance if other is None else other,
-        retro=lobe,
-        depolarisation=unlike if lobe is None else None,
-        source="the scenario",
-    )
-
-
-def _transform(matrix: NDArray[np.float64]) -> Any:
-    return mi.ScalarTransform4f(matrix.tolist())
-
-
-def _scaling(x: float, y: float, z: float) -> NDArray[np.float64]:
-    return np.diag([x, y, z, 1.0])
-
-
-def _plugin(kind: str, matrix: NDArray[np.float64], bsdf: Any, **settings: Any) -> Any:
-    name = bsdf.id()  # loading renames a nested plugin to its key
-    shape = mi.load_dict({"type": kind, "to_world": _transform(matrix), "bsdf": bsdf, **settings})
-    bsdf.set_id(name)
-    return shape
-
-
-def _rectangle(item: Rectangle, bsdfs: _Materials) -> list[Any]:
-    width, height = item.size
-    matrix = item.scanner_from_object() @ _FACING @ _scaling(0.5 * width, 0.5 * height, 1.0)
-    return [_plugin("rectangle", matrix, bsdfs(item.material))]
-
-
-def _disc(item: Disc, bsdfs: _Materials) -> list[Any]:
-    radius = 0.5 * item.diameter
-    matrix = item.scanner_from_object() @ _FACING @ _scaling(radius, radius, 1.0)
-    return [_plugin("disk", matrix, bsdfs(item.material))]
-
-
-def _sphere(item: Sphere, bsdfs: _Materials) -> list[Any]:
-    return [_plugin("sphere", item.scanner_from_object(), bsdfs(item.material), radius=0.5 * item.diameter)]
-
-
-def _box(item: Box, bsdfs: _Materials) -> list[Any]:
-    matrix = item.scanner_from_object() @ _scaling(*(0.5 * edge for edge in item.size))
-    return [_plugin("cube", matrix, bsdfs(item.material))]
-
-
-def _cylinder(item: Cylinder, bsdfs: _Materials) -> list[Any]:
-    """Return a tube along y and its two lids."""
-    pose, bsdf = item.scanner_from_object(), bsdfs(item.material)
-    radius, half = 0.5 * item.diameter, 0.5 * item.length
-    tube = _plugin("cylinder", pose, bsdf, p0=[0.0, -half, 0.0], p1=[0.0, half, 0.0], radius=radius)
-    lids = []
-    for end, angle in ((half, -0.5 * np.pi), (-half, 0.5 * np.pi)):
-        outward = pose_matrix(rotation_about((1.0, 0.0, 0.0), angle), (0.0, end, 0.0))
-        lids.append(_plugin("disk", pose @ outward @ _scaling(radius, radius, 1.0), bsdf))
-    return [tube, *lids]
-
-
-def _mesh_file(item: Mesh, bsdfs: _Materials) -> list[Any]:
-    bsdf = bsdfs(item.material)
-    kind = item.mesh.suffix.lower()
-    if not item.mesh.is_file():
-        raise InputError(f"the mesh '{item.mesh}' does not exist.", remedy="Give its path from the scenario.")
-    unit = item.length_unit
-    matrix = item.scanner_from_object() @ _scaling(unit, unit, unit)
-    if kind == ".stl":
-        return [_mesh(item.name, *_read_stl(item.mesh), matrix, bsdf)]
-    if kind not in (".ply", ".obj"):
-        raise InputError(f"'{item.mesh.name}' is no PLY, OBJ or STL file.", remedy="Convert the mesh.")
-    try:
-        shape = _plugin(kind[1:], matrix, bsdf, filename=str(item.mesh))
-    except RuntimeError as error:
-        raise InputError(f"the mesh '{item.mesh}' cannot be read: {_reason(error)}") from None
-    return [_checked(shape, item.mesh)]
-
-
-def _read_stl(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    import trimesh
-
-    try:
-        mesh = trimesh.load_mesh(path, process=False)
-        return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
-    except Exception as error:
-        raise InputError(f"the mesh '{path}' cannot be read: {error}") from None
-
-
-def _mesh(
-    name: str,
-    vertices: NDArray[np.float64],
-    faces: NDArray[Any],
-    matrix: NDArray[np.float64],
-    bsdf: Any,
-) -> Any:
-    """Return a mesh from arrays, with flat faces."""
-    settings = mi.Properties()
-    settings["bsdf"] = bsdf
-    settings["face_normals"] = True
-    mesh = mi.Mesh(name, len(vertices), len(faces), settings)
-    placed = vertices @ matrix[:3, :3].T + matrix[:3, 3]
-    parameters = mi.traverse(mesh)
-    parameters["vertex_positions"] = mi.Float(placed.astype(np.float32).ravel())
-    parameters["faces"] = mi.UInt32(faces.astype(np.uint32).ravel())
-    parameters.update()
-    return _checked(mesh, Path(name))
-
-
-def _checked(mesh: Any, path: Path) -> Any:
-    """Return a mesh that has faces and finite vertices, or say what is wrong with it; other shapes pass."""
-    parameters = mi.traverse(mesh)
-    if "vertex_positions" not in parameters:
-        return mesh
-    if mesh.face_count() == 0:
-        raise InputError(f"the mesh '{path}' has no faces.", remedy="A point cloud cannot be scanned.")
-    if not np.isfinite(parameters["vertex_positions"].numpy()).all():
-        raise InputError(f"the mesh '{path}' has vertices that are not finite.")
-    if int(parameters["faces"].numpy().max()) >= mesh.vertex_count():
-        raise InputError(f"the mesh '{path}' has faces that name missing vertices.")
-    return mesh
-
-
-def _mitsuba_file(item: MitsubaFile, _: _Materials) -> list[Any]:
-    """Return the shapes of an XML scene, moved as one body."""
-    if not item.file.is_file():
-        raise InputError(
-            f"the scene '{item.file}' does not exist.", remedy="Give its path from the scenario."
-        )
-    settings = mi.parser.ParserConfig(str(mi.variant()))
-    settings.merge_meshes = False
-    settings.merge_equivalent = False
-    pose = mi.ScalarAffineTransform4d(item.scanner_from_object())
-    renderer: Any = mi  # its type stubs lack the resolver
-    own_resolver = renderer.file_resolver()
-    beside_file = renderer.FileResolver(own_resolver)
-    beside_file.prepend(str(item.file.resolve().parent))
-    renderer.set_file_resolver(beside_file)
-    try:
-        state = mi.parser.parse_file(settings, str(item.file))
-        mi.parser.transform_all(settings, state)
-        for node in state.nodes:
-            if node.type == mi.ObjectType.Shape:
-                own = node.props.get("to_world", None)
-                node.props["to_world"] = pose if own is None else pose @ own
-        root = mi.parser.instantiate(settings, state)
-    except Exception as error:
-        raise InputError(f"the scene '{item.file}' cannot be loaded: {_reason(error)}") from None
-    finally:
-        renderer.set_file_resolver(own_resolver)
-    if not isinstance(root, mi.Scene) or not root.shapes():
-        raise InputError(f"the scene '{item.file}' holds no shapes.")
-    return [_checked(shape, item.file) for shape in root.shapes()]
-
-
-def _target_array(item: TargetArray, bsdfs: _Materials) -> list[Any]:
-    layout = item.array
-    positions = target_positions(layout.rows, layout.columns, *layout.spacing)
-    parts = target_array(positions, layout.diameter, layout.plate)
-    pose = item.scanner_from_object()
-    bsdf = {"black": bsdfs(item.disc), "white": bsdfs(item.material)}
-    return [
-        _mesh(f"{item.name}-{part}", vertices, faces, pose, bsdf[part])
-        for part, (vertices, faces) in parts.items()
-    ]
-
-
-def _reason(error: Exception) -> str:
-    """Return the sentence of a renderer's error, without its source position."""
-    return " ".join(str(error).split("] ", 1)[-1].split())
-
-
-_SHAPES: dict[type, Any] = {
-    Rectangle: _rectangle,
-    Disc: _disc,
-    Sphere: _sphere,
-    Box: _box,
-    Cylinder: _cylinder,
-    Mesh: _mesh_file,
-    MitsubaFile: _mitsuba_file,
-    TargetArray: _target_array,
-}
