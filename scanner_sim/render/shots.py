@@ -96,17 +96,8 @@ def true_shots(aim: Aim, mirrors: Mirrors, seed: int, shining: float = 1.0) -> t
         shot; wobble is :func:`wobble`; drift is :meth:`~scanner_sim.optics.deflection.Mirrors.drift`.
     """
     number = _device(mi.UInt32, aim.shot)
-    normal = generator(seed, Stream.MIRRORS, number, mi.UInt32(0)).next_float32x4_normal()
-    other = generator(seed, Stream.SYNCHRONISATION, number, mi.UInt32(0)).next_float32x4_normal()
-    unseen = dr.opaque(mi.Float, mirrors.jitter * (1.0 - mirrors.jitter_seen) ** 0.5)
-    seen = dr.opaque(mi.Float, mirrors.jitter * mirrors.jitter_seen**0.5)
-    shaft = [seen * normal[axis + 2] for axis in (0, 1)]
-    random = [unseen * normal[axis] + shaft[axis] for axis in (0, 1)]
-    if mirrors.wobble > 0.0:
-        # The first mirror's wobble is across its own motion, along φ, and the second's along Θ.
-        random[1] += wobble(aim.theta, aim.time, mirrors, seed, 0)
-        random[0] += wobble(aim.phi, aim.time, mirrors, seed, 1)
-    synchronisation = dr.opaque(mi.Float, mirrors.synchronisation) * other[0]
+    lattices = lattices_of(aim, mirrors)
+    random, shaft, synchronisation = drawn_errors(number, lattices, mirrors, seed)
     dr.eval(number, random, shaft, synchronisation)
     still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
     errors = [np.asarray(random[axis].numpy(), dtype=np.float64) + still[axis] for axis in (0, 1)]
@@ -122,7 +113,70 @@ def true_shots(aim: Aim, mirrors: Mirrors, seed: int, shining: float = 1.0) -> t
     return shots, Pointing(errors[0], errors[1], encoders[0], encoders[1])
 
 
-def wobble(deflection: Array, time: Array, mirrors: Mirrors, seed: int, mirror: int) -> Any:
+def drawn_errors(
+    number: Any, lattices: list[Lattice], mirrors: Mirrors, seed: int
+) -> tuple[list[Any], list[Any], Any]:
+    """Return the random errors of shots: true deflections, what of them the encoders see, and the synchronisation.
+
+    Parameters
+    ----------
+    number
+        Numbers of the n shots, Dr.Jit.
+    lattices
+        Where both mirrors stand in their wobble (:func:`lattices_of`); none where nothing wobbles.
+    mirrors, seed
+        Size of the errors, and seed.
+
+    Returns
+    -------
+    tuple
+        Errors along Θ and φ [rad], their parts that the encoders read, and by how much the receiver looks past the
+        laser; Dr.Jit, shape (n,).
+    """
+    normal = generator(seed, Stream.MIRRORS, number, mi.UInt32(0)).next_float32x4_normal()
+    other = generator(seed, Stream.SYNCHRONISATION, number, mi.UInt32(0)).next_float32x4_normal()
+    unseen = dr.opaque(mi.Float, mirrors.jitter * (1.0 - mirrors.jitter_seen) ** 0.5)
+    seen = dr.opaque(mi.Float, mirrors.jitter * mirrors.jitter_seen**0.5)
+    shaft = [seen * normal[axis + 2] for axis in (0, 1)]
+    random = [unseen * normal[axis] + shaft[axis] for axis in (0, 1)]
+    for mirror, lattice in enumerate(lattices):
+        # The first mirror's wobble is across its own motion, along φ, and the second's along Θ.
+        random[1 - mirror] += wobble(lattice, mirrors, seed, mirror)
+    return random, shaft, dr.opaque(mi.Float, mirrors.synchronisation) * other[0]
+
+
+@dataclass
+class Lattice:
+    """Where a mirror stands in the lattice of its wobble, Dr.Jit arrays of shape (n,).
+
+    ``angle`` and ``moment`` are the cells of deflection and time, ``angle_part`` and ``moment_part`` the places in
+    them, 0 to 1.
+    """
+
+    angle: Any
+    angle_part: Any
+    moment: Any
+    moment_part: Any
+
+    @classmethod
+    def of(cls, deflection: Array, time: Array, mirrors: Mirrors) -> Lattice:
+        """Return the places of a mirror at deflections [rad] and times since the start [s], shape (n,)."""
+        places: list[Any] = []
+        for values, spacing in ((deflection, mirrors.wobble_angle), (time, mirrors.wobble_time)):
+            cell = np.floor(values / spacing)
+            places.append(_device(mi.UInt32, (cell.astype(np.int64) & 0xFFFFFFFF).astype(np.uint32)))
+            places.append(_single(values / spacing - cell))
+        return cls(*places)
+
+
+def lattices_of(aim: Aim, mirrors: Mirrors) -> list[Lattice]:
+    """Return the lattices of both mirrors, or none where they do not wobble."""
+    if mirrors.wobble <= 0.0:
+        return []
+    return [Lattice.of(angle, aim.time, mirrors) for angle in (aim.theta, aim.phi)]
+
+
+def wobble(lattice: Lattice, mirrors: Mirrors, seed: int, mirror: int) -> Any:
     """Return the cross-axis error of a mirror [rad], a Dr.Jit array of shape (n,).
 
     Independent normal numbers stand on a lattice over the mirror's deflection (spacing ``wobble_angle``) and time
@@ -133,20 +187,17 @@ def wobble(deflection: Array, time: Array, mirrors: Mirrors, seed: int, mirror: 
 
     Parameters
     ----------
-    deflection, time
-        Of the mirror [rad], and since the start [s], shape (n,).
+    lattice
+        The mirror's place in it.
     mirrors
-        Size and scales of the wobble.
+        Size of the wobble.
     seed, mirror
         Address of the random numbers; mirror 0 deflects by Θ, mirror 1 by φ.
     """
     places = []
-    for values, spacing in ((deflection, mirrors.wobble_angle), (time, mirrors.wobble_time)):
-        cell = np.floor(values / spacing)
-        part = _single(values / spacing - cell)
+    for first, part in ((lattice.angle, lattice.angle_part), (lattice.moment, lattice.moment_part)):
         step = 0.5 * dr.pi * dr.square(part) * (3.0 - 2.0 * part)
         sine, cosine = dr.sincos(step)
-        first = _device(mi.UInt32, (cell.astype(np.int64) & 0xFFFFFFFF).astype(np.uint32))
         places.append(((first, cosine), (first + 1, sine)))
     total = mi.Float(0.0)
     for angle, by_angle in places[0]:

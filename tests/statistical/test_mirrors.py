@@ -99,11 +99,14 @@ def test_wobble_is_everywhere_of_the_stated_size() -> None:
     Set-up: 2000 seeds of four places, on a node and between nodes of angle and time. Expected: the normal law at every
     place. Tolerance: Kolmogorov–Smirnov at 1e-5 each.
     """
-    from scanner_sim.render.shots import wobble
+    from scanner_sim.render.shots import Lattice, wobble
 
     errors = mirrors(wobble=1e-5, wobble_angle=0.05, wobble_time=0.01)
     angle, time = np.array([0.1, 0.112, 0.125, -0.13]), np.array([0.02, 0.023, 0.025, 0.0351])
-    drawn = np.array([wobble(angle, time, errors, seed, 0).numpy() for seed in range(2000)]) / 1e-5
+    drawn = (
+        np.array([wobble(Lattice.of(angle, time, errors), errors, seed, 0).numpy() for seed in range(2000)])
+        / 1e-5
+    )
     for place in drawn.T:
         assert stats.kstest(place, "norm").pvalue > 1e-5
 
