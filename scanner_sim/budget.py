@@ -187,7 +187,7 @@ def _errors(
             told.spot,
             aim.theta[group.index].astype(np.float32),
             told.bias,
-            told.expected_speckle,
+            told.expected_speckle(),
         )
         peak[group.index] = found.position.numpy()
     geometry = told.geometry
@@ -200,14 +200,16 @@ def _aim(scenario: Scenario) -> Aim:
     angles = np.linspace(-HALF, HALF, _SIDE)
     phi, theta = (values.ravel() for values in np.meshgrid(angles, angles, indexing="ij"))
     shot = np.arange(theta.size, dtype=np.uint32)
-    travel = np.full(theta.shape, scenario.scan.travel)
+    travel = np.full(theta.shape, scenario.raster.travel)
     time = 2.0 * scenario.scanner.mirrors.wobble_time * shot.astype(np.float64)
     return Aim(shot, theta, phi, time, travel, np.zeros(theta.shape))
 
 
 def _target(scenario: Scenario, distance: float, reflectance: float) -> Scene:
     """Return a facing plate, no larger than is lit: single precision places it to a share of its size."""
-    size = 2.0 * (HALF + abs(scenario.scan.travel)) * distance + 8.0 * scenario.scanner.laser.radius(distance)
+    size = 2.0 * (HALF + abs(scenario.raster.travel)) * distance + 8.0 * scenario.scanner.laser.radius(
+        distance
+    )
     plate = {
         "name": "target",
         "shape": "rectangle",
@@ -277,7 +279,7 @@ def dominating(
     Dominance
     """
     bench = Workbench(scenario, device=device)
-    scan, geometry = scenario.scan, bench.geometry
+    scan, geometry = scenario.raster, bench.geometry
     f, d, mirrors = geometry.focal_length, geometry.baseline, scenario.scanner.mirrors
     names = (*(part.name for part in _PARTS), "synchronisation", "deflection")
     variances = np.full((len(names), scan.shots), np.nan)
@@ -326,7 +328,7 @@ def _peak_parts(bench: Workbench, aim: Aim) -> tuple[Array, Array]:
                 bench.spot,
                 theta,
                 bench.bias,
-                bench.expected_speckle if part.speckle else None,
+                bench.expected_speckle() if part.speckle else None,
             )
             left = np.asarray(without.sigma.numpy(), dtype=np.float64)
             # What the changed model refuses it says nothing about.

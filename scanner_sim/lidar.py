@@ -25,6 +25,7 @@ from scanner_sim.ranging.covariance import PointCovariance, point_covariance
 from scanner_sim.ranging.fusion import fuse
 from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
+from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scanner import Lidar
 from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
@@ -116,7 +117,7 @@ class EchoBench:
             self.field,
             light_of(sky),
             Albedo(sky.albedo, sky.albedo_out_of_band),
-            scenario.scan,
+            scenario.raster,
             scenario.transport,
             scenario.seed,
         )
@@ -145,7 +146,8 @@ class EchoBench:
 
         unit, scenario = self.unit, self.scenario
         diode, clock = unit.photodiode, unit.digitiser
-        light = field_light(self.panorama, self.field, shots, scenario.scan.columns, self.collected)
+        columns = scenario.scan.columns if isinstance(scenario.scan, RasterScan) else 1
+        light = field_light(self.panorama, self.field, shots, columns, self.collected)
         view = View(diode.place == "offset", diode.field_of_view)
         truth, echoes = render_echoes(
             self.loaded, self.optics, view, scenario.transport, shots, scenario.seed

@@ -38,7 +38,7 @@ def take_photo(scenario: Scenario, *, device: DeviceChoice = "auto") -> NDArray[
     from scanner_sim.render.camera import photograph
     from scanner_sim.scene.loader import load_scene
 
-    sky, scan = scenario.lighting.sky(), scenario.scan
+    sky, scan = scenario.lighting.sky(), scenario.raster
     return photograph(
         load_scene(scenario.scene),
         scenario.camera,

@@ -12,6 +12,7 @@ from scanner_sim.detector.position_sensor import PositionSensor
 from scanner_sim.errors import Fault
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.filter import BandpassFilter, FilterChoice
+from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.optics.receiver import Receiver
@@ -47,6 +48,8 @@ class Scanner(Part):
     """The laser and its beam."""
     mirrors: Mirrors = Mirrors()
     """The deflection."""
+    galvanometers: Galvanometers = Galvanometers()
+    """The servos that turn the mirrors, which tracking needs; a raster's lag is taken to be calibrated."""
     receiver: Receiver = Receiver()
     """The receiving lens."""
     filter: FilterChoice = BandpassFilter()

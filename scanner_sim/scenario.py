@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Literal
+from functools import cached_property
+from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
-from scanner_sim.errors import Fault
+from scanner_sim.errors import Fault, InputError
 from scanner_sim.parts import Count, Part
 from scanner_sim.products.settings import Output
 from scanner_sim.render.camera_settings import Camera
@@ -18,9 +19,29 @@ from scanner_sim.scanner import Scanner
 from scanner_sim.scene.lighting import Lighting
 from scanner_sim.scene.objects import Scene
 from scanner_sim.signals.processing import MARGIN, Processing
+from scanner_sim.tracking.record import TrackTarget
+from scanner_sim.tracking.scan import TrackScan, resolve_targets
 
+SCANS = ("raster", "track")
+"""Values of the key ``scan.type``."""
 _MOST_SAMPLES = 1 << 28
 """Samples of all waveforms that are kept together: a gigabyte."""
+
+
+def _kind_of_scan(value: object) -> str | None:
+    """Return the tag of a scan; one without a type is a raster."""
+    kind = value.get("type", "raster") if isinstance(value, dict) else getattr(value, "type", "raster")
+    return f"({kind})" if kind in SCANS else None
+
+
+ScanChoice = Annotated[
+    Annotated[RasterScan, Tag("(raster)")] | Annotated[TrackScan, Tag("(track)")],
+    Discriminator(
+        _kind_of_scan,
+        custom_error_type="scan_kind",
+        custom_error_message=f"the type of a scan is one of {', '.join(SCANS)}",
+    ),
+]
 
 
 class Scenario(Part):
@@ -41,7 +62,7 @@ class Scenario(Part):
     """What stands before it."""
     lighting: Lighting = Lighting()
     """Sun and Earth; dark by default."""
-    scan: RasterScan = Field(
+    scan: ScanChoice = Field(
         examples=[
             {
                 "type": "raster",
@@ -52,7 +73,7 @@ class Scenario(Part):
             }
         ]
     )
-    """Where it points."""
+    """Where it points: a raster, or patterns that follow targets."""
     transport: Transport = Transport()
     """How light is followed."""
     processing: Processing = Processing()
@@ -64,8 +85,57 @@ class Scenario(Part):
 
     def contradictions(self) -> Iterator[Fault]:
         """Yield angles beyond the mirrors, range gates beyond what is recorded, and settings that find no room."""
+        if isinstance(self.scan, RasterScan):
+            yield from self._raster_contradictions(self.scan)
+        else:
+            yield from self._track_contradictions(self.scan)
+        if self.ranging != "tof":
+            yield from self._line_contradictions()
+        if self.ranging != "triangulation":
+            yield from self._pulse_contradictions()
+
+    @property
+    def raster(self) -> RasterScan:
+        """The scan, for what needs a raster.
+
+        Raises
+        ------
+        InputError
+            If the scenario follows targets.
+        """
+        if not isinstance(self.scan, RasterScan):
+            raise InputError(
+                "this needs a raster, and the scenario follows targets (scan.type: track).",
+                remedy="Write scan: {type: raster, rows: 256, columns: 256, horizontal: […], vertical: […]}.",
+            )
+        return self.scan
+
+    @property
+    def following(self) -> TrackScan:
+        """The scan, for what follows targets.
+
+        Raises
+        ------
+        InputError
+            If the scenario scans a raster.
+        """
+        if not isinstance(self.scan, TrackScan):
+            raise InputError(
+                "this follows targets, and the scenario scans a raster (scan.type: raster).",
+                remedy="Write scan: {type: track, targets: [node/1], duration: 2 s}.",
+            )
+        return self.scan
+
+    @cached_property
+    def targets(self) -> tuple[TrackTarget, ...]:
+        """The targets that are followed, arrays taken apart; empty for a raster."""
+        if isinstance(self.scan, RasterScan):
+            return ()
+        return resolve_targets(self.scan, self.scene, self.scanner.mirrors.axis_separation)[0]
+
+    def _raster_contradictions(self, scan: RasterScan) -> Iterator[Fault]:
         limit = self.scanner.mirrors.max_deflection
-        for name, ends in (("horizontal", self.scan.horizontal), ("vertical", self.scan.vertical)):
+        for name, ends in (("horizontal", scan.horizontal), ("vertical", scan.vertical)):
             if max(abs(end) for end in ends) > limit:
                 widest = math.degrees(max(ends, key=abs))
                 yield Fault(
@@ -74,11 +144,16 @@ class Scenario(Part):
                     f"{math.degrees(limit):.6g} deg ({limit:g} rad) to both sides.",
                     "Narrow the scan, or raise scanner.mirrors.max_deflection.",
                 )
-        if self.ranging != "tof":
-            yield from self._line_contradictions()
-        if self.ranging != "triangulation":
-            yield from self._pulse_contradictions()
-        yield from self._waveform_contradictions()
+        yield from self._waveform_contradictions(scan)
+
+    def _track_contradictions(self, scan: TrackScan) -> Iterator[Fault]:
+        yield from resolve_targets(scan, self.scene, self.scanner.mirrors.axis_separation)[1]
+        if self.output.waveforms != "none":
+            yield Fault(
+                "output.waveforms",
+                "a run that follows targets keeps no waveforms.",
+                "Write none, or a raster.",
+            )
 
     def _line_contradictions(self) -> Iterator[Fault]:
         pixels, window = self.scanner.position_sensor.pixels, 2 * MARGIN[self.processing.peak] + 1
@@ -123,7 +198,7 @@ class Scenario(Part):
                 "Move the gate, or change scanner.lidar.digitiser.gate.",
             )
 
-    def _waveform_contradictions(self) -> Iterator[Fault]:
+    def _waveform_contradictions(self, scan: RasterScan) -> Iterator[Fault]:
         chosen = self.output.waveforms
         if chosen == "none":
             return
@@ -133,9 +208,9 @@ class Scenario(Part):
                 "triangulation has no waveforms.",
                 "Write ranging: tof or both, or output.waveforms: none.",
             )
-        rows, columns = self.scan.rows, self.scan.columns
+        rows, columns = scan.rows, scan.columns
         if isinstance(chosen, str):
-            samples = self.scan.shots * self.scanner.lidar.digitiser.samples
+            samples = scan.shots * self.scanner.lidar.digitiser.samples
             if samples > _MOST_SAMPLES:
                 yield Fault(
                     "output.waveforms",

@@ -62,7 +62,7 @@ def simulate(
     if batch < 1:
         raise InputError("a batch needs at least one shot.")
     bench = Workbench(scenario, device=device, threads=threads)
-    scan = scenario.scan
+    scan = scenario.raster
     order = tiled_order(scan)
     layers: dict[str, NDArray[np.float32]] = {}
     for start in range(0, scan.shots, batch):
@@ -130,7 +130,7 @@ def simulate_waveforms(
     """
     if scenario.ranging == "triangulation":
         raise InputError("triangulation has no waveforms.", remedy="Write ranging: tof, or both.")
-    scan = scenario.scan
+    scan = scenario.raster
     if voxels is None:
         shots = np.arange(scan.shots, dtype=np.uint32)
     else:
@@ -150,7 +150,7 @@ def simulate_waveforms(
 
 
 def _check_voxel(scenario: Scenario, row: int, column: int) -> None:
-    scan = scenario.scan
+    scan = scenario.raster
     if not (0 <= row < scan.rows and 0 <= column < scan.columns):
         raise InputError(
             f"voxel ({row}, {column}) lies outside of the {scan.rows} × {scan.columns} raster.",

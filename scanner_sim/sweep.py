@@ -175,7 +175,7 @@ class _Stage:
         """Return an even grid of all that the pixels see during the scan."""
         from scanner_sim.render.illumination import Sight
 
-        scan, (near, far) = self._scenario.scan, self._reach
+        scan, (near, far) = self._scenario.raster, self._reach
         rows, columns = GRID
         angle = np.linspace(scan.horizontal[0] - far, scan.horizontal[1] - near, columns)
         phi = np.linspace(*scan.vertical, rows)
@@ -222,7 +222,7 @@ class _Stage:
         """Return the share of the Sun's disc that some pixel sees during the scan."""
         from scanner_sim.render.illumination import half_height
 
-        scan, (near, far), margin = self._scenario.scan, self._reach, half_height(self._bench.optics)
+        scan, (near, far), margin = self._scenario.raster, self._reach, half_height(self._bench.optics)
         across = (sun.angle >= scan.horizontal[0] - far) & (sun.angle <= scan.horizontal[1] - near)
         down = (sun.phi >= scan.vertical[0] - margin) & (sun.phi <= scan.vertical[1] + margin)
         return float(np.mean(free & across & down))

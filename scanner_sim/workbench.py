@@ -22,7 +22,7 @@ from scanner_sim.ranging.neighbours import isolated
 from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_from_peaks
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.render.device import DeviceChoice, activate
-from scanner_sim.scan.raster import Aim, raster_aim
+from scanner_sim.scan.raster import Aim, RasterScan, raster_aim
 from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
 
@@ -102,9 +102,10 @@ class Workbench:
         from scanner_sim.render.sky import light_of
         from scanner_sim.render.view import panorama_view
 
-        sky, settings, scan = self.scenario.lighting.sky(), self.scenario.transport, self.scenario.scan
+        sky, settings = self.scenario.lighting.sky(), self.scenario.transport
         if sky.dark:
             return None
+        scan = self.scenario.raster
         pixels = self.scenario.scanner.position_sensor.pixels
         return render_panorama(
             self.loaded,
@@ -155,20 +156,34 @@ class Workbench:
         return Grain.of(laser.wavelength, receiver, sensor.pitch, sensor.height) if laser.speckle else None
 
     @property
-    def sweep(self) -> float:
-        """Angle by which the beam moves over the surface while the laser shines on a voxel [rad]."""
-        scanner = self.scenario.scanner
-        return self.scenario.scan.travel * scanner.exposure / scanner.dwell
+    def columns(self) -> int:
+        """Voxels of a row, by which a shot's number tells its row; 1 where there are no rows."""
+        scan = self.scenario.scan
+        return scan.columns if isinstance(scan, RasterScan) else 1
 
-    @cached_property
-    def expected_speckle(self) -> Any:
-        """What the instrument knows of the speckle; None where there is none."""
+    def sweep(self, shots: Any) -> Any:
+        """Return the angle by which the beams of shots move over the surface while the laser shines [rad].
+
+        In a raster they are all alike; else of shape (m,), Dr.Jit: √(δΘ² + (cosΘ δφ)²).
+        """
+        scan, scanner = self.scenario.scan, self.scenario.scanner
+        if isinstance(scan, RasterScan):
+            return scan.travel * scanner.exposure / scanner.dwell
+        import drjit as dr
+
+        return dr.sqrt(dr.square(shots.travel_theta) + dr.square(dr.cos(shots.theta) * shots.travel_phi))
+
+    def expected_speckle(self, shots: Any = None) -> Any:
+        """Return what the instrument knows of the speckle of shots; None where there is none.
+
+        It knows how fast its mirrors turn. In a raster no shots are needed.
+        """
         from scanner_sim.signals.speckle import ExpectedSpeckle
 
         if self.grain is None:
             return None
-        height = self.optics.height / self.optics.pitch
-        return ExpectedSpeckle(self.grain, self.scenario.processing.speckle_contrast, self.sweep, height)
+        height, contrast = self.optics.height / self.optics.pitch, self.scenario.processing.speckle_contrast
+        return ExpectedSpeckle(self.grain, contrast, self.sweep(shots), height)
 
     def _speckle(self, light: Any, shots: Any, distance: Any) -> Any:
         """Return the speckle of shots whose chief rays go a distance; None for light without."""
@@ -178,7 +193,7 @@ class Workbench:
             return None
         places = BeamPlaces.of(shots.theta, shots.phi, distance, self.optics.laser)
         pixels = self.scenario.scanner.position_sensor.pixels
-        return line_speckle(light.clusters, places, self.grain, self.sweep, pixels, self.scenario.seed)
+        return line_speckle(light.clusters, places, self.grain, self.sweep(shots), pixels, self.scenario.seed)
 
     @cached_property
     def echoes(self) -> EchoBench:
@@ -302,8 +317,8 @@ class Workbench:
         scanner, processing = self.scenario.scanner, self.scenario.processing
         sensor = scanner.position_sensor
         values = self._among_neighbours(row, column)
-        shot = np.array([row * self.scenario.scan.columns + column], dtype=np.uint32)
-        aim = raster_aim(self.scenario.scan, shot, scanner.dwell)
+        shot = np.array([row * self.scenario.raster.columns + column], dtype=np.uint32)
+        aim = raster_aim(self.scenario.raster, shot, scanner.dwell)
         _, groups = self.expose(aim)
         (group,) = groups
         status = Status(int(values["status"]))
@@ -337,7 +352,7 @@ class Workbench:
 
     def _among_neighbours(self, row: int, column: int) -> dict[str, float]:
         """Measure a voxel with those around it, which have a say in its status."""
-        scan = self.scenario.scan
+        scan = self.scenario.raster
         rows = np.arange(max(row - 1, 0), min(row + 2, scan.rows))
         columns = np.arange(max(column - 1, 0), min(column + 2, scan.columns))
         shots = (rows[:, None] * scan.columns + columns[None, :]).astype(np.uint32)
@@ -373,9 +388,7 @@ class Workbench:
             for light in lights:
                 own = shots.some(light.index)
                 speckle = self._speckle(light, own, truth.distance_of(light.index))
-                incident = Incident(
-                    light, own, scenario.scan.columns, self.throughput, self.panorama, speckle
-                )
+                incident = Incident(light, own, self.columns, self.throughput, self.panorama, speckle)
                 signal = expose(
                     incident.power,
                     light.shot,
@@ -396,7 +409,7 @@ class Workbench:
                     self.spot,
                     theta,
                     self.bias,
-                    self.expected_speckle,
+                    self.expected_speckle(own),
                 )
                 yield Group(index, incident, signal, peaks)
 

@@ -104,7 +104,7 @@ def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instru
         step=sensor.electrons_per_number if noise.quantisation else 0.0,
         response=sensor.prnu if noise.prnu else 0.0,
         contrast=math.sqrt(0.5) if laser.speckle else 0.0,  # a grey Lambertian surface depolarises
-        sweep=scenario.scan.travel,
+        sweep=scenario.raster.travel,
         jitter=mirrors.jitter * math.sqrt(1.0 - mirrors.jitter_seen),
         wobble=mirrors.wobble,
         synchronisation=mirrors.synchronisation,

@@ -38,14 +38,14 @@ class ExpectedSpeckle:
     contrast
         Contrast C that surfaces are assumed to give.
     sweep
-        Angle by which the beam moves in a dwell [rad].
+        Angle by which the beam moves in a dwell [rad], a number or a Dr.Jit array of shape (m,).
     height
         Height of the pixels, in pixels of the line's pitch.
     """
 
     grain: Grain
     contrast: float
-    sweep: float
+    sweep: Any
     height: float
 
     def about(self, spot: ExpectedSpot, centre: Any, sine: Any, cosine: Any) -> SpotSpeckle:
@@ -57,7 +57,8 @@ class ExpectedSpeckle:
             auto.Float, spot.rayleigh_length
         )
         radius = dr.opaque(auto.Float, spot.waist_radius) * dr.sqrt(1.0 + dr.square(away))
-        averaged = patterns(dr.opaque(auto.Float, self.sweep), distance / radius)
+        sweep = dr.opaque(auto.Float, self.sweep) if isinstance(self.sweep, float) else self.sweep
+        averaged = patterns(sweep, distance / radius)
         across = within_height(beam + spread, dr.opaque(auto.Float, self.height))
         even = dr.opaque(auto.Float, self.contrast**2) * pixel_variance(self.grain, beam + spread, across)
         return SpotSpeckle(self.grain, even / averaged, dr.sqrt(beam + spread))

@@ -398,7 +398,7 @@ def test_every_key_has_a_description_for_editors() -> None:
     bare = [
         f"{part}.{key}"
         for part, node in parts.items()
-        for key, entry in node["properties"].items()
+        for key, entry in node.get("properties", {}).items()
         if "description" not in entry and "const" not in entry
     ]
     assert not bare
