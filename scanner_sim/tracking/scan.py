@@ -93,7 +93,7 @@ class TrackScan(Part):
     tracker: TrackerSettings = TrackerSettings()
     """How targets are searched for and followed."""
     visiting: Visiting = Visiting()
-    """How the mirrors go from pattern to pattern."""
+    """Times between patterns, and the drive's updates."""
 
     def asked(self) -> tuple[FollowedTarget, ...]:
         """Return the targets in their long spelling, in the order of the list."""
@@ -138,13 +138,6 @@ def resolve_targets(
     return tuple(found), tuple(faults)
 
 
-def scanner_from_object(item: SceneObject, time: float) -> Array:
-    """Return the pose of an object at a time [s], shape (4, 4)."""
-    start = item.scanner_from_object()
-    motion = getattr(item, "motion", None)
-    return start if motion is None else np.asarray(motion.scanner_from_object(time, start)[0])
-
-
 def _members(
     asked: FollowedTarget, scene: Scene, axis_separation: float, place: str
 ) -> Iterator[TrackTarget | Fault]:
@@ -185,7 +178,7 @@ def _members(
             place, f"one expected place stands for {len(chosen)} targets.", f"Name each, as {name}/1."
         )
         return
-    pose = scanner_from_object(item, 0.0)
+    pose = item.pose_at(0.0)[0]
     for number in chosen:
         label = f"{name}/{number + 1}" if isinstance(item, TargetArray) else name
         here = pose[:3, :3] @ centres[number] + pose[:3, 3]
