@@ -12,7 +12,7 @@ DEMO := out/quickstart
 # Said by the interpreter itself, so that a shim without a Python behind it counts as missing.
 NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo test lint format typecheck build bench scenes setup llvm clean
+.PHONY: help demo test lint format typecheck docs build bench scenes setup llvm clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -35,6 +35,10 @@ format: $(STAMP) ## Put the code into the common format
 
 typecheck: $(STAMP) ## Check the types of the package
 	$(RUN) -m mypy
+
+docs: setup ## Build the site of the documents into build/docs; any warning is an error
+	NO_MKDOCS_2_WARNING=1 $(RUN) -m mkdocs build --strict
+	@echo "Open $(CURDIR)/build/docs/index.html"
 
 build: $(STAMP) ## Build the wheel into dist/
 	rm -rf dist

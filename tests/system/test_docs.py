@@ -1,0 +1,146 @@
+"""The documents keep their promises: every example in them runs, the reference is complete, and the site builds."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from scanner_sim.cli import app
+from scanner_sim.config import load_scenario, scenario_from_text
+from scanner_sim.products.folder import RUN
+from scanner_sim.products.image import CHANNELS
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGES = sorted(path for path in DOCS.rglob("*.md") if "```" in path.read_text(encoding="utf-8"))
+SMALL = {
+    "run": [
+        "--set",
+        "scan.rows=16",
+        "--set",
+        "scan.columns=16",
+        "--set",
+        "scan.motion=stepped",
+        "--overwrite",
+    ],
+    "orbit": ["--steps", "2", "--overwrite"],
+    "budget": ["--distances", "2", "--overwrite"],
+    "calibrate": ["--overwrite"],
+}
+"""What makes each verb quick, without a word of the example being changed."""
+BASE = """\
+schema: 1
+scene: {objects: [{name: wall, shape: sphere, diameter: 1 m, position: [0 m, 0 m, 9 m], material: nickel}]}
+scan: {type: raster, rows: 4, columns: 4, horizontal: [-1 deg, 1 deg], vertical: [-1 deg, 1 deg]}
+"""
+
+
+class Example(NamedTuple):
+    """A fenced block of a page."""
+
+    language: str
+    title: str
+    text: str
+
+
+def examples(page: Path) -> list[Example]:
+    blocks = re.findall(
+        r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```", page.read_text(encoding="utf-8"), re.M | re.S
+    )
+    return [Example(*block) for block in blocks]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, repo_root: Path) -> Path:
+    """A folder that looks like the repository's root, in which examples may leave files."""
+    for name in ("configs", "scenes"):
+        (tmp_path / name).symlink_to(repo_root / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("device")
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).with_suffix("").as_posix())
+def test_every_example_runs(page: Path, folder: Path) -> None:
+    """In the order of the page: what one example writes the next may read."""
+    names: dict[str, Any] = {}
+    for example in examples(page):
+        if example.language == "yaml":
+            check_yaml(example, folder)
+        elif example.language == "python":
+            exec(compile(example.text, str(page), "exec"), names)
+        elif example.language == "sh":
+            for line in example.text.splitlines():
+                run_line(line)
+        else:
+            assert example.language == "text", f"```{example.language} is no kind of example"
+
+
+def check_yaml(example: Example, folder: Path) -> None:
+    """A whole scenario is loaded, and kept where it has a name; a part of one is put into a small one."""
+    if example.title:
+        (folder / example.title).write_text(example.text, encoding="utf-8")
+        load_scenario(folder / example.title)
+        return
+    whole = yaml.safe_load(BASE) | yaml.safe_load(example.text)
+    scenario_from_text(yaml.safe_dump(whole, allow_unicode=True), name=str(folder / "example.yaml"))
+
+
+def run_line(line: str) -> None:
+    """Run one command; results are made small, and nothing else is changed."""
+    program, verb, *arguments = shlex.split(line, comments=True)
+    assert program == "scanner-sim", line
+    result = CliRunner().invoke(app, [verb, *SMALL.get(verb, []), *arguments])
+    assert result.exit_code == 0, f"{line}\n{result.output}"
+
+
+@pytest.fixture
+def reference(monkeypatch: pytest.MonkeyPatch) -> ModuleType:
+    monkeypatch.syspath_prepend(str(DOCS))
+    return importlib.import_module("reference_pages")
+
+
+def test_the_reference_has_every_key(reference: ModuleType) -> None:
+    """Claim: each key of each part of a scenario stands on the page of keys, under its part."""
+    page = reference.scenario_page()
+    sections = dict(re.findall(r"^## (\w+) \{#\w+\}\n(.*?)(?=^## |\Z)", page, re.M | re.S))
+    missing = {
+        f"{slot.part.__name__}.{key}"
+        for slot in importlib.import_module("scanner_sim.config.outline").outline().values()
+        if slot.part is not None
+        for key in slot.keys
+        if f"| `{key}` |" not in sections.get(slot.part.__name__, "")
+    }
+    assert not missing
+    described = re.findall(r"^\| `(\w+)` \| [^\n]*\|\s*\|$", page, re.M)
+    assert not described, f"without a meaning: {described}"
+
+
+def test_the_reference_has_every_channel_file_and_verb(reference: ModuleType) -> None:
+    files, commands = reference.files_page(), reference.command_page()
+    wanted = {channel.name for channel in CHANNELS} | set(RUN.files)
+    assert not {name for name in wanted if f"| `{name}` |" not in files}
+    verbs = {
+        command.name or command.callback.__name__ for command in app.registered_commands if command.callback
+    }
+    assert not {verb for verb in verbs if f"## scanner-sim {verb} " not in commands}
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path: Path, repo_root: Path) -> None:
+    """Claim: every link, anchor and picture leads somewhere, and every docstring of the reference can be read."""
+    pytest.importorskip("mkdocs", reason="the extra docs is not installed")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    done = subprocess.run(command, cwd=repo_root, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "site" / "reference" / "scenario.html").is_file()
