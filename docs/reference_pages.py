@@ -21,7 +21,7 @@ from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.status import Status
 
 FILES: Mapping[str, str] = {
-    "range.exr": "every layer of a raster scan, float32, with scenario, seed, versions, units and legends in the header",
+    "range.exr": "every layer of a raster scan, float32, with scenario, versions, units and legends in its header",
     "scenario.yaml": "the scenario with every default written out; running it gives the same bytes",
     "summary.json": "counts, quantiles and, apart, the distance from the truth",
     "range.png": "range in colours; voxels without one in the colour of their status",
@@ -40,23 +40,24 @@ def scenario_page() -> str:
     """Every key of a scenario with its form, default, bounds and meaning, part by part."""
     schema = json_schema()
     parts = {"Scenario": schema, **schema["$defs"]}
-    units = _units()
+    units, places = _units(), _places()
     order = list(_reached("Scenario", parts, {}))
     lines = [
         "# Keys of a scenario",
         "",
-        "Written from the program's own types. In a file every number with a dimension needs a unit; the column *form* shows",
-        "the SI unit in which the program holds it, and any unit of the same dimension is understood. `scanner-sim check`",
-        "prints a scenario with all defaults, and `scanner-sim schema` the JSON schema by which editors complete keys.",
+        "Written from the program's own types. In a file every number with a dimension needs a unit; the",
+        "column *form* shows the SI unit in which the program holds it, and any unit of the same dimension is",
+        "understood. `scanner-sim check` prints a scenario with all defaults, and `scanner-sim schema` the",
+        "JSON schema by which editors complete keys.",
         "",
     ]
     for name in order:
-        lines += _part(name, parts[name], units)
+        lines += _part(name, parts[name], units, places.get(name, []))
     return "\n".join(lines) + "\n"
 
 
 def _units() -> dict[tuple[str, str], str]:
-    """Return the SI unit of each key that has one, by part and key."""
+    """Return the SI unit of each key that has one, and its bounds, by part and key."""
     places = outline()
     units = {}
     for place, slot in places.items():
@@ -65,8 +66,23 @@ def _units() -> dict[tuple[str, str], str]:
         part = places[place[:-1]].part if place[:-1] in places else None
         entry = slot if slot.dimension is not None else places.get((*place, EACH))
         if part is not None and entry is not None and entry.dimension is not None:
-            units[part.__name__, place[-1]] = entry.dimension.unit
+            bounds = (
+                [] if slot.dimension is None or slot.field is None else _bounds(slot.field, slot.dimension)
+            )
+            unit = "ratio" if entry.dimension.unit == "1" else entry.dimension.unit
+            units[part.__name__, place[-1]] = ", ".join([unit, *bounds])
     return units
+
+
+def _bounds(field: Any, dimension: Any) -> list[str]:
+    """Return the bounds of a dimensioned key as a file would spell them."""
+    signs = {"ge": "≥", "gt": ">", "le": "≤", "lt": "<"}
+    return [
+        f"{sign} {dimension.format(float(getattr(limit, name)))}"
+        for limit in field.metadata
+        for name, sign in signs.items()
+        if getattr(limit, name, None) is not None
+    ]
 
 
 def _reached(name: str, parts: Mapping[str, Any], seen: dict[str, None]) -> dict[str, None]:
@@ -89,9 +105,24 @@ def _names_in(node: Any) -> Iterator[str]:
             yield from _names_in(value)
 
 
-def _part(name: str, schema: Mapping[str, Any], units: Mapping[tuple[str, str], str]) -> list[str]:
+def _places() -> dict[str, list[str]]:
+    """Return where each part may stand in a scenario, as a user would write it."""
+    places: dict[str, dict[str, None]] = {}
+    for place, slot in outline().items():
+        if slot.part is not None:
+            steps = (step for step in place if not step.startswith("("))
+            spelled = ".".join(steps).replace(f".{EACH}", "[…]")
+            places.setdefault(slot.part.__name__, {})[spelled] = None
+    return {name: [place for place in found if place] for name, found in places.items()}
+
+
+def _part(
+    name: str, schema: Mapping[str, Any], units: Mapping[tuple[str, str], str], places: list[str]
+) -> list[str]:
     properties = schema.get("properties", {})
     lines = [f"## {name} {{#{name.lower()}}}", "", _cell(schema.get("description", "")), ""]
+    if places:
+        lines += ["At " + ", ".join(f"`{place}`" for place in places[:4]) + ".", ""]
     if not properties:
         return lines
     lines += ["| key | form | default | meaning |", "|---|---|---|---|"]
@@ -99,7 +130,8 @@ def _part(name: str, schema: Mapping[str, Any], units: Mapping[tuple[str, str], 
     for key, node in properties.items():
         default = "**required**" if key in required else _default(node)
         form = _cell(_form(node, units.get((name, key), "")))
-        lines.append(f"| `{key}` | {form} | {default} | {_cell(node.get('description', ''))} |")
+        meaning = node.get("description") or ("Says what kind of part this is." if "const" in node else "")
+        lines.append(f"| `{key}` | {form} | {default} | {_cell(meaning)} |")
     return [*lines, ""]
 
 
@@ -143,7 +175,7 @@ def _form(node: Mapping[str, Any], unit: str) -> str:
     kinds = {"integer": "whole number", "number": "number", "boolean": "true or false", "string": "text"}
     form = kinds.get(str(node.get("type")), "value")
     if form == "text" and unit:
-        form = "ratio" if unit == "1" else unit
+        form = unit
     bounds = [
         f"{sign} {node[key]:g}"
         for key, sign in (
@@ -171,9 +203,9 @@ def command_page() -> str:
     lines = [
         "# Command line",
         "",
-        "Written from the program itself; `scanner-sim VERB --help` says the same. It ends with 0 when the work is done, 1 when",
-        "it failed, 2 when the input was bad. A result appears whole or not at all, and an existing one is replaced only with",
-        "`--overwrite`.",
+        "Written from the program itself; `scanner-sim VERB --help` says the same. It ends with 0 when the",
+        "work is done, 1 when it failed, 2 when the input was bad. A result appears whole or not at all, and",
+        "an existing one is replaced only with `--overwrite`.",
         "",
     ]
     for name, command in group.commands.items():
@@ -203,15 +235,16 @@ def files_page() -> str:
     lines += [f"| `{name}` | {sentence} |" for name, sentence in FILES.items()]
     lines += [
         "",
-        "The Sun adds `background.png` and `camera.png`, time of flight `tof.png`, `output.waveforms` `waveforms.nc`.",
-        "All pictures and files are the same bytes for the same scenario, seed and versions.",
+        "The Sun adds `background.png` and `camera.png`, time of flight `tof.png`, `output.waveforms`",
+        "`waveforms.nc`. All pictures and files are the same bytes for the same scenario, seed and versions.",
         "",
         "## Layers of range.exr",
         "",
-        "One part, one float32 channel per layer, rows of φ from the top, columns of Θ from the left. Layers of whole numbers",
-        "have their legend in the header, beside the resolved scenario, the seed, the versions and each layer's unit. Where",
-        "there is no range, the measured layers are NaN and `status` says why. With `ranging: tof` the layers without a prefix",
-        "hold time of flight, with `both` triangulation.",
+        "One part, one float32 channel per layer, rows of φ from the top, columns of Θ from the left. Layers",
+        "of whole numbers have their legend in the header, beside the resolved scenario, the seed, the",
+        "versions and each layer's unit. Where there is no range, the measured layers are NaN and `status`",
+        "says why. With `ranging: tof` the layers without a prefix hold time of flight, with `both`",
+        "triangulation.",
         "",
         "| channel | unit | meaning |",
         "|---|---|---|",
@@ -243,8 +276,9 @@ def materials_page() -> str:
     lines = [
         "# Materials",
         "",
-        "Reflectances at 1.5 µm, and metals' indices of refraction. `material: NAME` in a scenario, or numbers of your own, as",
-        "`material: {reflectance: 0.3}`; see [Surface](scenario.md#surface) and [Retroreflector](scenario.md#retroreflector).",
+        "Reflectances at 1.5 µm, and metals' indices of refraction. `material: NAME` in a scenario, or",
+        "numbers of your own, as `material: {reflectance: 0.3}`; see [Surface](scenario.md#surface) and",
+        "[Retroreflector](scenario.md#retroreflector).",
         "",
         "| name | kind | reflectance | out of band | n, k | roughness | source |",
         "|---|---|---|---|---|---|---|",
@@ -265,8 +299,8 @@ def python_page() -> str:
     lines = [
         "# From Python",
         "",
-        "What `scanner_sim` itself offers is stable: names are only taken away with a new major version. Everything below comes",
-        "from the code's own documentation.",
+        "What `scanner_sim` itself offers is stable: names are only taken away with a new major version.",
+        "Everything below comes from the code's own documentation.",
         "",
     ]
     shown = [name for name in scanner_sim.__all__ if not name.startswith("__")]
