@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from scanner_sim.render.beamlets import Beamlets
+from scanner_sim.render.rays import posed
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import (
     Bench,
@@ -85,6 +86,7 @@ def trace_bounces(
     node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), path) for axis in (0, 1)]
     stop = [dr.gather(mi.Float, mi.Float(beamlets.aperture[:, axis]), path) for axis in (0, 1)]
     beam = launch(bench, frame, node)
+    loaded = posed(loaded, own.poses)
     si = meet(loaded, beam.origin, beam.direction)
     power = dr.gather(mi.Float, mi.Float(beamlets.weights), path) * dr.opaque(mi.Float, bench.laser.power)
     alive = si.is_valid()

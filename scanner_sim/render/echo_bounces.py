@@ -18,6 +18,7 @@ import mitsuba as mi
 from scanner_sim.render.beamlets import Beamlets, edge_beamlets
 from scanner_sim.render.echo_clusters import gather_echoes
 from scanner_sim.render.echoes import Echoes, View
+from scanner_sim.render.rays import posed
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Bench, connect, device_frame, launch, meet
@@ -106,6 +107,7 @@ def trace_late(
     node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), number) for axis in (0, 1)]
     stop = [dr.gather(mi.Float, mi.Float(beamlets.aperture[:, axis]), number) for axis in (0, 1)]
     beam = launch(bench, frame, node)
+    loaded = posed(loaded, own.poses)
     si = meet(loaded, beam.origin, beam.direction)
     power = dr.gather(mi.Float, mi.Float(beamlets.weights), number)
     alive = si.is_valid()

@@ -23,6 +23,7 @@ from scanner_sim.optics.deflection import Frame
 from scanner_sim.render.beamlets import Beamlets, edge_beamlets, smooth_beamlets
 from scanner_sim.render.echo_clusters import gather_echoes
 from scanner_sim.render.light import Truth
+from scanner_sim.render.rays import posed
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Bench, connect, device_frame, launch, meet
@@ -209,9 +210,10 @@ def trace_returns(
     node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), beamlet) for axis in (0, 1)]
     stop = [dr.gather(mi.Float, mi.Float(beamlets.aperture[:, axis]), beamlet) for axis in (0, 1)]
     weight = dr.gather(mi.Float, mi.Float(beamlets.weights), beamlet)
-    theta, phi = (dr.gather(mi.Float, angle, shot) for angle in (shots.theta, shots.phi))
-    frame = view.frame(device_frame(bench, theta, phi))
+    own = shots.some(shot)
+    frame = view.frame(device_frame(bench, own.theta, own.phi))
     beam = launch(bench, frame, node)
+    loaded = posed(loaded, own.poses)
     si = meet(loaded, beam.origin, beam.direction)
     hit = si.is_valid()
     strength, seen = connect(loaded, bench, frame, si, stop, hit)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.render import sky
 from scanner_sim.render.paths import Albedo, trace_paths
+from scanner_sim.render.rays import occluded
 from scanner_sim.render.transport import Bench, device_frame
 from scanner_sim.scene.loader import LoadedScene
 from scanner_sim.streams import Stream, generator
@@ -88,7 +89,7 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
     point = point + normal * (1e-5 * distance)
     ray: Any = mi.Ray3f(point, -point / distance)
     ray.maxt = distance
-    hidden = loaded.mitsuba.ray_test(ray, coherent=False) | (point.z <= 0.0)
+    hidden = occluded(loaded, ray) | (point.z <= 0.0)
     kept = np.flatnonzero(~np.asarray(hidden.numpy(), dtype=bool))
     kept = kept[:: max(1, math.ceil(len(kept) / count))]
     return Samples(mi.Point3f(point.numpy()[:, kept]), mi.Normal3f(normal.numpy()[:, kept]))
@@ -101,7 +102,7 @@ def sunlit_share(loaded: LoadedScene, light: sky.SkyLight, samples: Samples, see
     ).next_float32x4()
     towards, _ = sky.sample_sun(light, mi.Point2f(place[0], place[1]))
     useful = (dr.dot(towards, samples.normal) > 0.0) & (sky.sun_radiance(light, towards) > 0.0)
-    hidden = loaded.mitsuba.ray_test(mi.Ray3f(samples.point, towards), coherent=False, active=useful)
+    hidden = occluded(loaded, mi.Ray3f(samples.point, towards), active=useful)
     return float(np.mean((useful & ~hidden).numpy()))
 
 
@@ -116,7 +117,7 @@ def earth_irradiance(
     point, normal = dr.repeat(samples.point, rays), dr.repeat(samples.normal, rays)
     cosine = dr.dot(towards, normal)
     useful = (cosine > 0.0) & (density > 0.0)
-    hidden = loaded.mitsuba.ray_test(mi.Ray3f(point, towards), coherent=False, active=useful)
+    hidden = occluded(loaded, mi.Ray3f(point, towards), active=useful)
     received = sky.earth_radiance(light, towards) * cosine / dr.maximum(density, 1e-20)
     return albedo * float(np.mean(dr.select(useful & ~hidden, received, 0.0).numpy()))
 
@@ -174,7 +175,7 @@ def sun_at(
         bench, mi.Float(sight.angle.astype(np.float32)), mi.Float(sight.phi.astype(np.float32))
     )
     useful = (density > 0.0) & (sky.sun_radiance(light, towards) > 0.0) & (towards.z > 0.0)
-    hidden = loaded.mitsuba.ray_test(mi.Ray3f(mi.Point3f(frame.lens), towards), coherent=False, active=useful)
+    hidden = occluded(loaded, mi.Ray3f(mi.Point3f(frame.lens), towards), active=useful)
     return sight, np.asarray((useful & ~hidden).numpy(), dtype=bool)
 
 

@@ -15,6 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from scanner_sim.render import sky
+from scanner_sim.render.rays import occluded, one_kernel
 from scanner_sim.render.transport import meet
 from scanner_sim.scene.loader import LoadedScene
 
@@ -92,6 +93,7 @@ def trace_paths(
         lambda depth, ray, active, *rest: active,
         tracer.turn,
         labels=(),
+        mode=None if one_kernel(loaded) else "evaluated",
     )
     return result[-1], first
 
@@ -125,12 +127,12 @@ def trace_sharp(
     total = _dark(dr.width(direction))
     si, ratio, _ = tracer.begin(total, origin, direction, disc, coherent=True)
     delta = mi.BSDFFlags.Delta
-    if any(mi.has_flag(shape.bsdf().flags(), delta) for shape in loaded.mitsuba.shapes() if shape.bsdf()):
+    if any(mi.has_flag(shape.bsdf().flags(), delta) for shape in loaded.shapes if shape.bsdf()):
         ray, active, gain, _, mirrored = tracer.scatter(
             si, si.is_valid(), mi.Float(1.0), mirror, roulette=False
         )
         active &= mirrored
-        escaped = active & ~loaded.mitsuba.ray_test(ray, coherent=False, active=active)
+        escaped = active & ~occluded(loaded, ray, active=active)
         sun, earth = sky.sun_radiance(light, ray.d), sky.earth_radiance(light, ray.d)
         sun, earth = dr.select(escaped, gain * sun, 0.0), dr.select(escaped, gain * earth, 0.0)
         tracer.collect(total, True, sun, earth, ratio)
@@ -218,7 +220,7 @@ class _Tracer:
         value, scattered = si.bsdf().eval_pdf(mi.BSDFContext(), si, si.to_local(towards), active)
         radiance = radiance_of(self._light, towards)
         useful = active & (density > 0.0) & (value[0] > 0.0) & (radiance > 0.0)
-        hidden = self._loaded.mitsuba.ray_test(si.spawn_ray(towards), coherent=coherent, active=useful)
+        hidden = occluded(self._loaded, si.spawn_ray(towards), coherent=coherent, active=useful)
         return dr.select(useful & ~hidden, gain * value[0] * radiance / (density + scattered), 0.0)
 
     def scatter(self, si: Any, hit: Any, gain: Any, draws: Any, *, roulette: bool) -> Any:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.optics.deflection import deflected_frame
 from scanner_sim.render.paths import Albedo, trace_paths
+from scanner_sim.render.rays import intersect, occluded
 from scanner_sim.render.sky import SkyLight
 from scanner_sim.render.transport import Bench
 from scanner_sim.scene.loader import LoadedScene
@@ -178,7 +179,7 @@ def _land(
     b = beam[1] * sigma - slope_b * laser.waist_distance
     direction = dr.normalize(along + across * slope_a + normal * slope_b)
     ray = mi.Ray3f(mi.Point3f(origin + across * a + normal * b), direction)
-    si = loaded.mitsuba.ray_intersect(ray)
+    si = intersect(loaded, ray)
 
     radius, angle = 0.5 * receiver.aperture * dr.sqrt(stop[0]), 2.0 * math.pi * stop[1]
     sin, cos = dr.sincos(angle)
@@ -187,7 +188,7 @@ def _land(
     towards = dr.normalize(sight)
     reflected = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(towards), si.is_valid())[0]
     facing = -dr.dot(towards, along)
-    seen = si.is_valid() & (facing > 0.0) & ~loaded.mitsuba.ray_test(si.spawn_ray_to(eye))
+    seen = si.is_valid() & (facing > 0.0) & ~occluded(loaded, si.spawn_ray_to(eye))
     gain = receiver.aperture_area * receiver.transmission * bench.filter_transmission
     power = laser.power * reflected * facing / dr.squared_norm(sight) * gain
 

@@ -17,7 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.optics.deflection import Mirrors
+from scanner_sim.render.rays import some_poses
 from scanner_sim.scan.raster import Aim
+from scanner_sim.scene.loader import Pose
 from scanner_sim.streams import Stream, generator
 
 Array = NDArray[np.float64]
@@ -29,7 +31,8 @@ class Shots:
 
     ``number`` of each shot (it addresses random numbers); true deflections ``theta`` and ``phi`` in the middle of the
     dwell, ``travel_theta`` and ``travel_phi`` by which they change while the laser shines, ``synchronisation`` by which
-    the receiver looks further along Θ than the laser [rad]. What is not given is 0.
+    the receiver looks further along Θ than the laser [rad]. What is not given is 0. ``poses`` of the moving objects in
+    the middle of the dwell; None leaves them where the loaded scene has them.
     """
 
     number: Any
@@ -38,6 +41,7 @@ class Shots:
     travel_theta: Any = None
     travel_phi: Any = None
     synchronisation: Any = None
+    poses: tuple[Pose, ...] | None = None
 
     def __post_init__(self) -> None:
         """Put zeros where nothing was given."""
@@ -47,19 +51,13 @@ class Shots:
 
     def some(self, index: Any) -> Shots:
         """Return the shots at some places."""
-        return Shots(
-            dr.gather(mi.UInt32, self.number, index),
-            *(
-                dr.gather(mi.Float, values, index)
-                for values in (
-                    self.theta,
-                    self.phi,
-                    self.travel_theta,
-                    self.travel_phi,
-                    self.synchronisation,
-                )
-            ),
+        angles = (self.theta, self.phi, self.travel_theta, self.travel_phi, self.synchronisation)
+        theta, phi, travel_theta, travel_phi, synchronisation = (
+            dr.gather(mi.Float, values, index) for values in angles
         )
+        number = dr.gather(mi.UInt32, self.number, index)
+        poses = None if self.poses is None else some_poses(self.poses, index)
+        return Shots(number, theta, phi, travel_theta, travel_phi, synchronisation, poses)
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,9 @@ class Pointing:
     seen_phi: Array
 
 
-def true_shots(aim: Aim, mirrors: Mirrors, seed: int, shining: float = 1.0) -> tuple[Shots, Pointing]:
+def true_shots(
+    aim: Aim, mirrors: Mirrors, seed: int, shining: float = 1.0, poses: tuple[Pose, ...] | None = None
+) -> tuple[Shots, Pointing]:
     """Return the shots of an aim as they are fired.
 
     Parameters
@@ -88,6 +88,9 @@ def true_shots(aim: Aim, mirrors: Mirrors, seed: int, shining: float = 1.0) -> t
         Seed of the errors.
     shining
         Share of the dwell in which the laser shines; it is centred on the aim's time.
+    poses
+        Of the moving objects at the aim's times, from
+        :meth:`~scanner_sim.scene.loader.LoadedScene.poses_at`.
 
     Returns
     -------
@@ -108,6 +111,7 @@ def true_shots(aim: Aim, mirrors: Mirrors, seed: int, shining: float = 1.0) -> t
         _single(shining * aim.travel_theta),
         _single(shining * aim.travel_phi),
         synchronisation,
+        poses,
     )
     encoders = [np.asarray(part.numpy(), dtype=np.float64) for part in shaft]
     return shots, Pointing(errors[0], errors[1], encoders[0], encoders[1])

@@ -24,6 +24,7 @@ from scanner_sim.optics.deflection import Frame, deflected_frame
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.render.beamlets import Beamlets
+from scanner_sim.render.rays import intersect, occluded, posed
 from scanner_sim.render.shots import Shots
 from scanner_sim.scene.loader import LoadedScene
 
@@ -124,7 +125,7 @@ def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets | BeamletT
     stop = [dr.gather(mi.Float, values, beamlet) for values in (tables.stop_across, tables.stop_normal)]
     weight = dr.gather(mi.Float, tables.weights, beamlet)
     frame = frame_at(bench, own, dr.gather(mi.Float, tables.times, beamlet))
-    return _spots(loaded, bench, own, frame, node, stop, weight, tables.width)
+    return _spots(posed(loaded, own.poses), bench, own, frame, node, stop, weight, tables.width)
 
 
 def frame_at(bench: Bench, shots: Shots, time: Any) -> Frame:
@@ -170,9 +171,9 @@ def launch(bench: Bench, frame: Frame, node: Any) -> Launch:
 
 
 def meet(loaded: LoadedScene, origin: Any, direction: Any, active: Any = True, coherent: bool = True) -> Any:
-    """Return the surfaces that rays meet, with what a BSDF needs."""
+    """Return the surfaces that rays meet, with what a BSDF needs; ``loaded`` has the poses of these rays."""
     flags = mi.RayFlags.UV | mi.RayFlags.ShadingFrame
-    return loaded.mitsuba.ray_intersect(mi.Ray3f(origin, direction), flags, coherent=coherent, active=active)
+    return intersect(loaded, mi.Ray3f(origin, direction), flags, coherent=coherent, active=active)
 
 
 def connect(
@@ -195,7 +196,7 @@ def connect(
     reflected = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(towards), active)[0]
     facing = -dr.dot(towards, frame.along)
     wanted = active & (facing > 0.0) & (reflected > 0.0)
-    seen = wanted & ~loaded.mitsuba.ray_test(si.spawn_ray_to(eye), coherent=coherent, active=wanted)
+    seen = wanted & ~occluded(loaded, si.spawn_ray_to(eye), coherent=coherent, active=wanted)
     gain = dr.opaque(mi.Float, receiver.aperture_area * receiver.transmission * bench.filter_transmission)
     return dr.select(seen, reflected * facing / squared * gain, 0.0), seen
 
