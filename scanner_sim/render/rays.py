@@ -1,0 +1,100 @@
+"""Rays through a scene whose objects move, each ray at its own instant.
+
+A ray is carried into the frame of each moving object by the pose of that object at the ray's instant, and meets it
+there; the nearest of all surfaces counts, and comes back into the scanner's frame:
+p = R p' + x, n = R n', t = t' (rigid motions keep lengths). Light takes 0.1 µs there and back, in which nothing moves.
+Where nothing moves the rays are the renderer's own.
+
+Errors: poses are computed in float64 and used in float32, whose rounding moves surfaces at 10 m by 1 µm.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from scanner_sim.scene.loader import LoadedScene, Pose
+
+
+def at_time(loaded: LoadedScene, time: float) -> LoadedScene:
+    """Return the scene at an instant [s]: for all rays alike."""
+    return posed(loaded, loaded.poses_at(time))
+
+
+def posed(loaded: LoadedScene, poses: tuple[Pose, ...] | None) -> LoadedScene:
+    """Return the scene with its moving objects at poses, one for each ray or one for all; None changes nothing."""
+    return loaded if poses is None or not loaded.bodies else dataclasses.replace(loaded, poses=poses)
+
+
+def some_poses(poses: tuple[Pose, ...], index: Any) -> tuple[Pose, ...]:
+    """Return poses at some places."""
+    return tuple(pose.some(index) for pose in poses)
+
+
+def intersect(
+    loaded: LoadedScene, ray: Any, flags: Any = None, *, coherent: bool = False, active: Any = True
+) -> Any:
+    """Return what rays meet first, a ``mi.SurfaceInteraction3f`` in the scanner's frame.
+
+    Parameters
+    ----------
+    loaded
+        The scene, with poses for the rays.
+    ray
+        ``mi.Ray3f``, unit directions.
+    flags
+        What is wanted of the surface, ``mi.RayFlags``; all by default. Derivatives of a moving surface's point by
+        its parameters stay in the frame of the object.
+    coherent
+        Whether neighbouring rays run alike.
+    active
+        Which rays there are.
+    """
+    flags = mi.RayFlags.All if flags is None else flags
+    nearest = loaded.mitsuba.ray_intersect(ray, flags, coherent=coherent, active=active)
+    for body, pose in zip(loaded.bodies, loaded.poses, strict=True):
+        _apart(nearest)
+        si = body.mitsuba.ray_intersect(_carried(ray, pose), flags, coherent=coherent, active=active)
+        _apart(si)
+        nearer = si.t < nearest.t
+        si.p = mi.Point3f(pose.rotation @ mi.Vector3f(si.p) + pose.place)
+        si.n = mi.Normal3f(pose.rotation @ mi.Vector3f(si.n))
+        frame = si.sh_frame
+        si.sh_frame = mi.Frame3f(
+            pose.rotation @ frame.s, pose.rotation @ frame.t, pose.rotation @ mi.Vector3f(frame.n)
+        )
+        nearest = dr.select(nearer, si, nearest)
+    return nearest
+
+
+def occluded(loaded: LoadedScene, ray: Any, *, coherent: bool = False, active: Any = True) -> Any:
+    """Return whether rays meet anything, up to their ``maxt``; the parameters are those of :func:`intersect`."""
+    hidden = loaded.mitsuba.ray_test(ray, coherent=coherent, active=active)
+    for body, pose in zip(loaded.bodies, loaded.poses, strict=True):
+        _apart(hidden)
+        hidden |= body.mitsuba.ray_test(_carried(ray, pose), coherent=coherent, active=active & ~hidden)
+        _apart(hidden)
+    return hidden
+
+
+def _carried(ray: Any, pose: Pose) -> Any:
+    """Return rays in the frame of an object."""
+    back = pose.rotation.T
+    carried = mi.Ray3f(ray)
+    carried.o = mi.Point3f(back @ (mi.Vector3f(ray.o) - pose.place))
+    carried.d = back @ ray.d
+    return carried
+
+
+def _apart(found: Any) -> None:
+    """End the kernel on a GPU: one kernel of OptiX traces one scene only."""
+    if dr.backend_v(mi.Float) == dr.JitBackend.CUDA:
+        dr.eval(found)
+
+
+def one_kernel(loaded: LoadedScene) -> bool:
+    """Return whether loops over rays can be one kernel: on a GPU only where nothing moves."""
+    return not loaded.bodies or dr.backend_v(mi.Float) != dr.JitBackend.CUDA
