@@ -372,7 +372,8 @@ class Workbench:
         from scanner_sim.render.shots import true_shots
 
         scanner = self.scenario.scanner
-        return true_shots(aim, scanner.mirrors, self.scenario.seed, scanner.exposure / scanner.dwell)
+        poses = self.loaded.poses_at(aim.time)
+        return true_shots(aim, scanner.mirrors, self.scenario.seed, scanner.exposure / scanner.dwell, poses)
 
     def _exposed(self, aim: Aim, shots: Any) -> tuple[Any, Iterator[Group]]:
         from scanner_sim.detector.line import expose
