@@ -11,6 +11,7 @@ from pydantic import Discriminator, Field, Tag
 
 from scanner_sim.errors import Fault, InputError
 from scanner_sim.parts import Count, Part
+from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.products.settings import Output
 from scanner_sim.render.camera_settings import Camera
 from scanner_sim.render.settings import Transport
@@ -78,6 +79,8 @@ class Scenario(Part):
     """How light is followed."""
     processing: Processing = Processing()
     """How signals become ranges."""
+    pose: PoseSettings = PoseSettings()
+    """How tracks become poses of objects."""
     camera: Camera = Camera()
     """The video camera beside the scanner: what ``camera.png`` shows where the Sun shines."""
     output: Output = Output()

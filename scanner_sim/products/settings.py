@@ -22,10 +22,12 @@ class Output(Part):
 
     pictures: Switch = True
     """Write range.png, shaded.png and signal.png, with time of flight tof.png, and under the Sun background.png and
-    camera.png."""
+    camera.png. Of a tracking scan pattern.png, track.png and field.png, with poses pose.png and outline.png."""
     points: Switch = True
     """Write points.ply."""
     compression: Literal["none", "rle", "zips", "zip", "piz"] = "zip"
     """Lossless compression of range.exr."""
     waveforms: WaveformChoice = "none"
     """Voxels, as [row, column], whose waveforms of time of flight go into waveforms.nc."""
+    patterns: Switch = True
+    """Of a tracking scan, write every voxel of every pattern into patterns.parquet: some 6 kB for each pattern."""

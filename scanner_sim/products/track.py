@@ -146,7 +146,7 @@ def read_track(folder: str | Path) -> Track:
     Parameters
     ----------
     folder
-        Where :func:`scanner_sim.products.tracking.write_track` wrote it.
+        Where :func:`scanner_sim.products.track_folder.write_track` wrote it.
 
     Returns
     -------

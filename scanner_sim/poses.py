@@ -1,0 +1,122 @@
+"""From a track to the poses of the objects that carry its targets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.config import scenario_from_text
+from scanner_sim.pose.carried import carried, rounds_of
+from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
+from scanner_sim.pose.settings import PoseSettings
+from scanner_sim.scenario import Scenario
+from scanner_sim.tracking.record import Track, TrackStatus, TrackTarget
+from scanner_sim.tracking.state import TrackMode
+
+Array = NDArray[np.float64]
+
+FEWEST = 3
+"""Targets of an object from which it has a pose."""
+
+
+def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSeries, ...]:
+    """Return the poses of all objects that have at least three targets, one for each round of visits.
+
+    Parameters
+    ----------
+    track
+        A run.
+    settings
+        Methods; by default those of the run's scenario.
+
+    Returns
+    -------
+    tuple of PoseSeries
+        For each object and method; then, for each pair of objects and method, the second seen from the first,
+        M_a⁻¹ M_b. All are at the mean time of each round, to which the sightings are carried
+        (:func:`scanner_sim.pose.carried.carried`). What counts is what was measured of a target that the tracker
+        follows: the first sightings while it acquires the target, and all refused ones, do not. A last round that was
+        cut short is left out.
+
+    Raises
+    ------
+    InputError
+        If the run's scenario cannot be read, for instance because the file of a motion is gone.
+    """
+    scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run")
+    chosen = scenario.pose if settings is None else settings
+    carriers = carriers_of(track)
+    if not (chosen.methods and carriers):
+        return ()
+    visits = _Visits(track, [target for targets in carriers.values() for target in targets])
+    robust = None if chosen.robust == "none" else chosen.robust
+    found: list[PoseSeries] = []
+    for name, targets in carriers.items():
+        place, covariance = visits.carried([target.name for target in targets])
+        found += [
+            pose_series(
+                name,
+                np.array([target.centre for target in targets], dtype=np.float64),
+                visits.at,
+                place,
+                covariance,
+                axis_separation=scenario.scanner.mirrors.axis_separation,
+                method=method,
+                robust=robust,
+                truth=true_poses(scenario, name, visits.at),
+            )
+            for method in chosen.methods
+        ]
+    relative = [
+        relative_series(a, b) for a, b in combinations(found, 2) if a.name != b.name and a.method == b.method
+    ]
+    return (*found, *relative)
+
+
+def carriers_of(track: Track) -> dict[str, tuple[TrackTarget, ...]]:
+    """Return the objects of at least three targets, each with its targets."""
+    every: dict[str, tuple[TrackTarget, ...]] = {}
+    for target in track.targets:
+        every[target.object] = (*every.get(target.object, ()), target)
+    return {name: targets for name, targets in every.items() if len(targets) >= FEWEST}
+
+
+def true_poses(scenario: Scenario, name: str, time: Array) -> Array:
+    """Return where an object of a scenario is at times [s], ``scanner_from_object``, shape (n, 4, 4)."""
+    (item,) = (item for item in scenario.scene.objects if item.name == name)
+    return item.pose_at(time)
+
+
+class _Visits:
+    """The visits to some targets in rounds: ``time``, ``place``, ``covariance`` and the common times ``at``."""
+
+    def __init__(self, track: Track, targets: Sequence[TrackTarget]) -> None:
+        column = {target.name: number for number, target in enumerate(targets)}
+        records = [record for record in track.records if record.target in column]
+        row = rounds_of([record.target for record in records])
+        count = np.bincount(row)
+        rounds = len(count)
+        if rounds > 1 and count[-1] < count[-2]:
+            rounds -= 1
+        shape = (rounds, len(column))
+        self._column = column
+        self._time, self._place = np.full(shape, np.nan), np.full((*shape, 3), np.nan)
+        self._covariance = np.full((*shape, 3, 3), np.nan)
+        visited = np.full(shape, np.nan)
+        for record, number in zip(records, row.tolist(), strict=True):
+            if number >= rounds:
+                break
+            where = number, column[record.target]
+            visited[where] = record.time
+            if record.status is TrackStatus.MEASURED and record.after is TrackMode.TRACK:
+                self._time[where] = record.time
+                self._place[where], self._covariance[where] = record.place, record.covariance
+        self.at = np.nanmean(visited, axis=1) if rounds else np.zeros(0)
+
+    def carried(self, names: Sequence[str]) -> tuple[Array, Array]:
+        """Return places and covariances of targets at the common times."""
+        chosen = [self._column[name] for name in names]
+        return carried(self._time[:, chosen], self._place[:, chosen], self._covariance[:, chosen], self.at)

@@ -1,0 +1,132 @@
+"""Poses over time in tables: a line for each moment, object and method."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.errors import InputError
+from scanner_sim.pose.series import PoseSeries
+from scanner_sim.pose.status import legend
+from scanner_sim.pose.transforms import quaternion_from_rotation, rotation_from_quaternion
+from scanner_sim.products.tables import Columns, read_parquet, texts
+
+Array = NDArray[np.float64]
+
+_POSITION, _QUATERNION = ("x_m", "y_m", "z_m"), ("qw", "qx", "qy", "qz")
+COMPONENTS = ("tx", "ty", "tz", "rx", "ry", "rz")
+"""The six components of a covariance: translation along, and turns about, the axes of the reference."""
+_UNITS = ("m",) * 3 + ("rad",) * 3
+_COVARIANCE = tuple(
+    (
+        f"cov_{COMPONENTS[i]}_{COMPONENTS[j]}_" + ("m2" if j < 3 else "rad2" if i > 2 else "m_rad"),
+        (i, j),
+    )
+    for i in range(6)
+    for j in range(i, 6)
+)
+
+
+def pose_columns(series: Sequence[PoseSeries]) -> dict[str, NDArray[Any]]:
+    """Return the table of poses: one line for each moment of each series, the series in turn.
+
+    Parameters
+    ----------
+    series
+        All in the scanner's frame, or all of one object seen from another; not empty.
+
+    Returns
+    -------
+    dict
+        ``time_s object method x_m y_m z_m qw qx qy qz``, with ``relative_to`` after the object where they are relative;
+        the 21 numbers of the symmetric 6 × 6 covariance of (δt, δω) along the axes of the reference, ``status``
+        (:class:`~scanner_sim.pose.status.PoseStatus`), χ², degrees of freedom and number of targets, and the truth as
+        ``truth_x_m`` to ``truth_qz``.
+    """
+    columns: dict[str, NDArray[Any]] = {
+        "time_s": np.concatenate([one.time for one in series]),
+        "object": texts([one.name for one in series for _ in one.time]),
+    }
+    if any(one.relative_to for one in series):
+        columns["relative_to"] = texts([one.relative_to for one in series for _ in one.time])
+    columns["method"] = texts([one.method for one in series for _ in one.time])
+    columns |= _placed("", [one.position for one in series], [one.rotation for one in series])
+    covariance = np.concatenate([one.covariance for one in series])
+    columns |= {name: covariance[:, i, j] for name, (i, j) in _COVARIANCE}
+    columns["status"] = np.concatenate([one.status for one in series]).astype(np.int32)
+    columns["chi2"] = np.concatenate([one.chi2 for one in series])
+    columns["dof"] = np.concatenate([one.dof for one in series])
+    columns["targets"] = np.concatenate([one.targets for one in series])
+    return columns | _placed(
+        "truth_", [one.truth_position for one in series], [one.truth_rotation for one in series]
+    )
+
+
+def about_poses(series: Sequence[PoseSeries], software: str) -> dict[str, Any]:
+    """Return what the table of poses cannot say by itself, as plain data for its metadata."""
+    return {
+        "software": software,
+        "rotation": "reference_from_object, unit quaternion w x y z",
+        "covariance": "of (dt, dw) with position + dt and exp([dw]x) rotation, along the axes of the reference",
+        "units": dict(zip(COMPONENTS, _UNITS, strict=True)),
+        "status": legend(),
+        "series": [[one.name, one.relative_to, one.method, len(one.time)] for one in series],
+    }
+
+
+def read_poses(path: Path) -> tuple[PoseSeries, ...]:
+    """Return the poses of a ``pose.parquet`` or ``relative_pose.parquet``.
+
+    Raises
+    ------
+    InputError
+        If the file is missing, broken or not of this version.
+    """
+    columns, about = read_parquet(path)
+    try:
+        found, first = [], 0
+        for name, relative_to, method, count in about["series"]:
+            part = {key: values[first : first + count] for key, values in columns.items()}
+            found.append(_series(name, relative_to, method, part))
+            first += count
+        return tuple(found)
+    except (KeyError, ValueError, TypeError) as error:
+        raise InputError(
+            f"{path} is not a table of this version: {type(error).__name__} {error}.",
+            remedy="Run its scenario.yaml again.",
+        ) from None
+
+
+def _placed(prefix: str, positions: Sequence[Array], rotations: Sequence[Array]) -> dict[str, NDArray[Any]]:
+    position = np.concatenate(positions)
+    quaternion = quaternion_from_rotation(np.concatenate(rotations))
+    names = (*_POSITION, *_QUATERNION)
+    return dict(zip((prefix + name for name in names), (*position.T, *quaternion.T), strict=True))
+
+
+def _series(name: str, relative_to: str, method: Any, columns: Columns) -> PoseSeries:
+    def together(names: tuple[str, ...], prefix: str = "") -> Array:
+        return np.stack([columns[prefix + name] for name in names], axis=-1)
+
+    covariance = np.empty((len(columns["time_s"]), 6, 6))
+    for label, (i, j) in _COVARIANCE:
+        covariance[:, i, j] = covariance[:, j, i] = columns[label]
+    return PoseSeries(
+        name=name,
+        relative_to=relative_to,
+        method=method,
+        time=columns["time_s"],
+        position=together(_POSITION),
+        rotation=rotation_from_quaternion(together(_QUATERNION)),
+        covariance=covariance,
+        chi2=columns["chi2"],
+        dof=columns["dof"],
+        targets=columns["targets"],
+        status=columns["status"].astype(np.int8),
+        truth_position=together(_POSITION, "truth_"),
+        truth_rotation=rotation_from_quaternion(together(_QUATERNION, "truth_")),
+    )
