@@ -185,15 +185,22 @@ class Workbench:
         height, contrast = self.optics.height / self.optics.pitch, self.scenario.processing.speckle_contrast
         return ExpectedSpeckle(self.grain, contrast, self.sweep(shots), height)
 
-    def _speckle(self, light: Any, shots: Any, distance: Any) -> Any:
+    def _speckle(self, light: Any, shots: Any, distance: Any, whole: bool) -> Any:
         """Return the speckle of shots whose chief rays go a distance; None for light without."""
         from scanner_sim.detector.speckle import BeamPlaces, line_speckle
 
         if self.grain is None:
             return None
         places = BeamPlaces.of(shots.theta, shots.phi, distance, self.optics.laser)
-        pixels = self.scenario.scanner.position_sensor.pixels
-        return line_speckle(light.clusters, places, self.grain, self.sweep(shots), pixels, self.scenario.seed)
+        return line_speckle(
+            light.clusters,
+            places,
+            self.grain,
+            self.sweep(shots),
+            self.scenario.scanner.position_sensor.pixels,
+            self.scenario.seed,
+            whole=whole,
+        )
 
     @cached_property
     def echoes(self) -> EchoBench:
@@ -221,23 +228,12 @@ class Workbench:
                 layers |= layers_of(fused, "fused.")
             layers |= layers_of(echo, "tof.")
         layers |= layers_of(ranges)
-        for name in ("peak_px", "sigma_peak_px"):
-            if name in layers:
-                layers[name][ranges.status != Status.VALID] = np.nan
-        return layers | {
-            "truth.range_m": truth.distance.numpy(),
-            "truth.theta_rad": aim.theta + pointing.theta,
-            "truth.phi_rad": aim.phi + pointing.phi,
-            "truth.object": truth.object.numpy(),
-            "truth.material": truth.material.numpy(),
-        }
+        return finished_layers(layers, ranges, aim, pointing, truth)
 
     def _triangulated(
         self, aim: Aim, shots: Any, deflections: Deflections
     ) -> tuple[Any, Ranges, dict[str, NDArray[Any]]]:
         """Return truth, ranges and the line sensor's own layers."""
-        from scanner_sim.detector.line import electrons_per_watt
-
         truth, groups = self._exposed(aim, shots)
         n = len(aim.shot)
         peak, sigma_peak, signal, snr, laser, window, error, brightest = (
@@ -256,12 +252,33 @@ class Workbench:
             error[group.index] = budget.background_error.numpy()
             brightest[group.index] = budget.brightest.numpy()
             status[group.index] = peaks.status.numpy()
-        ranges = self._ranges(peak, sigma_peak, status, deflections)
+        ranges = self.ranges(peak, sigma_peak, status, deflections)
+        layers = self.line_layers(peak, sigma_peak, signal, snr, laser, window, error, brightest)
+        return truth, ranges, layers
+
+    def line_layers(
+        self,
+        peak: NDArray[Any],
+        sigma_peak: NDArray[Any],
+        signal: NDArray[Any],
+        snr: NDArray[Any],
+        laser: NDArray[Any],
+        window: NDArray[Any],
+        error: NDArray[Any],
+        brightest: NDArray[Any],
+    ) -> dict[str, NDArray[Any]]:
+        """Return the line sensor's own layers, from its peaks and the light of each shot as the paper counts it.
+
+        All of shape (n,): what :class:`~scanner_sim.signals.peaks.Peaks` and
+        :class:`~scanner_sim.render.incident.LinkBudget` hold.
+        """
+        from scanner_sim.detector.line import electrons_per_watt
+
         scanner = self.scenario.scanner
         electrons = electrons_per_watt(scanner.position_sensor, scanner.laser.wavelength, scanner.exposure)
         with np.errstate(divide="ignore", invalid="ignore"):
             contrast = laser / window
-        layers = {
+        return {
             "Y": signal,
             "snr": contrast,
             "snr_detection": snr,
@@ -271,7 +288,6 @@ class Workbench:
             "peak_px": peak,
             "sigma_peak_px": sigma_peak,
         }
-        return truth, ranges, layers
 
     def refuse_isolated(
         self, layers: dict[str, NDArray[Any]], theta: NDArray[np.float64], phi: NDArray[np.float64]
@@ -376,45 +392,72 @@ class Workbench:
         return true_shots(aim, scanner.mirrors, self.scenario.seed, scanner.exposure / scanner.dwell, poses)
 
     def _exposed(self, aim: Aim, shots: Any) -> tuple[Any, Iterator[Group]]:
-        from scanner_sim.detector.line import expose
-        from scanner_sim.render.incident import Incident
         from scanner_sim.render.light import render_light
-        from scanner_sim.signals.peaks import find_peaks
 
-        scenario, scanner = self.scenario, self.scenario.scanner
-        sensor, seed = scanner.position_sensor, scenario.seed
-        truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, seed)
+        scenario = self.scenario
+        truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, scenario.seed)
 
         def groups() -> Iterator[Group]:
             for light in lights:
-                own = shots.some(light.index)
-                speckle = self._speckle(light, own, truth.distance_of(light.index))
-                incident = Incident(light, own, self.columns, self.throughput, self.panorama, speckle)
-                signal = expose(
-                    incident.power,
-                    light.shot,
-                    sensor,
-                    scanner.laser.wavelength,
-                    scanner.dwell,
-                    seed,
-                    background=incident.background,
-                    laser_off=scanner.laser_off,
-                )
                 index = light.index.numpy()
                 theta = aim.theta[index].astype(np.float32)
-                peaks = find_peaks(
-                    signal,
-                    sensor,
-                    scenario.processing,
-                    scanner.dwell,
-                    self.spot,
-                    theta,
-                    self.bias,
-                    self.expected_speckle(own),
-                )
-                yield Group(index, incident, signal, peaks)
+                own, distance = shots.some(light.index), truth.distance_of(light.index)
+                yield Group(index, *self.sense(light, own, distance, theta, self.panorama))
 
         return truth, groups()
+
+    def sense(
+        self, light: Any, shots: Any, distance: Any, theta: Any, panorama: Any, *, whole: bool = False
+    ) -> tuple[Any, Any, Any]:
+        """Expose the line to the light of m shots, read it and find the peaks.
+
+        Parameters
+        ----------
+        light
+            The laser's light of the shots.
+        shots, distance
+            The shots, and how far their chief rays go [m], shape (m,).
+        theta
+            Commanded deflections Θ [rad], single precision, shape (m,).
+        panorama
+            The background, or None in the dark.
+        whole
+            Whether no array's size may depend on the light.
+
+        Returns
+        -------
+        tuple
+            All the light on the line, the signal and the peaks.
+        """
+        from scanner_sim.detector.line import expose
+        from scanner_sim.render.incident import Incident
+        from scanner_sim.signals.peaks import find_peaks
+
+        scenario, scanner = self.scenario, self.scenario.scanner
+        sensor = scanner.position_sensor
+        speckle = self._speckle(light, shots, distance, whole)
+        incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
+        signal = expose(
+            incident.power,
+            light.shot,
+            sensor,
+            scanner.laser.wavelength,
+            scanner.dwell,
+            scenario.seed,
+            background=incident.background,
+            laser_off=scanner.laser_off,
+        )
+        peaks = find_peaks(
+            signal,
+            sensor,
+            scenario.processing,
+            scanner.dwell,
+            self.spot,
+            theta,
+            self.bias,
+            self.expected_speckle(shots),
+        )
+        return incident, signal, peaks
 
     def _deflections(self, aim: Aim, pointing: Any) -> Deflections:
         """Return what the encoders read, with what the instrument knows of their errors."""
@@ -432,15 +475,32 @@ class Workbench:
             theta, phi, mirrors.reading_sigma(theta, aim.time), mirrors.reading_sigma(phi, aim.time)
         )
 
-    def _ranges(
+    def ranges(
         self,
         peak: NDArray[Any],
         sigma_peak: NDArray[Any],
         status: NDArray[Any],
         deflections: Deflections,
     ) -> Ranges:
+        """Return the ranges of peaks (arguments as those of :func:`~scanner_sim.ranging.ranges.ranges_from_peaks`)."""
         gate = self.scenario.processing.range_gate
         return ranges_from_peaks(peak, sigma_peak, status, deflections, self.geometry, gate)
+
+
+def finished_layers(
+    layers: dict[str, NDArray[Any]], ranges: Ranges, aim: Aim, pointing: Any, truth: Any
+) -> dict[str, NDArray[Any]]:
+    """Return layers without the peaks of refused voxels, and with the truth about all."""
+    for name in ("peak_px", "sigma_peak_px"):
+        if name in layers:
+            layers[name][ranges.status != Status.VALID] = np.nan
+    return layers | {
+        "truth.range_m": truth.distance.numpy(),
+        "truth.theta_rad": aim.theta + pointing.theta,
+        "truth.phi_rad": aim.phi + pointing.phi,
+        "truth.object": truth.object.numpy(),
+        "truth.material": truth.material.numpy(),
+    }
 
 
 def _window(line: NDArray[np.float64], peak: float, method: Any) -> tuple[int, int] | None:
