@@ -11,6 +11,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Any
 
+import numpy as np
+
 _ROUNDS = 7
 
 
@@ -30,6 +32,7 @@ class Stream(IntEnum):
     CLOCK = 11
     READOUT = 13
     WOBBLE = 14
+    POSES = 40
 
 
 def generator(seed: int, stream: Stream, shot: Any, sample: Any) -> Any:
@@ -53,3 +56,12 @@ def generator(seed: int, stream: Stream, shot: Any, sample: Any) -> Any:
     import drjit.auto.ad as auto
 
     return auto.Philox4x32(dr.opaque(auto.UInt64, seed), shot, sample, auto.UInt32(int(stream)), _ROUNDS)
+
+
+def host_generator(seed: int, stream: Stream, number: int) -> np.random.Generator:
+    """Return the host's generator at an address, for draws that are no part of the light's way.
+
+    NumPy's Philox 4x64 with seed and stream as its key; ``number`` counts the draws of the consumer, each of which may
+    take up to 2¹⁹² numbers.
+    """
+    return np.random.Generator(np.random.Philox(key=(seed << 64) | int(stream), counter=number << 192))

@@ -14,9 +14,10 @@ h² ω_y/R, and the two are told apart by φ, in which the tilt shows as x y ω_
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 
 class SquareErrors(NamedTuple):
@@ -71,6 +72,61 @@ def square_joint(sigma: float, sigma_range: float, R: float, a: float) -> Square
     tilt = 1.0 / np.sqrt(a**4 / (4.0 * sigma**2 * R**4) + a**2 / sigma_range**2)
     lateral = np.hypot(0.5 * sigma * R, 0.25 * a**2 * tilt / R)
     return SquareErrors(float(lateral), float(depth), float(tilt), sigma * R / (np.sqrt(2.0) * a))
+
+
+def facing_errors(
+    points: ArrayLike,
+    R: float,
+    method: Literal["uv", "xyz", "joint"],
+    sigma: tuple[float, float],
+    sigma_range: float = 1.0,
+) -> NDArray[np.float64]:
+    """Return the errors of any array of targets that faces the scanner, to the same first order.
+
+    Parameters
+    ----------
+    points
+        Targets (x, y, z) about the array's origin [m], shape (n, 3). Those before or behind the plane z = 0 move with
+        its tilt: to the δx above comes ω_y z, to δy −ω_x z.
+    R
+        Range of the origin [m].
+    method
+        ``uv``: angles; ``joint``: angles and ranges, each by its variance; ``xyz``: points that count alike (eq 11).
+    sigma
+        Standard deviations of Θ and φ [rad].
+    sigma_range
+        Of the ranges [m].
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        Standard deviations of (t_x, t_y, t_z) [m] and (ω_x, ω_y, ω_z) [rad]: of (AᵀWA)⁻¹, for ``xyz`` of
+        (BᵀB)⁻¹ BᵀCB (BᵀB)⁻¹ with B the moves of the points and C their covariance, in which a range error moves a
+        point along its line of sight, (x/R, y/R, 1). Of a square they are the forms above.
+    """
+    x, y, z = np.asarray(points, dtype=np.float64).T
+    one, none = np.ones_like(x), np.zeros_like(x)
+    moves = np.array(
+        [[one, none, none, none, z, -y], [none, one, none, -z, none, x], [none, none, one, y, -x, none]]
+    )
+    moved_x, moved_y, moved_z = np.moveaxis(moves, 1, 2)  # each (n, 6)
+    if method == "xyz":
+        sight = np.stack([x / R, y / R, one], axis=1)
+        covariance = np.zeros((len(x), 3, 3))
+        covariance[:, 0, 0], covariance[:, 1, 1] = (R * sigma[0]) ** 2, (R * sigma[1]) ** 2
+        covariance += sigma_range**2 * sight[:, :, None] * sight[:, None, :]
+        stacked = np.stack([moved_x, moved_y, moved_z], axis=1)
+        inverse = np.linalg.inv(np.einsum("nka,nkb->ab", stacked, stacked))
+        spread = np.einsum("nka,nkl,nlb->ab", stacked, covariance, stacked)
+        return np.asarray(np.sqrt(np.diag(inverse @ spread @ inverse)))
+    rows = [
+        (moved_x - (x / R)[:, None] * moved_z) / (R * sigma[0]),
+        (moved_y - (y / R)[:, None] * moved_z) / (R * sigma[1]),
+    ]
+    if method == "joint":
+        rows.append(moved_z / sigma_range)
+    weighted = np.concatenate(rows)
+    return np.asarray(np.sqrt(np.diag(np.linalg.inv(weighted.T @ weighted))))
 
 
 def crossing_range(sigma: float, sigma_range: float, a: float) -> float:
