@@ -42,9 +42,26 @@ def read_encoders(
     """
     import drjit.auto.ad as auto
 
-    drawn: Any = generator(seed, Stream.READOUT, auto.UInt32(shot), auto.UInt32(0)).next_float32x4_normal()
-    noise = np.asarray(drawn.numpy(), dtype=np.float64) * mirrors.readout_noise
-    read = [theta + noise[0], phi + noise[1]]
+    drawn = [normal.numpy() for normal in reading_normals(auto.UInt32(shot), seed)]
+    return readings(theta, phi, drawn[0], drawn[1], mirrors)
+
+
+def reading_normals(shot: Any, seed: int) -> tuple[Any, Any]:
+    """Return the standard normal numbers of both encoders' noise for shots by number, Dr.Jit, shape (n,)."""
+    import drjit.auto.ad as auto
+
+    drawn: Any = generator(seed, Stream.READOUT, shot, auto.UInt32(0)).next_float32x4_normal()
+    return drawn[0], drawn[1]
+
+
+def readings(
+    theta: Array, phi: Array, normal_theta: NDArray[Any], normal_phi: NDArray[Any], mirrors: Mirrors
+) -> tuple[Array, Array]:
+    """Return what encoders read at deflections of the shafts [rad] with noise of given standard normal numbers."""
+    read = [
+        angle + np.asarray(normal, dtype=np.float64) * mirrors.readout_noise
+        for angle, normal in ((theta, normal_theta), (phi, normal_phi))
+    ]
     if mirrors.readout_step > 0.0:
         read = [np.rint(angle / mirrors.readout_step) * mirrors.readout_step for angle in read]
     return read[0], read[1]
