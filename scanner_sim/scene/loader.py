@@ -100,19 +100,28 @@ def device_poses(matrices: list[NDArray[np.float64]]) -> tuple[Pose, ...]:
     """Return poses of several objects, each of shape (n, 4, 4), as float32 on the device; all in one transfer."""
     if not matrices:
         return ()
-    rows = np.stack(matrices, axis=1)[:, :, :3, :]
-    count = len(rows)
     # The copy is for Dr.Jit: it takes NumPy's memory as it lies, and compiles a kernel for each alignment.
-    numbers = mi.Float(np.ascontiguousarray(rows.reshape(count, -1).T, dtype=np.float32).ravel())
+    poses = unpacked_poses(mi.Float(packed_poses(matrices)), len(matrices), len(matrices[0]))
+    dr.eval(poses)
+    return poses
+
+
+def packed_poses(matrices: list[NDArray[np.float64]]) -> NDArray[np.float32]:
+    """Return the upper three rows of poses, each of shape (n, 4, 4), as one array, shape (12 · objects · n,)."""
+    rows = np.stack(matrices, axis=1)[:, :, :3, :]
+    return np.ascontiguousarray(rows.reshape(len(rows), -1).T, dtype=np.float32).ravel()
+
+
+def unpacked_poses(numbers: Any, objects: int, count: int, first: int = 0) -> tuple[Pose, ...]:
+    """Return the poses of ``count`` rays that :func:`packed_poses` made, from an array that has them from a place on."""
     lane = dr.arange(mi.UInt32, count)
     entries = [
-        dr.gather(mi.Float, numbers, lane + dr.opaque(mi.UInt32, number * count))
-        for number in range(12 * len(matrices))
+        dr.gather(mi.Float, numbers, lane + dr.opaque(mi.UInt32, first + number * count))
+        for number in range(12 * objects)
     ]
-    dr.eval(entries)
     poses = []
-    for first in range(0, len(entries), 12):
-        grid = [entries[first + 4 * row : first + 4 * row + 4] for row in range(3)]
+    for start in range(0, len(entries), 12):
+        grid = [entries[start + 4 * row : start + 4 * row + 4] for row in range(3)]
         rotation = mi.Matrix3f(*(entry for row in grid for entry in row[:3]))
         poses.append(Pose(rotation, mi.Vector3f(*(row[3] for row in grid))))
     return tuple(poses)
