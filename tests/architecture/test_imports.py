@@ -32,6 +32,7 @@ WHOLE = (
     "scenario",
     "config",
     "conditions",
+    "poses",
     "lidar",
     "workbench",
     "simulate",
