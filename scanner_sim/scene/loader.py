@@ -113,7 +113,7 @@ def packed_poses(matrices: list[NDArray[np.float64]]) -> NDArray[np.float32]:
 
 
 def unpacked_poses(numbers: Any, objects: int, count: int, first: int = 0) -> tuple[Pose, ...]:
-    """Return the poses of ``count`` rays that :func:`packed_poses` made, from an array that has them from a place on."""
+    """Return the poses of ``count`` rays that :func:`packed_poses` made, out of an array from a place on."""
     lane = dr.arange(mi.UInt32, count)
     entries = [
         dr.gather(mi.Float, numbers, lane + dr.opaque(mi.UInt32, first + number * count))
