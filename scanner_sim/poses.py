@@ -52,6 +52,8 @@ def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSe
     if not (chosen.methods and carriers):
         return ()
     visits = _Visits(track, [target for targets in carriers.values() for target in targets])
+    if not len(visits.at):
+        return ()
     robust = None if chosen.robust == "none" else chosen.robust
     found: list[PoseSeries] = []
     for name, targets in carriers.items():
