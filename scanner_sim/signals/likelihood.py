@@ -17,6 +17,10 @@ P is what is known of the width beforehand: a surface that faces the scanner mak
 edges make others. The spot is even about µ, so a wrong width hardly moves a fit of many pixels, but that of a spot
 narrower than a pixel it does; with the width fitted it moves neither.
 
+A shadow's edge beneath the spot bends the far flanks most, and those have the largest weights where the light is
+taken to be even. The difference of the light on the two sides therefore counts as noise of every pixel in the weights:
+the fit then leans on the spot's steep middle, as least squares would.
+
 Not modelled: spots that are not Gaussian. What does not fit is the business of the test of shape.
 """
 
@@ -46,6 +50,8 @@ _SIDES = 8
 """Pixels to each side that are fitted where nothing is known of the spot."""
 _LEAST, _MOST = 0.02, 400.0
 """Limits of the variance of a spot [pixel²]."""
+_EVEN = 9.0
+"""Squared difference of the baseline's two sides, over its variance, that counts as none: noise hardly exceeds it."""
 _LEAST_VARIANCE = 1.0
 """Least variance of a pixel [electron²]: without any noise all count alike."""
 
@@ -186,6 +192,10 @@ def fit_spot(around: Pixels, width: Width, first: Any, speckle: Callable[[Any], 
     known = dr.rcp(dr.square(width.spread))
     logarithm = dr.log(width.variance)
     middle = charges[width.reach]
+    baseline = around.baseline
+    # Both sides apart: where between them the light changes is unknown, and each pixel may be wrong by as much.
+    apart = 4.0 * (dr.square(baseline.doubt) - _EVEN * baseline.level_variance)
+    uneven = dr.maximum(apart, 0.0)
 
     def score(
         charge: Any, place: Any, spread: Any
@@ -206,7 +216,7 @@ def fit_spot(around: Pixels, width: Width, first: Any, speckle: Callable[[Any], 
             edge, below, density = edge_next, below_next, density_next
             whole = model + around.baseline.level + step * around.baseline.slope
             variance = dr.maximum(around.line.variance(around.pixel(step), whole), _LEAST_VARIANCE)
-            variance += grainy[number] * dr.square(model)
+            variance += grainy[number] * dr.square(model) + uneven
             weight = dr.select(counts[number], dr.rcp(variance), 0.0)
             residual = weight * (charges[number] - model)
             slopes = [model, moved, widened]

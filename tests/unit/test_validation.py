@@ -175,7 +175,7 @@ class TestLines:
 
     def test_misfit_widens_sigma(self) -> None:
         """An edge beneath the spot moves it; σ says so unless it is told to trust the shape."""
-        line = laser(60.3) + edge(61.0, 0.3 * laser(60.3).max())
+        line = laser(60.3) + edge(61.0, 0.2 * laser(60.3).max())
         aware, trusting = (
             peaks_of(line[None], Processing(validation=Validation(misfit=misfit))) for misfit in (1.0, 0.0)
         )
@@ -183,7 +183,7 @@ class TestLines:
         assert error > 6.0 * trusting.sigma.numpy()[0]
         assert error < 6.0 * aware.sigma.numpy()[0]
 
-    @pytest.mark.parametrize("place", [1.3, 4.0, 8.0, 250.0])
+    @pytest.mark.parametrize("place", [2.0, 4.0, 8.0, 250.0])
     def test_near_the_ends_of_the_array(self, place: float) -> None:
         """One side alone gives the baseline where the other leaves the array."""
         # At the far end no surface is bright enough; the amplitude is not what is asked here.
