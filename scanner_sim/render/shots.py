@@ -167,10 +167,15 @@ class Lattice:
         """Return the places of a mirror at deflections [rad] and times since the start [s], shape (n,)."""
         places: list[Any] = []
         for values, spacing in ((deflection, mirrors.wobble_angle), (time, mirrors.wobble_time)):
-            cell = np.floor(values / spacing)
-            places.append(_device(mi.UInt32, (cell.astype(np.int64) & 0xFFFFFFFF).astype(np.uint32)))
-            places.append(_single(values / spacing - cell))
+            cell, part = lattice_place(values, spacing)
+            places += [_device(mi.UInt32, cell), _single(part)]
         return cls(*places)
+
+
+def lattice_place(values: Array, spacing: float) -> tuple[NDArray[np.uint32], Array]:
+    """Return the cells of a lattice in which values lie, and their places in them, 0 to 1."""
+    cell = np.floor(values / spacing)
+    return (cell.astype(np.int64) & 0xFFFFFFFF).astype(np.uint32), values / spacing - cell
 
 
 def lattices_of(aim: Aim, mirrors: Mirrors) -> list[Lattice]:

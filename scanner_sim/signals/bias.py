@@ -47,6 +47,11 @@ class Bias:
     ----------
     table
         The table.
+
+    Attributes
+    ----------
+    values
+        What it holds, a Dr.Jit array.
     """
 
     def __init__(self, table: BiasTable) -> None:
@@ -55,7 +60,7 @@ class Bias:
         self._step = max(last - self._first, 1e-6) / (_WIDTHS - 1)
         widths = self._first + self._step * np.arange(_WIDTHS, dtype=np.float64)
         values = table.at(widths, np.linspace(-_FARTHEST, _FARTHEST, _SHIFTS, dtype=np.float64))
-        self._values = auto.Float(values.astype(np.float32).ravel())
+        self.values = auto.Float(values.astype(np.float32).ravel())
 
     def __call__(self, shift: Any, sigma: Any) -> tuple[Any, Any]:
         """Return the systematic error [pixel] and its derivative by the estimate.
@@ -78,7 +83,7 @@ class Bias:
         right, low = across - auto.Float(column), down - auto.Float(row)
         place = row * _SHIFTS + column
         left_top, right_top, left_low, right_low = (
-            dr.gather(auto.Float, self._values, place + step) for step in (0, 1, _SHIFTS, _SHIFTS + 1)
+            dr.gather(auto.Float, self.values, place + step) for step in (0, 1, _SHIFTS, _SHIFTS + 1)
         )
         left, end = dr.lerp(left_top, left_low, low), dr.lerp(right_top, right_low, low)
         inside = dr.abs(shift) < _FARTHEST
