@@ -41,6 +41,8 @@ WHOLE = (
     "compare",
     "calibrate",
     "budget",
+    "target_errors",
+    "pose_study",
     "cli",
 )
 ORDER = {name: rank for rank, name in enumerate((*ROOMS, "analytic", *WHOLE), start=1)}
