@@ -40,7 +40,7 @@ class PatternBench:
 
     Notes
     -----
-    Time of flight, and light of several bounces, are measured by the workbench itself.
+    Time of flight, light of several bounces and scenes under the Sun are measured by the workbench itself.
     """
 
     def __init__(self, workbench: Workbench) -> None:
@@ -51,7 +51,8 @@ class PatternBench:
     def fast(self) -> bool:
         """Whether the scenario is one that frozen kernels measure."""
         scenario = self.bench.scenario
-        return scenario.ranging == "triangulation" and scenario.transport.bounces == 1
+        dark = scenario.lighting.sky().dark
+        return dark and scenario.ranging == "triangulation" and scenario.transport.bounces == 1
 
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
         """Return the layers of a pattern's shots: see :meth:`~scanner_sim.workbench.Workbench.measure`."""
