@@ -17,16 +17,28 @@ if TYPE_CHECKING:
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
     from scanner_sim.scenario import Scenario as Scenario
     from scanner_sim.simulate import simulate as simulate
+    from scanner_sim.track import Tracker as Tracker
+    from scanner_sim.track import track as track
 
     __version__: str
 
-__all__ = ["Scenario", "__version__", "estimate_pose", "load_scenario", "simulate"]
+__all__ = [
+    "Scenario",
+    "Tracker",
+    "__version__",
+    "estimate_pose",
+    "load_scenario",
+    "simulate",
+    "track",
+]
 
 _HOMES = {
     "Scenario": "scanner_sim.scenario",
+    "Tracker": "scanner_sim.track",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scenario": "scanner_sim.config",
     "simulate": "scanner_sim.simulate",
+    "track": "scanner_sim.track",
 }
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
 from scanner_sim.errors import Fault
-from scanner_sim.parts import Part
+from scanner_sim.parts import Part, Switch
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.schedule import Visiting
@@ -92,6 +92,8 @@ class TrackScan(Part):
     """Figure and points. Its amplitude is replaced by what the tracker asks for."""
     tracker: TrackerSettings = TrackerSettings()
     """How targets are searched for and followed."""
+    correct_delay: Switch = True
+    """Correct the encoders' readings for their delay, which is known (``scanner.galvanometers.readout_delay``)."""
     visiting: Visiting = Visiting()
     """Times between patterns, and the drive's updates."""
 

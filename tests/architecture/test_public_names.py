@@ -22,10 +22,12 @@ def python(code: str) -> str:
 def test_the_public_names_are_these() -> None:
     assert set(scanner_sim.__all__) == {
         "Scenario",
+        "Tracker",
         "__version__",
         "estimate_pose",
         "load_scenario",
         "simulate",
+        "track",
     }
 
 
@@ -39,6 +41,8 @@ def test_the_names_are_what_they_say() -> None:
     assert inspect.isclass(scanner_sim.Scenario)
     assert inspect.isfunction(scanner_sim.load_scenario)
     assert inspect.isfunction(scanner_sim.simulate)
+    assert inspect.isfunction(scanner_sim.track)
+    assert inspect.isclass(scanner_sim.Tracker)
     assert inspect.isfunction(scanner_sim.estimate_pose)
 
 

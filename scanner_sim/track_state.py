@@ -1,0 +1,181 @@
+"""All that a tracking run carries from visit to visit, and its file."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.errors import InputError
+from scanner_sim.optics.galvanometer import MirrorState
+from scanner_sim.products.folder import write_text
+from scanner_sim.scan.schedule import MirrorPair, mirrors_at
+from scanner_sim.tracking.prediction import Motion
+from scanner_sim.tracking.record import TrackTarget
+from scanner_sim.tracking.state import Refusal, TrackerSettings, TrackMode, TrackState, init
+
+Array = NDArray[np.float64]
+
+FORMAT = 1
+"""Version of the file's form."""
+
+
+@dataclass(frozen=True)
+class TrackerState:
+    """A tracking run between two visits.
+
+    Attributes
+    ----------
+    visits
+        Visits so far; the next one has this number, and its shots the numbers from visits · points on.
+    clock
+        When the next period begins [s].
+    mirrors
+        Where the mirrors are.
+    turn
+        Index of the target that is visited next, or of the first one after it that is followed.
+    skipped
+        Targets outside of the field of view in a row, just before.
+    tracks
+        What is remembered of each target.
+    followed
+        Whether each target is visited.
+    amplitudes
+        Amplitude of each target's patterns [rad] that a command has fixed; None where the tracker chooses.
+    """
+
+    visits: int
+    clock: float
+    mirrors: MirrorPair
+    turn: int
+    skipped: int
+    tracks: tuple[TrackState, ...]
+    followed: tuple[bool, ...]
+    amplitudes: tuple[float | None, ...]
+
+
+def first_state(targets: tuple[TrackTarget, ...], settings: TrackerSettings) -> TrackerState:
+    """Return the state of a run that begins: mirrors at rest straight ahead, every target to be searched for."""
+    return TrackerState(
+        visits=0,
+        clock=0.0,
+        mirrors=mirrors_at(0.0, 0.0),
+        turn=0,
+        skipped=0,
+        tracks=tuple(init(target.expected, settings) for target in targets),
+        followed=(True,) * len(targets),
+        amplitudes=(None,) * len(targets),
+    )
+
+
+def save_state(path: Path, state: TrackerState, scenario_yaml: str, made_by: str) -> None:
+    """Write a run's state as JSON, which keeps every bit of every number; the file is whole or not there at all.
+
+    Raises
+    ------
+    RunError
+        If the file cannot be written.
+    """
+    content = {
+        "format": FORMAT,
+        "made_by": made_by,
+        "scenario": scenario_yaml,
+        "state": {
+            "visits": state.visits,
+            "clock": state.clock,
+            "mirrors": {
+                "angle": _listed(state.mirrors.state.angle),
+                "rate": _listed(state.mirrors.state.rate),
+                "command": _listed(state.mirrors.state.command),
+                "slope": _listed(state.mirrors.slope),
+                "time": state.mirrors.time,
+            },
+            "turn": state.turn,
+            "skipped": state.skipped,
+            "tracks": [_track(track) for track in state.tracks],
+            "followed": list(state.followed),
+            "amplitudes": list(state.amplitudes),
+        },
+    }
+    write_text(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+
+
+def load_state(path: Path) -> tuple[TrackerState, str]:
+    """Return the state of a file of :func:`save_state`, and the resolved scenario that it belongs to.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, or it holds something else.
+    """
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or "it is not JSON"
+        raise InputError(
+            f"{path} cannot be read: {reason}.", remedy="Name a file that a tracker saved."
+        ) from None
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise InputError(
+            f"{path} is no state of a tracker that this program reads.",
+            remedy="Name a file that a tracker of this version saved.",
+        )
+    try:
+        return _state(content["state"]), str(content["scenario"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{path} is a damaged state of a tracker: {error}.", remedy="Save it again."
+        ) from None
+
+
+def _state(data: dict[str, Any]) -> TrackerState:
+    mirrors = data["mirrors"]
+    angle, rate, command = (
+        np.array(mirrors[name], dtype=np.float64) for name in ("angle", "rate", "command")
+    )
+    return TrackerState(
+        visits=int(data["visits"]),
+        clock=float(data["clock"]),
+        mirrors=MirrorPair(
+            MirrorState(angle, rate, command), np.array(mirrors["slope"], dtype=np.float64), mirrors["time"]
+        ),
+        turn=int(data["turn"]),
+        skipped=int(data["skipped"]),
+        tracks=tuple(
+            TrackState(
+                mode=TrackMode(track["mode"]),
+                motion=Motion(
+                    *(np.array(track[name], dtype=np.float64) for name in ("mean", "covariance", "time"))
+                ),
+                expected=np.array(track["expected"], dtype=np.float64),
+                refusal=Refusal(track["refusal"]),
+                **{name: int(track[name]) for name in _COUNTS},
+            )
+            for track in data["tracks"]
+        ),
+        followed=tuple(bool(value) for value in data["followed"]),
+        amplitudes=tuple(None if value is None else float(value) for value in data["amplitudes"]),
+    )
+
+
+_COUNTS = ("patterns", "seen", "missed", "searched")
+
+
+def _track(track: TrackState) -> dict[str, Any]:
+    return {
+        "mode": track.mode.value,
+        "mean": _listed(track.motion.mean),
+        "covariance": _listed(track.motion.covariance),
+        "time": float(track.motion.time),
+        "expected": _listed(track.expected),
+        "refusal": track.refusal.value,
+        **{name: getattr(track, name) for name in _COUNTS},
+    }
+
+
+def _listed(values: Array) -> Any:
+    return np.asarray(values, dtype=np.float64).tolist()

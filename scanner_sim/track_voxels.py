@@ -1,0 +1,188 @@
+"""From a pattern of the mirrors to its measured voxels: what lies between the tracker and the instrument."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.optics.speckle import Grain, patterns
+from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.schedule import PatternMotion
+from scanner_sim.scenario import Scenario
+from scanner_sim.tracking.samples import PatternSamples
+
+Array = NDArray[np.float64]
+
+_SUMMED = 9
+"""Pixels whose charge is a peak's signal."""
+_TOGETHER = 8192
+"""Shots whose encoder noise is drawn together: it depends on their numbers alone."""
+
+
+class Instrument(Protocol):
+    """What measures the shots of an aim."""
+
+    def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
+        """Return the layers of the shots, each of shape (n,)."""
+
+
+def aim_of(motion: PatternMotion, visit: int) -> Aim:
+    """Return the aim of a pattern as the mirrors ran it; shots are numbered on from visit · points."""
+    points = len(motion.time)
+    first = visit * points
+    return Aim(
+        shot=np.arange(first, first + points, dtype=np.uint64).astype(np.uint32),
+        theta=motion.true_theta,
+        phi=motion.true_phi,
+        time=motion.time,
+        travel_theta=motion.travel_theta,
+        travel_phi=motion.travel_phi,
+    )
+
+
+class Encoders:
+    """The encoders' readings of patterns.
+
+    Parameters
+    ----------
+    scenario
+        Mirrors, dwell and seed.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        self._mirrors, self._seed = scenario.scanner.mirrors, scenario.seed
+        self._points = scenario.following.pattern.points
+        self._visits = max(1, _TOGETHER // self._points)
+        self._block = -1
+        self._noise = np.zeros((2, 0))
+
+    def read(self, motion: PatternMotion, visit: int) -> Array:
+        """Return what the encoders read of a pattern, Θ and φ, shape (2, points) [rad].
+
+        The angles where they latched, earlier than the middle of the dwell, with the jitter that they see, their
+        noise and their steps.
+        """
+        block, place = divmod(visit, self._visits)
+        if block != self._block:
+            self._block, self._noise = block, self._drawn(block)
+        start = place * self._points
+        latched = np.stack([motion.latched_theta, motion.latched_phi])
+        angle = latched + self._noise[:, start : start + self._points]
+        step = self._mirrors.readout_step
+        return np.asarray(np.rint(angle / step) * step) if step > 0.0 else angle
+
+    def _drawn(self, block: int) -> Array:
+        """Return the noise of the readings of a block of visits, shape (2, shots) [rad]."""
+        import drjit as dr
+        import drjit.auto.ad as auto
+
+        from scanner_sim.detector.encoders import read_encoders
+        from scanner_sim.render.shots import drawn_errors
+
+        count = self._visits * self._points
+        shot = (np.arange(count, dtype=np.uint64) + block * count).astype(np.uint32)
+        still = np.zeros(count)
+        exact = self._mirrors.model_copy(update={"readout_step": 0.0})
+        noise = np.stack(read_encoders(shot, still, still, exact, self._seed))
+        if self._mirrors.jitter_seen > 0.0:
+            shaft = drawn_errors(auto.UInt32(shot), [], self._mirrors, self._seed)[1]
+            dr.eval(shaft)
+            noise += np.stack([np.asarray(part.numpy(), dtype=np.float64) for part in shaft])
+        return noise
+
+
+class SignalNoise:
+    """What the instrument knows of the noise of its signals.
+
+    Parameters
+    ----------
+    scenario
+        Instrument and processing.
+    """
+
+    def __init__(self, scenario: Scenario) -> None:
+        scanner, self._scenario = scenario.scanner, scenario
+        sensor, laser, receiver = scanner.position_sensor, scanner.laser, scanner.receiver
+        self._grain = (
+            Grain.of(laser.wavelength, receiver, sensor.pitch, sensor.height) if laser.speckle else None
+        )
+
+    def sigma(self, layers: dict[str, NDArray[Any]], motion: PatternMotion, expected_range: float) -> Array:
+        """Return the standard deviations of the signals of a pattern, shape (points,), in their own unit.
+
+        Line sensor: σ² = 9 (κ N/q)² + (c N)². N is the charge of nine pixels, κ the share of the brightest one for a
+        spot that faces the scanner at the expected range, q the height over the noise of that pixel, which is that of
+        all but the speckle. c is the contrast of speckle that a whole spot keeps: for an image of the variances
+        σ_x², σ_y² and Gaussian grain of length s, c² = C² s²/√((s² + 2σ_x²)(s² + 2σ_y²))/M (see
+        :mod:`scanner_sim.optics.speckle`) with the M patterns that the dwell averages. Photodiode: N/q.
+        """
+        signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
+        timed = self._scenario.ranging == "tof"
+        ratio = np.asarray(layers["tof.snr_detection" if timed else "snr_detection"], dtype=np.float64)
+        noise = signal / np.maximum(np.nan_to_num(ratio), 1.0)
+        if timed:
+            return np.asarray(noise)
+        scanner = self._scenario.scanner
+        sensor, receiver = scanner.position_sensor, scanner.receiver
+        radius = float(scanner.laser.radius(expected_range))
+        beam = 0.5 * radius * receiver.focal_length / expected_range
+        along = (receiver.point_spread**2 + beam**2) / sensor.pitch**2
+        brightest = math.erf(0.5 / math.sqrt(2.0 * along))
+        relative: Array | float = 0.0
+        if self._grain is not None:
+            across = min(along, (sensor.height / sensor.pitch) ** 2 / 12.0)
+            square = self._grain.length**2
+            even = square / math.sqrt((square + 2.0 * along) * (square + 2.0 * across))
+            shining = scanner.exposure / scanner.dwell
+            sweep = shining * np.hypot(motion.travel_theta, np.cos(motion.true_theta) * motion.travel_phi)
+            contrast = self._scenario.processing.speckle_contrast
+            relative = contrast**2 * even / patterns(sweep, expected_range / radius)
+        return np.asarray(np.sqrt(_SUMMED * (brightest * noise) ** 2 + relative * signal**2))
+
+
+def samples_of(
+    layers: dict[str, NDArray[Any]],
+    motion: PatternMotion,
+    angles: Array,
+    sigma_signal: Array,
+    delay: float,
+) -> PatternSamples:
+    """Return the voxels of a pattern.
+
+    Parameters
+    ----------
+    layers
+        What the instrument measured, each of shape (points,). Ranges are the fused ones where there are two.
+    motion
+        The mirrors' motion, for the times.
+    angles
+        Read deflections, shape (2, points) [rad].
+    sigma_signal
+        Standard deviations of the signals, shape (points,).
+    delay
+        Known delay of the readings [s] that is taken off; 0 for none.
+
+    Notes
+    -----
+    The ranges were found with readings in the middle of the dwell: what a delay that is not taken off does to them,
+    R tanΘ times the angle's error, is left out.
+    """
+    prefix = "fused." if "fused.range_m" in layers else ""
+    signal, distance, sigma = (
+        np.asarray(layers[name], dtype=np.float64)[None]
+        for name in ("Y", f"{prefix}range_m", f"{prefix}sigma_range_m")
+    )
+    samples = PatternSamples(
+        time=motion.time[None],
+        theta=angles[0][None],
+        phi=angles[1][None],
+        signal=signal,
+        sigma_signal=sigma_signal[None],
+        range=distance,
+        sigma_range=sigma,
+        status=layers[f"{prefix}status"].astype(np.uint8)[None],
+    )
+    return samples.later(delay) if delay > 0.0 else samples
