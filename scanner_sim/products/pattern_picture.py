@@ -76,8 +76,8 @@ def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = N
     with house_style():
         from matplotlib.figure import Figure
 
-        figure = Figure(figsize=(10.2, 4.5), dpi=150)
-        places = ((0.055, 0.13, 0.28, 0.67), (0.41, 0.13, 0.28, 0.67), (0.81, 0.13, 0.17, 0.67))
+        figure = Figure(figsize=(11.4, 4.3), dpi=150)
+        places = ((0.055, 0.13, 0.25, 0.67), (0.43, 0.13, 0.25, 0.67), (0.82, 0.30, 0.165, 0.43))
         by_signal, by_range, centre = (figure.add_axes(place) for place in places)
         outline = _outline(track, record) if rim is None else rim(record)
         samples = record.samples
@@ -94,7 +94,7 @@ def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = N
         about = np.nanmedian(samples.range[0][measured]) if measured.any() else 0.0
         _voxels(
             by_range, record, response, 1e3 * (samples.range[0] - about), measured, RANGE_MAP,
-            f"range − {about:.4f} m [mm]",
+            f"range about {about:.4f} m [mm]",
         )  # fmt: skip
         for axes in (by_signal, by_range):
             _circles(axes, record, circle, outline)
@@ -143,8 +143,9 @@ def _voxels(
     axes.scatter(x[~shown], y[~shown], 12.0, "#9aa3ac", marker="x", linewidths=0.7, zorder=2)
     axes.set_aspect("equal")
     axes.invert_yaxis()
-    axes.set_xlabel(f"Θ − {np.degrees(record.centre[0]):.4f}° [mrad]")
-    axes.set_ylabel(f"φ − {np.degrees(record.centre[1]):.4f}° [mrad]", labelpad=1.0)
+    theta, phi = np.degrees(record.centre)
+    axes.set_xlabel(f"Θ about {theta:.4f}° [mrad]")
+    axes.set_ylabel(f"φ about {phi:.4f}° [mrad]", labelpad=1.0)
     box = axes.get_position()
     bar = axes.figure.add_axes((box.x1 + 0.008, box.y0, 0.009, box.height))  # type: ignore[union-attr]
     axes.figure.colorbar(dots, cax=bar, label=label)
@@ -167,7 +168,8 @@ def _circles(axes: Axes, record: PatternRecord, circle: Centroid, outline: Array
 def _outline(track: Track, record: PatternRecord) -> Array:
     looks = next(target.looks for target in track.targets if target.name == record.target)
     radius = 0.5 * looks.diameter / record.truth[2]
-    return record.truth[:2] + radius * np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+    round_: Array = record.truth[:2] + radius * np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+    return round_
 
 
 def _centre(axes: Axes, record: PatternRecord) -> None:
@@ -176,12 +178,13 @@ def _centre(axes: Axes, record: PatternRecord) -> None:
     axes.set(xlabel="Θ [µrad]", ylabel="φ [µrad]")
     axes.yaxis.labelpad = 1.0
     axes.plot(0.0, 0.0, "x", color=_TRUTH, ms=7.0, mew=1.2)
-    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_aspect("equal")
     axes.spines[["top", "right"]].set_visible(False)
-    axes.invert_yaxis()
+    axes.locator_params(nbins=4)
     error = 1e6 * (record.place - record.truth)[:2]
     if not np.isfinite(error).all():
         axes.text(0.5, 0.6, "not found", transform=axes.transAxes, ha="center", color=FAINT)
+        axes.set(xlim=(-1.0, 1.0), ylim=(1.0, -1.0), xticks=[], yticks=[])
         return
     squares, along = np.linalg.eigh(1e12 * record.covariance[:2, :2])
     ring = along @ (np.sqrt(np.maximum(squares, 0.0))[:, None] * np.stack([np.cos(_TURN), np.sin(_TURN)]))

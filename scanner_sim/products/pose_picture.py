@@ -23,6 +23,9 @@ Array = NDArray[np.float64]
 METHOD_COLOUR = {"uv": "#0b4f8a", "xyz": "#d08a1d", "joint": "#4b7f52"}
 """Colour of each method, the same in every picture."""
 _MARK = {"uv": "o", "xyz": "s", "joint": "D"}
+_SIZE = {"uv": 2.2, "xyz": 3.6, "joint": 2.2}
+_WIDTH = {"uv": 0.9, "xyz": 2.2, "joint": 0.9}
+"""Of marks and lines: with weights by full covariances ``xyz`` is nearly ``joint``, and must be seen below it."""
 _COMPONENTS = (
     "x [mm]",
     "y [mm]",
@@ -86,9 +89,9 @@ def _component(axes: Axes, chosen: Sequence[PoseSeries], component: int) -> None
         error, sigma = (1e3 * values[:, component] for values in (one.error, one.sigma))
         colour = METHOD_COLOUR[one.method]
         sigma = np.where(good, sigma, np.nan)
-        axes.plot(one.time[good], error[good], _MARK[one.method], color=colour, ms=2.2, mew=0.0, alpha=0.75)
+        axes.plot(one.time[good], error[good], _MARK[one.method], color=colour, ms=_SIZE[one.method], mew=0.0)
         for sign in (-2.0, 2.0):
-            axes.plot(one.time, sign * sigma, color=colour, lw=0.8, alpha=0.8)
+            axes.plot(one.time, sign * sigma, color=colour, lw=_WIDTH[one.method])
         if (known := good & np.isfinite(error)).any():
             largest = float(np.percentile(np.abs(error[known]), 99.0))
             reach = max(reach, 2.6 * float(np.median(sigma[known])), 1.1 * largest)
@@ -130,7 +133,7 @@ def draw_outlines(track: Track, series: Sequence[PoseSeries], path: str | Path) 
         figure = Figure(figsize=(wide, 6.9), dpi=150)
         grid = figure.subplots(2, len(names), squeeze=False, height_ratios=(1.6, 1.0))
         figure.subplots_adjust(
-            left=0.7 / wide, right=1.0 - 0.15 / wide, top=0.84, bottom=0.125, wspace=0.28, hspace=0.26
+            left=0.7 / wide, right=1.0 - 0.15 / wide, top=0.885, bottom=0.125, wspace=0.28, hspace=0.26
         )
         for column, name in enumerate(names):
             targets = [target for target in track.targets if target.object == name]
@@ -168,7 +171,9 @@ def _object(
                 shown = true + factor * (here - true)
                 if number == 0:
                     axes.plot(true[:, 0], true[:, second], color=INK, lw=1.3, zorder=1)
-                axes.plot(shown[:, 0], shown[:, second], color=METHOD_COLOUR[method], lw=0.9, zorder=2)
+                axes.plot(
+                    shown[:, 0], shown[:, second], color=METHOD_COLOUR[method], lw=_WIDTH[method], zorder=2
+                )
         axes.set_aspect("equal", adjustable="datalim")
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_xlabel("x [m]")
