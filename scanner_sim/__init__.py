@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
     from scanner_sim.scenario import Scenario as Scenario
     from scanner_sim.simulate import simulate as simulate
-    from scanner_sim.track import Tracker as Tracker
     from scanner_sim.track import track as track
+    from scanner_sim.tracker import Tracker as Tracker
 
     __version__: str
 
@@ -34,7 +34,7 @@ __all__ = [
 
 _HOMES = {
     "Scenario": "scanner_sim.scenario",
-    "Tracker": "scanner_sim.track",
+    "Tracker": "scanner_sim.tracker",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scenario": "scanner_sim.config",
     "simulate": "scanner_sim.simulate",

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.optics.speckle import Grain, patterns
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.scenario import Scenario
+from scanner_sim.tracking.measurement import Measurement, measure_target
+from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.state import TrackCommand
 
 Array = NDArray[np.float64]
 
@@ -49,7 +54,7 @@ class Encoders:
     Parameters
     ----------
     scenario
-        Mirrors, dwell and seed.
+        Mirrors, pattern and seed.
     """
 
     def __init__(self, scenario: Scenario) -> None:
@@ -67,31 +72,15 @@ class Encoders:
         """
         block, place = divmod(visit, self._visits)
         if block != self._block:
-            self._block, self._noise = block, self._drawn(block)
+            count = self._visits * self._points
+            shot = (np.arange(count, dtype=np.uint64) + block * count).astype(np.uint32)
+            self._block = block
+            self._noise = np.stack(reading_noise(shot, self._mirrors, self._seed))
         start = place * self._points
         latched = np.stack([motion.latched_theta, motion.latched_phi])
         angle = latched + self._noise[:, start : start + self._points]
         step = self._mirrors.readout_step
         return np.asarray(np.rint(angle / step) * step) if step > 0.0 else angle
-
-    def _drawn(self, block: int) -> Array:
-        """Return the noise of the readings of a block of visits, shape (2, shots) [rad]."""
-        import drjit as dr
-        import drjit.auto.ad as auto
-
-        from scanner_sim.detector.encoders import read_encoders
-        from scanner_sim.render.shots import drawn_errors
-
-        count = self._visits * self._points
-        shot = (np.arange(count, dtype=np.uint64) + block * count).astype(np.uint32)
-        still = np.zeros(count)
-        exact = self._mirrors.model_copy(update={"readout_step": 0.0})
-        noise = np.stack(read_encoders(shot, still, still, exact, self._seed))
-        if self._mirrors.jitter_seen > 0.0:
-            shaft = drawn_errors(auto.UInt32(shot), [], self._mirrors, self._seed)[1]
-            dr.eval(shaft)
-            noise += np.stack([np.asarray(part.numpy(), dtype=np.float64) for part in shaft])
-        return noise
 
 
 class SignalNoise:
@@ -186,3 +175,53 @@ def samples_of(
         status=layers[f"{prefix}status"].astype(np.uint8)[None],
     )
     return samples.later(delay) if delay > 0.0 else samples
+
+
+class Eye:
+    """What the tracker sees through an instrument: voxels of patterns, and the places of targets in them.
+
+    Parameters
+    ----------
+    scenario
+        Instrument and scan.
+    instrument
+        What measures shots.
+    """
+
+    def __init__(self, scenario: Scenario, instrument: Instrument) -> None:
+        self._scenario, self._instrument = scenario, instrument
+        self._encoders, self._noise = Encoders(scenario), SignalNoise(scenario)
+
+    def see(
+        self, target: TrackTarget, order: TrackCommand, motion: PatternMotion, visit: int
+    ) -> tuple[PatternSamples, Measurement]:
+        """Return the voxels of a pattern, and where they show the target.
+
+        Parameters
+        ----------
+        target, order
+            What was looked for, and where it was expected.
+        motion
+            How the mirrors ran the pattern.
+        visit
+            Number of the visit, which addresses every random number.
+        """
+        scanner, expected = self._scenario.scanner, float(order.place[2])
+        layers = self._instrument.measure(aim_of(motion, visit))
+        delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
+        sigma = self._noise.sigma(layers, motion, expected)
+        samples = samples_of(layers, motion, self._encoders.read(motion, visit), sigma, delay)
+        spot = float(scanner.laser.radius(expected)) / (2.0 * expected)
+        shining = scanner.exposure / scanner.dwell
+        seen = measure_target(samples, target.looks, expected, spot=spot, shining=shining)
+        return samples, replace(seen, covariance=seen.covariance + self._common(motion))
+
+    def _common(self, motion: PatternMotion) -> Array:
+        """Return the covariance that all voxels of a pattern share, shape (1, 3, 3): wobble, and expected drift."""
+        mirrors = self._scenario.scanner.mirrors
+        spread = mirrors.temperature.spread(motion.time[:1])[0]
+        shared = np.zeros((1, 3, 3))
+        for axis, angle in enumerate((motion.commanded_theta, motion.commanded_phi)):
+            drift = spread * (mirrors.drift_zero + mirrors.drift_scale * float(angle.mean()))
+            shared[0, axis, axis] = mirrors.wobble**2 + drift**2
+        return shared

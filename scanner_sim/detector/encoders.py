@@ -65,3 +65,26 @@ def readings(
     if mirrors.readout_step > 0.0:
         read = [np.rint(angle / mirrors.readout_step) * mirrors.readout_step for angle in read]
     return read[0], read[1]
+
+
+def reading_noise(shot: NDArray[np.uint32], mirrors: Mirrors, seed: int) -> tuple[Array, Array]:
+    """Return by how much encoders that round nothing read more than the angle of their latching [rad], each (n,).
+
+    The jitter that they see and their noise, which depend on the shots' numbers alone: :func:`read_encoders` without
+    the angles.
+    """
+    import drjit as dr
+    import drjit.auto.ad as auto
+
+    from scanner_sim.render.shots import drawn_errors
+
+    number = auto.UInt32(shot)
+    seen = drawn_errors(number, [], mirrors, seed)[1]
+    drawn = reading_normals(number, seed)
+    dr.eval(seen, drawn)
+    theta, phi = (
+        np.asarray(jitter.numpy(), dtype=np.float64)
+        + np.asarray(normal.numpy(), dtype=np.float64) * mirrors.readout_noise
+        for jitter, normal in zip(seen, drawn, strict=True)
+    )
+    return theta, phi

@@ -49,6 +49,11 @@ class Shots:
             if getattr(self, name) is None:
                 setattr(self, name, dr.zeros(mi.Float, dr.width(self.theta)))
 
+    @property
+    def sweep(self) -> Any:
+        """Angle by which each beam moves over the surface while the laser shines [rad]: √(δΘ² + (cosΘ δφ)²)."""
+        return dr.sqrt(dr.square(self.travel_theta) + dr.square(dr.cos(self.theta) * self.travel_phi))
+
     def some(self, index: Any) -> Shots:
         """Return the shots at some places."""
         angles = (self.theta, self.phi, self.travel_theta, self.travel_phi, self.synchronisation)

@@ -38,14 +38,18 @@ WHOLE = (
     "simulate",
     "photo",
     "sweep",
+    "pattern_bench",
     "track_state",
     "track_voxels",
+    "track_records",
+    "tracker",
     "track",
     "compare",
     "calibrate",
     "budget",
     "target_errors",
     "pose_study",
+    "pose_laws",
     "cli",
 )
 ORDER = {name: rank for rank, name in enumerate((*ROOMS, "analytic", *WHOLE), start=1)}
