@@ -13,6 +13,8 @@ from scanner_sim.tracking.samples import PatternSamples
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_LEAST = 1e-12 * np.eye(3)
+"""Makes the normal matrix of a circle without edges a regular one."""
 _UNEVEN = 0.1
 """Error of the mean of hits, over the radius, because a pattern does not cover its area evenly: measured on discs of
 0.6 to 0.7 of the amplitude within 0.3 of it from the centre; smaller discs there are worse."""
@@ -20,8 +22,8 @@ _FEWEST_EDGES = 4
 """Fewest crossings of an edge that make a circle with something to check it by."""
 _EDGE = 0.1
 """Error of an edge between two points, over their distance: the edge is blurred, and not straight between them."""
-_AT_REST = 1e-6
-"""Step, over the circle's size, from which it has come to rest."""
+_AT_REST = 1e-4
+"""Step, over the circle's size, with which it comes to rest: the next would be far smaller."""
 _ROUNDS = 8
 """Gauss–Newton steps of a circle: they double the digits each, and three do."""
 
@@ -123,40 +125,42 @@ def circle_fit(samples: PatternSamples, response: Response) -> Centroid:
     count = weight.sum(axis=1)
     enough = response.clear & (count >= _FEWEST_EDGES)
     n = np.maximum(count, 1.0)
-    middle = np.einsum("pn,pni->pi", weight, points) / n[:, None]
+    middle = (weight[:, None] @ points)[:, 0] / n[:, None]
     x = points - middle[:, None]
-    size = np.sqrt(np.einsum("pn,pni,pni->p", weight, x, x) / n)
+    square = x[..., 0] ** 2 + x[..., 1] ** 2
+    size = np.sqrt((weight * square).sum(axis=1) / n)
     size = np.where(size > 0.0, size, 1.0)
-    x = x / size[:, None, None]
-    ones = np.ones((*x.shape[:2], 1))
-    design = np.concatenate([x, ones], axis=-1)
-    square = np.einsum("pni,pni->pn", x, x)
-    normal = np.einsum("pn,pni,pnj->pij", weight, design, design) + 1e-12 * np.eye(3)
-    linear = np.linalg.solve(normal, np.einsum("pn,pni,pn->pi", weight, design, square)[..., None])[..., 0]
+    across, down = x[..., 0] / size[:, None], x[..., 1] / size[:, None]
+    columns = np.ones((len(x), 3, x.shape[1]))
+    columns[:, 0], columns[:, 1] = across, down
+    weighted = columns * weight[:, None]
+    normal = weighted @ columns.transpose(0, 2, 1) + _LEAST
+    linear = np.linalg.solve(normal, weighted @ (square / size[:, None] ** 2)[..., None])[..., 0]
     centre = 0.5 * linear[:, :2]
-    radius = np.sqrt(np.maximum(linear[:, 2] + np.einsum("pi,pi->p", centre, centre), 1e-12))
+    radius = np.sqrt(np.maximum(linear[:, 2] + (centre**2).sum(axis=1), 1e-12))
     # A row that has come to rest stays as it is: no result depends on the batch.
     moving = enough
-    for round_ in range(_ROUNDS + 1):
-        away = x - centre[:, None]
-        distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-9)
+    scale, columns[:, 2] = np.zeros(len(x)), -1.0
+    for _ in range(_ROUNDS):
+        away = across - centre[:, :1], down - centre[:, 1:]
+        distance = np.maximum(np.sqrt(away[0] ** 2 + away[1] ** 2), 1e-9)
         residual = distance - radius[:, None]
-        scale = np.sqrt(np.einsum("pn,pn->p", weight, residual**2) / np.maximum(n - 3.0, 1.0))
-        tame = weight * np.minimum(1.0, 2.0 * scale[:, None] / np.maximum(np.abs(residual), 1e-12))
-        jacobian = np.concatenate([-away / distance[..., None], -ones], axis=-1)
-        normal = np.einsum("pn,pni,pnj->pij", tame, jacobian, jacobian) + 1e-12 * np.eye(3)
-        if round_ == _ROUNDS or not moving.any():
-            break
-        change = np.linalg.solve(normal, -np.einsum("pn,pni,pn->pi", tame, jacobian, residual)[..., None])[
-            ..., 0
-        ]
+        spread = np.sqrt((weight * residual**2).sum(axis=1) / np.maximum(n - 3.0, 1.0))
+        tame = weight * np.minimum(1.0, 2.0 * spread[:, None] / np.maximum(np.abs(residual), 1e-12))
+        columns[:, 0], columns[:, 1] = -away[0] / distance, -away[1] / distance
+        weighted = columns * tame[:, None]
+        found = weighted @ columns.transpose(0, 2, 1) + _LEAST
+        normal, scale = np.where(moving[:, None, None], found, normal), np.where(moving, spread, scale)
+        change = np.linalg.solve(found, weighted @ -residual[..., None])[..., 0]
         # A circle through an arc that hardly bends may run away; half its radius a step is enough for any other.
         change = np.where(moving[:, None], np.clip(change, -0.5, 0.5), 0.0)
         moving = moving & (np.abs(change).max(axis=1) > _AT_REST)
         centre, radius = centre + change[:, :2], np.abs(radius + change[:, 2])
+        if not moving.any():
+            break
     # Four edges leave one residual, which may be small by chance: no edge is better than the interpolation.
-    apart = np.hypot(np.diff(samples.theta, axis=1), np.diff(samples.phi, axis=1))
-    least = _EDGE * np.sqrt(np.einsum("pn,pn->p", weight, apart**2) / n)
+    apart = np.diff(samples.theta, axis=1) ** 2 + np.diff(samples.phi, axis=1) ** 2
+    least = _EDGE * np.sqrt((weight * apart).sum(axis=1) / n)
     covariance = np.linalg.inv(normal) * np.maximum(scale * size, least)[:, None, None] ** 2
     return centroid_of(
         middle + centre * size[:, None],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.special import erfc
+from scipy.special import ndtr
 
 from scanner_sim.tracking.centroid import Centroid, centroid_of
 from scanner_sim.tracking.response import Response
@@ -16,11 +16,12 @@ _ROUNDS = 12
 """Steps of the adjustment; from a circle or a mean of hits six do."""
 _MOST = 0.3
 """Largest step of centre and radius in one round, over the radius."""
-_AT_REST = 1e-6
-"""Step, over radius and amplitude, from which a fit has come to rest: a thousandth of any σ."""
+_AT_REST = 1e-4
+"""Step, over radius and amplitude, with which a fit comes to rest: what a further one would do is far smaller."""
 _SHORTEST = 1e-3
 """Travel over spot below which the mean along it is taken as the value in its middle."""
 _ROOT_PI = float(np.sqrt(2.0 * np.pi))
+_UNIT = np.eye(5)
 
 
 def disc_fit(
@@ -58,11 +59,11 @@ def disc_fit(
         its tilt makes an ellipse, which widens the residuals but by its symmetry does not move the centre; cosine and
         range over the disc.
     """
-    angles = np.stack([samples.theta, samples.phi], axis=-1)
-    travel = shining * np.gradient(angles, axis=1, edge_order=2)
+    theta, phi = samples.theta, samples.phi
+    travel = shining * _per_point(theta), shining * _per_point(phi)
     usable = response.clear & start.found
     rows = len(usable)
-    centre = np.where(usable[:, None], start.centre, angles.mean(axis=1))
+    centre = np.where(usable[:, None], start.centre, np.stack([theta.mean(axis=1), phi.mean(axis=1)], axis=1))
     size = np.where(usable, start.radius, 1.0)
     blur = np.broadcast_to(np.asarray(spot, dtype=np.float64), (rows,))
     weight = np.where(response.used, 1.0 / response.sigma**2, 0.0)
@@ -74,30 +75,30 @@ def disc_fit(
         loose = 1e-3 * known if sigma_radius is None else np.asarray(sigma_radius, dtype=np.float64)
         prior = 1.0 / np.broadcast_to(loose, (rows,)) ** 2
     amplitude, ground = response.target - response.ground, response.ground
-    # A row that has come to rest stays as it is, whatever its neighbours still do: no result depends on the batch. The
-    # last round only evaluates: covariance and misfit are those at the solution.
+    jacobian = np.ones((rows, 5, theta.shape[1]))
+    unit = np.empty((rows, 5))
+    # A row that has come to rest stays as it is, whatever its neighbours still do: no result depends on the batch.
+    # Covariance and misfit are those before its last step, which is too small to tell.
     moving = usable
-    for round_ in range(_ROUNDS + 1):
-        share, by_distance, direction = _share(angles - centre[:, None], travel, size, blur)
-        model = ground[:, None] + amplitude[:, None] * share
-        residual = response.value - model
-        steep = amplitude[:, None] * by_distance
-        jacobian = np.stack(
-            [-steep * direction[..., 0], -steep * direction[..., 1], -steep, share, np.ones_like(share)],
-            axis=-1,
-        )
+    kept: tuple[Array, Array] = np.zeros((rows, 5, 5)), np.zeros(rows)
+    for _ in range(_ROUNDS):
+        away = theta - centre[:, :1], phi - centre[:, 1:]
+        share, by_distance, direction = _share(away, travel, size, blur)
+        residual = response.value - ground[:, None] - amplitude[:, None] * share
         # Columns of like size keep the normal matrix well conditioned.
-        unit = np.stack([size, size, size, *2 * [np.maximum(np.abs(amplitude), 1e-300)]], axis=-1)
-        jacobian = jacobian * unit[:, None]
-        weighted = jacobian * weight[..., None]
-        normal = np.einsum("pni,pnj->pij", weighted, jacobian)
-        right = np.einsum("pni,pn->pi", weighted, residual)
+        unit[:, :3], unit[:, 3:] = size[:, None], np.maximum(np.abs(amplitude), 1e-300)[:, None]
+        jacobian[:, 2] = -unit[:, 2:3] * amplitude[:, None] * by_distance
+        jacobian[:, 0], jacobian[:, 1] = jacobian[:, 2] * direction[0], jacobian[:, 2] * direction[1]
+        jacobian[:, 3], jacobian[:, 4] = unit[:, 3:4] * share, unit[:, 4:]
+        weighted = jacobian * weight[:, None]
+        normal = weighted @ jacobian.transpose(0, 2, 1)
+        right = (weighted @ residual[..., None])[..., 0]
         normal[:, 2, 2] += prior * size**2
         right[:, 2] += prior * size * (known - size)
-        trace = np.einsum("pii->p", normal)
-        normal += (1e-12 * np.where(trace > 0.0, trace, 1.0))[:, None, None] * np.eye(5)
-        if round_ == _ROUNDS or not moving.any():
-            break
+        trace = np.trace(normal, axis1=1, axis2=2)
+        normal += (1e-12 * np.where(trace > 0.0, trace, 1.0))[:, None, None] * _UNIT
+        chi = (weight * residual**2).sum(axis=1)
+        kept = np.where(moving[:, None, None], normal, kept[0]), np.where(moving, chi, kept[1])
         change = np.linalg.solve(normal, right[..., None])[..., 0]
         change[:, :3] = np.clip(change[:, :3], -_MOST, _MOST)
         change[~moving] = 0.0
@@ -105,15 +106,27 @@ def disc_fit(
         change *= unit
         centre, size = centre + change[:, :2], np.maximum(size + change[:, 2], 0.1 * size)
         amplitude, ground = amplitude + change[:, 3], ground + change[:, 4]
-    chi = np.einsum("pn,pn->p", weight, residual**2)
+        if not moving.any():
+            break
+    normal, chi = kept
+    normal = np.where(usable[:, None, None], normal, _UNIT)
     freedom = np.maximum(response.used.sum(axis=1) - 5 + (prior > 0.0), 1)
     misfit = chi / freedom
     covariance = np.linalg.inv(normal)[:, :3, :3] * (size**2 * np.maximum(misfit, 1.0))[:, None, None]
-    reach = np.abs(angles - centre[:, None]).min(axis=1).max(axis=1)
+    reach = np.maximum(np.abs(theta - centre[:, :1]).min(axis=1), np.abs(phi - centre[:, 1:]).min(axis=1))
     found = usable & (reach < 2.0 * size) & (np.sign(amplitude) == np.sign(response.target - response.ground))
     return centroid_of(
         centre, covariance[:, :2, :2], size, np.sqrt(np.maximum(covariance[:, 2, 2], 0.0)), misfit, found
     )
+
+
+def _per_point(values: Array) -> Array:
+    """Return the rise from point to point of each row, to the second order at the ends too."""
+    rate = np.empty_like(values)
+    rate[:, 1:-1] = 0.5 * (values[:, 2:] - values[:, :-2])
+    rate[:, 0] = 2.0 * values[:, 1] - 1.5 * values[:, 0] - 0.5 * values[:, 2]
+    rate[:, -1] = 1.5 * values[:, -1] + 0.5 * values[:, -3] - 2.0 * values[:, -2]
+    return rate
 
 
 def blurred_edge(inside: Array, travel: Array, spot: Array) -> tuple[Array, Array]:
@@ -134,33 +147,29 @@ def blurred_edge(inside: Array, travel: Array, spot: Array) -> tuple[Array, Arra
         [G(u + L/2) − G(u − L/2)]/L, G(z) = z Φ(z/s) + s φ(z/s), the integral of Φ(z/s); and its derivative
         [Φ((u + L/2)/s) − Φ((u − L/2)/s)]/L.
     """
+    half = np.maximum(np.abs(travel) / spot, _SHORTEST) * 0.5
     u = inside / spot
-    length = np.maximum(np.abs(travel) / spot, _SHORTEST)
-    first, last = u - 0.5 * length, u + 0.5 * length
-    share = (_integral(last) - _integral(first)) / length
-    slope = (_normal(last) - _normal(first)) / length
-    return share, slope / spot
+    first, last = u - half, u + half
+    normal_first, normal_last = ndtr(first), ndtr(last)
+    over = 0.5 / half
+    density = (np.exp(-0.5 * last**2) - np.exp(-0.5 * first**2)) / _ROOT_PI
+    share = (last * normal_last - first * normal_first + density) * over
+    return share, (normal_last - normal_first) * over / spot
 
 
-def _share(away: Array, travel: Array, radius: Array, spot: Array) -> tuple[Array, Array, Array]:
-    """Return D, ∂D/∂ρ (over the distance ρ) and the unit vectors from the centre; the first two (patterns, points).
+def _share(
+    away: tuple[Array, Array], travel: tuple[Array, Array], radius: Array, spot: Array
+) -> tuple[Array, Array, tuple[Array, Array]]:
+    """Return D, ∂D/∂ρ (over the distance ρ) and the unit vectors from the centre; all (patterns, points).
 
     The circle's edge is straight across the spot; its bend puts the line of half response s²/(2r) inside of it, and a
     travel t along the edge carries the spot away from the centre by t²/(24 ρ) in the mean.
     """
-    distance = np.maximum(np.linalg.norm(away, axis=-1), 1e-12)
-    direction = away / distance[..., None]
-    across = np.einsum("pni,pni->pn", travel, direction)
-    along = np.einsum("pni,pni->pn", travel, travel) - across**2
+    distance = np.maximum(np.sqrt(away[0] ** 2 + away[1] ** 2), 1e-12)
+    direction = away[0] / distance, away[1] / distance
+    across = travel[0] * direction[0] + travel[1] * direction[1]
+    along = travel[0] ** 2 + travel[1] ** 2 - across**2
     r, s = radius[:, None], spot[:, None]
     mean = distance + along / (24.0 * np.maximum(distance, 0.5 * r))
-    share, slope = blurred_edge(r - 0.5 * s**2 / r - mean, across, np.broadcast_to(s, across.shape))
+    share, slope = blurred_edge(r - 0.5 * s**2 / r - mean, across, s)
     return share, -slope, direction
-
-
-def _normal(z: Array) -> Array:
-    return np.asarray(0.5 * erfc(-z / np.sqrt(2.0)))
-
-
-def _integral(z: Array) -> Array:
-    return np.asarray(z * _normal(z) + np.exp(-0.5 * z**2) / _ROOT_PI)
