@@ -98,7 +98,8 @@ def test_sources_alone_make_the_whole(config: Path) -> None:
     Set-up: as above, ``gaussian`` at 12 m. Expected: equal. Tolerance: 8 %: 4 standard errors of 1.6 %, and the
     response, whose pattern is another one in each run.
     """
-    rows = measure_budget(load_scenario(config), np.array([12.0]), 0.5, device="cpu")
+    scenario = load_scenario(config, ["processing.peak=gaussian"])
+    rows = measure_budget(scenario, np.array([12.0]), 0.5, device="cpu")
     found = {row.source: row.simulated_m for row in rows}
     whole = found.pop("all")
     assert np.sqrt(sum(value**2 for value in found.values())) == pytest.approx(whole, rel=0.08)
@@ -107,12 +108,12 @@ def test_sources_alone_make_the_whole(config: Path) -> None:
 def test_what_dominates_an_image(config: Path) -> None:
     """Claim: speckle makes most of σ at 8 m; without it, and in weak light, read noise; parts sum to σ².
 
-    Set-up: the wall, as it is, and of 0.3 mW without speckle. Expected: these; the parts of ``gaussian``, which is
+    Set-up: the wall by ``gaussian``, as it is, and of 0.3 mW without speckle. Expected: these; the parts of ``gaussian``, which is
     linear, add up to the stated variance. Tolerance: 3 %, single precision in differences of σ².
     """
     from scanner_sim import simulate
 
-    scenario = load_scenario(config)
+    scenario = load_scenario(config, ["processing.peak=gaussian"])
     found = dominating(scenario, device="cpu")
     assert found.shares()["speckle"] > 0.99
     image = simulate(scenario, device="cpu")
@@ -120,5 +121,7 @@ def test_what_dominates_an_image(config: Path) -> None:
     assert valid.mean() > 0.95
     whole = image["sigma_range_m"][valid].astype(np.float64) ** 2
     assert np.median(found.variances.sum(axis=0)[valid] / whole) == pytest.approx(1.0, abs=0.03)
-    weak = load_scenario(config, ["scanner.laser.power=0.3 mW", "scanner.laser.speckle=false"])
+    weak = load_scenario(
+        config, ["processing.peak=gaussian", "scanner.laser.power=0.3 mW", "scanner.laser.speckle=false"]
+    )
     assert dominating(weak, device="cpu").shares()["read"] > 0.7
