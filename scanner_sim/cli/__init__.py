@@ -284,6 +284,95 @@ def budget(
 
 
 @app.command()
+def reproduce(
+    only: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="ITEM", help="Make only this item, as `fig12`; may be repeated.", show_default="all"
+        ),
+    ] = None,
+    output: Annotated[
+        Path, typer.Option("--output", "-o", metavar="DIR", help="Folder of results, pictures and page.")
+    ] = Path("output", "paper"),
+    quick: Annotated[bool, typer.Option("--quick", help="Fewer and smaller, for a first look.")] = False,
+    seed: Annotated[int, typer.Option(metavar="N", min=0, help="Seed of the random numbers.")] = 2000,
+    device: Device = DeviceName.auto,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Make items anew that are there already.")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make the paper's equations, tables and figures again from simulated data.
+
+    Example: `scanner-sim reproduce --only fig12 --only table1 -o output/paper`
+
+    For each: its picture, what the paper says, what was found, and where they differ and why, on one page. What is
+    finished is kept: an interrupted run goes on where it was.
+    """
+    with reported():
+        from scanner_sim.cli.reproducing import reproduce_paper
+
+        reproduce_paper(
+            output, only or (), quick=quick, seed=seed, device=device.value, overwrite=overwrite, quiet=quiet
+        )
+
+
+@app.command(name="pose-study")
+def pose_study(
+    config: Config,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder of the result.",
+            show_default="output/ and CONFIG's name with _pose_study",
+        ),
+    ] = None,
+    diameter: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M",
+            min=1e-3,
+            max=10.0,
+            help="Diameter of the targets [m].",
+            show_default="that of the scenario's first target array, or 0.1",
+        ),
+    ] = None,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="Three ranges, fewer arrays, patterns and poses.")
+    ] = False,
+    override: Override = [],  # noqa: B006 (as above)
+    seed: Seed = None,
+    device: Device = DeviceName.auto,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compare arrays of targets: the error of each component of their pose against range, size, number and method.
+
+    Example: `scanner-sim pose-study configs/target_board.yaml --quick`
+
+    Targets are measured from simulated pixels at several ranges, by the scenario's instrument in the dark. Poses by
+    angles (uv), points (xyz) and both (joint), with triangulation and time of flight, stand beside closed forms: tables,
+    JSON, and Figure 15 as a picture.
+    """
+    with reported():
+        from scanner_sim.cli.pose_study import FOLDER, study_scenario
+
+        study_scenario(
+            config,
+            output or Path("output", FOLDER.format(config.stem)),
+            _overrides(override, seed),
+            diameter=diameter,
+            quick=quick,
+            device=device.value,
+            overwrite=overwrite,
+            quiet=quiet,
+        )
+
+
+@app.command()
 def info() -> None:
     """Print versions, the LLVM library, the GPU and the number of threads."""
     with reported():

@@ -1,0 +1,148 @@
+"""The verb ``pose-study``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from scanner_sim.analytic.pose import facing_errors
+from scanner_sim.cli.progress import progress_bar
+from scanner_sim.cli.report import scenario_of
+from scanner_sim.cli.scenarios import load_and_warn
+from scanner_sim.cli.tables import print_rows, print_table
+from scanner_sim.config import resolved_yaml
+from scanner_sim.pose.arrays import Layout
+from scanner_sim.products.folder import check_target
+from scanner_sim.products.pose_study import (
+    COMPONENTS,
+    POSE_STUDY,
+    PoseRow,
+    PoseStudy,
+    TargetRow,
+    write_pose_study,
+)
+from scanner_sim.render.device import DeviceChoice
+
+FOLDER = "{}_pose_study"
+"""Name of the output folder for that of a scenario."""
+
+
+def study_scenario(
+    config: Path,
+    folder: Path,
+    overrides: Sequence[str],
+    *,
+    diameter: float | None,
+    quick: bool,
+    device: DeviceChoice,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Study the poses of arrays as a scenario's instrument measures them, into a folder.
+
+    Raises
+    ------
+    ScannerSimError
+        If the scenario, the folder or the device cannot be used, or the disk fails.
+    """
+    scenario = load_and_warn(config, overrides, quiet)
+    check_target(folder, overwrite, POSE_STUDY)
+    from scanner_sim.pose_laws import exponents_of, gains_of
+    from scanner_sim.pose_study import BASE, REFERENCE, measure_study, plan_study, target_rows
+    from scanner_sim.target_errors import StudyTarget
+
+    target = StudyTarget.of(scenario, diameter)
+    plan = plan_study(scenario, target, quick=quick)
+    with progress_bar("targets and poses", quiet) as (advance, _), scenario_of(config):
+        pools, rows = measure_study(scenario, plan, target, device=device, progress=advance)
+    targets = target_rows(pools)
+    rows = closed_forms(rows, plan.arrays, targets, REFERENCE)
+    study = PoseStudy(
+        base=BASE.name,
+        base_size=BASE.size,
+        targets=targets,
+        rows=rows,
+        exponents=exponents_of(rows, BASE.name, BASE.size, REFERENCE),
+        gains=gains_of(rows, BASE.name, BASE.size),
+    )
+    paths = write_pose_study(study, folder, scenario_yaml=resolved_yaml(scenario), overwrite=overwrite)
+    if quiet:
+        return
+    print_rows(exponent_rows(study), left=(0, 1))
+    print_rows(gain_rows(study), left=(0, 1, 2))
+    print_table({"folder": str(folder), "files": ", ".join(path.name for path in paths)})
+
+
+def closed_forms(
+    rows: Sequence[PoseRow], arrays: Sequence[Layout], targets: Sequence[TargetRow], reference: float
+) -> tuple[PoseRow, ...]:
+    """Return the rows with their closed forms: see :class:`~scanner_sim.products.pose_study.PoseRow`.
+
+    Parameters
+    ----------
+    rows
+        Of a study.
+    arrays
+        The layouts that stand in them.
+    targets
+        Errors of single targets, at the same ranges.
+    reference
+        Range whose errors the constant law takes [m]; the nearest to it that was measured.
+    """
+    layouts = {(item.name, item.size): item for item in arrays}
+    found = {(row.range_m, row.quantity): row.scatter for row in targets}
+    middle = min({row.range_m for row in targets}, key=lambda distance: abs(distance - reference))
+
+    def errors(row: PoseRow, at: float, growth: float) -> float:
+        ranges = found.get((at, f"range_{row.ranging}"), 1.0) * growth
+        if math.isnan(ranges):
+            return math.nan
+        points = layouts[row.array, row.size_m].points
+        sigma = found[at, "theta"], found[at, "phi"]
+        every = facing_errors(points, row.range_m, row.method, sigma, ranges)
+        return float(every[COMPONENTS.index(row.component)])
+
+    return tuple(
+        replace(
+            row,
+            analytic=errors(row, row.range_m, 1.0),
+            constant=errors(
+                row, middle, (row.range_m / middle) ** 2 if row.ranging == "triangulation" else 1.0
+            ),
+        )
+        for row in rows
+    )
+
+
+def exponent_rows(study: PoseStudy) -> list[list[str]]:
+    """Return the exponents of range of the base array as a table: simulated ± standard error (analytic)."""
+    chosen = [
+        item
+        for item in study.exponents
+        if item.of == "range" and item.array == study.base and item.size_m == study.base_size
+    ]
+    table = [["exponent of range", "ranges by", *COMPONENTS, "paper"]]
+    for method, ranging in dict.fromkeys((item.method, item.ranging) for item in chosen):
+        own = {item.component: item for item in chosen if (item.method, item.ranging) == (method, ranging)}
+        cells = [
+            f"{item.simulated:.2f} ± {item.standard_error:.2f} ({item.analytic:.2f})"
+            for item in (own[name] for name in COMPONENTS if name in own)
+        ]
+        printed = next(iter(own.values())).printed
+        table.append([method, ranging, *cells, "–" if np.isnan(printed) else f"R^{printed:g}"])
+    return table
+
+
+def gain_rows(study: PoseStudy) -> list[list[str]]:
+    """Return the gains over points as a table: simulated (analytic)."""
+    table = [["gain over xyz", "ranges by", "range", *COMPONENTS, "paper"]]
+    key: Callable[..., tuple[str, str, float]] = lambda gain: (gain.method, gain.ranging, gain.range_m)  # noqa: E731
+    for method, ranging, distance in sorted(dict.fromkeys(map(key, study.gains))):
+        own = {gain.component: gain for gain in study.gains if key(gain) == (method, ranging, distance)}
+        cells = [f"{own[name].simulated:.2f} ({own[name].analytic:.2f})" for name in COMPONENTS]
+        table.append([method, ranging, f"{distance:g} m", *cells, "10"])
+    return table

@@ -1,0 +1,237 @@
+"""The pose study as a product: its rows, tables and the folder they are written to."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any, Literal
+
+from scanner_sim.products.folder import Kind, write_folder, write_text
+from scanner_sim.products.provenance import versions
+
+POSE_STUDY = Kind(
+    "pose_study.json",
+    (
+        "pose_study.json",
+        "pose_study.csv",
+        "exponents.csv",
+        "gains.csv",
+        "targets.csv",
+        "figure_15.png",
+        "arrays.png",
+        "scenario.yaml",
+    ),
+)
+"""The folder of a pose study."""
+
+COMPONENTS = ("t_x", "t_y", "t_z", "omega_x", "omega_y", "omega_z")
+"""Components of a pose: shifts [m] and turns [rad] along the scanner's axes."""
+
+Method = Literal["uv", "xyz", "joint"]
+Source = Literal["none", "triangulation", "tof"]
+
+
+@dataclass(frozen=True)
+class TargetRow:
+    """What the instrument errs about single targets at one range; NaN where nothing was found.
+
+    Attributes
+    ----------
+    range_m
+        Distance of the targets [m].
+    quantity, unit
+        ``theta``, ``phi``, ``range_triangulation`` or ``range_tof``; rad or m.
+    scatter, stated
+        Root mean squares of the errors and of the stated standard deviations.
+    bias
+        Mean error.
+    found
+        Share of the patterns in which it was found.
+    sightings
+        Patterns.
+    """
+
+    range_m: float
+    quantity: str
+    unit: str
+    scatter: float
+    stated: float
+    bias: float
+    found: float
+    sightings: int
+
+
+@dataclass(frozen=True)
+class PoseRow:
+    """The error of one component of the pose of a facing array, by one method, at one range.
+
+    Attributes
+    ----------
+    array, targets, size_m
+        Layout, number of its targets, side of the square it fits into [m].
+    range_m
+        Of the array's origin [m].
+    method, ranging
+        ``uv``, ``xyz`` (points that count alike, eq 11) or ``joint``; ``triangulation``, ``tof`` or, for ``uv``,
+        ``none``.
+    component, unit
+        One of :data:`COMPONENTS`; m or rad.
+    simulated, low, high
+        Root mean square of the errors of poses from simulated sightings, and its 95 % interval (χ²).
+    stated
+        Root mean square of the standard deviation that the estimator stated.
+    bias
+        Mean error.
+    analytic
+        Closed form, with the scatter of single targets at this range.
+    constant
+        Closed form, with the scatter of single targets at one range carried to all: angles and times of flight as they
+        are, triangulation as R².
+    ambiguous, poses
+        Share of the poses with a second one that fits nearly as well, and their number.
+    """
+
+    array: str
+    targets: int
+    size_m: float
+    range_m: float
+    method: Method
+    ranging: Source
+    component: str
+    unit: str
+    simulated: float
+    low: float
+    high: float
+    stated: float
+    bias: float
+    analytic: float
+    constant: float
+    ambiguous: float
+    poses: int
+
+    @property
+    def mode(self) -> tuple[str, str]:
+        """Method and ranging."""
+        return self.method, self.ranging
+
+
+@dataclass(frozen=True)
+class Exponent:
+    """How an error grows: the exponent of range, size or number of targets, over rows alike in all else.
+
+    Attributes
+    ----------
+    of
+        ``range``, ``size`` or ``targets``.
+    array, size_m, range_m
+        What was kept; empty or NaN for what was not.
+    method, ranging, component
+        As in :class:`PoseRow`.
+    simulated, standard_error
+        Exponent of the simulated errors, and its standard error, widened where a power is not their law.
+    analytic, constant
+        Exponents of the closed forms.
+    printed
+        What the paper reads from Figure 15, or NaN.
+    """
+
+    of: str
+    array: str
+    size_m: float
+    range_m: float
+    method: str
+    ranging: str
+    component: str
+    simulated: float
+    standard_error: float
+    analytic: float
+    constant: float
+    printed: float
+
+
+@dataclass(frozen=True)
+class Gain:
+    """By how much a method is better than points alone: the error of ``xyz`` over that of ``method``.
+
+    ``printed`` is the paper's "10X". ``standard_error`` is of ``simulated``.
+    """
+
+    range_m: float
+    ranging: str
+    method: str
+    component: str
+    simulated: float
+    standard_error: float
+    analytic: float
+    printed: float = 10.0
+
+
+@dataclass(frozen=True)
+class PoseStudy:
+    """All tables of a study; ``base`` is the array of Figure 15."""
+
+    base: str
+    base_size: float
+    targets: tuple[TargetRow, ...]
+    rows: tuple[PoseRow, ...]
+    exponents: tuple[Exponent, ...]
+    gains: tuple[Gain, ...]
+
+
+def table_csv(rows: Sequence[Any]) -> str:
+    """Return dataclasses of one kind as a table, units in the names of the columns or beside; nothing for NaN."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(field.name for field in fields(rows[0])) if rows else None
+    for row in rows:
+        table.writerow(
+            [_short(value) if isinstance(value, float) else value for value in asdict(row).values()]
+        )
+    return text.getvalue()
+
+
+def study_json(study: PoseStudy) -> str:
+    """Return a study as JSON; null for NaN."""
+    tables = {
+        name: [
+            {key: None if isinstance(v, float) and math.isnan(v) else v for key, v in asdict(row).items()}
+            for row in getattr(study, name)
+        ]
+        for name in ("targets", "rows", "exponents", "gains")
+    }
+    result = {"base": study.base, "base_size_m": study.base_size, **tables, "versions": dict(versions())}
+    return json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def write_pose_study(
+    study: PoseStudy, folder: str | Path, *, scenario_yaml: str, overwrite: bool = False
+) -> tuple[Path, ...]:
+    """Write tables, pictures and scenario, as :func:`scanner_sim.products.folder.write_folder` does.
+
+    Raises
+    ------
+    InputError, RunError
+        As there.
+    """
+    from scanner_sim.products.pose_study_picture import draw_arrays, draw_figure_15
+
+    writers: dict[str, Callable[[Path], None]] = {
+        "pose_study.json": lambda path: write_text(path, study_json(study)),
+        "pose_study.csv": lambda path: write_text(path, table_csv(study.rows)),
+        "exponents.csv": lambda path: write_text(path, table_csv(study.exponents)),
+        "gains.csv": lambda path: write_text(path, table_csv(study.gains)),
+        "targets.csv": lambda path: write_text(path, table_csv(study.targets)),
+        "figure_15.png": lambda path: draw_figure_15(study, path),
+        "arrays.png": lambda path: draw_arrays(study, path),
+        "scenario.yaml": lambda path: write_text(path, scenario_yaml),
+    }
+    return write_folder(folder, POSE_STUDY, writers, overwrite=overwrite)
+
+
+def _short(value: float) -> str:
+    return "" if math.isnan(value) else f"{value:.6g}"
