@@ -120,6 +120,7 @@ class EchoBench:
             scenario.raster,
             scenario.transport,
             scenario.seed,
+            scenario.raster.row_times(scenario.scanner.dwell),
         )
 
     @cached_property

@@ -13,7 +13,8 @@ def take_photo(scenario: Scenario, *, device: DeviceChoice = "auto") -> NDArray[
     """Return the picture of the scenario's video camera over the field of view of its scan.
 
     The surfaces reflect as they do at the laser's wavelength: few reflectances of the library are known in
-    visible light. Surfaces without colour look alike in both; a dyed black anodise is too bright.
+    visible light. Surfaces without colour look alike in both; a dyed black anodise is too bright. Moving objects stand
+    where they are at time 0.
 
     Parameters
     ----------
@@ -40,7 +41,7 @@ def take_photo(scenario: Scenario, *, device: DeviceChoice = "auto") -> NDArray[
 
     sky, scan = scenario.lighting.sky(), scenario.raster
     return photograph(
-        load_scene(scenario.scene),
+        load_scene(scenario.scene.resting_at(0.0)),
         scenario.camera,
         scan.horizontal,
         scan.vertical,

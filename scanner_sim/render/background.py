@@ -11,8 +11,9 @@ Both parts have two independent halves. Half their difference, summed over the w
 is counted, has the variance of the mean of both: an unbiased estimate with one degree of freedom, which is steadied
 by averaging it over a few neighbours.
 
-Not modelled: the receiver's finite aperture for the background (it is seen from the lens node), and the mirrors'
-jitter, a sixtieth of a pixel. The stated error leaves out what the filter's reach makes of smooth light.
+Moving objects stand where they are in the middle of a row's time. Not modelled: what they move during the row, the
+receiver's finite aperture for the background (it is seen from the lens node), and the mirrors' jitter, a sixtieth of a
+pixel. The stated error leaves out what the filter's reach makes of smooth light.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.render.filtering import Features, convolved, smooth
 from scanner_sim.render.paths import Albedo, FirstHit, Radiance, trace_paths
+from scanner_sim.render.rays import for_rows, posed
 from scanner_sim.render.sharp import contrast, sharp_light
 from scanner_sim.render.sky import SkyLight
 from scanner_sim.render.transport import Bench
@@ -97,6 +99,7 @@ def render_panorama(
     seed
         Seed of the paths.
     """
+    loaded = posed(loaded, None if view.time is None else loaded.poses_at(view.time))
     finer = max(1, round(min(view.row_step / (2.0 * view.step), _MOST_SAMPLES)))
     half, size = samples // 2 * finer, view.rows * view.bins
     sums = [[dr.empty(mi.Float, size) for _ in range(4)] for _ in range(2)]
@@ -216,4 +219,4 @@ def _trace_rows(
     height -= dr.floor(height)
     whole_row = row + dr.opaque(mi.UInt32, int(rows[0]))
     origin, direction = rays_through(bench, view, whole_row, column, along, height)
-    return trace_paths(loaded, sky, albedo, bounces, origin, direction, random)
+    return trace_paths(for_rows(loaded, whole_row), sky, albedo, bounces, origin, direction, random)

@@ -61,7 +61,7 @@ def photograph(
     Parameters
     ----------
     loaded
-        The scene.
+        The scene; objects that move are not in the picture.
     camera
         The camera.
     horizontal, vertical

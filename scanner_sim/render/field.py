@@ -14,6 +14,8 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.render.background import Panorama, render_panorama
 from scanner_sim.render.echoes import Echoes
@@ -59,6 +61,7 @@ def field_panorama(
     scan: RasterScan,
     settings: Transport,
     seed: int,
+    time: NDArray[np.float64] | None = None,
 ) -> Panorama:
     """Path-trace what the photodiode sees in all rows of a raster, averaged across the row over its field.
 
@@ -72,6 +75,8 @@ def field_panorama(
         The raster.
     settings, seed
         How finely light is followed, and the seed of its paths.
+    time
+        When each row is looked at [s], shape (rows,).
     """
     f = bench.receiver.focal_length
     step = max(field.side / _BINS, bench.pitch / f)
@@ -81,7 +86,7 @@ def field_panorama(
     margin = 0.5 * field.side + 2.0 * step
     first, last = (end - field.aside for end in scan.horizontal)
     bins = math.ceil((last - first + 2.0 * margin) / step) + 1
-    view = View(scan.angles()[1], first - margin, step, bins)
+    view = View(scan.angles()[1], first - margin, step, bins, time)
     return render_panorama(
         loaded,
         optics,

@@ -58,7 +58,7 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
     Parameters
     ----------
     loaded
-        The scene.
+        The scene, its moving objects at one instant.
     number
         The object's, from 1.
     count
@@ -67,7 +67,10 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
         Seed of the points.
     """
     object_of = loaded.object_of.numpy()
-    shapes = [shape for shape in loaded.mitsuba.shapes() if object_of[_index(shape)] == number]
+    shapes = [shape for shape in loaded.shapes if object_of[_index(shape)] == number]
+    pose = dict(zip((body.item.name for body in loaded.bodies), loaded.poses, strict=True)).get(
+        loaded.objects[number - 1]
+    )
     areas = np.array([float(np.ravel(shape.surface_area())[0]) for shape in shapes])
     ends = np.rint(_DRAWN * count * np.concatenate([[0.0], np.cumsum(areas) / areas.sum()])).astype(int)
     points, normals = [], []
@@ -75,10 +78,13 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
         if end == start:
             continue
         lane = dr.arange(mi.UInt32, int(end - start))
-        place = generator(seed, Stream.BACKGROUND, mi.UInt32(_PLACES), lane + 65536 * part).next_float32x4()
-        found = shape.sample_position(0.0, mi.Point2f(place[0], place[1]))
-        points.append(found.p.numpy().T)
-        normals.append(found.n.numpy().T)
+        drawn = generator(seed, Stream.BACKGROUND, mi.UInt32(_PLACES), lane + 65536 * part).next_float32x4()
+        found = shape.sample_position(0.0, mi.Point2f(drawn[0], drawn[1]))
+        place, facing = found.p, found.n
+        if pose is not None:
+            place, facing = pose.rotation @ place + pose.place, pose.rotation @ facing
+        points.append(place.numpy().T)
+        normals.append(facing.numpy().T)
     if not points:
         return Samples(mi.Point3f(), mi.Normal3f())
     point: Any = mi.Point3f(np.concatenate(points).T)

@@ -34,6 +34,13 @@ def some_poses(poses: tuple[Pose, ...], index: Any) -> tuple[Pose, ...]:
     return tuple(pose.some(index) for pose in poses)
 
 
+def for_rows(loaded: LoadedScene, row: Any) -> LoadedScene:
+    """Return a scene with one pose for each row as one for the rays of some rows; a pose for all stays."""
+    if all(dr.width(pose.place) == 1 for pose in loaded.poses):
+        return loaded
+    return posed(loaded, some_poses(loaded.poses, row))
+
+
 def intersect(
     loaded: LoadedScene, ray: Any, flags: Any = None, *, coherent: bool = False, active: Any = True
 ) -> Any:

@@ -16,6 +16,7 @@ import drjit as dr
 import mitsuba as mi
 
 from scanner_sim.render.paths import Albedo, trace_sharp
+from scanner_sim.render.rays import for_rows
 from scanner_sim.render.sky import SkyLight
 from scanner_sim.render.transport import Bench
 from scanner_sim.render.view import View, rays_through
@@ -138,5 +139,5 @@ def _trace(
     across = within(lattice(_GOLDEN, first[1]))
     disc = mi.Point2f(within(lattice(_DISC[0], first[2])), within(lattice(_DISC[1], first[3])))
     origin, direction = rays_through(bench, view, row, column, along, across)
-    in_band, out_of_band = trace_sharp(loaded, sky, albedo, origin, direction, disc, second)
+    in_band, out_of_band = trace_sharp(for_rows(loaded, row), sky, albedo, origin, direction, disc, second)
     return [dr.block_sum(value, samples) / samples for value in (in_band, out_of_band)]

@@ -32,12 +32,15 @@ class View:
         Angle of the first bin's centre, and of a bin [rad].
     bins
         Number of bins of a row.
+    time
+        When each row is looked at [s], shape (rows,); None leaves moving objects where the loaded scene has them.
     """
 
     phi: NDArray[np.float64]
     first: float
     step: float
     bins: int
+    time: NDArray[np.float64] | None = None
 
     @property
     def rows(self) -> int:
@@ -50,13 +53,22 @@ class View:
         return float(self.phi[1] - self.phi[0]) if self.rows > 1 else math.inf
 
 
-def panorama_view(theta: tuple[float, float], phi: NDArray[np.float64], bench: Bench, pixels: int) -> View:
-    """Return the angles that the pixels of all voxels of a raster see: Θ from ``theta``, rows at ``phi`` [rad]."""
+def panorama_view(
+    theta: tuple[float, float],
+    phi: NDArray[np.float64],
+    bench: Bench,
+    pixels: int,
+    time: NDArray[np.float64] | None = None,
+) -> View:
+    """Return the angles that the pixels of all voxels of a raster see: Θ from ``theta``, rows at ``phi`` [rad].
+
+    ``time`` is that of :class:`View`.
+    """
     f, step = bench.receiver.focal_length, bench.pitch / bench.receiver.focal_length
     first = theta[0] - math.atan((bench.offset + pixels * bench.pitch) / f) - step
     last = theta[1] - math.atan(bench.offset / f) + step
     bins = math.ceil((last - first) / step) + 1
-    return View(np.asarray(phi, dtype=np.float64), first, step, bins)
+    return View(np.asarray(phi, dtype=np.float64), first, step, bins, time)
 
 
 def rays_through(bench: Bench, view: View, row: Any, column: Any, along: Any, across: Any) -> tuple[Any, Any]:

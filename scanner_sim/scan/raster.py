@@ -64,6 +64,10 @@ class RasterScan(Part):
         """Return Θ of the columns, shape (columns,), and φ of the rows, shape (rows,) [rad]."""
         return _steps(self.horizontal, self.columns), _steps(self.vertical, self.rows)
 
+    def row_times(self, dwell: float) -> NDArray[np.float64]:
+        """Return the middle of each row since the start [s], shape (rows,), for a dwell [s] on every voxel."""
+        return (np.arange(self.rows, dtype=np.float64) + 0.5) * self.columns * dwell
+
     @property
     def travel(self) -> float:
         """Deflection Θ [rad] by which the mirrors sweep from one voxel to the next, in one dwell."""
