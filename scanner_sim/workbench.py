@@ -105,14 +105,14 @@ class Workbench:
         sky, settings = self.scenario.lighting.sky(), self.scenario.transport
         if sky.dark:
             return None
-        scan = self.scenario.raster
+        scan, dwell = self.scenario.raster, self.scenario.scanner.dwell
         pixels = self.scenario.scanner.position_sensor.pixels
         return render_panorama(
             self.loaded,
             self.optics,
             light_of(sky),
             Albedo(sky.albedo, sky.albedo_out_of_band),
-            panorama_view(scan.horizontal, scan.angles()[1], self.optics, pixels),
+            panorama_view(scan.horizontal, scan.angles()[1], self.optics, pixels, scan.row_times(dwell)),
             bounces=settings.background_bounces,
             samples=settings.background_samples,
             seed=self.scenario.seed,
