@@ -1,0 +1,384 @@
+"""Laws of the range's noise on facing targets: each source alone, the Cramér–Rao bound, and speckle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.analytic import geometry
+from scanner_sim.analytic import speckle as grain
+from scanner_sim.analytic.beam import beam_radius
+from scanner_sim.analytic.estimators import ESTIMATORS
+from scanner_sim.compare import stand
+from scanner_sim.compare.closed import FIT, LINE, Closed, Spot
+from scanner_sim.compare.law import Law, Measured, Predicted, slope_of, slope_predicted, spread_of
+from scanner_sim.compare.setting import Setting
+from scanner_sim.signals.processing import PeakMethod
+
+Array = NDArray[np.float64]
+Variance = Callable[[Setting, Spot], Array]
+
+PLACES = 4
+"""Places of the spot in its pixel over which σ is averaged, none of them half-way between two pixels."""
+SLOPE = "slope over all ranges"
+_FIRST_ORDER = 0.05
+"""Largest σ of a place over the spot's width for which errors are of the first order."""
+_SECOND = 8.0
+"""Second order over first order of σ, in units of (σ/width)²."""
+_DISCRETE = 0.01
+"""Closed forms of the bound leave out that width and charge are fitted with the place."""
+_SPREAD = 0.05
+"""Deflection to each side over which shots do not share speckle [rad]."""
+_FIELD = 0.05
+"""Approximation of the simulated speckle field where the spot is wider than the lens's point spread (docs/theory)."""
+AUTHORS: PeakMethod = "blais_rioux_4"
+"""Estimator of the published limits of speckle."""
+
+
+def phases(count: int = PLACES) -> Array:
+    """Return evenly spaced places in a pixel, −1/2 to 1/2."""
+    return (np.arange(count) + 0.5) / count - 0.5
+
+
+def spots(setting: Setting, distance: float, count: int = PLACES) -> Iterator[tuple[float, Spot]]:
+    """Yield ranges [m] about one at which the spot lies at even places in its pixel, and the judge's spots."""
+    closed = Closed(setting.scenario)
+    for phase in phases(count):
+        where = closed.place(distance, float(phase))
+        yield where, closed.facing(where, setting.flat.reflectance)
+
+
+def _dark(setting: Setting) -> float:
+    scanner = setting.scenario.scanner
+    return scanner.position_sensor.dark_current / scanner.rate
+
+
+def _shot_variance(setting: Setting, seen: Spot) -> Array:
+    return seen.line
+
+
+def _read_variance(setting: Setting, seen: Spot) -> Array:
+    return np.full(LINE, setting.scenario.scanner.position_sensor.read_noise**2)
+
+
+def _both_variances(setting: Setting, seen: Spot) -> Array:
+    return _shot_variance(setting, seen) + _read_variance(setting, seen) + _dark(setting)
+
+
+def _sigma(setting: Setting, distance: float, variance: Variance, peak: str) -> Predicted:
+    """Return the predicted σ of the range [mm] about a distance, root mean square over the places in a pixel."""
+    closed, squares, slack = Closed(setting.scenario), [], []
+    for where, seen in spots(setting, distance):
+        sigma = closed.sigma_pixel(seen, peak, variance(setting, seen))
+        squares.append((closed.range_per_pixel(where) * sigma) ** 2)
+        slack.append(_SECOND * (sigma / seen.sigma) ** 2 + (_DISCRETE if peak == FIT else 0.0))
+    value = 1e3 * math.sqrt(float(np.mean(squares)))
+    return Predicted("σ of R", "mm", value, max(slack) * value)
+
+
+def _usable(setting: Setting, variance: Variance, peak: str) -> tuple[float, ...]:
+    """Return the ranges at which the spot is on the array and errors are of the first order."""
+    closed, kept = Closed(setting.scenario), []
+    for distance in setting.flat.ranges:
+        seen = closed.facing(distance, setting.flat.reflectance)
+        if closed.on_array(seen) and closed.passed(math.atan(closed.d / distance)) > 0.5:
+            worst = max(
+                closed.sigma_pixel(some, peak, variance(setting, some)) / some.sigma
+                for _, some in spots(setting, distance)
+            )
+            kept += [distance] if worst < _FIRST_ORDER else []
+    return tuple(kept)
+
+
+def _first_order(setting: Setting, *, variance: Variance, peak: str | None, slope: bool) -> str:
+    chosen = peak or setting.scenario.processing.peak
+    if chosen == "centre_of_mass" and any(
+        Closed(setting.scenario).facing(R, 1.0).sigma > 1.2 for R in setting.flat.ranges
+    ):
+        return "the window of the centre of mass jumps with the brightest pixel, which is of no order in the noise"
+    missing = len(setting.flat.ranges) - len(_usable(setting, variance, chosen))
+    if missing == len(setting.flat.ranges):
+        return "the spot is too weak at all ranges for errors of the first order, or not on the array"
+    if slope and not setting.slopeless() and len(setting.flat.ranges) - missing < 3:
+        return "errors are of the first order at fewer than three of the ranges"
+    return ""
+
+
+def _has_noise(setting: Setting, *, noise: str, **rest: Any) -> str:
+    if not getattr(setting.scenario.scanner.position_sensor.noise, noise):
+        return f"the scenario's sensor has no {noise} noise"
+    return _first_order(setting, **rest)
+
+
+def _measure_sigma(
+    setting: Setting,
+    *,
+    number: int,
+    noise: tuple[str, ...],
+    variance: Variance,
+    peak: PeakMethod | None,
+    slope: bool,
+) -> dict[str, Measured]:
+    """Measure σ of the range on facing plates at the ranges that can be used, and its exponent."""
+    chosen, told = peak or setting.scenario.processing.peak, {}
+    ranges = _usable(setting, variance, chosen)
+    shots = setting.shots(4000)
+    for step, distance in enumerate(ranges):
+        groups = []
+        for place, (where, _) in enumerate(spots(setting, distance)):
+            for seed in setting.seed(number, step, place):
+                plate = stand.plate(where, setting.flat.reflectance, size=_side(setting, where))
+                made = stand.on_stand(setting, plate, seed=seed, noise=noise, peak=peak)
+                aim = stand.directions(np.zeros(shots), 0.0, made.scanner.mirrors, 0.0)
+                groups.append(1e3 * stand.range_errors(setting, made, aim))
+        told[f"{distance:.4g} m"] = spread_of(np.stack(groups))
+    return told | _slope_measured(ranges, told, slope)
+
+
+def _predict_sigma(
+    setting: Setting, *, variance: Variance, peak: str | None, slope: bool, pure: str
+) -> dict[str, Predicted]:
+    chosen = peak or setting.scenario.processing.peak
+    ranges = _usable(setting, variance, chosen)
+    told = {f"{R:.4g} m": _sigma(setting, R, variance, chosen) for R in ranges}
+    return told | _slope_predicted(ranges, told, slope, pure)
+
+
+def _slope_measured(ranges: tuple[float, ...], told: dict[str, Measured], slope: bool) -> dict[str, Measured]:
+    return {SLOPE: slope_of(np.array(ranges), list(told.values()))} if slope and len(ranges) > 2 else {}
+
+
+def _slope_predicted(
+    ranges: tuple[float, ...], told: dict[str, Predicted], slope: bool, pure: str
+) -> dict[str, Predicted]:
+    if not slope or len(ranges) < 3:
+        return {}
+    return {SLOPE: slope_predicted(np.array(ranges), list(told.values()), f"exponent ({pure})")}
+
+
+def _side(setting: Setting, distance: float) -> float:
+    """Return the side [m] of a plate that holds the beam and all directions in which it is met."""
+    return 2.4 * _SPREAD * distance + 16.0 * setting.scenario.scanner.laser.radius(distance)
+
+
+def _alone(
+    name: str, title: str, source: str, statement: str, number: int, variance: Variance, pure: str
+) -> Law:
+    """Return the law of one term of the sensor's noise."""
+    rest: dict[str, Any] = {"variance": variance, "peak": None, "slope": True}
+    return Law(
+        name=f"sigma_{name}",
+        title=title,
+        source=source,
+        statement=statement,
+        scene="target",
+        applies=partial(_has_noise, noise=name, **rest),
+        measure=partial(_measure_sigma, number=number, noise=(name,), **rest),
+        predict=partial(_predict_sigma, pure=pure, **rest),
+    )
+
+
+SHOT = _alone(
+    "shot",
+    "Range noise of photons",
+    "eq 4 with Poisson noise; slope R³",
+    "σ_R = R²/(f d) (∑ g_i² N_i)^½ with the estimator's gradient g, or the bound for the maximum-likelihood fit. Poisson "
+    "noise alone. The exponent is 3 but for the change of the spot's width with range.",
+    4,
+    _shot_variance,
+    "3 for a spot of one width",
+)
+READ = _alone(
+    "read",
+    "Range noise of read-out",
+    "eq 4 with white noise; slope R⁴",
+    "σ_R = R²/(f d) (∑ g_i² σ_r²)^½ as for photons. Read noise alone. The exponent is 4 but for the spot's width.",
+    5,
+    _read_variance,
+    "4 for a spot of one width",
+)
+
+_BOUND: dict[str, Any] = {"variance": _both_variances, "peak": FIT, "slope": False}
+BOUND = Law(
+    "cramer_rao",
+    "The fit reaches the Cramér–Rao bound",
+    "Winick, J. Opt. Soc. Am. A 3 (1986)",
+    "σ_p = 1/√Σ (∂m_i/∂µ)²/(m_i + dark + σ_r²) for the maximum-likelihood fit, whatever the scenario's estimator. Shot, "
+    "read and dark noise.",
+    "target",
+    partial(_first_order, **_BOUND),
+    partial(_measure_sigma, number=6, noise=("shot", "read", "dark"), **_BOUND),
+    partial(_predict_sigma, pure="", **_BOUND),
+)
+
+
+def _unsynchronised(setting: Setting) -> str:
+    if not setting.scenario.scanner.mirrors.synchronisation:
+        return "projection and reception have no error between them"
+    return setting.slopeless() or (
+        "" if len(_synchronised(setting)) > 2 else "the array sees too few of the ranges"
+    )
+
+
+def _synchronised(setting: Setting) -> tuple[float, ...]:
+    closed = Closed(setting.scenario)
+    return tuple(
+        R for R in setting.flat.ranges if closed.on_array(closed.facing(R, setting.flat.reflectance))
+    )
+
+
+def _measure_synchronisation(setting: Setting) -> dict[str, Measured]:
+    told, shots, ranges = {}, setting.shots(8000), _synchronised(setting)
+    mirrors = setting.scenario.scanner.mirrors.still(but="synchronisation")
+    for step, R in enumerate(ranges):
+        groups = []
+        for seed in setting.seed(7, step):
+            plate = stand.plate(R, setting.flat.reflectance, size=_side(setting, R))
+            made = stand.on_stand(setting, plate, seed=seed, mirrors=mirrors)
+            aim = stand.directions(np.zeros(shots), 0.0, mirrors, 0.0)
+            groups.append(1e3 * stand.range_errors(setting, made, aim))
+        told[f"{R:.4g} m"] = spread_of(np.stack(groups))
+    return told | _slope_measured(ranges, told, True)
+
+
+def _predict_synchronisation(setting: Setting) -> dict[str, Predicted]:
+    closed, told, ranges = Closed(setting.scenario), {}, _synchronised(setting)
+    error = setting.scenario.scanner.mirrors.synchronisation
+    for R in ranges:
+        p = float(geometry.image_position(R, 0.0, closed.f, closed.d))
+        apart = closed.f * (1.0 + (p / closed.f) ** 2) * error
+        value = 1e3 * float(geometry.range_error(R, 0.0, closed.f, closed.d, apart))
+        # What the estimator makes of a moved spot is not the whole move: its systematic error has a slope.
+        slope = 0.0 if setting.scenario.processing.peak == FIT else _gradient_of_bias(setting, R)
+        rounding = 1e3 * closed.range_per_pixel(R) * p / closed.pitch * 2.0**-24
+        told[f"{R:.4g} m"] = Predicted(
+            "σ of R", "mm", value * (1.0 + slope), 0.002 * value + rounding**2 / value
+        )
+    return told | _slope_predicted(ranges, told, True, "2 for p ≪ f")
+
+
+def _gradient_of_bias(setting: Setting, R: float) -> float:
+    """Return by how much the estimator's systematic error changes with the spot's place, pixel by pixel."""
+    if setting.scenario.processing.bias_correction != "none":
+        return 0.0
+    closed, step = Closed(setting.scenario), 1e-3
+    seen = closed.facing(R, 1.0)
+    found = []
+    for side in (1.0, -1.0):
+        moved = Spot(seen.centre + side * step, seen.chief, seen.sigma, seen.charge)
+        found.append(
+            ESTIMATORS[setting.scenario.processing.peak](moved.line.tolist()) - LINE // 2 - moved.phase
+        )
+    return (found[0] - found[1]) / (2.0 * step)
+
+
+SYNCHRONISATION = Law(
+    "sigma_synchronisation",
+    "Range noise of a constant error of p",
+    "eq 4; slope R²",
+    "σ_R = R²/(f d) Δp with Δp = f (1 + p²/f²) times the angle's error between projection and reception, alone.",
+    "target",
+    _unsynchronised,
+    _measure_synchronisation,
+    _predict_synchronisation,
+)
+
+
+def _speckle_peak(setting: Setting) -> PeakMethod:
+    chosen = setting.scenario.processing.peak
+    return AUTHORS if chosen in (FIT, "centre_of_mass") else chosen
+
+
+def _coherent(setting: Setting) -> str:
+    if not setting.scenario.scanner.laser.speckle:
+        return "the scenario's laser makes no speckle"
+    if not _synchronised(setting):
+        return "the array sees no spot at these ranges"
+    wide = max(Closed(setting.scenario).facing(R, 1.0).sigma for R in setting.flat.ranges)
+    if wide > 2.0:
+        return "the spot is wider than the line over which the closed form integrates the grain"
+    return ""
+
+
+def _measure_speckle(setting: Setting) -> dict[str, Measured]:
+    told, ranges, shots = {}, _synchronised(setting), setting.shots(4900)
+    for step, R in enumerate(ranges):
+        groups = []
+        for place, (where, _) in enumerate(spots(setting, R)):
+            for seed in setting.seed(8, step, place):
+                plate = stand.plate(where, setting.flat.reflectance, size=_side(setting, where))
+                theta, phi = stand.square(_separate(setting, where), shots)
+                errors = []
+                # Directions differ, and with them the place in the pixel: what the estimator errs there is no noise.
+                for speckle in (True, False):
+                    made = stand.on_stand(
+                        setting, plate, seed=seed, speckle=speckle, peak=_speckle_peak(setting)
+                    )
+                    aim = stand.directions(theta, phi, made.scanner.mirrors, 0.0)
+                    errors.append(stand.range_errors(setting, made, aim))
+                groups.append(1e3 * (errors[0] - errors[1]))
+        told[f"{R:.4g} m"] = spread_of(np.stack(groups))
+    return told | _slope_measured(ranges, told, True)
+
+
+def _separate(setting: Setting, R: float) -> float:
+    """Return to which side directions reach so that no two shots share a pattern: four beam radii apart."""
+    side = math.isqrt(setting.shots(4900))
+    return min(_SPREAD, 2.0 * (side - 1) * setting.scenario.scanner.laser.radius(R) / R)
+
+
+def _predict_speckle(setting: Setting) -> dict[str, Predicted]:
+    closed, told, ranges = Closed(setting.scenario), {}, _synchronised(setting)
+    laser, receiver = setting.scenario.scanner.laser, setting.scenario.scanner.receiver
+    number, few = receiver.focal_length / receiver.aperture, 13
+    estimator = ESTIMATORS[_speckle_peak(setting)]
+
+    def padded(line: Any) -> float:
+        return estimator([0.0] * 6 + list(line) + [0.0] * 6) - 6.0
+
+    for R in ranges:
+        squares = []
+        for where, seen in spots(setting, R):
+            middle = (few // 2 + seen.phase) * closed.pitch
+            width = seen.sigma * closed.pitch
+            covariance = grain.pixel_covariance(
+                laser.wavelength, number, closed.pitch, middle, (width, _across(setting, R)), few
+            )
+            shares = grain.pixel_shares(closed.pitch, middle, width, few)
+            sigma = math.sqrt(0.5) * grain.position_sigma(padded, shares, covariance)
+            squares.append((closed.range_per_pixel(where) * sigma) ** 2)
+        value = 1e3 * math.sqrt(float(np.mean(squares)))
+        told[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, _FIELD * value)
+    return told | _slope_predicted(ranges, told, True, "2 for a spot of one width")
+
+
+def _across(setting: Setting, R: float) -> float:
+    """Return the width [m] across the line of the unclipped spot that has the speckle of the one that pixels clip.
+
+    Grain much finer than the spot errs by ∫I²/(∫I)² over the pixels' height h, which for the clipped Gaussian of σ is
+    that of one of σ erf²(h/(2√2 σ))/erf(h/(2σ)).
+    """
+    scanner = setting.scenario.scanner
+    laser = scanner.laser
+    radius = beam_radius(R, laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared)
+    sigma = math.hypot(0.5 * float(radius) * scanner.receiver.focal_length / R, scanner.receiver.point_spread)
+    half = 0.5 * scanner.position_sensor.height / sigma
+    return sigma * math.erf(half / math.sqrt(2.0)) ** 2 / math.erf(half)
+
+
+SPECKLE = Law(
+    "speckle_limit",
+    "Range noise of speckle",
+    "eq 4 with Dorsch et al. 1994, Baribeau and Rioux 1991; slope R²",
+    "σ_p from the grain's covariance |2 J₁(v)/v|² over pixels and spot by integration, one frozen pattern, C = 1/√2 on a "
+    "depolarising surface. Speckle alone; blais_rioux_4 in place of the fit, whose weights are another noise's.",
+    "target",
+    _coherent,
+    _measure_speckle,
+    _predict_speckle,
+)

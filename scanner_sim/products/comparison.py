@@ -1,0 +1,210 @@
+"""A comparison of a simulation with closed forms as a product: checks, laws, changes, and the folder of files."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from scanner_sim.products.folder import Kind, write_folder, write_text
+
+RESULT = "compare.json"
+COMPARISON = Kind(RESULT, (RESULT, "compare.html", "compare.png", "scenario.yaml"))
+"""The folder of a comparison."""
+
+CONFIDENCE = 0.95
+"""Confidence of the intervals; verdicts have a level of their own."""
+
+Form = Literal["exact", "mean", "spread"]
+"""What is compared: a number without noise, a mean, or a standard deviation."""
+Verdict = Literal["holds", "broken", "does not apply"]
+
+
+@dataclass(frozen=True)
+class Check:
+    """One number of a law: predicted by its closed form, and simulated.
+
+    Attributes
+    ----------
+    case, quantity, unit
+        Where it was measured, what it is, and its unit (empty for a pure number).
+    form
+        A number without noise, a mean or a standard deviation.
+    predicted, accuracy
+        By the closed form, and how far that may be off by its own neglected orders.
+    simulated, error, freedom
+        What was found; standard error and degrees of freedom (0 and infinity where there is no noise in it).
+    low, high
+        95 % confidence interval of the simulated number.
+    effect, relative_to
+        (simulated − predicted) over the prediction, or over what ``relative_to`` names.
+    p
+        Probability of a deviation at least as large if the law holds.
+    adjusted_p
+        The same for the whole family of checks (Holm); below the level the law is broken.
+    detects_80, detects_99
+        Smallest relative deviation that would have broken the law with 80 % and 99 % probability.
+    broken
+        The verdict.
+    """
+
+    case: str
+    quantity: str
+    unit: str
+    form: Form
+    predicted: float
+    accuracy: float
+    simulated: float
+    error: float
+    freedom: float
+    low: float
+    high: float
+    effect: float
+    relative_to: str
+    p: float
+    adjusted_p: float
+    detects_80: float
+    detects_99: float
+    broken: bool
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What was found about one law: its checks, or the reason why it does not apply."""
+
+    name: str
+    title: str
+    source: str
+    statement: str
+    scene: str
+    reason: str
+    checks: tuple[Check, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """Broken where one check is; does not apply where there is none."""
+        if not self.checks:
+            return "does not apply"
+        return "broken" if any(check.broken for check in self.checks) else "holds"
+
+
+@dataclass(frozen=True)
+class Change:
+    """A number that differs from an earlier comparison: before, now, and the probability of such a difference."""
+
+    law: str
+    case: str
+    quantity: str
+    what: str
+    before: float
+    now: float
+    adjusted_p: float
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A whole comparison.
+
+    Attributes
+    ----------
+    seed, seeds
+        Seed of the first run, and how many consecutive ones were pooled.
+    level
+        Probability with which a right program breaks any law at all.
+    quick
+        Whether fewer shots were taken.
+    target
+        The flat target in words, or the scenario's own scene.
+    findings
+        Of all laws, in their order.
+    versions
+        Of the programs.
+    baseline
+        Differences from an earlier comparison; None where there was none to compare with.
+    """
+
+    seed: int
+    seeds: int
+    level: float
+    quick: bool
+    target: str
+    findings: tuple[Finding, ...]
+    versions: dict[str, str]
+    baseline: tuple[Change, ...] | None = None
+
+    @property
+    def broken(self) -> tuple[Finding, ...]:
+        """The laws that are broken."""
+        return tuple(finding for finding in self.findings if finding.verdict == "broken")
+
+    @property
+    def passed(self) -> bool:
+        """Whether no law is broken and nothing differs from the baseline."""
+        return not self.broken and not self.baseline
+
+
+def comparison_json(comparison: Comparison) -> str:
+    """Return a comparison as JSON: all numbers in full, null for what is not finite; no date, host or path."""
+    told = _plain(asdict(comparison))
+    for finding, plain in zip(comparison.findings, told["findings"], strict=True):
+        plain["verdict"] = finding.verdict
+    told["passed"] = comparison.passed
+    return json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def comparison_from_json(text: str) -> Comparison:
+    """Return the comparison of :func:`comparison_json`.
+
+    Raises
+    ------
+    ValueError, KeyError, TypeError
+        If the text is not one.
+    """
+    told: dict[str, Any] = json.loads(text)
+    findings = []
+    for plain in told["findings"]:
+        plain = {name: value for name, value in plain.items() if name != "verdict"}
+        checks = tuple(Check(**_numbers(check)) for check in plain.pop("checks"))
+        findings.append(Finding(**plain, checks=checks))
+    rest = {name: told[name] for name in ("seed", "seeds", "level", "quick", "target", "versions")}
+    return Comparison(findings=tuple(findings), **rest)
+
+
+def write_comparison(
+    comparison: Comparison, folder: str | Path, *, scenario_yaml: str, overwrite: bool = False
+) -> tuple[Path, ...]:
+    """Write JSON, page, picture and scenario, as :func:`scanner_sim.products.folder.write_folder` does.
+
+    Raises
+    ------
+    InputError, RunError
+        As there.
+    """
+    from scanner_sim.products.comparison_page import comparison_page
+    from scanner_sim.products.comparison_picture import draw_comparison
+
+    writers: dict[str, Callable[[Path], None]] = {
+        RESULT: lambda path: write_text(path, comparison_json(comparison)),
+        "compare.html": lambda path: write_text(path, comparison_page(comparison, scenario_yaml)),
+        "compare.png": lambda path: draw_comparison(comparison, path),
+        "scenario.yaml": lambda path: write_text(path, scenario_yaml),
+    }
+    return write_folder(folder, COMPARISON, writers, overwrite=overwrite)
+
+
+def _plain(value: Any) -> Any:
+    """Return a value as JSON knows it."""
+    if isinstance(value, dict):
+        return {name: _plain(part) for name, part in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _numbers(check: dict[str, Any]) -> dict[str, Any]:
+    """Return a check with infinity for the only number that may be missing: degrees of freedom."""
+    infinite = {"freedom": math.inf} if check["freedom"] is None else {}
+    return {name: math.nan if value is None else value for name, value in check.items()} | infinite
