@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import combinations
 
 import numpy as np
@@ -12,14 +12,17 @@ from scanner_sim.config import scenario_from_text
 from scanner_sim.pose.carried import carried, rounds_of
 from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
 from scanner_sim.pose.settings import PoseSettings
+from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.scenario import Scenario
-from scanner_sim.tracking.record import Track, TrackStatus, TrackTarget
+from scanner_sim.scene.objects import Disc, TargetArray
+from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 from scanner_sim.tracking.state import TrackMode
 
 Array = NDArray[np.float64]
 
 FEWEST = 3
 """Targets of an object from which it has a pose."""
+_TURN = np.linspace(0.0, 2.0 * np.pi, 181)
 
 
 def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSeries, ...]:
@@ -48,7 +51,7 @@ def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSe
     """
     scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run")
     chosen = scenario.pose if settings is None else settings
-    carriers = carriers_of(track)
+    carriers = carriers_of(track.targets)
     if not (chosen.methods and carriers):
         return ()
     visits = _Visits(track, [target for targets in carriers.values() for target in targets])
@@ -78,18 +81,49 @@ def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSe
     return (*found, *relative)
 
 
-def carriers_of(track: Track) -> dict[str, tuple[TrackTarget, ...]]:
-    """Return the objects of at least three targets, each with its targets."""
+def carriers_of(targets: Sequence[TrackTarget]) -> dict[str, tuple[TrackTarget, ...]]:
+    """Return the objects that have at least three of the targets, each with its own."""
     every: dict[str, tuple[TrackTarget, ...]] = {}
-    for target in track.targets:
+    for target in targets:
         every[target.object] = (*every.get(target.object, ()), target)
-    return {name: targets for name, targets in every.items() if len(targets) >= FEWEST}
+    return {name: own for name, own in every.items() if len(own) >= FEWEST}
 
 
 def true_poses(scenario: Scenario, name: str, time: Array) -> Array:
     """Return where an object of a scenario is at times [s], ``scanner_from_object``, shape (n, 4, 4)."""
     (item,) = (item for item in scenario.scene.objects if item.name == name)
     return item.pose_at(time)
+
+
+def rims_of(track: Track) -> Callable[[PatternRecord], Array]:
+    """Return what gives the true outline of a visit's target, (Θ, φ) [rad], shape (n, 2), at the time of the visit.
+
+    Discs, alone or in an array, are seen under their tilt; of all else a circle of the target's diameter.
+
+    Raises
+    ------
+    InputError
+        If the run's scenario cannot be read.
+    """
+    scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run")
+    items = {item.name: item for item in scenario.scene.objects}
+    targets = {target.name: target for target in track.targets}
+    separation = scenario.scanner.mirrors.axis_separation
+
+    def rim(record: PatternRecord) -> Array:
+        target = targets[record.target]
+        item, radius = items[target.object], 0.5 * target.looks.diameter
+        round_ = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+        if not isinstance(item, Disc | TargetArray):
+            seen: Array = record.truth[:2] + radius / record.truth[2] * round_
+            return seen
+        (pose,) = item.pose_at(record.time)
+        points = target.centre + radius * np.concatenate([round_, np.zeros((len(_TURN), 1))], axis=1)
+        x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
+        _, theta, phi = angles_and_range(x, y, z, separation)
+        return np.stack([theta, phi], axis=1)
+
+    return rim
 
 
 class _Visits:

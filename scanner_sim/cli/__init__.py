@@ -126,25 +126,39 @@ def show(
             show_default=False,
         ),
     ] = None,
+    pattern: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            help="Draw one pattern of a tracking run, counted from 0.",
+            show_default=False,
+        ),
+    ] = None,
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="DIR", help="Folder of the pictures.", show_default="beside the EXR"
+            "--output", "-o", metavar="DIR", help="Folder of the pictures.", show_default="beside the result"
         ),
     ] = None,
     device: Device = DeviceName.auto,
 ) -> None:
-    """Draw the pictures of a result, or explain one of its voxels.
+    """Draw the pictures of a result, or explain one of its voxels or patterns.
 
-    Example: `scanner-sim show output/quickstart --voxel 128 128`
+    Examples: `scanner-sim show output/quickstart --voxel 128 128`, `scanner-sim show output/track_static --pattern 40`
 
     A voxel is simulated again from the scenario in the file: the light on the sensor's line, the digitised
-    signal, the detected peak and the truth.
+    signal, the detected peak and the truth. A pattern is drawn from the voxels that the run has kept.
     """
     with reported():
         from scanner_sim.cli.showing import show_result, show_voxel
+        from scanner_sim.cli.tracking import show_pattern, show_track
 
-        if voxel is None:
+        if pattern is not None:
+            show_pattern(result, pattern, output)
+        elif voxel is None and (result / "track.csv").exists():
+            show_track(result, output, device=device.value)
+        elif voxel is None:
             show_result(result, output)
         else:
             show_voxel(result, voxel, output, device=device.value)

@@ -6,7 +6,9 @@ import math
 from pathlib import Path
 
 from scanner_sim.errors import InputError
+from scanner_sim.poses import carriers_of
 from scanner_sim.products.folder import planned_files
+from scanner_sim.products.track import planned_track_files
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scenario import Scenario
 
@@ -37,8 +39,15 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
         "memory": f"about {memory(scenario) / 1e9:.1f} GB",
         "time": f"about {_seconds(scenario):.0f} s on two processor cores",
         "folder": str(folder),
-        "files": ", ".join(planned_files(scenario.output, lit=sunlit(scenario), ranging=scenario.ranging)),
+        "files": ", ".join(_files(scenario)),
     }
+
+
+def _files(scenario: Scenario) -> tuple[str, ...]:
+    if isinstance(scenario.scan, RasterScan):
+        return planned_files(scenario.output, lit=sunlit(scenario), ranging=scenario.ranging)
+    carriers = carriers_of(scenario.targets) if scenario.pose.methods else ()
+    return planned_track_files(scenario.output, len(carriers))
 
 
 def _raster(scenario: Scenario) -> dict[str, str]:

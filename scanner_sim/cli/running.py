@@ -12,10 +12,13 @@ from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_table
-from scanner_sim.products.folder import check_target, write_run
+from scanner_sim.cli.tracking import run_tracking
+from scanner_sim.products.folder import RUN, check_target, write_run
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.track import TRACK
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.status import Status
+from scanner_sim.tracking.scan import TrackScan
 
 
 def run_scenario(
@@ -36,11 +39,15 @@ def run_scenario(
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
     scenario = load_and_warn(config, overrides, quiet)
-    check_target(folder, overwrite)
+    follows = isinstance(scenario.scan, TrackScan)
+    check_target(folder, overwrite, TRACK if follows else RUN)
     if dry_run:
         print_table(plan(scenario, folder))
         return
     check_memory(scenario)
+    if follows:
+        run_tracking(scenario, config, folder, device=device, overwrite=overwrite, quiet=quiet)
+        return
     # Loads the renderer: only after everything that can be refused without it.
     from scanner_sim.photo import take_photo
     from scanner_sim.simulate import simulate, simulate_waveforms

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import os
-import secrets
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+from scanner_sim.cli.drawing import drawn
 from scanner_sim.cli.running import closing
 from scanner_sim.cli.tables import print_table
 from scanner_sim.config import scenario_from_text
@@ -16,6 +14,7 @@ from scanner_sim.errors import InputError
 from scanner_sim.products.exr import read_range_image
 from scanner_sim.products.folder import RESULT
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.track import TRACK
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.render.device import DeviceChoice
@@ -40,8 +39,8 @@ def show_result(result: Path, output: Path | None) -> None:
         **({"tof.png": draw_grey} if "tof.range_m" in image else {}),
         **({"background.png": draw_background} if lit(image) else {}),
     }
-    drawn = [_drawn(folder / name, partial(draw, image)) for name, draw in pictures.items()]
-    print_table(closing(image, drawn))
+    paths = [drawn(folder / name, partial(draw, image)) for name, draw in pictures.items()]
+    print_table(closing(image, paths))
 
 
 def show_voxel(result: Path, voxel: tuple[int, int], output: Path | None, *, device: DeviceChoice) -> None:
@@ -68,7 +67,7 @@ def show_voxel(result: Path, voxel: tuple[int, int], output: Path | None, *, dev
         from scanner_sim.simulate import simulate_voxel
 
         record = simulate_voxel(scenario, row, column, device=device)
-        pictures.append(_drawn(folder / f"voxel_{row}_{column}.png", lambda to: draw_voxel(record, to)))
+        pictures.append(drawn(folder / f"voxel_{row}_{column}.png", lambda to: draw_voxel(record, to)))
         table |= _numbers(record)
     if scenario.ranging != "triangulation":
         from scanner_sim.lidar import fitted_pulse
@@ -78,7 +77,7 @@ def show_voxel(result: Path, voxel: tuple[int, int], output: Path | None, *, dev
         waveforms = simulate_waveforms(scenario, [voxel], device=device)
         fit = fitted_pulse(scenario.scanner.lidar, waveforms, 0)
         name = f"waveform_{row}_{column}.png"
-        pictures.append(_drawn(folder / name, lambda to: draw_waveform(to, waveforms, 0, fit)))
+        pictures.append(drawn(folder / name, lambda to: draw_waveform(to, waveforms, 0, fit)))
         table |= _timed_numbers(image, row, column, waveforms)
     print_table(table | {"picture": ", ".join(map(str, pictures))})
 
@@ -128,22 +127,11 @@ def _numbers(record: VoxelRecord) -> dict[str, str]:
 def _read(result: Path) -> tuple[Path, RangeImage]:
     path = result / RESULT if result.is_dir() else result
     if not path.exists():
+        if result.is_dir() and (result / TRACK.result).exists():
+            raise InputError(
+                f"{result} holds a tracking run, which has patterns and no voxels of a raster.",
+                remedy="Leave --voxel out, or use --pattern N.",
+            )
         remedy = "Name the folder of a run, or its range.exr."
         raise InputError(f"There is no result {path}.", remedy=remedy)
     return path, read_range_image(path)
-
-
-def _drawn(path: Path, draw: Callable[[Path], None]) -> Path:
-    """Draw a picture that appears whole or not at all."""
-    unfinished = path.with_name(f".{secrets.token_hex(4)}.partial.png")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        draw(unfinished)
-        os.replace(unfinished, path)
-    except PermissionError as error:
-        raise InputError(
-            f"{path.parent} cannot be written to: {error.strerror}.", remedy="Choose another folder with -o."
-        ) from None
-    finally:
-        unfinished.unlink(missing_ok=True)
-    return path

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.errors import InputError
 from scanner_sim.products.folder import Kind
+from scanner_sim.products.settings import Output
 from scanner_sim.products.tables import Columns, read_parquet, texts
 from scanner_sim.tracking.measurement import TargetLooks
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
@@ -20,6 +21,9 @@ from scanner_sim.tracking.state import Refusal, TrackMode
 Array = NDArray[np.float64]
 
 TABLE, VOXELS = "track.parquet", "patterns.parquet"
+
+TABLES = ("track.csv", TABLE, VOXELS, "scenario.yaml", "summary.json")
+"""Files of every tracking run."""
 
 TRACK_PICTURES = ("pattern.png", "track.png", "field.png")
 """Pictures of a tracking run."""
@@ -33,10 +37,7 @@ RELATIVE_POSES = ("relative_pose.csv", "relative_pose.parquet")
 POSE_PICTURES = ("pose.png", "outline.png")
 """Pictures of poses."""
 
-TRACK_FILES = ("track.csv", TABLE, VOXELS, "scenario.yaml", "summary.json", *TRACK_PICTURES)
-"""Files of a tracking run in the order of presentation."""
-
-TRACK = Kind("track.csv", (*TRACK_FILES, *POSES, *RELATIVE_POSES, *POSE_PICTURES))
+TRACK = Kind("track.csv", (*TABLES, *POSES, *RELATIVE_POSES, *TRACK_PICTURES, *POSE_PICTURES))
 """The folder of a tracking run."""
 
 _ANGULAR, _SPATIAL = ("theta_rad", "phi_rad", "range_m"), ("x_m", "y_m", "z_m")
@@ -53,6 +54,21 @@ _VOXEL = {
     "sigma_range": "sigma_range_m",
     "status": "status",
 }
+
+
+def planned_track_files(output: Output, carriers: int) -> tuple[str, ...]:
+    """Return the names of the files that a tracking run writes, in the order of presentation.
+
+    Parameters
+    ----------
+    output
+        Which files are wanted.
+    carriers
+        Number of objects that will have poses.
+    """
+    tables = (*TABLES, *(POSES if carriers else ()), *(RELATIVE_POSES if carriers > 1 else ()))
+    pictures = (*TRACK_PICTURES, *(POSE_PICTURES if carriers else ())) if output.pictures else ()
+    return tuple(name for name in (*tables, *pictures) if output.patterns or name != VOXELS)
 
 
 def track_columns(track: Track) -> dict[str, NDArray[Any]]:

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.products.folder import write_folder, write_text
 from scanner_sim.products.image import RangeImage
@@ -13,7 +16,7 @@ from scanner_sim.products.settings import Output
 from scanner_sim.products.tables import table_csv, write_parquet
 from scanner_sim.products.track import TABLE, TRACK, VOXELS, about_track, track_columns, voxel_columns
 from scanner_sim.products.track_summary import track_json
-from scanner_sim.tracking.record import Track
+from scanner_sim.tracking.record import PatternRecord, Track
 
 
 def write_track(
@@ -23,6 +26,7 @@ def write_track(
     *,
     poses: Sequence[PoseSeries] = (),
     backdrop: RangeImage | None = None,
+    rim: Callable[[PatternRecord], NDArray[np.float64]] | None = None,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write all files of a tracking run, as :func:`scanner_sim.products.folder.write_folder` does.
@@ -39,6 +43,8 @@ def write_track(
         What :func:`scanner_sim.poses.poses_of` made of it; tables and pictures of poses only where there are some.
     backdrop
         A range image of the scene to be drawn behind the targets.
+    rim
+        Gives the true outline of a visit's target: :func:`scanner_sim.poses.rims_of`. None draws a circle.
     overwrite
         Replace an existing result.
 
@@ -67,14 +73,17 @@ def write_track(
     for name, chosen in _kinds_of_poses(poses).items():
         _add_poses(writers, name, chosen, track.made_by)
     if output.pictures:
-        writers |= pictures_of(track, poses, backdrop)
+        writers |= pictures_of(track, poses, backdrop, rim)
     return write_folder(folder, TRACK, writers, overwrite=overwrite)
 
 
 def pictures_of(
-    track: Track, poses: Sequence[PoseSeries] = (), backdrop: RangeImage | None = None
+    track: Track,
+    poses: Sequence[PoseSeries] = (),
+    backdrop: RangeImage | None = None,
+    rim: Callable[[PatternRecord], NDArray[np.float64]] | None = None,
 ) -> dict[str, Callable[[Path], None]]:
-    """Return for each picture of a run its name, and what draws it to a path."""
+    """Return for each picture of a run its name, and what draws it to a path; arguments as :func:`write_track`."""
     # Matplotlib takes long to load: only where pictures are wanted.
     from scanner_sim.products.pattern_picture import draw_pattern, telling_visit
     from scanner_sim.products.pose_picture import draw_outlines, draw_poses
@@ -83,7 +92,7 @@ def pictures_of(
     pictures: dict[str, Callable[[Path], None]] = {}
     visit = telling_visit(track)
     if visit is not None:
-        pictures["pattern.png"] = lambda path: draw_pattern(track, visit, path)
+        pictures["pattern.png"] = lambda path: draw_pattern(track, visit, path, rim)
     pictures["track.png"] = lambda path: draw_track(track, path)
     pictures["field.png"] = lambda path: draw_field(track, path, backdrop)
     if poses:

@@ -19,7 +19,7 @@ from scanner_sim.products.folder import check_target
 from scanner_sim.products.pose import pose_columns, read_poses
 from scanner_sim.products.settings import Output
 from scanner_sim.products.tables import read_parquet, table_csv, write_parquet
-from scanner_sim.products.track import TRACK, TRACK_FILES, read_track, track_columns
+from scanner_sim.products.track import TRACK, planned_track_files, read_track, track_columns
 from scanner_sim.products.track_folder import write_track
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
@@ -193,13 +193,17 @@ def test_the_same_track_gives_the_same_bytes(track: Track, tmp_path: Path) -> No
     for path in (tmp_path / "one").iterdir():
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
     names = {path.name for path in (tmp_path / "one").iterdir()}
-    assert names == set(TRACK.files)
-    assert set(TRACK_FILES) <= names
+    assert names == set(TRACK.files) == set(planned_track_files(Output(), 2))
 
 
 def test_what_is_switched_off_is_not_written(track: Track, tmp_path: Path) -> None:
-    files = write_track(track, tmp_path / "run", Output(pictures=False, patterns=False))
-    assert [path.name for path in files] == ["track.csv", "track.parquet", "scenario.yaml", "summary.json"]
+    output = Output(pictures=False, patterns=False)
+    names = tuple(path.name for path in write_track(track, tmp_path / "run", output))
+    assert (
+        names
+        == ("track.csv", "track.parquet", "scenario.yaml", "summary.json")
+        == planned_track_files(output, 0)
+    )
     assert read_track(tmp_path / "run").records[0].samples.time.shape == (1, 0)
 
 

@@ -1,0 +1,222 @@
+"""The verbs ``run`` and ``show`` for scenarios that follow targets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from scanner_sim.cli.drawing import drawn
+from scanner_sim.cli.plan import patterns
+from scanner_sim.cli.progress import progress_bar
+from scanner_sim.cli.report import scenario_of, warn
+from scanner_sim.cli.tables import print_rows, print_table
+from scanner_sim.config import scenario_from_text
+from scanner_sim.errors import InputError
+from scanner_sim.pose.series import PoseSeries
+from scanner_sim.pose.status import PoseStatus
+from scanner_sim.poses import poses_of, rims_of
+from scanner_sim.products.image import RangeImage
+from scanner_sim.products.pose import read_poses
+from scanner_sim.products.track import POSES, RELATIVE_POSES, read_track
+from scanner_sim.products.track_folder import pictures_of, write_track
+from scanner_sim.products.track_summary import errors_of
+from scanner_sim.render.device import DeviceChoice
+from scanner_sim.scan.raster import RasterScan
+from scanner_sim.scenario import Scenario
+from scanner_sim.scene.lighting import Lighting
+from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
+
+_BACKDROP = 192
+"""Voxels along the longer side of the image behind the targets."""
+
+
+def run_tracking(
+    scenario: Scenario, config: Path, folder: Path, *, device: DeviceChoice, overwrite: bool, quiet: bool
+) -> None:
+    """Follow the targets of a scenario into a folder.
+
+    Raises
+    ------
+    ScannerSimError
+        If the scene, the folder or the device cannot be used, or the disk fails.
+    """
+    from scanner_sim.track import track
+
+    expected, done = patterns(scenario), 0
+
+    with progress_bar("tracking", quiet, "patterns") as (advance, say):
+
+        def visited(_time: float, _duration: float) -> None:
+            nonlocal done
+            done += 1
+            advance(done, max(done, expected))
+
+        with scenario_of(config):
+            made = track(scenario, device=device, progress=visited)
+        say("estimating poses")
+        poses = poses_of(made)
+        backdrop = None
+        if scenario.output.pictures:
+            say("drawing")
+            backdrop = backdrop_of(made, scenario, device)
+        paths = write_track(
+            made,
+            folder,
+            scenario.output,
+            poses=poses,
+            backdrop=backdrop,
+            rim=rims_of(made),
+            overwrite=overwrite,
+        )
+    if not quiet:
+        for sentence in made.warnings:
+            warn(sentence)
+        _print_closing(made, poses, paths)
+
+
+def show_track(result: Path, output: Path | None, *, device: DeviceChoice) -> None:
+    """Draw the pictures of a tracking run anew.
+
+    Raises
+    ------
+    InputError
+        If there is no run, its scene can no longer be loaded, or the folder cannot be written to.
+    """
+    made = read_track(result)
+    poses = [
+        one
+        for name in (POSES[1], RELATIVE_POSES[1])
+        if (result / name).exists()
+        for one in read_poses(result / name)
+    ]
+    scenario = scenario_from_text(made.scenario_yaml, name=str(result))
+    pictures = pictures_of(made, poses, backdrop_of(made, scenario, device), rims_of(made))
+    paths = [drawn((output or result) / name, draw) for name, draw in pictures.items()]
+    _print_closing(made, poses, paths)
+
+
+def show_pattern(result: Path, number: int, output: Path | None) -> None:
+    """Draw one pattern of a tracking run and print what was made of it.
+
+    Raises
+    ------
+    InputError
+        If there is no run or no such visit, its voxels were not kept, or the folder cannot be written to.
+    """
+    from scanner_sim.products.pattern_picture import draw_pattern
+
+    made = read_track(result)
+    record = next((record for record in made.records if record.number == number), None)
+    if record is None:
+        last = made.records[-1].number if made.records else -1
+        raise InputError(
+            f"There is no pattern {number} in {result}.", remedy=f"Patterns count from 0; the last is {last}."
+        )
+    if not record.samples.time.shape[1]:
+        raise InputError(
+            f"The voxels of pattern {number} were not kept: "
+            + (
+                record.status.sentence
+                if record.status is TrackStatus.OUT_OF_VIEW
+                else "output.patterns was off"
+            )
+            + ".",
+            remedy="Run the folder's scenario.yaml with --set output.patterns=true, or name another pattern.",
+        )
+    path = drawn(
+        (output or result) / f"pattern_{number}.png", lambda to: draw_pattern(made, number, to, rims_of(made))
+    )
+    print_table(_numbers(record) | {"picture": str(path)})
+
+
+def backdrop_of(track: Track, scenario: Scenario, device: DeviceChoice) -> RangeImage:
+    """Return an image of the part of the field in which the targets were, at the run's last moment, in the dark."""
+    from scanner_sim.products.track_picture import field_of
+    from scanner_sim.simulate import simulate
+
+    limit = scenario.scanner.mirrors.max_deflection
+    left, right, upper, lower = (min(max(end, -limit), limit) for end in field_of(track))
+    step = max(right - left, lower - upper) / _BACKDROP
+    scan = RasterScan(
+        rows=max(round((lower - upper) / step), 2),
+        columns=max(round((right - left) / step), 2),
+        horizontal=(left, right),
+        vertical=(upper, lower),
+        motion="stepped",
+    )
+    last = max((record.time for record in track.records), default=0.0)
+    changed = {"scan": scan, "lighting": Lighting(), "scene": scenario.scene.resting_at(last)}
+    return simulate(scenario.model_copy(update=changed), device=device)
+
+
+def _print_closing(track: Track, poses: Sequence[PoseSeries], paths: Sequence[Path]) -> None:
+    """Print the summary of a run: targets, poses, files."""
+    print_rows(_target_rows(track), left=(0, 1))
+    if poses:
+        print_rows(_pose_rows(poses), left=(0, 1))
+    records = track.records
+    rows = {"patterns": f"{len(records):,} of {len(track.targets)} targets"}
+    if records:
+        rows["time"] = f"{records[-1].time:.4g} s on the instrument"
+    for code in TrackStatus:
+        count = sum(record.status is code for record in records)
+        if count:
+            rows[code.name.lower().replace("_", " ")] = f"{count:,} ({code.sentence})"
+    if paths:
+        rows["folder"] = str(paths[0].parent)
+        rows["files"] = ", ".join(path.name for path in paths)
+    print_table(rows)
+
+
+def _target_rows(track: Track) -> list[list[str]]:
+    """Return a line for each target: how often it was measured, median σ and rms error."""
+    rows = [["target", "state", "measured", "σΘ µrad", "rms", "σφ µrad", "rms", "σR mm", "rms"]]
+    for target in track.targets:
+        records = track.of(target.name)
+        error, sigma = errors_of(records)
+        row = [target.name, records[-1].after.value if records else "", f"{len(error)}/{len(records)}"]
+        for axis, scale in enumerate((1e6, 1e6, 1e3)):
+            if len(error):
+                rms = float(np.sqrt(np.mean(error[:, axis] ** 2)))
+                row += [f"{scale * float(np.median(sigma[:, axis])):.3g}", f"{scale * rms:.3g}"]
+            else:
+                row += ["", ""]
+        rows.append(row)
+    return rows
+
+
+def _pose_rows(poses: Sequence[PoseSeries]) -> list[list[str]]:
+    """Return a line for each series of poses: number of valid ones and the rms errors of its components."""
+    rows = [["rms error of", "method", "poses", "x mm", "y mm", "z mm", "ωx mrad", "ωy mrad", "ωz mrad"]]
+    for one in poses:
+        good = (one.status == PoseStatus.VALID) & np.isfinite(one.error).all(axis=1)
+        count = f"{np.count_nonzero(one.status == PoseStatus.VALID)}/{len(one.time)}"
+        rms = 1e3 * np.sqrt(np.mean(one.error[good] ** 2, axis=0)) if good.any() else []
+        rows.append([one.label, one.method, count, *(f"{value:.3g}" for value in rms)])
+        rows[-1] += [""] * (len(rows[0]) - len(rows[-1]))
+    return rows
+
+
+def _numbers(record: PatternRecord) -> dict[str, str]:
+    """Return the numbers of a visit as pairs of a word and a phrase."""
+    table = {
+        "pattern": f"{record.number} over {record.target} at {record.time:.4f} s",
+        "state": f"{record.mode.value}, then {record.after.value}",
+        "status": f"{record.status.name}: {record.status.sentence}",
+        "amplitude": f"{1e3 * record.amplitude:.3f} mrad",
+        "voxels": f"{record.samples.time.shape[1]}, {int(record.samples.valid.sum())} with a range",
+    }
+    if np.isfinite(record.place).all():
+        sigma = np.sqrt(np.diagonal(record.covariance))
+        error = record.place - record.truth
+        for axis, (name, unit, scale) in enumerate(
+            (("Θ", "rad", 1e6), ("φ", "rad", 1e6), ("range", "m", 1e3))
+        ):
+            small = "mm" if unit == "m" else "µrad"
+            table[name] = (
+                f"{record.place[axis]:.6f} {unit} ± {scale * sigma[axis]:.3g} {small}, "
+                f"true {record.truth[axis]:.6f} {unit}, error {scale * error[axis]:+.3g} {small}"
+            )
+    return table
