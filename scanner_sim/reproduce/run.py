@@ -1,0 +1,102 @@
+"""All items, one after the other, each kept when it is done."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from scanner_sim.errors import InputError
+from scanner_sim.reproduce.item import Item, Task
+from scanner_sim.reproduce.page import page
+from scanner_sim.reproduce.results import (
+    PAGE,
+    Result,
+    make_folder,
+    read_result,
+    serves,
+    write_result,
+    write_whole,
+)
+
+Progress = Callable[[int, int, str], None]
+"""Called with the items done, the items in all, and the title of the next."""
+
+
+def all_items() -> tuple[Item, ...]:
+    """Return every item in the order of the paper's parts; their modules are loaded here."""
+    from scanner_sim.reproduce import ranging
+
+    return (*ranging.ITEMS,)
+
+
+def chosen_items(only: Sequence[str]) -> tuple[Item, ...]:
+    """Return the items with the given keys; all where none is given.
+
+    Raises
+    ------
+    InputError
+        If there is no such item.
+    """
+    items = {item.key: item for item in all_items()}
+    for key in only:
+        if key not in items:
+            near = difflib.get_close_matches(key, items, n=1)
+            raise InputError(
+                f"there is no item {key!r}.",
+                remedy=f"Did you mean {near[0]}?" if near else f"There are {', '.join(items)}.",
+            )
+    return tuple(item for key, item in items.items() if not only or key in only)
+
+
+def reproduce(
+    folder: Path,
+    task: Task,
+    *,
+    only: Sequence[str] = (),
+    anew: bool = False,
+    progress: Progress | None = None,
+) -> dict[str, Result]:
+    """Make items into a folder, and the page of all that is there.
+
+    An item that is there already, from a run with the same seed and versions, is not made again; a run that was
+    interrupted hence goes on where it was.
+
+    Parameters
+    ----------
+    folder
+        Where results, pictures and page go.
+    task
+        How the items are to be made.
+    only
+        Keys of the items; empty for all.
+    anew
+        Make them again even if they are there.
+    progress
+        Called before each item, and after the last.
+
+    Returns
+    -------
+    dict
+        The results of the chosen items by key.
+
+    Raises
+    ------
+    InputError
+        If a key is unknown, or the folder or the device cannot be used.
+    RunError
+        If the disk fails.
+    """
+    chosen, items = chosen_items(only), all_items()
+    make_folder(folder)
+    results = {item.key: found for item in items if (found := read_result(folder, item)) is not None}
+    for number, item in enumerate(chosen):
+        if progress is not None:
+            progress(number, len(chosen), item.title)
+        if anew or not serves(results.get(item.key), task):
+            results[item.key] = write_result(folder, item, task, item.make(task))
+            write_whole(folder / PAGE, page(items, results))
+    if progress is not None:
+        progress(len(chosen), len(chosen), "")
+    write_whole(folder / PAGE, page(items, results))
+    return {item.key: results[item.key] for item in chosen}
