@@ -164,14 +164,12 @@ class Workbench:
     def sweep(self, shots: Any) -> Any:
         """Return the angle by which the beams of shots move over the surface while the laser shines [rad].
 
-        In a raster they are all alike; else of shape (m,), Dr.Jit: √(δΘ² + (cosΘ δφ)²).
+        In a raster they are all alike, and no shots are needed; else of shape (m,), Dr.Jit.
         """
         scan, scanner = self.scenario.scan, self.scenario.scanner
         if isinstance(scan, RasterScan):
             return scan.travel * scanner.exposure / scanner.dwell
-        import drjit as dr
-
-        return dr.sqrt(dr.square(shots.travel_theta) + dr.square(dr.cos(shots.theta) * shots.travel_phi))
+        return shots.sweep
 
     def expected_speckle(self, shots: Any = None) -> Any:
         """Return what the instrument knows of the speckle of shots; None where there is none.
