@@ -50,6 +50,7 @@ WHOLE = (
     "target_errors",
     "pose_study",
     "pose_laws",
+    "reproduce",
     "cli",
 )
 ORDER = {name: rank for rank, name in enumerate((*ROOMS, "analytic", *WHOLE), start=1)}
@@ -57,7 +58,7 @@ ORDER |= dict.fromkeys(FOUNDATIONS, 0)
 
 # What the judge may share with the judged, and who may ask it.
 SHARED_WITH_JUDGE = {"analytic", "constants", "units", "errors"}
-MAY_ASK_JUDGE = {"analytic", "compare", "cli"}
+MAY_ASK_JUDGE = {"analytic", "compare", "reproduce", "cli"}
 
 # The device side of the flow. Elsewhere only the loader's two files and the streams touch it.
 DEVICE_ROOMS = {"mitsuba": {"render"}, "drjit": {"render", "detector", "signals"}}
