@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.detector.encoders import reading_noise
+from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.speckle import Grain, patterns
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
@@ -214,14 +215,14 @@ class Eye:
         spot = float(scanner.laser.radius(expected)) / (2.0 * expected)
         shining = scanner.exposure / scanner.dwell
         seen = measure_target(samples, target.looks, expected, spot=spot, shining=shining)
-        return samples, replace(seen, covariance=seen.covariance + self._common(motion))
+        return samples, replace(seen, covariance=seen.covariance + common_covariance(scanner.mirrors, motion))
 
-    def _common(self, motion: PatternMotion) -> Array:
-        """Return the covariance that all voxels of a pattern share, shape (1, 3, 3): wobble, and expected drift."""
-        mirrors = self._scenario.scanner.mirrors
-        spread = mirrors.temperature.spread(motion.time[:1])[0]
-        shared = np.zeros((1, 3, 3))
-        for axis, angle in enumerate((motion.commanded_theta, motion.commanded_phi)):
-            drift = spread * (mirrors.drift_zero + mirrors.drift_scale * float(angle.mean()))
-            shared[0, axis, axis] = mirrors.wobble**2 + drift**2
-        return shared
+
+def common_covariance(mirrors: Mirrors, motion: PatternMotion) -> Array:
+    """Return the covariance that all voxels of a pattern share, shape (1, 3, 3): wobble, and expected drift."""
+    spread = mirrors.temperature.spread(motion.time[:1])[0]
+    shared = np.zeros((1, 3, 3))
+    for axis, angle in enumerate((motion.commanded_theta, motion.commanded_phi)):
+        drift = spread * (mirrors.drift_zero + mirrors.drift_scale * float(angle.mean()))
+        shared[0, axis, axis] = mirrors.wobble**2 + drift**2
+    return shared
