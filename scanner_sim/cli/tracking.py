@@ -28,7 +28,7 @@ from scanner_sim.scenario import Scenario
 from scanner_sim.scene.lighting import Lighting
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 
-_BACKDROP = 192
+_BACKDROP = 320
 """Voxels along the longer side of the image behind the targets."""
 
 

@@ -193,10 +193,14 @@ def _visit(axes: Axes, record: PatternRecord, ink: str) -> None:
     axes.plot(*np.degrees(angles), color=colour, lw=0.9)
     if record.status is TrackStatus.MEASURED:
         axes.plot(*np.degrees(record.place[:2]), "+", color=ink, ms=5.0, mew=0.9)
+    from matplotlib.patheffects import AbstractPathEffect, withStroke
+
     x, y = np.degrees([angles[0].max(), angles[1].mean()])
-    axes.annotate(
+    rim: list[AbstractPathEffect] = [withStroke(linewidth=2.0, foreground="black")] if ink == "white" else []
+    label = axes.annotate(
         record.target, (x, y), (4.0, 0.0), textcoords="offset points", va="center", color=ink, fontsize=7.0
     )
+    label.set_path_effects(rim)
 
 
 def _backdrop(axes: Axes, image: RangeImage) -> None:
