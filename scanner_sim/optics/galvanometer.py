@@ -8,6 +8,7 @@ and steps). Angles are optical, twice the mechanical ones. Jitter, wobble and dr
 
 from __future__ import annotations
 
+import cmath
 import math
 from typing import Annotated, NamedTuple
 
@@ -189,24 +190,33 @@ def _beyond(galvanometers: Galvanometers, state: MirrorState, rate: Array, step:
 def _limited(
     galvanometers: Galvanometers, state: MirrorState, before: Array, wanted: Array, step: float
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Solve one mirror with its limits: free pieces at once, and limited updates one by one between them."""
+    """Solve one mirror with its limits: limited updates one by one, and the free pieces between them at once."""
     angle, rate = np.empty_like(wanted), np.empty_like(wanted)
     limited = np.zeros(wanted.shape, dtype=np.bool_)
     most, fastest = galvanometers.acceleration, galvanometers.slew
-    first, now = 0, state
+    zeta, omega, lag = galvanometers.damping, galvanometers.omega, galvanometers.lag
+    pole = complex(-zeta * omega, omega * math.sqrt(1.0 - zeta**2))
+    turn = cmath.exp(pole * step)
+    first, x, v = 0, float(state.angle), float(state.rate)
     while first < len(wanted):
-        free_angle, free_rate = _linear(galvanometers, now, before[first:], wanted[first:], step)
-        beyond = _beyond(galvanometers, now, free_rate, step)
-        free = int(np.argmax(beyond)) if beyond.any() else len(beyond)
-        last = first + free
-        angle[first:last], rate[first:last] = free_angle[:free], free_rate[:free]
-        if last == len(wanted):
-            break
-        x, v = (angle[last - 1], rate[last - 1]) if free else (now.angle, now.rate)
-        push = np.clip((free_rate[free] - v) / step, -most, most)
-        rate[last] = np.clip(v + push * step, -fastest, fastest)
-        angle[last] = x + 0.5 * (v + rate[last]) * step
-        limited[last] = True
-        now = MirrorState(angle[last], rate[last], wanted[last])
-        first = last + 1
+        # One update of the free servo, as in _linear.
+        start, end = float(before[first]), float(wanted[first])
+        slope = (end - start) / step
+        z = turn * (v - slope - pole.conjugate() * (x - start + lag * slope))
+        free = z.real + pole.real * z.imag / pole.imag + slope
+        if abs(free - v) > most * step or abs(free) > fastest:
+            push = min(max((free - v) / step, -most), most)
+            now = min(max(v + push * step, -fastest), fastest)
+            x, v = x + 0.5 * (v + now) * step, now
+            angle[first], rate[first], limited[first] = x, v, True
+            first += 1
+            continue
+        own = MirrorState(np.asarray(x), np.asarray(v), before[first])
+        free_angle, free_rate = _linear(galvanometers, own, before[first:], wanted[first:], step)
+        beyond = _beyond(galvanometers, own, free_rate, step)
+        # The first update is free, whatever rounding says of it here.
+        count = 1 + (int(np.argmax(beyond[1:])) if beyond[1:].any() else len(beyond) - 1)
+        angle[first : first + count], rate[first : first + count] = free_angle[:count], free_rate[:count]
+        first += count
+        x, v = float(angle[first - 1]), float(rate[first - 1])
     return angle, rate, limited

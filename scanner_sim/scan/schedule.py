@@ -208,9 +208,12 @@ def _way(
     half = 0.5 * visiting.turnaround
     rest, launch = origin + 0.5 * half * mirrors.slope, goal - 0.5 * half * slope
     distance = np.abs(launch - rest)
-    jump = float(jump_time(galvanometers, distance.max()))
     given = start - mirrors.time
-    if np.abs(goal - origin).max() <= near and given < visiting.turnaround + jump:
+    close = np.abs(goal - origin).max() <= near
+    # How long a jump would take is costly, and of no interest where there is no time for one.
+    hurried = close and given < visiting.turnaround + 0.5 * step
+    jump = 0.0 if hurried else float(jump_time(galvanometers, distance.max()))
+    if hurried or (close and given < visiting.turnaround + jump):
         count = round(max(given, visiting.turnaround) / step)
         s = np.arange(1, count + 1) / max(count, 1)
         duration = count * step
