@@ -119,6 +119,8 @@ class Item:
         Where both differ and why; what cannot be compared.
     make
         The work.
+    aliases
+        Other keys by which it may be asked for.
     also
         Other commands that give the same; empty if there is none.
     """
@@ -129,6 +131,7 @@ class Item:
     how: str
     differences: str
     make: Callable[[Task], Outcome]
+    aliases: tuple[str, ...] = ()
     also: str = ""
 
     @property

@@ -34,7 +34,7 @@ _HALF = 0.45
 """Deflection to each side over which the field is tried [rad]."""
 
 
-def eq01(task: Task) -> Outcome:
+def eq1(task: Task) -> Outcome:
     """Hold rendered spots against eq 1."""
     distances = np.geomspace(1.8, 40.0, task.choose(14, 6))
     theta = np.linspace(-_HALF, _HALF, 9)
@@ -90,7 +90,7 @@ def eq01(task: Task) -> Outcome:
     return Outcome(rows, lambda path: sheet(path, "Range from the spot's place (eq 1)", about, draw, 2))
 
 
-def eq02(task: Task) -> Outcome:
+def eq2(task: Task) -> Outcome:
     """Hold measured delays against eq 2."""
     distances = np.geomspace(2.0, 100.0, task.choose(10, 5))
     count = task.choose(20, 10)
@@ -138,7 +138,7 @@ def eq02(task: Task) -> Outcome:
     return Outcome(rows, lambda path: sheet(path, "Range from a pulse's delay (eq 2)", about, draw, 2))
 
 
-def eq03(task: Task) -> Outcome:
+def eq3(task: Task) -> Outcome:
     """Hold measured points against eq 3 and the plane that they lie on."""
     distance = 8.0
     theta, phi = grid(_HALF, task.choose(41, 21))
@@ -184,7 +184,7 @@ def eq03(task: Task) -> Outcome:
     return Outcome(rows, lambda path: sheet(path, "Coordinates (eq 3)", about, draw, 2))
 
 
-def eq04(task: Task) -> Outcome:
+def eq4(task: Task) -> Outcome:
     """Measure σ_R for a constant error of the spot's place, over range and over the field."""
     error = 10e-6
     scanner: dict[str, Any] = {**QUIET, "mirrors": {**STILL, "synchronisation": error}}
@@ -239,7 +239,7 @@ def eq04(task: Task) -> Outcome:
     return Outcome(rows, lambda path: sheet(path, "Growth of the range error (eq 4)", about, draw, 2))
 
 
-def eq05(task: Task) -> Outcome:
+def eq5(task: Task) -> Outcome:
     """Measure the errors of x, y and z over the field."""
     angle, apart, distance, phi = 50e-6, 1e-6, 8.0, 0.3
     scanner = {**QUIET, "mirrors": {**STILL, "jitter": angle, "synchronisation": apart}}
@@ -292,51 +292,52 @@ def eq05(task: Task) -> Outcome:
 
 ITEMS = (
     Item(
-        "eq01",
+        "eq1",
         "Equation 1: range by triangulation",
         "R = f d cosΘ/p + d sinΘ, with f 100 mm. The base d is not printed.",
-        "Plates from 1.8 to 40 m over ±0.45 rad; the spot is rendered onto the pixels and found again, without noise.",
+        "Plates from 1.8 to 40 m over ±0.45 rad; the spot is rendered onto the pixels and found again, "
+        "without noise.",
         "None: eq 1 is exact for the two-mirror optics. Base (0.2 m) and length of the array (12.8 mm) are "
         "assumptions.",
-        eq01,
+        eq1,
     ),
     Item(
-        "eq02",
+        "eq2",
         "Equation 2: range by time of flight",
         "R = c τ/2.",
         "Waveforms of pulses from facing plates, with all noise, timed by the matched filter.",
         "None on the laser's own axis. Beside it, at the lens, the way back is longer, and the simulator takes its "
         "exact form. The unit's pulse, diode and clock are not printed: they are assumptions.",
-        eq02,
+        eq2,
     ),
     Item(
-        "eq03",
+        "eq3",
         "Equation 3: coordinates",
         "x, y, z from R, Θ, φ with ψ = D_g/R.",
         "A plate at 8 m over ±0.45 rad on both axes, without noise.",
-        "None: with y downwards eq 3 is exact as printed. D_g is not printed (50 mm here); it must not be left out of "
-        "coordinates, only out of their errors.",
-        eq03,
+        "None: with y downwards eq 3 is exact as printed. D_g is not printed (50 mm here); it must not be "
+        "left out of coordinates, only out of their errors.",
+        eq3,
     ),
     Item(
-        "eq04",
+        "eq4",
         "Equation 4: error of the range",
         "ΔR ≈ R² Δp/(f d).",
-        "σ of simulated ranges with one source of error alone, an angle between projection and reception, which is a "
-        "constant Δp but for 1 + p²/f².",
-        "Exact on the axis. Over the field ΔR = (R − d sinΘ)² Δp/(f d cosΘ): the printed form promises up to 16 % too "
-        "little at the rim.",
-        eq04,
+        "σ of simulated ranges with one source of error alone, an angle between projection and reception, "
+        "which is a constant Δp but for 1 + p²/f².",
+        "Exact on the axis. Over the field ΔR = (R − d sinΘ)² Δp/(f d cosΘ): the printed form promises up to "
+        "16 % too little at the rim.",
+        eq4,
     ),
     Item(
-        "eq05",
+        "eq5",
         "Equation 5: errors of x, y, z",
         "Squares of the errors of R, Θ and φ add, each along its own direction.",
         "Scatter of simulated points about the true ones, simulated pixels.",
-        "The printed form takes R for independent of Θ. That is right for time of flight; in triangulation R follows Θ "
-        "at fixed p, and the full Jacobian must be used, which the simulator does. Off the axis the printed form is "
-        "up to half too small or too large.",
-        eq05,
+        "The printed form takes R for independent of Θ. That is right for time of flight; in triangulation R "
+        "follows Θ at fixed p, and the full Jacobian must be used, which the simulator does. Off the axis "
+        "the printed form is up to half too small or too large.",
+        eq5,
     ),
 )
 """Equations 1 to 5."""

@@ -25,9 +25,9 @@ Progress = Callable[[int, int, str], None]
 
 def all_items() -> tuple[Item, ...]:
     """Return every item in the order of the paper's parts; their modules are loaded here."""
-    from scanner_sim.reproduce import ranging
+    from scanner_sim.reproduce import ranging, sunlight
 
-    return (*ranging.ITEMS,)
+    return (*ranging.ITEMS, *sunlight.ITEMS)
 
 
 def chosen_items(only: Sequence[str]) -> tuple[Item, ...]:
@@ -38,15 +38,17 @@ def chosen_items(only: Sequence[str]) -> tuple[Item, ...]:
     InputError
         If there is no such item.
     """
-    items = {item.key: item for item in all_items()}
+    items = all_items()
+    named = {key: item for item in items for key in (item.key, *item.aliases)}
     for key in only:
-        if key not in items:
-            near = difflib.get_close_matches(key, items, n=1)
+        if key not in named:
+            near = difflib.get_close_matches(key, named, n=1)
             raise InputError(
                 f"there is no item {key!r}.",
-                remedy=f"Did you mean {near[0]}?" if near else f"There are {', '.join(items)}.",
+                remedy=f"Did you mean {near[0]}?" if near else f"There are {', '.join(named)}.",
             )
-    return tuple(item for key, item in items.items() if not only or key in only)
+    wanted = {named[key].key for key in only}
+    return tuple(item for item in items if not only or item.key in wanted)
 
 
 def reproduce(
