@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.encoders import reading_normals, readings
 from scanner_sim.lidar import layers_of
+from scanner_sim.pattern_windows import Windows
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.scan.raster import Aim
 from scanner_sim.workbench import Workbench, finished_layers
 
 Array = NDArray[np.float64]
-Step = Callable[[list[Any], Any, Any], tuple[Any, dict[str, Any]]]
+Step = Callable[[list[Any], Any, Any, list[Any]], tuple[Any, dict[str, Any]]]
 
 _ALIGNMENT = 64
 """Alignment of what is handed to the device [bytes]: Dr.Jit makes a kernel for each alignment that it meets."""
@@ -40,19 +41,19 @@ class PatternBench:
 
     Notes
     -----
-    Time of flight, light of several bounces and scenes under the Sun are measured by the workbench itself.
+    Time of flight, and light of several bounces, are measured by the workbench itself.
     """
 
     def __init__(self, workbench: Workbench) -> None:
         self.bench = workbench
         self._steps: dict[int, Step] = {}
+        self.windows = None if workbench.scenario.lighting.sky().dark else Windows(workbench)
 
     @property
     def fast(self) -> bool:
         """Whether the scenario is one that frozen kernels measure."""
         scenario = self.bench.scenario
-        dark = scenario.lighting.sky().dark
-        return dark and scenario.ranging == "triangulation" and scenario.transport.bounces == 1
+        return scenario.ranging == "triangulation" and scenario.transport.bounces == 1
 
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
         """Return the layers of a pattern's shots: see :meth:`~scanner_sim.workbench.Workbench.measure`."""
@@ -65,7 +66,9 @@ class PatternBench:
         bench, mirrors = self.bench, self.bench.scenario.scanner.mirrors
         still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
         numbers, integers = self._packed(aim, still)
-        truth, found = self._step(len(aim.shot))(self._reads, auto.Float(numbers), auto.UInt32(integers))
+        window = [] if self.windows is None else self.windows.seen_by(aim)
+        step = self._step(len(aim.shot))
+        truth, found = step(self._reads, auto.Float(numbers), auto.UInt32(integers), window)
         status = found.pop("status").numpy()
         values = {name: array.numpy().astype(np.float64) for name, array in found.items()}
         theta, phi = readings(
@@ -146,11 +149,13 @@ class PatternBench:
             import drjit as dr
 
             self._steps[points] = dr.freeze(
-                lambda reads, numbers, integers: self._measured(numbers, integers, points)
+                lambda reads, numbers, integers, window: self._measured(numbers, integers, window, points)
             )
         return self._steps[points]
 
-    def _measured(self, numbers: Any, integers: Any, points: int) -> tuple[Any, dict[str, Any]]:
+    def _measured(
+        self, numbers: Any, integers: Any, window: list[Any], points: int
+    ) -> tuple[Any, dict[str, Any]]:
         """Return truth and measured values of a pattern, Dr.Jit arrays of shape (points,)."""
         import drjit as dr
         import drjit.auto.ad as auto
@@ -184,7 +189,8 @@ class PatternBench:
         )
         dr.eval(shots, aimed, error, seen, read)
         truth, light = pattern_light(bench.loaded, bench.optics, self._beamlets, shots)
-        incident, _, peaks = bench.sense(light, shots, truth.distance, aimed, None, whole=True)
+        panorama = None if self.windows is None else self.windows.panorama(window)
+        incident, _, peaks = bench.sense(light, shots, truth.distance, aimed, panorama, whole=True)
         budget = incident.link_budget()
         return truth, {
             "status": peaks.status,

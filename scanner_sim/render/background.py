@@ -30,10 +30,10 @@ from numpy.typing import NDArray
 from scanner_sim.render.filtering import Features, convolved, smooth
 from scanner_sim.render.paths import Albedo, FirstHit, Radiance, trace_paths
 from scanner_sim.render.rays import for_rows, posed
-from scanner_sim.render.sharp import contrast, sharp_light
+from scanner_sim.render.sharp import contrast, evenly_sharp_light, sharp_light
 from scanner_sim.render.sky import SkyLight
 from scanner_sim.render.transport import Bench
-from scanner_sim.render.view import WINDOW, View, rays_through
+from scanner_sim.render.view import WINDOW, View, Window, rays_through
 from scanner_sim.scene.loader import LoadedScene
 from scanner_sim.streams import Stream, generator
 
@@ -58,17 +58,24 @@ class Panorama:
     of 200 µm about the bin.
     """
 
-    view: View
+    view: View | Window
     in_band: Any
     out_of_band: Any
     error: Any
     error_out: Any
 
     def look(self, layer: Any, row: Any, angle: Any) -> Any:
-        """Return a layer around angles [rad] of some rows, interpolated between bins."""
-        at = (angle - dr.opaque(mi.Float, self.view.first)) / dr.opaque(mi.Float, self.view.step)
+        """Return a layer around angles [rad] of some rows, interpolated between bins, and between rows if need be."""
+        if dr.is_float_v(row):
+            low = dr.floor(row)
+            last_row = mi.Float(self.view.rows) - 1.0
+            upper, lower = (
+                self.look(layer, mi.UInt32(dr.minimum(low + step, last_row)), angle) for step in (0.0, 1.0)
+            )
+            return dr.lerp(upper, lower, row - low)
+        first, step, last = self.view.lattice()
+        at = (angle - first) / step
         low = dr.floor(at)
-        last = dr.opaque(mi.Float, self.view.bins - 1)
         left = row * self.view.bins + mi.UInt32(dr.clip(low, 0.0, last))
         right = row * self.view.bins + mi.UInt32(dr.clip(low + 1.0, 0.0, last))
         return dr.lerp(dr.gather(mi.Float, layer, left), dr.gather(mi.Float, layer, right), at - low)
@@ -79,11 +86,12 @@ def render_panorama(
     bench: Bench,
     sky: SkyLight,
     albedo: Albedo,
-    view: View,
+    view: View | Window,
     *,
     bounces: int,
     samples: int,
     seed: int,
+    sharp_samples: int | None = None,
 ) -> Panorama:
     """Path-trace the panoramas of a raster.
 
@@ -98,6 +106,9 @@ def render_panorama(
         gets as many more, up to a limit.
     seed
         Seed of the paths.
+    sharp_samples
+        Samples of the sharp light of each bin, in each half; None lets a pilot say. With a number no array's size
+        depends on the light.
     """
     loaded = posed(loaded, None if view.time is None else loaded.poses_at(view.time))
     finer = max(1, round(min(view.row_step / (2.0 * view.step), _MOST_SAMPLES)))
@@ -123,12 +134,10 @@ def render_panorama(
                 dr.scatter(target, value, at)
             features[part].put(first, half, at)
             dr.eval(sums, features)
-    low, high = dr.minimum(sums[0][0], sums[1][0]), dr.maximum(sums[0][1], sums[1][1])
-    seen = bench.height / bench.receiver.focal_length
-    # An edge between rows, at the end of the pixels' height, may escape all samples of one row.
-    uneven = contrast(low, high, view, 1 if view.row_step < 2.0 * seen else 0)
-    dr.eval(uneven)
-    sharp = sharp_light(loaded, bench, sky, albedo, view, uneven, finer=min(finer, 4), seed=seed)
+    if sharp_samples is None:
+        sharp = _sharp_by_contrast(loaded, bench, sky, albedo, view, sums, min(finer, 4), seed)
+    else:
+        sharp = evenly_sharp_light(loaded, bench, sky, albedo, view, sharp_samples, seed)
     halves = [
         one + other
         for part in range(2)
@@ -141,7 +150,26 @@ def render_panorama(
     return _assembled(view, bench, halves)
 
 
-def _assembled(view: View, bench: Bench, halves: list[Any]) -> Panorama:
+def _sharp_by_contrast(
+    loaded: LoadedScene,
+    bench: Bench,
+    sky: SkyLight,
+    albedo: Albedo,
+    view: View | Window,
+    sums: list[list[Any]],
+    finer: int,
+    seed: int,
+) -> list[list[Any]]:
+    """Return both halves of the sharp light, sampled the more the more the least and largest samples differ."""
+    low, high = dr.minimum(sums[0][0], sums[1][0]), dr.maximum(sums[0][1], sums[1][1])
+    seen = bench.height / bench.receiver.focal_length
+    # An edge between rows, at the end of the pixels' height, may escape all samples of one row.
+    uneven = contrast(low, high, view, 1 if view.row_step < 2.0 * seen else 0)
+    dr.eval(uneven)
+    return sharp_light(loaded, bench, sky, albedo, view, uneven, finer=finer, seed=seed)
+
+
+def _assembled(view: View | Window, bench: Bench, halves: list[Any]) -> Panorama:
     """Blur both halves, and take the error of a window from their difference."""
     # A bin's own width, and the interpolation between bins, blur as well.
     spread = math.sqrt(max((bench.receiver.point_spread / bench.pitch) ** 2 - 1.0 / 6.0, 0.0))
@@ -162,7 +190,7 @@ def _assembled(view: View, bench: Bench, halves: list[Any]) -> Panorama:
     return Panorama(view, *layers)
 
 
-def _over_rows(layer: Any, view: View) -> Any:
+def _over_rows(layer: Any, view: View | Window) -> Any:
     """Return the mean of each row with the next to either side; the first and last are repeated."""
     lane = dr.arange(mi.UInt32, view.rows * view.bins)
     up = dr.select(lane >= view.bins, lane - view.bins, lane)
@@ -188,7 +216,7 @@ def _trace_rows(
     bench: Bench,
     sky: SkyLight,
     albedo: Albedo,
-    view: View,
+    view: View | Window,
     rows: NDArray[np.intp],
     first_sample: int,
     samples: int,

@@ -180,7 +180,7 @@ class Incident:
     def _seen(self, layer: Any, pixel: Any, place: Any) -> Any:
         """Return a layer of the panorama where pixels look."""
         assert self.panorama is not None
-        row = dr.gather(mi.UInt32, self.shots.number, place) // dr.opaque(mi.UInt32, self.columns)
+        row = self.panorama.view.row(self.shots, place, self.columns)
         angle = dr.gather(mi.Float, self.shots.theta, place) - self._of(self.throughput.angle, pixel)
         return self.panorama.look(layer, row, angle)
 

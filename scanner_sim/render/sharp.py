@@ -19,7 +19,7 @@ from scanner_sim.render.paths import Albedo, trace_sharp
 from scanner_sim.render.rays import for_rows
 from scanner_sim.render.sky import SkyLight
 from scanner_sim.render.transport import Bench
-from scanner_sim.render.view import View, rays_through
+from scanner_sim.render.view import View, Window, rays_through
 from scanner_sim.scene.loader import LoadedScene
 from scanner_sim.streams import Stream, generator
 
@@ -37,7 +37,7 @@ _DISC = (0.8191725134, 0.6710436067)
 """Powers of the reciprocal of the real root of x⁴ = x + 1: steps of a sequence even in two further dimensions."""
 
 
-def contrast(low: Any, high: Any, view: View, reach_rows: int) -> Any:
+def contrast(low: Any, high: Any, view: View | Window, reach_rows: int) -> Any:
     """Return the contrast of the pilot's samples around each bin, (high − low)/(high + faint).
 
     Parameters
@@ -66,7 +66,7 @@ def sharp_light(
     bench: Bench,
     sky: SkyLight,
     albedo: Albedo,
-    view: View,
+    view: View | Window,
     uneven: Any,
     *,
     finer: int,
@@ -110,12 +110,28 @@ def sharp_light(
     return halves
 
 
+def evenly_sharp_light(
+    loaded: LoadedScene,
+    bench: Bench,
+    sky: SkyLight,
+    albedo: Albedo,
+    view: View | Window,
+    samples: int,
+    seed: int,
+) -> list[list[Any]]:
+    """Return what :func:`sharp_light` does, with as many samples of every bin in each half."""
+    bins = dr.arange(mi.UInt32, view.rows * view.bins)
+    halves = [_trace(loaded, bench, sky, albedo, view, bins, samples, part, seed) for part in range(2)]
+    dr.eval(halves)
+    return halves
+
+
 def _trace(
     loaded: LoadedScene,
     bench: Bench,
     sky: SkyLight,
     albedo: Albedo,
-    view: View,
+    view: View | Window,
     bins: Any,
     samples: int,
     part: int,

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
+from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Bench, device_frame
 
 WINDOW = 200e-6
@@ -52,6 +53,72 @@ class View:
         """Angle between rows [rad]; infinite where there is one row only."""
         return float(self.phi[1] - self.phi[0]) if self.rows > 1 else math.inf
 
+    def lattice(self) -> tuple[Any, Any, Any]:
+        """Return angle of the first bin's centre and of a bin [rad], and number of the last bin: opaque Dr.Jit."""
+        first, step, last = (dr.opaque(mi.Float, value) for value in (self.first, self.step, self.bins - 1))
+        return first, step, last
+
+    def tables(self, bench: Bench) -> tuple[Any, Any]:
+        """Return φ of the rows [rad] and the quantiles of the pixels' height [m], Dr.Jit."""
+        heights = height_quantiles(bench.height, bench.receiver.point_spread)
+        return mi.Float(self.phi.astype(np.float32)), mi.Float(heights.astype(np.float32))
+
+    def row(self, shots: Shots, place: Any, columns: int) -> Any:
+        """Return the rows of the shots at some places; a raster's shots tell it by their number."""
+        return dr.gather(mi.UInt32, shots.number, place) // dr.opaque(mi.UInt32, columns)
+
+
+@dataclass
+class Window:
+    """The angles of a panorama whose place may change without another kernel: a part of a lattice.
+
+    What pixels see of it is interpolated between rows. That spreads light over a variance of a sixth of a row's step;
+    the rows are rendered with pixels that are as much less high, so that the variance across is the pixels' own.
+
+    Attributes
+    ----------
+    first, phi
+        Angle of the first bin's centre, and φ of the first row [rad], Dr.Jit numbers.
+    rows, bins
+        Numbers of rows and bins: whole numbers to render it, or Dr.Jit ones to look at it.
+    step, row_step
+        Angle of a bin, and between rows [rad].
+    heights
+        Quantiles of the height, Dr.Jit: :func:`window_heights`.
+    """
+
+    first: Any
+    phi: Any
+    rows: Any
+    bins: Any
+    step: float
+    row_step: float
+    heights: Any
+    time: None = None
+
+    def lattice(self) -> tuple[Any, Any, Any]:
+        """Return angle of the first bin's centre and of a bin [rad], and number of the last bin, Dr.Jit."""
+        return self.first, dr.opaque(mi.Float, self.step), mi.Float(self.bins) - 1.0
+
+    def tables(self, bench: Bench) -> tuple[Any, Any]:  # noqa: ARG002 (a raster's view needs it)
+        """Return φ of the rows [rad] and the quantiles of the pixels' height [m], Dr.Jit."""
+        lane = dr.arange(mi.Float, self.rows)
+        return dr.fma(lane, dr.opaque(mi.Float, self.row_step), self.phi), self.heights
+
+    def row(self, shots: Shots, place: Any, columns: int) -> Any:  # noqa: ARG002 (a raster's view needs it)
+        """Return where between the rows the shots at some places look, 0 to rows − 1."""
+        at = (dr.gather(mi.Float, shots.phi, place) - self.phi) / dr.opaque(mi.Float, self.row_step)
+        return dr.clip(at, 0.0, mi.Float(self.rows) - 1.0)
+
+
+def window_heights(bench: Bench, row_step: float) -> NDArray[np.float64]:
+    """Return the quantiles of a pixel's height [m] for rows a step [rad] apart, between which one interpolates.
+
+    h²/12 less (f δ)²/6, as a height: for steps up to 0.6 of a pixel's height, h/f.
+    """
+    spread = (bench.receiver.focal_length * row_step) ** 2
+    return height_quantiles(math.sqrt(max(bench.height**2 - 2.0 * spread, 0.0)), bench.receiver.point_spread)
+
 
 def panorama_view(
     theta: tuple[float, float],
@@ -71,7 +138,9 @@ def panorama_view(
     return View(np.asarray(phi, dtype=np.float64), first, step, bins, time)
 
 
-def rays_through(bench: Bench, view: View, row: Any, column: Any, along: Any, across: Any) -> tuple[Any, Any]:
+def rays_through(
+    bench: Bench, view: View | Window, row: Any, column: Any, along: Any, across: Any
+) -> tuple[Any, Any]:
     """Return the rays from the lens node through places of bins.
 
     Parameters
@@ -90,10 +159,9 @@ def rays_through(bench: Bench, view: View, row: Any, column: Any, along: Any, ac
     tuple
         Origins and unit directions, shape (n,).
     """
-    angle = (mi.Float(column) + along) * dr.opaque(mi.Float, view.step) + dr.opaque(mi.Float, view.first)
-    phi = dr.gather(mi.Float, mi.Float(view.phi.astype(np.float32)), row)
-    frame = device_frame(bench, angle, phi)
-    table = mi.Float(height_quantiles(bench.height, bench.receiver.point_spread).astype(np.float32))
+    first, step, _ = view.lattice()
+    rows, table = view.tables(bench)
+    frame = device_frame(bench, (mi.Float(column) + along) * step + first, dr.gather(mi.Float, rows, row))
     at = across * _QUANTILES
     low = mi.UInt32(dr.minimum(at, _QUANTILES - 1.0))
     height = dr.lerp(dr.gather(mi.Float, table, low), dr.gather(mi.Float, table, low + 1), at - mi.Float(low))

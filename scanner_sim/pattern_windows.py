@@ -1,0 +1,201 @@
+"""The background of patterns: windows of panoramas, rendered where a pattern's pixels look and kept while they hold.
+
+The angles (Θ − atan(p/f), φ) that pixels see form a lattice: bins of a pixel along it, rows of half a pixel's height. A
+window is a part of it about a pattern, widened to multiples of a few bins, so that the next patterns of the same target
+fall into the same one. While objects move it is rendered anew for each time slot, whose length is a power of two in
+which the fastest of them moves by half a bin at most: for its middle. Which window a pattern sees depends on its aim
+alone, never on what was measured before.
+
+Approximations: objects stand still for a slot, at most a quarter of a bin away from where they are (those faster than
+half a bin in 1/64 s are farther: no slot is shorter); two rows are interpolated; sharp light has 16 samples a bin
+everywhere, where a raster's has 4 to 48; and what :mod:`scanner_sim.render.background` leaves out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.scan.raster import Aim
+from scanner_sim.workbench import Workbench
+
+_ROW = 0.5
+"""Distance of rows, over the height of a pixel."""
+_QUANTUM = 8
+"""Bins by which windows are shifted."""
+_BINS_TOGETHER, _ROWS_TOGETHER = 32, 8
+"""Sizes of windows are multiples of them: few sizes make few kernels."""
+_SHARE = 0.5
+"""Part of a bin by which anything may move in a time slot."""
+_BLOCK, _FINEST = 1.0, 6
+"""Longest time slot [s], and how often it may be halved."""
+_SHARP = 8
+"""Samples of the sharp light of each bin, in each half."""
+_KEPT = 16
+"""Windows that are kept."""
+_MOMENTS = np.linspace(0.0, 1.0, 5)
+"""Moments of a block at which speeds are looked at."""
+_NEAREST = 0.1
+"""Distance [m] below which a part of a moving object counts as being there: it may lie around the scanner."""
+
+Key = tuple[int, int, int, int, int, int]
+
+
+class Windows:
+    """The windows of an instrument before a scene under the Sun.
+
+    Parameters
+    ----------
+    workbench
+        Instrument, scene and lighting.
+    """
+
+    def __init__(self, workbench: Workbench) -> None:
+        self._bench = workbench
+        optics = workbench.optics
+        self.step = optics.pitch / optics.receiver.focal_length
+        self.row_step = _ROW * optics.height / optics.receiver.focal_length
+        self._kept: OrderedDict[Key, list[Any]] = OrderedDict()
+        self._renderers: dict[tuple[int, int], Callable[..., list[Any]]] = {}
+        self._slots: dict[int, int] = {}
+        self.rendered = 0
+
+    def seen_by(self, aim: Aim) -> list[Any]:
+        """Return what the frozen measurement of a pattern needs of its window, Dr.Jit arrays for :meth:`panorama`."""
+        key = self._key(aim)
+        if key in self._kept:
+            self._kept.move_to_end(key)
+        else:
+            self._kept[key] = self._rendered(*key)
+            self.rendered += 1
+            if len(self._kept) > _KEPT:
+                self._kept.popitem(last=False)
+        return self._kept[key]
+
+    def panorama(self, parts: list[Any]) -> Any:
+        """Return the panorama of what :meth:`seen_by` returned; None of an empty list."""
+        from scanner_sim.render.background import Panorama
+        from scanner_sim.render.view import Window
+
+        if not parts:
+            return None
+        first, phi, rows, bins, *layers = parts
+        return Panorama(Window(first, phi, rows, bins, self.step, self.row_step, self._heights), *layers)
+
+    def _key(self, aim: Aim) -> Key:
+        """Return first bin, bins, first row, rows, time slot and its halvings of the window of a pattern."""
+        optics = self._bench.optics
+        pixels, f = self._bench.scenario.scanner.position_sensor.pixels, optics.receiver.focal_length
+        reach = 0.5 * np.abs(aim.travel_theta), 0.5 * np.abs(aim.travel_phi)
+        left = float((aim.theta - reach[0]).min()) - math.atan((optics.offset + pixels * optics.pitch) / f)
+        right = float((aim.theta + reach[0]).max()) - math.atan(optics.offset / f)
+        first, bins = _span(left, right, self.step, _QUANTUM, _BINS_TOGETHER)
+        top, bottom = float((aim.phi - reach[1]).min()), float((aim.phi + reach[1]).max())
+        first_row, rows = _span(top, bottom, self.row_step, 1, _ROWS_TOGETHER)
+        return (first, bins, first_row, rows, *self._slot(0.5 * float(aim.time[0] + aim.time[-1])))
+
+    def _slot(self, time: float) -> tuple[int, int]:
+        """Return the number of the time slot of a moment [s], and how often a block was halved for it."""
+        if not self._bench.loaded.bodies:
+            return 0, 0
+        block = math.floor(time / _BLOCK)
+        if block not in self._slots:
+            moved = _BLOCK * self._speed(_BLOCK * (block + _MOMENTS)) / (_SHARE * self.step)
+            self._slots[block] = min(max(math.ceil(math.log2(max(moved, 1.0))), 0), _FINEST)
+        halvings = self._slots[block]
+        return math.floor(time / _BLOCK * 2**halvings), halvings
+
+    def _speed(self, time: NDArray[np.float64]) -> float:
+        """Return the largest speed of corners of moving objects' boxes [rad/s], as the scanner sees it."""
+        fastest, apart = 0.0, 1e-3
+        for body in self._bench.loaded.bodies:
+            box = body.mitsuba.bbox()
+            corners = np.array([np.asarray(box.corner(number)).ravel() for number in range(8)])
+            before, after = (
+                pose[:, :3, :3] @ corners.T + pose[:, :3, 3:]
+                for pose in (body.item.pose_at(time - apart), body.item.pose_at(time + apart))
+            )
+            speed = np.linalg.norm(after - before, axis=1) / (2.0 * apart)
+            distance = np.maximum(np.linalg.norm(after, axis=1), _NEAREST)
+            fastest = max(fastest, float((speed / distance).max()))
+        return fastest
+
+    @cached_property
+    def _heights(self) -> Any:
+        import drjit.auto.ad as auto
+
+        from scanner_sim.render.view import window_heights
+
+        return auto.Float(window_heights(self._bench.optics, self.row_step).astype(np.float32))
+
+    @cached_property
+    def _light(self) -> Any:
+        from scanner_sim.render.sky import light_of
+
+        return light_of(self._bench.scenario.lighting.sky())
+
+    def _rendered(
+        self, first: int, bins: int, first_row: int, rows: int, slot: int, halvings: int
+    ) -> list[Any]:
+        import drjit as dr
+        import drjit.auto.ad as auto
+
+        loaded = self._bench.loaded
+        reads = [
+            loaded.mitsuba,
+            *(body.mitsuba for body in loaded.bodies),
+            loaded.object_of,
+            loaded.material_of,
+            loaded.out_of_band_ratio,
+            self._light,
+            self._heights,
+        ]
+        place = [dr.opaque(auto.Float, first * self.step), dr.opaque(auto.Float, first_row * self.row_step)]
+        poses = loaded.poses_at((slot + 0.5) * _BLOCK / 2**halvings) if loaded.bodies else ()
+        layers = self._renderer(rows, bins)(reads, place, poses)
+        return [*place, dr.opaque(auto.UInt32, rows), dr.opaque(auto.UInt32, bins), *layers]
+
+    def _renderer(self, rows: int, bins: int) -> Callable[..., list[Any]]:
+        """Return the frozen kernels that render windows of a size."""
+        if (rows, bins) not in self._renderers:
+            import drjit as dr
+
+            self._renderers[rows, bins] = dr.freeze(
+                lambda reads, place, poses: self._layers(place, poses, rows, bins)
+            )
+        return self._renderers[rows, bins]
+
+    def _layers(self, place: list[Any], poses: Any, rows: int, bins: int) -> list[Any]:
+        """Return the layers of a panorama over a window."""
+        from scanner_sim.render.background import render_panorama
+        from scanner_sim.render.paths import Albedo
+        from scanner_sim.render.rays import posed
+        from scanner_sim.render.view import Window
+
+        scenario = self._bench.scenario
+        sky, settings = scenario.lighting.sky(), scenario.transport
+        found = render_panorama(
+            posed(self._bench.loaded, poses),
+            self._bench.optics,
+            self._light,
+            Albedo(sky.albedo, sky.albedo_out_of_band),
+            Window(place[0], place[1], rows, bins, self.step, self.row_step, self._heights),
+            bounces=settings.background_bounces,
+            samples=settings.background_samples,
+            seed=scenario.seed,
+            sharp_samples=_SHARP,
+        )
+        return [found.in_band, found.out_of_band, found.error, found.error_out]
+
+
+def _span(low: float, high: float, step: float, quantum: int, together: int) -> tuple[int, int]:
+    """Return the first of the steps of a lattice that cover a span with one more at each end, and their number."""
+    first = math.floor((low / step - 1.0) / quantum) * quantum
+    last = math.ceil(high / step + 1.0)
+    return first, math.ceil((last - first + 1) / together) * together
