@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.integrate import quad
@@ -56,5 +57,5 @@ class PassBand:
         far = 0.5 * self.width
         edges = [middle + k * far for k in (-30.0, -3.0, -1.0, 1.0, 3.0, 30.0)]
         ends = [low, *sorted(edge for edge in edges if low < edge < high), high]
-        parts = (quad(counted, *pair, limit=200)[0] for pair in zip(ends[:-1], ends[1:], strict=True))
+        parts = (quad(counted, *pair, limit=200)[0] for pair in pairwise(ends))
         return float(np.sum(list(parts)))

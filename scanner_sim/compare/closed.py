@@ -60,7 +60,7 @@ class Closed:
         return self.scenario.scanner.receiver.baseline
 
     @cached_property
-    def D(self) -> float:  # noqa: N802 (D_g of the paper)
+    def D(self) -> float:
         """Separation of the axes [m]."""
         return self.scenario.scanner.mirrors.axis_separation
 
@@ -145,7 +145,7 @@ class Closed:
         return 0.5 * (low + high)
 
     def sigma_pixel(self, seen: Spot, estimator: str, variance: Array) -> float:
-        """Return σ of the estimate [pixel] for a variance of each pixel of the judge's line: first order, or the bound."""
+        """Return σ of the estimate [pixel] for the variances of the judge's pixels: first order, or the bound."""
         if estimator == FIT:
             return bound_of(seen, variance)
         return first_order(ESTIMATORS[estimator], seen.line, variance)

@@ -129,8 +129,8 @@ SUNLIGHT = Law(
     "sunlight",
     "Sunlight on the line",
     "eqs 17 and 18, repaired",
-    "I = (ρ/π)(S/f²) A T [∫_band E + (B_s/B_p) ∫ E] over the detector's response, photon for photon, cos⁴ψ off the axis: a "
-    "wall that the Sun and the scanner face, one reflection. S = 200 µm × the pixels' height.",
+    "I = (ρ/π)(S/f²) A T [∫_band E + (B_s/B_p) ∫ E] over the response, photon for photon, cos⁴ψ off the axis: "
+    "a wall that the Sun and the scanner face, one reflection. S = 200 µm × the pixels' height.",
     "target",
     _filtered,
     _measure_sun,
@@ -199,8 +199,8 @@ SATURATION = Law(
     "saturation",
     "Full well",
     "the pixel's full well, and the link budget of eq 19",
-    "The brightest pixel holds the charge of the link budget, at most the full well, and says so. The laser is as strong "
-    "as it takes; no noise.",
+    "The brightest pixel holds the charge of the link budget, at most the full well, and says so. The laser is as "
+    "strong as it takes; no noise.",
     "target",
     _fills,
     _measure_saturation,

@@ -58,11 +58,11 @@ def _dark(setting: Setting) -> float:
     return scanner.position_sensor.dark_current / scanner.rate
 
 
-def _shot_variance(setting: Setting, seen: Spot) -> Array:
+def _shot_variance(setting: Setting, seen: Spot) -> Array:  # noqa: ARG001 (one signature for all variances)
     return seen.line
 
 
-def _read_variance(setting: Setting, seen: Spot) -> Array:
+def _read_variance(setting: Setting, seen: Spot) -> Array:  # noqa: ARG001 (as above)
     return np.full(LINE, setting.scenario.scanner.position_sensor.read_noise**2)
 
 
@@ -187,8 +187,8 @@ SHOT = _alone(
     "shot",
     "Range noise of photons",
     "eq 4 with Poisson noise; slope R³",
-    "σ_R = R²/(f d) (∑ g_i² N_i)^½ with the estimator's gradient g, or the bound for the maximum-likelihood fit. Poisson "
-    "noise alone. The exponent is 3 but for the change of the spot's width with range.",
+    "σ_R = R²/(f d) (∑ g_i² N_i)^½ with the estimator's gradient g, or the bound for the maximum-likelihood fit. "
+    "Poisson noise alone. The exponent is 3 but for the change of the spot's width with range.",
     4,
     _shot_variance,
     "3 for a spot of one width",
@@ -208,8 +208,8 @@ BOUND = Law(
     "cramer_rao",
     "The fit reaches the Cramér–Rao bound",
     "Winick, J. Opt. Soc. Am. A 3 (1986)",
-    "σ_p = 1/√Σ (∂m_i/∂µ)²/(m_i + dark + σ_r²) for the maximum-likelihood fit, whatever the scenario's estimator. Shot, "
-    "read and dark noise.",
+    "σ_p = 1/√Σ (∂m_i/∂µ)²/(m_i + dark + σ_r²) for the maximum-likelihood fit, whatever the scenario's estimator. "
+    "Shot, read and dark noise.",
     "target",
     partial(_first_order, **_BOUND),
     partial(_measure_sigma, number=6, noise=("shot", "read", "dark"), **_BOUND),
@@ -375,8 +375,8 @@ SPECKLE = Law(
     "speckle_limit",
     "Range noise of speckle",
     "eq 4 with Dorsch et al. 1994, Baribeau and Rioux 1991; slope R²",
-    "σ_p from the grain's covariance |2 J₁(v)/v|² over pixels and spot by integration, one frozen pattern, C = 1/√2 on a "
-    "depolarising surface. Speckle alone; blais_rioux_4 in place of the fit, whose weights are another noise's.",
+    "σ_p from the grain's covariance |2 J₁(v)/v|² over pixels and spot by integration, one frozen pattern, C = 1/√2 on "
+    "a depolarising surface. Speckle alone; blais_rioux_4 in place of the fit, whose weights are another noise's.",
     "target",
     _coherent,
     _measure_speckle,

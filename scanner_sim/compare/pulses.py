@@ -20,17 +20,17 @@ from scanner_sim.scenario import Scenario
 
 Array = NDArray[np.float64]
 
-_PLACES = 4
+_PLACES = 8
 """Places of the echo between two samples."""
 _TO_SIGMA = 1.0 / 2.3548200450309493
 _SNR = 20.0, 100.0, 500.0
 """Ratios of peak to noise: above them the filter's table of delays counts, below them false alarms."""
-_EFFICIENCY = 0.05
-"""What the matched filter's table of delays loses against the bound, at most (docs, time of flight)."""
+_EFFICIENCY = 0.02
+"""What interpolation between samples loses against the bound, at most."""
 _RATIOS = (2.0, 4.0, 8.0, 16.0)
 """Peaks over the level, of which the first is the reference."""
 _WALK = 0.5
-"""What is left of the law of the walk [mm]: places between two samples are averaged over four."""
+"""What is left of the law of the walk [mm]: eight places between two samples stand for all."""
 
 
 def _timed(setting: Setting) -> str:
@@ -181,10 +181,10 @@ def _clocked(setting: Setting) -> str:
 def _predict_floor(setting: Setting) -> dict[str, Predicted]:
     told = {}
     floor = 0.5e3 * SPEED_OF_LIGHT * setting.scenario.scanner.lidar.digitiser.jitter
-    for R in _echoes(setting):
-        bound = _bound(setting, R)
+    for case, echo in _echoes(setting).items():
+        bound = _bound(setting, *echo)
         value = math.hypot(floor, bound)
-        told[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, _EFFICIENCY * bound**2 / value + 2e-4 * value)
+        told[case] = Predicted("σ of R", "mm", value, _EFFICIENCY * bound**2 / value + 2e-4 * value)
     return told
 
 
@@ -264,8 +264,8 @@ TOF_BOUND = Law(
     "tof_bound",
     "The matched filter reaches the bound on the delay",
     "Kay 1993, sec. 3.9, with eq 19 for the echo's light",
-    "σ_R = c/2 times the Cramér–Rao bound of a Gaussian pulse of unknown height in the amplifier's coloured noise and the "
-    "converter's white one. No shot noise, no clock.",
+    "σ_R = c/2 times the Cramér–Rao bound of a Gaussian pulse of unknown height in the amplifier's coloured noise and "
+    "the converter's white one. No shot noise, no clock.",
     "target",
     _timed,
     lambda setting: _scatter(setting, 11, "amplifier", "quantisation"),
@@ -285,8 +285,9 @@ TOF_WALK = Law(
     "tof_walk",
     "Walk of a fixed level",
     "Gaussian pulse: √(2 ln ratio) standard deviations before its peak",
-    "A pulse of 4, 8 or 16 times the level seems nearer than one of twice the level by c/2 σ (√(2 ln ratio) − √(2 ln 2)), "
-    "with the width of the pulse behind the electronics, and a little more where samples are coarse. Leading edge without correction, amplifier noise alone.",
+    "A pulse of 4, 8 or 16 times the level seems nearer than one of twice the level by c/2 σ (√(2 ln ratio) − "
+    "√(2 ln 2)), with the width of the pulse behind the electronics, and a little more where samples are coarse. "
+    "Leading edge without correction, amplifier noise alone.",
     "target",
     _walks,
     _measure_walk,

@@ -16,6 +16,7 @@ from scanner_sim.compare.closed import FIT, LINE, Closed, Spot
 from scanner_sim.compare.law import Law, Measured, Predicted, exact, mean_of, spread_of
 from scanner_sim.compare.setting import Setting
 from scanner_sim.optics.deflection import ERRORS
+from scanner_sim.scenario import Scenario
 
 Array = NDArray[np.float64]
 
@@ -162,7 +163,7 @@ def _lit(setting: Setting) -> str:
     return _seen(setting)
 
 
-def plate_scenario(setting: Setting, place: Place, **more: object) -> stand.Scenario:
+def plate_scenario(setting: Setting, place: Place, **more: object) -> Scenario:
     """Return the instrument before a plate that faces the beam at a place; ``more`` is for the stand."""
     closed = Closed(setting.scenario)
     size = 0.02 * place.distance + 16.0 * setting.scenario.scanner.laser.radius(place.distance)
@@ -186,7 +187,7 @@ def facing_places(setting: Setting, ranges: tuple[float, ...]) -> Iterator[tuple
             yield place, seen
 
 
-def _errors_at(setting: Setting, made: stand.Scenario, place: Place, shots: int) -> Array:
+def _errors_at(setting: Setting, made: Scenario, place: Place, shots: int) -> Array:
     """Return errors of x, y, z and R [m] in one direction, shape (n, 4)."""
     mirrors = made.scanner.mirrors
     aim = stand.directions(np.full(shots, place.theta), place.phi, mirrors, 1.0 / made.scanner.rate)
@@ -342,7 +343,7 @@ LINK_BUDGET = Law(
     "link_budget",
     "Laser light received",
     "eq 19 with all cosines",
-    "N = P ρ/π cosι A cosα/|v|² T η t λ/(h c), times the share within the pixels' height. Light without noise or speckle.",
+    "N = P ρ/π cosι A cosα/|v|² T η t λ/(h c), times the share within the pixels' height. No noise or speckle.",
     "target",
     _lit,
     _of_lines(lambda line: float(line.sum())),
@@ -352,8 +353,8 @@ POINTS = Law(
     "points",
     "No bias of range and point",
     "eqs 1 and 3, inverted",
-    "The mean of (estimate − truth) is the estimator's systematic error and the centroid's shift, along the beam. Shot, "
-    "read, dark and quantisation noise and the mirrors' errors; no speckle, even response.",
+    "The mean of (estimate − truth) is the estimator's systematic error and the centroid's shift, along the beam. "
+    "Shot, read, dark and quantisation noise and the mirrors' errors; no speckle, even response.",
     "target",
     _biased,
     _measure_points,

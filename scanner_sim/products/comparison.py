@@ -39,8 +39,8 @@ class Check:
         What was found; standard error and degrees of freedom (0 and infinity where there is no noise in it).
     low, high
         95 % confidence interval of the simulated number.
-    effect, relative_to
-        (simulated − predicted) over the prediction, or over what ``relative_to`` names.
+    effect, scale, relative_to
+        (simulated − predicted) over ``scale``, which is the prediction, or what ``relative_to`` names.
     p
         Probability of a deviation at least as large if the law holds.
     adjusted_p
@@ -63,6 +63,7 @@ class Check:
     low: float
     high: float
     effect: float
+    scale: float
     relative_to: str
     p: float
     adjusted_p: float

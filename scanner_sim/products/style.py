@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,8 +136,8 @@ def lay(sheet: Canvas, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
     return dots
 
 
-def save(drawing: Figure | NDArray[np.uint8], path: str | Path) -> None:
-    """Write a figure, or its dots, as PNG without date or program name: same drawing, same bytes."""
+def save(drawing: Figure | NDArray[np.uint8], path: str | Path | BinaryIO) -> None:
+    """Write a figure, or its dots, as PNG to a file without date or program name: same drawing, same bytes."""
     from matplotlib.figure import Figure
     from matplotlib.image import imsave
 

@@ -1,0 +1,110 @@
+"""The verb ``compare``."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from pathlib import Path
+
+import typer
+
+from scanner_sim.cli.progress import progress_bar
+from scanner_sim.cli.report import scenario_of
+from scanner_sim.cli.scenarios import load_and_warn
+from scanner_sim.cli.tables import print_rows, print_table
+from scanner_sim.config import resolved_yaml
+from scanner_sim.products.comparison import COMPARISON, Comparison, write_comparison
+from scanner_sim.products.folder import check_target
+from scanner_sim.render.device import DeviceChoice
+
+FOLDER = "{}_compare"
+"""Name of the output folder for that of a scenario."""
+
+
+def compare_scenario(
+    config: Path,
+    folder: Path,
+    overrides: Sequence[str],
+    *,
+    target: str | None,
+    only: Collection[str],
+    seeds: int,
+    level: float,
+    quick: bool,
+    baseline: Path | None,
+    device: DeviceChoice,
+    overwrite: bool,
+    quiet: bool,
+) -> None:
+    """Compare a scenario's simulation with the closed forms, into a folder.
+
+    Raises
+    ------
+    ScannerSimError
+        If the scenario, an option, the folder or the device cannot be used, or the disk fails.
+    typer.Exit
+        With 1 where a law is broken, or anything differs from the baseline.
+    """
+    scenario = load_and_warn(config, overrides, quiet)
+    check_target(folder, overwrite, COMPARISON)
+    from scanner_sim.compare.baseline import against, read_baseline
+    from scanner_sim.compare.run import compare
+    from scanner_sim.compare.setting import FlatTarget, Setting
+
+    earlier = None if baseline is None else read_baseline(baseline)
+    flat = None if target is None else FlatTarget.parse(target)
+    setting = Setting(scenario, flat, seeds, quick, device)
+    with progress_bar("law by law", quiet, "laws") as (advance, _), scenario_of(config):
+        found = compare(setting, only=only, level=level, progress=advance)
+    if earlier is not None:
+        found = against(found, earlier)
+    paths = write_comparison(found, folder, scenario_yaml=resolved_yaml(scenario), overwrite=overwrite)
+    if not quiet:
+        _print(found)
+        print_table({"folder": str(folder), "files": ", ".join(path.name for path in paths)})
+    if not found.passed:
+        raise typer.Exit(1)
+
+
+def _print(found: Comparison) -> None:
+    """Print the verdict on each law with its worst check, and what differs from the baseline."""
+    from scanner_sim.products.comparison_page import percent, share, short, worst_check
+
+    rows = [
+        ["law", "verdict", "checks", "worst case", "predicted", "simulated", "deviation", "p", "80 %", "99 %"]
+    ]
+    for finding in found.findings:
+        if not finding.checks:
+            continue
+        check = worst_check(finding)
+        rows.append(
+            [
+                finding.name,
+                finding.verdict,
+                str(len(finding.checks)),
+                check.case,
+                f"{short(check.predicted)} {check.unit}".strip(),
+                short(check.simulated),
+                percent(check),
+                short(check.adjusted_p, 2),
+                share(check.detects_80),
+                share(check.detects_99),
+            ]
+        )
+    print_rows(rows, left=(0, 1, 3))
+    silent = {finding.name: finding.reason for finding in found.findings if not finding.checks}
+    if silent:
+        typer.echo("\nDoes not apply:")
+        print_table(silent)
+    if found.baseline:
+        typer.echo("\nDifferent from the baseline:")
+        rows = [["law", "case", "what", "before", "now", "p"]]
+        for change in found.baseline:
+            numbers = (short(change.before), short(change.now), short(change.adjusted_p, 2))
+            rows.append([change.law, change.case, change.what, *numbers])
+        print_rows(rows, left=(0, 1, 2))
+    elif found.baseline is not None:
+        typer.echo("\nNothing differs from the baseline.")
+    verdict = "All laws that apply hold" if not found.broken else f"{len(found.broken)} of the laws broken"
+    typer.echo(
+        f"\n{verdict} (family-wise level {found.level:g}; the last columns say what would have been found)."
+    )

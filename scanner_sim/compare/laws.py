@@ -1,0 +1,28 @@
+"""All laws, in the order in which they are judged."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from scanner_sim.compare import light, noise, pulses, shape
+from scanner_sim.compare.law import Law
+
+LAWS: Final[tuple[Law, ...]] = (
+    shape.SPOT_POSITION,
+    shape.SPOT_WIDTH,
+    shape.LINK_BUDGET,
+    light.SUNLIGHT,
+    light.SNR,
+    light.SATURATION,
+    shape.POINTS,
+    noise.SYNCHRONISATION,
+    noise.SPECKLE,
+    noise.SHOT,
+    noise.READ,
+    noise.BOUND,
+    shape.COVARIANCE,
+    pulses.TOF_BOUND,
+    pulses.TOF_SIGMA,
+    pulses.TOF_WALK,
+)
+"""What a comparison judges."""
