@@ -58,8 +58,8 @@ def carried(time: Array, place: Array, covariance: Array, at: Array) -> tuple[Ar
 
     Notes
     -----
-    Steady rates between two sightings: an acceleration a is wrong by a (t₂ − t₁)²/8 at most, 4e-5 m of 0.1 m/s² and
-    57 ms. Neighbouring rounds share sightings, so that their errors are correlated.
+    Steady rates between two sightings: an acceleration a is wrong by a (t₂ − t₁)²/8 at most, 2e-5 m of 0.1 m/s² and
+    40 ms. Neighbouring rounds share sightings, so that their errors are correlated.
     """
     rounds, targets = time.shape
     seen = np.isfinite(time) & np.isfinite(place).all(axis=2)
