@@ -3,12 +3,13 @@
 The angles (Θ − atan(p/f), φ) that pixels see form a lattice: bins of a pixel along it, rows of half a pixel's height. A
 window is a part of it about a pattern, widened to multiples of a few bins, so that the next patterns of the same target
 fall into the same one. While objects move it is rendered anew for each time slot, whose length is a power of two in
-which the fastest of them moves by half a bin at most: for its middle. Which window a pattern sees depends on its aim
+which the fastest of them moves by one bin at most: for its middle. Which window a pattern sees depends on its aim
 alone, never on what was measured before.
 
-Approximations: objects stand still for a slot, at most a quarter of a bin away from where they are (those faster than
-half a bin in 1/64 s are farther: no slot is shorter); two rows are interpolated; sharp light has 16 samples a bin
-everywhere, where a raster's has 4 to 48; and what :mod:`scanner_sim.render.background` leaves out.
+Approximations: objects stand still for a slot, at most half a bin away from where they are (those faster than a bin in
+1/64 s are farther: no slot is shorter); two rows are interpolated; sharp light has 16 samples a bin everywhere, where a
+raster's has 4 to 48, and 8 where objects move; smooth light then has 2; and what
+:mod:`scanner_sim.render.background` leaves out.
 """
 
 from __future__ import annotations
@@ -29,14 +30,16 @@ _ROW = 0.5
 """Distance of rows, over the height of a pixel."""
 _QUANTUM = 8
 """Bins by which windows are shifted."""
-_BINS_TOGETHER, _ROWS_TOGETHER = 32, 8
+_BINS_TOGETHER, _ROWS_TOGETHER = 64, 16
 """Sizes of windows are multiples of them: few sizes make few kernels."""
-_SHARE = 0.5
-"""Part of a bin by which anything may move in a time slot."""
+_SHARE = 1.0
+"""Bins by which anything may move in a time slot."""
 _BLOCK, _FINEST = 1.0, 6
 """Longest time slot [s], and how often it may be halved."""
-_SHARP = 8
-"""Samples of the sharp light of each bin, in each half."""
+_SHARP = {False: 8, True: 4}
+"""Samples of the sharp light of each bin, in each half: where all rests, and where something moves."""
+_MOVING_SAMPLES = 2
+"""Long paths of each bin where something moves: windows are then wanted again and again."""
 _KEPT = 16
 """Windows that are kept."""
 _MOMENTS = np.linspace(0.0, 1.0, 5)
@@ -178,7 +181,7 @@ class Windows:
         from scanner_sim.render.rays import posed
         from scanner_sim.render.view import Window
 
-        scenario = self._bench.scenario
+        scenario, moving = self._bench.scenario, bool(self._bench.loaded.bodies)
         sky, settings = scenario.lighting.sky(), scenario.transport
         found = render_panorama(
             posed(self._bench.loaded, poses),
@@ -187,9 +190,9 @@ class Windows:
             Albedo(sky.albedo, sky.albedo_out_of_band),
             Window(place[0], place[1], rows, bins, self.step, self.row_step, self._heights),
             bounces=settings.background_bounces,
-            samples=settings.background_samples,
+            samples=_MOVING_SAMPLES if moving else settings.background_samples,
             seed=scenario.seed,
-            sharp_samples=_SHARP,
+            sharp_samples=_SHARP[moving],
         )
         return [found.in_band, found.out_of_band, found.error, found.error_out]
 
