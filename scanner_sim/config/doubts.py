@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from scanner_sim.optics.filter import filter_doubts
+from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scenario import Scenario
 from scanner_sim.scene.lighting import lighting_doubts
 from scanner_sim.scene.materials import MATERIALS
+from scanner_sim.scene.motion import ConstantTwist
 from scanner_sim.scene.objects import MitsubaFile, Retroreflector, TargetArray
 from scanner_sim.scene.retroreflectors import RetroLobe
 from scanner_sim.signals.processing import MARGIN
@@ -20,11 +24,17 @@ _WIDEST_MASS = 1.3
 _WIDEST_FIT = 8.0
 """That from which 24 pixels to each side do not reach three of it."""
 
+_MOMENTS = 257
+"""Instants of a scan at which motions are looked at."""
+_BLUR = 0.3
+"""Motion during a dwell, in radii of the beam, beyond which it could be seen in the spot."""
+
 
 def doubts(scenario: Scenario) -> tuple[str, ...]:
     """Return a sentence for everything that is possible but makes little sense."""
     return (
         *_scene(scenario),
+        *_motions(scenario),
         *_ranges(scenario),
         *(() if scenario.ranging == "tof" else _instrument(scenario)),
         *(() if scenario.ranging == "triangulation" else _time_of_flight(scenario)),
@@ -39,7 +49,7 @@ def _scene(scenario: Scenario) -> Iterator[str]:
     if scene.file is None and not scene.objects:
         yield "scene: it is empty, so no voxel will have a return"
     for index, item in enumerate(scene.objects):
-        x, y, z = item.position
+        x, y, z = item.pose_at(0.0)[0, :3, 3]
         if (x, y, z) == (0.0, 0.0, 0.0):
             yield f"scene.objects[{index}]: '{item.name}' stands at the scanner; give it a position"
         elif z <= 0.0:
@@ -48,6 +58,32 @@ def _scene(scenario: Scenario) -> Iterator[str]:
             yield (
                 f"scene.objects[{index}]: '{item.name}' has its origin at {math.hypot(x, y, z):.3g} m, nearer than "
                 f"the {nearest:.3g} m that the array sees"
+            )
+
+
+def _motions(scenario: Scenario) -> Iterator[str]:
+    """Doubt motions that do not take place in the time of the scan, or are too fast for its dwell."""
+    scanner, scan = scenario.scanner, scenario.scan
+    duration = scan.shots * scanner.dwell if isinstance(scan, RasterScan) else scan.duration
+    time = np.linspace(0.0, duration, _MOMENTS)
+    for index, item in enumerate(scenario.scene.objects):
+        if item.motion is None:
+            continue
+        place = f"scene.objects[{index}].motion: '{item.name}'"
+        poses = item.pose_at(time)
+        if not isinstance(item.motion, ConstantTwist) and (item.position != (0.0, 0.0, 0.0) or item.rotation):
+            yield f"{place} is placed by its {item.motion.type}: its position and rotation are not used"
+        if np.ptp(poses, axis=0).max() == 0.0:
+            yield f"{place} does not move in the {duration:.3g} s of the scan"
+            continue
+        origin = poses[:, :3, 3]
+        way = np.linalg.norm(np.diff(origin, axis=0), axis=1) * scanner.dwell / (time[1] - time[0])
+        far = np.linalg.norm(origin[1:], axis=1)
+        blur = way / np.array([scanner.laser.radius(float(distance)) for distance in far])
+        if blur.max() > _BLUR:
+            yield (
+                f"{place} moves by up to {1e3 * way.max():.2g} mm during a dwell, {blur.max():.2g} of the beam's "
+                "radius: this blur is left out"
             )
 
 
@@ -66,7 +102,7 @@ def _time_of_flight(scenario: Scenario) -> Iterator[str]:
     """Doubt a record that ends before the scene does, and pulses that follow each other too soon for it."""
     lidar, farthest = scenario.scanner.lidar, 0.0
     for index, item in enumerate(scenario.scene.objects):
-        distance = math.hypot(*item.position)
+        distance = math.hypot(*item.pose_at(0.0)[0, :3, 3])
         farthest = max(farthest, distance)
         if not lidar.digitiser.gate[0] <= distance <= lidar.digitiser.gate[1]:
             yield (
