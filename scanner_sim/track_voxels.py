@@ -192,6 +192,9 @@ class Eye:
     def __init__(self, scenario: Scenario, instrument: Instrument) -> None:
         self._scenario, self._instrument = scenario, instrument
         self._encoders, self._noise = Encoders(scenario), SignalNoise(scenario)
+        mirrors = scenario.scanner.mirrors
+        unseen = (1.0 - mirrors.jitter_seen) * mirrors.jitter**2
+        self._pointing = math.sqrt(unseen + mirrors.readout_noise**2 + mirrors.readout_step**2 / 12.0)
 
     def see(
         self, target: TrackTarget, order: TrackCommand, motion: PatternMotion, visit: int
@@ -214,7 +217,9 @@ class Eye:
         samples = samples_of(layers, motion, self._encoders.read(motion, visit), sigma, delay)
         spot = float(scanner.laser.radius(expected)) / (2.0 * expected)
         shining = scanner.exposure / scanner.dwell
-        seen = measure_target(samples, target.looks, expected, spot=spot, shining=shining)
+        seen = measure_target(
+            samples, target.looks, expected, spot=spot, shining=shining, pointing=self._pointing
+        )
         return samples, replace(seen, covariance=seen.covariance + common_covariance(scanner.mirrors, motion))
 
 

@@ -31,6 +31,7 @@ def disc_fit(
     *,
     spot: ArrayLike,
     shining: float = 1.0,
+    pointing: float = 0.0,
     radius: ArrayLike | None = None,
     sigma_radius: ArrayLike | None = None,
 ) -> Centroid:
@@ -47,6 +48,8 @@ def disc_fit(
         Standard deviation of the spot's irradiance across the beam, as an angle: w/(2 R) [rad], () or (patterns,).
     shining
         Share of the dwell in which the laser shines.
+    pointing
+        Standard deviation of the read angles about the true ones, per axis and independent from voxel to voxel [rad].
     radius, sigma_radius
         The disc's radius where it is known and how well [rad], () or (patterns,); without them it is free.
 
@@ -55,7 +58,8 @@ def disc_fit(
     Centroid
         Values are b + a D, with ground b, amplitude a and the share D of the spot on the disc (:func:`blurred_edge`),
         averaged along the travel of the dwell. Minimises Σ (v − b − a D)²/σ² over (c, r, a, b) by Gauss–Newton;
-        covariance (JᵀWJ)⁻¹, times the misfit χ²/dof where that is above 1 (speckle, texture). Not modelled: a disc that
+        covariance (JᵀWJ)⁻¹, times the misfit χ²/dof where that is above 1 (speckle, texture), and what the pointing
+        adds by the slope of each voxel's response, (JᵀWJ)⁻¹ JᵀW diag(a D′ σ)² WJ (JᵀWJ)⁻¹. Not modelled: a disc that
         its tilt makes an ellipse, which widens the residuals but by its symmetry does not move the centre; cosine and
         range over the disc.
     """
@@ -80,7 +84,7 @@ def disc_fit(
     # A row that has come to rest stays as it is, whatever its neighbours still do: no result depends on the batch.
     # Covariance and misfit are those before its last step, which is too small to tell.
     moving = usable
-    kept: tuple[Array, Array] = np.zeros((rows, 5, 5)), np.zeros(rows)
+    kept: tuple[Array, Array, Array] = np.zeros((rows, 5, 5)), np.zeros(rows), np.zeros((rows, 5, 5))
     for _ in range(_ROUNDS):
         away = theta - centre[:, :1], phi - centre[:, 1:]
         share, by_distance, direction = _share(away, travel, size, blur)
@@ -98,7 +102,15 @@ def disc_fit(
         trace = np.trace(normal, axis1=1, axis2=2)
         normal += (1e-12 * np.where(trace > 0.0, trace, 1.0))[:, None, None] * _UNIT
         chi = (weight * residual**2).sum(axis=1)
-        kept = np.where(moving[:, None, None], normal, kept[0]), np.where(moving, chi, kept[1])
+        # Column 2 over the radius is the response's slope.
+        turned = weighted * (jacobian[:, 2:3] * (pointing / size)[:, None, None])
+        of_pointing = turned @ turned.transpose(0, 2, 1)
+        still = moving[:, None, None]
+        kept = (
+            np.where(still, normal, kept[0]),
+            np.where(moving, chi, kept[1]),
+            np.where(still, of_pointing, kept[2]),
+        )
         change = np.linalg.solve(normal, right[..., None])[..., 0]
         change[:, :3] = np.clip(change[:, :3], -_MOST, _MOST)
         change[~moving] = 0.0
@@ -108,11 +120,13 @@ def disc_fit(
         amplitude, ground = amplitude + change[:, 3], ground + change[:, 4]
         if not moving.any():
             break
-    normal, chi = kept
+    normal, chi, of_pointing = kept
     normal = np.where(usable[:, None, None], normal, _UNIT)
     freedom = np.maximum(response.used.sum(axis=1) - 5 + (prior > 0.0), 1)
     misfit = chi / freedom
-    covariance = np.linalg.inv(normal)[:, :3, :3] * (size**2 * np.maximum(misfit, 1.0))[:, None, None]
+    inverse = np.linalg.inv(normal)
+    covariance = inverse * np.maximum(misfit, 1.0)[:, None, None] + inverse @ of_pointing @ inverse
+    covariance = covariance[:, :3, :3] * (size**2)[:, None, None]
     reach = np.maximum(np.abs(theta - centre[:, :1]).min(axis=1), np.abs(phi - centre[:, 1:]).min(axis=1))
     found = usable & (reach < 2.0 * size) & (np.sign(amplitude) == np.sign(response.target - response.ground))
     return centroid_of(

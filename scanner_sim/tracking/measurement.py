@@ -67,6 +67,7 @@ def measure_target(
     *,
     spot: ArrayLike,
     shining: float = 1.0,
+    pointing: float = 0.0,
 ) -> Measurement:
     """Return where patterns see a target.
 
@@ -78,8 +79,9 @@ def measure_target(
         Kind, diameter and range gate.
     expected_range
         Range in whose neighbourhood it is looked for [m], () or (patterns,).
-    spot, shining
-        Spot as an angle and share of the dwell with light: see :func:`~scanner_sim.tracking.disc_fit.disc_fit`.
+    spot, shining, pointing
+        Spot as an angle, share of the dwell with light and error of the angles: see
+        :func:`~scanner_sim.tracking.disc_fit.disc_fit`.
 
     Returns
     -------
@@ -94,7 +96,9 @@ def measure_target(
     )
     hits = hit_centroid(samples, response)
     rough = better_of(circle_fit(samples, response), hits)
-    centre = better_of(disc_fit(samples, response, rough, spot=spot, shining=shining), hits)
+    centre = better_of(
+        disc_fit(samples, response, rough, spot=spot, shining=shining, pointing=pointing), hits
+    )
     distance, variance = _range_at(samples, response, looks.kind, centre)
     place = np.concatenate([centre.centre, distance[:, None]], axis=1)
     covariance = np.zeros((len(place), 3, 3))
