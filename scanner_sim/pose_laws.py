@@ -96,9 +96,8 @@ def gains_of(rows: Sequence[PoseRow], base: str, base_size: float) -> tuple[Gain
             row = own[(distance, better, source, component)]
             gain = points.simulated / row.simulated
             error = gain * math.hypot(_relative(points), _relative(row))
-            found.append(
-                Gain(distance, ranging, better, component, gain, error, points.analytic / row.analytic)
-            )
+            closed = points.analytic / row.analytic, points.voxel / row.voxel
+            found.append(Gain(distance, ranging, better, component, gain, error, *closed))
     return tuple(found)
 
 

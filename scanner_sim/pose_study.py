@@ -31,14 +31,8 @@ from scanner_sim.scenario import Scenario
 from scanner_sim.scene.objects import TargetArray
 from scanner_sim.scene.targets import target_positions
 from scanner_sim.streams import Stream, host_generator
-from scanner_sim.target_errors import (
-    RANGINGS,
-    Ranging,
-    StudyTarget,
-    TargetErrors,
-    measure_targets,
-    nearest_distance,
-)
+from scanner_sim.target_errors import RANGINGS, Ranging, TargetErrors, measure_targets
+from scanner_sim.target_grid import StudyTarget, nearest_distance
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -170,19 +164,19 @@ def target_rows(pools: Iterable[TargetErrors]) -> tuple[TargetRow, ...]:
     names = ("theta", "phi", *(f"range_{ranging}" for ranging in RANGINGS))
     rows = []
     for pool in pools:
-        flat = pool.error.reshape(-1, len(names))
         for column, name in enumerate(names):
-            known = flat[np.isfinite(flat[:, column]), column]
+            unit = "m" if name.startswith("range") else "rad"
             rows.append(
                 TargetRow(
-                    pool.distance,
-                    name,
-                    "m" if name.startswith("range") else "rad",
-                    float(pool.scatter[column]),
-                    float(pool.stated[column]),
-                    float(known.mean()) if known.size else math.nan,
-                    float(pool.found[column]),
-                    len(flat),
+                    range_m=pool.distance,
+                    quantity=name,
+                    unit=unit,
+                    scatter=float(pool.scatter[column]),
+                    stated=float(pool.stated[column]),
+                    common=float(pool.common[column]),
+                    voxel=float(pool.voxel[column]),
+                    found=float(pool.found[column]),
+                    sightings=pool.error[..., 0].size,
                 )
             )
     return tuple(rows)
@@ -221,6 +215,7 @@ def _array_rows(scenario: Scenario, plan: StudyPlan, array: Layout, pool: Target
                 high,
                 float(np.sqrt(np.mean(stated[:, component] ** 2))),
                 float(np.mean(errors[:, component])),
+                math.nan,
                 math.nan,
                 math.nan,
                 ambiguous,

@@ -78,8 +78,8 @@ def facing_errors(
     points: ArrayLike,
     R: float,
     method: Literal["uv", "xyz", "joint"],
-    sigma: tuple[float, float],
-    sigma_range: float = 1.0,
+    sigma: tuple[float, float, float],
+    common: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> NDArray[np.float64]:
     """Return the errors of any array of targets that faces the scanner, to the same first order.
 
@@ -91,42 +91,45 @@ def facing_errors(
     R
         Range of the origin [m].
     method
-        ``uv``: angles; ``joint``: angles and ranges, each by its variance; ``xyz``: points that count alike (eq 11).
+        ``uv``: angles; ``joint``: angles and ranges, each weighted by the inverse of ``sigma``²; ``xyz``: points that
+        count alike (eq 11).
     sigma
-        Standard deviations of Θ and φ [rad].
-    sigma_range
-        Of the ranges [m].
+        Standard deviations of Θ, φ [rad] and R [m], independent from target to target.
+    common
+        Standard deviations of the errors that all targets share besides, of which the estimator knows nothing.
 
     Returns
     -------
     ndarray, shape (6,)
-        Standard deviations of (t_x, t_y, t_z) [m] and (ω_x, ω_y, ω_z) [rad]: of (AᵀWA)⁻¹, for ``xyz`` of
-        (BᵀB)⁻¹ BᵀCB (BᵀB)⁻¹ with B the moves of the points and C their covariance, in which a range error moves a
-        point along its line of sight, (x/R, y/R, 1). Of a square they are the forms above.
+        Standard deviations of (t_x, t_y, t_z) [m] and (ω_x, ω_y, ω_z) [rad]: of G diag(σ²) Gᵀ and the common part,
+        with G the estimator to first order, (AᵀWA)⁻¹AᵀW, and for ``xyz`` (BᵀB)⁻¹BᵀL with B the moves of the points and
+        L what the errors of angles and range do to a point: R δΘ and R δφ across, δR along its line of sight
+        (x/R, y/R, 1). Of a square they are the forms above.
     """
     x, y, z = np.asarray(points, dtype=np.float64).T
     one, none = np.ones_like(x), np.zeros_like(x)
     moves = np.array(
         [[one, none, none, none, z, -y], [none, one, none, -z, none, x], [none, none, one, y, -x, none]]
-    )
-    moved_x, moved_y, moved_z = np.moveaxis(moves, 1, 2)  # each (n, 6)
+    ).transpose(2, 0, 1)  # (n, 3, 6)
+    spread = np.asarray(sigma, dtype=np.float64)
     if method == "xyz":
-        sight = np.stack([x / R, y / R, one], axis=1)
-        covariance = np.zeros((len(x), 3, 3))
-        covariance[:, 0, 0], covariance[:, 1, 1] = (R * sigma[0]) ** 2, (R * sigma[1]) ** 2
-        covariance += sigma_range**2 * sight[:, :, None] * sight[:, None, :]
-        stacked = np.stack([moved_x, moved_y, moved_z], axis=1)
-        inverse = np.linalg.inv(np.einsum("nka,nkb->ab", stacked, stacked))
-        spread = np.einsum("nka,nkl,nlb->ab", stacked, covariance, stacked)
-        return np.asarray(np.sqrt(np.diag(inverse @ spread @ inverse)))
-    rows = [
-        (moved_x - (x / R)[:, None] * moved_z) / (R * sigma[0]),
-        (moved_y - (y / R)[:, None] * moved_z) / (R * sigma[1]),
-    ]
-    if method == "joint":
-        rows.append(moved_z / sigma_range)
-    weighted = np.concatenate(rows)
-    return np.asarray(np.sqrt(np.diag(np.linalg.inv(weighted.T @ weighted))))
+        carried = np.zeros((len(x), 3, 3))
+        carried[:, 0, 0] = carried[:, 1, 1] = R
+        carried[:, :, 2] = np.stack([x / R, y / R, one], axis=1)
+        inverse = np.linalg.inv(np.einsum("nka,nkb->ab", moves, moves))
+        estimator = np.einsum("ab,nkb,nkq->anq", inverse, moves, carried)
+    else:
+        # δΘ = δx/R − x δz/R², δφ = δy/R − y δz/R², δR = δz
+        sight = np.zeros((len(x), 3, 3))
+        sight[:, 0, 0] = sight[:, 1, 1] = 1.0 / R
+        sight[:, 0, 2], sight[:, 1, 2], sight[:, 2, 2] = -x / R**2, -y / R**2, 1.0
+        design = np.einsum("nqk,nka->nqa", sight, moves)
+        weights = np.array([1.0, 1.0, float(method == "joint")]) / spread**2
+        inverse = np.linalg.inv(np.einsum("nqa,q,nqb->ab", design, weights, design))
+        estimator = np.einsum("ab,nqb,q->anq", inverse, design, weights)
+    alone = np.einsum("anq,q->a", estimator**2, spread**2)
+    shared = np.einsum("aq,q->a", estimator.sum(axis=1) ** 2, np.asarray(common) ** 2)
+    return np.asarray(np.sqrt(alone + shared))
 
 
 def crossing_range(sigma: float, sigma_range: float, a: float) -> float:

@@ -53,7 +53,7 @@ def study_scenario(
     check_target(folder, overwrite, POSE_STUDY)
     from scanner_sim.pose_laws import exponents_of, gains_of
     from scanner_sim.pose_study import BASE, REFERENCE, measure_study, plan_study, target_rows
-    from scanner_sim.target_errors import StudyTarget
+    from scanner_sim.target_grid import StudyTarget
 
     target = StudyTarget.of(scenario, diameter)
     plan = plan_study(scenario, target, quick=quick)
@@ -94,25 +94,38 @@ def closed_forms(
         Range whose errors the constant law takes [m]; the nearest to it that was measured.
     """
     layouts = {(item.name, item.size): item for item in arrays}
-    found = {(row.range_m, row.quantity): row.scatter for row in targets}
+    found = {(row.range_m, row.quantity): row for row in targets}
     middle = min({row.range_m for row in targets}, key=lambda distance: abs(distance - reference))
 
-    def errors(row: PoseRow, at: float, growth: float) -> float:
-        ranges = found.get((at, f"range_{row.ranging}"), 1.0) * growth
-        if math.isnan(ranges):
+    def errors(row: PoseRow, at: float, growth: float = 1.0, *, single: bool = False) -> float:
+        """Return a closed form with the single targets' errors at a range, those of ranges times a growth."""
+        # Angles alone have no ranges: any will do.
+        ranging = "triangulation" if row.ranging == "none" else row.ranging
+        own = [found[at, name] for name in ("theta", "phi", f"range_{ranging}")]
+        common = [item.common for item in own]
+        alone = [math.sqrt(max(item.scatter**2 - item.common**2, 0.0)) for item in own]
+        if single:
+            alone[2] = math.hypot(own[2].voxel, alone[2])
+        if not alone[2] > 0.0:
             return math.nan
-        points = layouts[row.array, row.size_m].points
-        sigma = found[at, "theta"], found[at, "phi"]
-        every = facing_errors(points, row.range_m, row.method, sigma, ranges)
+        alone[2], common[2] = alone[2] * growth, common[2] * growth
+        every = facing_errors(
+            layouts[row.array, row.size_m].points,
+            row.range_m,
+            row.method,
+            (alone[0], alone[1], alone[2]),
+            (common[0], common[1], common[2]),
+        )
         return float(every[COMPONENTS.index(row.component)])
 
     return tuple(
         replace(
             row,
-            analytic=errors(row, row.range_m, 1.0),
+            analytic=errors(row, row.range_m),
             constant=errors(
                 row, middle, (row.range_m / middle) ** 2 if row.ranging == "triangulation" else 1.0
             ),
+            voxel=errors(row, row.range_m, single=True),
         )
         for row in rows
     )
@@ -125,7 +138,7 @@ def exponent_rows(study: PoseStudy) -> list[list[str]]:
         for item in study.exponents
         if item.of == "range" and item.array == study.base and item.size_m == study.base_size
     ]
-    table = [["exponent of range", "ranges by", *COMPONENTS, "paper"]]
+    table = [["exponent of range (closed)", "ranges by", *COMPONENTS, "paper"]]
     for method, ranging in dict.fromkeys((item.method, item.ranging) for item in chosen):
         own = {item.component: item for item in chosen if (item.method, item.ranging) == (method, ranging)}
         cells = [
@@ -138,11 +151,12 @@ def exponent_rows(study: PoseStudy) -> list[list[str]]:
 
 
 def gain_rows(study: PoseStudy) -> list[list[str]]:
-    """Return the gains over points as a table: simulated (analytic)."""
-    table = [["gain over xyz", "ranges by", "range", *COMPONENTS, "paper"]]
+    """Return the gains over points as a table: simulated (analytic; analytic with the ranges of single voxels)."""
+    table = [["gain over xyz (closed; one voxel's range)", "ranges by", "range", *COMPONENTS, "paper"]]
     key: Callable[..., tuple[str, str, float]] = lambda gain: (gain.method, gain.ranging, gain.range_m)  # noqa: E731
     for method, ranging, distance in sorted(dict.fromkeys(map(key, study.gains))):
         own = {gain.component: gain for gain in study.gains if key(gain) == (method, ranging, distance)}
-        cells = [f"{own[name].simulated:.2f} ({own[name].analytic:.2f})" for name in COMPONENTS]
+        gains = [own[name] for name in COMPONENTS]
+        cells = [f"{gain.simulated:.2f} ({gain.analytic:.2f}; {gain.voxel:.2f})" for gain in gains]
         table.append([method, ranging, f"{distance:g} m", *cells, "10"])
     return table

@@ -48,8 +48,10 @@ class TargetRow:
         ``theta``, ``phi``, ``range_triangulation`` or ``range_tof``; rad or m.
     scatter, stated
         Root mean squares of the errors and of the stated standard deviations.
-    bias
-        Mean error.
+    common
+        Root mean square of the part that all targets share which the spot finds at one place of its pixel.
+    voxel
+        Median of the stated standard deviation of a single voxel.
     found
         Share of the patterns in which it was found.
     sightings
@@ -61,7 +63,8 @@ class TargetRow:
     unit: str
     scatter: float
     stated: float
-    bias: float
+    common: float
+    voxel: float
     found: float
     sightings: int
 
@@ -88,10 +91,12 @@ class PoseRow:
     bias
         Mean error.
     analytic
-        Closed form, with the scatter of single targets at this range.
+        Closed form, with the scatter of single targets at this range, its common part apart.
     constant
         Closed form, with the scatter of single targets at one range carried to all: angles and times of flight as they
         are, triangulation as R².
+    voxel
+        Closed form, with ranges as a single voxel measures them and not a pattern's mean.
     ambiguous, poses
         Share of the poses with a second one that fits nearly as well, and their number.
     """
@@ -111,6 +116,7 @@ class PoseRow:
     bias: float
     analytic: float
     constant: float
+    voxel: float
     ambiguous: float
     poses: int
 
@@ -158,7 +164,8 @@ class Exponent:
 class Gain:
     """By how much a method is better than points alone: the error of ``xyz`` over that of ``method``.
 
-    ``printed`` is the paper's "10X". ``standard_error`` is of ``simulated``.
+    ``standard_error`` is that of ``simulated``; ``analytic`` and ``voxel`` are of the closed forms, the second with
+    ranges as a single voxel measures them; ``printed`` is the paper's "10X", of no named range or component.
     """
 
     range_m: float
@@ -168,6 +175,7 @@ class Gain:
     simulated: float
     standard_error: float
     analytic: float
+    voxel: float
     printed: float = 10.0
 
 

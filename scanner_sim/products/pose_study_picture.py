@@ -44,6 +44,7 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
     base = [row for row in study.rows if row.array == study.base and row.size_m == study.base_size]
     with house_style():
         from matplotlib.figure import Figure
+        from matplotlib.ticker import LogFormatter
 
         figure = Figure(figsize=(9.6, 6.6), dpi=150, layout="constrained")
         panels = figure.subplots(2, 3, sharex=True)
@@ -58,6 +59,8 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
             ticks = [tick for tick in _TICKS if low < tick < high]
             axes.set_xticks(ticks, [str(tick) for tick in ticks])
             axes.set_xticks([], minor=True)
+            axes.yaxis.set_major_formatter("{x:g}")
+            axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(1.5, 0.4)))
             axes.grid(which="major", color="#e3e6e9", lw=0.5)
             axes.set_axisbelow(True)
             axes.spines[["top", "right"]].set_visible(False)
@@ -72,6 +75,8 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
             weight="bold",
             size=10.5,
         )
+        about = "marks: simulated, 95 %  ·  lines: closed forms"
+        figure.text(0.99, 0.985, about, ha="right", va="top", color=FAINT)
         save(figure, path)
 
 
@@ -121,13 +126,5 @@ def draw_arrays(study: PoseStudy, path: str | Path) -> None:
             weight="bold",
             size=10.5,
         )
-        axes = panels[-1]
-        axes.text(
-            1.0,
-            -0.16,
-            "marks: simulated, strokes: closed forms",
-            transform=axes.transAxes,
-            ha="right",
-            color=FAINT,
-        )
+        figure.text(0.99, 0.985, "marks: simulated, strokes: closed forms", ha="right", va="top", color=FAINT)
         save(figure, path)

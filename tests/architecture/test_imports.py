@@ -47,6 +47,7 @@ WHOLE = (
     "compare",
     "calibrate",
     "budget",
+    "target_grid",
     "target_errors",
     "pose_study",
     "pose_laws",
