@@ -172,6 +172,14 @@ class DeviceResponse:
         high = self._row(first + 1.0, dr.sqrt(self.whole * below * _GROWTH), time)
         return dr.fma(share, high - low, low)
 
+    def four(self, time: Any, variance: Any) -> list[Any]:
+        """Return the response at a time [sample] and at the three samples after it."""
+        if self.table is not None:
+            return [self.values(time + step, variance) for step in range(4)]
+        inverse = dr.rcp(self.whole + variance)
+        height, half = dr.sqrt(inverse * (0.5 / math.pi)), -0.5 * inverse
+        return [height * dr.exp(dr.square(time + step) * half) for step in range(4)]
+
     def _row(self, row: Any, width: Any, time: Any) -> Any:
         assert self.table is not None
         place = dr.clip((time / width - self.table.first) * self.table.density, 0.0, _NODES - 1.001)

@@ -95,27 +95,31 @@ class Arrivals:
     shots: int
     count: int
 
-    def light(self, sample: Any, place: Any, response: DeviceResponse, extra: float) -> Any:
-        """Return the light [W] at samples, smoothed by a Gaussian of ``extra`` [sample²]."""
-        more = dr.opaque(auto.Float, extra)
-        sample = auto.Float(auto.Int32(sample) - dr.gather(auto.Int32, self.first, place))
+    def light(self, sample: Any, place: Any, response: DeviceResponse, extra: float) -> list[Any]:
+        """Return the light [W] at four samples in a row, smoothed by a Gaussian of ``extra`` [sample²].
 
-        def echo(number: Any) -> Any:
+        Four at a time, because reading an echo takes as long as evaluating it.
+        """
+        more = dr.opaque(auto.Float, extra)
+        early, late = (dr.gather(auto.Float, end, place) for end in (self.early, self.late))
+        sample = auto.Float(auto.Int32(sample) - dr.gather(auto.Int32, self.first, place))
+        near = (sample + 3.0 > early) & (sample < late)
+
+        def added(*state: Any) -> tuple[Any, ...]:
+            number, *totals = state
             at = place + number * dr.opaque(auto.UInt32, self.shots)
             apart = sample - dr.gather(auto.Float, self.position, at)
             variance = dr.gather(auto.Float, self.variance, at) + more
-            return dr.gather(auto.Float, self.power, at) * response.values(apart, variance)
+            power = dr.gather(auto.Float, self.power, at)
+            four = response.four(apart, variance)
+            return number + 1, *(
+                dr.fma(power, value, total) for value, total in zip(four, totals, strict=True)
+            )
 
-        near = (sample > dr.gather(auto.Float, self.early, place)) & (
-            sample < dr.gather(auto.Float, self.late, place)
-        )
+        start = (auto.UInt32(0), *(dr.zeros(auto.Float, dr.width(place)) for _ in range(4)))
         if self.count == 1:
-            return dr.select(near, echo(auto.UInt32(0)), 0.0)
-        return dr.while_loop(
-            (auto.UInt32(0), dr.zeros(auto.Float, dr.width(place))),
-            lambda number, total: near & (number < self.count),
-            lambda number, total: (number + 1, total + echo(number)),
-        )[1]
+            return [dr.select(near, value, 0.0) for value in added(*start)[1:]]
+        return list(dr.while_loop(start, lambda number, *totals: near & (number < self.count), added)[1:])
 
 
 def record(
@@ -168,10 +172,11 @@ def record(
         under = [four[component] for four in around for component in range(4)]
         weights = [dr.opaque(auto.Float, float(tap)) for tap in taps]
     numbers = []
+    lit = arrivals.light(4 * quad, place, electrical, sigma**2)
     scale = dr.opaque(auto.Float, photodiode.amperes_per_watt)
     step = dr.opaque(auto.Float, digitiser.step(photodiode.saturation))
     for side in range(4):
-        current = scale * arrivals.light(4 * quad + side, place, electrical, sigma**2)
+        current = scale * lit[side]
         if noisy:
             for tap, weight in enumerate(weights):
                 current = dr.fma(weight, under[side + tap], current)
@@ -268,13 +273,11 @@ def _white(
     steady = dr.opaque(auto.Float, photodiode.dark_variance) + per_light * dr.gather(
         auto.Float, background, place
     )
-    values = []
-    for side in range(4):
-        variance = steady
-        if photodiode.noise.shot:
-            sample = auto.Int32(4 * quad + side) - half
-            variance = dr.fma(per_light, arrivals.light(sample, place, optical, extra), steady)
-        values.append(dr.sqrt(variance) * normal[side])
+    variances = [steady] * 4
+    if photodiode.noise.shot:
+        lit = arrivals.light(auto.Int32(4 * quad) - half, place, optical, extra)
+        variances = [dr.fma(per_light, light, steady) for light in lit]
+    values = [dr.sqrt(variance) * normal[side] for side, variance in enumerate(variances)]
     white = dr.empty(auto.Float, 4 * dr.width(lane))
     dr.scatter(white, auto.Array4f(*values), lane)
     dr.eval(white)
