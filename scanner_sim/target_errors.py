@@ -167,7 +167,7 @@ def _voxel_sigma(scenario: Scenario, layers: dict[str, NDArray[Any]]) -> Array:
 
 
 def _taken(seen: Measurement, target: StudyTarget) -> NDArray[np.bool_]:
-    """Return which measurements a tracker on its target would take: fits of a disc of the right size, and no loose ones.
+    """Return which measurements a tracker on its target would take: firm fits of a disc of the right size.
 
     The rules of :func:`scanner_sim.tracking.state.step`, but for the prediction, which has no part here.
     """

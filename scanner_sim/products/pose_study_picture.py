@@ -44,7 +44,6 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
     base = [row for row in study.rows if row.array == study.base and row.size_m == study.base_size]
     with house_style():
         from matplotlib.figure import Figure
-        from matplotlib.ticker import LogFormatter
 
         figure = Figure(figsize=(9.6, 6.6), dpi=150, layout="constrained")
         panels = figure.subplots(2, 3, sharex=True)
@@ -59,8 +58,7 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
             ticks = [tick for tick in _TICKS if low < tick < high]
             axes.set_xticks(ticks, [str(tick) for tick in ticks])
             axes.set_xticks([], minor=True)
-            axes.yaxis.set_major_formatter("{x:g}")
-            axes.yaxis.set_minor_formatter(LogFormatter(labelOnlyBase=False, minor_thresholds=(1.5, 0.4)))
+            _plain_ticks(axes.yaxis, axes.get_ylim())
             axes.grid(which="major", color="#e3e6e9", lw=0.5)
             axes.set_axisbelow(True)
             axes.spines[["top", "right"]].set_visible(False)
@@ -91,6 +89,16 @@ def _draw_mode(axes: Any, own: list[PoseRow], name: str, colour: str, mark: str)
     axes.errorbar(x, 1e3 * y, bars, fmt=mark, ms=3.4, lw=0.8, capsize=1.5, color=colour, label=name, zorder=3)
 
 
+def _plain_ticks(axis: Any, ends: tuple[float, float]) -> None:
+    """Label an axis in logarithms with plain numbers: decades, and 2 and 5 between them where it spans few."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    few = ends[1] < 60.0 * ends[0]
+    axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
+    axis.set_major_formatter("{x:g}")
+    axis.set_minor_formatter(NullFormatter())
+
+
 def draw_arrays(study: PoseStudy, path: str | Path) -> None:
     """Draw the errors of all arrays at the range nearest to 10 m: a row for each array, a panel for each component."""
     distance = min({row.range_m for row in study.rows}, key=lambda r: abs(np.log(r / 10.0)))
@@ -110,6 +118,7 @@ def draw_arrays(study: PoseStudy, path: str | Path) -> None:
                 axes.plot([1e3 * row.simulated for row in own], place, mark, ms=3.6, color=colour, label=name)
             unit = "mm" if component.startswith("t") else "mrad"
             axes.set(xscale="log", xlabel=f"error [{unit}]")
+            _plain_ticks(axes.xaxis, axes.get_xlim())
             axes.set_title(_TITLES[component], loc="left", weight="bold", size=9.0)
             axes.grid(which="major", color="#e3e6e9", lw=0.5)
             axes.set_axisbelow(True)
