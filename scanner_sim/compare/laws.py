@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from scanner_sim.compare import light, noise, pulses, shape
+from scanner_sim.compare import coverage, light, noise, pulses, shape, targets
 from scanner_sim.compare.law import Law
 
 LAWS: Final[tuple[Law, ...]] = (
@@ -21,8 +21,11 @@ LAWS: Final[tuple[Law, ...]] = (
     noise.READ,
     noise.BOUND,
     shape.COVARIANCE,
+    coverage.COVERAGE,
     pulses.TOF_BOUND,
     pulses.TOF_SIGMA,
     pulses.TOF_WALK,
+    targets.CENTROID,
+    targets.POSE,
 )
 """What a comparison judges."""
