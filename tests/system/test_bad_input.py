@@ -40,13 +40,17 @@ XML = """\
   <shape type="sphere" id="ball"><float name="radius" value="0.5"/></shape>
 </scene>
 """
+CSV = """\
+time_s,x_m,y_m,z_m,qw,qx,qy
+0,0,0,5,1,0,0
+"""
 
 pytestmark = pytest.mark.usefixtures("device")
 
 
 def attempt(folder: Path, text: str | bytes, *more: str) -> Any:
     """Run a scenario in a folder that holds a sound mesh and a sound XML file."""
-    for name, content in (("part.ply", PLY), ("scene.xml", XML)):
+    for name, content in (("part.ply", PLY), ("scene.xml", XML), ("poses.csv", CSV)):
         if not (folder / name).exists():
             (folder / name).write_text(content)
     (folder / "scenario.yaml").write_bytes(text.encode() if isinstance(text, str) else text)
@@ -88,6 +92,16 @@ def test_the_scenario_from_which_the_bad_ones_are_made_is_good(tmp_path: Path) -
         ("mesh: part.ply", "mesh: prt.ply",
          ("line 5, scene.objects[0].mesh", "there is no file", "Did you mean part.ply?")),
         ("mesh: part.ply", "mesh: scene.xml", ("line 5, scene.objects[0].mesh", ".ply, .obj, .stl")),
+        ("mesh: part.ply", "mesh: part.ply, motion: {type: file, file: posse.csv}",
+         ("line 5, scene.objects[0].motion.file", "there is no file", "Did you mean poses.csv?")),
+        ("mesh: part.ply", "mesh: part.ply, motion: {type: file, file: poses.csv}",
+         ("line 5, scene.objects[0].motion.file", "poses.csv has no column qz", "first line is time_s,")),
+        ("mesh: part.ply", "mesh: part.ply, motion: {type: twits}",
+         ("line 5, scene.objects[0].motion.type", "Did you mean 'twist'?")),
+        ("mesh: part.ply", "mesh: part.ply, motion: {velocity: [1 m/s, 0 m/s, 0 m/s]}",
+         ("line 5, scene.objects[0].motion", "the key 'type' is missing", "twist, waypoints, file")),
+        ("mesh: part.ply", "mesh: part.ply, motion: {type: twist, turn_rate: [1 m/s, 0 deg/s, 0 deg/s]}",
+         ("line 5, scene.objects[0].motion.turn_rate[0]", "is not a unit of", "1 deg/s")),
         ("scanner:", "scanner: {}\nscanner:", ("line 3, scanner", "given in line 2 and again in line 3", "Keep one")),
         ("schema: 1", "schema: 1\nseed: !!python/object/apply:os.getpid []", ("line 2, seed", "tag", "remove the tag")),
         ("schema: 1", "schema: 1\n\tseed: 1", ("line 2", "a tab", "Indent with spaces")),
