@@ -22,6 +22,8 @@ _FEWEST_EDGES = 4
 """Fewest crossings of an edge that make a circle with something to check it by."""
 _EDGE = 0.1
 """Error of an edge between two points, over their distance: the edge is blurred, and not straight between them."""
+_SHARP_EDGE = 12.0**-0.5
+"""The same where the values on both sides do not tell how near it is: anywhere between the points."""
 _AT_REST = 1e-4
 """Step, over the circle's size, with which it comes to rest: the next would be far smaller."""
 _ROUNDS = 8
@@ -112,13 +114,14 @@ def edge_points(samples: PatternSamples, response: Response) -> tuple[Array, Mas
     return points, crossing
 
 
-def circle_fit(samples: PatternSamples, response: Response) -> Centroid:
+def circle_fit(samples: PatternSamples, response: Response, *, blurred: bool = True) -> Centroid:
     """Return the circle through the crossings of the target's edge (:func:`edge_points`).
 
     Least squares of the distance from the circle, Σ(|x_k − c| − r)², started at the algebraic circle (Kåsa, *IEEE
     Transactions on Instrumentation and Measurement* 25, 1976) and weighed by Huber's function at 2 of the residuals'
     scale, so that a few false edges do not draw it. The covariance is (JᵀWJ)⁻¹ times the residuals' variance, or
-    times (0.1 of the points' distance)² where that is more; the misfit is their rms over the radius, squared.
+    times (0.1 of the points' distance)² where that is more, or (0.29 of it)² for an edge that is not ``blurred``; the
+    misfit is their rms over the radius, squared.
     """
     points, crossing = edge_points(samples, response)
     weight = crossing.astype(np.float64)
@@ -160,7 +163,7 @@ def circle_fit(samples: PatternSamples, response: Response) -> Centroid:
             break
     # Four edges leave one residual, which may be small by chance: no edge is better than the interpolation.
     apart = np.diff(samples.theta, axis=1) ** 2 + np.diff(samples.phi, axis=1) ** 2
-    least = _EDGE * np.sqrt((weight * apart).sum(axis=1) / n)
+    least = (_EDGE if blurred else _SHARP_EDGE) * np.sqrt((weight * apart).sum(axis=1) / n)
     covariance = np.linalg.inv(normal) * np.maximum(scale * size, least)[:, None, None] ** 2
     return centroid_of(
         middle + centre * size[:, None],

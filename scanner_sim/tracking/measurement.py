@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,6 +19,9 @@ from scanner_sim.units import Length
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_CAP = 0.8
+"""Part of a sphere's radius within which its range is looked at."""
+
 
 class TargetLooks(Part):
     """What the tracker knows of a target's looks."""
@@ -28,6 +32,8 @@ class TargetLooks(Part):
     """Diameter."""
     depth: Length = Field(default=0.3, gt=0.0, le=1e4)
     """How far in front of and behind the expected range target and ground may lie: the range gate."""
+    surface: Literal["flat", "sphere"] = "flat"
+    """Its form: the range of a sphere is that of its middle."""
 
 
 @dataclass(frozen=True)
@@ -86,20 +92,23 @@ def measure_target(
     Returns
     -------
     Measurement
-        Centre of the disc fit with a free radius, or the mean of hits where that fails. The range is that of the plane
-        R cos δ = R₀ + g·δ, δ = angles − centre, through the voxels on the target (for holes: around it; for black discs
-        both) at the centre, weighed by 1/σ_R²: a flat target in space, to the second order in δ but for its tilt's.
+        Centre of the disc fit with a free radius, or the mean of hits where that fails; for targets that their range
+        tells, whose values at the edge do not say how much of the spot is on it, of the circle. The range is that of
+        the plane R cos δ = R₀ + g·δ, δ = angles − centre, through the voxels on the target (for holes: around it; for
+        black discs both) at the centre, weighed by 1/σ_R²: a flat target in space, to the second order in δ but for
+        its tilt's. A sphere's voxels are carried to its middle first.
     """
     middle = np.broadcast_to(np.asarray(expected_range, dtype=np.float64), (len(samples.theta),))
     response = target_response(
         samples, looks.kind, np.stack([middle - looks.depth, middle + looks.depth], axis=1)
     )
     hits = hit_centroid(samples, response)
-    rough = better_of(circle_fit(samples, response), hits)
-    centre = better_of(
-        disc_fit(samples, response, rough, spot=spot, shining=shining, pointing=pointing), hits
-    )
-    distance, variance = _range_at(samples, response, looks.kind, centre)
+    rough = better_of(circle_fit(samples, response, blurred=not looks.kind.by_range), hits)
+    centre = rough
+    if not looks.kind.by_range:
+        fitted = disc_fit(samples, response, rough, spot=spot, shining=shining, pointing=pointing)
+        centre = better_of(fitted, hits)
+    distance, variance = _range_at(samples, response, looks, centre)
     place = np.concatenate([centre.centre, distance[:, None]], axis=1)
     covariance = np.zeros((len(place), 3, 3))
     covariance[:, :2, :2], covariance[:, 2, 2] = centre.covariance, variance
@@ -118,14 +127,22 @@ def measure_target(
 
 
 def _range_at(
-    samples: PatternSamples, response: Response, kind: TargetKind, centre: Centroid
+    samples: PatternSamples, response: Response, looks: TargetLooks, centre: Centroid
 ) -> tuple[Array, Array]:
     """Return range [m] and variance at the centres, shape (patterns,)."""
     part = {TargetKind.BLACK: response.used, TargetKind.HOLE: response.used & ~response.hit}
-    chosen = part.get(kind, response.hit) & samples.valid & centre.found[:, None]
+    chosen = part.get(looks.kind, response.hit) & samples.valid & centre.found[:, None]
+    angles = np.stack([samples.theta, samples.phi], axis=-1) - np.nan_to_num(centre.centre)[:, None]
+    square = (angles**2).sum(axis=-1)
+    # Off the centre a flat target is farther away by 1/cos: a third of a millimetre at 10 m, many σ when it is near.
+    value = samples.range * np.cos(np.sqrt(square))
+    if looks.surface == "sphere":
+        # The middle lies behind a point of the surface by √(r² − ρ²), which is steep near the limb.
+        radius, off = 0.5 * looks.diameter, square * samples.range**2
+        chosen &= off < (_CAP * radius) ** 2
+        value = value + np.sqrt(np.maximum(radius**2 - off, 0.0))
     sigma = np.where(chosen & (samples.sigma_range > 0.0), samples.sigma_range, 1.0)
     weight = np.where(chosen, 1.0 / sigma**2, 0.0)
-    angles = np.stack([samples.theta, samples.phi], axis=-1) - np.nan_to_num(centre.centre)[:, None]
     # In radii, so that the plane's columns are of like size.
     scaled = angles / np.where(centre.found, centre.radius, 1.0)[:, None, None]
     design = np.concatenate([np.ones_like(scaled[..., :1]), scaled], axis=-1)
@@ -134,8 +151,7 @@ def _range_at(
     enough = chosen.sum(axis=1) >= 4
     normal = np.where(enough[:, None, None], normal, np.eye(3))
     normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
-    # Off the centre a flat target is farther away by 1/cos: a third of a millimetre at 10 m, many σ when it is near.
-    value = np.where(chosen, samples.range * np.cos(np.hypot(angles[..., 0], angles[..., 1])), 0.0)
+    value = np.where(chosen, value, 0.0)
     plane = np.linalg.solve(normal, np.einsum("pni,pn->pi", weighted, value)[..., None])[..., 0]
     variance = np.linalg.inv(normal)[:, 0, 0]
     return np.where(enough, plane[:, 0], np.nan), np.where(enough, variance, np.nan)

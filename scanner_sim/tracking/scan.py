@@ -198,7 +198,8 @@ def _looks(asked: FollowedTarget, item: SceneObject) -> TargetLooks | None:
         kind, diameter = kind or TargetKind.RAISED, diameter or item.diameter
     if kind is None or diameter is None:
         return None
-    return TargetLooks(kind=kind, diameter=diameter, depth=asked.depth)
+    surface: Literal["flat", "sphere"] = "sphere" if isinstance(item, Sphere) else "flat"
+    return TargetLooks(kind=kind, diameter=diameter, depth=asked.depth, surface=surface)
 
 
 def _contrast(item: TargetArray) -> TargetKind:
