@@ -16,6 +16,8 @@ from scanner_sim.scene.motion import ConstantTwist
 from scanner_sim.scene.objects import MitsubaFile, Retroreflector, TargetArray
 from scanner_sim.scene.retroreflectors import RetroLobe
 from scanner_sim.signals.processing import MARGIN
+from scanner_sim.tracking.doubts import track_doubts
+from scanner_sim.tracking.scan import TrackScan
 
 _NARROWEST = 0.35
 """Standard deviation of a spot [pixel] below which its light is in one pixel nearly everywhere."""
@@ -39,6 +41,7 @@ def doubts(scenario: Scenario) -> tuple[str, ...]:
         *(() if scenario.ranging == "tof" else _instrument(scenario)),
         *(() if scenario.ranging == "triangulation" else _time_of_flight(scenario)),
         *_light(scenario),
+        *_tracking(scenario),
         *(() if scenario.ranging == "tof" else _retro_reflectors(scenario)),
     )
 
@@ -111,6 +114,13 @@ def _time_of_flight(scenario: Scenario) -> Iterator[str]:
                 f"{lidar.digitiser.gate[1]:.4g} m"
             )
     yield from (f"scanner.lidar.{doubt}" for doubt in lidar.pulse.doubts(farthest))
+
+
+def _tracking(scenario: Scenario) -> Iterator[str]:
+    scan, scanner = scenario.scan, scenario.scanner
+    if isinstance(scan, TrackScan):
+        limit = scanner.mirrors.max_deflection
+        yield from track_doubts(scan, scenario.targets, scanner.galvanometers, scanner.dwell, limit)
 
 
 def _instrument(scenario: Scenario) -> Iterator[str]:
