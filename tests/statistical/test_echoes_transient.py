@@ -1,6 +1,7 @@
 """Late light against mitransient, an independent time-resolved path tracer for Mitsuba (Royo et al., 2025).
 
-It is no dependency of the program; without it the judge's own tracer in ``test_echoes.py`` stands alone.
+It is no dependency of the program but an extra of its own, ``pip install -e '.[transient]'``; without it the judge's own
+tracer in ``test_echoes.py`` stands alone.
 """
 
 from __future__ import annotations
@@ -117,7 +118,9 @@ def test_late_light_agrees_with_mitransient() -> None:
     from 8.2 m on, behind the direct light. Tolerance: |z| < 4.5 in each bin, errors (1 % in the fullest) from the
     scatter of beams and of renderings; 3 % of the sum, which is known to 0.6 %.
     """
-    pytest.importorskip("mitransient", reason="mitransient is a test-only dependency")
+    pytest.importorskip(
+        "mitransient", reason="mitransient is a test-only dependency: pip install -e '.[transient]'"
+    )
     renderings = np.array([by_mitransient(1024, seed) for seed in range(16)])
     beams = by_beamlets(30_000, 128)
     other, own = renderings.mean(axis=0), beams.mean(axis=0)
