@@ -1,7 +1,7 @@
 """Late light against mitransient, an independent time-resolved path tracer for Mitsuba (Royo et al., 2025).
 
-It is no dependency of the program but an extra of its own, ``pip install -e '.[transient]'``; without it the judge's own
-tracer in ``test_echoes.py`` stands alone.
+It is no dependency of the program but an extra of its own, ``pip install -e '.[transient]'``; without it the judge's
+own tracer in ``test_echoes.py`` stands alone.
 """
 
 from __future__ import annotations
