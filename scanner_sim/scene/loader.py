@@ -114,11 +114,8 @@ def packed_poses(matrices: list[NDArray[np.float64]]) -> NDArray[np.float32]:
 
 def unpacked_poses(numbers: Any, objects: int, count: int, first: int = 0) -> tuple[Pose, ...]:
     """Return the poses of ``count`` rays that :func:`packed_poses` made, out of an array from a place on."""
-    lane = dr.arange(mi.UInt32, count)
-    entries = [
-        dr.gather(mi.Float, numbers, lane + dr.opaque(mi.UInt32, first + number * count))
-        for number in range(12 * objects)
-    ]
+    at, step = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, count)
+    entries = [dr.gather(mi.Float, numbers, at + number * step) for number in range(12 * objects)]
     poses = []
     for start in range(0, len(entries), 12):
         grid = [entries[start + 4 * row : start + 4 * row + 4] for row in range(3)]

@@ -97,16 +97,10 @@ class Waypoints(Part):
                     "Write the waypoints in the order of their times.",
                 )
 
-    def poses(self) -> Poses:
-        """Return the waypoints as arrays."""
-        matrices = np.stack([placed(point.position, point.rotation) for point in self.points])
-        quaternion = Turning.from_matrix(matrices[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
-        return Poses(np.array([point.time for point in self.points]), matrices[:, :3, 3], quaternion)
-
     def scanner_from_object(self, time: ArrayLike, start: Array) -> Array:
         """Return the poses at times [s], shape (n, 4, 4); the waypoints say all, and ``start`` nothing."""
         del start
-        return interpolated(self.poses(), time, self.interpolation)
+        return _path_of(self.points, self.interpolation)(time)
 
 
 class PoseFile(Part):
@@ -134,7 +128,8 @@ class PoseFile(Part):
     def scanner_from_object(self, time: ArrayLike, start: Array) -> Array:
         """Return the poses at times [s], shape (n, 4, 4); the file says all, and ``start`` nothing."""
         del start
-        return interpolated(self.poses(), time, self.interpolation)
+        changed = self.file.stat()
+        return _path_in(self.file, changed.st_mtime_ns, changed.st_size, self.interpolation)(time)
 
 
 def _kind(value: object) -> str:
@@ -151,27 +146,34 @@ RigidMotion = Annotated[
 """Any motion of a rigid object."""
 
 
-def interpolated(poses: Poses, time: ArrayLike, interpolation: Literal["linear", "smooth"]) -> Array:
-    """Return poses between given ones, shape (n, 4, 4).
+class PosePath:
+    """A path through given poses.
 
     Parameters
     ----------
     poses
         At least two, at ascending times.
-    time
-        Times [s], shape (n,); before the first and after the last the pose is held.
     interpolation
         ``linear``: straight lines, and turns about a fixed axis at an even rate (Shoemake's slerp, SIGGRAPH 1985).
         ``smooth``: cubic splines at rest at both ends, and the spline of rotations that SciPy has (its angular
         acceleration is continuous, its ends are free).
     """
-    t = np.clip(np.atleast_1d(np.asarray(time, dtype=np.float64)), poses.time[0], poses.time[-1])
-    turns = Turning.from_quat(poses.quaternion[:, [1, 2, 3, 0]])
-    if interpolation == "linear":
-        place = np.stack([np.interp(t, poses.time, axis) for axis in poses.position.T], axis=1)
-        return _matrices(Slerp(poses.time, turns)(t).as_matrix(), place)
-    place = CubicSpline(poses.time, poses.position, bc_type="clamped")(t)
-    return _matrices(RotationSpline(poses.time, turns)(t).as_matrix(), place)
+
+    def __init__(self, poses: Poses, interpolation: Literal["linear", "smooth"]) -> None:
+        self._poses = poses
+        turns = Turning.from_quat(poses.quaternion[:, [1, 2, 3, 0]])
+        smooth = interpolation == "smooth"
+        self._turn = RotationSpline(poses.time, turns) if smooth else Slerp(poses.time, turns)
+        self._place = CubicSpline(poses.time, poses.position, bc_type="clamped") if smooth else self._straight
+
+    def __call__(self, time: ArrayLike) -> Array:
+        """Return the poses at times [s], shape (n, 4, 4); before the first and after the last they are held."""
+        first, last = self._poses.time[[0, -1]]
+        t = np.clip(np.atleast_1d(np.asarray(time, dtype=np.float64)), first, last)
+        return _matrices(self._turn(t).as_matrix(), self._place(t))
+
+    def _straight(self, time: Array) -> Array:
+        return np.stack([np.interp(time, self._poses.time, axis) for axis in self._poses.position.T], axis=1)
 
 
 def read_poses(file: Path) -> Poses:
@@ -233,6 +235,20 @@ def _cached_poses(file: Path, changed: int, size: int) -> Poses:
     """Read a file once for each of its versions."""
     del changed, size
     return read_poses(file)
+
+
+@lru_cache(maxsize=16)
+def _path_in(file: Path, changed: int, size: int, interpolation: Literal["linear", "smooth"]) -> PosePath:
+    return PosePath(_cached_poses(file, changed, size), interpolation)
+
+
+@lru_cache(maxsize=64)
+def _path_of(points: tuple[Waypoint, ...], interpolation: Literal["linear", "smooth"]) -> PosePath:
+    matrices = np.stack([placed(point.position, point.rotation) for point in points])
+    quaternion = Turning.from_matrix(matrices[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
+    return PosePath(
+        Poses(np.array([point.time for point in points]), matrices[:, :3, 3], quaternion), interpolation
+    )
 
 
 def _matrices(rotation: Array, position: Array) -> Array:
