@@ -8,7 +8,9 @@ the shots' numbers. What differs is how the beam is split (:mod:`scanner_sim.ren
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import gc
+from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
@@ -23,7 +25,6 @@ from scanner_sim.scan.raster import Aim
 from scanner_sim.workbench import Workbench, finished_layers
 
 Array = NDArray[np.float64]
-Step = Callable[[list[Any], Any, Any, list[Any]], tuple[Any, dict[str, Any]]]
 
 _ALIGNMENT = 64
 """Alignment of what is handed to the device [bytes]: Dr.Jit makes a kernel for each alignment that it meets."""
@@ -46,7 +47,7 @@ class PatternBench:
 
     def __init__(self, workbench: Workbench) -> None:
         self.bench = workbench
-        self._steps: dict[int, Step] = {}
+        self._steps: dict[int, Any] = {}
         self.windows = None if workbench.scenario.lighting.sky().dark else Windows(workbench)
 
     @property
@@ -54,6 +55,11 @@ class PatternBench:
         """Whether the scenario is one that frozen kernels measure."""
         scenario = self.bench.scenario
         return scenario.ranging == "triangulation" and scenario.transport.bounces == 1
+
+    @property
+    def recordings(self) -> int:
+        """How often kernels were recorded so far: once for each length of patterns."""
+        return sum(int(step.n_recordings) for step in self._steps.values())
 
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
         """Return the layers of a pattern's shots: see :meth:`~scanner_sim.workbench.Workbench.measure`."""
@@ -68,7 +74,8 @@ class PatternBench:
         numbers, integers = self._packed(aim, still)
         window = [] if self.windows is None else self.windows.seen_by(aim)
         step = self._step(len(aim.shot))
-        truth, found = step(self._reads, auto.Float(numbers), auto.UInt32(integers), window)
+        with _nothing_collected():
+            truth, found = step(self._reads, auto.Float(numbers), auto.UInt32(integers), window)
         status = found.pop("status").numpy()
         values = {name: array.numpy().astype(np.float64) for name, array in found.items()}
         theta, phi = readings(
@@ -143,7 +150,7 @@ class PatternBench:
             *([] if bench.bias is None else [bench.bias.values]),
         ]
 
-    def _step(self, points: int) -> Step:
+    def _step(self, points: int) -> Any:
         """Return the frozen kernels of patterns of a length."""
         if points not in self._steps:
             import drjit as dr
@@ -209,6 +216,18 @@ class PatternBench:
             "read_theta": read[0],
             "read_phi": read[1],
         }
+
+
+@contextlib.contextmanager
+def _nothing_collected() -> Iterator[None]:
+    """Keep the collector of garbage away: memory of NumPy that it frees while kernels are recorded ends the process."""
+    running = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if running:
+            gc.enable()
 
 
 def _joined(columns: list[NDArray[Any]], kind: Any) -> NDArray[Any]:
