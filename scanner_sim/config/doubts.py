@@ -30,6 +30,8 @@ _MOMENTS = 257
 """Instants of a scan at which motions are looked at."""
 _BLUR = 0.3
 """Motion during a dwell, in radii of the beam, beyond which it could be seen in the spot."""
+_STRAY = 3.0
+"""Error of a shadow's place in pixels that could be seen in the background."""
 
 
 def doubts(scenario: Scenario) -> tuple[str, ...]:
@@ -68,7 +70,7 @@ def _motions(scenario: Scenario) -> Iterator[str]:
     """Doubt motions that do not take place in the time of the scan, or are too fast for its dwell."""
     scanner, scan = scenario.scanner, scenario.scan
     duration = scan.shots * scanner.dwell if isinstance(scan, RasterScan) else scan.duration
-    time = np.linspace(0.0, duration, _MOMENTS)
+    time, lit = np.linspace(0.0, duration, _MOMENTS), not scenario.lighting.sky().dark
     for index, item in enumerate(scenario.scene.objects):
         if item.motion is None:
             continue
@@ -87,6 +89,12 @@ def _motions(scenario: Scenario) -> Iterator[str]:
             yield (
                 f"{place} moves by up to {1e3 * way.max():.2g} mm during a dwell, {blur.max():.2g} of the beam's "
                 "radius: this blur is left out"
+            )
+        pixel = scanner.position_sensor.pitch / scanner.receiver.focal_length
+        if isinstance(scan, RasterScan) and lit and (way * scan.columns > 2.0 * _STRAY * pixel * far).any():
+            yield (
+                f"{place} moves by up to {1e3 * way.max() * scan.columns:.2g} mm during a row: the background is that "
+                "of the row's middle, and lags or leads by half of it at the ends"
             )
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from scanner_sim import Scenario, simulate
 from scanner_sim.analytic.geometry import laser_origin, range_to_sphere, scanner_axes
+from scanner_sim.config import doubts
 from scanner_sim.photo import take_photo
 from scanner_sim.products.image import RangeImage
 from scanner_sim.scan.raster import raster_aim
@@ -310,3 +311,24 @@ def test_the_sunlit_side_of_a_moving_target_is_known() -> None:
     assert found[0].count == found[1].count > 100
     np.testing.assert_allclose(found[0].point.numpy(), found[1].point.numpy(), atol=1e-5)
     np.testing.assert_allclose(found[0].normal.numpy(), found[1].normal.numpy(), atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("motion", "keys", "words"),
+    [
+        ({"type": "twist", "velocity": (60.0, 0, 0)}, {}, "moves by up to 3 mm during a dwell"),
+        ({"type": "twist", "velocity": (20.0, 0, 0)}, {"lighting": SUN}, "moves by up to 32 mm during a row"),
+        ({"type": "twist"}, {}, "does not move in the 0.0384 s of the scan"),
+        (
+            {"type": "waypoints", "points": [{"time": t, "position": (t, 0, 7)} for t in (0.0, 1.0)]},
+            {},
+            "its position and rotation are not used",
+        ),
+    ],
+)
+def test_motions_that_make_little_sense_are_doubted(
+    motion: dict[str, Any], keys: dict[str, Any], words: str
+) -> None:
+    assert any(words in doubt for doubt in doubts(scenario(plate(motion=motion), WALL, **keys)))
+    slow = {"type": "twist", "velocity": (0.01, 0.0, 0.0), "turn_rate": (0.0, 0.0, 0.01)}
+    assert not doubts(scenario(plate(motion=slow), WALL, **keys))
