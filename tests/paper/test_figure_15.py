@@ -147,8 +147,8 @@ def test_poses_from_pixels_are_the_closed_forms(
     drawn from 144 simulated ones, and are neither normal nor of the stated σ. Expected: simulated/closed = 1.
     Tolerance: over eight seeds the 36 ratios of xyz, whose points count alike, lay within 5 % and their mean logarithms
     within 0.013: 12 % and 0.04. uv weighs by the stated σ, which tell good patterns from bad ones: within 18 %, mean
-    −0.02 ± 0.01: 45 % and 0.08. joint trusts the stated σ of angles, which are too small by up to two, against the ranges':
-    from −21 to +50 %: a factor 0.6 to 2.
+    −0.02 ± 0.01: 45 % and 0.08. joint trusts the stated σ of angles, which are too small by up to two, against those of
+    ranges: from −21 to +50 %: a factor 0.6 to 2.
     """
     rows = studied[1]
     ratio: dict[Any, Array] = {
