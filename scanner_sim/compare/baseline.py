@@ -44,9 +44,9 @@ def against(now: Comparison, before: Comparison) -> Comparison:
     -------
     Comparison
         With the same seed, number of seeds and effort every number must be the same, bit for bit. Otherwise predictions
-        and numbers without noise must agree to rounding, and measured ones in statistics: Welch's t for means, Fisher's
-        F for standard deviations, and Holm's procedure at the level of ``now``. A check that only one of them has is a
-        difference too, as is a verdict that has changed.
+        must agree to rounding, numbers without noise to the accuracy of their closed form, and measured ones in
+        statistics: Welch's t for means, Fisher's F for standard deviations, Holm's procedure at the
+        level of ``now``. A check that only one of them has is a difference too.
     """
     repeated = (now.seed, now.seeds, now.quick) == (before.seed, before.seeds, before.quick)
     earlier = {finding.name: finding for finding in before.findings}
@@ -72,7 +72,7 @@ def against(now: Comparison, before: Comparison) -> Comparison:
                     _change(finding.name, was, found, "prediction", was.predicted, found.predicted, 0.0)
                 )
             random.append((finding.name, was, found))
-    probabilities = holm([same(_measured(found), _measured(was)) for _, was, found in random])
+    probabilities = holm([same(_measured(found), _measured(was), found.accuracy) for _, was, found in random])
     for (law, was, found), p in zip(random, probabilities, strict=True):
         if p < now.level:
             changes.append(_change(law, was, found, "simulated", was.simulated, found.simulated, p))

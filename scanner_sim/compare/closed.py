@@ -137,12 +137,10 @@ class Closed:
 
     def place(self, R: float, phase: float) -> float:
         """Return the range [m] next to one at which a facing plate's spot lies at a place in its pixel."""
-        low, high = 0.9 * R, 1.1 * R
         target = round(self.facing(R, 1.0).centre) + phase
-        for _ in range(60):
-            middle = 0.5 * (low + high)
-            low, high = (middle, high) if self.facing(middle, 1.0).centre > target else (low, middle)
-        return 0.5 * (low + high)
+        for _ in range(5):
+            R += (self.facing(R, 1.0).centre - target) * self.range_per_pixel(R)
+        return R
 
     def sigma_pixel(self, seen: Spot, estimator: str, variance: Array) -> float:
         """Return σ of the estimate [pixel] for the variances of the judge's pixels: first order, or the bound."""

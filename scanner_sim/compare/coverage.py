@@ -23,7 +23,7 @@ from scanner_sim.workbench import Workbench
 
 Array = NDArray[np.float64]
 
-_RUNS = 32
+_RUNS = 64
 """Seeds, each with its own pattern of the pixels' response, which all voxels of a seed have in common."""
 _VOXELS = 400
 """Voxels of a plane."""
@@ -178,7 +178,7 @@ def _on_planes(
 
 def _pulls(setting: Setting, runs: int = 0) -> Iterator[tuple[Array, Array]]:
     """Yield (estimate − truth)/σ of the range, and χ² of the point, of the voxels of each seed."""
-    count = runs or max(setting.shots(_RUNS) * setting.seeds, 8)
+    count = runs or setting.shots(_RUNS) * setting.seeds
     first = setting.seed(16)[0]
     seeds = tuple((first + 17 * number) % 2**63 for number in range(count))
     measured = _on_scene if setting.own_scene else _on_planes
@@ -231,9 +231,9 @@ COVERAGE = Law(
     "coverage",
     "The stated σ is true",
     "(estimate − truth)/σ is standard normal",
-    "Mean 0, variance 1, 95 % within 1.96 σ, and χ² of the point with its covariance, over voxels whose spot lies on "
-    "one smooth, depolarising surface inclined by less than 60 deg. Every source of error on; seeds are the samples, since "
-    "the pixels' response is common to all voxels of one.",
+    "Mean 0, variance 1, 95 % within 1.96 σ, and χ² of the point with its covariance, over voxels whose spot lies "
+    "on one smooth, depolarising surface inclined by less than 60 deg. Every source of error on; seeds are the "
+    "samples, since the pixels' response is common to all voxels of one.",
     "scene",
     _honest,
     _measure,

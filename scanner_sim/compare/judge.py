@@ -136,20 +136,20 @@ def judged(cases: Sequence[tuple[str, Measured, Predicted]], level: float) -> li
     return checks
 
 
-def same(one: Measured, other: Measured) -> float:
-    """Return the probability that two runs differ at least as much as they do: Welch's t, or Fisher's F."""
+def same(one: Measured, other: Measured, accuracy: float) -> float:
+    """Return the probability that two runs differ at least as much as they do: Welch's t, or Fisher's F.
+
+    Numbers without noise are the same within the accuracy of their closed form.
+    """
     if one.form == "spread":
         ratio = (one.value / other.value) ** 2
         tails = fisher.sf(ratio, one.freedom, other.freedom), fisher.cdf(ratio, one.freedom, other.freedom)
         return float(min(1.0, 2.0 * min(tails)))
     error = math.hypot(one.error, other.error)
     if error == 0.0:
-        return 1.0 if math.isclose(one.value, other.value, rel_tol=1e-5, abs_tol=1e-12) else 0.0
-    freedom = (
-        error**4 / sum(part.error**4 / part.freedom for part in (one, other) if part.error > 0.0)
-        if math.isfinite(min(one.freedom, other.freedom))
-        else math.inf
-    )
+        return 1.0 if abs(one.value - other.value) <= accuracy else 0.0
+    shares = sum(part.error**4 / part.freedom for part in (one, other))
+    freedom = error**4 / shares if shares else math.inf
     return min(1.0, 2.0 * _t_above(abs(one.value - other.value) / error, freedom))
 
 

@@ -22,6 +22,7 @@ LAWS: Final[tuple[Law, ...]] = (
     noise.BOUND,
     shape.COVARIANCE,
     coverage.COVERAGE,
+    pulses.TOF_RANGE,
     pulses.TOF_BOUND,
     pulses.TOF_SIGMA,
     pulses.TOF_WALK,

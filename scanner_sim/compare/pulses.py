@@ -20,17 +20,19 @@ from scanner_sim.scenario import Scenario
 
 Array = NDArray[np.float64]
 
-_PLACES = 8
+_PLACES = 4
 """Places of the echo between two samples."""
 _TO_SIGMA = 1.0 / 2.3548200450309493
 _SNR = 20.0, 100.0, 500.0
 """Ratios of peak to noise: above them the filter's table of delays counts, below them false alarms."""
 _EFFICIENCY = 0.02
 """What interpolation between samples loses against the bound, at most."""
+_BIAS = 1e-3
+"""Error of the interpolation of a delay [sample]."""
 _RATIOS = (2.0, 4.0, 8.0, 16.0)
 """Peaks over the level, of which the first is the reference."""
 _WALK = 0.5
-"""What is left of the law of the walk [mm]: eight places between two samples stand for all."""
+"""What is left of the law of the walk [mm]: four places between two samples stand for all."""
 
 
 def _timed(setting: Setting) -> str:
@@ -152,6 +154,26 @@ def _scatter(setting: Setting, number: int, *on: str) -> dict[str, Measured]:
     return told
 
 
+def _measure_bias(setting: Setting) -> dict[str, Measured]:
+    made, told = _silent(setting, "amplifier", "quantisation", timing="matched_filter", echo="strongest"), {}
+    for step, (case, (R, grey)) in enumerate(_echoes(setting).items()):
+        errors = [
+            _errors(setting, where, grey, seed, setting.shots(2000), made)
+            for place, where in enumerate(_near(setting, R))
+            for seed in setting.seed(17, step, place)
+        ]
+        told[case] = mean_of(np.concatenate(errors))
+    return told
+
+
+def _predict_bias(setting: Setting) -> dict[str, Predicted]:
+    step = 0.5e3 * SPEED_OF_LIGHT / setting.scenario.scanner.lidar.digitiser.rate
+    return {
+        case: Predicted("mean error of R", "mm", 0.0, _BIAS * step, 1e3 * R, "range")
+        for case, (R, _) in _echoes(setting).items()
+    }
+
+
 def _bound(setting: Setting, R: float, reflectance: float) -> float:
     """Return the bound on σ of the range [mm], root mean square over the places between two samples."""
     sigma, white = _noise(setting)
@@ -270,6 +292,16 @@ TOF_BOUND = Law(
     _timed,
     lambda setting: _scatter(setting, 11, "amplifier", "quantisation"),
     _predict_bound,
+)
+TOF_RANGE = Law(
+    "tof_range",
+    "No bias of time of flight",
+    "R = c t/2",
+    "The mean of (estimate − truth) is 0 for the matched filter. Amplifier and converter noise, no clock.",
+    "target",
+    _timed,
+    _measure_bias,
+    _predict_bias,
 )
 TOF_SIGMA = Law(
     "tof_sigma",

@@ -32,7 +32,7 @@ _NOISE = 0.02
 """Noise of a signal, over that of the ground."""
 _SHARE = 0.625
 """Radius of the disc over the pattern's amplitude."""
-_BOUNDS = 16
+_BOUNDS = 8
 """Patterns over which the bound is averaged."""
 _EDGE = 0.02
 """What the fit's straight edge across the spot and its straight travel leave of the bound."""
@@ -264,8 +264,9 @@ POSE = Law(
     "pose",
     "Pose of a square array",
     "section 4, eqs 11 to 16, Figure 15",
-    "σ of the six components by angles (uv), points (xyz) and both, as σR/√2, σR²/(√2 a), 2σR²/a² … of a square of a "
-    "tenth of its range. Corners measured on simulated pixels: shot, read and dark noise, the mirrors' errors; no speckle.",
+    "σ of the six components by angles (uv), points (xyz) and both, as σR/√2, σR²/(√2 a), 2σR²/a² … of a square of "
+    "a tenth of its range. Corners measured on simulated pixels: shot, read and dark noise, the "
+    "mirrors' errors; no speckle.",
     "target",
     _posed,
     _measure_pose,
