@@ -25,9 +25,28 @@ Progress = Callable[[int, int, str], None]
 
 def all_items() -> tuple[Item, ...]:
     """Return every item in the order of the paper's parts; their modules are loaded here."""
-    from scanner_sim.reproduce import ranging, sunlight
+    from scanner_sim.reproduce import errors, images, poses, ranging, sunlight, tables, tracking
 
-    return (*ranging.ITEMS, *sunlight.ITEMS)
+    items = (
+        *ranging.ITEMS,
+        *tables.ITEMS,
+        *images.ITEMS,
+        *tracking.ITEMS,
+        *errors.ITEMS,
+        *poses.ITEMS,
+        *sunlight.ITEMS,
+    )
+    return tuple(sorted(items, key=_place))
+
+
+_KINDS = ("eq", "table", "fig")
+
+
+def _place(item: Item) -> tuple[int, int, str]:
+    """Return where an item stands on the page: equations, tables, figures, each by its number."""
+    kind = next(kind for kind in _KINDS if item.key.startswith(kind))
+    number = item.key.removeprefix(kind)
+    return _KINDS.index(kind), int(number.rstrip("ab")), number
 
 
 def chosen_items(only: Sequence[str]) -> tuple[Item, ...]:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from scanner_sim.analytic.orbit import eclipse_fraction
-from scanner_sim.config import load_scenario
 from scanner_sim.conditions import ESTIMATES
+from scanner_sim.config import load_scenario
 from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.reproduce.bench import DWELL
 from scanner_sim.reproduce.drawing import BLUE, OCHRE, RED, sheet

@@ -1,0 +1,252 @@
+"""Equations 8 to 16, Figures 13 to 15: the pose of an array from points and from angles."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.analytic import geometry
+from scanner_sim.analytic.pose import facing_errors
+from scanner_sim.config import load_scenario, scenario_from_text
+from scanner_sim.pose.series import PoseSeries
+from scanner_sim.pose.transforms import vector_from_rotation
+from scanner_sim.products.pose_study import COMPONENTS, Exponent, PoseRow, PoseStudy
+from scanner_sim.reproduce.bench import SEPARATION
+from scanner_sim.reproduce.drawing import BLUE, RED, sheet
+from scanner_sim.reproduce.item import Item, Outcome, Row, Task, judged
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from scanner_sim.target_errors import TargetErrors
+
+Array = NDArray[np.float64]
+
+_SQUARE = """\
+schema: 1
+seed: {0}
+scene:
+  objects:
+    - name: array
+      array: {{diameter: 100 mm, plate: 300 mm, rows: 2, columns: 2, spacing: [1 m, 1 m]}}
+      position: [0 m, 0 m, 10 m]
+scan: {{type: track, duration: {1}, targets: [array]}}
+"""
+_WORDS = {
+    "t_x": "lateral, x",
+    "t_y": "lateral, y",
+    "t_z": "depth",
+    "omega_x": "tilt about x",
+    "omega_y": "tilt about y",
+    "omega_z": "roll",
+}
+
+
+def _poses(task: Task, method: str) -> PoseSeries:
+    """Return poses of four targets on a square of 1 m at 10 m, from a closed loop over them."""
+    from scanner_sim.poses import poses_of
+    from scanner_sim.track import track
+
+    text = _SQUARE.format(task.seed, task.choose("4 s", "1 s"))
+    run = track(scenario_from_text(text, name="square of targets"), device=task.device)
+    (series,) = (one for one in poses_of(run) if one.method == method)
+    return series
+
+
+def _errors(series: PoseSeries) -> Array:
+    """Return errors (δt, δω) along the scanner's axes [m, rad], shape (poses, 6)."""
+    turned = series.rotation @ np.swapaxes(series.truth_rotation, 1, 2)
+    errors = np.concatenate([series.position - series.truth_position, vector_from_rotation(turned)], axis=1)
+    return np.asarray(errors[np.isfinite(errors).all(axis=1)])
+
+
+def _concept(series: PoseSeries, title: str, rows: Sequence[Row]) -> Outcome:
+    """Return the outcome of one method: its errors beside the σ that are stated, and their picture."""
+    errors, stated = _errors(series), np.nanmean(series.sigma, axis=0)
+    pull = float(np.sqrt(np.mean((errors / stated) ** 2)))
+    scatter = np.sqrt(np.mean(errors**2, axis=0))
+    found = ", ".join(f"{1e3 * value:.2f}" for value in scatter)
+    more = (
+        judged(
+            "errors x, y, z [mm] and about x, y, z [mrad], rms",
+            "",
+            ", ".join(f"{1e3 * value:.2f}" for value in stated) + " (stated)",
+            found,
+            True,
+        ),
+        judged(
+            f"errors over the σ that are stated, {len(errors)} poses (rms)",
+            "",
+            "1",
+            f"{pull:.2f}",
+            0.75 < pull < 1.3,
+        ),
+    )
+
+    def draw(axes: Sequence[Axes]) -> None:
+        turn = np.linspace(0.0, 2.0 * np.pi, 90)
+        for one, pair, unit in ((axes[0], (0, 2), "mm"), (axes[1], (4, 5), "mrad")):
+            one.plot(*(1e3 * errors[:, list(pair)].T), "o", color=BLUE, ms=3)
+            ring = (
+                1e3 * 2.0 * stated[axis] * wave
+                for axis, wave in zip(pair, (np.cos(turn), np.sin(turn)), strict=True)
+            )
+            one.plot(*ring, color=RED, lw=1.0, label="2 σ as stated")
+            names = [("x", "y", "z", "about x", "about y", "about z")[axis] for axis in pair]
+            one.set(xlabel=f"error {names[0]} [{unit}]", ylabel=f"error {names[1]} [{unit}]")
+            one.legend()
+
+    about = "four discs of 100 mm on a square of 1 m at 10 m, facing; closed loop over simulated pixels; a dot a round"
+    return Outcome((*rows, *more), lambda path: sheet(path, title, about, draw, 2))
+
+
+def figure_13(task: Task) -> Outcome:
+    """Estimate poses from points: eqs 8 to 14."""
+    series = _poses(task, "xyz")
+    errors = _errors(series)
+    rows = [
+        judged(
+            "error of the depth at 10 m (rms)",
+            "range stability of 4 mm at 10 m",
+            "",
+            f"{1e3 * float(np.sqrt(np.mean(errors[:, 2] ** 2))):.2f} mm",
+            float(np.sqrt(np.mean(errors[:, 2] ** 2))) < 4e-3,
+        )
+    ]
+    return _concept(series, "Pose from points, XYZ (eqs 8 to 14, Figure 13)", rows)
+
+
+def figure_14(task: Task) -> Outcome:
+    """Estimate poses from angles: eqs 15 and 16."""
+    theta, phi = (axis.ravel() for axis in np.meshgrid(*2 * [np.linspace(-0.5, 0.5, 41)]))
+    R = 6.0
+    x, y, z = np.moveaxis(geometry.point_from_shot(R, theta, phi, SEPARATION), -1, 0)
+    psi = SEPARATION / R
+    below = (1.0 - np.cos(phi)) * psi + np.cos(theta) * np.cos(phi)
+    printed = np.array([np.sin(theta), (np.cos(theta) - psi) * np.sin(phi)]) / below
+    off = float(np.abs(printed - np.array([x / z, y / z])).max())
+    series = _poses(task, "uv")
+    rows = [
+        judged("u, v of eq 15 against x/z, y/z over ±0.5 rad, largest", "0", "0", f"{off:.0e}", off < 1e-12),
+        judged(
+            "error of the depth from angles alone at 10 m (rms)",
+            "4 mm at 10 m",
+            "σR²/(√2 a): 4.0 mm for 56.6 µrad",
+            f"{1e3 * float(np.sqrt(np.mean(_errors(series)[:, 2] ** 2))):.2f} mm",
+            float(np.sqrt(np.mean(_errors(series)[:, 2] ** 2))) < 7.1e-3,
+        ),
+    ]
+    return _concept(series, "Pose from angles, UV (eqs 15 and 16, Figure 14)", rows)
+
+
+def figure_15(task: Task) -> Outcome:
+    """Study the errors of the pose over range."""
+    from scanner_sim.pose_laws import exponents_of, gains_of
+    from scanner_sim.pose_study import BASE, REFERENCE, StudyPlan, measure_study, target_rows
+    from scanner_sim.products.pose_study_picture import draw_figure_15
+    from scanner_sim.target_grid import StudyTarget
+
+    scenario = load_scenario(task.config("target_board"))
+    target = StudyTarget.of(scenario, 0.1)
+    distances = task.choose((5.0, 7.0, 10.0, 14.0, 20.0, 28.0), (5.0, 10.0, 20.0))
+    plan = StudyPlan(distances, (BASE,), task.choose(2000, 400), task.choose(4, 2), task.choose(4, 2))
+    pools, measured = measure_study(scenario, plan, target, device=task.device)
+    at = {pool.distance: pool for pool in pools}
+    rows = tuple(replace(row, analytic=_closed(row, at[row.range_m], BASE.points)) for row in measured)
+    study = PoseStudy(
+        base=BASE.name,
+        base_size=BASE.size,
+        targets=target_rows(pools),
+        rows=rows,
+        exponents=exponents_of(rows, BASE.name, BASE.size, REFERENCE),
+        gains=gains_of(rows, BASE.name, BASE.size),
+    )
+    compared = [_exponent(item) for item in study.exponents if item.of == "range" and item.ranging != "tof"]
+    compared += [
+        judged(
+            f"xyz over joint at {gain.range_m:g} m, {_WORDS[gain.component]}",
+            "10",
+            f"{gain.analytic:.2f}",
+            f"{gain.simulated:.2f} ± {gain.standard_error:.2f}",
+            abs(gain.simulated - 10.0) < 3.0,
+        )
+        for gain in study.gains
+        if gain.method == "joint"
+        and gain.ranging == "triangulation"
+        and gain.component in ("t_x", "t_z", "omega_x")
+    ]
+    return Outcome(tuple(compared), lambda path: draw_figure_15(study, path))
+
+
+def _exponent(item: Exponent) -> Row:
+    """Return how an error grows with range, beside what the paper reads from its figure."""
+    printed = "" if item.method == "joint" else f"{item.printed:g}"
+    agrees = abs(item.simulated - item.printed) < min(max(0.15, 2.0 * item.standard_error), 0.35)
+    return judged(
+        f"{item.method}: exponent of the {_WORDS[item.component]} in R",
+        printed,
+        f"{item.analytic:.2f}",
+        f"{item.simulated:.2f} ± {item.standard_error:.2f}",
+        agrees if printed else abs(item.simulated - item.analytic) < max(0.2, 3.0 * item.standard_error),
+    )
+
+
+def _closed(row: PoseRow, pool: TargetErrors, points: Array) -> float:
+    """Return the closed form of one component, with the scatter of single targets at that range."""
+    ranged = 3 if row.ranging == "tof" else 2
+    common = pool.common[[0, 1, ranged]]
+    alone = np.sqrt(np.maximum(pool.scatter[[0, 1, ranged]] ** 2 - common**2, 1e-18))
+    errors = facing_errors(
+        points,
+        row.range_m,
+        row.method,
+        (float(alone[0]), float(alone[1]), float(alone[2])),
+        (float(common[0]), float(common[1]), float(common[2])),
+    )
+    return float(errors[COMPONENTS.index(row.component)])
+
+
+ITEMS = (
+    Item(
+        "fig13",
+        "Equations 8 to 14, Figure 13: pose from points",
+        "The matrix M that minimises ΣEᵀE, E = X − X̂; E goes as R² Δp. Range stability of 4 mm at 10 m in "
+        "the experiment.",
+        "The tracker's closed loop over four targets; each round of visits gives a pose from their measured "
+        "points.",
+        "Å in eqs 11, 12 and 16 is E; eq 14 is a proportionality, ΔE ≈ R² Δp/(f d). Here each point counts "
+        "by its covariance. Before a scene at rest all rounds see the same speckle, so that the errors of "
+        "one run share a part: it is one draw of what σ says.",
+        figure_13,
+        ("eq8", "eq9", "eq10", "eq11", "eq12", "eq13", "eq14"),
+    ),
+    Item(
+        "fig14",
+        "Equations 15 and 16, Figure 14: pose from angles",
+        "u = x/z and v = y/z from Θ and Φ alone but for ψ = D_g/R; the pose minimises E = U − Û.",
+        "The same rounds of visits, angles alone, with residuals on Θ and φ through the exact inverse of eq 3.",
+        "None: eq 15 is eq 3 divided by z. Residuals on the angles themselves need no ψ. The paper's 4 mm "
+        "fit 57 µrad for a square of 1 m; the simulated centres are better than that, in the dark and "
+        "without distortion.",
+        figure_14,
+        ("eq15", "eq16"),
+    ),
+    Item(
+        "fig15",
+        "Figure 15: errors of the pose by each method",
+        "For four targets on 1 m × 1 m UV grows as R and XYZ as R^1.5; combining the methods gains a factor "
+        "of ten. No numbers can be read.",
+        "Single targets measured from simulated pixels at each range, then poses from many such sightings.",
+        "Each component has a law of its own: lateral and roll grow as R, depth and tilt of a plane array as "
+        "R², when the error of a target's angle does not depend on range; the paper's exponents belong to no "
+        "named component and lie between. The factor of ten would ask ranges ten times worse against angles "
+        "than the simulated instrument has: nothing was tuned to it.",
+        figure_15,
+        also="`scanner-sim pose-study configs/target_board.yaml`",
+    ),
+)
+"""Poses."""
