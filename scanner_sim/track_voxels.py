@@ -8,12 +8,14 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.speckle import Grain, patterns
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
+from scanner_sim.scanner import Scanner
 from scanner_sim.scenario import Scenario
 from scanner_sim.tracking.measurement import Measurement, measure_target
 from scanner_sim.tracking.record import TrackTarget
@@ -24,6 +26,8 @@ Array = NDArray[np.float64]
 
 _SUMMED = 9
 """Pixels whose charge is a peak's signal."""
+_BETWEEN = 0.75
+"""Place of a typical spot between the edges of its pixel, from the lower one."""
 _TOGETHER = 8192
 """Shots whose encoder noise is drawn together: it depends on their numbers alone."""
 
@@ -116,10 +120,8 @@ class SignalNoise:
         if timed:
             return np.asarray(noise)
         scanner = self._scenario.scanner
-        sensor, receiver = scanner.position_sensor, scanner.receiver
+        sensor, along = scanner.position_sensor, image_variance(scanner, expected_range)
         radius = float(scanner.laser.radius(expected_range))
-        beam = 0.5 * radius * receiver.focal_length / expected_range
-        along = (receiver.point_spread**2 + beam**2) / sensor.pitch**2
         brightest = math.erf(0.5 / math.sqrt(2.0 * along))
         relative: Array | float = 0.0
         if self._grain is not None:
@@ -220,7 +222,10 @@ class Eye:
         seen = measure_target(
             samples, target.looks, expected, spot=spot, shining=shining, pointing=self._pointing
         )
-        return samples, replace(seen, covariance=seen.covariance + common_covariance(scanner.mirrors, motion))
+        shared = common_covariance(scanner.mirrors, motion)
+        if self._scenario.ranging == "triangulation":
+            shared[0, 2, 2] = common_range_variance(scanner, expected, float(np.median(samples.signal)))
+        return samples, replace(seen, covariance=seen.covariance + shared)
 
 
 def common_covariance(mirrors: Mirrors, motion: PatternMotion) -> Array:
@@ -231,3 +236,41 @@ def common_covariance(mirrors: Mirrors, motion: PatternMotion) -> Array:
         drift = spread * (mirrors.drift_zero + mirrors.drift_scale * float(angle.mean()))
         shared[0, axis, axis] = mirrors.wobble**2 + drift**2
     return shared
+
+
+def common_range_variance(scanner: Scanner, distance: float, signal: float) -> float:
+    """Return the variance of the range [m²] that the voxels of a pattern share in triangulation.
+
+    The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
+    estimate of the spot's place each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
+    q_i′ and its variance v_i = σ_read² + q_i + (s q_i)² of read noise, shot noise and the response's relative standard
+    deviation s; s adds Σ (w_i s q_i)² to the place's variance, and ∂R/∂p = R²/(f d) makes it the range's.
+
+    Parameters
+    ----------
+    scanner
+        The instrument.
+    distance
+        Range [m].
+    signal
+        Charge of the spot [electron].
+    """
+    sensor, receiver = scanner.position_sensor, scanner.receiver
+    if not (sensor.noise.prnu and sensor.prnu > 0.0 and signal > 0.0):
+        return 0.0
+    width = math.sqrt(image_variance(scanner, distance))
+    edge = (np.arange(-8.0, 9.0) - _BETWEEN) / width
+    density = np.exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
+    charge, slope = signal * np.diff(ndtr(edge)), -signal * np.diff(density) / width
+    variance = sensor.read_noise**2 + charge + (sensor.prnu * charge) ** 2
+    weight = slope / variance / float((slope**2 / variance).sum())
+    moved = float(((weight * sensor.prnu * charge) ** 2).sum())
+    by_pixel = distance**2 * sensor.pitch / (receiver.focal_length * receiver.baseline)
+    return moved * by_pixel**2
+
+
+def image_variance(scanner: Scanner, distance: float) -> float:
+    """Return the variance [pixel²] of the spot on the line, on a surface that faces the scanner at a range [m]."""
+    receiver, pitch = scanner.receiver, scanner.position_sensor.pitch
+    beam = 0.5 * float(scanner.laser.radius(distance)) * receiver.focal_length / distance
+    return (receiver.point_spread**2 + beam**2) / pitch**2
