@@ -2,9 +2,9 @@
 
 Run as ``python benchmarks/patterns.py [--visits N]``. A black disc of 100 mm at 10 m, patterns of 128 points, the whole
 instrument. The instrument itself makes 151 patterns a second. "measure" is light, sensor, peaks and ranges alone;
-"visit" is a turn of the closed loop: mirrors, measurement, centroid, tracker and record. "Best" is the quickest fiftieth:
-what a machine does that has nothing else to do; the mean holds all that happened, the rendering of the background's
-windows included.
+"visit" is a turn of the closed loop: mirrors, measurement, centroid, tracker and record. "Best" is the quickest 2 %:
+what a machine does that has nothing else to do; the mean holds all that happened, the rendering of windows of the
+background included.
 """
 
 from __future__ import annotations
