@@ -1,0 +1,98 @@
+"""Write each shipped scenario in Python beside its YAML: ``python docs/twins.py`` writes ``configs/python``.
+
+The twins are ordinary programs that a reader may copy; ``tests/system/test_twins.py`` holds them equal to the YAML.
+"""
+
+from __future__ import annotations
+
+import pprint
+import re
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+CONFIGS = Path(__file__).resolve().parents[1] / "configs"
+TWINS = CONFIGS / "python"
+FILES = ("file", "mesh")
+"""Keys whose values are paths that count from the scenario's folder."""
+
+TEMPLATE = '''\
+"""{about}
+
+The same in YAML: ``configs/{name}.yaml``.
+"""
+
+{imports}
+
+scenario = load_scenario(
+{scenario}
+)
+
+if __name__ == "__main__":
+    {run}
+'''
+RASTER = "print(simulate(scenario))"
+TRACK = """\
+for record in track(scenario).records:
+        print(f"{record.time:.4f} s {record.target} {record.mode.name} {record.place}")"""
+
+
+class Code(str):
+    """A piece of program among data."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:
+        return str(self)
+
+
+def main() -> None:
+    TWINS.mkdir(exist_ok=True)
+    for path in sorted(CONFIGS.glob("*.yaml")):
+        (TWINS / f"{path.stem}.py").write_text(twin(path), encoding="utf-8")
+    subprocess.run([sys.executable, "-m", "ruff", "format", "--quiet", str(TWINS)], check=True)
+
+
+def twin(path: Path) -> str:
+    """Return the program that makes the scenario of a file."""
+    text = path.read_text(encoding="utf-8")
+    content = yaml.safe_load(text)
+    tracks = content["scan"].get("type") == "track"
+    placed = with_paths(content)
+    names = "load_scenario, track" if tracks else "load_scenario, simulate"
+    imports = f"from scanner_sim import {names}\n"
+    if "CONFIGS" in repr(placed):
+        imports = f"from pathlib import Path\n\n{imports}\nCONFIGS = Path(__file__).resolve().parents[1]\n"
+    return TEMPLATE.format(
+        about=about(text),
+        name=path.stem,
+        imports=imports.rstrip(),
+        scenario=pprint.pformat(placed, width=96, sort_dicts=False),
+        run=TRACK if tracks else RASTER,
+    )
+
+
+def with_paths(node: Any) -> Any:
+    """Return the content of a scenario with the paths of its files as expressions."""
+    if isinstance(node, list):
+        return [with_paths(item) for item in node]
+    if not isinstance(node, dict):
+        return node
+    return {
+        key: Code(f'CONFIGS / "{value}"') if key in FILES and isinstance(value, str) else with_paths(value)
+        for key, value in node.items()
+    }
+
+
+def about(text: str) -> str:
+    """Return what the file's first comment says, without the remarks on how to run the YAML."""
+    lines = re.findall(r"^#(.*)$", text.partition("\nschema:")[0], flags=re.MULTILINE)
+    kept = [line.strip() for line in lines if "yaml-language-server" not in line]
+    return "\n".join(kept).strip().replace("\\", "")
+
+
+if __name__ == "__main__":
+    main()
