@@ -126,8 +126,6 @@ def _nodes(scenario: Scenario, spot: Any) -> Iterator[int]:
 
 def _passage(scenario: Scenario, node: int, spot: Any, device: DeviceChoice) -> Passage | None:
     """Move the target through a pixel; None where it is not measured at half of its places or more."""
-    from scanner_sim.signals.peaks import find_peaks
-
     phase = (np.arange(PLACES) + 0.5) / PLACES - 0.5
     truth = node + phase
     deflection = _deflection(scenario)
@@ -144,9 +142,8 @@ def _passage(scenario: Scenario, node: int, spot: Any, device: DeviceChoice) -> 
         aim = raster_aim(scan, np.arange(count, dtype=np.uint32), scenario.scanner.dwell)
         _, groups = bench.expose(aim)
         for group in groups:
-            quiet = bench.scenario
             theta = np.full(len(group.index), _theta(scenario), dtype=np.float32)
-            peaks = find_peaks(group.signal, told, quiet.processing, quiet.scanner.dwell, bench.spot, theta)
+            peaks = bench.find(group.signal, theta, sensor=told)
             here = np.arange(PLACES)[part][group.index]
             position[here], status[here] = peaks.position.numpy(), peaks.status.numpy()
             nearest[here] = group.signal.lines().argmax(axis=1)

@@ -17,13 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.constants import SPEED_OF_LIGHT
-from scanner_sim.detector.photodiode import ELEMENTARY_CHARGE, background_power
+from scanner_sim.detector.photodiode import ELEMENTARY_CHARGE, Digitiser, background_power
 from scanner_sim.optics.filter import band_irradiance, laser_gain
 from scanner_sim.products.waveforms import WaveformSet
-from scanner_sim.ranging.coordinates import coordinates
-from scanner_sim.ranging.covariance import PointCovariance, point_covariance
-from scanner_sim.ranging.fusion import fuse
-from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges
+from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scanner import Lidar
@@ -45,6 +42,37 @@ class EchoGroup:
     delays: Any
 
 
+@dataclass(frozen=True)
+class Timed:
+    """Echoes of n shots as they were timed, arrays of shape (n,).
+
+    ``delay`` and its ``sigma`` [s], clock apart; ``signal`` height [A]; ``snr`` that over the noise without it;
+    ``echoes`` their number; ``status`` codes.
+    """
+
+    delay: Array
+    sigma: Array
+    signal: Array
+    snr: Array
+    echoes: NDArray[np.uint32]
+    status: NDArray[np.uint32]
+
+    @classmethod
+    def empty(cls, n: int) -> Timed:
+        """Return the echoes of n shots that are still to be timed."""
+        whole = (np.zeros(n, dtype=np.uint32) for _ in range(2))
+        return cls(np.full(n, np.nan), np.full(n, np.nan), np.zeros(n), np.zeros(n), *whole)
+
+    def take(self, index: NDArray[np.uint32], found: Any, digitiser: Digitiser) -> None:
+        """Fill in the delays that were found of the shots at some places."""
+        self.delay[index] = found.seconds(digitiser)
+        self.sigma[index] = found.sigma.numpy() / digitiser.rate
+        self.signal[index] = found.signal.numpy()
+        self.snr[index] = found.snr.numpy()
+        self.echoes[index] = found.echoes.numpy()
+        self.status[index] = found.status.numpy()
+
+
 class EchoBench:
     """The pulsed laser and its photodiode before a loaded scene.
 
@@ -56,10 +84,13 @@ class EchoBench:
         The scene.
     optics
         The triangulation's optics; laser, lens and filter are shared.
+    like
+        A unit before the same scene, under the same light and with the same raster, whose background is used again.
     """
 
-    def __init__(self, scenario: Scenario, loaded: Any, optics: Any) -> None:
+    def __init__(self, scenario: Scenario, loaded: Any, optics: Any, like: EchoBench | None = None) -> None:
         scanner = scenario.scanner
+        self.like = like
         self.scenario, self.loaded, self.unit = scenario, loaded, scanner.lidar
         passed = float(laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response))
         self.bare = optics
@@ -111,6 +142,8 @@ class EchoBench:
         scenario, sky = self.scenario, self.scenario.lighting.sky()
         if sky.dark:
             return None
+        if self.like is not None:
+            return self.like.panorama
         return field_panorama(
             self.loaded,
             self.bare,
@@ -139,8 +172,11 @@ class EchoBench:
         )
         return inside, outside
 
-    def listen(self, shots: Any) -> tuple[Any, Any, Iterator[EchoGroup]]:
-        """Fire the pulses of n shots: their truth, their background [W] and the shots in groups."""
+    def listen(self, shots: Any, detector: Any = None) -> tuple[Any, Any, Iterator[EchoGroup]]:
+        """Fire the pulses of n shots: their truth, their background [W] and the shots in groups.
+
+        ``detector`` is that of an instrument that takes itself for another one than it is.
+        """
         from scanner_sim.detector.waveform import record
         from scanner_sim.render.echoes import View, render_echoes
         from scanner_sim.render.field import field_light, in_parts
@@ -153,46 +189,38 @@ class EchoBench:
         truth, echoes = render_echoes(
             self.loaded, self.optics, view, scenario.transport, shots, scenario.seed
         )
+        detector = self.detector if detector is None else detector
 
         def groups() -> Iterator[EchoGroup]:
             for some, own in in_parts(echoes, light, max(1, _SAMPLES_TOGETHER // clock.samples)):
                 waveforms = record(some, some.shot, unit.pulse, diode, clock, scenario.seed, own)
-                yield EchoGroup(some.index.numpy(), waveforms, self.detector.detect(waveforms))
+                yield EchoGroup(some.index.numpy(), waveforms, detector.detect(waveforms))
 
         return truth, light, groups()
 
     def measure(self, shots: Any, deflections: Deflections) -> tuple[Any, Ranges, dict[str, NDArray[Any]]]:
         """Return truth, ranges and the echoes' own layers of n shots, each layer of shape (n,)."""
         truth, light, groups = self.listen(shots)
-        n = len(deflections.theta)
-        delay, sigma = np.full(n, np.nan), np.full(n, np.nan)
-        signal, snr = np.zeros(n), np.zeros(n)
-        echoes, status = np.zeros(n, dtype=np.uint32), np.zeros(n, dtype=np.uint32)
+        timed = Timed.empty(len(deflections.theta))
         for group in groups:
-            found, index = group.delays, group.index
-            delay[index] = found.seconds(self.unit.digitiser)
-            sigma[index] = found.sigma.numpy() / self.unit.digitiser.rate
-            signal[index] = found.signal.numpy() / self.amperes_per_electron
-            snr[index] = found.snr.numpy()
-            echoes[index] = found.echoes.numpy()
-            status[index] = found.status.numpy()
+            timed.take(group.index, group.delays, self.unit.digitiser)
         layers = {
-            "tof.Y": signal,
-            "tof.snr_detection": snr,
-            "tof.echoes": echoes,
+            "tof.Y": timed.signal / self.amperes_per_electron,
+            "tof.snr_detection": timed.snr,
+            "tof.echoes": timed.echoes,
             "tof.background_w": light.numpy(),
         }
-        return truth, self._ranges(delay, sigma, status, deflections), layers
+        return truth, self.ranges(timed, deflections), layers
 
-    def _ranges(
-        self, delay: Array, sigma: Array, status: NDArray[np.uint32], deflections: Deflections
-    ) -> Ranges:
+    def ranges(self, timed: Timed, deflections: Deflections) -> Ranges:
+        """Return the ranges of n shots whose echoes were timed, along measured deflections."""
         theta, d = deflections.theta, self.baseline
+        delay = timed.delay
         clock = self.unit.digitiser.jitter if self.unit.photodiode.noise.clock else 0.0
-        alone = ranges_from_delays(delay, sigma, status, theta, clock, self.gate, d)
+        alone = ranges_from_delays(delay, timed.sigma, timed.status, theta, clock, self.gate, d)
         # ∂R/∂Θ at a known delay: 0 on the laser's own axis.
         by_theta = alone.range * d * np.cos(theta) / (SPEED_OF_LIGHT * delay - d * np.sin(theta))
-        return _with_point(
+        return ranges_with_points(
             alone.range,
             np.hypot(alone.sigma, by_theta * deflections.sigma_theta),
             alone.status,
@@ -204,20 +232,15 @@ class EchoBench:
 
     def records(self, shots: Any, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> WaveformSet:
         """Return the waveforms of n shots at some rows and columns of the raster, shape (n,)."""
-        clock, n = self.unit.digitiser, len(rows)
-        number = np.zeros((n, clock.samples), dtype=np.float32)
-        delay, sigma = np.full(n, np.nan), np.full(n, np.nan)
-        echoes, status = np.zeros(n, dtype=np.uint32), np.zeros(n, dtype=np.uint32)
+        clock, timed = self.unit.digitiser, Timed.empty(len(rows))
+        number = np.zeros((len(rows), clock.samples), dtype=np.float32)
         for group in self.listen(shots)[2]:
-            found, index = group.delays, group.index
-            number[index] = group.waveforms.records()
-            delay[index] = found.seconds(clock)
-            sigma[index] = found.sigma.numpy() / clock.rate
-            echoes[index] = found.echoes.numpy()
-            status[index] = found.status.numpy()
-        delay[status != Status.VALID] = np.nan
+            number[group.index] = group.waveforms.records()
+            timed.take(group.index, group.delays, clock)
+        timed.delay[timed.status != Status.VALID] = np.nan
         step = clock.step(self.unit.photodiode.saturation)
-        return WaveformSet(rows, columns, number, clock.start, clock.rate, step, delay, sigma, echoes, status)
+        found = timed.delay, timed.sigma, timed.echoes, timed.status
+        return WaveformSet(rows, columns, number, clock.start, clock.rate, step, *found)
 
 
 def fitted_pulse(unit: Lidar, waveforms: WaveformSet, number: int) -> tuple[Array, Array] | None:
@@ -252,98 +275,3 @@ def fitted_pulse(unit: Lidar, waveforms: WaveformSet, number: int) -> tuple[Arra
     early, late = response.span(variance)
     time = delay + np.linspace(early, late, 400) / rate
     return time, response.values((time - delay) * rate, variance) * float(known @ current) / power
-
-
-def fuse_points(
-    triangulated: Ranges, echo: Ranges, deflections: Deflections, geometry: Geometry
-) -> tuple[Ranges, Ranges, Ranges]:
-    """Combine both ways of ranging, as :func:`~scanner_sim.ranging.fusion.fuse` does, with the point's covariance.
-
-    Parameters
-    ----------
-    triangulated, echo
-        Ranges of n shots by triangulation and by time of flight, both along the same measured deflections.
-    deflections, geometry
-        These deflections, and the triangulation's calibration.
-
-    Returns
-    -------
-    tuple of Ranges
-        Fused, and both again with ``INCONSISTENT`` where one was refused. With the share w of time of flight the range
-        moves with Θ by (1 − w) ∂R/∂Θ of the triangulation, which is −(R − d sinΘ) tanΘ + d cosΘ (eq 1).
-    """
-    both = fuse(
-        (triangulated.range, triangulated.sigma, triangulated.status), (echo.range, echo.sigma, echo.status)
-    )
-    theta, d = deflections.theta, geometry.baseline
-    share = both.weight
-    r = np.nan_to_num(triangulated.range)
-    by_theta = d * np.cos(theta) - (r - d * np.sin(theta)) * np.tan(theta)
-    alone = np.square(np.nan_to_num(triangulated.sigma)) - np.square(by_theta * deflections.sigma_theta)
-    alone = np.sqrt(np.maximum(alone, 0.0))
-    fused = _with_point(
-        both.range,
-        both.sigma,
-        both.status,
-        np.hypot((1.0 - share) * alone, share * np.nan_to_num(echo.sigma)),
-        (1.0 - share) * by_theta,
-        deflections,
-        geometry.axis_separation,
-    )
-    return fused, _refused(triangulated, both.triangulation), _refused(echo, both.time_of_flight)
-
-
-def layers_of(ranges: Ranges, prefix: str = "") -> dict[str, NDArray[Any]]:
-    """Return ranges as layers whose names begin with a prefix."""
-    covariance = ranges.covariance
-    layers = {
-        "range_m": ranges.range,
-        "sigma_range_m": ranges.sigma,
-        "P.X": ranges.x,
-        "P.Y": ranges.y,
-        "P.Z": ranges.z,
-        "sigma_x_m": np.sqrt(covariance.xx),
-        "sigma_y_m": np.sqrt(covariance.yy),
-        "sigma_z_m": np.sqrt(covariance.zz),
-        "cov_xy_m2": covariance.xy,
-        "cov_xz_m2": covariance.xz,
-        "cov_yz_m2": covariance.yz,
-        "status": ranges.status,
-    }
-    return {prefix + name: values for name, values in layers.items()}
-
-
-def _with_point(
-    r: Array,
-    sigma: Array,
-    status: NDArray[np.uint32],
-    alone: Array,
-    by_theta: Array,
-    deflections: Deflections,
-    separation: float,
-) -> Ranges:
-    """Return ranges with their points; ``alone`` is the range's σ at fixed Θ, ``by_theta`` ∂R/∂Θ."""
-    theta, phi = deflections.theta, deflections.phi
-    covariance = point_covariance(
-        r, theta, phi, separation, alone, by_theta, deflections.sigma_theta, deflections.sigma_phi
-    )
-    return Ranges(r, sigma, *coordinates(r, theta, phi, separation), covariance, status)
-
-
-def _refused(ranges: Ranges, status: NDArray[np.uint32]) -> Ranges:
-    """Return ranges with another status, NaN wherever it is not 0."""
-
-    def kept(values: Array) -> Array:
-        return np.where(status == Status.VALID, values, np.nan)
-
-    covariance = ranges.covariance
-    entries = (kept(getattr(covariance, field.name)) for field in dataclasses.fields(covariance))
-    return Ranges(
-        kept(ranges.range),
-        kept(ranges.sigma),
-        kept(ranges.x),
-        kept(ranges.y),
-        kept(ranges.z),
-        PointCovariance(*entries),
-        status,
-    )

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.detector.encoders import reading_normals, readings
-from scanner_sim.lidar import layers_of
 from scanner_sim.pattern_windows import Windows
-from scanner_sim.ranging.ranges import Deflections
+from scanner_sim.ranging.ranges import Deflections, layers_of
 from scanner_sim.scan.raster import Aim
 from scanner_sim.workbench import Workbench, finished_layers
 

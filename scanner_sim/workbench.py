@@ -13,17 +13,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.lidar import EchoBench, fuse_points, layers_of
+from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.lidar import EchoBench
 from scanner_sim.optics.filter import band_irradiance, incidence, laser_gain, peak_transmission
 from scanner_sim.optics.speckle import Grain
 from scanner_sim.products.image import MEASURED, MEASURED_BY
 from scanner_sim.products.voxel import VoxelRecord
+from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.neighbours import isolated
-from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_from_peaks
+from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, layers_of, ranges_from_peaks
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.render.device import DeviceChoice, activate
 from scanner_sim.scan.raster import Aim, RasterScan, raster_aim
 from scanner_sim.scenario import Scenario
+from scanner_sim.signals.processing import Processing
 from scanner_sim.status import Status
 
 
@@ -46,19 +49,28 @@ class Workbench:
         Instrument, scene and processing.
     device, threads
         Where to compute.
+    like
+        A workbench before the same scene, with the same optics, raster and light: what it has loaded and rendered of
+        these is used again.
     """
 
     def __init__(
-        self, scenario: Scenario, *, device: DeviceChoice = "auto", threads: int | None = None
+        self,
+        scenario: Scenario,
+        *,
+        device: DeviceChoice = "auto",
+        threads: int | None = None,
+        like: Workbench | None = None,
     ) -> None:
         activate(device, threads)
         from scanner_sim.render.transport import Bench
-        from scanner_sim.scene.loader import load_scene
+        from scanner_sim.scene.loader import LoadedScene, load_scene
 
         scanner = scenario.scanner
         sensor, receiver = scanner.position_sensor, scanner.receiver
         self.scenario = scenario
-        self.loaded = load_scene(scenario.scene)
+        self.like = like
+        self.loaded: LoadedScene = load_scene(scenario.scene) if like is None else like.loaded
         self.optics = Bench(
             laser=scanner.laser,
             receiver=receiver,
@@ -105,6 +117,8 @@ class Workbench:
         sky, settings = self.scenario.lighting.sky(), self.scenario.transport
         if sky.dark:
             return None
+        if self.like is not None:
+            return self.like.panorama
         scan, dwell = self.scenario.raster, self.scenario.scanner.dwell
         pixels = self.scenario.scanner.position_sensor.pixels
         return render_panorama(
@@ -203,7 +217,8 @@ class Workbench:
     @cached_property
     def echoes(self) -> EchoBench:
         """The time-of-flight unit before the same scene."""
-        return EchoBench(self.scenario, self.loaded, self.optics)
+        like = None if self.like is None else self.like.echoes
+        return EchoBench(self.scenario, self.loaded, self.optics, like)
 
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
         """Return the layers of the shots of an aim: each of shape (n,).
@@ -211,7 +226,7 @@ class Workbench:
         Layers without a prefix hold the triangulation where there is one, and otherwise time of flight.
         """
         shots, pointing = self.fire(aim)
-        deflections = self._deflections(aim, pointing)
+        deflections = self.deflections(aim, pointing)
         layers: dict[str, NDArray[Any]] = {}
         ranging = self.scenario.ranging
         if ranging != "tof":
@@ -429,7 +444,6 @@ class Workbench:
         """
         from scanner_sim.detector.line import expose
         from scanner_sim.render.incident import Incident
-        from scanner_sim.signals.peaks import find_peaks
 
         scenario, scanner = self.scenario, self.scenario.scanner
         sensor = scanner.position_sensor
@@ -445,19 +459,48 @@ class Workbench:
             background=incident.background,
             laser_off=scanner.laser_off,
         )
-        peaks = find_peaks(
+        return incident, signal, self.find(signal, theta, shots)
+
+    def find(
+        self,
+        signal: Any,
+        theta: Any,
+        shots: Any = None,
+        *,
+        sensor: PositionSensor | None = None,
+        processing: Processing | None = None,
+        speckle: bool = True,
+    ) -> Any:
+        """Find the peaks on the lines of m shots by what this instrument knows of itself.
+
+        Parameters
+        ----------
+        signal
+            The lines.
+        theta
+            Commanded deflections Θ [rad], single precision, shape (m,).
+        shots
+            The shots; in a raster they are not needed.
+        sensor, processing
+            The sensor as it is known and the settings, where they are not the scenario's.
+        speckle
+            Whether the instrument reckons with speckle, where it has any.
+        """
+        from scanner_sim.signals.peaks import find_peaks
+
+        scanner = self.scenario.scanner
+        return find_peaks(
             signal,
-            sensor,
-            scenario.processing,
+            scanner.position_sensor if sensor is None else sensor,
+            self.scenario.processing if processing is None else processing,
             scanner.dwell,
             self.spot,
             theta,
             self.bias,
-            self.expected_speckle(shots),
+            self.expected_speckle(shots) if speckle else None,
         )
-        return incident, signal, peaks
 
-    def _deflections(self, aim: Aim, pointing: Any) -> Deflections:
+    def deflections(self, aim: Aim, pointing: Any) -> Deflections:
         """Return what the encoders read, with what the instrument knows of their errors."""
         from scanner_sim.detector.encoders import read_encoders
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
+from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_with_points, refused
 from scanner_sim.status import Status
 
 Array = NDArray[np.float64]
@@ -72,6 +73,45 @@ def fuse(
     status = np.where(none, status1, np.uint32(Status.VALID)).astype(np.uint32)
     mixed[none] = variance[none] = weight[none] = np.nan
     return Fused(mixed, np.sqrt(variance), weight, status, after1, after2)
+
+
+def fuse_points(
+    triangulated: Ranges, echo: Ranges, deflections: Deflections, geometry: Geometry
+) -> tuple[Ranges, Ranges, Ranges]:
+    """Combine both ways of ranging, as :func:`fuse` does, with the point's covariance.
+
+    Parameters
+    ----------
+    triangulated, echo
+        Ranges of n shots by triangulation and by time of flight, both along the same measured deflections.
+    deflections, geometry
+        These deflections, and the triangulation's calibration.
+
+    Returns
+    -------
+    tuple of Ranges
+        Fused, and both again with ``INCONSISTENT`` where one was refused. With the share w of time of flight the range
+        moves with Θ by (1 − w) ∂R/∂Θ of the triangulation, which is −(R − d sinΘ) tanΘ + d cosΘ (eq 1).
+    """
+    both = fuse(
+        (triangulated.range, triangulated.sigma, triangulated.status), (echo.range, echo.sigma, echo.status)
+    )
+    theta, d = deflections.theta, geometry.baseline
+    share = both.weight
+    r = np.nan_to_num(triangulated.range)
+    by_theta = d * np.cos(theta) - (r - d * np.sin(theta)) * np.tan(theta)
+    alone = np.square(np.nan_to_num(triangulated.sigma)) - np.square(by_theta * deflections.sigma_theta)
+    alone = np.sqrt(np.maximum(alone, 0.0))
+    fused = ranges_with_points(
+        both.range,
+        both.sigma,
+        both.status,
+        np.hypot((1.0 - share) * alone, share * np.nan_to_num(echo.sigma)),
+        (1.0 - share) * by_theta,
+        deflections,
+        geometry.axis_separation,
+    )
+    return fused, refused(triangulated, both.triangulation), refused(echo, both.time_of_flight)
 
 
 def crossing_distance(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +97,7 @@ def ranges_from_peaks(
         σ is to first order, from independent errors of p, Θ and φ: σ_R² = (∂R/∂p σ_p)² + (∂R/∂Θ σ_Θ)², and
         :func:`~scanner_sim.ranging.covariance.point_covariance` for the point.
     """
-    f, d, theta, phi = geometry.focal_length, geometry.baseline, deflections.theta, deflections.phi
+    f, d, theta = geometry.focal_length, geometry.baseline, deflections.theta
     p = geometry.position(peak)
     r = range_from_position(p, theta, f, d)
     by_position, by_theta = range_jacobian(p, theta, f, d)
@@ -108,8 +110,74 @@ def ranges_from_peaks(
     invalid = status != Status.VALID
     r[invalid] = np.nan
     sigma[invalid] = np.nan
-    separation = geometry.axis_separation
+    return ranges_with_points(r, sigma, status, alone, by_theta, deflections, geometry.axis_separation)
+
+
+def ranges_with_points(
+    r: Array,
+    sigma: Array,
+    status: NDArray[np.uint32],
+    alone: Array,
+    by_theta: Array,
+    deflections: Deflections,
+    separation: float,
+) -> Ranges:
+    """Return ranges of n shots with their points and covariances.
+
+    Parameters
+    ----------
+    r, sigma, status
+        Ranges [m], NaN where ``status`` is not 0, and their σ [m], shape (n,).
+    alone
+        σ of the ranges at a fixed Θ [m], shape (n,).
+    by_theta
+        ∂R/∂Θ [m], shape (n,).
+    deflections
+        Measured deflections.
+    separation
+        Distance D_g between the two deflection axes [m].
+    """
+    theta, phi = deflections.theta, deflections.phi
     covariance = point_covariance(
         r, theta, phi, separation, alone, by_theta, deflections.sigma_theta, deflections.sigma_phi
     )
     return Ranges(r, sigma, *coordinates(r, theta, phi, separation), covariance, status)
+
+
+def refused(ranges: Ranges, status: NDArray[np.uint32]) -> Ranges:
+    """Return ranges of n shots with another status, shape (n,): NaN wherever it is not 0."""
+
+    def kept(values: Array) -> Array:
+        return np.where(status == Status.VALID, values, np.nan)
+
+    covariance = ranges.covariance
+    entries = (kept(getattr(covariance, field.name)) for field in dataclasses.fields(covariance))
+    return Ranges(
+        kept(ranges.range),
+        kept(ranges.sigma),
+        kept(ranges.x),
+        kept(ranges.y),
+        kept(ranges.z),
+        PointCovariance(*entries),
+        status,
+    )
+
+
+def layers_of(ranges: Ranges, prefix: str = "") -> dict[str, NDArray[Any]]:
+    """Return ranges as layers of an image, shape (n,), whose names begin with a prefix."""
+    covariance = ranges.covariance
+    layers = {
+        "range_m": ranges.range,
+        "sigma_range_m": ranges.sigma,
+        "P.X": ranges.x,
+        "P.Y": ranges.y,
+        "P.Z": ranges.z,
+        "sigma_x_m": np.sqrt(covariance.xx),
+        "sigma_y_m": np.sqrt(covariance.yy),
+        "sigma_z_m": np.sqrt(covariance.zz),
+        "cov_xy_m2": covariance.xy,
+        "cov_xz_m2": covariance.xz,
+        "cov_yz_m2": covariance.yz,
+        "status": ranges.status,
+    }
+    return {prefix + name: values for name, values in layers.items()}
