@@ -16,6 +16,7 @@ from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scan.raster import raster_aim, tiled_order
 from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
+from scanner_sim.voxel_records import voxel_record
 from scanner_sim.workbench import Workbench
 
 BATCH = 65536
@@ -102,7 +103,7 @@ def simulate_voxel(
         raise InputError("time of flight reads no line.", remedy="Ask for the waveform instead.")
     _check_voxel(scenario, row, column)
     bench = Workbench(scenario, device=device)
-    return bench.record(row, column)
+    return voxel_record(bench, row, column)
 
 
 def simulate_waveforms(

@@ -18,13 +18,11 @@ from scanner_sim.lidar import EchoBench
 from scanner_sim.optics.filter import band_irradiance, incidence, laser_gain, peak_transmission
 from scanner_sim.optics.speckle import Grain
 from scanner_sim.products.image import MEASURED, MEASURED_BY
-from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.neighbours import isolated
 from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, layers_of, ranges_from_peaks
-from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.render.device import DeviceChoice, activate
-from scanner_sim.scan.raster import Aim, RasterScan, raster_aim
+from scanner_sim.scan.raster import Aim, RasterScan
 from scanner_sim.scenario import Scenario
 from scanner_sim.signals.processing import Processing
 from scanner_sim.status import Status
@@ -338,60 +336,6 @@ class Workbench:
             timed = layers["tof.status"][alone] == Status.VALID
             layers["fused.status"][alone] = np.where(timed, Status.VALID, Status.ISOLATED)
 
-    def record(self, row: int, column: int) -> VoxelRecord:
-        """Return the record of one voxel of the scenario's raster."""
-        from scanner_sim.detector.line import electrons_per_watt
-        from scanner_sim.signals.calibration import Calibration, measured_lines
-
-        scanner, processing = self.scenario.scanner, self.scenario.processing
-        sensor = scanner.position_sensor
-        values = self._among_neighbours(row, column)
-        shot = np.array([row * self.scenario.raster.columns + column], dtype=np.uint32)
-        aim = raster_aim(self.scenario.raster, shot, scanner.dwell)
-        _, groups = self.expose(aim)
-        (group,) = groups
-        status = Status(int(values["status"]))
-        calibration = Calibration.of(sensor, scanner.dwell, scanner.laser_off)
-        (measured,), (noise,) = measured_lines(group.signal, calibration)
-        expected = group.light.line(0, background=scanner.laser_off == 0.0)
-        expected *= electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)
-        true_position = position_from_range(
-            values["truth.range_m"], aim.theta[0], self.geometry.focal_length, self.geometry.baseline
-        )
-        return VoxelRecord(
-            row=row,
-            column=column,
-            theta=float(aim.theta[0]),
-            phi=float(aim.phi[0]),
-            pixel_signal=measured,
-            expected_signal=expected,
-            noise_sigma=noise,
-            threshold=processing.threshold * calibration.floor_sigma,
-            saturation_level=calibration.full - calibration.dark,
-            status=status,
-            peak_px=values["peak_px"],
-            sigma_peak_px=values["sigma_peak_px"],
-            range_m=values["range_m"],
-            sigma_range_m=values["sigma_range_m"],
-            truth_peak_px=float(self.geometry.pixel(true_position)),
-            truth_range_m=values["truth.range_m"],
-            method=processing.peak,
-            window=_window(measured, values["peak_px"], processing.peak),
-        )
-
-    def _among_neighbours(self, row: int, column: int) -> dict[str, float]:
-        """Measure a voxel with those around it, which have a say in its status."""
-        scan = self.scenario.raster
-        rows = np.arange(max(row - 1, 0), min(row + 2, scan.rows))
-        columns = np.arange(max(column - 1, 0), min(column + 2, scan.columns))
-        shots = (rows[:, None] * scan.columns + columns[None, :]).astype(np.uint32)
-        measured = self.measure(raster_aim(scan, shots.ravel(), self.scenario.scanner.dwell))
-        layers = {name: values.astype(np.float64).reshape(shots.shape) for name, values in measured.items()}
-        theta, phi = scan.angles()
-        self.refuse_isolated(layers, theta[columns], phi[rows])
-        here = int(np.flatnonzero(rows == row)[0]), int(np.flatnonzero(columns == column)[0])
-        return {name: float(values[here]) for name, values in layers.items()}
-
     def expose(self, aim: Aim) -> tuple[Any, Iterator[Group]]:
         """Render, expose and read the shots of an aim: their truth, and the shots in groups."""
         return self._exposed(aim, self.fire(aim)[0])
@@ -542,14 +486,3 @@ def finished_layers(
         "truth.object": truth.object.numpy(),
         "truth.material": truth.material.numpy(),
     }
-
-
-def _window(line: NDArray[np.float64], peak: float, method: Any) -> tuple[int, int] | None:
-    """Return the pixels about a peak that the estimator read; None where there is no peak."""
-    from scanner_sim.signals.peaks import MARGIN
-
-    if not np.isfinite(peak):
-        return None
-    near = range(max(round(peak) - 1, 0), min(round(peak) + 2, len(line)))
-    brightest, margin = max(near, key=lambda pixel: line[pixel]), MARGIN[method]
-    return max(brightest - margin, 0), min(brightest + margin, len(line) - 1)
