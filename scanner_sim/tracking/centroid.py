@@ -65,6 +65,8 @@ def centroid_of(
     centre: Array, covariance: Array, radius: Array, sigma_radius: Array, misfit: Array, found: Mask
 ) -> Centroid:
     """Return a centroid that is NaN wherever it was not found. Arguments as the attributes."""
+    if found.all():
+        return Centroid(centre, covariance, radius, sigma_radius, misfit, found)
     blank = np.where(found, 0.0, np.nan)
     return Centroid(
         centre + blank[:, None],
@@ -87,13 +89,12 @@ def hit_centroid(samples: PatternSamples, response: Response) -> Centroid:
     hit = response.hit.astype(np.float64)
     count = hit.sum(axis=1)
     n = np.maximum(count, 1.0)
-    angles = np.stack([samples.theta, samples.phi], axis=-1)
-    centre = np.einsum("pn,pni->pi", hit, angles) / n[:, None]
-    away = angles - centre[:, None]
-    radius = np.sqrt(2.0 * np.einsum("pn,pni,pni->p", hit, away, away) / n)
-    crossing = (response.hit[:, 1:] != response.hit[:, :-1]).astype(np.float64)
-    edge = 0.5 * (away[:, 1:] + away[:, :-1])
-    spread = np.einsum("pn,pni,pnj->pij", crossing, edge, edge) / (12.0 * n**2)[:, None, None]
+    centre = np.stack([(hit * angle).sum(axis=1) / n for angle in (samples.theta, samples.phi)], axis=1)
+    away = np.stack([samples.theta, samples.phi], axis=1) - centre[..., None]
+    radius = np.sqrt(2.0 * (hit * (away[:, 0] ** 2 + away[:, 1] ** 2)).sum(axis=1) / n)
+    crossing = response.hit[:, 1:] != response.hit[:, :-1]
+    edge = 0.5 * (away[..., 1:] + away[..., :-1]) * crossing[:, None]
+    spread = edge @ edge.transpose(0, 2, 1) / (12.0 * n**2)[:, None, None]
     covariance = spread + (_UNEVEN * radius)[:, None, None] ** 2 * np.eye(2)
     nothing = np.full(len(n), np.nan)
     return centroid_of(centre, covariance, radius, 0.1 * radius, nothing, response.clear & (count > 0))
@@ -153,7 +154,10 @@ def circle_fit(samples: PatternSamples, response: Response, *, blurred: bool = T
         columns[:, 0], columns[:, 1] = -away[0] / distance, -away[1] / distance
         weighted = columns * tame[:, None]
         found = weighted @ columns.transpose(0, 2, 1) + _LEAST
-        normal, scale = np.where(moving[:, None, None], found, normal), np.where(moving, spread, scale)
+        if moving.all():
+            normal, scale = found, spread
+        else:
+            normal, scale = np.where(moving[:, None, None], found, normal), np.where(moving, spread, scale)
         change = np.linalg.solve(found, weighted @ -residual[..., None])[..., 0]
         # A circle through an arc that hardly bends may run away; half its radius a step is enough for any other.
         change = np.where(moving[:, None], np.clip(change, -0.5, 0.5), 0.0)
@@ -177,6 +181,8 @@ def circle_fit(samples: PatternSamples, response: Response, *, blurred: bool = T
 
 def better_of(first: Centroid, second: Centroid) -> Centroid:
     """Return the first centroid of each pattern or, where there is none, the second."""
+    if first.found.all():
+        return first
     chosen = {
         name: np.where(
             first.found.reshape(-1, *[1] * (getattr(first, name).ndim - 1)),

@@ -16,7 +16,7 @@ _ROUNDS = 12
 """Steps of the adjustment; from a circle or a mean of hits six do."""
 _MOST = 0.3
 """Largest step of centre and radius in one round, over the radius."""
-_AT_REST = 1e-4
+_AT_REST = 5e-4
 """Step, over radius and amplitude, with which a fit comes to rest: what a further one would do is far smaller."""
 _SHORTEST = 1e-3
 """Travel over spot below which the mean along it is taken as the value in its middle."""
@@ -31,7 +31,7 @@ def disc_fit(
     *,
     spot: ArrayLike,
     shining: float = 1.0,
-    pointing: float = 0.0,
+    pointing: ArrayLike = 0.0,
     radius: ArrayLike | None = None,
     sigma_radius: ArrayLike | None = None,
 ) -> Centroid:
@@ -49,7 +49,8 @@ def disc_fit(
     shining
         Share of the dwell in which the laser shines.
     pointing
-        Standard deviation of the read angles about the true ones, per axis and independent from voxel to voxel [rad].
+        Standard deviation of the read angles about the true ones, per axis and independent from voxel to voxel [rad],
+        () or (patterns,).
     radius, sigma_radius
         The disc's radius where it is known and how well [rad], () or (patterns,); without them it is free.
 
@@ -84,35 +85,29 @@ def disc_fit(
     # A row that has come to rest stays as it is, whatever its neighbours still do: no result depends on the batch.
     # Covariance and misfit are those before its last step, which is too small to tell.
     moving = usable
-    kept: tuple[Array, Array, Array] = np.zeros((rows, 5, 5)), np.zeros(rows), np.zeros((rows, 5, 5))
+    kept: tuple[Array, ...] = ()
     for _ in range(_ROUNDS):
         away = theta - centre[:, :1], phi - centre[:, 1:]
         share, by_distance, direction = _share(away, travel, size, blur)
         residual = response.value - ground[:, None] - amplitude[:, None] * share
         # Columns of like size keep the normal matrix well conditioned.
         unit[:, :3], unit[:, 3:] = size[:, None], np.maximum(np.abs(amplitude), 1e-300)[:, None]
-        jacobian[:, 2] = -unit[:, 2:3] * amplitude[:, None] * by_distance
+        steep = amplitude[:, None] * by_distance
+        jacobian[:, 2] = -unit[:, 2:3] * steep
         jacobian[:, 0], jacobian[:, 1] = jacobian[:, 2] * direction[0], jacobian[:, 2] * direction[1]
         jacobian[:, 3], jacobian[:, 4] = unit[:, 3:4] * share, unit[:, 4:]
         weighted = jacobian * weight[:, None]
         normal = weighted @ jacobian.transpose(0, 2, 1)
         right = (weighted @ residual[..., None])[..., 0]
-        normal[:, 2, 2] += prior * size**2
-        right[:, 2] += prior * size * (known - size)
-        trace = np.trace(normal, axis1=1, axis2=2)
-        normal += (1e-12 * np.where(trace > 0.0, trace, 1.0))[:, None, None] * _UNIT
-        chi = (weight * residual**2).sum(axis=1)
-        # Column 2 over the radius is the response's slope.
-        turned = weighted * (jacobian[:, 2:3] * (pointing / size)[:, None, None])
-        of_pointing = turned @ turned.transpose(0, 2, 1)
-        still = moving[:, None, None]
-        kept = (
-            np.where(still, normal, kept[0]),
-            np.where(moving, chi, kept[1]),
-            np.where(still, of_pointing, kept[2]),
-        )
+        if radius is not None:
+            normal[:, 2, 2] += prior * size**2
+            right[:, 2] += prior * size * (known - size)
+        # No matrix is singular, not even that of a pattern without weights.
+        normal.reshape(rows, 25)[:, ::6] *= 1.0 + 1e-12
+        normal.reshape(rows, 25)[:, ::6] += 1e-300
+        kept = _newer(moving, (normal, residual, weighted, steep), kept)
         change = np.linalg.solve(normal, right[..., None])[..., 0]
-        change[:, :3] = np.clip(change[:, :3], -_MOST, _MOST)
+        np.clip(change[:, :3], -_MOST, _MOST, out=change[:, :3])
         change[~moving] = 0.0
         moving = moving & (np.abs(change).max(axis=1) > _AT_REST)
         change *= unit
@@ -120,17 +115,33 @@ def disc_fit(
         amplitude, ground = amplitude + change[:, 3], ground + change[:, 4]
         if not moving.any():
             break
-    normal, chi, of_pointing = kept
+    normal, residual, weighted, steep = kept
+    chi = (weight * residual**2).sum(axis=1)
+    error = np.broadcast_to(np.asarray(pointing, dtype=np.float64), (rows,))
+    turned = weighted * (error[:, None] * steep)[:, None]
     normal = np.where(usable[:, None, None], normal, _UNIT)
     freedom = np.maximum(response.used.sum(axis=1) - 5 + (prior > 0.0), 1)
     misfit = chi / freedom
     inverse = np.linalg.inv(normal)
-    covariance = inverse * np.maximum(misfit, 1.0)[:, None, None] + inverse @ of_pointing @ inverse
+    of_pointing = inverse @ (turned @ turned.transpose(0, 2, 1)) @ inverse
+    covariance = inverse * np.maximum(misfit, 1.0)[:, None, None] + of_pointing
     covariance = covariance[:, :3, :3] * (size**2)[:, None, None]
     reach = np.maximum(np.abs(theta - centre[:, :1]).min(axis=1), np.abs(phi - centre[:, 1:]).min(axis=1))
     found = usable & (reach < 2.0 * size) & (np.sign(amplitude) == np.sign(response.target - response.ground))
     return centroid_of(
         centre, covariance[:, :2, :2], size, np.sqrt(np.maximum(covariance[:, 2, 2], 0.0)), misfit, found
+    )
+
+
+def _newer(
+    moving: NDArray[np.bool_], values: tuple[Array, ...], before: tuple[Array, ...]
+) -> tuple[Array, ...]:
+    """Return new values of the rows that still move, and those before of the others."""
+    if not before or moving.all():
+        return values
+    return tuple(
+        np.where(moving.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+        for new, old in zip(values, before, strict=True)
     )
 
 
