@@ -216,16 +216,41 @@ class Eye:
         layers = self._instrument.measure(aim_of(motion, visit))
         delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
         sigma = self._noise.sigma(layers, motion, expected)
-        samples = samples_of(layers, motion, self._encoders.read(motion, visit), sigma, delay)
+        angles = self._encoders.read(motion, visit)
+        samples = samples_of(layers, motion, angles, sigma, delay)
         spot = float(scanner.laser.radius(expected)) / (2.0 * expected)
         shining = scanner.exposure / scanner.dwell
         seen = measure_target(
-            samples, target.looks, expected, spot=spot, shining=shining, pointing=self._pointing
+            samples,
+            target.looks,
+            expected,
+            spot=spot,
+            shining=shining,
+            pointing=self._pointing,
+            axis_separation=scanner.mirrors.axis_separation,
         )
         shared = common_covariance(scanner.mirrors, motion)
         if self._scenario.ranging == "triangulation":
             shared[0, 2, 2] = common_range_variance(scanner, expected, float(np.median(samples.signal)))
         return samples, replace(seen, covariance=seen.covariance + shared)
+
+
+def unevenness(angles: Array) -> Array:
+    """Return by how much angles may err where the mirrors do not accelerate evenly, shape (points,) [rad].
+
+    The middle of a dwell, its mean and the angle a delay later are known from the neighbours as far as the acceleration
+    is even. A jump of it by Δa within a dwell T leaves about Δa T²/24, and shows as a third difference of Δa T²: so it
+    is where the mirrors still turn round when a pattern begins.
+
+    Parameters
+    ----------
+    angles
+        Read deflections, shape (2, points) [rad].
+    """
+    third = np.abs(np.diff(angles, 3, axis=1)).max(axis=0)
+    spread = np.concatenate([third[:1], third, third[-1:], third[-1:]])
+    spread[1:] = np.maximum(spread[1:], spread[:-1])
+    return spread / 24.0
 
 
 def common_covariance(mirrors: Mirrors, motion: PatternMotion) -> Array:

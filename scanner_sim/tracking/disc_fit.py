@@ -72,6 +72,7 @@ def disc_fit(
     size = np.where(usable, start.radius, 1.0)
     blur = np.broadcast_to(np.asarray(spot, dtype=np.float64), (rows,))
     weight = np.where(response.used, 1.0 / response.sigma**2, 0.0)
+    unsure = np.asarray(pointing, dtype=np.float64)
     prior = np.zeros(rows)
     known = size
     if radius is not None:

@@ -1,0 +1,128 @@
+"""A flat target seen under its tilt: voxels on its plane, where a disc is a circle whatever its attitude."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.ranging.coordinates import angles_and_range
+from scanner_sim.tracking.centroid import Centroid, centroid_of
+from scanner_sim.tracking.samples import PatternSamples
+
+Array = NDArray[np.float64]
+
+_STEEPEST = 3.7
+"""Rise of the range over the range, per angle, beyond which a plane is taken for none: a tilt of 75°."""
+
+
+@dataclass(frozen=True)
+class TargetPlane:
+    """Planes of targets, one for each pattern; in the scanner's frame.
+
+    Attributes
+    ----------
+    point
+        Its foot, a point near the target's centre [m], shape (patterns, 3).
+    across, down
+        Unit vectors in the plane, along growing Θ and, at right angles to it, growing φ, shape (patterns, 3).
+    distance
+        R of the foot [m], shape (patterns,): lengths on the plane are divided by it.
+    change
+        ∂(u, v)/∂(Θ, φ) at the foot, shape (patterns, 2, 2).
+    stretch
+        1/√cos of the tilt: what it adds to a spot's width in the geometric mean of both directions, (patterns,).
+    axis_separation
+        D_g [m].
+    """
+
+    point: Array
+    across: Array
+    down: Array
+    distance: Array
+    change: Array
+    stretch: Array
+    axis_separation: float
+
+    def flattened(self, samples: PatternSamples) -> PatternSamples:
+        """Return samples with the plane's coordinates (u, v) about the foot, over its range, in place of the angles.
+
+        They are where the beam along the measured deflections (eq 3) meets the plane: a disc's rim is a circle of the
+        radius D/2R, and its middle is the middle, which an ellipse's in the angles is not.
+        """
+        origin, along = _beam(samples.theta, samples.phi, self.axis_separation)
+        normal = np.cross(self.across, self.down)[:, None]
+        apart = self.point[:, None] - origin
+        reach = (normal * apart).sum(axis=-1) / (normal * along).sum(axis=-1)
+        met = reach[..., None] * along - apart
+        u, v = ((met @ axis[..., None])[..., 0] / self.distance[:, None] for axis in (self.across, self.down))
+        return replace(samples, theta=u, phi=v)
+
+    def seen(self, centroid: Centroid) -> Centroid:
+        """Return centres on the plane as (Θ, φ) [rad]; the radius stays, an angle at the range of the foot."""
+        moved = centroid.centre[:, :1] * self.across + centroid.centre[:, 1:] * self.down
+        x, y, z = (self.point + self.distance[:, None] * moved).T
+        _, theta, phi = angles_and_range(x, y, z, self.axis_separation)
+        back = np.linalg.inv(self.change)
+        return centroid_of(
+            np.stack([theta, phi], axis=1),
+            back @ centroid.covariance @ back.transpose(0, 2, 1),
+            centroid.radius,
+            centroid.sigma_radius,
+            centroid.misfit,
+            centroid.found,
+        )
+
+
+def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: float) -> TargetPlane:
+    """Return the planes of targets.
+
+    Parameters
+    ----------
+    centre
+        (Θ, φ) of a point near the target's centre [rad], shape (patterns, 2).
+    distance
+        R of the plane there [m], shape (patterns,).
+    slope
+        ∂R/∂(Θ, φ) of the plane there [m/rad], shape (patterns, 2); planes steeper than 75° are taken to face.
+    axis_separation
+        D_g [m].
+
+    Returns
+    -------
+    TargetPlane
+        Spanned by ∂X/∂Θ + (∂R/∂Θ) ∂X/∂R and the like for φ, with X(Θ, φ, R) of eq 3.
+    """
+    flat = np.where((np.hypot(*slope.T) < _STEEPEST * distance)[:, None], slope, 0.0)
+    origin, along = _beam(centre[:, 0], centre[:, 1], axis_separation)
+    sine, cosine = np.sin(centre), np.cos(centre)
+    by_theta = np.stack([cosine[:, 0], -sine[:, 0] * sine[:, 1], -sine[:, 0] * cosine[:, 1]], axis=1)
+    by_phi = np.stack([np.zeros(len(centre)), cosine[:, 1], -sine[:, 1]], axis=1)
+    reach = distance * cosine[:, 0] - axis_separation
+    first = distance[:, None] * by_theta + flat[:, :1] * along
+    second = reach[:, None] * by_phi + flat[:, 1:] * along
+    normal = np.cross(first, second)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    across = first / np.linalg.norm(first, axis=1, keepdims=True)
+    down = np.cross(normal, across)
+    change = np.stack(
+        [[(axis * edge).sum(axis=1) / distance for edge in (first, second)] for axis in (across, down)]
+    )
+    return TargetPlane(
+        point=origin + distance[:, None] * along,
+        across=across,
+        down=down,
+        distance=distance,
+        change=np.ascontiguousarray(change.transpose(2, 0, 1)),
+        stretch=1.0 / np.sqrt(np.abs((normal * along).sum(axis=1))),
+        axis_separation=axis_separation,
+    )
+
+
+def _beam(theta: Array, phi: Array, axis_separation: float) -> tuple[Array, Array]:
+    """Return origin [m] and direction of beams, shape (..., 3): X = origin + R direction is eq 3."""
+    sine, cosine = np.sin(phi), np.cos(phi)
+    forward = np.cos(theta)
+    origin = axis_separation * np.stack([np.zeros_like(phi), -sine, 1.0 - cosine], axis=-1)
+    return origin, np.stack([np.sin(theta), forward * sine, forward * cosine], axis=-1)
