@@ -16,7 +16,7 @@ from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scan.raster import raster_aim, tiled_order
 from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
-from scanner_sim.voxel_records import voxel_record
+from scanner_sim.voxel_records import refuse_isolated, voxel_record
 from scanner_sim.workbench import Workbench
 
 BATCH = 65536
@@ -76,7 +76,7 @@ def simulate(
             progress(start + len(shots), scan.shots)
     theta, phi = scan.angles()
     channels = {name: values.reshape(scan.rows, scan.columns) for name, values in layers.items()}
-    bench.refuse_isolated(channels, theta, phi)
+    refuse_isolated(scenario, channels, theta, phi)
     return RangeImage(
         channels=channels,
         theta=theta,

@@ -1,4 +1,4 @@
-"""One voxel in full: the line that the sensor read, what the estimator made of it, and the truth."""
+"""Voxels among their neighbours; and one voxel in full: line, what the estimator made of it, and the truth."""
 
 from __future__ import annotations
 
@@ -7,11 +7,56 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.products.image import MEASURED, MEASURED_BY
 from scanner_sim.products.voxel import VoxelRecord
+from scanner_sim.ranging.neighbours import isolated
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.raster import raster_aim
+from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
 from scanner_sim.workbench import Workbench
+
+
+def refuse_isolated(
+    scenario: Scenario,
+    layers: dict[str, NDArray[Any]],
+    theta: NDArray[np.float64],
+    phi: NDArray[np.float64],
+) -> None:
+    """Refuse the voxels of an image that agree with none of their neighbours; ``layers`` change in place.
+
+    This is for the triangulation: time of flight knows no background that moves a peak. What was fused with a
+    refused range is then the time of flight's alone.
+
+    Parameters
+    ----------
+    scenario
+        What was measured, and how it is processed.
+    layers
+        Layers of shape (rows, columns).
+    theta, phi
+        Deflections of the columns and of the rows [rad].
+    """
+    settings = scenario.processing.validation
+    if settings.isolated is None or scenario.ranging == "tof":
+        return
+    alone = isolated(
+        layers["range_m"],
+        layers["sigma_range_m"],
+        layers["status"].astype(np.uint32),
+        theta,
+        phi,
+        settings.isolated,
+        settings.steepest,
+    )
+    layers["status"][alone] = Status.ISOLATED
+    for name in MEASURED:
+        layers[name][alone] = np.nan
+    if scenario.ranging == "both":
+        for name in MEASURED_BY["fused.status"]:
+            layers[name][alone] = layers[name.replace("fused.", "tof.")][alone]
+        timed = layers["tof.status"][alone] == Status.VALID
+        layers["fused.status"][alone] = np.where(timed, Status.VALID, Status.ISOLATED)
 
 
 def voxel_record(bench: Workbench, row: int, column: int) -> VoxelRecord:
@@ -65,7 +110,7 @@ def _among_neighbours(bench: Workbench, row: int, column: int) -> dict[str, floa
     measured = bench.measure(raster_aim(scan, shots.ravel(), bench.scenario.scanner.dwell))
     layers = {name: values.astype(np.float64).reshape(shots.shape) for name, values in measured.items()}
     theta, phi = scan.angles()
-    bench.refuse_isolated(layers, theta[columns], phi[rows])
+    refuse_isolated(bench.scenario, layers, theta[columns], phi[rows])
     here = int(np.flatnonzero(rows == row)[0]), int(np.flatnonzero(columns == column)[0])
     return {name: float(values[here]) for name, values in layers.items()}
 

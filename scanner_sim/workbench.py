@@ -17,9 +17,7 @@ from scanner_sim.detector.position_sensor import PositionSensor
 from scanner_sim.lidar import EchoBench
 from scanner_sim.optics.filter import band_irradiance, incidence, laser_gain, peak_transmission
 from scanner_sim.optics.speckle import Grain
-from scanner_sim.products.image import MEASURED, MEASURED_BY
 from scanner_sim.ranging.fusion import fuse_points
-from scanner_sim.ranging.neighbours import isolated
 from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, layers_of, ranges_from_peaks
 from scanner_sim.render.device import DeviceChoice, activate
 from scanner_sim.scan.raster import Aim, RasterScan
@@ -299,42 +297,6 @@ class Workbench:
             "peak_px": peak,
             "sigma_peak_px": sigma_peak,
         }
-
-    def refuse_isolated(
-        self, layers: dict[str, NDArray[Any]], theta: NDArray[np.float64], phi: NDArray[np.float64]
-    ) -> None:
-        """Refuse the voxels of an image that agree with none of their neighbours; ``layers`` change in place.
-
-        This is for the triangulation: time of flight knows no background that moves a peak. What was fused with a
-        refused range is then the time of flight's alone.
-
-        Parameters
-        ----------
-        layers
-            Layers of shape (rows, columns).
-        theta, phi
-            Deflections of the columns and of the rows [rad].
-        """
-        settings = self.scenario.processing.validation
-        if settings.isolated is None or self.scenario.ranging == "tof":
-            return
-        alone = isolated(
-            layers["range_m"],
-            layers["sigma_range_m"],
-            layers["status"].astype(np.uint32),
-            theta,
-            phi,
-            settings.isolated,
-            settings.steepest,
-        )
-        layers["status"][alone] = Status.ISOLATED
-        for name in MEASURED:
-            layers[name][alone] = np.nan
-        if self.scenario.ranging == "both":
-            for name in MEASURED_BY["fused.status"]:
-                layers[name][alone] = layers[name.replace("fused.", "tof.")][alone]
-            timed = layers["tof.status"][alone] == Status.VALID
-            layers["fused.status"][alone] = np.where(timed, Status.VALID, Status.ISOLATED)
 
     def expose(self, aim: Aim) -> tuple[Any, Iterator[Group]]:
         """Render, expose and read the shots of an aim: their truth, and the shots in groups."""
