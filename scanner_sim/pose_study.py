@@ -21,7 +21,8 @@ from scipy.stats import chi2
 
 from scanner_sim.errors import InputError
 from scanner_sim.pose.arrays import Layout, circle, line_and_one, pyramid, square
-from scanner_sim.pose.estimate import PoseEstimate, estimate_pose
+from scanner_sim.pose.estimate import estimate_pose
+from scanner_sim.pose.result import PoseEstimate
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.products.pose_study import COMPONENTS, Method, PoseRow, Source, TargetRow

@@ -26,7 +26,7 @@ FINE = 1e-8
 """Step [rad, and of the distance] below which a pose has settled; the error left is its square, or a small share."""
 COARSE = 1e-3
 """Fall of χ² that a step promises below which a pose is good enough to be compared with others."""
-_IMMATERIAL = 1e-10
+IMMATERIAL = 1e-10
 """The same for a final pose: 1e-5 standard deviations."""
 _MOST_STEPS, _MOST_COARSE_STEPS, _MOST_HUBER_STEPS = 100, 20, 300
 _SHARE_CLOSED = 0.15
@@ -247,7 +247,7 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
         promised = np.einsum("ab,ab->b", step, fit.slope)
         length, turn = np.abs(step).reshape(2, 3, -1).max(axis=1)
         small = (turn < FINE) & (length < FINE * np.abs(fit.position).max(axis=0))
-        small |= promised < (COARSE if until == COARSE else _IMMATERIAL)
+        small |= promised < (COARSE if until == COARSE else IMMATERIAL)
         small &= damping < 2.0 * _FIRST_DAMPING
         step *= share
         turned = np.einsum("ijb,jkb->ikb", cayley(step[3:]), fit.rotation)

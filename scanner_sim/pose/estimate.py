@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -12,18 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.errors import InputError
 from scanner_sim.pose.inputs import PosePrior, Values, sightings_from
+from scanner_sim.pose.result import PoseEstimate, empty_result, fill_result, joined_results
 from scanner_sim.pose.robust import agreeing
 from scanner_sim.pose.sightings import Sightings, several, shared
-from scanner_sim.pose.solution import (
-    ALTERNATIVES,
-    Solution,
-    fits_mirrored,
-    residuals_of,
-    solve,
-    squared_lengths,
-)
+from scanner_sim.pose.solution import fits_mirrored, solve
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.pose.transforms import quaternion_from_rotation, yaw_pitch_roll_from_rotation
 from scanner_sim.pose.weights import Method, PointWeights
 
 Array = NDArray[np.float64]
@@ -35,85 +27,6 @@ _HUBER = 2.0
 """Standard deviations beyond which a target counts linearly."""
 _POSES_AT_LEAST, _POSES_AT_ONCE = 1024, 4096
 """Poses of one pass: enough to hide the interpreter, few enough for a core's cache."""
-
-
-@dataclass(frozen=True)
-class Alternatives:
-    """Further poses that fit, the best first; NaN where there are none.
-
-    Attributes
-    ----------
-    position, rotation
-        Shapes (..., 3, 3) and (..., 3, 3, 3): the third last axis of the rotations, and the second last of the
-        positions [m], counts them.
-    chi2
-        Shape (..., 3).
-    """
-
-    position: Array
-    rotation: Array
-    chi2: Array
-
-
-@dataclass(frozen=True)
-class PoseEstimate:
-    """Poses with their covariance; the leading axes (...) are those of the measurements.
-
-    Attributes
-    ----------
-    position
-        Of the object's origin in the scanner frame [m], shape (..., 3).
-    rotation
-        ``scanner_from_object``, shape (..., 3, 3).
-    covariance
-        Of (δt, δω) [m, rad] with position + δt and exp([δω]×) rotation, all along the scanner's axes, shape
-        (..., 6, 6).
-    residuals
-        Measured less predicted (Θ, φ) [rad] or (Θ, φ, R) [rad, rad, m]; of ``xyz`` points (x, y, z) [m]; shape
-        (..., targets, 2 or 3). NaN where not measured.
-    weights
-        Share with which each target counted: 0 hidden or rejected, 1 in full; shape (..., targets).
-    chi2, dof
-        Σ of the squared residuals in standard deviations, and the number of them less six, shape (...). Of ``huber``,
-        Huber's function of them.
-    alternatives
-        Other poses that fit, ranked by χ².
-    status
-        :class:`~scanner_sim.pose.status.PoseStatus`, shape (...).
-    """
-
-    position: Array
-    rotation: Array
-    covariance: Array
-    residuals: Array
-    weights: Array
-    chi2: Array
-    dof: NDArray[np.int64]
-    alternatives: Alternatives
-    status: NDArray[np.int8]
-
-    @property
-    def quaternion(self) -> Array:
-        """Unit quaternions (w, x, y, z) of the rotations, w ≥ 0, shape (..., 4)."""
-        return quaternion_from_rotation(self.rotation)
-
-    @property
-    def yaw_pitch_roll(self) -> Array:
-        """Yaw, pitch and roll [rad], shape (..., 3): see :mod:`scanner_sim.pose.transforms`."""
-        return yaw_pitch_roll_from_rotation(self.rotation)
-
-    @property
-    def sigma(self) -> Array:
-        """Standard deviations of (δt, δω) [m, rad], shape (..., 6)."""
-        result: Array = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
-        return result
-
-    @property
-    def scanner_from_object(self) -> Array:
-        """4 × 4 matrices M of eq 8, shape (..., 4, 4)."""
-        matrices = np.zeros((*self.position.shape[:-1], 4, 4))
-        matrices[..., :3, :3], matrices[..., :3, 3], matrices[..., 3, 3] = self.rotation, self.position, 1.0
-        return matrices
 
 
 def estimate_pose(
@@ -237,7 +150,7 @@ def estimate_pose(
             "The measured targets fit the mirror image of object_points, and a reflection is not a rotation.",
             remedy="Check the signs and the order of the axes of the surveyed points.",
         )
-    return _joined(parts, leading, sightings.count)
+    return joined_results(parts, leading, sightings.count)
 
 
 def _cores() -> int:
@@ -261,7 +174,7 @@ def _estimate(
             status = np.where(status == PoseStatus.VALID, again, status)
     index = several(np.flatnonzero(status == PoseStatus.VALID))
     every = len(index) == len(status)
-    result = _empty(sightings, method, status)
+    result = empty_result(sightings, method, status)
     if not index.size:
         return result
     chosen = sightings if every else sightings.some(index)
@@ -270,7 +183,7 @@ def _estimate(
     if robust is None:
         mirrored = fits_mirrored(chosen, method, point_weights, solution)
         solution.status[mirrored] = PoseStatus.MIRRORED
-    _fill(result, index, chosen, method, solution, huber)
+    fill_result(result, index, chosen, method, solution, huber)
     return result
 
 
@@ -282,88 +195,3 @@ def _measurable(sightings: Sightings) -> NDArray[np.int8]:
     status[widths[1] <= _COLLINEAR * widths[2]] = PoseStatus.COLLINEAR
     status = np.where(count < 3, np.where(count == 0, PoseStatus.HIDDEN, PoseStatus.TOO_FEW), status)
     return np.broadcast_to(status, (sightings.count,)).astype(np.int8)
-
-
-def _empty(sightings: Sightings, method: Method, status: NDArray[np.int8]) -> PoseEstimate:
-    batch, targets = len(status), len(sightings.seen)
-    return PoseEstimate(
-        position=np.full((batch, 3), np.nan),
-        rotation=np.full((batch, 3, 3), np.nan),
-        covariance=np.full((batch, 6, 6), np.nan),
-        residuals=np.full((batch, targets, 2 if method == "uv" else 3), np.nan),
-        weights=np.zeros((batch, targets)),
-        chi2=np.full(batch, np.nan),
-        dof=np.zeros(batch, dtype=np.int64),
-        alternatives=Alternatives(
-            np.full((batch, ALTERNATIVES, 3), np.nan),
-            np.full((batch, ALTERNATIVES, 3, 3), np.nan),
-            np.full((batch, ALTERNATIVES), np.nan),
-        ),
-        status=status,
-    )
-
-
-def _fill(
-    result: PoseEstimate,
-    index: NDArray[np.intp],
-    sightings: Sightings,
-    method: Method,
-    solution: Solution,
-    huber: float,
-) -> None:
-    """Write solutions to their places, from the centre of the array to the object's origin."""
-    result.status[index] = solution.status
-    good = (solution.status != PoseStatus.MIRRORED) & np.isfinite(solution.covariance).all(axis=(0, 1))
-    into = index[good]
-    arm = np.einsum(
-        "ijb,jb->ib", solution.rotation, np.broadcast_to(sightings.centre, solution.position.shape)
-    )
-    covariance = _moved(solution.covariance, arm)
-    residuals = residuals_of(sightings, method, solution)
-    weights = sightings.seen.astype(np.float64)
-    if huber:
-        squares = squared_lengths(sightings, method, solution.rotation, solution.position)
-        weights *= np.minimum(1.0, huber / np.sqrt(np.maximum(squares, 1e-300)))
-    result.position[into] = (solution.position - arm).T[good]
-    result.rotation[into] = np.moveaxis(solution.rotation, -1, 0)[good]
-    result.covariance[into] = np.moveaxis(covariance, -1, 0)[good]
-    result.residuals[into] = residuals.transpose(2, 1, 0)[good]
-    result.weights[into] = weights.T[good]
-    result.chi2[into], result.dof[into] = solution.chi2[good], solution.dof[good]
-    centre = np.broadcast_to(sightings.centre[:, None], solution.other_position.shape)
-    others = solution.other_position - np.einsum("ijab,jab->iab", solution.other_rotation, centre)
-    result.alternatives.position[into] = others.transpose(2, 1, 0)[good]
-    result.alternatives.rotation[into] = solution.other_rotation.transpose(3, 2, 0, 1)[good]
-    result.alternatives.chi2[into] = solution.other_chi2.T[good]
-
-
-def _moved(covariance: Array, arm: Array) -> Array:
-    """Return the covariance (6, 6, B) for the origin, where X_origin = c − arm: δt = δc + arm × δω, arm (3, B)."""
-    moved = covariance.copy()
-    for _ in range(2):  # rows, then, by symmetry, columns
-        turn = moved[3:]
-        moved[:3] += np.stack(
-            [
-                arm[1] * turn[2] - arm[2] * turn[1],
-                arm[2] * turn[0] - arm[0] * turn[2],
-                arm[0] * turn[1] - arm[1] * turn[0],
-            ]
-        )
-        moved = np.swapaxes(moved, 0, 1)
-    return moved
-
-
-def _joined(parts: list[PoseEstimate], leading: tuple[int, ...], count: int) -> PoseEstimate:
-    """Return passes as one estimate with the leading axes of the measurements."""
-
-    def join(values: list[NDArray[np.generic]]) -> NDArray[np.generic]:
-        whole = values[0] if len(values) == 1 else np.concatenate(values)
-        return whole[:count].reshape((*leading, *whole.shape[1:]))
-
-    names = [name for name in PoseEstimate.__dataclass_fields__ if name != "alternatives"]
-    others = {
-        name: join([getattr(part.alternatives, name) for part in parts])
-        for name in Alternatives.__dataclass_fields__
-    }
-    fields = {name: join([getattr(part, name) for part in parts]) for name in names}
-    return PoseEstimate(**fields, alternatives=Alternatives(**others))  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry
 from scanner_sim.analytic import pose as judge
-from scanner_sim.pose.estimate import PoseEstimate
+from scanner_sim.pose.result import PoseEstimate
 from scanner_sim.pose.transforms import vector_from_rotation
 
 Array = NDArray[np.float64]
