@@ -315,7 +315,7 @@ def python_page() -> str:
 RESULTS = (
     "scanner_sim.products.image.RangeImage",
     "scanner_sim.products.waveforms.WaveformSet",
-    "scanner_sim.pose.estimate.PoseEstimate",
+    "scanner_sim.pose.result.PoseEstimate",
     "scanner_sim.simulate.simulate_waveforms",
     "scanner_sim.simulate.simulate_voxel",
     "scanner_sim.photo.take_photo",
