@@ -8,7 +8,7 @@ from scipy.special import ndtr
 
 from scanner_sim.tracking.centroid import Centroid, centroid_of
 from scanner_sim.tracking.response import Response
-from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,7 @@ def disc_fit(
         Share of the dwell in which the laser shines.
     pointing
         Standard deviation of the read angles about the true ones, per axis and independent from voxel to voxel [rad],
-        () or (patterns,).
+        (), (patterns,) or (patterns, points).
     radius, sigma_radius
         The disc's radius where it is known and how well [rad], () or (patterns,); without them it is free.
 
@@ -65,14 +65,13 @@ def disc_fit(
         range over the disc.
     """
     theta, phi = samples.theta, samples.phi
-    travel = shining * _per_point(theta), shining * _per_point(phi)
+    travel = shining * rise_per_point(theta), shining * rise_per_point(phi)
     usable = response.clear & start.found
     rows = len(usable)
     centre = np.where(usable[:, None], start.centre, np.stack([theta.mean(axis=1), phi.mean(axis=1)], axis=1))
     size = np.where(usable, start.radius, 1.0)
     blur = np.broadcast_to(np.asarray(spot, dtype=np.float64), (rows,))
     weight = np.where(response.used, 1.0 / response.sigma**2, 0.0)
-    unsure = np.asarray(pointing, dtype=np.float64)
     prior = np.zeros(rows)
     known = size
     if radius is not None:
@@ -118,8 +117,8 @@ def disc_fit(
             break
     normal, residual, weighted, steep = kept
     chi = (weight * residual**2).sum(axis=1)
-    error = np.broadcast_to(np.asarray(pointing, dtype=np.float64), (rows,))
-    turned = weighted * (error[:, None] * steep)[:, None]
+    error = np.asarray(pointing, dtype=np.float64)
+    turned = weighted * ((error[:, None] if error.ndim == 1 else error) * steep)[:, None]
     normal = np.where(usable[:, None, None], normal, _UNIT)
     freedom = np.maximum(response.used.sum(axis=1) - 5 + (prior > 0.0), 1)
     misfit = chi / freedom
@@ -144,15 +143,6 @@ def _newer(
         np.where(moving.reshape(-1, *[1] * (new.ndim - 1)), new, old)
         for new, old in zip(values, before, strict=True)
     )
-
-
-def _per_point(values: Array) -> Array:
-    """Return the rise from point to point of each row, to the second order at the ends too."""
-    rate = np.empty_like(values)
-    rate[:, 1:-1] = 0.5 * (values[:, 2:] - values[:, :-2])
-    rate[:, 0] = 2.0 * values[:, 1] - 1.5 * values[:, 0] - 0.5 * values[:, 2]
-    rate[:, -1] = 1.5 * values[:, -1] + 0.5 * values[:, -3] - 2.0 * values[:, -2]
-    return rate
 
 
 def blurred_edge(inside: Array, travel: Array, spot: Array) -> tuple[Array, Array]:

@@ -57,6 +57,15 @@ class PatternSamples:
 
 def _later(angle: Array, time: Array, delay: float) -> Array:
     # All dwells are alike, so that a common step does.
-    step = float(time[0, 1] - time[0, 0])
-    rate = np.gradient(angle, step, axis=1, edge_order=2)
-    return np.asarray(angle + delay * rate + 0.5 * delay**2 * np.gradient(rate, step, axis=1, edge_order=2))
+    dwells = delay / float(time[0, 1] - time[0, 0])
+    rise = rise_per_point(angle)
+    return angle + dwells * rise + (0.5 * dwells**2) * rise_per_point(rise)
+
+
+def rise_per_point(values: Array) -> Array:
+    """Return the rise from point to point of rows, shape (patterns, points), to the second order at the ends too."""
+    rise = np.empty_like(values)
+    rise[:, 1:-1] = 0.5 * (values[:, 2:] - values[:, :-2])
+    rise[:, 0] = 2.0 * values[:, 1] - 1.5 * values[:, 0] - 0.5 * values[:, 2]
+    rise[:, -1] = 1.5 * values[:, -1] + 0.5 * values[:, -3] - 2.0 * values[:, -2]
+    return rise
