@@ -226,7 +226,7 @@ class Eye:
             expected,
             spot=spot,
             shining=shining,
-            pointing=self._pointing,
+            pointing=np.hypot(self._pointing, unevenness(angles))[None],
             axis_separation=scanner.mirrors.axis_separation,
         )
         shared = common_covariance(scanner.mirrors, motion)
@@ -239,7 +239,7 @@ def unevenness(angles: Array) -> Array:
     """Return by how much angles may err where the mirrors do not accelerate evenly, shape (points,) [rad].
 
     The middle of a dwell, its mean and the angle a delay later are known from the neighbours as far as the acceleration
-    is even. A jump of it by Δa within a dwell T leaves about Δa T²/24, and shows as a third difference of Δa T²: so it
+    is even. A jump of it by Δa within a dwell T leaves up to Δa T²/12, and shows as a third difference of Δa T²: so it
     is where the mirrors still turn round when a pattern begins.
 
     Parameters
@@ -250,7 +250,7 @@ def unevenness(angles: Array) -> Array:
     third = np.abs(np.diff(angles, 3, axis=1)).max(axis=0)
     spread = np.concatenate([third[:1], third, third[-1:], third[-1:]])
     spread[1:] = np.maximum(spread[1:], spread[:-1])
-    return spread / 24.0
+    return spread / 12.0
 
 
 def common_covariance(mirrors: Mirrors, motion: PatternMotion) -> Array:

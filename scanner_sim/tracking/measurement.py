@@ -117,8 +117,9 @@ def measure_target(
     centre = better_of(circle_fit(shown, response, blurred=not looks.kind.by_range), hits)
     if not looks.kind.by_range:
         wider = 1.0 if plane is None else plane.stretch
+        error = np.asarray(pointing) * np.reshape(wider, (-1, 1))
         fitted = disc_fit(
-            shown, response, centre, spot=np.asarray(spot) * wider, shining=shining, pointing=pointing * wider
+            shown, response, centre, spot=np.asarray(spot) * wider, shining=shining, pointing=error
         )
         centre = better_of(fitted, hits)
     if plane is not None:
@@ -196,7 +197,7 @@ def _ranges(
     design[:, 1:] = scaled.transpose(0, 2, 1)
     weighted = design * weight[:, None]
     normal = weighted @ design.transpose(0, 2, 1)
-    enough = chosen.sum(axis=1) >= 4
+    enough: Mask = np.asarray(chosen.sum(axis=1) >= 4)
     normal = np.where(enough[:, None, None], normal, np.eye(3))
     normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     value = np.where(chosen, value, 0.0)
