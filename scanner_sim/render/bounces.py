@@ -1,9 +1,7 @@
 """Laser light that meets several surfaces before it is seen: false spots and a faint veil.
 
-Random paths start on the beamlets of the spot, are scattered by sampling each surface's BSDF, and are connected to
-the receiving aperture at the second and every later surface (next-event estimation; Veach, *Robust Monte Carlo
-methods for light transport simulation*, 1997, ch. 10). Each such point is imaged with the lens's point spread. What
-is left out: light whose last surface before the lens is a perfect mirror (the spot seen in a mirror).
+Random paths start on the beamlets of the spot (:mod:`scanner_sim.render.walks`). Each later surface that the lens sees
+is imaged with the lens's point spread.
 """
 
 from __future__ import annotations
@@ -23,14 +21,15 @@ from scanner_sim.render.transport import (
     cut_by_height,
     frame_at,
     image,
+    lanes,
     launch,
     meet,
     out_of_step,
     to_pixels,
 )
+from scanner_sim.render.walks import Vertex, walk
 from scanner_sim.scene.loader import LoadedScene
 from scanner_sim.scene.polarisation import speckle_contrast
-from scanner_sim.streams import Stream, generator
 
 _COHERENCE = speckle_contrast(1.0) ** 2
 
@@ -78,35 +77,20 @@ def trace_bounces(
     BounceSpots
         n · k · (bounces − 1) entries; entry (i · k + j) · (bounces − 1) + v is surface v + 2 of path j of shot i.
     """
-    n = dr.width(shots.number)
-    lane = dr.arange(mi.UInt32, n * len(beamlets.weights))
-    shot = lane // len(beamlets.weights)
-    path, own = lane - shot * len(beamlets.weights), shots.some(shot)
-    frame = frame_at(bench, own, dr.gather(mi.Float, mi.Float(beamlets.times), path))
-    node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), path) for axis in (0, 1)]
-    stop = [dr.gather(mi.Float, mi.Float(beamlets.aperture[:, axis]), path) for axis in (0, 1)]
-    beam = launch(bench, frame, node)
-    loaded = posed(loaded, own.poses)
+    lane = lanes(beamlets, shots)
+    frame = frame_at(bench, lane.own, lane.time)
+    beam = launch(bench, frame, lane.node)
+    loaded = posed(loaded, lane.own.poses)
     si = meet(loaded, beam.origin, beam.direction)
-    power = dr.gather(mi.Float, mi.Float(beamlets.weights), path) * dr.opaque(mi.Float, bench.laser.power)
-    alive = si.is_valid()
-    vertices = bounces - 1
-    size = dr.width(lane) * vertices
-    power_seen, position, sigma, across = (dr.empty(mi.Float, size) for _ in range(4))
-    found = BounceSpots(power_seen, position, sigma, across, dr.full(mi.Float, _COHERENCE, size))
-    for surface in range(2, bounces + 1):
-        random = generator(seed, Stream.BOUNCES, own.number, path * 32 + surface).next_float32x4()
-        sample, weight = si.bsdf().sample(
-            mi.BSDFContext(), si, random[0], mi.Point2f(random[1], random[2]), alive
-        )
-        power = power * dr.select(alive, weight[0], 0.0)
-        alive &= power > 0.0
-        ray = si.spawn_ray(si.to_world(sample.wo))
-        si = meet(loaded, ray.o, ray.d, alive, coherent=False)
-        alive &= si.is_valid()
-        spots = _seen(loaded, bench, own, frame, si, stop, power, alive)
-        dr.eval(si, power, alive, spots)
-        at = lane * vertices + (surface - 2)
+    power = lane.weight * dr.opaque(mi.Float, bench.laser.power)
+    vertices, paths = bounces - 1, dr.width(lane.shot)
+    power_seen, position, sigma, across = (dr.empty(mi.Float, paths * vertices) for _ in range(4))
+    coherence = dr.full(mi.Float, _COHERENCE, paths * vertices)
+    found = BounceSpots(power_seen, position, sigma, across, coherence)
+    for number, vertex in enumerate(walk(loaded, lane, si, power, bounces, seed)):
+        spots = _seen(loaded, bench, lane.own, frame, lane.stop, vertex)
+        dr.eval(vertex, spots)
+        at = dr.arange(mi.UInt32, paths) * vertices + number
         dr.scatter(found.power, spots.power, at)
         dr.scatter(found.position, spots.position, at)
         dr.scatter(found.sigma, spots.sigma, at)
@@ -115,18 +99,11 @@ def trace_bounces(
 
 
 def _seen(
-    loaded: LoadedScene,
-    bench: Bench,
-    shots: Shots,
-    frame: Any,
-    si: Any,
-    stop: Any,
-    power: Any,
-    active: Any,
+    loaded: LoadedScene, bench: Bench, shots: Shots, frame: Any, stop: Any, vertex: Vertex
 ) -> BounceSpots:
-    """Return the image of light of some power at surface points."""
-    strength, seen = connect(loaded, bench, frame, si, stop, active, coherent=False)
-    p, q, depth = image(bench, frame, si.p)
+    """Return the image of the light at surface points."""
+    strength, seen = connect(loaded, bench, frame, vertex.si, stop, vertex.alive, coherent=False)
+    p, q, depth = image(bench, frame, vertex.si.p)
     p = out_of_step(bench, p, shots.synchronisation)
     blur = dr.opaque(mi.Float, bench.receiver.point_spread**2)
     height = dr.opaque(mi.Float, bench.height)
@@ -134,7 +111,7 @@ def _seen(
     position, pitch = to_pixels(bench, p), dr.opaque(mi.Float, bench.pitch)
     good = seen & (depth > 0.0) & dr.isfinite(position)
     return BounceSpots(
-        dr.select(good, power * strength * inside, 0.0),
+        dr.select(good, vertex.power * strength * inside, 0.0),
         dr.select(good, position, 0.0),
         dr.sqrt(variance) / pitch + dr.zeros(mi.Float, dr.width(position)),
         dr.select(good, across / dr.square(pitch), 0.0),

@@ -1,9 +1,6 @@
 """Late echoes: pulses that meet several surfaces before they are seen.
 
-As in :mod:`scanner_sim.render.bounces`, random paths start on the beamlets, are scattered by sampling each surface's
-BSDF, and are connected to the receiving aperture at the second and every later surface (Veach, *Robust Monte Carlo
-methods for light transport simulation*, 1997, ch. 10); each carries the length of its whole way. What is left out:
-light whose last surface before the lens is a perfect mirror.
+Random paths start on the beamlets (:mod:`scanner_sim.render.walks`), and each carries the length of its whole way.
 """
 
 from __future__ import annotations
@@ -21,9 +18,9 @@ from scanner_sim.render.echoes import Echoes, View
 from scanner_sim.render.rays import posed
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import Bench, connect, device_frame, launch, meet
+from scanner_sim.render.transport import Bench, connect, device_frame, lanes, launch, meet
+from scanner_sim.render.walks import walk
 from scanner_sim.scene.loader import LoadedScene
-from scanner_sim.streams import Stream, generator
 
 _CLUSTERS = 64
 """Echoes kept of the light that met several surfaces; they may cover the whole record."""
@@ -99,38 +96,24 @@ def trace_late(
     LateReturns
         n · k · (bounces − 1) entries; entry (i · k + j) · (bounces − 1) + v is surface v + 2 of path j of shot i.
     """
-    count, vertices = len(beamlets.weights), bounces - 1
-    lane = dr.arange(mi.UInt32, dr.width(shots.number) * count)
-    shot = lane // count
-    number, own = lane - shot * count, shots.some(shot)
-    frame = view.frame(device_frame(bench, own.theta, own.phi))
-    node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), number) for axis in (0, 1)]
-    stop = [dr.gather(mi.Float, mi.Float(beamlets.aperture[:, axis]), number) for axis in (0, 1)]
-    beam = launch(bench, frame, node)
-    loaded = posed(loaded, own.poses)
+    lane = lanes(beamlets, shots)
+    frame = view.frame(device_frame(bench, lane.own.theta, lane.own.phi))
+    beam = launch(bench, frame, lane.node)
+    loaded = posed(loaded, lane.own.poses)
     si = meet(loaded, beam.origin, beam.direction)
-    power = dr.gather(mi.Float, mi.Float(beamlets.weights), number)
-    alive = si.is_valid()
-    way = dr.select(alive, si.t, 0.0) - dr.gather(mi.Float, reference, shot)
-    size = dr.width(lane) * vertices
-    found = LateReturns(dr.empty(mi.Float, size), dr.empty(mi.Float, size), dr.zeros(mi.Float, size))
-    for surface in range(2, bounces + 1):
-        random = generator(seed, Stream.BOUNCES, own.number, number * 32 + surface).next_float32x4()
-        sample, weight = si.bsdf().sample(
-            mi.BSDFContext(), si, random[0], mi.Point2f(random[1], random[2]), alive
-        )
-        power = power * dr.select(alive, weight[0], 0.0)
-        alive &= power > 0.0
-        ray = si.spawn_ray(si.to_world(sample.wo))
-        si = meet(loaded, ray.o, ray.d, alive, coherent=False)
-        alive &= si.is_valid()
-        way = way + dr.select(alive, si.t, 0.0)
-        strength, seen = connect(loaded, bench, frame, si, stop, alive, coherent=False)
+    way = dr.select(si.is_valid(), si.t, 0.0) - dr.gather(mi.Float, reference, lane.shot)
+    vertices, paths = bounces - 1, dr.width(lane.shot)
+    share, lengths = (dr.empty(mi.Float, paths * vertices) for _ in range(2))
+    found = LateReturns(share, lengths, dr.zeros(mi.Float, paths * vertices))
+    for number, vertex in enumerate(walk(loaded, lane, si, lane.weight, bounces, seed)):
+        si = vertex.si
+        way = way + dr.select(vertex.alive, si.t, 0.0)
+        strength, seen = connect(loaded, bench, frame, si, lane.stop, vertex.alive, coherent=False)
         seen &= view.sees(frame, si.p)
-        arrives = dr.select(seen, power * strength, 0.0)
+        arrives = dr.select(seen, vertex.power * strength, 0.0)
         path = dr.select(seen, way + dr.norm(mi.Vector3f(si.p - frame.lens)), 0.0)
-        dr.eval(si, power, alive, way, arrives, path)
-        at = lane * vertices + (surface - 2)
+        dr.eval(vertex, way, arrives, path)
+        at = dr.arange(mi.UInt32, paths) * vertices + number
         dr.scatter(found.share, arrives, at)
         dr.scatter(found.path, path, at)
     return found

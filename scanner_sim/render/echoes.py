@@ -22,11 +22,11 @@ import mitsuba as mi
 from scanner_sim.optics.deflection import Frame
 from scanner_sim.render.beamlets import Beamlets, edge_beamlets, smooth_beamlets
 from scanner_sim.render.echo_clusters import gather_echoes
-from scanner_sim.render.light import Truth
+from scanner_sim.render.light import Truth, chief_truth, in_parts
 from scanner_sim.render.rays import posed
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import Bench, connect, device_frame, launch, meet
+from scanner_sim.render.transport import Bench, connect, device_frame, lanes, launch, meet
 from scanner_sim.scene.loader import LoadedScene
 
 CLUSTERS = 16
@@ -36,8 +36,6 @@ _COARSE = 64.0
 """References of paths are multiples of a 64th of a metre: differences from them are exact in single precision."""
 _GRAZING = 0.02
 """Least cosine of incidence for the beamlet's footprint; nearer to grazing it stays at this size."""
-_FINE_BATCH = 1 << 22
-"""Beamlets that are traced together where there are many: bounds the memory."""
 _BENT = 5e-3
 """Departure of a beamlet's path from the tangent plane [m] that calls for more beamlets."""
 _STEP = 20e-3
@@ -169,12 +167,7 @@ def render_echoes(
     beamlets = smooth_beamlets(settings.beamlets)
     returns, reference = trace_returns(loaded, bench, view, beamlets, shots)
     chief = dr.arange(mi.UInt32, count) * len(beamlets.weights)
-    shape = dr.gather(mi.UInt32, returns.shape, chief)
-    truth = Truth(
-        dr.gather(mi.Float, returns.distance, chief),
-        dr.gather(mi.UInt32, loaded.object_of, shape),
-        dr.gather(mi.UInt32, loaded.material_of, shape),
-    )
+    truth = chief_truth(loaded, returns.distance, returns.shape, chief)
     ground = _ground(loaded, bench, beamlets, returns, chief)
     dr.eval(truth, ground)
 
@@ -185,11 +178,7 @@ def render_echoes(
             direct = _gathered(returns, smooth, len(beamlets.weights), 1, smooth, shots.some(smooth), own)
             yield from with_bounces(loaded, bench, view, settings, shots, seed, direct)
         for kind, fine in ((_UNEVEN, settings.uneven_beamlets), (_EDGE, settings.edge_beamlets)):
-            members = dr.compress(ground == kind)
-            together = max(1, _FINE_BATCH // fine)
-            for start in range(0, dr.width(members), together):
-                some = dr.arange(mi.UInt32, start, min(start + together, dr.width(members)))
-                index = dr.gather(mi.UInt32, members, some)
+            for index in in_parts(dr.compress(ground == kind), fine):
                 own_shots = shots.some(index)
                 many, own = trace_returns(loaded, bench, view, edge_beamlets(fine), own_shots)
                 every = dr.arange(mi.UInt32, dr.width(index))
@@ -203,20 +192,13 @@ def trace_returns(
     loaded: LoadedScene, bench: Bench, view: View, beamlets: Beamlets, shots: Shots
 ) -> tuple[Returns, Any]:
     """Return what comes back of all beamlets of all shots, and the reference of the paths of each shot [m]."""
-    n, count = dr.width(shots.theta), len(beamlets.weights)
-    lane = dr.arange(mi.UInt32, n * count)
-    shot = lane // count
-    beamlet = lane - shot * count
-    node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), beamlet) for axis in (0, 1)]
-    stop = [dr.gather(mi.Float, mi.Float(beamlets.aperture[:, axis]), beamlet) for axis in (0, 1)]
-    weight = dr.gather(mi.Float, mi.Float(beamlets.weights), beamlet)
-    own = shots.some(shot)
-    frame = view.frame(device_frame(bench, own.theta, own.phi))
-    beam = launch(bench, frame, node)
-    loaded = posed(loaded, own.poses)
+    count, lane = len(beamlets.weights), lanes(beamlets, shots)
+    frame = view.frame(device_frame(bench, lane.own.theta, lane.own.phi))
+    beam = launch(bench, frame, lane.node)
+    loaded = posed(loaded, lane.own.poses)
     si = meet(loaded, beam.origin, beam.direction)
     hit = si.is_valid()
-    strength, seen = connect(loaded, bench, frame, si, stop, hit)
+    strength, seen = connect(loaded, bench, frame, si, lane.stop, hit)
     seen &= view.sees(frame, si.p)
     strength = dr.select(seen, strength, 0.0)
     back = mi.Vector3f(si.p - frame.lens)
@@ -226,7 +208,7 @@ def trace_returns(
     # The nearest of what comes back: all paths of the shot are then small numbers of one sign.
     nearest = dr.block_reduce(dr.ReduceOp.Min, dr.select(hit, whole, dr.inf), count)
     reference = dr.select(dr.isfinite(nearest), dr.floor(nearest * _COARSE) / _COARSE, 0.0)
-    half = 0.5 * dr.gather(mi.Float, reference, shot)
+    half = 0.5 * dr.gather(mi.Float, reference, lane.shot)
     path = (si.t - half) + (length - half)
 
     # Derivatives of the path along the two axes of the beam, on the surface's tangent plane.
@@ -244,7 +226,7 @@ def trace_returns(
     slope_a, slope_b = slope(frame.across), slope(frame.normal)
     spread = dr.opaque(mi.Float, beamlets.width) * dr.sqrt(dr.square(slope_a) + dr.square(slope_b))
     returns = Returns(
-        share=weight * strength,
+        share=lane.weight * strength,
         path=dr.select(hit, path, 0.0),
         spread=dr.select(hit, spread, 0.0),
         strength=strength,

@@ -96,6 +96,24 @@ class Truth:
         return dr.gather(mi.Float, self.distance, index)
 
 
+def chief_truth(loaded: LoadedScene, distance: Any, shape: Any, chief: Any) -> Truth:
+    """Return what the chief rays meet, whose distance [m] and shape's registry index stand at the places ``chief``."""
+    met = dr.gather(mi.UInt32, shape, chief)
+    return Truth(
+        dr.gather(mi.Float, distance, chief),
+        dr.gather(mi.UInt32, loaded.object_of, met),
+        dr.gather(mi.UInt32, loaded.material_of, met),
+    )
+
+
+def in_parts(places: Any, beamlets: int) -> Iterator[Any]:
+    """Yield places of shots in parts whose beamlets, so many each, fit the memory."""
+    together = max(1, _FINE_BATCH // beamlets)
+    for start in range(0, dr.width(places), together):
+        some = dr.arange(mi.UInt32, start, min(start + together, dr.width(places)))
+        yield dr.gather(mi.UInt32, places, some)
+
+
 def render_light(
     loaded: LoadedScene, bench: Bench, settings: Transport, shots: Shots, seed: int
 ) -> tuple[Truth, Iterator[Light]]:
@@ -122,12 +140,7 @@ def render_light(
     spots = trace_spots(loaded, bench, beamlets, shots)
     dr.eval(spots)
     chief = dr.arange(mi.UInt32, count) * len(beamlets.weights)
-    shape = dr.gather(mi.UInt32, spots.shape, chief)
-    truth = Truth(
-        dr.gather(mi.Float, spots.distance, chief),
-        dr.gather(mi.UInt32, loaded.object_of, shape),
-        dr.gather(mi.UInt32, loaded.material_of, shape),
-    )
+    truth = chief_truth(loaded, spots.distance, spots.shape, chief)
     ground = _ground(loaded, bench, beamlets, shots, spots, chief)
     dr.eval(truth, ground)
 
@@ -143,13 +156,9 @@ def render_light(
             _EDGE: settings.edge_beamlets,
         }
         for kind, count in finer.items():
-            members = dr.compress(ground == kind)
-            together = max(1, _FINE_BATCH // count)
-            for start in range(0, dr.width(members), together):
-                some = dr.arange(mi.UInt32, start, min(start + together, dr.width(members)))
-                index = dr.gather(mi.UInt32, members, some)
-                clusters = _finely(loaded, bench, edge_beamlets(count), shots.some(index))
-                direct = Light(index, shots.some(index).number, clusters)
+            for index in in_parts(dr.compress(ground == kind), count):
+                own = shots.some(index)
+                direct = Light(index, own.number, _finely(loaded, bench, edge_beamlets(count), own))
                 yield from _with_bounces(loaded, bench, settings, shots, seed, direct)
 
     return truth, groups()

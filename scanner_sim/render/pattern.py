@@ -18,7 +18,7 @@ import numpy as np
 
 from scanner_sim.render.beamlets import Beamlets, edge_beamlets
 from scanner_sim.render.clusters import cluster
-from scanner_sim.render.light import Light, Truth
+from scanner_sim.render.light import Light, Truth, chief_truth
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import BeamletTables, Bench, trace_spots
 from scanner_sim.scene.loader import LoadedScene
@@ -63,12 +63,7 @@ def pattern_light(
     dr.eval(spots)
     index = dr.arange(mi.UInt32, dr.width(shots.theta))
     chief = index * count
-    shape = dr.gather(mi.UInt32, spots.shape, chief)
-    truth = Truth(
-        dr.gather(mi.Float, spots.distance, chief),
-        dr.gather(mi.UInt32, loaded.object_of, shape),
-        dr.gather(mi.UInt32, loaded.material_of, shape),
-    )
+    truth = chief_truth(loaded, spots.distance, spots.shape, chief)
     dr.eval(truth)
     clusters: Any = cluster(spots, index, count, CLUSTERS)
     return truth, Light(index, shots.number, clusters)

@@ -97,6 +97,45 @@ class BeamletTables:
         return cls(a, b, c, d, e, f, beamlets.width)
 
 
+@dataclass
+class Lanes:
+    """A lane for each of k beamlets of each of n shots: lane i · k + j is beamlet j of shot i.
+
+    Dr.Jit arrays of shape (n · k,): ``shot`` and ``beamlet`` i and j; ``own`` the shot itself; ``node``, ``stop``,
+    ``weight`` and ``time`` of the beamlet.
+    """
+
+    shot: Any
+    beamlet: Any
+    own: Shots
+    node: list[Any]
+    stop: list[Any]
+    weight: Any
+    time: Any
+
+
+def lanes(beamlets: Beamlets | BeamletTables, shots: Shots) -> Lanes:
+    """Return the lanes of all beamlets of all shots: neighbours trace alike."""
+    tables = beamlets if isinstance(beamlets, BeamletTables) else BeamletTables.of(beamlets)
+    count = dr.width(tables.weights)
+    lane = dr.arange(mi.UInt32, dr.width(shots.theta) * count)
+    shot = lane // count
+    beamlet = lane - shot * count
+
+    def of_beamlet(values: Any) -> Any:
+        return dr.gather(mi.Float, values, beamlet)
+
+    return Lanes(
+        shot=shot,
+        beamlet=beamlet,
+        own=shots.some(shot),
+        node=[of_beamlet(tables.across), of_beamlet(tables.normal)],
+        stop=[of_beamlet(tables.stop_across), of_beamlet(tables.stop_normal)],
+        weight=of_beamlet(tables.weights),
+        time=of_beamlet(tables.times),
+    )
+
+
 def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets | BeamletTables, shots: Shots) -> Spots:
     """Return the direct spots of all beamlets of all shots.
 
@@ -116,16 +155,10 @@ def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets | BeamletT
     Spots
         Arrays of n · k entries; entry i · k + j is beamlet j of shot i: neighbours trace alike.
     """
-    tables = beamlets if isinstance(beamlets, BeamletTables) else BeamletTables.of(beamlets)
-    count = dr.width(tables.weights)
-    lane = dr.arange(mi.UInt32, dr.width(shots.theta) * count)
-    shot = lane // count
-    beamlet, own = lane - shot * count, shots.some(shot)
-    node = [dr.gather(mi.Float, values, beamlet) for values in (tables.across, tables.normal)]
-    stop = [dr.gather(mi.Float, values, beamlet) for values in (tables.stop_across, tables.stop_normal)]
-    weight = dr.gather(mi.Float, tables.weights, beamlet)
-    frame = frame_at(bench, own, dr.gather(mi.Float, tables.times, beamlet))
-    return _spots(posed(loaded, own.poses), bench, own, frame, node, stop, weight, tables.width)
+    lane = lanes(beamlets, shots)
+    frame = frame_at(bench, lane.own, lane.time)
+    loaded = posed(loaded, lane.own.poses)
+    return _spots(loaded, bench, lane.own, frame, lane.node, lane.stop, lane.weight, beamlets.width)
 
 
 def frame_at(bench: Bench, shots: Shots, time: Any) -> Frame:
