@@ -15,7 +15,7 @@ from scanner_sim.pose.sightings import Prior, Sightings
 Array = NDArray[np.float64]
 Values = ArrayLike | Mapping[str, ArrayLike]
 
-_DUPLICATE = 1e-9
+DUPLICATE = 1e-9
 """Distance of two targets, over the size of the array, below which they are one."""
 
 
@@ -175,8 +175,8 @@ def _distinct(points: Array) -> None:
     size = np.ptp(flat, axis=1).max(axis=1)
     for step in range(1, flat.shape[1]):
         apart = np.abs(flat[:, step:] - flat[:, :-step]).max(axis=2)
-        if (apart <= _DUPLICATE * size[:, None]).any():
-            first = int(np.argwhere(apart <= _DUPLICATE * size[:, None])[0, 1])
+        if (apart <= DUPLICATE * size[:, None]).any():
+            first = int(np.argwhere(apart <= DUPLICATE * size[:, None])[0, 1])
             raise InputError(
                 f"Targets {first} and {first + step} of object_points stand on the same place.",
                 remedy="Give each target once.",

@@ -26,13 +26,13 @@ from scanner_sim.pose.weights import Method, PointWeights, point_covariances, pr
 
 Array = NDArray[np.float64]
 
-_SAME = 0.25
+SAME = 0.25
 """Squared Mahalanobis distance within which two poses are one."""
-_DOUBTFUL = 9.0
+DOUBTFUL = 9.0
 """Difference of χ² to the next pose below which the best one is ambiguous: odds of 1 in 90."""
-_APART = float(chdtri(6, 0.01))
+APART = float(chdtri(6, 0.01))
 """Squared Mahalanobis distance beyond which another pose is not covered by the covariance (99 %)."""
-_MISFIT = 1e-6
+MISFIT = 1e-6
 """Probability of χ² below which a fit is looked at again, from another start and in a mirror."""
 
 
@@ -111,7 +111,7 @@ def solve(
         chi2 = linearise(full, *pose)[0]
     solution = _with_others(ranked, best, covariance, chi2, dof)
     if not by_three and method != "xyz":
-        bad = ~best.settled | (_probability(chi2, dof) < _MISFIT) if not huber else ~best.settled
+        bad = ~best.settled | (_probability(chi2, dof) < MISFIT) if not huber else ~best.settled
         _try_again(solution, np.flatnonzero(bad), sightings, method, point_weights, huber)
     return solution
 
@@ -124,7 +124,7 @@ def fits_mirrored(
     A planar array has no handedness that angles and ranges could show: it looks like itself from behind.
     """
     mirrored = np.zeros(sightings.count, dtype=bool)
-    bad = np.flatnonzero((_probability(solution.chi2, solution.dof) < _MISFIT) | ~np.isfinite(solution.chi2))
+    bad = np.flatnonzero((_probability(solution.chi2, solution.dof) < MISFIT) | ~np.isfinite(solution.chi2))
     bad = several(bad)
     if bad.size:
         other = solve(sightings.some(bad).mirrored(), method, point_weights, 0.0, by_three=True)
@@ -178,14 +178,14 @@ def _with_others(ranked: Fit, best: Fit, covariance: Array, chi2: Array, dof: ND
         for number, earlier in enumerate(known):
             distance = _distance(rotation, position, *earlier, best.normal)
             far = distance if number == 0 else far
-            new &= ~(distance < _SAME)
+            new &= ~(distance < SAME)
         known.append((rotation, position))
         place, index = filled[new], poses[new]
         solution.other_rotation[:, :, place, index] = rotation[..., new]
         solution.other_position[:, place, index] = position[..., new]
         solution.other_chi2[place, index] = ranked.cost[s, new]
         filled += new
-        doubtful = new & (ranked.cost[s] - best.cost < _DOUBTFUL) & (far > _APART)
+        doubtful = new & (ranked.cost[s] - best.cost < DOUBTFUL) & (far > APART)
         solution.status[doubtful & (solution.status == PoseStatus.VALID)] = PoseStatus.AMBIGUOUS
     return solution
 
