@@ -58,7 +58,7 @@ class PatternBench:
     @property
     def recordings(self) -> int:
         """How often kernels were recorded so far: once for each length of patterns."""
-        return sum(int(step.n_recordings) for step in self._steps.values())
+        return sum(step.recordings for step in self._steps.values())
 
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
         """Return the layers of a pattern's shots: see :meth:`~scanner_sim.workbench.Workbench.measure`."""
@@ -152,9 +152,9 @@ class PatternBench:
     def _step(self, points: int) -> Any:
         """Return the frozen kernels of patterns of a length."""
         if points not in self._steps:
-            import drjit as dr
+            from scanner_sim.render.frozen import Frozen
 
-            self._steps[points] = dr.freeze(
+            self._steps[points] = Frozen(
                 lambda reads, numbers, integers, window: self._measured(numbers, integers, window, points)
             )
         return self._steps[points]

@@ -167,9 +167,9 @@ class Windows:
     def _renderer(self, rows: int, bins: int) -> Callable[..., list[Any]]:
         """Return the frozen kernels that render windows of a size."""
         if (rows, bins) not in self._renderers:
-            import drjit as dr
+            from scanner_sim.render.frozen import Frozen
 
-            self._renderers[rows, bins] = dr.freeze(
+            self._renderers[rows, bins] = Frozen(
                 lambda reads, place, poses: self._layers(place, poses, rows, bins)
             )
         return self._renderers[rows, bins]

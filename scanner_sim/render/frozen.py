@@ -1,0 +1,43 @@
+"""Functions whose kernels are recorded once, and launched from then on without being traced again."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Callable
+from typing import Any
+
+import drjit as dr
+
+
+class Frozen:
+    """A function of Dr.Jit arrays, frozen (``drjit.freeze``).
+
+    Parameters
+    ----------
+    function
+        Function whose kernels depend on nothing but the kinds of its arguments. Every array that it reads must be among
+        them, and no array's size may depend on a value.
+
+    Notes
+    -----
+    Python's garbage collector rests during a call: where it frees memory that an array shares with NumPy while a
+    recording is made, Dr.Jit aborts the process.
+    """
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self._function: Any = dr.freeze(function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the function: trace it for arguments of a new kind, or launch what was recorded."""
+        collecting = gc.isenabled()
+        gc.disable()
+        try:
+            return self._function(*arguments)
+        finally:
+            if collecting:
+                gc.enable()
+
+    @property
+    def recordings(self) -> int:
+        """How often kernels were recorded."""
+        return int(self._function.n_recordings)
