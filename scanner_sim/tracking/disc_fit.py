@@ -122,10 +122,13 @@ def disc_fit(
     normal = np.where(usable[:, None, None], normal, _UNIT)
     freedom = np.maximum(response.used.sum(axis=1) - 5 + (prior > 0.0), 1)
     misfit = chi / freedom
-    inverse = np.linalg.inv(normal)
-    of_pointing = inverse @ (turned @ turned.transpose(0, 2, 1)) @ inverse
-    covariance = inverse * np.maximum(misfit, 1.0)[:, None, None] + of_pointing
-    covariance = covariance[:, :3, :3] * (size**2)[:, None, None]
+    # What the values do not tell at all has a variance beyond all numbers, and is not found.
+    with np.errstate(over="ignore", invalid="ignore"):
+        inverse = np.linalg.inv(normal)
+        of_pointing = inverse @ (turned @ turned.transpose(0, 2, 1)) @ inverse
+        covariance = inverse * np.maximum(misfit, 1.0)[:, None, None] + of_pointing
+        covariance = covariance[:, :3, :3] * (size**2)[:, None, None]
+    usable &= np.isfinite(covariance).all(axis=(1, 2))
     reach = np.maximum(np.abs(theta - centre[:, :1]).min(axis=1), np.abs(phi - centre[:, 1:]).min(axis=1))
     found = usable & (reach < 2.0 * size) & (np.sign(amplitude) == np.sign(response.target - response.ground))
     return centroid_of(

@@ -202,4 +202,4 @@ def _ranges(
     normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     value = np.where(chosen, value, 0.0)
     plane = np.linalg.solve(normal, weighted @ value[..., None])[..., 0]
-    return plane, np.linalg.inv(normal)[:, 0, 0], enough
+    return np.asarray(plane), np.asarray(np.linalg.inv(normal)[:, 0, 0]), enough
