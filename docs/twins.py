@@ -9,6 +9,7 @@ import pprint
 import re
 import subprocess
 import sys
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -91,7 +92,8 @@ def about(text: str) -> str:
     """Return what the file's first comment says, without the remarks on how to run the YAML."""
     lines = re.findall(r"^#(.*)$", text.partition("\nschema:")[0], flags=re.MULTILINE)
     kept = [line.strip() for line in lines if "yaml-language-server" not in line]
-    return "\n".join(kept).strip().replace("\\", "")
+    paragraphs = "\n".join(kept).strip().replace("\\", "").split("\n\n")
+    return "\n\n".join(textwrap.fill(paragraph, 106) for paragraph in paragraphs)
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
-"""Back illumination: the Sun is in the field of view, left of the Node. Pixels that look into it are full, and anti-blooming
-keeps their charge from the neighbours. The receiver looks up to 7 degrees to the left of the beam (the nearer
-the range, the more), so the Sun is on the line of all voxels of its rows from there to the right; most of them
-still find the laser's spot beside it.
+"""Back illumination: the Sun is in the field of view, left of the Node. Pixels that look into it are full,
+and anti-blooming keeps their charge from the neighbours. The receiver looks up to 7 degrees to the left
+of the beam (the nearer the range, the more), so the Sun is on the line of all voxels of its rows from
+there to the right; most of them still find the laser's spot beside it.
 
 The same in YAML: ``configs/lighting_back.yaml``.
 """

@@ -1,6 +1,7 @@
-"""Table 1, "no light": the night side of the orbit, ideal for a laser scanner. There is nothing to see in visible light, so
-no pictures of background and camera are written. This is what the other lighting_ scenarios are compared with, and
-their instrument: its laser pauses for half of each dwell though there is nothing to subtract.
+"""Table 1, "no light": the night side of the orbit, ideal for a laser scanner. There is nothing to see in
+visible light, so no pictures of background and camera are written. This is what the other lighting_
+scenarios are compared with, and their instrument: its laser pauses for half of each dwell though there is
+nothing to subtract.
 
 The same in YAML: ``configs/lighting_dark.yaml``.
 """

@@ -1,5 +1,6 @@
-"""Table 1, "full target shadowing": the Sun stands behind the Node, above the field of view. What the scanner sees has
-no sunlight but what the Earth and sunlit parts throw on it; the laser brings its own light.
+"""Table 1, "full target shadowing": the Sun stands behind the Node, above the field of view. What the
+scanner sees has no sunlight but what the Earth and sunlit parts throw on it; the laser brings its own
+light.
 
 The same in YAML: ``configs/lighting_full_shadow.yaml``.
 """

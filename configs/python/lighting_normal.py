@@ -1,8 +1,8 @@
-"""Table 1, "normal conditions": the Sun stands behind the scanner, the Earth below. Sunlight falls on nearly all that is
-seen; the filter leaves little of it, and the exposure without the laser takes away the rest: the range image is that of
-the dark, compare it with lighting_dark. With laser_off: 0, as in the paper, an eighth of the voxels is refused, most of
-them on dark things beside sunlit bright ones.
-background.png shows what the pixels collect of Sun and Earth, camera.png what a video camera would see.
+"""Table 1, "normal conditions": the Sun stands behind the scanner, the Earth below. Sunlight falls on nearly
+all that is seen; the filter leaves little of it, and the exposure without the laser takes away the rest:
+the range image is that of the dark, compare it with lighting_dark. With laser_off: 0, as in the paper, an
+eighth of the voxels is refused, most of them on dark things beside sunlit bright ones. background.png
+shows what the pixels collect of Sun and Earth, camera.png what a video camera would see.
 
 The same in YAML: ``configs/lighting_normal.yaml``.
 """

@@ -1,6 +1,6 @@
-"""One orbit of the Space Station: the Sun rises, crosses the sky and sets behind the Earth, for a Node with three arrays
-of targets before it. A run takes the stated moment; the sweep takes the whole orbit and says for each array how long
-it is in each condition of Table 1:
+"""One orbit of the Space Station: the Sun rises, crosses the sky and sets behind the Earth, for a Node with
+three arrays of targets before it. A run takes the stated moment; the sweep takes the whole orbit and says
+for each array how long it is in each condition of Table 1:
 
 scanner-sim orbit configs/lighting_orbit.yaml
 

@@ -1,5 +1,6 @@
-"""Table 1, "partial target shadowing": the Sun is high, and the truss throws its shadow over the Node. In camera.png the
-shadow is black and the rest is white; the edges in background.png do not show in range.png.
+"""Table 1, "partial target shadowing": the Sun is high, and the truss throws its shadow over the Node. In
+camera.png the shadow is black and the rest is white; the edges in background.png do not show in
+range.png.
 
 The same in YAML: ``configs/lighting_partial_shadow.yaml``.
 """

@@ -1,6 +1,7 @@
-"""Table 1, "saturation in the field of view": a polished sheet beside the targets throws the Sun straight into the lens. Its
-image is some ten thousand times as bright as the white of the targets and fills the pixels that look at it. Only the rows of the
-glint notice: there the Sun takes twenty pixels of the line, and the spot is found beside them.
+"""Table 1, "saturation in the field of view": a polished sheet beside the targets throws the Sun straight
+into the lens. Its image is some ten thousand times as bright as the white of the targets and fills the
+pixels that look at it. Only the rows of the glint notice: there the Sun takes twenty pixels of the line,
+and the spot is found beside them.
 
 The same in YAML: ``configs/lighting_saturation.yaml``.
 """

@@ -1,8 +1,8 @@
-"""Figure 18b, the worst case: the edge of a shadow falls across targets at the same range. A screen that the scanner does
-not see stands between them and the Sun. Beside the laser's spot the background then has a step that does not
-weaken with range as the spot does. With the filter it is a tenth of the spot on the same white, and higher than the
-spot on a black disc. The exposure without the laser takes it away; with laser_off: 0, as in the paper, voxels at the rims
-of sunlit discs are refused, and the others are right.
+"""Figure 18b, the worst case: the edge of a shadow falls across targets at the same range. A screen that the
+scanner does not see stands between them and the Sun. Beside the laser's spot the background then has a
+step that does not weaken with range as the spot does. With the filter it is a tenth of the spot on the
+same white, and higher than the spot on a black disc. The exposure without the laser takes it away; with
+laser_off: 0, as in the paper, voxels at the rims of sunlit discs are refused, and the others are right.
 
 The same in YAML: ``configs/lighting_worst_case.yaml``.
 """

@@ -1,7 +1,8 @@
-"""The worst case without the interference filter, as in the experiment of Figure 18: the sensor then takes the Sun's light
-from 0.9 to 1.7 µm, fifty times as much. The step of the shadow outshines the spot, and shot noise buries it on dark
-discs. Voxels are lost along the shadow and on sunlit discs; status says why. The laser shines all the time, as the paper's
-does: with laser_off: 0.5 even this instrument keeps them, as long as no pixel is full.
+"""The worst case without the interference filter, as in the experiment of Figure 18: the sensor then takes
+the Sun's light from 0.9 to 1.7 µm, fifty times as much. The step of the shadow outshines the spot, and
+shot noise buries it on dark discs. Voxels are lost along the shadow and on sunlit discs; status says why.
+The laser shines all the time, as the paper's does: with laser_off: 0.5 even this instrument keeps them,
+as long as no pixel is full.
 
 The same in YAML: ``configs/lighting_worst_case_no_filter.yaml``.
 """

@@ -1,5 +1,5 @@
-"""Objects that move while they are scanned: each voxel sees them at its own instant, so that the board comes out sheared
-and the ball drawn out. truth.range_m is that of each voxel's instant too.
+"""Objects that move while they are scanned: each voxel sees them at its own instant, so that the board comes
+out sheared and the ball drawn out. truth.range_m is that of each voxel's instant too.
 
 The same in YAML: ``configs/moving_plate.yaml``.
 """

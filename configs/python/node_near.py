@@ -1,5 +1,6 @@
-"""The berthing ring of the same module from close by. At 2 to 3 m the image of the spot is large and lies far from
-the axis: the pixels' height clips it, and the base of the triangulation hides what stands behind edges.
+"""The berthing ring of the same module from close by. At 2 to 3 m the image of the spot is large and lies
+far from the axis: the pixels' height clips it, and the base of the triangulation hides what stands behind
+edges.
 
 The same in YAML: ``configs/node_near.yaml``.
 """

@@ -1,5 +1,5 @@
-"""A mesh of your own: PLY, OBJ or STL. Here an angle bracket drawn in millimetres, on a table of closed shapes.
-The scanner stands half a metre above the table and looks down on it: y and φ count downwards.
+"""A mesh of your own: PLY, OBJ or STL. Here an angle bracket drawn in millimetres, on a table of closed
+shapes. The scanner stands half a metre above the table and looks down on it: y and φ count downwards.
 
 The same in YAML: ``configs/own_mesh.yaml``.
 """

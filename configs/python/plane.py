@@ -1,5 +1,5 @@
-"""A grey plane met at right angles, 10 m away: the scene in which noise is measured. The spread of the range here is
-the scanner's precision; take terms of the noise away to see which one limits it.
+"""A grey plane met at right angles, 10 m away: the scene in which noise is measured. The spread of the range
+here is the scanner's precision; take terms of the noise away to see which one limits it.
 
 The same in YAML: ``configs/plane.yaml``.
 """

@@ -2,10 +2,11 @@
 
 scanner-sim run configs/quickstart.yaml
 
-takes some seconds and writes output/quickstart: look at range.png and shaded.png there. Then change a value
-below, or on the command line:
+takes some seconds and writes output/quickstart: look at range.png and shaded.png there. Then change a
+value below, or on the command line:
 
-scanner-sim run configs/quickstart.yaml -o output/closer --set 'scene.objects.module.position=[0 m, 0 m, 4 m]'
+scanner-sim run configs/quickstart.yaml -o output/closer --set 'scene.objects.module.position=[0 m, 0 m, 4
+m]'
 
 Every number with a dimension needs its unit. Axes: x to the right, y DOWN, z away from the scanner.
 

@@ -1,5 +1,6 @@
-"""Retro-reflecting targets on black plates: near ones are seen from far beside the way back and are no brighter than
-paint; far ones fill the wells and say so. A receiver around the laser sees all of them bright.
+"""Retro-reflecting targets on black plates: near ones are seen from far beside the way back and are no
+brighter than paint; far ones fill the wells and say so. A receiver around the laser sees all of them
+bright.
 
 The same in YAML: ``configs/retro_targets.yaml``.
 """

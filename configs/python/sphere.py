@@ -1,5 +1,5 @@
-"""A sphere of one metre before a wall: every angle of incidence in one picture, and a shadow of the receiver beside
-the sphere, where the laser hits the wall but the lens does not see the spot.
+"""A sphere of one metre before a wall: every angle of incidence in one picture, and a shadow of the receiver
+beside the sphere, where the laser hits the wall but the lens does not see the spot.
 
 The same in YAML: ``configs/sphere.yaml``.
 """

@@ -1,4 +1,5 @@
-"""A step of 100 mm: at the edge the spot falls on both levels, and the estimator sees two peaks or one between them.
+"""A step of 100 mm: at the edge the spot falls on both levels, and the estimator sees two peaks or one
+between them.
 
 The same in YAML: ``configs/step.yaml``.
 """

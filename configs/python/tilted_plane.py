@@ -1,4 +1,5 @@
-"""A plane whose right edge is turned away: the spot is drawn out into an ellipse, and range falls off along the row.
+"""A plane whose right edge is turned away: the spot is drawn out into an ellipse, and range falls off along
+the row.
 
 The same in YAML: ``configs/tilted_plane.yaml``.
 """

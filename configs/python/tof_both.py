@@ -1,5 +1,5 @@
-"""Boards at 3, 7, 14 and 24 m by triangulation, by time of flight and by both: near ones are measured better by the first,
-far ones by the second, and fused.* is as good as the better everywhere.
+"""Boards at 3, 7, 14 and 24 m by triangulation, by time of flight and by both: near ones are measured better
+by the first, far ones by the second, and fused.* is as good as the better everywhere.
 
 The same in YAML: ``configs/tof_both.yaml``.
 """

@@ -1,5 +1,5 @@
-"""One disc of 100 mm at 10 m, at rest: how well is its centre found, pattern by pattern?
-The tracker expects it 6 mrad beside its place and has to search for it.
+"""One disc of 100 mm at 10 m, at rest: how well is its centre found, pattern by pattern? The tracker expects
+it 6 mrad beside its place and has to search for it.
 
 The same in YAML: ``configs/track_still.yaml``.
 """

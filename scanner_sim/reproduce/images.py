@@ -123,7 +123,7 @@ def figure_2a(task: Task) -> Outcome:
 
 def figure_2b(task: Task) -> Outcome:
     """Scan the Node by time of flight."""
-    from scanner_sim.products.pictures import draw_range
+    from scanner_sim.products.waveform_picture import draw_grey
 
     image = _scan(task, "tof_node", task.choose(384, 160))
     error = np.abs(image["range_m"] - image["truth.range_m"])[image.valid]
@@ -140,7 +140,7 @@ def figure_2b(task: Task) -> Outcome:
             float(np.nanmedian(error)) < sigma,
         ),
     )
-    return Outcome(rows, lambda path: draw_range(image, path))
+    return Outcome(rows, lambda path: draw_grey(image, path))
 
 
 def _scan(task: Task, name: str, size: int) -> RangeImage:
@@ -280,8 +280,8 @@ ITEMS = (
         "fig2b",
         "Figure 2b: raster image by time of flight",
         "A raster image by time of flight, the range in grey levels.",
-        "The same Node by time of flight; range in colours.",
-        "As for Figure 2a. In grey levels, with a dot for each voxel, it is `tof.png` of the scenario.",
+        "The same Node by time of flight, a dot for each voxel, near is bright.",
+        "As for Figure 2a. Which range is black and which white is not printed.",
         figure_2b,
         also="`scanner-sim run configs/tof_node.yaml`, `tof.png`",
     ),

@@ -1,0 +1,51 @@
+"""Pictures of the gallery: ``python docs/gallery.py [NAME …]`` runs their scenarios and writes ``docs/pictures``."""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PICTURES = ROOT / "docs" / "pictures"
+MADE = {
+    "own_mesh": ("own_mesh", "range.png", ()),
+    "sunlight": ("lighting_partial_shadow", "camera.png", ()),
+    "background": ("lighting_normal", "background.png", ()),
+    "retro_signal": ("retro_targets", "signal.png", ()),
+    "moving": ("moving_plate", "range.png", ()),
+    "time_of_flight": ("tof_node", "tof.png", ("scan.rows=256", "scan.columns=256")),
+    "docking_pose": ("track_moving", "pose.png", ()),
+    "docking_track": ("track_moving", "track.png", ()),
+}
+"""For each picture: scenario, file of the run, and changes."""
+
+
+def main(names: list[str]) -> None:
+    done: dict[tuple[str, tuple[str, ...]], Path] = {}
+    with tempfile.TemporaryDirectory() as folder:
+        for name in names or MADE:
+            config, picture, changes = MADE[name]
+            if (config, changes) not in done:
+                output = Path(folder, name)
+                command = [
+                    sys.executable,
+                    "-m",
+                    "scanner_sim",
+                    "run",
+                    f"configs/{config}.yaml",
+                    "-o",
+                    str(output),
+                    "-q",
+                ]
+                for change in changes:
+                    command += ["--set", change]
+                subprocess.run(command, cwd=ROOT, check=True)
+                done[config, changes] = output
+            shutil.copy(done[config, changes] / picture, PICTURES / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
