@@ -135,6 +135,18 @@ class Closed:
         """Return |∂R/∂p| times the pitch [m/pixel]: the exact form of eq 4."""
         return float(geometry.range_error(R, theta, self.f, self.d, self.pitch))
 
+    def follows(self, seen: Spot) -> float:
+        """Return by how much the estimate moves with the spot, ∂p̂/∂p: 1 but for the slope of a systematic error."""
+        chosen = self.scenario.processing
+        if chosen.peak == FIT or chosen.bias_correction != "none":
+            return 1.0
+        step, estimator = 1e-3, ESTIMATORS[chosen.peak]
+        found = []
+        for side in (1.0, -1.0):
+            line = seen.charge * spot.pixel_shares(LINE // 2 + seen.phase + side * step, seen.sigma, LINE)
+            found.append(estimator(line.tolist()))
+        return (found[0] - found[1]) / (2.0 * step)
+
     def place(self, R: float, phase: float) -> float:
         """Return the range [m] next to one at which a facing plate's spot lies at a place in its pixel."""
         target = round(self.facing(R, 1.0).centre) + phase

@@ -253,28 +253,10 @@ def _predict_synchronisation(setting: Setting) -> dict[str, Predicted]:
         p = float(geometry.image_position(R, 0.0, closed.f, closed.d))
         apart = closed.f * (1.0 + (p / closed.f) ** 2) * error
         value = 1e3 * float(geometry.range_error(R, 0.0, closed.f, closed.d, apart))
-        # What the estimator makes of a moved spot is not the whole move: its systematic error has a slope.
-        slope = 0.0 if setting.scenario.processing.peak == FIT else _gradient_of_bias(setting, R)
+        value *= closed.follows(closed.facing(R, setting.flat.reflectance))
         rounding = 1e3 * closed.range_per_pixel(R) * p / closed.pitch * 2.0**-24
-        told[f"{R:.4g} m"] = Predicted(
-            "σ of R", "mm", value * (1.0 + slope), 0.002 * value + rounding**2 / value
-        )
+        told[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, 0.002 * value + rounding**2 / value)
     return told | _slope_predicted(ranges, told, True, "2 for p ≪ f")
-
-
-def _gradient_of_bias(setting: Setting, R: float) -> float:
-    """Return by how much the estimator's systematic error changes with the spot's place, pixel by pixel."""
-    if setting.scenario.processing.bias_correction != "none":
-        return 0.0
-    closed, step = Closed(setting.scenario), 1e-3
-    seen = closed.facing(R, 1.0)
-    found = []
-    for side in (1.0, -1.0):
-        moved = Spot(seen.centre + side * step, seen.chief, seen.sigma, seen.charge)
-        found.append(
-            ESTIMATORS[setting.scenario.processing.peak](moved.line.tolist()) - LINE // 2 - moved.phase
-        )
-    return (found[0] - found[1]) / (2.0 * step)
 
 
 SYNCHRONISATION = Law(

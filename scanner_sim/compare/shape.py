@@ -303,9 +303,9 @@ def _predict_covariance(setting: Setting) -> dict[str, Predicted]:
         + mirrors.readout_noise**2
         + mirrors.readout_step**2 / 12.0
     )
-    for place, _ in facing_places(setting, (setting.middle,)):
+    for place, seen in facing_places(setting, (setting.middle,)):
         p = float(geometry.image_position(place.distance, place.theta, closed.f, closed.d))
-        apart = closed.f * (1.0 + (p / closed.f) ** 2) * mirrors.synchronisation
+        apart = closed.f * (1.0 + (p / closed.f) ** 2) * mirrors.synchronisation * closed.follows(seen)
         errors = geometry.propagated_errors(
             place.distance, place.theta, place.phi, closed.f, closed.d, closed.D, apart, angle, angle
         )

@@ -189,6 +189,7 @@ def _sigmas(setting: Setting) -> tuple[float, float]:
         sigma = closed.sigma_pixel(seen, setting.scenario.processing.peak, variance)
         p = float(geometry.image_position(distance, theta, closed.f, closed.d))
         apart = closed.f * (1.0 + (p / closed.f) ** 2) * mirrors.synchronisation / closed.pitch
+        apart *= closed.follows(seen)
         squares.append((closed.range_per_pixel(distance, theta) * math.hypot(sigma, apart)) ** 2)
     return angle, math.sqrt(float(np.mean(squares)))
 
