@@ -30,7 +30,7 @@ IMMATERIAL = 1e-10
 """The same for a final pose: 1e-5 standard deviations."""
 _MOST_STEPS, _MOST_COARSE_STEPS, _MOST_HUBER_STEPS = 100, 20, 300
 _SHARE_CLOSED = 0.15
-_FIRST_DAMPING, _LAST_DAMPING = 1e-3, 1e9
+FIRST_DAMPING, _LAST_DAMPING = 1e-3, 1e9
 _RIDGE = 1e-14
 """Share of the diagonal that is always added: keeps a singular matrix from stopping the whole batch."""
 
@@ -248,7 +248,7 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
         length, turn = np.abs(step).reshape(2, 3, -1).max(axis=1)
         small = (turn < FINE) & (length < FINE * np.abs(fit.position).max(axis=0))
         small |= promised < (COARSE if until == COARSE else IMMATERIAL)
-        small &= damping < 2.0 * _FIRST_DAMPING
+        small &= damping < 2.0 * FIRST_DAMPING
         step *= share
         turned = np.einsum("ijb,jkb->ikb", cayley(step[3:]), fit.rotation)
         moved = fit.position + step[:3]
@@ -261,7 +261,7 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
             trial.settled = better & small
         fit = trial
         if damping.any() or not better.all():
-            damping = np.where(better, 0.1 * damping, np.maximum(10.0 * damping, _FIRST_DAMPING))
+            damping = np.where(better, 0.1 * damping, np.maximum(10.0 * damping, FIRST_DAMPING))
             damping[damping < 1e-5] = 0.0
         finished = (fit.settled | (damping > _LAST_DAMPING)) & ~closed
         if not finished.any():

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv, dpotri
 
-from scanner_sim.pose.adjustment import COARSE, FINE, IMMATERIAL
+from scanner_sim.pose.adjustment import COARSE, FINE, FIRST_DAMPING, IMMATERIAL
 from scanner_sim.pose.resection import PLANAR
 from scanner_sim.pose.status import PoseStatus
 
@@ -112,13 +112,16 @@ def lone_status(
 
 
 def _adjusted(case: LoneCase, fit: LoneFit, until: float) -> LoneFit | None:
-    """Return the pose after Gauss-Newton steps down to a promised fall of χ²; None where they do not lead down.
+    """Return the pose after steps down to a promised fall of χ²; None where it does not settle.
 
-    The share of a step is that of :func:`scanner_sim.pose.adjustment.adjust`.
+    Steps, their share and their damping are those of :func:`scanner_sim.pose.adjustment.adjust`.
     """
-    share = 1.0
+    share, damping = 1.0, 0.0
     for _ in range(_MOST_STEPS):
-        _, step, failed = dposv(fit.normal, fit.slope)
+        matrix = fit.normal
+        if damping:
+            matrix = matrix + damping * np.diag(np.diag(matrix))
+        _, step, failed = dposv(matrix, fit.slope)
         if failed:
             return None
         promised = float(step @ fit.slope)
@@ -127,14 +130,17 @@ def _adjusted(case: LoneCase, fit: LoneFit, until: float) -> LoneFit | None:
         small = promised < until or (
             max(map(abs, moves[3:])) < FINE and max(map(abs, moves[:3])) < FINE * far
         )
+        small = small and damping < 2.0 * FIRST_DAMPING
         scaled = step * share
         rotation, position = _cayley(*scaled[3:].tolist()) @ fit.rotation, fit.position + scaled[:3]
         trial = _linearised(case, rotation, position)
-        if trial.cost > fit.cost and not small:
-            return None
         left = float(scaled @ trial.slope) / (promised * share) if promised > 0.0 else 0.0
         share = min(max(share / (1.0 - left), 0.1), 4.0) if abs(left) > 0.3 and left < 0.95 else 1.0
-        fit = trial
+        if trial.cost <= fit.cost or small:
+            fit = trial
+            damping = 0.1 * damping if damping > 1e-4 else 0.0
+        else:
+            damping = max(10.0 * damping, FIRST_DAMPING)
         if small:
             return fit
     return None
