@@ -32,6 +32,9 @@ from scanner_sim.units import Angle, Time
 
 Array = NDArray[np.float64]
 
+_CATCHING_UP = 10.0
+"""Lags of the servo after which it has caught up with the beginning of a pattern that it can follow."""
+
 
 class Visiting(Part):
     """How the mirrors go from pattern to pattern."""
@@ -108,7 +111,7 @@ class PatternMotion:
     travel_theta, travel_phi
         By how much the shafts move during a dwell, rate · dwell.
     limited
-        Whether the mirrors were at a limit during this visit.
+        Whether the mirrors were at a limit during the pattern, once they had caught up with its beginning.
     """
 
     time: Array
@@ -184,7 +187,7 @@ def run_visit(
         latched_phi=read[1],
         travel_theta=travel[0],
         travel_phi=travel[1],
-        limited=bool(motion.limited[:, gap:].any()),
+        limited=bool(motion.limited[:, gap + math.ceil(_CATCHING_UP * galvanometers.lag / step) :].any()),
     )
     return made, MirrorPair(state, slopes[:, 1], mirrors.time + step * motion.true.shape[1])
 
