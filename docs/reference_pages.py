@@ -15,25 +15,101 @@ from typing import Any
 import scanner_sim
 from scanner_sim.config import json_schema
 from scanner_sim.config.outline import EACH, outline
+from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.image import CHANNELS
+from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.scenario import Scenario
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.status import Status
+from scanner_sim.tracking.record import Track, TrackStatus
 
-FILES: Mapping[str, str] = {
-    "range.exr": "every layer of a raster scan, float32, with scenario, versions, units and legends in its header",
-    "scenario.yaml": "the scenario with every default written out; running it gives the same bytes",
-    "summary.json": "counts, quantiles and, apart, the distance from the truth",
-    "range.png": "range in colours; voxels without one in the colour of their status",
-    "shaded.png": "derivative of the range in grey levels",
-    "signal.png": "returned signal on a logarithmic scale",
-    "points.ply": "the points with intensity and σ, binary little-endian PLY",
-    "tof.png": "range by time of flight in grey levels, a dot for each voxel",
-    "background.png": "charge of sunlight and Earthshine about the spot, on a logarithmic scale",
-    "camera.png": "what an ordinary video camera at the scanner sees",
-    "waveforms.nc": "waveforms of time of flight as NetCDF, for xarray",
+FOLDERS: Mapping[str, tuple[str, str, Mapping[str, str]]] = {
+    "run, of a raster": (
+        "scanner_sim.products.folder",
+        "RUN",
+        {
+            "range.exr": "every layer below, float32, with scenario, versions, units and legends in its header",
+            "scenario.yaml": "the scenario with every default written out; running it gives the same bytes",
+            "summary.json": "counts, quantiles and, apart, the distance from the truth",
+            "range.png": "range in colours; voxels without one in the colour of their status",
+            "shaded.png": "derivative of the range in grey levels",
+            "signal.png": "returned signal on a logarithmic scale",
+            "points.ply": "the points with intensity and σ, binary little-endian PLY",
+            "tof.png": "with time of flight: its range in grey levels, a dot for each voxel",
+            "background.png": "under the Sun: charge of sunlight and Earthshine about the spot",
+            "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
+            "waveforms.nc": "waveforms of the voxels under `output.waveforms`, as NetCDF for xarray",
+        },
+    ),
+    "run, of a track": (
+        "scanner_sim.products.track",
+        "TRACK",
+        {
+            "track.csv": "a line for each visit to a target; columns below",
+            "track.parquet": "the same, with scenario and legends in the file's metadata",
+            "patterns.parquet": "every voxel of every pattern; `output.patterns: false` leaves it out",
+            "scenario.yaml": "the scenario with every default written out",
+            "summary.json": "counts of status, errors and σ of each target",
+            "pose.csv": "poses of objects with three followed targets or more, by each method of `pose.methods`",
+            "pose.parquet": "the same, with scenario and legends",
+            "relative_pose.csv": "the same of one object seen from another, where there are two",
+            "relative_pose.parquet": "the same, with scenario and legends",
+            "pattern.png": "a pattern over its target; `show DIR --pattern N` draws any other",
+            "track.png": "errors of the targets over time with ±2σ, and the tracker's state",
+            "field.png": "all targets in the field of view",
+            "pose.png": "errors of the poses over time with ±2σ",
+            "outline.png": "the objects at true and at estimated pose, displacement enlarged",
+        },
+    ),
+    "orbit": (
+        "scanner_sim.products.timeline",
+        "ORBIT",
+        {
+            "orbit.json": "shares of time in each condition of Table 1, for each target",
+            "orbit.csv": "a line for each moment and target",
+            "orbit.png": "timeline of conditions, light and charge",
+            "scenario.yaml": "the scenario with every default written out",
+        },
+    ),
+    "budget": (
+        "scanner_sim.products.budget",
+        "BUDGET",
+        {
+            "budget.json": "all rows, reflectance, versions",
+            "budget.csv": "a line for each source and range; columns below",
+            "budget.png": "σ of the range against range, source by source",
+            "budget_tof.png": "the same for time of flight",
+            "curves.png": "σ of both ways of ranging and of their fusion, as in Figure 12",
+            "dominance.png": "with `--image`: the source that makes most of σ in each voxel",
+            "scenario.yaml": "the scenario with every default written out",
+        },
+    ),
+    "pose-study": (
+        "scanner_sim.products.pose_study",
+        "POSE_STUDY",
+        {
+            "pose_study.json": "all tables",
+            "pose_study.csv": "error of each component of each array's pose, by method and range",
+            "exponents.csv": "exponents of range, size and number of targets",
+            "gains.csv": "by how much other methods are better than points alone",
+            "targets.csv": "errors of single targets, from simulated pixels",
+            "figure_15.png": "errors against range, a panel for each component",
+            "arrays.png": "arrays compared at one range",
+            "scenario.yaml": "the scenario with every default written out",
+        },
+    ),
+    "compare": (
+        "scanner_sim.products.comparison",
+        "COMPARISON",
+        {
+            "compare.json": "every law with its checks, verdict and power; what `--baseline` reads",
+            "compare.html": "the same as a page with pictures, in one file",
+            "compare.png": "deviations of all checks with their intervals",
+            "scenario.yaml": "the scenario with every default written out",
+        },
+    ),
 }
-"""The files of a run, in the order of presentation."""
+"""For each verb that writes a folder: where the names of its files stand, and what each holds."""
 
 
 def scenario_page() -> str:
@@ -230,20 +306,21 @@ def _option(option: Any) -> str:
 
 
 def files_page() -> str:
-    """The files that a run writes, the layers of range.exr and the codes of status."""
-    lines = ["# Files and channels", "", "## The folder of a run", "", "| file | holds |", "|---|---|"]
-    lines += [f"| `{name}` | {sentence} |" for name, sentence in FILES.items()]
+    """The folders that verbs write, the layers of range.exr, the codes of status, and columns of tables."""
+    lines = ["# Files and channels", ""]
+    for verb, (_, _, files) in FOLDERS.items():
+        lines += [f"## scanner-sim {verb}", "", "| file | holds |", "|---|---|"]
+        lines += [f"| `{name}` | {sentence} |" for name, sentence in files.items()]
+        lines.append("")
     lines += [
-        "",
-        "The Sun adds `background.png` and `camera.png`, time of flight `tof.png`, `output.waveforms`",
-        "`waveforms.nc`. All pictures and files are the same bytes for the same scenario, seed and versions.",
+        "A folder appears whole or not at all. Pictures and files are the same bytes for the same scenario, seed and",
+        "versions.",
         "",
         "## Layers of range.exr",
         "",
-        "One part, one float32 channel per layer, rows of φ from the top, columns of Θ from the left. Layers",
-        "of whole numbers have their legend in the header, beside the resolved scenario, the seed, the",
-        "versions and each layer's unit. Where there is no range, the measured layers are NaN and `status`",
-        "says why. With `ranging: tof` the layers without a prefix hold time of flight, with `both`",
+        "One part, one float32 channel per layer, rows of φ from the top, columns of Θ from the left. Layers of",
+        "whole numbers have their legend in the header. Where there is no range, the measured layers are NaN and",
+        "`status` says why. With `ranging: tof` the layers without a prefix hold time of flight, with `both`",
         "triangulation.",
         "",
         "| channel | unit | meaning |",
@@ -252,23 +329,48 @@ def files_page() -> str:
     lines += [f"| `{channel.name}` | {channel.unit} | {_cell(channel.sentence)} |" for channel in CHANNELS]
     lines += ["", "## Status", "", "| code | name | why there is no range |", "|---|---|---|"]
     lines += [f"| {int(code)} | `{code.name}` | {code.sentence} |" for code in Status]
-    lines += ["", *_tables()]
+    lines += ["", "## Status of visits and poses", "", "| code | name | meaning |", "|---|---|---|"]
+    lines += [f"| {int(code)} | `{code.name}` | {code.sentence} |" for code in TrackStatus]
+    lines += [f"| {int(code)} | `{code.name}` of a pose | {code.sentence} |" for code in PoseStatus]
+    empty = Track((), (), 0, "", "")
+    for name, columns in (("track.csv", track_columns(empty)), ("patterns.parquet", voxel_columns(empty))):
+        lines += ["", f"## Columns of {name}", "", ", ".join(f"`{column}`" for column in columns) + ".", ""]
+        lines.append(
+            _plain(_first_part((track_columns if name == "track.csv" else voxel_columns).__doc__ or ""))
+        )
+    for name, module, kind in TABLES:
+        lines += ["", f"## Columns of {name}", "", *_columns(getattr(import_module(module), kind))]
     return "\n".join(lines) + "\n"
 
 
 TABLES: tuple[tuple[str, str, str], ...] = (
-    ("budget.csv, budget.json", "scanner_sim.products.budget", "BudgetRow"),
-    ("orbit.csv, orbit.json", "scanner_sim.products.timeline", "Timeline"),
+    ("budget.csv", "scanner_sim.products.budget", "BudgetRow"),
+    ("pose_study.csv", "scanner_sim.products.pose_study", "PoseRow"),
+    ("exponents.csv", "scanner_sim.products.pose_study", "Exponent"),
+    ("targets.csv", "scanner_sim.products.pose_study", "TargetRow"),
 )
-"""Tables that other verbs write: file, module and type of a row."""
+"""Tables of which each line is an object: file, module and type."""
 
 
-def _tables() -> list[str]:
-    lines = ["## Tables of other verbs", ""]
-    for name, module, kind in TABLES:
-        row = getattr(import_module(module), kind)
-        lines += [f"### {name}", "", inspect.cleandoc(row.__doc__ or ""), ""]
+def _columns(row: type) -> list[str]:
+    """Return the attributes of a documented type as a table."""
+    text = inspect.cleandoc(row.__doc__ or "")
+    first, _, listed_ = text.partition("Attributes\n----------\n")
+    lines = [_cell(first), "", "| column | meaning |", "|---|---|"]
+    for names, meaning in re.findall(r"^(\S[^\n]*)\n((?:[ \t]+[^\n]*\n?)+)", listed_, re.MULTILINE):
+        shown = ", ".join(f"`{name.strip()}`" for name in names.split(","))
+        lines.append(f"| {shown} | {_plain(meaning)} |")
     return lines
+
+
+def _first_part(docstring: str) -> str:
+    """Return a docstring up to its first section."""
+    return inspect.cleandoc(docstring).partition("\n\nParameters")[0]
+
+
+def _plain(text: str) -> str:
+    """Return a piece of a docstring without reStructuredText's marks."""
+    return _cell(re.sub(r":\w+:`~?([^`]*)`", r"`\1`", text).replace("``", "`"))
 
 
 def materials_page() -> str:
