@@ -113,15 +113,19 @@ def measure_target(
     if axis_separation is not None and looks.surface == "flat":
         plane = _plane_of(samples, response, looks, hits, middle, axis_separation)
         shown = plane.flattened(samples)
-        hits = hit_centroid(shown, response)
-    centre = better_of(circle_fit(shown, response, blurred=not looks.kind.by_range), hits)
+    centre = circle_fit(shown, response, blurred=not looks.kind.by_range)
+    if not centre.found.all():
+        hits = hits if plane is None else hit_centroid(shown, response)
+        centre = better_of(centre, hits)
     if not looks.kind.by_range:
         wider = 1.0 if plane is None else plane.stretch
         error = np.asarray(pointing) * np.reshape(wider, (-1, 1))
         fitted = disc_fit(
             shown, response, centre, spot=np.asarray(spot) * wider, shining=shining, pointing=error
         )
-        centre = better_of(fitted, hits)
+        if not fitted.found.all():
+            fitted = better_of(fitted, hits if plane is None else hit_centroid(shown, response))
+        centre = fitted
     if plane is not None:
         centre = plane.seen(centre)
     distance, variance = _range_at(samples, response, looks, centre)
@@ -180,8 +184,9 @@ def _ranges(
     """
     part = {TargetKind.BLACK: response.used, TargetKind.HOLE: response.used & ~response.hit}
     chosen = part.get(looks.kind, response.hit) & samples.valid & centre.found[:, None]
-    angles = np.stack([samples.theta, samples.phi], axis=-1) - np.nan_to_num(centre.centre)[:, None]
-    square = (angles**2).sum(axis=-1)
+    about = np.where(centre.found[:, None], centre.centre, 0.0)
+    angles = samples.theta - about[:, :1], samples.phi - about[:, 1:]
+    square = angles[0] ** 2 + angles[1] ** 2
     # Off the centre a flat target is farther away by 1/cos: a third of a millimetre at 10 m, many σ when it is near.
     value = samples.range * np.cos(np.sqrt(square))
     if looks.surface == "sphere":
@@ -192,9 +197,9 @@ def _ranges(
     sigma = np.where(chosen & (samples.sigma_range > 0.0), samples.sigma_range, 1.0)
     weight = np.where(chosen, 1.0 / sigma**2, 0.0)
     # In radii, so that the plane's columns are of like size.
-    scaled = angles / np.where(centre.found, centre.radius, 1.0)[:, None, None]
-    design = np.ones((len(scaled), 3, scaled.shape[1]))
-    design[:, 1:] = scaled.transpose(0, 2, 1)
+    size = np.where(centre.found, centre.radius, 1.0)[:, None]
+    design = np.ones((len(size), 3, square.shape[1]))
+    design[:, 1], design[:, 2] = angles[0] / size, angles[1] / size
     weighted = design * weight[:, None]
     normal = weighted @ design.transpose(0, 2, 1)
     enough: Mask = np.asarray(chosen.sum(axis=1) >= 4)

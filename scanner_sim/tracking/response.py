@@ -96,7 +96,8 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
         The level between target and ground is :func:`two_levels` of the pattern's own voxels; what is three times
         their distance away from it counts no longer.
     """
-    near, far = np.broadcast_to(np.asarray(gate, dtype=np.float64), (len(samples.theta), 2)).T[..., None]
+    ends = np.asarray(gate, dtype=np.float64)
+    near, far = ends[..., :1], ends[..., 1:]
     measured = samples.valid
     inside = measured & (samples.range >= near) & (samples.range <= far)
     nothing = samples.status == Status.BELOW_THRESHOLD
@@ -105,7 +106,7 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
         value = np.where(inside, samples.range, far)
         known = np.where(inside, samples.sigma_range, np.nan)
     else:
-        value = np.where(nothing, 0.0, np.nan_to_num(samples.signal))
+        value = np.where(nothing | ~np.isfinite(samples.signal), 0.0, samples.signal)
         known = np.where(inside, samples.sigma_signal, np.nan)
         if kind is TargetKind.RETRO:
             used |= samples.status == Status.SATURATED
@@ -150,30 +151,27 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
         apart by five of the larger median deviation (times 1.48) within a part.
     """
     order = np.sort(np.where(used, value, np.inf), axis=1)
-    count = used.sum(axis=1)
-    points = value.shape[1]
-    rows = np.arange(len(order))[:, None]
-    ends = order[rows, np.stack([np.full(len(order), FEWEST - 1), np.maximum(count - FEWEST, 0)], axis=1)]
-    order = np.where(np.isfinite(order), np.clip(order, ends[:, :1], np.maximum(*ends.T)[:, None]), order)
-    place = np.arange(1, points + 1)
-    finite = np.where(np.isfinite(order), order, 0.0)
-    below = np.cumsum(finite, axis=1)
-    total = below[:, -1:]
-    above = np.maximum(count[:, None] - place, 1)
-    between = place * above * (below / place - (total - below) / above) ** 2
+    count, points = used.sum(axis=1), value.shape[1]
+    possible, place = count >= 2 * FEWEST, np.arange(1, points + 1)
+    inside = place <= count[:, None]
+    rows = np.arange(len(order))
+    low, high = order[:, FEWEST - 1], order[rows, np.maximum(count - FEWEST, 0)]
+    order = np.where(inside, np.clip(order, low[:, None], np.maximum(low, high)[:, None]), 0.0)
+    below = np.cumsum(order, axis=1)
+    # The scatter between two parts of k and n − k values is (n Σ_k − k Σ)²/(n k (n − k)).
+    between = (count[:, None] * below - place * below[:, -1:]) ** 2 / (
+        place * np.maximum(count[:, None] - place, 1)
+    )
     allowed = (place >= FEWEST) & (place <= count[:, None] - FEWEST)
-    possible = allowed.any(axis=1)
-    split = 1 + np.argmax(np.where(allowed, between, -1.0), axis=1)
-    split = np.where(possible, split, FEWEST)
-    first = _median(order, np.zeros_like(split), split)
+    split = np.where(possible, 1 + np.argmax(np.where(allowed, between, -1.0), axis=1), FEWEST)
+    first = _median(order, 0 * split, split)
     second = _median(order, split, np.maximum(count, split + 1))
-    part = place - 1 < split[:, None]
-    away = np.abs(finite - np.where(part, first[:, None], second[:, None]))
-    inside = place - 1 < count[:, None]
+    part = place <= split[:, None]
+    away = np.abs(order - np.where(part, first[:, None], second[:, None]))
     scatter = np.maximum(
         *(
-            _median(np.sort(np.where(inside & some, away, np.inf), axis=1), np.zeros_like(split), size)
-            for some, size in ((part, split), (~part, np.maximum(count - split, 1)))
+            _median(np.sort(np.where(some, away, np.inf), axis=1), 0 * split, size)
+            for some, size in ((part & inside, split), (inside & ~part, np.maximum(count - split, 1)))
         )
     )
     clear = possible & (second - first > CLEAR * 1.4826 * scatter) & (second > first)
@@ -182,9 +180,7 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
 
 def _median(order: Array, start: NDArray[np.int64], stop: NDArray[np.int64]) -> Array:
     """Return the medians of sorted rows between places, shape (rows,)."""
-    rows = np.arange(len(order))
-    last = order.shape[1] - 1
-    low = order[rows, np.minimum((start + stop - 1) // 2, last)]
-    high = order[rows, np.minimum((start + stop) // 2, last)]
-    found = 0.5 * (np.where(np.isfinite(low), low, 0.0) + np.where(np.isfinite(high), high, 0.0))
-    return np.asarray(found)
+    rows, last, middle = np.arange(len(order)), order.shape[1] - 1, start + stop
+    low, high = order[rows, np.minimum((middle - 1) // 2, last)], order[rows, np.minimum(middle // 2, last)]
+    found = 0.5 * (low + high)
+    return np.where(np.isfinite(found), found, 0.0)
