@@ -6,7 +6,7 @@ fit, that of weighted least squares, g_i = (m'_i/v_i)/Σ (m'_j²/v_j) with m' = 
 (Winick, *J. Opt. Soc. Am. A* 3, 1986). Averages are over the place of the spot in its pixel.
 
 Not modelled: the light's slant, the loss above and below the pixels, the baseline's noise, noise that changes which
-pixel is the brightest, drift, Sun and Earth.
+pixel is the brightest, the Earth's light.
 """
 
 from __future__ import annotations
@@ -36,8 +36,11 @@ class Instrument:
     ``corrected`` says whether its systematic error is taken off. ``power`` is the laser's, ``transmission`` that of
     lens and filter. ``read``, ``dark`` and ``step`` are read noise, mean dark charge and step of the converter
     [electron], ``response`` the pixels' relative spread; any of them is 0 where it is switched off, and so are ``shot``
-    (1 or 0) and the ``contrast`` of the speckle. ``sweep`` is the angle by which the beam moves in a dwell, ``half``
-    the deflection to each side over which shots are spread.
+    (1 or 0) and the ``contrast`` of the speckle. ``dwell`` is the time for which the laser shines, ``subtracted`` that
+    time over the one in which it is off, 0 where nothing is subtracted. ``sweep`` is the angle by which the beam moves
+    meanwhile, ``half`` the deflection to each side over which shots are spread. ``sunlight`` is the Sun's irradiance
+    that counts on the target [W/m²] and ``height`` that of the pixels; ``drift_zero`` and ``drift_scale`` are what a
+    kelvin does to the mirrors and ``kelvins`` the root mean square of their course.
     """
 
     estimator: str
@@ -68,6 +71,12 @@ class Instrument:
     synchronisation: float
     readout: float
     half: float
+    subtracted: float = 0.0
+    sunlight: float = 0.0
+    height: float = 0.0
+    drift_zero: float = 0.0
+    drift_scale: float = 0.0
+    kelvins: float = 0.0
 
 
 def range_budget(bench: Instrument, distance: float) -> dict[str, float]:
@@ -76,6 +85,12 @@ def range_budget(bench: Instrument, distance: float) -> dict[str, float]:
     σ_p of the peak and of the angle between projection and reception, f (1 + p²/f²) σ_e, become R²σ_p/(f d) (eq 4 at
     Θ = 0). Errors σ_Θ of the deflection become ∂R/∂Θ σ_Θ with ∂R/∂Θ = d − R tanΘ, root mean square over ±half:
     √(d² + R² half²/3).
+
+    Charge of the Sun on a pixel of the area S: E ρ/π · A S T/f² · QE t λ/(h c) (eq 18). Where k times the charge
+    without the laser is subtracted, light counts (1 + k) times in the variance of shot noise, and the converter's and
+    the amplifier's noise (1 + k²) times; fixed patterns of the background go.
+
+    Drift turns a mirror by ΔT (zero + scale Θ), and the range by ∂R/∂Θ of it: root mean square over ±half.
 
     Charge of the target: N = P T ρ A/(π R²) · QE t λ/(h c) (eq 19). Speckle is averaged over M = 1 + sweep R/(2w)
     patterns (Baribeau, Rioux, *Appl. Opt.* 30, 1991).
@@ -87,17 +102,24 @@ def range_budget(bench: Instrument, distance: float) -> dict[str, float]:
     watts = bench.power * bench.transmission * bench.reflectance * bench.aperture**2 / (4.0 * distance**2)
     charge = float(electrons(watts, bench.dwell, bench.wavelength, bench.efficiency))
     speckle_scale = bench.contrast**2 / (1.0 + 0.5 * bench.sweep * distance / radius)
-    squares: dict[str, list[float]] = {name: [] for name in ("shot", "read", "quantisation", "response")}
+    k = bench.subtracted
+    collected = bench.transmission * 0.25 * math.pi * bench.aperture**2
+    seen = bench.sunlight * bench.reflectance / math.pi * bench.pitch * bench.height / bench.focal_length**2
+    ambient = float(electrons(seen * collected, bench.dwell, bench.wavelength, bench.efficiency))
+    squares: dict[str, list[float]] = {
+        name: [] for name in ("shot", "read", "quantisation", "response", "sun")
+    }
     speckle, bias = [0.0], []
     every = _PHASES // _SPECKLE_PHASES
     for number, phase in enumerate((np.arange(_PHASES) + 0.5) / _PHASES - 0.5):
         centre = _LINE // 2 + float(phase)
         m = charge * pixel_shares(centre, along, _LINE)
         parts = {
-            "shot": bench.shot * (m + bench.dark),
-            "read": np.full(_LINE, bench.read**2),
-            "quantisation": np.full(_LINE, bench.step**2 / 12.0),
-            "response": (bench.response * m) ** 2,
+            "shot": bench.shot * (m + bench.dark * (1.0 + k)),
+            "read": np.full(_LINE, bench.read**2 * (1.0 + k**2)),
+            "quantisation": np.full(_LINE, bench.step**2 / 12.0 * (1.0 + k**2)),
+            "response": (bench.response * (m if k else m + ambient)) ** 2,
+            "sun": np.full(_LINE, bench.shot * ambient * (1.0 + k)),
         }
         variance = np.maximum(sum(parts.values(), np.zeros(_LINE)), 1.0)
         if bench.contrast > 0.0:
@@ -119,6 +141,9 @@ def range_budget(bench: Instrument, distance: float) -> dict[str, float]:
     found["synchronisation"] = per_metre * apart
     by_theta = math.hypot(bench.baseline, distance * bench.half / math.sqrt(3.0))
     found |= {name: by_theta * getattr(bench, name) for name in ("jitter", "wobble", "readout")}
+    angle = np.linspace(-bench.half, bench.half, 201)
+    turned = bench.kelvins * (bench.drift_zero + bench.drift_scale * angle)
+    found["drift"] = float(np.sqrt(np.mean(((bench.baseline - distance * angle) * turned) ** 2)))
     found["all"] = math.sqrt(sum(value**2 for value in found.values()))
     return found
 

@@ -8,12 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from scanner_sim.analytic.budget import Instrument, range_budget
+from scanner_sim.analytic.echo_budget import EchoInstrument, echo_budget, fused_sigma
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
-from scanner_sim.products.budget import BUDGET, BudgetRow, write_budget
+from scanner_sim.products.budget import BUDGET, BudgetRow, crossing, write_budget
 from scanner_sim.products.folder import check_target
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scenario import Scenario
@@ -43,7 +44,8 @@ def budget_scenario(
     """
     scenario = load_and_warn(config, overrides, quiet)
     check_target(folder, overwrite, BUDGET)
-    from scanner_sim.budget import HALF, distances_of, dominating, measure_budget
+    from scanner_sim.budget import distances_of, measure_budget
+    from scanner_sim.dominance import dominating
 
     distances = distances_of(scenario, count)
     dominance = None
@@ -52,35 +54,109 @@ def budget_scenario(
         if image:
             say("over the image")
             dominance = dominating(scenario, device=device, progress=advance)
-    bench = instrument_of(scenario, reflectance, HALF)
-    closed = {distance: range_budget(bench, distance) for distance in distances.tolist()}
-    rows = tuple(replace(row, analytic_m=closed[row.range_m].get(row.source, math.nan)) for row in rows)
+    rows = with_closed_forms(rows, scenario, reflectance)
     paths = write_budget(
         rows,
         folder,
         reflectance=reflectance,
         scenario_yaml=resolved_yaml(scenario),
+        light="dark" if scenario.lighting.sky().dark else "lit as the scenario says",
         dominance=dominance,
         overwrite=overwrite,
     )
     if quiet:
         return
     print_rows(budget_rows(rows))
-    closing = {"folder": str(folder), "files": ", ".join(path.name for path in paths)}
+    meeting = crossing(rows, "simulated_m")
+    closing = {} if math.isnan(meeting) else {"equally precise at": f"{meeting:.3g} m"}
+    closing |= {"folder": str(folder), "files": ", ".join(path.name for path in paths)}
     if dominance is not None:
         shares = sorted(dominance.shares().items(), key=lambda share: -share[1])
         closing["most of σ"] = ", ".join(f"{name} {100.0 * share:.3g} %" for name, share in shares if share)
     print_table(closing)
 
 
+def with_closed_forms(
+    rows: Sequence[BudgetRow], scenario: Scenario, reflectance: float
+) -> tuple[BudgetRow, ...]:
+    """Return a budget with the analytic values of what has a closed form."""
+    from scanner_sim.budget import HALF
+
+    bench, unit = instrument_of(scenario, reflectance, HALF), echo_instrument_of(scenario, reflectance)
+    # The closed form is that of the matched filter on a Gaussian pulse.
+    lidar = scenario.scanner.lidar
+    timed = scenario.processing.pulse.timing == "matched_filter" and lidar.pulse.shape == "gaussian"
+    closed: dict[tuple[str, float], dict[str, float]] = {}
+    for distance in {row.range_m for row in rows}:
+        triangulation = range_budget(bench, distance)
+        echo = echo_budget(unit, distance) if timed else {}
+        both = fused_sigma(triangulation["all"], echo["all"]) if timed else math.nan
+        closed["triangulation", distance] = triangulation
+        closed["tof", distance] = echo
+        closed["fused", distance] = {"all": both}
+    return tuple(
+        replace(row, analytic_m=closed[row.mode, row.range_m].get(row.source, math.nan)) for row in rows
+    )
+
+
+def _sunlight(scenario: Scenario) -> float:
+    """Return the Sun's irradiance [W/m²] that counts behind the filter on a target which faces the scanner."""
+    from scanner_sim.optics.filter import band_irradiance
+
+    scanner, sky = scenario.scanner, scenario.lighting.sky()
+    sun = scenario.lighting.sun
+    if sun == "none" or sky.sun_direction is None:
+        return 0.0
+    bands = band_irradiance(sun, scanner.filter, scanner.position_sensor.response, scanner.laser.wavelength)
+    cosine = max(0.0, -float(sky.sun_direction[2]))
+    return float(sum(float(band) for band in bands)) * sky.sun_visible * cosine
+
+
+def echo_instrument_of(scenario: Scenario, reflectance: float) -> EchoInstrument:
+    """Return the numbers of a scenario's time-of-flight unit before a target, for the closed forms."""
+    from scanner_sim.optics.filter import laser_gain, peak_transmission
+
+    scanner = scenario.scanner
+    unit, receiver = scanner.lidar, scanner.receiver
+    diode, clock, noise = unit.photodiode, unit.digitiser, unit.photodiode.noise
+    peak = peak_transmission(scanner.filter)
+    passed = float(laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response))
+    return EchoInstrument(
+        energy=unit.pulse.pulse_energy,
+        pulse=unit.pulse.sigma,
+        response=diode.response_sigma,
+        aperture=receiver.aperture,
+        transmission=receiver.transmission * peak * passed,
+        reflectance=reflectance,
+        gain=diode.gain,
+        excess=diode.excess_noise,
+        responsivity=diode.responsivity,
+        bulk=diode.bulk_dark_current,
+        surface=diode.surface_dark_current,
+        shot=float(noise.shot),
+        amplifier=diode.amplifier_noise if noise.amplifier else 0.0,
+        saturation=diode.saturation if noise.saturation else math.inf,
+        interval=1.0 / clock.rate,
+        step=clock.step(diode.saturation) if noise.quantisation else 0.0,
+        jitter=clock.jitter if noise.clock else 0.0,
+        drift=clock.drift if noise.clock else 0.0,
+        sunlight=_sunlight(scenario) / passed,
+        field=diode.field_of_view,
+    )
+
+
 def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instrument:
     """Return the numbers of a scenario's instrument before a target, for the closed forms."""
+    from scanner_sim.budget import course_time, kelvins_of
     from scanner_sim.optics.filter import laser_gain, peak_transmission
 
     scanner, processing = scenario.scanner, scenario.processing
     laser, mirrors, sensor = scanner.laser, scanner.mirrors, scanner.position_sensor
     noise, receiver = sensor.noise, scanner.receiver
     passed = peak_transmission(scanner.filter) * float(laser_gain(scanner.filter, laser, sensor.response))
+    # In the dark nothing is subtracted.
+    off = 0.0 if scenario.lighting.sky().dark else scanner.laser_off
+    exposure, subtracted = (1.0 - off) * scanner.dwell, (1.0 - off) / off if off else 0.0
     return Instrument(
         estimator=processing.peak,
         corrected=processing.bias_correction != "none",
@@ -96,20 +172,26 @@ def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instru
         m_squared=laser.m_squared,
         pitch=sensor.pitch,
         efficiency=sensor.quantum_efficiency,
-        dwell=scanner.dwell,
+        dwell=exposure,
         reflectance=reflectance,
         shot=float(noise.shot),
         read=sensor.read_noise if noise.read else 0.0,
-        dark=sensor.dark_current * scanner.dwell if noise.dark else 0.0,
+        dark=sensor.dark_current * exposure if noise.dark else 0.0,
         step=sensor.electrons_per_number if noise.quantisation else 0.0,
         response=sensor.prnu if noise.prnu else 0.0,
         contrast=math.sqrt(0.5) if laser.speckle else 0.0,  # a grey Lambertian surface depolarises
-        sweep=scenario.raster.travel,
+        sweep=scenario.raster.travel * exposure / scanner.dwell,
         jitter=mirrors.jitter * math.sqrt(1.0 - mirrors.jitter_seen),
         wobble=mirrors.wobble,
         synchronisation=mirrors.synchronisation,
         readout=math.hypot(mirrors.readout_noise, mirrors.readout_step / math.sqrt(12.0)),
         half=half,
+        subtracted=subtracted,
+        sunlight=_sunlight(scenario) / float(laser_gain(scanner.filter, laser, sensor.response)),
+        height=sensor.height,
+        drift_zero=mirrors.drift_zero,
+        drift_scale=mirrors.drift_scale,
+        kelvins=kelvins_of(mirrors, course_time(scenario)),
     )
 
 
@@ -119,10 +201,11 @@ def budget_rows(rows: Sequence[BudgetRow]) -> list[list[str]]:
     chosen = [ranges[round(place * (len(ranges) - 1) / 4)] for place in range(5)]
     chosen = list(dict.fromkeys(chosen))
     table = [["σ of the range [mm]: simulated (analytic)", *(f"{distance:.3g} m" for distance in chosen)]]
-    for name in dict.fromkeys(row.source for row in rows):
-        own = {row.range_m: row for row in rows if row.source == name}
+    several = len({row.mode for row in rows}) > 1
+    for mode, name in dict.fromkeys((row.mode, row.source) for row in rows):
+        own = {row.range_m: row for row in rows if (row.mode, row.source) == (mode, name)}
         cells = (f"{_mm(own[x].simulated_m)} ({_mm(own[x].analytic_m)})" for x in chosen)
-        table.append([name, *cells])
+        table.append([f"{mode}: {name}" if several else name, *cells])
     return table
 
 

@@ -9,6 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,22 @@ from numpy.typing import NDArray
 from scanner_sim.products.folder import Kind, write_folder, write_text
 from scanner_sim.products.provenance import versions
 
-BUDGET = Kind("budget.json", ("budget.json", "budget.csv", "budget.png", "dominance.png", "scenario.yaml"))
+BUDGET = Kind(
+    "budget.json",
+    (
+        "budget.json",
+        "budget.csv",
+        "budget.png",
+        "budget_tof.png",
+        "curves.png",
+        "dominance.png",
+        "scenario.yaml",
+    ),
+)
 """The folder of an error budget."""
+
+Mode = Literal["triangulation", "tof", "fused"]
+"""Ways of ranging."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +55,7 @@ class BudgetRow:
         Degrees of freedom of it.
     """
 
-    mode: str
+    mode: Mode
     source: str
     range_m: float
     analytic_m: float
@@ -82,6 +97,25 @@ class Dominance:
         return {name: float(np.sum(measured == number) / count) for number, name in enumerate(self.sources)}
 
 
+def crossing(rows: Sequence[BudgetRow], column: Literal["analytic_m", "simulated_m"]) -> float:
+    """Return the range [m] from which time of flight is the more precise, by interpolation in logarithms.
+
+    NaN where the budget has only one way of ranging, or where the curves do not cross.
+    """
+    curves = [
+        {row.range_m: getattr(row, column) for row in rows if row.mode == mode and row.source == "all"}
+        for mode in ("triangulation", "tof")
+    ]
+    known = [x for x in curves[0] if x in curves[1] and curves[0][x] > 0.0 and curves[1][x] > 0.0]
+    x = np.log(np.array(sorted(known)))
+    ratio = np.array([math.log(curves[0][place] / curves[1][place]) for place in sorted(known)])
+    after = np.flatnonzero((ratio[1:] >= 0.0) & (ratio[:-1] < 0.0)) if len(known) > 1 else np.array([], int)
+    if not after.size:
+        return math.nan
+    i = int(after[0])
+    return float(np.exp(x[i] - ratio[i] * (x[i + 1] - x[i]) / (ratio[i + 1] - ratio[i])))
+
+
 def budget_csv(rows: Sequence[BudgetRow]) -> str:
     """Return the budget as a table, units in the names of the columns; nothing stands for NaN."""
     text = io.StringIO()
@@ -94,12 +128,18 @@ def budget_csv(rows: Sequence[BudgetRow]) -> str:
 
 
 def budget_json(rows: Sequence[BudgetRow], reflectance: float, dominance: Dominance | None) -> str:
-    """Return the budget as JSON, with the reflectance of the target and the shares of an image; null for NaN."""
+    """Return the budget as JSON, with the reflectance of the target and the shares of an image; null for NaN.
+
+    ``crossing`` is the range from which time of flight is the more precise, where there is one.
+    """
     plain = [
         {name: None if isinstance(v, float) and math.isnan(v) else v for name, v in asdict(row).items()}
         for row in rows
     ]
+    names: tuple[Literal["analytic_m", "simulated_m"], ...] = ("analytic_m", "simulated_m")
+    crossings = {name: crossing(rows, name) for name in names}
     result = {
+        "crossing": {name: None if math.isnan(value) else value for name, value in crossings.items()},
         "reflectance": reflectance,
         "rows": plain,
         "share_of_voxels_dominated": None if dominance is None else dominance.shares(),
@@ -114,24 +154,31 @@ def write_budget(
     *,
     reflectance: float,
     scenario_yaml: str,
+    light: str = "dark",
     dominance: Dominance | None = None,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write JSON, CSV, pictures and scenario, as :func:`scanner_sim.products.folder.write_folder` does.
+
+    ``light`` says in a word or two what shines on the target. With time of flight its sources have a picture of their
+    own, and ``curves.png`` shows both ways and their fusion.
 
     Raises
     ------
     InputError, RunError
         As there.
     """
-    from scanner_sim.products.budget_picture import draw_budget, draw_dominance
+    from scanner_sim.products.budget_picture import draw_budget, draw_curves, draw_dominance
 
     writers: dict[str, Callable[[Path], None]] = {
         "budget.json": lambda path: write_text(path, budget_json(rows, reflectance, dominance)),
         "budget.csv": lambda path: write_text(path, budget_csv(rows)),
-        "budget.png": lambda path: draw_budget(rows, reflectance, path),
+        "budget.png": lambda path: draw_budget(rows, reflectance, path, light=light),
         "scenario.yaml": lambda path: write_text(path, scenario_yaml),
     }
+    if any(row.mode == "tof" for row in rows):
+        writers["budget_tof.png"] = lambda path: draw_budget(rows, reflectance, path, mode="tof", light=light)
+        writers["curves.png"] = lambda path: draw_curves(rows, reflectance, path, light=light)
     if dominance is not None:
         writers["dominance.png"] = lambda path: draw_dominance(dominance, path)
     return write_folder(folder, BUDGET, writers, overwrite=overwrite)

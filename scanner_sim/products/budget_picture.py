@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scanner_sim.products.budget import BudgetRow, Dominance
+from scanner_sim.products.budget import BudgetRow, Dominance, Mode, crossing
 from scanner_sim.products.style import FAINT, INK, house_style, save
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 COLOURS = {
     "all": INK,
@@ -22,17 +26,39 @@ COLOURS = {
     "synchronisation": "#2a8c8c",
     "readout": "#b5a642",
     "drift": "#8a2f52",
+    "sun": "#e0c200",
+    "amplifier": "#0b4f8a",
+    "clock": "#2a8c8c",
     "estimator": "#9a8478",
     "misfit": "#9a8478",
     "deflection": "#4b7f52",
 }
 """Colour of each source, the same in every picture."""
+CURVES: dict[Mode, tuple[str, str]] = {
+    "triangulation": ("#b4331a", "triangulation"),
+    "tof": ("#0b4f8a", "time of flight"),
+    "fused": (INK, "both, combined by their σ"),
+}
+"""Colour and label of each way of ranging."""
+_TITLES: dict[Mode, str] = {
+    "triangulation": "triangulation",
+    "tof": "time of flight",
+    "fused": "both combined",
+}
 _DEEPEST = 1e-3
 """Lower end of the picture, relative to the least of all sources together."""
+_TICKS = (1, 2, 3, 5, 10, 20, 30, 50)
 _NOWHERE = "#e8eaec"
 
 
-def draw_budget(rows: Sequence[BudgetRow], reflectance: float, path: str | Path) -> None:
+def draw_budget(
+    rows: Sequence[BudgetRow],
+    reflectance: float,
+    path: str | Path,
+    *,
+    mode: Mode = "triangulation",
+    light: str = "dark",
+) -> None:
     """Draw σ of the range against range in logarithms: lines are analytic, points with 95 % bars simulated.
 
     Parameters
@@ -43,45 +69,92 @@ def draw_budget(rows: Sequence[BudgetRow], reflectance: float, path: str | Path)
         Of the target, for the heading.
     path
         The PNG to write.
+    mode
+        The way of ranging whose sources are drawn.
+    light
+        What shines on the target, for the heading.
     """
-    names = list(dict.fromkeys(row.source for row in rows))
+    rows = [row for row in rows if row.mode == mode]
     with house_style():
         from matplotlib.figure import Figure
 
         figure = Figure(figsize=(7.4, 5.0), dpi=150, layout="constrained")
         axes = figure.subplots()
-        for name in names:
+        for name in dict.fromkeys(row.source for row in rows):
             own = [row for row in rows if row.source == name]
-            x, line, y, low, high = (
-                np.array([getattr(row, key) for row in own])
-                for key in ("range_m", "analytic_m", "simulated_m", "low_m", "high_m")
-            )
-            colour, strong = COLOURS[name], name == "all"
-            axes.plot(x, 1e3 * line, color=colour, lw=1.8 if strong else 1.0, zorder=3 if strong else 2)
-            bars = 1e3 * np.stack([y - low, high - y])
-            size = 4.0 if strong else 2.8
-            axes.errorbar(
-                x, 1e3 * y, bars, fmt="o", ms=size, lw=0.9, capsize=1.5, color=colour, label=name, zorder=4
-            )
+            _draw_source(axes, own, COLOURS[name], name, strong=name == "all")
         whole = [1e3 * row.simulated_m for row in rows if row.source == "all" and row.simulated_m > 0.0]
-        axes.set(xscale="log", yscale="log", xlabel="range [m]", ylabel="σ of the range [mm]")
         if whole:
             axes.set_ylim(_DEEPEST * min(whole), 3.0 * max(whole))
-        ticks = [
-            tick for tick in (1, 2, 3, 5, 10, 20, 30, 50) if axes.get_xlim()[0] < tick < axes.get_xlim()[1]
-        ]
-        axes.set_xticks(ticks, [str(tick) for tick in ticks])
-        axes.set_xticks([], minor=True)
-        axes.grid(which="major", color="#e3e6e9", lw=0.5)
-        axes.set_axisbelow(True)
-        axes.spines[["top", "right"]].set_visible(False)
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        axes.set_title(
-            "Where the range error comes from: triangulation", loc="left", weight="bold", size=10.5, pad=20
-        )
-        about = f"facing target of reflectance {reflectance:g}, dark  ·  lines: closed forms, points: simulated, 95 %"
-        axes.text(0.0, 1.02, about, transform=axes.transAxes, color=FAINT)
+        _finish(axes, f"Where the range error comes from: {_TITLES[mode]}", _about(reflectance, light))
         save(figure, path)
+
+
+def draw_curves(
+    rows: Sequence[BudgetRow], reflectance: float, path: str | Path, *, light: str = "dark"
+) -> None:
+    """Draw σ of both ways of ranging, and of both combined, against range (Figure 12); marked is where they cross.
+
+    Parameters
+    ----------
+    rows, reflectance, path, light
+        As for :func:`draw_budget`.
+    """
+    rows = [row for row in rows if row.source == "all"]
+    with house_style():
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(7.4, 4.6), dpi=150, layout="constrained")
+        axes = figure.subplots()
+        for mode, (colour, label) in CURVES.items():
+            own = [row for row in rows if row.mode == mode]
+            _draw_source(axes, own, colour, label, strong=True)
+        meeting = crossing(rows, "analytic_m")
+        meeting = crossing(rows, "simulated_m") if np.isnan(meeting) else meeting
+        if np.isfinite(meeting):
+            axes.axvline(meeting, color=FAINT, lw=0.8, ls=":")
+            axes.annotate(
+                f" equal at {meeting:.3g} m",
+                (meeting, 0.03),
+                xycoords=("data", "axes fraction"),
+                color=FAINT,
+            )
+        axes.legend(loc="upper left")
+        _finish(axes, "σ of the range by both ways of ranging (Figure 12)", _about(reflectance, light))
+        save(figure, path)
+
+
+def _about(reflectance: float, light: str) -> str:
+    """Return the second line of a heading."""
+    return f"facing target of reflectance {reflectance:g}, {light}  ·  lines: closed forms, points: simulated, 95 %"
+
+
+def _draw_source(axes: Axes, rows: Sequence[BudgetRow], colour: str, label: str, *, strong: bool) -> None:
+    """Draw one curve: a line for closed forms, points with bars for the simulation."""
+    x, line, y, low, high = (
+        np.array([getattr(row, key) for row in rows])
+        for key in ("range_m", "analytic_m", "simulated_m", "low_m", "high_m")
+    )
+    axes.plot(x, 1e3 * line, color=colour, lw=1.8 if strong else 1.0, zorder=3 if strong else 2)
+    bars = 1e3 * np.stack([y - low, high - y])
+    size = 4.0 if strong else 2.8
+    axes.errorbar(
+        x, 1e3 * y, bars, fmt="o", ms=size, lw=0.9, capsize=1.5, color=colour, label=label, zorder=4
+    )
+
+
+def _finish(axes: Axes, title: str, about: str) -> None:
+    """Give axes over range and σ their scales, ticks and heading."""
+    axes.set(xscale="log", yscale="log", xlabel="range [m]", ylabel="σ of the range [mm]")
+    ticks = [tick for tick in _TICKS if axes.get_xlim()[0] < tick < axes.get_xlim()[1]]
+    axes.set_xticks(ticks, [str(tick) for tick in ticks])
+    axes.set_xticks([], minor=True)
+    axes.grid(which="major", color="#e3e6e9", lw=0.5)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_title(title, loc="left", weight="bold", size=10.5, pad=20)
+    axes.text(0.0, 1.02, about, transform=axes.transAxes, color=FAINT)
 
 
 def draw_dominance(dominance: Dominance, path: str | Path) -> None:

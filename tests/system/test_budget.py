@@ -14,9 +14,10 @@ from typer.testing import CliRunner
 
 from scanner_sim import load_scenario
 from scanner_sim.analytic.budget import range_budget
-from scanner_sim.budget import HALF, dominating, measure_budget, sources_of
+from scanner_sim.budget import HALF, measure_budget, sources_of
 from scanner_sim.cli import app
 from scanner_sim.cli.budgeting import instrument_of
+from scanner_sim.dominance import dominating
 
 WALL = """\
 schema: 1
