@@ -12,7 +12,7 @@ from math import atan2, cos, hypot, sin, sqrt, tan
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dposv, dpotri
+from scipy.linalg.lapack import dposv
 
 from scanner_sim.pose.adjustment import COARSE, FINE, FIRST_DAMPING, IMMATERIAL
 from scanner_sim.pose.resection import PLANAR
@@ -84,14 +84,15 @@ def lone_fits(case: LoneCase) -> tuple[LoneFit, LoneFit] | None:
 
 
 def inverse_of(normal: Array) -> Array | None:
-    """Return the inverse of a normal matrix (6, 6); None where it has none."""
-    factor, _, failed = dposv(normal, np.zeros(6))
-    if failed:
+    """Return the inverse of a normal matrix (6, 6); None where it has none.
+
+    By elimination: LAPACK's inverse of a Cholesky factor wakes threads, which takes milliseconds on a busy machine.
+    """
+    try:
+        inverse = np.linalg.inv(normal)
+    except np.linalg.LinAlgError:
         return None
-    upper, failed = dpotri(factor)
-    if failed:
-        return None
-    return np.asarray(np.triu(upper) + np.triu(upper, 1).T)
+    return np.asarray(0.5 * (inverse + inverse.T))
 
 
 def lone_status(
