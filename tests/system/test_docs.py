@@ -135,7 +135,9 @@ def test_the_reference_has_every_channel_file_and_verb(reference: ModuleType) ->
     for module, name, known in reference.FOLDERS.values():
         assert set(getattr(importlib.import_module(module), name).files) == set(known), name
     verbs = {
-        command.name or command.callback.__name__ for command in app.registered_commands if command.callback
+        command.name or command.callback.__name__.replace("_", "-")
+        for command in app.registered_commands
+        if command.callback
     }
     assert not {verb for verb in verbs if f"## scanner-sim {verb} " not in commands}
 
