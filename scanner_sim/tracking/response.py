@@ -155,7 +155,9 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
     possible, place = count >= 2 * FEWEST, np.arange(1, points + 1)
     inside = place <= count[:, None]
     rows = np.arange(len(order))
-    low, high = order[:, FEWEST - 1], order[rows, np.maximum(count - FEWEST, 0)]
+    # Where too few count, the ends are beyond all values: nothing is clipped, and nothing comes of it.
+    low = np.where(possible, order[:, FEWEST - 1], -np.inf)
+    high = np.where(possible, order[rows, np.maximum(count - FEWEST, 0)], np.inf)
     order = np.where(inside, np.clip(order, low[:, None], np.maximum(low, high)[:, None]), 0.0)
     below = np.cumsum(order, axis=1)
     # The scatter between two parts of k and n − k values is (n Σ_k − k Σ)²/(n k (n − k)).
