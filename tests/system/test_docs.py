@@ -34,6 +34,7 @@ SMALL = {
     "orbit": ["--steps", "2", "--overwrite"],
     "budget": ["--distances", "2", "--overwrite"],
     "compare": ["--overwrite"],
+    "pose-study": ["--overwrite"],
     "calibrate": ["--overwrite"],
 }
 """What makes each verb quick, without a word of the example being changed."""
