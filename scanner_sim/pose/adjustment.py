@@ -238,6 +238,7 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
     """
     done = fit = start
     live, damping, share = np.arange(len(start.cost)), np.zeros(len(start.cost)), np.ones(len(start.cost))
+    every = live
     closed = ~np.isfinite(start.cost)
     most = _MOST_COARSE_STEPS if until == COARSE else _MOST_HUBER_STEPS if problem.huber else _MOST_STEPS
     for _ in range(most):
@@ -266,7 +267,8 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
         finished = (fit.settled | (damping > _LAST_DAMPING)) & ~closed
         if not finished.any():
             continue
-        if len(live) == len(start.cost) and finished.all():
+        # The lone last one of two goes on twice: the number of poses does not tell whether they are all.
+        if live is every and finished.all():
             return fit
         index = np.flatnonzero(finished)
         _store(fit.some(index), done, live[index])

@@ -152,6 +152,24 @@ def test_a_pose_does_not_depend_on_its_batch(method: Method) -> None:
     assert alone.status.shape == ()
 
 
+@pytest.mark.parametrize("method", METHODS)
+def test_of_two_poses_none_stands_for_the_other(method: Method) -> None:
+    """One of two that settles first must not be overwritten by the other, which goes on alone."""
+    rng = np.random.default_rng(12)
+    rotation, position = attitudes(400, 12)
+    position[:, 2] = rng.uniform(4.0, 8.0, 400)
+    points = ARRAYS["seven in space"]
+    placed = points @ np.swapaxes(rotation, 1, 2) + position[:, None]
+    r, theta, phi = geometry.shot_from_point(placed, SEPARATION)
+    theta, phi = (angle + SIGMA * rng.standard_normal(angle.shape) for angle in (theta, phi))
+    r = r + SIGMA_RANGE * rng.standard_normal(r.shape)
+    whole = estimate_pose(points, theta, phi, r, method=method, **NOISE)
+    for first in range(0, 400, 2):
+        rows = slice(first, first + 2)
+        pair = estimate_pose(points, theta[rows], phi[rows], r[rows], method=method, **NOISE)
+        np.testing.assert_array_equal(pair.position, whole.position[rows])
+
+
 @pytest.mark.parametrize("name", ["square", "thin"])
 def test_one_pose_by_itself_is_that_of_the_batch(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The quick way agrees with the general one: pose, covariance, residuals, second pose and status; and it is taken.
