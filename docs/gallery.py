@@ -11,6 +11,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 PICTURES = ROOT / "docs" / "pictures"
 MADE = {
+    "node_512_range": ("node_512", "range.png", ()),
+    "node_512_shaded": ("node_512", "shaded.png", ()),
     "own_mesh": ("own_mesh", "range.png", ()),
     "sunlight": ("lighting_partial_shadow", "camera.png", ()),
     "background": ("lighting_normal", "background.png", ()),

@@ -1,13 +1,15 @@
 """The picture of retro-reflectors: gain over the observation angle, and the signal over range.
 
-Drawn by ``python docs/figures.py``; lines are the judge's closed forms, dots the simulator's BSDF and rendered light.
+Run as ``python docs/retroreflectors.py``; writes docs/pictures/retroreflectors.png. Lines are the judge's closed forms, dots the simulator's BSDF and rendered light.
 """
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from scanner_sim.analytic import retroreflector as judge
@@ -16,6 +18,7 @@ from scanner_sim.scanner import Scanner
 from scanner_sim.scene.materials import MATERIALS, mitsuba_bsdf
 from scanner_sim.scene.objects import Scene
 
+PICTURE = Path(__file__).resolve().parent / "pictures" / "retroreflectors.png"
 COLOURS = {"retro_sheet": "#0072b2", "corner_cube_array": "#d55e00"}
 LABELS = {"retro_sheet": "bead sheet", "corner_cube_array": "corner cubes"}
 STANDARD = {"retro_sheet": (250.0, 95.0), "corner_cube_array": (700.0, 250.0)}
@@ -136,3 +139,13 @@ def _rendered(name: str, R: float, coaxial: bool) -> float:
     shot = Shots(number=mi.UInt32(0), theta=mi.Float(0.0), phi=mi.Float(0.0))
     _, (light,) = render_light(loaded, bench, Transport(uneven_beamlets=256), shot, seed=0)
     return float(light.line(0, sensor.pixels).sum())
+
+
+def main() -> None:
+    figure = figure_retroreflectors()
+    FigureCanvasAgg(figure)
+    figure.savefig(PICTURE, dpi=150, metadata={"Software": None})
+
+
+if __name__ == "__main__":
+    main()
