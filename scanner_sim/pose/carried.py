@@ -36,7 +36,9 @@ def rounds_of(targets: Sequence[str]) -> NDArray[np.int64]:
     return numbers
 
 
-def carried(time: Array, place: Array, covariance: Array, at: Array) -> tuple[Array, Array]:
+def carried(
+    time: Array, place: Array, covariance: Array, at: Array, lasting: Array | None = None
+) -> tuple[Array, Array]:
     """Return where targets were at the time of each round, from the sightings before and after it.
 
     Parameters
@@ -47,6 +49,9 @@ def carried(time: Array, place: Array, covariance: Array, at: Array) -> tuple[Ar
         (Θ, φ, R), shape (rounds, targets, 3), and its covariance (rounds, targets, 3, 3).
     at
         Common times [s], ascending, shape (rounds,).
+    lasting
+        Part of the range's variance that successive sightings of a target share [m²], shape (rounds, targets); it stays
+        as it is. None: their errors are independent.
 
     Returns
     -------
@@ -81,5 +86,13 @@ def carried(time: Array, place: Array, covariance: Array, at: Array) -> tuple[Ar
         share = (at[:, None] - time) / (time[other, column] - time)
     share = np.where(known, share, np.nan)[..., None]
     moved = (1.0 - share) * place + share * place[other, column]
-    spread = (1.0 - share[..., None]) ** 2 * covariance + share[..., None] ** 2 * covariance[other, column]
-    return moved, spread
+    own = covariance if lasting is None else covariance - _of_range(lasting)
+    spread = (1.0 - share[..., None]) ** 2 * own + share[..., None] ** 2 * own[other, column]
+    return moved, spread if lasting is None else spread + _of_range(lasting)
+
+
+def _of_range(variance: Array) -> Array:
+    """Return covariances of (Θ, φ, R), shape (..., 3, 3), that have a variance of R alone."""
+    result = np.zeros((*variance.shape, 3, 3))
+    result[..., 2, 2] = variance
+    return result

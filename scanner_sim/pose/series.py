@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.covariance import relative_pose
 from scanner_sim.pose.estimate import Robust, estimate_pose
+from scanner_sim.pose.result import PoseEstimate
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import quaternion_from_rotation, vector_from_rotation
 from scanner_sim.pose.weights import Method
@@ -91,6 +93,7 @@ def pose_series(
     axis_separation: float,
     method: Method,
     robust: Robust | None = None,
+    shared: Array | None = None,
     truth: Array | None = None,
 ) -> PoseSeries:
     """Return the poses of an object from sightings of its targets at common times.
@@ -110,6 +113,11 @@ def pose_series(
         D_g [m].
     method, robust
         See :func:`~scanner_sim.pose.estimate.estimate_pose`.
+    shared
+        Covariance between the ranges of different targets [m²], shape (n, targets, targets); the diagonal says nothing
+        that ``covariance`` does not. It is added to the covariance of the poses, Σ K_i c_ij K_jᵀ over i ≠ j with K the
+        pose's rise with each range; the weights know nothing of it, and χ² comes out a little too small.
+        None: independent.
     truth
         True ``scanner_from_object`` at the times, shape (n, 4, 4), for comparison only.
 
@@ -132,6 +140,11 @@ def pose_series(
         method=method,
         robust=robust,
     )
+    spread = found.covariance
+    if shared is not None and method != "uv":
+        gains = _range_gains(found, object_points, covariance, axis_separation)
+        apart = np.where(np.eye(len(object_points), dtype=bool), 0.0, np.nan_to_num(shared))
+        spread = spread + np.einsum("nia,nij,njb->nab", gains, apart, gains)
     unknown = np.full((len(at), 4, 4), np.nan)
     true = unknown if truth is None else truth
     return PoseSeries(
@@ -141,7 +154,7 @@ def pose_series(
         time=at,
         position=found.position,
         rotation=found.rotation,
-        covariance=found.covariance,
+        covariance=spread,
         chi2=found.chi2,
         dof=found.dof,
         targets=np.count_nonzero(found.weights, axis=1).astype(np.int64),
@@ -149,6 +162,29 @@ def pose_series(
         truth_position=true[:, :3, 3],
         truth_rotation=true[:, :3, :3],
     )
+
+
+def _range_gains(
+    found: PoseEstimate, object_points: Array, covariance: Array, axis_separation: float
+) -> Array:
+    """Return by how much each range moves a pose, ∂(δt, δω)/∂R of every target, shape (n, targets, 6).
+
+    N⁻¹ Jᵀ C⁻¹ with J the derivatives of (Θ, φ, R) by (δt, δω), g and R p × g, and N = Σ Jᵀ C⁻¹ J: first order.
+    """
+    arm = np.einsum("nij,tj->nti", found.rotation, object_points)
+    placed = np.moveaxis(arm + found.position[:, None], -1, 0)
+    _, gradients = project(placed, axis_separation, with_range=True)
+    by_shift = np.moveaxis(gradients, (0, 1), (-1, -2))
+    rows = np.concatenate([by_shift, np.cross(arm[:, :, None], by_shift)], axis=-1)
+    counted = (
+        (found.weights > 0.0) & np.isfinite(rows).all(axis=(2, 3)) & np.isfinite(covariance).all(axis=(2, 3))
+    )
+    rows = np.where(counted[..., None, None], rows, 0.0)
+    inverse = np.linalg.inv(np.where(counted[..., None, None], covariance, np.eye(3)))
+    weighted = found.weights[..., None, None] * (np.swapaxes(rows, -1, -2) @ inverse)
+    normal = (weighted @ rows).sum(axis=1)
+    solved = np.linalg.pinv(normal, hermitian=True)[:, None] @ weighted
+    return np.asarray(solved[..., 2])
 
 
 def relative_series(reference: PoseSeries, other: PoseSeries) -> PoseSeries:

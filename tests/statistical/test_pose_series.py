@@ -5,6 +5,8 @@ Levels: a right program fails a test of this file for fewer than one in 10⁴ se
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -28,14 +30,25 @@ FAST = (0.05, 0.02)
 """Largest speed [m/s] and rate of turn [rad/s] along each axis: 40 and 20 σ of an angle in a round."""
 
 
+COMMON = 4e-3
+"""Of an error that all ranges of a run share [m]."""
+
+
 def runs(
-    rng: np.random.Generator, method: Method, name: str = "node", middle: float = 0.0
+    rng: np.random.Generator,
+    method: Method,
+    name: str = "node",
+    middle: float = 0.0,
+    *,
+    common: float = 0.0,
+    count: int = RUNS,
+    rounds: int = ROUNDS,
 ) -> list[PoseSeries]:
     """Return runs of moving objects, each with the targets of two objects visited in turn."""
     made = []
-    for _ in range(RUNS):
-        time = PERIOD * (2 * len(POINTS) * np.arange(ROUNDS)[:, None] + np.arange(len(POINTS)))
-        at = PERIOD * (2 * len(POINTS) * np.arange(ROUNDS) + len(POINTS) - 0.5)
+    for _ in range(count):
+        time = PERIOD * (2 * len(POINTS) * np.arange(rounds)[:, None] + np.arange(len(POINTS)))
+        at = PERIOD * (2 * len(POINTS) * np.arange(rounds) + len(POINTS) - 0.5)
         start, speed = rng.uniform([-0.6, -0.6, 5.0], [0.6, 0.6, 7.0]), rng.uniform(-FAST[0], FAST[0], 3)
         start[0] += middle
         turned, rate = rotation_from_vector(rng.uniform(-0.5, 0.5, 3)), rng.uniform(-FAST[1], FAST[1], 3)
@@ -49,18 +62,22 @@ def runs(
         rotation, position = pose(time)
         placed = np.einsum("rtij,tj->rti", rotation, POINTS) + position
         r, theta, phi = geometry.shot_from_point(placed, SEPARATION)
-        place = np.stack([theta, phi, r], axis=-1) + SIGMA * rng.standard_normal((ROUNDS, len(POINTS), 3))
-        covariance = np.broadcast_to(np.diag(SIGMA**2), (ROUNDS, len(POINTS), 3, 3))
-        truth = np.zeros((ROUNDS, 4, 4))
+        place = np.stack([theta, phi, r], axis=-1) + SIGMA * rng.standard_normal((rounds, len(POINTS), 3))
+        place[..., 2] += common * rng.standard_normal()
+        whole = SIGMA**2 + [0.0, 0.0, common**2]
+        covariance = np.broadcast_to(np.diag(whole), (rounds, len(POINTS), 3, 3))
+        lasting = np.full(time.shape, common**2)
+        truth = np.zeros((rounds, 4, 4))
         truth[:, :3, :3], truth[:, :3, 3] = pose(at)
         made.append(
             pose_series(
                 name,
                 POINTS,
                 at,
-                *carried(time, place, covariance, at),
+                *carried(time, place, covariance, at, lasting),
                 axis_separation=SEPARATION,
                 method=method,
+                shared=np.full((rounds, len(POINTS), len(POINTS)), common**2),
                 truth=truth,
             )
         )
@@ -73,9 +90,11 @@ def independent(made: list[PoseSeries]) -> tuple[Array, Array]:
     A pose draws on its own round and its neighbours, so that those two rounds apart share nothing.
     """
     rows = slice(0, None, 2)
-    assert all((one.status == PoseStatus.VALID).all() for one in made)
-    error = np.concatenate([one.error[rows] for one in made])
-    covariance = np.concatenate([one.covariance[rows] for one in made])
+    valid = np.concatenate([one.status[rows] == PoseStatus.VALID for one in made])
+    # A pose in a hundred with doubtful ranges has a second one that fits nearly as well.
+    assert valid.mean() > 0.98
+    error = np.concatenate([one.error[rows] for one in made])[valid]
+    covariance = np.concatenate([one.covariance[rows] for one in made])[valid]
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     white = np.linalg.solve(np.linalg.cholesky(covariance), error[..., None])[..., 0]
     return error / sigma, white
@@ -126,3 +145,24 @@ def test_relative_poses_of_moving_objects_are_covered() -> None:
     rng = np.random.default_rng(72)
     first, second = runs(rng, "joint", "a", -1.0), runs(rng, "joint", "b", 1.0)
     judge([relative_series(a, b) for a, b in zip(first, second, strict=True)])
+
+
+def test_an_error_that_all_ranges_share_is_in_the_covariance() -> None:
+    """Claim: where unlike pixels move all ranges of a run alike, the stated covariance still holds.
+
+    Set-up: 1000 runs of two rounds, joint, with 3 mm of independent and 4 mm of common error of the ranges; the first
+    pose of each, as those of one run share the error.
+    Expected: errors over σ of the six components standard normal, and their Mahalanobis length χ² of six.
+    Tolerance: levels of 5e-6 and less in 13 checks. The variance may be 21 % off. If the errors were taken as
+    independent, the variance of z would be three times as large as stated, and that of the tilt half as large.
+    """
+    rng = np.random.default_rng(73)
+    made = [first_of(one) for one in runs(rng, "joint", common=COMMON, count=1000, rounds=2)]
+    judge(made)
+
+
+def first_of(series: PoseSeries) -> PoseSeries:
+    """Return a series of its first pose alone."""
+    names = ("time", "position", "rotation", "covariance", "chi2", "dof", "targets", "status")
+    names += ("truth_position", "truth_rotation")
+    return replace(series, **{name: getattr(series, name)[:1] for name in names})

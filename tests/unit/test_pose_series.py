@@ -9,9 +9,11 @@ import pytest
 
 from scanner_sim.frames import rotation_about
 from scanner_sim.pose.carried import FARTHEST, carried, rounds_of
-from scanner_sim.pose.series import PoseSeries, relative_series
+from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.pose.status import PoseStatus
+from scanner_sim.pose.transforms import vector_from_rotation
+from scanner_sim.ranging.coordinates import angles_and_range
 
 SQUARE = 0.5 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
 
@@ -138,6 +140,53 @@ def test_a_relative_pose_has_the_status_of_the_worse_one(
         )
     ]
     assert relative_series(*pair).status.tolist() == [wanted]
+
+
+def test_covariances_between_ranges_are_carried_to_the_pose() -> None:
+    """Σ over i, j of (∂pose/∂R_i) c_ij (∂pose/∂R_j)ᵀ, i ≠ j, with the derivatives taken by differences."""
+    turned, centre = rotation_about([1.0, 2.0, 0.0], 0.3), np.array([0.4, -0.2, 8.0])
+    points = SQUARE + np.outer([0.1, 0.0, 0.0, 0.2], [0.0, 0.0, 1.0])
+    r, theta, phi = angles_and_range(*(points @ turned.T + centre).T, 0.05)
+    sigma = np.array([20e-6, 30e-6, 1e-3])
+    covariance = np.broadcast_to(np.diag(sigma**2), (1, 4, 3, 3)).copy()
+    covariance[..., 0, 2] = covariance[..., 2, 0] = 0.3 * sigma[0] * sigma[2]
+    shared = 1e-6 * np.array(
+        [[1.0, 0.5, 0.2, -0.1], [0.5, 1.0, 0.3, 0.4], [0.2, 0.3, 1.0, 0.6], [-0.1, 0.4, 0.6, 1.0]]
+    )
+
+    def found(moved: np.ndarray, between: np.ndarray | None) -> PoseSeries:
+        place = np.stack([theta, phi, r + moved], axis=-1)[None]
+        return pose_series(
+            "plate",
+            points,
+            np.zeros(1),
+            place,
+            covariance,
+            axis_separation=0.05,
+            method="joint",
+            shared=between,
+        )
+
+    base = found(np.zeros(4), None)
+    gains = []
+    for axis in np.eye(4):
+        up, down = found(1e-4 * axis, None), found(-1e-4 * axis, None)
+        turn = vector_from_rotation(up.rotation @ np.swapaxes(down.rotation, 1, 2))[0]
+        gains.append(np.concatenate([up.position[0] - down.position[0], turn]) / 2e-4)
+    off = shared - np.diag(np.diag(shared))
+    wanted = base.covariance[0] + np.array(gains).T @ off @ np.array(gains)
+    got = found(np.zeros(4), shared[None]).covariance[0]
+    np.testing.assert_allclose(got, wanted, atol=1e-3 * np.abs(wanted).max(axis=0).min())
+
+
+def test_a_part_of_the_variance_that_lasts_is_not_averaged() -> None:
+    time, place, covariance, at = sightings()
+    lasting = np.full(time.shape, 0.4e-6)
+    _, spread = carried(time, place, covariance, at, lasting)
+    _, alone = carried(time, place, covariance, at)
+    own = (alone[..., 2, 2] * 0.6e-6) / 1e-6
+    np.testing.assert_allclose(spread[..., 2, 2], own + lasting, rtol=1e-9)
+    np.testing.assert_allclose(spread[..., :2, :2], alone[..., :2, :2], rtol=1e-12)
 
 
 def test_a_method_named_twice_is_a_fault() -> None:
