@@ -1,6 +1,7 @@
 """The picture of retro-reflectors: gain over the observation angle, and the signal over range.
 
-Run as ``python docs/retroreflectors.py``; writes docs/pictures/retroreflectors.png. Lines are the judge's closed forms, dots the simulator's BSDF and rendered light.
+Run as ``python docs/retroreflectors.py``; writes docs/pictures/retroreflectors.png. Lines are the judge's closed forms,
+dots the simulator's BSDF and rendered light.
 """
 
 from __future__ import annotations
