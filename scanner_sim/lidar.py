@@ -172,10 +172,13 @@ class EchoBench:
         )
         return inside, outside
 
-    def listen(self, shots: Any, detector: Any = None) -> tuple[Any, Any, Iterator[EchoGroup]]:
+    def listen(
+        self, shots: Any, detector: Any = None, panorama: Any = None
+    ) -> tuple[Any, Any, Iterator[EchoGroup]]:
         """Fire the pulses of n shots: their truth, their background [W] and the shots in groups.
 
-        ``detector`` is that of an instrument that takes itself for another one than it is.
+        ``detector`` is that of an instrument that takes itself for another one than it is, ``panorama`` the background
+        where it is not the raster's.
         """
         from scanner_sim.detector.waveform import record
         from scanner_sim.render.echoes import View, render_echoes
@@ -184,7 +187,8 @@ class EchoBench:
         unit, scenario = self.unit, self.scenario
         diode, clock = unit.photodiode, unit.digitiser
         columns = scenario.scan.columns if isinstance(scenario.scan, RasterScan) else 1
-        light = field_light(self.panorama, self.field, shots, columns, self.collected)
+        seen = self.panorama if panorama is None else panorama
+        light = field_light(seen, self.field, shots, columns, self.collected)
         view = View(diode.place == "offset", diode.field_of_view)
         truth, echoes = render_echoes(
             self.loaded, self.optics, view, scenario.transport, shots, scenario.seed
@@ -198,9 +202,14 @@ class EchoBench:
 
         return truth, light, groups()
 
-    def measure(self, shots: Any, deflections: Deflections) -> tuple[Any, Ranges, dict[str, NDArray[Any]]]:
-        """Return truth, ranges and the echoes' own layers of n shots, each layer of shape (n,)."""
-        truth, light, groups = self.listen(shots)
+    def measure(
+        self, shots: Any, deflections: Deflections, panorama: Any = None
+    ) -> tuple[Any, Ranges, dict[str, NDArray[Any]]]:
+        """Return truth, ranges and the echoes' own layers of n shots, each layer of shape (n,).
+
+        ``panorama`` is the background where it is not the raster's.
+        """
+        truth, light, groups = self.listen(shots, panorama=panorama)
         timed = Timed.empty(len(deflections.theta))
         for group in groups:
             timed.take(group.index, group.delays, self.unit.digitiser)

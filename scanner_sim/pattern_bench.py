@@ -41,13 +41,16 @@ class PatternBench:
 
     Notes
     -----
-    Time of flight, and light of several bounces, are measured by the workbench itself.
+    Time of flight, and light of several bounces, are measured by the workbench itself, with the same windows of the
+    background.
     """
 
     def __init__(self, workbench: Workbench) -> None:
         self.bench = workbench
         self._steps: dict[int, Any] = {}
-        self.windows = None if workbench.scenario.lighting.sky().dark else Windows(workbench)
+        lit, ranging = not workbench.scenario.lighting.sky().dark, workbench.scenario.ranging
+        self.windows = Windows.of_line(workbench) if lit and ranging != "tof" else None
+        self.field_windows = Windows.of_field(workbench) if lit and ranging != "triangulation" else None
 
     @property
     def fast(self) -> bool:
@@ -63,7 +66,11 @@ class PatternBench:
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
         """Return the layers of a pattern's shots: see :meth:`~scanner_sim.workbench.Workbench.measure`."""
         if not self.fast:
-            return self.bench.measure(aim)
+            line, field = (
+                None if windows is None else windows.panorama(windows.seen_by(aim))
+                for windows in (self.windows, self.field_windows)
+            )
+            return self.bench.measure(aim, line=line, field=field)
         import drjit.auto.ad as auto
 
         from scanner_sim.render.shots import Pointing

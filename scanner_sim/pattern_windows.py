@@ -51,23 +51,47 @@ Key = tuple[int, int, int, int, int, int]
 
 
 class Windows:
-    """The windows of an instrument before a scene under the Sun.
+    """The windows of a sensor before a scene under the Sun.
 
     Parameters
     ----------
     workbench
         Instrument, scene and lighting.
+    optics
+        The optics whose pixels are a window's bins.
+    seen
+        Least and largest angle less Θ that the sensor sees [rad].
     """
 
-    def __init__(self, workbench: Workbench) -> None:
-        self._bench = workbench
-        optics = workbench.optics
+    def __init__(self, workbench: Workbench, optics: Any, seen: tuple[float, float]) -> None:
+        self._bench, self._optics, self._seen = workbench, optics, seen
         self.step = optics.pitch / optics.receiver.focal_length
         self.row_step = _ROW * optics.height / optics.receiver.focal_length
         self._kept: OrderedDict[Key, list[Any]] = OrderedDict()
         self._renderers: dict[tuple[int, int], Callable[..., list[Any]]] = {}
         self._slots: dict[int, int] = {}
         self.rendered = 0
+
+    @classmethod
+    def of_line(cls, workbench: Workbench) -> Windows:
+        """Return those of the line sensor: a pixel at p looks along Θ − atan(p/f)."""
+        optics, pixels = workbench.optics, workbench.scenario.scanner.position_sensor.pixels
+        ends = optics.offset + pixels * optics.pitch, optics.offset
+        left, right = (-math.atan(end / optics.receiver.focal_length) for end in ends)
+        return cls(workbench, optics, (left, right))
+
+    @classmethod
+    def of_field(cls, workbench: Workbench) -> Windows:
+        """Return those of the photodiode's field of view."""
+        from scanner_sim.render.field import field_optics
+
+        echoes = workbench.echoes
+        optics, middle, half = (
+            field_optics(echoes.bare, echoes.field),
+            -echoes.field.aside,
+            0.5 * echoes.field.side,
+        )
+        return cls(workbench, optics, (middle - half, middle + half))
 
     def seen_by(self, aim: Aim) -> list[Any]:
         """Return what the frozen measurement of a pattern needs of its window, Dr.Jit arrays for :meth:`panorama`."""
@@ -93,11 +117,9 @@ class Windows:
 
     def _key(self, aim: Aim) -> Key:
         """Return first bin, bins, first row, rows, time slot and its halvings of the window of a pattern."""
-        optics = self._bench.optics
-        pixels, f = self._bench.scenario.scanner.position_sensor.pixels, optics.receiver.focal_length
         reach = 0.5 * np.abs(aim.travel_theta), 0.5 * np.abs(aim.travel_phi)
-        left = float((aim.theta - reach[0]).min()) - math.atan((optics.offset + pixels * optics.pitch) / f)
-        right = float((aim.theta + reach[0]).max()) - math.atan(optics.offset / f)
+        left = float((aim.theta - reach[0]).min()) + self._seen[0]
+        right = float((aim.theta + reach[0]).max()) + self._seen[1]
         first, bins = _span(left, right, self.step, _QUANTUM, _BINS_TOGETHER)
         top, bottom = float((aim.phi - reach[1]).min()), float((aim.phi + reach[1]).max())
         first_row, rows = _span(top, bottom, self.row_step, 1, _ROWS_TOGETHER)
@@ -135,7 +157,7 @@ class Windows:
 
         from scanner_sim.render.view import window_heights
 
-        return auto.Float(window_heights(self._bench.optics, self.row_step).astype(np.float32))
+        return auto.Float(window_heights(self._optics, self.row_step).astype(np.float32))
 
     @cached_property
     def _light(self) -> Any:
@@ -185,7 +207,7 @@ class Windows:
         sky, settings = scenario.lighting.sky(), scenario.transport
         found = render_panorama(
             posed(self._bench.loaded, poses),
-            self._bench.optics,
+            self._optics,
             self._light,
             Albedo(sky.albedo, sky.albedo_out_of_band),
             Window(place[0], place[1], rows, bins, self.step, self.row_step, self._heights),

@@ -216,19 +216,20 @@ class Workbench:
         like = None if self.like is None else self.like.echoes
         return EchoBench(self.scenario, self.loaded, self.optics, like)
 
-    def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
+    def measure(self, aim: Aim, *, line: Any = None, field: Any = None) -> dict[str, NDArray[Any]]:
         """Return the layers of the shots of an aim: each of shape (n,).
 
-        Layers without a prefix hold the triangulation where there is one, and otherwise time of flight.
+        Layers without a prefix hold the triangulation where there is one, and otherwise time of flight. ``line`` and
+        ``field`` are the panoramas that line sensor and photodiode see, where they are not the raster's.
         """
         shots, pointing = self.fire(aim)
         deflections = self.deflections(aim, pointing)
         layers: dict[str, NDArray[Any]] = {}
         ranging = self.scenario.ranging
         if ranging != "tof":
-            truth, ranges, layers = self._triangulated(aim, shots, deflections)
+            truth, ranges, layers = self._triangulated(aim, shots, deflections, line)
         if ranging != "triangulation":
-            truth, echo, more = self.echoes.measure(shots, deflections)
+            truth, echo, more = self.echoes.measure(shots, deflections, field)
             layers |= more
             if ranging == "tof":
                 ranges, layers["Y"] = echo, more["tof.Y"]
@@ -240,10 +241,10 @@ class Workbench:
         return finished_layers(layers, ranges, aim, pointing, truth)
 
     def _triangulated(
-        self, aim: Aim, shots: Any, deflections: Deflections
+        self, aim: Aim, shots: Any, deflections: Deflections, panorama: Any
     ) -> tuple[Any, Ranges, dict[str, NDArray[Any]]]:
         """Return truth, ranges and the line sensor's own layers."""
-        truth, groups = self._exposed(aim, shots)
+        truth, groups = self._exposed(aim, shots, panorama)
         n = len(aim.shot)
         peak, sigma_peak, signal, snr, laser, window, error, brightest = (
             np.full(n, np.nan) for _ in range(8)
@@ -310,10 +311,11 @@ class Workbench:
         poses = self.loaded.poses_at(aim.time)
         return true_shots(aim, scanner.mirrors, self.scenario.seed, scanner.exposure / scanner.dwell, poses)
 
-    def _exposed(self, aim: Aim, shots: Any) -> tuple[Any, Iterator[Group]]:
+    def _exposed(self, aim: Aim, shots: Any, panorama: Any = None) -> tuple[Any, Iterator[Group]]:
         from scanner_sim.render.light import render_light
 
         scenario = self.scenario
+        seen = self.panorama if panorama is None else panorama
         truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, scenario.seed)
 
         def groups() -> Iterator[Group]:
@@ -321,7 +323,7 @@ class Workbench:
                 index = light.index.numpy()
                 theta = aim.theta[index].astype(np.float32)
                 own, distance = shots.some(light.index), truth.distance_of(light.index)
-                yield Group(index, *self.sense(light, own, distance, theta, self.panorama))
+                yield Group(index, *self.sense(light, own, distance, theta, seen))
 
         return truth, groups()
 

@@ -78,11 +78,8 @@ def field_panorama(
     time
         When each row is looked at [s], shape (rows,).
     """
-    f = bench.receiver.focal_length
-    step = max(field.side / _BINS, bench.pitch / f)
-    # A lens on the laser's axis is no part that a scenario can hold, hence the copy that is not checked.
-    receiver = bench.receiver.model_copy(update={"baseline": field.baseline})
-    optics = dataclasses.replace(bench, receiver=receiver, pitch=step * f, height=field.side * f)
+    optics = field_optics(bench, field)
+    step = optics.pitch / optics.receiver.focal_length
     margin = 0.5 * field.side + 2.0 * step
     first, last = (end - field.aside for end in scan.horizontal)
     bins = math.ceil((last - first + 2.0 * margin) / step) + 1
@@ -97,6 +94,15 @@ def field_panorama(
         samples=settings.background_samples,
         seed=seed,
     )
+
+
+def field_optics(bench: Bench, field: Field) -> Bench:
+    """Return the optics whose pixels would see what is averaged over a field: its bins, as high as the field."""
+    f = bench.receiver.focal_length
+    step = max(field.side / _BINS, bench.pitch / f)
+    # A lens on the laser's axis is no part that a scenario can hold, hence the copy that is not checked.
+    receiver = bench.receiver.model_copy(update={"baseline": field.baseline})
+    return dataclasses.replace(bench, receiver=receiver, pitch=step * f, height=field.side * f)
 
 
 def field_light(
@@ -121,7 +127,8 @@ def field_light(
     if panorama is None:
         return dr.zeros(mi.Float, dr.width(shots.theta))
     weights = [dr.opaque(mi.Float, part / _BINS) for part in collected]
-    row, power = shots.number // columns, mi.Float(0.0)
+    place_of_all = dr.arange(mi.UInt32, dr.width(shots.theta))
+    row, power = panorama.view.row(shots, place_of_all, columns), mi.Float(0.0)
     for part in range(_BINS):
         place = field.side * ((part + 0.5) / _BINS - 0.5) - field.aside
         at = shots.theta + dr.opaque(mi.Float, place)
