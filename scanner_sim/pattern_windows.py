@@ -190,9 +190,12 @@ class Windows:
         """Return the frozen kernels that render windows of a size."""
         if (rows, bins) not in self._renderers:
             from scanner_sim.render.frozen import Frozen
+            from scanner_sim.render.rays import one_kernel
 
+            # Loops that a GPU runs turn by turn cannot be recorded.
             self._renderers[rows, bins] = Frozen(
-                lambda reads, place, poses: self._layers(place, poses, rows, bins)
+                lambda reads, place, poses: self._layers(place, poses, rows, bins),
+                enabled=one_kernel(self._bench.loaded),
             )
         return self._renderers[rows, bins]
 

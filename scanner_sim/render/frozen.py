@@ -17,6 +17,8 @@ class Frozen:
     function
         Function whose kernels depend on nothing but the kinds of its arguments. Every array that it reads must be among
         them, and no array's size may depend on a value.
+    enabled
+        Whether to freeze it: what Dr.Jit cannot record is called as it is.
 
     Notes
     -----
@@ -24,8 +26,8 @@ class Frozen:
     recording is made, Dr.Jit aborts the process.
     """
 
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self._function: Any = dr.freeze(function)
+    def __init__(self, function: Callable[..., Any], *, enabled: bool = True) -> None:
+        self._function: Any = dr.freeze(function, enabled=enabled)
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the function: trace it for arguments of a new kind, or launch what was recorded."""
