@@ -16,6 +16,8 @@ from scanner_sim.products.exr import read_range_image
 from scanner_sim.products.folder import planned_files
 
 CONFIGS = sorted((Path(__file__).resolve().parents[2] / "configs").glob("*.yaml"))
+TRACKS = [path for path in CONFIGS if path.stem.startswith("track_")]
+RASTERS = [path for path in CONFIGS if path not in TRACKS]
 SIZE = 24
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -27,10 +29,11 @@ def test_all_of_them_are_here() -> None:
         "own_mesh", "empty", "lighting_normal", "lighting_partial_shadow", "lighting_full_shadow",
         "lighting_saturation", "lighting_dark", "lighting_back", "lighting_worst_case",
         "lighting_worst_case_no_filter", "lighting_orbit", "tof_node", "tof_both", "tof_retro",
+        "track_still", "track_moving", "track_two_objects",
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
+@pytest.mark.parametrize("path", RASTERS, ids=lambda path: path.stem)
 def test_it_runs(path: Path, tmp_path: Path) -> None:
     arguments = ["run", str(path), "-o", str(tmp_path / "out"), "--device", "cpu"]
     arguments += ["--set", f"scan.rows={SIZE}", "--set", f"scan.columns={SIZE}", "--set", "camera.width=48"]
@@ -60,6 +63,18 @@ def test_it_runs(path: Path, tmp_path: Path) -> None:
     # Half of all normal errors are below 0.67 σ; spots on edges add to it.
     assert np.nanmedian(error / image[f"{layer}sigma_range_m"]) < 1.0
     assert not result.stderr
+
+
+@pytest.mark.parametrize("path", TRACKS, ids=lambda path: path.stem)
+def test_it_tracks(path: Path, tmp_path: Path) -> None:
+    arguments = ["run", str(path), "-o", str(tmp_path / "out"), "--device", "cpu"]
+    result = CliRunner().invoke(
+        app, [*arguments, "--set", "scan.duration=0.25 s", "--set", "output.pictures=false"]
+    )
+    assert result.exit_code == 0, result.output
+    assert not result.stderr
+    table = (tmp_path / "out" / "track.csv").read_text(encoding="utf-8").splitlines()
+    assert len(table) > 20
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
