@@ -35,11 +35,11 @@ COLOURS = {
 }
 """Colour of each source, the same in every picture."""
 CURVES: dict[Mode, tuple[str, str]] = {
+    "fused": (INK, "both, combined by their σ"),
     "triangulation": ("#b4331a", "triangulation"),
     "tof": ("#0b4f8a", "time of flight"),
-    "fused": (INK, "both, combined by their σ"),
 }
-"""Colour and label of each way of ranging."""
+"""Colour and label of each way of ranging; later ones are drawn above earlier ones."""
 _TITLES: dict[Mode, str] = {
     "triangulation": "triangulation",
     "tof": "time of flight",
@@ -136,11 +136,12 @@ def _draw_source(axes: Axes, rows: Sequence[BudgetRow], colour: str, label: str,
         np.array([getattr(row, key) for row in rows])
         for key in ("range_m", "analytic_m", "simulated_m", "low_m", "high_m")
     )
-    axes.plot(x, 1e3 * line, color=colour, lw=1.8 if strong else 1.0, zorder=3 if strong else 2)
+    axes.plot(x, 1e3 * line, color=colour, lw=1.8 if strong else 1.0, zorder=2 if strong else 3)
     bars = 1e3 * np.stack([y - low, high - y])
-    size = 4.0 if strong else 2.8
+    # The whole lies beneath its parts: one that makes nearly all of it stays in sight.
+    size, level = (4.0, 2) if strong else (2.8, 4)
     axes.errorbar(
-        x, 1e3 * y, bars, fmt="o", ms=size, lw=0.9, capsize=1.5, color=colour, label=label, zorder=4
+        x, 1e3 * y, bars, fmt="o", ms=size, lw=0.9, capsize=1.5, color=colour, label=label, zorder=level
     )
 
 
