@@ -27,6 +27,8 @@ _SNR = 20.0, 100.0, 500.0
 """Ratios of peak to noise: above them the filter's table of delays counts, below them false alarms."""
 _EFFICIENCY = 0.02
 """What interpolation between samples loses against the bound, at most."""
+_ASIDE = 0.15
+"""Deflection to each side over which the plates for the places stand [rad]."""
 _BIAS = 1e-3
 """Error of the interpolation of a delay [sample]."""
 _RATIOS = (2.0, 4.0, 8.0, 16.0)
@@ -134,11 +136,27 @@ def _silent(setting: Setting, *on: str, **timing: Any) -> dict[str, Any]:
 def _errors(
     setting: Setting, R: float, reflectance: float, seed: int, shots: int, made: dict[str, Any]
 ) -> Array:
-    """Return errors of the range [mm] on a facing plate."""
-    plate = stand.plate(R, reflectance, size=0.02 * R + 16.0 * setting.scenario.scanner.laser.radius(R))
-    scenario: Scenario = stand.on_stand(setting, plate, seed=seed, **made)
-    aim = stand.directions(np.zeros(shots), 0.0, scenario.scanner.mirrors, 0.0)
-    return 1e3 * stand.range_errors(setting, scenario, aim)
+    """Return errors of the range [mm] on plates at even places between two samples, shape (places, shots).
+
+    The plates stand side by side, each faces the beam in a direction of its own.
+    """
+    closed, ranges = Closed(setting.scenario), list(_near(setting, R))
+    aside = min(_ASIDE, setting.scenario.scanner.mirrors.max_deflection)
+    theta = np.linspace(-aside, aside, len(ranges))
+    plates = [
+        stand.plate(
+            where,
+            reflectance,
+            theta=angle,
+            separation=closed.D,
+            size=0.02 * where + 16.0 * setting.scenario.scanner.laser.radius(where),
+            name=f"target_{number}",
+        )
+        for number, (where, angle) in enumerate(zip(ranges, theta.tolist(), strict=True))
+    ]
+    scenario: Scenario = stand.on_stand(setting, *plates, seed=seed, **made)
+    aim = stand.directions(np.repeat(theta, shots), 0.0, scenario.scanner.mirrors, 0.0)
+    return 1e3 * stand.range_errors(setting, scenario, aim).reshape(len(ranges), shots)
 
 
 def _scatter(setting: Setting, number: int, *on: str) -> dict[str, Measured]:
@@ -146,11 +164,9 @@ def _scatter(setting: Setting, number: int, *on: str) -> dict[str, Measured]:
     made = _silent(setting, *on, timing="matched_filter", echo="strongest")
     for step, (case, (R, grey)) in enumerate(_echoes(setting).items()):
         groups = [
-            _errors(setting, where, grey, seed, setting.shots(4000), made)
-            for place, where in enumerate(_near(setting, R))
-            for seed in setting.seed(number, step, place)
+            _errors(setting, R, grey, seed, setting.shots(4000), made) for seed in setting.seed(number, step)
         ]
-        told[case] = spread_of(np.stack(groups))
+        told[case] = spread_of(np.concatenate(groups))
     return told
 
 
@@ -158,11 +174,9 @@ def _measure_bias(setting: Setting) -> dict[str, Measured]:
     made, told = _silent(setting, "amplifier", "quantisation", timing="matched_filter", echo="strongest"), {}
     for step, (case, (R, grey)) in enumerate(_echoes(setting).items()):
         errors = [
-            _errors(setting, where, grey, seed, setting.shots(2000), made)
-            for place, where in enumerate(_near(setting, R))
-            for seed in setting.seed(17, step, place)
+            _errors(setting, R, grey, seed, setting.shots(2000), made) for seed in setting.seed(17, step)
         ]
-        told[case] = mean_of(np.concatenate(errors))
+        told[case] = mean_of(np.concatenate(errors).ravel())
     return told
 
 
@@ -244,13 +258,10 @@ def _measure_walk(setting: Setting) -> dict[str, Measured]:
     )
     means = {}
     for number, ratio in enumerate(_RATIOS):
-        errors = [
-            _errors(setting, where, _walk_reflectance(setting, ratio), seed, setting.shots(2000), made)
-            for place, where in enumerate(_near(setting, _walk_range(setting)))
-            for seed in setting.seed(13, number, place)
-        ]
+        R, grey, shots = _walk_range(setting), _walk_reflectance(setting, ratio), setting.shots(2000)
+        errors = [_errors(setting, R, grey, seed, shots, made) for seed in setting.seed(13, number)]
         # Each place has a systematic error of its own: the mean over the places is what the law is about.
-        found = [mean_of(values) for values in errors]
+        found = [mean_of(values) for values in np.concatenate(errors)]
         error = math.sqrt(sum(part.error**2 for part in found)) / len(found)
         means[ratio] = Measured(
             "mean", float(np.mean([part.value for part in found])), error, found[0].freedom

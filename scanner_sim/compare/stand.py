@@ -39,6 +39,7 @@ def plate(
     size: float = 1.0,
     tilt: float = 0.0,
     axis: str = "y",
+    name: str = "target",
 ) -> dict[str, Any]:
     """Return a square plate that faces the beam at the range R in a direction (Θ, φ), or is tilted against it.
 
@@ -54,10 +55,12 @@ def plate(
         Side [m]: single precision places a plate to 2·10⁻⁷ of it.
     tilt, axis
         Turn [rad] about the plate's own axis ``x`` or ``y``, before all others.
+    name
+        Of the plate.
     """
     arm = distance * math.cos(theta) - separation
     return {
-        "name": "target",
+        "name": name,
         "shape": "rectangle",
         "size": [size, size],
         "position": [distance * math.sin(theta), arm * math.sin(phi), separation + arm * math.cos(phi)],
@@ -72,8 +75,7 @@ def plate(
 
 def on_stand(
     setting: Setting,
-    target: dict[str, Any],
-    *,
+    *targets: dict[str, Any],
     seed: int,
     noise: tuple[str, ...] = (),
     speckle: bool = False,
@@ -87,8 +89,8 @@ def on_stand(
     ----------
     setting
         Whose instrument.
-    target
-        Of :func:`plate`.
+    targets
+        Of :func:`plate`, each with a name of its own.
     seed
         Of the random numbers.
     noise
@@ -119,7 +121,7 @@ def on_stand(
         "seed": seed,
         "ranging": "triangulation",
         "scanner": scanner.model_copy(update=parts),
-        "scene": Scene.model_validate({"objects": [target]}),
+        "scene": Scene.model_validate({"objects": list(targets)}),
         "lighting": Lighting(),
         "scan": _AHEAD,
         "processing": processing.model_copy(update=settings),
