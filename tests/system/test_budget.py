@@ -189,8 +189,9 @@ def test_time_of_flight_is_analytic(config: Path) -> None:
     """Claim: the closed forms of time of flight are what is simulated, source by source.
 
     Set-up: the preset at 12 and 25 m, where the amplifier clips nothing, and at 4 m, where it does. Expected: equal.
-    Tolerance: 10 %: 4 standard errors of 1.6 %, and the second order; the fused range likewise. Clipped pulses within a
-    factor of 1.6: their edges are read off a table, and what they err is a hundredth of the clock's part.
+    Tolerance: 10 %: 4 standard errors of 1.6 %, and the second order; the fused range likewise. Rounding, which is no
+    white noise on its own, 20 %. Clipped pulses within a factor of 1.6: their edges are read off a table, and what they
+    err is a hundredth of the clock's part.
     """
     scenario = load_scenario(config, ["ranging=both"])
     judged = 0
@@ -199,7 +200,8 @@ def test_time_of_flight_is_analytic(config: Path) -> None:
         if row.mode == "triangulation" or row.source == "estimator":
             continue
         judged += 1
-        slack = 0.6 if row.range_m < 5.0 and row.source in ("shot", "amplifier", "quantisation") else 0.1
+        slack = 0.2 if row.source == "quantisation" else 0.1
+        slack = 0.6 if row.range_m < 5.0 and row.source in ("shot", "amplifier", "quantisation") else slack
         assert row.simulated_m == pytest.approx(row.analytic_m, rel=slack), (row.mode, row.source)
     assert judged == 3 * (5 + 1)
 
