@@ -1,0 +1,189 @@
+"""What the closed loop can do: sixty seconds of four moving targets, the fastest target that is held, and how well.
+
+Run as ``python benchmarks/tracking.py [--only minute|speed|accuracy|cost]``.
+
+"minute": four targets of an object that moves by 10 mm/s and turns by 1 deg/s, for 60 s of its time: losses, errors.
+"speed": a disc of 100 mm at 10 m accelerates over the field, until it is lost: at what speed, for one target and for
+one of four. "accuracy": error of a single pattern against diameter, range and the pattern's amplitude. "cost": time of a
+visit, with and without the Sun, and what of it the tracker itself takes.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from scanner_sim import Scenario, Tracker, load_scenario
+from scanner_sim.tracking.record import PatternRecord, TrackStatus
+from scanner_sim.tracking.state import TrackMode
+
+Array = NDArray[np.float64]
+
+SUN = {"sun": {"direction": [-0.35, -0.45, -0.8]}, "earth": {"direction": [0.0, 1.0, 0.0]}}
+
+
+def scenario(node: dict[str, Any], *overrides: str, seed: int = 4, **more: Any) -> Scenario:
+    """Return a scenario that follows the array ``node``, whose other entries are given."""
+    array = {"diameter": 0.1, "plate": 0.4} | node.pop("array", {})
+    scan = {"type": "track", "targets": ["node"], "duration": 3600.0} | more.pop("scan", {})
+    scene = {"objects": [{"name": "node", "array": array} | node]}
+    return load_scenario({"schema": 1, "seed": seed, "scene": scene, "scan": scan} | more, overrides)
+
+
+def errors(records: list[PatternRecord]) -> Array:
+    """Return the errors of measured places, (records, 3)."""
+    return np.array([r.place - r.truth for r in records if r.status == TrackStatus.MEASURED])
+
+
+def minute(console: Console) -> None:
+    """Follow four targets for a minute."""
+    motion = {"type": "twist", "velocity": [0.01, 0.0, 0.0], "turn_rate": [0.0, 0.0, np.radians(1.0)]}
+    square = {"rows": 2, "columns": 2, "spacing": [0.8, 0.8]}
+    node = {"array": square, "position": [-0.3, 0.1, 9.0], "motion": motion}
+    begun = time.perf_counter()
+    records = list(Tracker(scenario(node, scan={"duration": 60.0})))
+    took = time.perf_counter() - begun
+    late = [record for record in records if record.time > 0.2]
+    lost = sum(record.mode is not TrackMode.TRACK for record in late)
+    refused = sum(record.status != TrackStatus.MEASURED for record in late)
+    rms = np.sqrt((errors(late) ** 2).mean(axis=0))
+    console.print(
+        f"60 s, {len(records)} patterns in {took:.0f} s: {lost} outside of the mode track, {refused} not measured; "
+        f"rms {1e6 * rms[0]:.1f} and {1e6 * rms[1]:.1f} µrad, {1e3 * rms[2]:.2f} mm"
+    )
+
+
+def loss_speed(acceleration: float, columns: int, *overrides: str, seed: int = 4) -> float:
+    """Return the speed [rad/s] at which a target that accelerates evenly across the field is lost for good.
+
+    The disc of 100 mm at 10 m starts at rest at Θ = −0.3 rad and crosses the field. Lost for good: five visits in a row
+    without a measurement; infinite where it leaves the field before.
+
+    Parameters
+    ----------
+    acceleration
+        Of the target [m/s²].
+    columns
+        Targets side by side on the object, which are visited in turn.
+    overrides
+        Of the scenario.
+    seed
+        Its seed.
+    """
+    times = np.linspace(0.0, (5.0 / acceleration) ** 0.5, 60)
+    points = [
+        {"time": float(t), "position": [-2.5 + 0.5 * acceleration * float(t) ** 2, 0.0, 10.0]} for t in times
+    ]
+    motion = {"type": "waypoints", "interpolation": "smooth", "points": points}
+    array = {"columns": columns, "spacing": [0.45, 0.45]}
+    tracker = Tracker(scenario({"array": array, "motion": motion}, *overrides, seed=seed))
+    missed = 0
+    for record in tracker:
+        if record.target != "node/1":
+            continue
+        missed = 0 if record.status == TrackStatus.MEASURED else missed + 1
+        if missed == 5:
+            return acceleration * record.time / 10.0
+        if record.time > times[-1]:
+            break
+    return float("inf")
+
+
+def speed(console: Console) -> None:
+    """Find the speeds at which targets are lost."""
+    table = Table("acceleration", "one target", "one of four", "one, restless filter")
+    for acceleration in (0.2, 1.0, 5.0, 20.0):
+        found = [
+            loss_speed(acceleration, 1),
+            loss_speed(acceleration, 4),
+            loss_speed(acceleration, 1, "scan.tracker.unrest=1"),
+        ]
+        table.add_row(f"{acceleration:g} m/s²", *(f"{1e3 * value:.0f} mrad/s" for value in found))
+    console.print(table)
+
+
+def accuracy(console: Console) -> None:
+    """Measure single patterns against diameter, range and amplitude."""
+    table = Table(
+        "diameter", "range", "amplitude/radius", "σ stated Θ, φ", "rms error Θ, φ", "over the radius"
+    )
+    cases = [(d, 10.0, 1.6) for d in (0.05, 0.1, 0.2)] + [(0.1, r, 1.6) for r in (5.0, 15.0)]
+    cases += [(0.1, 10.0, a) for a in (1.3, 2.0, 3.0)]
+    for diameter, distance, amplitude in cases:
+        grid = {
+            "rows": 4,
+            "columns": 4,
+            "spacing": [0.075 * distance] * 2,
+            "diameter": diameter,
+            "plate": 4 * diameter,
+        }
+        grid["plate"] = min(4.0 * diameter, 0.07 * distance)
+        node = {"array": grid, "position": [0.0, 0.0, distance]}
+        tracker = Tracker(scenario(node, f"scan.tracker.track_amplitude={amplitude}"))
+        records = [next(tracker) for _ in range(96)][32:]
+        good = [record for record in records if record.status == TrackStatus.MEASURED]
+        rms = np.sqrt((errors(good) ** 2).mean(axis=0))[:2]
+        sigma = np.sqrt(np.mean([np.diagonal(record.covariance)[:2] for record in good], axis=0))
+        share = float(np.hypot(*rms)) / (0.5 * diameter / distance)
+        table.add_row(
+            f"{1e3 * diameter:g} mm",
+            f"{distance:g} m",
+            f"{amplitude:g}",
+            ", ".join(f"{1e6 * value:.1f}" for value in sigma) + " µrad",
+            ", ".join(f"{1e6 * value:.1f}" for value in rms) + " µrad",
+            f"{100 * share:.2f} %",
+        )
+    console.print(table)
+
+
+def cost(console: Console) -> None:
+    """Time visits, and the instrument's part of them."""
+    table = Table("light", "visit, best", "of it measuring", "patterns/s")
+    for name, more in (("dark", {}), ("Sun and Earth", {"lighting": SUN})):
+        tracker = Tracker(scenario({"position": [0.0, 0.0, 10.0]}, **more))
+        instrument, inside = tracker._eye._instrument, [0.0]
+        plain = instrument.measure
+
+        def timed(aim: Any, plain: Any = plain, inside: list[float] = inside) -> Any:
+            begun = time.perf_counter()
+            layers = plain(aim)
+            inside[0] = time.perf_counter() - begun
+            return layers
+
+        instrument.measure = timed
+        whole, part = [], []
+        for _ in range(300):
+            begun = time.perf_counter()
+            next(tracker)
+            whole.append(time.perf_counter() - begun)
+            part.append(inside[0])
+        best = np.quantile(whole[20:], 0.02)
+        table.add_row(
+            name,
+            f"{1e3 * best:.2f} ms",
+            f"{1e3 * np.quantile(part[20:], 0.02):.2f} ms",
+            f"{1.0 / best:.0f}",
+        )
+    console.print(table)
+
+
+def main() -> None:
+    """Run what was asked for."""
+    parts = {"minute": minute, "speed": speed, "accuracy": accuracy, "cost": cost}
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", choices=parts)
+    chosen = parser.parse_args().only
+    console = Console()
+    for name, part in parts.items():
+        if chosen in (None, name):
+            part(console)
+
+
+if __name__ == "__main__":
+    main()
