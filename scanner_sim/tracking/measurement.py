@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -112,7 +112,9 @@ def measure_target(
     plane, shown = None, samples
     if axis_separation is not None and looks.surface == "flat":
         plane = _plane_of(samples, response, looks, hits, middle, axis_separation)
-        shown = plane.flattened(samples)
+        shown, light = plane.flattened(samples)
+        if not looks.kind.by_range:
+            response = replace(response, value=response.value / light)
     centre = circle_fit(shown, response, blurred=not looks.kind.by_range)
     if not centre.found.all():
         hits = hits if plane is None else hit_centroid(shown, response)

@@ -45,19 +45,24 @@ class TargetPlane:
     stretch: Array
     axis_separation: float
 
-    def flattened(self, samples: PatternSamples) -> PatternSamples:
+    def flattened(self, samples: PatternSamples) -> tuple[PatternSamples, Array]:
         """Return samples with the plane's coordinates (u, v) about the foot, over its range, in place of the angles.
 
         They are where the beam along the measured deflections (eq 3) meets the plane: a disc's rim is a circle of the
-        radius D/2R, and its middle is the middle, which an ellipse's in the angles is not.
+        radius D/2R, and its middle is the middle, which an ellipse's in the angles is not. Beside them the laser light
+        that a matt plane sends back from there over that from the foot, cos θ/R² by Lambert's law and the solid angle
+        of the aperture, shape (patterns, points): it changes by a per cent over a disc of 100 mm at 8 m under 15°,
+        which moves the middle of its edges by some microradians.
         """
         origin, along = _beam(samples.theta, samples.phi, self.axis_separation)
         normal = _cross(self.across, self.down)
         apart = [self.point[:, axis : axis + 1] - origin[axis] for axis in range(3)]
-        reach = _dot(normal, apart) / _dot(normal, along)
+        rise = _dot(normal, along)
+        reach = _dot(normal, apart) / rise
         met = [reach * along[axis] - apart[axis] for axis in range(3)]
         u, v = (_dot(axis / self.distance[:, None], met) for axis in (self.across, self.down))
-        return replace(samples, theta=u, phi=v)
+        light = np.abs(rise) * (self.stretch * self.distance)[:, None] ** 2 / reach**2
+        return replace(samples, theta=u, phi=v), light
 
     def seen(self, centroid: Centroid) -> Centroid:
         """Return centres on the plane as (Θ, φ) [rad]; the radius stays, an angle at the range of the foot."""

@@ -20,6 +20,7 @@ from scanner_sim.tracking.samples import PatternSamples
 
 DG, RADIUS = 0.05, 0.05
 """D_g and the disc's radius [m]."""
+TURN = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
 
 
 def slopes(normal: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, float, np.ndarray]:
@@ -49,8 +50,7 @@ def placed(
 
 def rim(turned: np.ndarray, centre: np.ndarray, radius: float = RADIUS) -> tuple[np.ndarray, np.ndarray]:
     """(Θ, φ) of a disc's rim."""
-    turn = np.linspace(0.0, 2.0 * np.pi, 40, endpoint=False)
-    points = centre + radius * np.stack([np.cos(turn), np.sin(turn), 0.0 * turn], axis=1) @ turned.T
+    points = centre + radius * np.stack([np.cos(TURN), np.sin(TURN), 0.0 * TURN], axis=1) @ turned.T
     _, theta, phi = angles_and_range(*points.T, DG)
     return theta, phi
 
@@ -70,7 +70,7 @@ def test_a_disc_of_any_attitude_is_a_circle_on_its_plane(
     about, r, rise = slopes(normal, foot)
     plane = target_plane(about, np.array([r]), rise, DG)
     samples = voxels(*rim(turned, centre))
-    flat = plane.flattened(samples)
+    flat, _ = plane.flattened(samples)
     middle = np.array([flat.theta[0].mean(), flat.phi[0].mean()])
     radii = np.hypot(flat.theta[0] - middle[0], flat.phi[0] - middle[1])
     np.testing.assert_allclose(radii, RADIUS / r, rtol=1e-6)
@@ -90,6 +90,21 @@ def seen(plane: TargetPlane, centre: np.ndarray) -> np.ndarray:
     one, yes = np.ones(1), np.ones(1, dtype=bool)
     found = plane.seen(centroid_of(centre[None], np.eye(2)[None], one, one, one, yes))
     return np.asarray(found.centre[0])
+
+
+def test_a_matt_plane_is_darker_where_it_is_farther_and_seen_aslant() -> None:
+    turned, centre = placed(0.5, -0.3, 0.2, -0.1, 8.0)
+    about, r, rise = slopes(turned[:, 2], centre)
+    theta, phi = rim(turned, centre)
+    _, light = target_plane(about, np.array([r]), rise, DG).flattened(voxels(theta, phi))
+    points = (
+        centre + RADIUS * np.stack([np.cos(TURN), np.sin(TURN), 0.0 * TURN], axis=1) @ turned.T
+    )  # those of the rim
+    reach = angles_and_range(*points.T, DG)[0]
+    near, far = (np.stack(coordinates(length, theta, phi, DG), axis=-1) for length in (1.0, 2.0))
+    middle = np.stack(coordinates(2.0, *about[0], DG)) - np.stack(coordinates(1.0, *about[0], DG))
+    wanted = ((far - near) @ turned[:, 2]) / (middle @ turned[:, 2]) * (r / reach) ** 2
+    np.testing.assert_allclose(light[0], wanted, rtol=1e-9)
 
 
 def test_covariances_go_back_as_the_centres_do() -> None:
@@ -124,7 +139,8 @@ def measured(
     off = np.linalg.norm(near + (reach - 1.0)[..., None] * (far - near) - centre, axis=-1)
     spot = 0.15e-3
     inside = 1.0 / (1.0 + np.exp(np.clip((off - RADIUS) / (0.55 * spot * 8.0), -50.0, 50.0)))
-    signal = 1e6 * (1.0 - 0.9 * inside.mean(axis=1))
+    facing = np.abs((far - near) @ normal) * (8.0 / reach) ** 2
+    signal = 1e6 * (facing * (1.0 - 0.9 * inside)).mean(axis=1)
     half = fine // 2
     samples = replace(
         voxels(theta[:, half], phi[:, half]),
