@@ -2,10 +2,10 @@
 
 Run as ``python benchmarks/tracking.py [--only minute|speed|accuracy|cost]``.
 
-"minute": four targets of an object that moves by 10 mm/s and turns by 1 deg/s, for 60 s of its time: losses, errors.
-"speed": a disc of 100 mm at 10 m accelerates over the field, until it is lost: at what speed, for one target and for
-one of four. "accuracy": error of a single pattern against diameter, range and the pattern's amplitude. "cost": time of a
-visit, with and without the Sun, and what of it the tracker itself takes.
+"minute": four targets of an object that moves by 10 mm/s and turns by 1 deg/s, for 60 s of its time: losses and
+errors. "speed": a disc of 100 mm at 10 m accelerates over the field, until it is lost: at what speed, for one target
+and for one of four. "accuracy": error of a single pattern against diameter, range and the pattern's amplitude. "cost":
+time of a visit, with and without the Sun, and what of it the tracker itself takes.
 """
 
 from __future__ import annotations
