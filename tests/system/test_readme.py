@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 from typing import Any
 
 import pytest
+import typer
 
 import scanner_sim
+from scanner_sim.cli import app
 from scanner_sim.config import scenario_from_text
 
 PACKAGE_HOME = Path(scanner_sim.__file__).resolve().parents[1]
@@ -39,6 +42,22 @@ def test_every_scenario_is_listed(repo_root: Path) -> None:
     page = (repo_root / "docs" / "scenarios.md").read_text(encoding="utf-8")
     scenarios = {path.name for path in (repo_root / "configs").glob("*.yaml")}
     assert scenarios == set(re.findall(r"^\| `([^`]+)` \|", page, flags=re.MULTILINE))
+
+
+def test_every_verb_is_shown_and_every_command_is_one(readme: str, repo_root: Path) -> None:
+    """Claim: each line of the command line's examples names a verb, options and files that exist; no verb is left out."""
+    group: Any = typer.main.get_command(app)
+    lines = re.findall(r"^scanner-sim (.*?)(?:\s+#.*)?$", readme, flags=re.MULTILINE)
+    shown = set()
+    for line in lines:
+        verb, *arguments = shlex.split(line.partition(">")[0])
+        if verb == "--install-completion":
+            continue
+        options = {name for option in group.commands[verb].params for name in option.opts}
+        assert {word for word in arguments if word.startswith("-")} <= options, line
+        assert all((repo_root / word).is_file() for word in arguments if word.startswith("configs/")), line
+        shown.add(verb)
+    assert shown == set(group.commands)
 
 
 def test_links_lead_somewhere(readme: str, repo_root: Path) -> None:
