@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.scenario import Scenario
-from scanner_sim.target_grid import StudyTarget, grid_motion, spread_distances, target_grid
-from scanner_sim.track_voxels import SignalNoise, aim_of, samples_of
-from scanner_sim.tracking.measurement import Measurement, measure_target
-from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.target_grid import StudyTarget, grid_motions, spread_distances, target_grid
+from scanner_sim.track_voxels import Eye, aim_of
+from scanner_sim.tracking.measurement import Measurement
+from scanner_sim.tracking.state import TrackCommand, TrackMode
 
 Array = NDArray[np.float64]
 Ranging = Literal["triangulation", "tof"]
@@ -122,37 +123,66 @@ def measure_targets(
     TargetErrors
         Of places × 36 · patterns sightings. Each pattern is measured by itself.
     """
-    scanner = scenario.scanner
     errors, sigmas, voxels = [], [], []
     for place, where in enumerate(spread_distances(scenario, distance, places)):
         seed = (scenario.seed + 7919 * place + round(1e6 * distance)) % 2**63
         bench, centres = target_grid(scenario, target, where, seed, device)
-        motion, common = grid_motion(bench.scenario, target, centres, patterns)
-        layers = bench.measure(aim_of(motion, 0))
+        motions = grid_motions(bench.scenario, target, centres, patterns)
+        layers = bench.measure(_whole([aim_of(motion, visit) for visit, motion in enumerate(motions)]))
         truth = np.repeat(centres, patterns, axis=0)
-        seen = []
-        for prefix in ("", "tof."):
-            samples = _samples(bench.scenario, layers, motion, prefix, where)
-            seen.append(
-                measure_target(
-                    samples,
-                    bench.scenario.targets[0].looks,
-                    truth[:, 2],
-                    spot=scanner.laser.radius(where) / (2.0 * where),
-                    shining=scanner.exposure / scanner.dwell,
-                )
-            )
-        taken = _taken(seen[0], target)
-        found = np.stack([taken] * 3 + [taken & seen[1].found], axis=1)
-        measured = np.concatenate([seen[0].place, seen[1].place[:, 2:]], axis=1)
-        covariances = [item.covariance + common for item in seen]
-        variance = np.concatenate(
-            [np.diagonal(covariances[0], axis1=1, axis2=2), covariances[1][:, 2, 2:]], axis=1
+        by_line, by_pulse = (
+            _seen(bench.scenario, layers, motions, truth, target, ranging) for ranging in RANGINGS
         )
-        errors.append(np.where(found, measured - truth[:, [0, 1, 2, 2]], np.nan))
-        sigmas.append(np.where(found, np.sqrt(variance), np.nan))
+        measured = np.concatenate([by_line[0], by_pulse[0][:, 2:]], axis=1)
+        errors.append(measured - truth[:, [0, 1, 2, 2]])
+        sigmas.append(np.concatenate([by_line[1], by_pulse[1][:, 2:]], axis=1))
         voxels.append(_voxel_sigma(scenario, layers))
     return TargetErrors(distance, np.stack(errors), np.stack(sigmas), np.mean(voxels, axis=0))
+
+
+class _Measured:
+    """Shots that were measured together, given back one pattern at a time: what an instrument is to the eye."""
+
+    def __init__(self, layers: dict[str, NDArray[Any]]) -> None:
+        self._layers = layers
+
+    def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
+        """Return the layers of the shots of an aim."""
+        return {name: values[aim.shot] for name, values in self._layers.items()}
+
+
+def _whole(aims: list[Aim]) -> Aim:
+    return Aim(*(np.concatenate([getattr(aim, field.name) for aim in aims]) for field in fields(Aim)))
+
+
+def _seen(
+    scenario: Scenario,
+    layers: dict[str, NDArray[Any]],
+    motions: tuple[PatternMotion, ...],
+    truth: Array,
+    target: StudyTarget,
+    ranging: Ranging,
+) -> tuple[Array, Array]:
+    """Return places and stated σ as the tracker's eye measures them, each (sightings, 3); NaN where it does not.
+
+    Light is the line sensor's: the photodiode's pulses last no dwell, and near targets saturate it.
+    """
+    prefix = "tof." if ranging == "tof" else ""
+    own = {name: layers[f"{prefix}{name}"] for name in ("range_m", "sigma_range_m", "status")}
+    own |= {name: layers[name] for name in ("Y", "snr_detection")}
+    # With its own light and another's range it is neither of both; of what triangulation's voxels share, time of flight
+    # has nothing.
+    kind = "triangulation" if ranging == "triangulation" else "both"
+    eye = Eye(scenario.model_copy(update={"ranging": kind}), _Measured(own))
+    places, sigmas = np.full(truth.shape, np.nan), np.full(truth.shape, np.nan)
+    followed = scenario.targets[0]  # all look alike
+    for visit, motion in enumerate(motions):
+        order = TrackCommand(TrackMode.TRACK, truth[visit], 0.0, visit)
+        _, seen = eye.see(followed, order, motion, visit)
+        if _taken(seen, target):
+            places[visit] = seen.place[0]
+            sigmas[visit] = np.sqrt(np.diagonal(seen.covariance[0]))
+    return places, sigmas
 
 
 def _voxel_sigma(scenario: Scenario, layers: dict[str, NDArray[Any]]) -> Array:
@@ -166,36 +196,15 @@ def _voxel_sigma(scenario: Scenario, layers: dict[str, NDArray[Any]]) -> Array:
     return np.array([angle, angle, *ranges])
 
 
-def _taken(seen: Measurement, target: StudyTarget) -> NDArray[np.bool_]:
-    """Return which measurements a tracker on its target would take: firm fits of a disc of the right size.
+def _taken(seen: Measurement, target: StudyTarget) -> bool:
+    """Return whether a tracker on its target would take a measurement: a firm fit of a disc of the right size.
 
     The rules of :func:`scanner_sim.tracking.state.step`, but for the prediction, which has no part here.
     """
-    expected = 0.5 * target.diameter / seen.place[:, 2]
-    with np.errstate(invalid="ignore"):
-        allowed = target.tracker.size_tolerance * expected + 3.0 * seen.sigma_radius
-        right = np.abs(seen.radius - expected) <= np.minimum(allowed, 0.5 * expected)
-        close = np.trace(seen.covariance[:, :2, :2], axis1=1, axis2=2) <= (0.5 * expected) ** 2
-    return np.asarray(seen.found & right & close & np.isfinite(seen.misfit))
-
-
-def _samples(
-    scenario: Scenario, layers: dict[str, NDArray[Any]], motion: PatternMotion, prefix: str, distance: float
-) -> PatternSamples:
-    """Return the voxels, (patterns, points): the line sensor's light, and ranges by one of both ways.
-
-    The photodiode's light is left aside: its pulses last no dwell, and near targets saturate it.
-    """
-    from scanner_sim.detector.encoders import reading_noise
-
-    mirrors, servo = scenario.scanner.mirrors, scenario.scanner.galvanometers
-    noise = np.stack(reading_noise(np.arange(motion.time.size, dtype=np.uint32), mirrors, scenario.seed))
-    angles = np.stack([motion.latched_theta, motion.latched_phi]) + noise
-    if mirrors.readout_step > 0.0:
-        angles = np.rint(angles / mirrors.readout_step) * mirrors.readout_step
-    own = {name: layers[f"{prefix}{name}"] for name in ("range_m", "sigma_range_m", "status")}
-    sigma = SignalNoise(scenario).sigma(layers, motion, distance)
-    flat = samples_of(own | {"Y": layers["Y"]}, motion, angles, sigma, 0.0)
-    points = scenario.following.pattern.points
-    shaped = {field.name: getattr(flat, field.name).reshape(-1, points) for field in fields(PatternSamples)}
-    return PatternSamples(**shaped).later(servo.readout_delay)
+    if not seen.found[0] or not np.isfinite(seen.misfit[0]):
+        return False
+    settings, expected = target.tracker, 0.5 * target.diameter / float(seen.place[0, 2])
+    allowed = settings.size_tolerance * expected + 3.0 * float(seen.sigma_radius[0])
+    loose = math.sqrt(float(np.trace(seen.covariance[0, :2, :2]))) > 0.5 * expected
+    right = abs(float(seen.radius[0]) - expected) <= min(allowed, 0.5 * expected)
+    return right and not loose and float(seen.misfit[0]) <= settings.misfit

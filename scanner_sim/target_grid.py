@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +15,6 @@ from scanner_sim.scan.schedule import PatternMotion, Visiting, mirrors_at, run_v
 from scanner_sim.scenario import Scenario
 from scanner_sim.scene.lighting import Lighting
 from scanner_sim.scene.objects import MaterialChoice, Scene, TargetArray, TargetPattern
-from scanner_sim.track_voxels import common_covariance
 from scanner_sim.tracking.scan import TrackScan
 from scanner_sim.tracking.state import TrackerSettings
 from scanner_sim.workbench import Workbench
@@ -129,44 +127,45 @@ def target_grid(
     return Workbench(changed, device=device), np.stack([item.expected for item in changed.targets])
 
 
-def grid_motion(
+def grid_motions(
     scenario: Scenario, target: StudyTarget, centres: Array, patterns: int
-) -> tuple[PatternMotion, Array]:
-    """Return patterns over each of the centres as one motion, and the covariance that the voxels of each share.
+) -> tuple[PatternMotion, ...]:
+    """Return the visits to each of the centres, ``patterns`` after one another.
 
     Each visit has a number and so a dither of its own: where voxels are farther apart than the spot is wide, the fit's
     error hangs on how they lie on the disc's edge. The servos are linear but for their limits, so that a pattern is the
-    same wherever it goes. The arrays of the motion are (targets · patterns · points).
+    same wherever it goes.
     """
     scanner, pattern = scenario.scanner, target.pattern
     radius = 0.5 * target.diameter / float(np.mean(centres[:, 2]))
     figure = pattern.model_copy(update={"amplitude": target.tracker.track_amplitude * radius})
     servo = scanner.galvanometers
-    start = target.visiting.period(pattern.points, scanner.dwell, 2, servo) - pattern.points * scanner.dwell
-    motions = [
-        run_visit(
+    period = target.visiting.period(pattern.points, scanner.dwell, 2, servo)
+    found = []
+    for visit in range(len(centres) * patterns):
+        motion, _ = run_visit(
             servo,
             mirrors_at(0.0, 0.0),
             figure,
-            number,
+            visit,
             np.zeros(2),
-            start=start,
+            start=period - pattern.points * scanner.dwell,
             dwell=scanner.dwell,
             visiting=target.visiting,
-        )[0]
-        for number in range(len(centres) * patterns)
-    ]
-    count = len(centres)
-    period = math.ceil(motions[0].time[-1] / scanner.dwell + 1.0) * scanner.dwell
-    centre = {"theta": centres[:, 0, None, None], "phi": centres[:, 1, None, None]}
-    centre["time"] = period * np.arange(count * patterns).reshape(count, patterns, 1)
-    whole: dict[str, Array] = {}
-    for field in fields(PatternMotion):
-        if field.name != "limited":
-            values = np.stack([getattr(motion, field.name) for motion in motions]).reshape(
-                count, patterns, -1
+        )
+        theta, phi = centres[visit // patterns, :2].tolist()
+        found.append(
+            PatternMotion(
+                time=motion.time + 2.0 * visit * period,
+                commanded_theta=motion.commanded_theta + theta,
+                commanded_phi=motion.commanded_phi + phi,
+                true_theta=motion.true_theta + theta,
+                true_phi=motion.true_phi + phi,
+                latched_theta=motion.latched_theta + theta,
+                latched_phi=motion.latched_phi + phi,
+                travel_theta=motion.travel_theta,
+                travel_phi=motion.travel_phi,
+                limited=motion.limited,
             )
-            added = 0.0 if field.name.startswith("travel") else centre[field.name.rpartition("_")[2]]
-            whole[field.name] = (values + added).ravel()
-    limited = any(motion.limited for motion in motions)
-    return PatternMotion(**whole, limited=limited), common_covariance(scanner.mirrors, motions[0])
+        )
+    return tuple(found)
