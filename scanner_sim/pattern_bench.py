@@ -121,9 +121,9 @@ class PatternBench:
         ]
         integers: list[NDArray[Any]] = [aim.shot]
         if mirrors.wobble > 0.0:
+            moment = lattice_place(aim.time, mirrors.wobble_time)
             for angle in (aim.theta, aim.phi):
-                for values, spacing in ((angle, mirrors.wobble_angle), (aim.time, mirrors.wobble_time)):
-                    cell, part = lattice_place(values, spacing)
+                for cell, part in (lattice_place(angle, mirrors.wobble_angle), moment):
                     integers.append(cell)
                     numbers.append(part)
         if bodies:

@@ -60,7 +60,8 @@ def pattern_light(
         Of all shots, in their order. Light that met several surfaces is not in it.
     """
     count, spots = dr.width(beamlets.weights), trace_spots(loaded, bench, beamlets, shots)
-    dr.eval(spots)
+    light = spots.power, spots.position, spots.sigma, spots.across, spots.coherence
+    dr.eval(light, spots.distance, spots.shape)
     index = dr.arange(mi.UInt32, dr.width(shots.theta))
     chief = index * count
     truth = chief_truth(loaded, spots.distance, spots.shape, chief)

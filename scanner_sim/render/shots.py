@@ -179,8 +179,10 @@ class Lattice:
 
 def lattice_place(values: Array, spacing: float) -> tuple[NDArray[np.uint32], Array]:
     """Return the cells of a lattice in which values lie, and their places in them, 0 to 1."""
-    cell = np.floor(values / spacing)
-    return (cell.astype(np.int64) & 0xFFFFFFFF).astype(np.uint32), values / spacing - cell
+    at = values / spacing
+    cell = np.floor(at)
+    # Cells below 0 wrap round: 2³² of them are enough for any.
+    return cell.astype(np.int64).astype(np.uint32), at - cell
 
 
 def lattices_of(aim: Aim, mirrors: Mirrors) -> list[Lattice]:
