@@ -45,7 +45,7 @@ def test_every_scenario_is_listed(repo_root: Path) -> None:
 
 
 def test_every_verb_is_shown_and_every_command_is_one(readme: str, repo_root: Path) -> None:
-    """Claim: each line of the command line's examples names a verb, options and files that exist; no verb is left out."""
+    """Claim: each line of the examples names a verb, options and files that exist; no verb is left out."""
     group: Any = typer.main.get_command(app)
     lines = re.findall(r"^scanner-sim (.*?)(?:\s+#.*)?$", readme, flags=re.MULTILINE)
     shown = set()
