@@ -26,6 +26,8 @@ Array = NDArray[np.float64]
 
 _SUMMED = 9
 """Pixels whose charge is a peak's signal."""
+_UNEVEN = 0.01
+"""Relative differences of the light from a surface that no noise explains, on a photodiode that sees the whole spot."""
 _BETWEEN = 0.75
 """Place of a typical spot between the edges of its pixel, from the lower one."""
 _TOGETHER = 8192
@@ -111,14 +113,15 @@ class SignalNoise:
         spot that faces the scanner at the expected range, q the height over the noise of that pixel, which is that of
         all but the speckle. c is the contrast of speckle that a whole spot keeps: for an image of the variances
         σ_x², σ_y² and Gaussian grain of length s, c² = C² s²/√((s² + 2σ_x²)(s² + 2σ_y²))/M (see
-        :mod:`scanner_sim.optics.speckle`) with the M patterns that the dwell averages. Photodiode: N/q.
+        :mod:`scanner_sim.optics.speckle`) with the M patterns that the dwell averages. Photodiode: N/q and 1 % of N,
+        for its noise is below what surfaces and light are uneven by.
         """
         signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
         timed = self._scenario.ranging == "tof"
         ratio = np.asarray(layers["tof.snr_detection" if timed else "snr_detection"], dtype=np.float64)
         noise = signal / np.maximum(np.nan_to_num(ratio), 1.0)
         if timed:
-            return np.asarray(noise)
+            return np.hypot(noise, _UNEVEN * signal)
         scanner = self._scenario.scanner
         sensor, along = scanner.position_sensor, image_variance(scanner, expected_range)
         radius = float(scanner.laser.radius(expected_range))
@@ -219,7 +222,9 @@ class Eye:
         angles = self._encoders.read(motion, visit)
         samples = samples_of(layers, motion, angles, sigma, delay)
         spot = float(scanner.laser.radius(expected)) / (2.0 * expected)
-        shining = scanner.exposure / scanner.dwell
+        # A pulse lasts no dwell.
+        timed = self._scenario.ranging == "tof"
+        shining = 0.0 if timed else scanner.exposure / scanner.dwell
         seen = measure_target(
             samples,
             target.looks,

@@ -20,6 +20,10 @@ from scanner_sim.units import Length
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+_PARTLY = 0.45
+"""Distance from the middle of both levels, over theirs, below which a voxel is partly on the target."""
+_FEWEST_PARTLY = 6
+"""Voxels partly on the target that tell a disc's place and size, with some to spare."""
 _CAP = 0.8
 """Part of a sphere's radius within which its range is looked at."""
 
@@ -98,11 +102,12 @@ def measure_target(
     Measurement
         Flat targets are looked at in their own plane (:mod:`~scanner_sim.tracking.plane`), whose tilt the ranges tell:
         under 15° a disc looks narrower by 3 %, ten σ of its radius, and the pattern's few crossings of the rim would
-        take that for a place. Centre of the disc fit with a free radius, or the mean of hits where that fails; for
-        targets that their range tells, whose values at the edge do not say how much of the spot is on it, of the
-        circle. The range is that of the plane R cos δ = R₀ + g·δ, δ = angles − centre, through the voxels on the
-        target (for holes: around it; for black discs both) at the centre, weighed by 1/σ_R²: a flat target in space,
-        to the second order in δ but for its tilt's. A sphere's voxels are carried to its middle first.
+        take that for a place. Centre of the disc fit with a free radius, or the mean of hits where that fails. For
+        targets that their range tells it is that of the circle, since their values at the edge do not say how much of
+        the spot is on it, and also for pulses (``shining`` 0) of which too few are partly on the target. The range is
+        that of the plane R cos δ = R₀ + g·δ, δ = angles − centre, through the voxels on the target (for holes: around
+        it; for black discs both) at the centre, weighed by 1/σ_R²: a flat target in space, to the second order in δ
+        but for its tilt's. A sphere's voxels are carried to its middle first.
     """
     middle = np.broadcast_to(np.asarray(expected_range, dtype=np.float64), (len(samples.theta),))
     response = target_response(
@@ -115,7 +120,7 @@ def measure_target(
         shown, light = plane.flattened(samples)
         if not looks.kind.by_range:
             response = replace(response, value=response.value / light)
-    centre = circle_fit(shown, response, blurred=not looks.kind.by_range)
+    centre = circle_fit(shown, response, blurred=not looks.kind.by_range and shining > 0.0)
     if not centre.found.all():
         hits = hits if plane is None else hit_centroid(shown, response)
         centre = better_of(centre, hits)
@@ -127,6 +132,12 @@ def measure_target(
         )
         if not fitted.found.all():
             fitted = better_of(fitted, hits if plane is None else hit_centroid(shown, response))
+        if shining == 0.0:
+            # Between the points of pulses are gaps. Where they hold the rim, nothing but the circle tells where it is.
+            away = np.abs(response.value - response.threshold[:, None])
+            partly = away < _PARTLY * np.abs(response.target - response.ground)[:, None]
+            told = (partly & response.used).sum(axis=1) >= _FEWEST_PARTLY
+            fitted = better_of(replace(fitted, found=fitted.found & told), centre)
         centre = fitted
     if plane is not None:
         centre = plane.seen(centre)
