@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 import subprocess
 import sys
@@ -23,6 +24,28 @@ MADE = {
     "docking_track": ("track_moving", "track.png", ()),
 }
 """For each picture: scenario, file of the run, and changes."""
+
+
+GUIDE = ROOT / "docs" / "guides" / "mesh.md"
+SHOWN = {"guide_mesh_range": "range.png", "guide_mesh_camera": "camera.png"}
+"""Pictures of the guide to own meshes, made by its own examples."""
+
+
+def guide_pictures() -> None:
+    """Follow the guide up to the mesh in sunlight, and keep two of its pictures."""
+    blocks = re.findall(
+        r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```", GUIDE.read_text(encoding="utf-8"), re.M | re.S
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        for language, title, text in blocks:
+            if title:
+                Path(folder, title).write_text(text, encoding="utf-8")
+            elif language == "python" and "export" in text:
+                subprocess.run([sys.executable, "-c", text], cwd=folder, check=True)
+        command = [sys.executable, "-m", "scanner_sim", "run", "my_part_lit.yaml", "-o", "lit", "-q"]
+        subprocess.run(command, cwd=folder, check=True)
+        for name, picture in SHOWN.items():
+            shutil.copy(Path(folder, "lit", picture), PICTURES / f"{name}.png")
 
 
 def main(names: list[str]) -> None:
@@ -47,6 +70,8 @@ def main(names: list[str]) -> None:
                 subprocess.run(command, cwd=ROOT, check=True)
                 done[config, changes] = output
             shutil.copy(done[config, changes] / picture, PICTURES / f"{name}.png")
+    if not names:
+        guide_pictures()
 
 
 if __name__ == "__main__":
