@@ -100,11 +100,8 @@ def figure_2a(task: Task) -> Outcome:
     error = np.abs(image["range_m"] - image["truth.range_m"])[image.valid]
     rows = (
         judged(
-            "size of the picture", "raster image", "", f"{image.shape[0]} × {image.shape[1]} voxels", True
-        ),
-        judged(
             "voxels with a range, of those that hit something",
-            "",
+            "a whole picture",
             "",
             f"{100.0 * image.valid[image['truth.object'] > 0].mean():.1f} %",
             image.valid[image["truth.object"] > 0].mean() > 0.9,
@@ -129,9 +126,6 @@ def figure_2b(task: Task) -> Outcome:
     error = np.abs(image["range_m"] - image["truth.range_m"])[image.valid]
     sigma = float(np.median(image["sigma_range_m"][image.valid]))
     rows = (
-        judged(
-            "size of the picture", "raster image", "", f"{image.shape[0]} × {image.shape[1]} voxels", True
-        ),
         judged(
             "median error of the range",
             "",

@@ -51,7 +51,7 @@ def eq1(task: Task) -> Outcome:
     rows = (
         judged(
             "spot on the line, rendered less eq 1 (rms)",
-            "",
+            "eq 1",
             "0",
             f"{np.sqrt(np.mean(off**2)):.4f} pixel",
             np.sqrt(np.mean(off**2)) < 0.01,
@@ -68,7 +68,7 @@ def eq1(task: Task) -> Outcome:
             "",
             f"{FOCAL * BASE / 12.8e-3:.2f} m",
             f"{bench(task, []).scenario.scanner.nearest_range:.2f} m",
-            True,
+            within(bench(task, []).scenario.scanner.nearest_range, FOCAL * BASE / 12.8e-3, 1e-9),
         ),
     )
 
@@ -150,7 +150,7 @@ def eq3(task: Task) -> Outcome:
     rounding = 1e6 * float(np.nanmax(np.abs(points - judge)))
     left = np.linalg.norm(points - without, axis=1)
     rows = (
-        judged("points against eq 3, largest", "", "0", f"{rounding:.3f} µm", rounding < 2.0),
+        judged("points against eq 3, largest", "eq 3", "0", f"{rounding:.3f} µm", rounding < 2.0),
         judged(
             "flatness of the measured plane at 8 m (rms)",
             "",
