@@ -85,9 +85,11 @@ class Law:
     applies
         Returns why the closed form does not cover a setting; empty where it does.
     measure
-        Returns what the simulator finds, by case.
+        Returns what the simulator finds, by case; nothing where the scene does not hold what the law speaks of.
     predict
         Returns what the closed form says of the same cases, from numbers of the scenario alone.
+    nothing
+        Why the law does not apply where nothing was measured.
     """
 
     name: str
@@ -98,6 +100,7 @@ class Law:
     applies: Callable[[Setting], str]
     measure: Callable[[Setting], Mapping[str, Measured]]
     predict: Callable[[Setting], Mapping[str, Predicted]]
+    nothing: str = "the scene holds nothing of what it speaks of"
 
 
 def exact(value: float) -> Measured:

@@ -80,6 +80,7 @@ def compare(
         reasons[law.name] = law.applies(setting)
         if not reasons[law.name]:
             measured, predicted = law.measure(setting), law.predict(setting)
+            reasons[law.name] = "" if measured else law.nothing
             cases += [(law.name, case, measured[case], predicted[case]) for case in measured]
     checks = judged([(case, found, expected) for _, case, found, expected in cases], level)
     findings = tuple(
