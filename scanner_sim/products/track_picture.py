@@ -68,7 +68,7 @@ def draw_track(track: Track, path: str | Path) -> None:
             grid[0, axis].text(1.0, 1.04, _QUANTITIES[axis][0], transform=grid[0, axis].transAxes, ha="right")
         figure.text(0.075, 1.0 - 0.24 / high, "Targets over time: measured − true", size=10.5, weight="bold")
         rest = len(track.targets) - len(shown)
-        more = f"  ·  {rest} more targets are not drawn" if rest else ""
+        more = f"  ·  not drawn: {rest} more" if rest else ""
         about = f"points: measured visits  ·  band: ±2σ  ·  ticks: not measured  ·  at the foot: state{more}"
         figure.text(0.075, 1.0 - 0.46 / high, about, color=FAINT)
         _states(figure, 0.10 / high)
@@ -119,7 +119,7 @@ def _states(figure: Any, height: float) -> None:
 
 
 def draw_field(track: Track, path: str | Path, backdrop: RangeImage | None = None) -> None:
-    """Draw all targets as the scanner sees them, each with the pattern of its last visit (paper, Figure 5).
+    """Draw all targets as the scanner sees them, each with its last pattern and its last of a search (paper, Figure 5).
 
     Parameters
     ----------
@@ -156,6 +156,10 @@ def draw_field(track: Track, path: str | Path, backdrop: RangeImage | None = Non
                 color="#5fc3d6",
                 lw=1.0,
             )
+        for target in track.targets:
+            looking = [one for one in track.of(target.name) if one.mode in (TrackMode.SEARCH, TrackMode.LOST)]
+            if looking:
+                _path(axes, looking[-1], lw=0.6, ls=(0, (4, 3)))
         for record in last:
             _visit(axes, record, ink)
         axes.set(xlim=np.degrees((left, right)), ylim=np.degrees((lower, upper)), aspect="equal")
@@ -163,7 +167,7 @@ def draw_field(track: Track, path: str | Path, backdrop: RangeImage | None = Non
         figure.text(
             0.7 / size[0], 1.0 - 0.26 / size[1], "Targets in the field of view", size=10.5, weight="bold"
         )
-        about = "patterns: each target's last visit, by state  ·  +: measured  ·  blue: true path"
+        about = "each target's last pattern; dashed: its last of search or loss  ·  +: measured  ·  blue: true path"
         figure.text(0.7 / size[0], 1.0 - 0.46 / size[1], about, color=FAINT, fontsize=7.0)
         _states(figure, 0.10 / size[1])
         save(figure, path)
@@ -182,15 +186,20 @@ def field_of(track: Track) -> tuple[float, float, float, float]:
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
 
 
-def _visit(axes: Axes, record: PatternRecord, ink: str) -> None:
-    """Draw the pattern of a visit, or, where its voxels were not kept, a circle of its amplitude."""
-    colour = STATE_COLOUR[record.mode]
+def _path(axes: Axes, record: PatternRecord, **style: Any) -> Array:
+    """Draw the pattern of a visit, or, where its voxels were not kept, a circle of its amplitude; return its angles."""
     if record.samples.time.shape[1]:
         angles = np.stack([record.samples.theta[0], record.samples.phi[0]])
     else:
         turn = np.linspace(0.0, 2.0 * np.pi, 91)
         angles = record.centre[:, None] + record.amplitude * np.stack([np.cos(turn), np.sin(turn)])
-    axes.plot(*np.degrees(angles), color=colour, lw=0.9)
+    axes.plot(*np.degrees(angles), color=STATE_COLOUR[record.mode], **style)
+    return np.asarray(angles)
+
+
+def _visit(axes: Axes, record: PatternRecord, ink: str) -> None:
+    """Draw the last visit to a target: its pattern, the measured centre and the name."""
+    angles = _path(axes, record, lw=0.9)
     if record.status is TrackStatus.MEASURED:
         axes.plot(*np.degrees(record.place[:2]), "+", color=ink, ms=5.0, mew=0.9)
     from matplotlib.patheffects import AbstractPathEffect, withStroke
