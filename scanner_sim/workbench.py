@@ -18,12 +18,18 @@ from scanner_sim.lidar import EchoBench
 from scanner_sim.optics.filter import band_irradiance, incidence, laser_gain, peak_transmission
 from scanner_sim.optics.speckle import Grain
 from scanner_sim.ranging.fusion import fuse_points
-from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, layers_of, ranges_from_peaks
+from scanner_sim.ranging.ranges import (
+    Deflections,
+    Geometry,
+    Ranges,
+    finished_layers,
+    layers_of,
+    ranges_from_peaks,
+)
 from scanner_sim.render.device import DeviceChoice, activate
 from scanner_sim.scan.raster import Aim, RasterScan
 from scanner_sim.scenario import Scenario
 from scanner_sim.signals.processing import Processing
-from scanner_sim.status import Status
 
 
 @dataclass(frozen=True)
@@ -434,19 +440,3 @@ class Workbench:
         """Return the ranges of peaks (arguments as those of :func:`~scanner_sim.ranging.ranges.ranges_from_peaks`)."""
         gate = self.scenario.processing.range_gate
         return ranges_from_peaks(peak, sigma_peak, status, deflections, self.geometry, gate)
-
-
-def finished_layers(
-    layers: dict[str, NDArray[Any]], ranges: Ranges, aim: Aim, pointing: Any, truth: Any
-) -> dict[str, NDArray[Any]]:
-    """Return layers without the peaks of refused voxels, and with the truth about all."""
-    for name in ("peak_px", "sigma_peak_px"):
-        if name in layers:
-            layers[name][ranges.status != Status.VALID] = np.nan
-    return layers | {
-        "truth.range_m": truth.distance.numpy(),
-        "truth.theta_rad": aim.theta + pointing.theta,
-        "truth.phi_rad": aim.phi + pointing.phi,
-        "truth.object": truth.object.numpy(),
-        "truth.material": truth.material.numpy(),
-    }

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.covariance import PointCovariance, point_covariance
 from scanner_sim.ranging.triangulation import position_sigma, range_from_position, range_jacobian
+from scanner_sim.scan.raster import Aim
 from scanner_sim.status import Status
 
 Array = NDArray[np.float64]
@@ -181,3 +182,19 @@ def layers_of(ranges: Ranges, prefix: str = "") -> dict[str, NDArray[Any]]:
         "status": ranges.status,
     }
     return {prefix + name: values for name, values in layers.items()}
+
+
+def finished_layers(
+    layers: dict[str, NDArray[Any]], ranges: Ranges, aim: Aim, pointing: Any, truth: Any
+) -> dict[str, NDArray[Any]]:
+    """Return layers without the peaks of refused voxels, and with the truth about all."""
+    for name in ("peak_px", "sigma_peak_px"):
+        if name in layers:
+            layers[name][ranges.status != Status.VALID] = np.nan
+    return layers | {
+        "truth.range_m": truth.distance.numpy(),
+        "truth.theta_rad": aim.theta + pointing.theta,
+        "truth.phi_rad": aim.phi + pointing.phi,
+        "truth.object": truth.object.numpy(),
+        "truth.material": truth.material.numpy(),
+    }
