@@ -104,10 +104,10 @@ def measure_target(
         under 15° a disc looks narrower by 3 %, ten σ of its radius, and the pattern's few crossings of the rim would
         take that for a place. Centre of the disc fit with a free radius, or the mean of hits where that fails. For
         targets that their range tells it is that of the circle, since their values at the edge do not say how much of
-        the spot is on it, and also for pulses (``shining`` 0) of which too few are partly on the target. The range is
-        that of the plane R cos δ = R₀ + g·δ, δ = angles − centre, through the voxels on the target (for holes: around
-        it; for black discs both) at the centre, weighed by 1/σ_R²: a flat target in space, to the second order in δ
-        but for its tilt's. A sphere's voxels are carried to its middle first.
+        the spot is on it, and also for light with gaps (``shining`` below 1) of which too few voxels are partly on the
+        target. The range is that of the plane R cos δ = R₀ + g·δ, δ = angles − centre, through the voxels on the target
+        (for holes: around it; for black discs both) at the centre, weighed by 1/σ_R²: a flat target in space, to the
+        second order in δ but for its tilt's. A sphere's voxels are carried to its middle first.
     """
     middle = np.broadcast_to(np.asarray(expected_range, dtype=np.float64), (len(samples.theta),))
     response = target_response(
@@ -120,7 +120,7 @@ def measure_target(
         shown, light = plane.flattened(samples)
         if not looks.kind.by_range:
             response = replace(response, value=response.value / light)
-    centre = circle_fit(shown, response, blurred=not looks.kind.by_range and shining > 0.0)
+    centre = circle_fit(shown, response, blurred=not looks.kind.by_range and shining == 1.0)
     if not centre.found.all():
         hits = hits if plane is None else hit_centroid(shown, response)
         centre = better_of(centre, hits)
@@ -132,8 +132,8 @@ def measure_target(
         )
         if not fitted.found.all():
             fitted = better_of(fitted, hits if plane is None else hit_centroid(shown, response))
-        if shining == 0.0:
-            # Between the points of pulses are gaps. Where they hold the rim, nothing but the circle tells where it is.
+        if shining < 1.0:
+            # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
             away = np.abs(response.value - response.threshold[:, None])
             partly = away < _PARTLY * np.abs(response.target - response.ground)[:, None]
             told = (partly & response.used).sum(axis=1) >= _FEWEST_PARTLY
