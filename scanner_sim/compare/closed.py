@@ -135,6 +135,22 @@ class Closed:
         """Return |∂R/∂p| times the pitch [m/pixel]: the exact form of eq 4."""
         return float(geometry.range_error(R, theta, self.f, self.d, self.pitch))
 
+    @property
+    def angle_sigma(self) -> float:
+        """Standard deviation [rad] of what an encoder reads about the true deflection, drift left out."""
+        mirrors = self.scenario.scanner.mirrors
+        return math.sqrt(
+            (1.0 - mirrors.jitter_seen) * mirrors.jitter**2
+            + mirrors.wobble**2
+            + mirrors.readout_noise**2
+            + mirrors.readout_step**2 / 12.0
+        )
+
+    def synchronisation_error(self, R: float, theta: float = 0.0) -> float:
+        """Return the error of p [m] from the angle between projection and reception: f (1 + p²/f²) σ."""
+        p = float(geometry.image_position(R, theta, self.f, self.d))
+        return self.f * (1.0 + (p / self.f) ** 2) * self.scenario.scanner.mirrors.synchronisation
+
     def follows(self, seen: Spot) -> float:
         """Return by how much the estimate moves with the spot, ∂p̂/∂p: 1 but for the slope of a systematic error."""
         chosen = self.scenario.processing

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from scanner_sim.compare import coverage, light, noise, pulses, shape, targets
+from scanner_sim.compare import constant_error, coverage, field, light, noise, pulses, shape, targets
 from scanner_sim.compare.law import Law
 
 LAWS: Final[tuple[Law, ...]] = (
@@ -14,13 +14,13 @@ LAWS: Final[tuple[Law, ...]] = (
     light.SUNLIGHT,
     light.SNR,
     light.SATURATION,
-    shape.POINTS,
-    noise.SYNCHRONISATION,
-    noise.SPECKLE,
+    field.POINTS,
+    constant_error.SYNCHRONISATION,
+    constant_error.SPECKLE,
     noise.SHOT,
     noise.READ,
     noise.BOUND,
-    shape.COVARIANCE,
+    field.COVARIANCE,
     coverage.COVERAGE,
     pulses.TOF_RANGE,
     pulses.TOF_BOUND,

@@ -173,13 +173,7 @@ def _posed(setting: Setting) -> str:
 def _sigmas(setting: Setting) -> tuple[float, float]:
     """Return σ of an angle [rad] and of the range [m] of a corner, by closed forms."""
     closed, scanner = Closed(setting.scenario), setting.scenario.scanner
-    mirrors, sensor = scanner.mirrors, scanner.position_sensor
-    angle = math.sqrt(
-        (1.0 - mirrors.jitter_seen) * mirrors.jitter**2
-        + mirrors.wobble**2
-        + mirrors.readout_noise**2
-        + mirrors.readout_step**2 / 12.0
-    )
+    sensor = scanner.position_sensor
     squares = []
     _, (ranges, thetas, phis) = _array(setting)
     for distance, theta, phi in zip(ranges.tolist(), thetas.tolist(), phis.tolist(), strict=True):
@@ -187,11 +181,9 @@ def _sigmas(setting: Setting) -> tuple[float, float]:
         seen = closed.spot(theta, phi, point, np.array([0.0, 0.0, -1.0]), setting.flat.reflectance)
         variance = seen.line + np.full(LINE, sensor.read_noise**2 + sensor.dark_current / scanner.rate)
         sigma = closed.sigma_pixel(seen, setting.scenario.processing.peak, variance)
-        p = float(geometry.image_position(distance, theta, closed.f, closed.d))
-        apart = closed.f * (1.0 + (p / closed.f) ** 2) * mirrors.synchronisation / closed.pitch
-        apart *= closed.follows(seen)
+        apart = closed.synchronisation_error(distance, theta) / closed.pitch * closed.follows(seen)
         squares.append((closed.range_per_pixel(distance, theta) * math.hypot(sigma, apart)) ** 2)
-    return angle, math.sqrt(float(np.mean(squares)))
+    return closed.angle_sigma, math.sqrt(float(np.mean(squares)))
 
 
 def _corner_errors(setting: Setting, seed: int, shots: int) -> Array:
