@@ -68,7 +68,7 @@ def test_budget_writes_its_folder(config: Path) -> None:
 
 def test_both_ways_have_their_files(config: Path) -> None:
     result = invoke(
-        "budget", config, "-o", "out", "--distances", 3, "--set", "ranging=both", "--device", "cpu"
+        "budget", config, "-o", "out", "--distances", 2, "--set", "ranging=both", "--device", "cpu"
     )
     assert result.exit_code == 0, result.output
     assert "tof: amplifier" in result.output
@@ -88,7 +88,13 @@ def test_an_array_that_sees_too_little_is_refused(config: Path) -> None:
     assert not Path("out").exists()
 
 
-@pytest.mark.parametrize("peak", ["gaussian", "maximum_likelihood", "blais_rioux_4"])
+@pytest.mark.parametrize(
+    "peak",
+    [
+        "maximum_likelihood",
+        *(pytest.param(peak, marks=pytest.mark.slow) for peak in ("gaussian", "blais_rioux_4")),
+    ],
+)
 def test_simulated_is_analytic(config: Path, peak: str) -> None:
     """Claim: the closed forms are what is simulated, source by source.
 
