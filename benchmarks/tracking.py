@@ -12,19 +12,24 @@ from __future__ import annotations
 
 import argparse
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
 from scanner_sim import Scenario, Tracker, load_scenario
+from scanner_sim.products.style import FAINT, house_style, save
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
 Array = NDArray[np.float64]
 
+PICTURE = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "loss_of_track.png"
+COLOURS = ("#0b4f8a", "#b4331a", "#d08a1d")
 SUN = {"sun": {"direction": [-0.35, -0.45, -0.8]}, "earth": {"direction": [0.0, 1.0, 0.0]}}
 
 
@@ -63,7 +68,7 @@ def loss_speed(acceleration: float, columns: int, *overrides: str, seed: int = 4
     """Return the speed [rad/s] at which a target that accelerates evenly across the field is lost for good.
 
     The disc of 100 mm at 10 m starts at rest at Θ = −0.3 rad and crosses the field. Lost for good: five visits in a row
-    without a measurement; infinite where it leaves the field before.
+    without a measurement, the first of which counts; infinite where it leaves the field before.
 
     Parameters
     ----------
@@ -83,29 +88,63 @@ def loss_speed(acceleration: float, columns: int, *overrides: str, seed: int = 4
     motion = {"type": "waypoints", "interpolation": "smooth", "points": points}
     array = {"columns": columns, "spacing": [0.45, 0.45]}
     tracker = Tracker(scenario({"array": array, "motion": motion}, *overrides, seed=seed))
-    missed = 0
+    missed: list[float] = []
     for record in tracker:
         if record.target != "node/1":
             continue
-        missed = 0 if record.status == TrackStatus.MEASURED else missed + 1
-        if missed == 5:
-            return acceleration * record.time / 10.0
+        missed = [] if record.status == TrackStatus.MEASURED else [*missed, record.time]
+        if len(missed) == 5:
+            return acceleration * missed[0] / 10.0
         if record.time > times[-1]:
             break
     return float("inf")
 
 
 def speed(console: Console) -> None:
-    """Find the speeds at which targets are lost."""
-    table = Table("acceleration", "one target", "one of four", "one, restless filter")
-    for acceleration in (0.2, 1.0, 5.0, 20.0):
-        found = [
-            loss_speed(acceleration, 1),
-            loss_speed(acceleration, 4),
-            loss_speed(acceleration, 1, "scan.tracker.unrest=1"),
-        ]
-        table.add_row(f"{acceleration:g} m/s²", *(f"{1e3 * value:.0f} mrad/s" for value in found))
+    """Find the speeds at which targets are lost, and draw them to docs/pictures/loss_of_track.png."""
+    accelerations = np.array([1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 20.0])
+    ways: dict[str, tuple[int, tuple[str, ...]]] = {
+        "one target": (1, ()),
+        "one of four": (4, ()),
+        "one, pattern of 2.5 radii": (1, ("scan.tracker.track_amplitude=2.5",)),
+    }
+    found = {
+        name: np.array([loss_speed(float(a), columns, *overrides) for a in accelerations])
+        for name, (columns, overrides) in ways.items()
+    }
+    table = Table("acceleration", *ways)
+    for row, acceleration in enumerate(accelerations):
+        speeds = (f"{1e3 * values[row]:.0f} mrad/s" for values in found.values())
+        table.add_row(f"{acceleration:g} m/s²", *speeds)
     console.print(table)
+    draw_speeds(accelerations, found)
+
+
+def draw_speeds(accelerations: Array, found: dict[str, Array]) -> None:
+    """Draw the speed of loss against the acceleration; an arrow where the target left the field unlost."""
+    with house_style():
+        figure = Figure(figsize=(6.0, 3.6), dpi=150, layout="constrained")
+        axes = figure.subplots()
+        reached = np.sqrt(2.0 * accelerations * 5.0) / 10.0
+        axes.loglog(accelerations, 1e3 * reached, color=FAINT, lw=0.8, ls="--", label="at the field's end")
+        for (name, speeds), colour in zip(found.items(), COLOURS, strict=True):
+            lost = np.isfinite(speeds)
+            axes.loglog(
+                accelerations[lost], 1e3 * speeds[lost], "-o", ms=3.0, lw=1.1, color=colour, label=name
+            )
+            axes.loglog(accelerations[~lost], 1e3 * reached[~lost], "^", ms=4.5, color=colour, mfc="none")
+        axes.set(
+            xlabel="acceleration of the target at 10 m [m/s²]", ylabel="angular speed at its loss [mrad/s]"
+        )
+        axes.set_xticks([1, 2, 3, 5, 8, 12, 20], ["1", "2", "3", "5", "8", "12", "20"])
+        axes.set_yticks([200, 300, 400, 600, 800, 1200], ["200", "300", "400", "600", "800", "1200"])
+        axes.minorticks_off()
+        axes.spines[["top", "right"]].set_visible(False)
+        axes.grid(which="major", color="#e3e6e9", lw=0.5)
+        axes.set_axisbelow(True)
+        axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        axes.set_title("When a disc of 100 mm at 10 m is lost", loc="left", weight="bold", size=10.5)
+        save(figure, PICTURE)
 
 
 def accuracy(console: Console) -> None:
