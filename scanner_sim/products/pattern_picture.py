@@ -147,7 +147,7 @@ def _voxels(
     axes.set_xlabel(f"Θ about {theta:.4f}° [mrad]")
     axes.set_ylabel(f"φ about {phi:.4f}° [mrad]", labelpad=1.0)
     box = axes.get_position()
-    bar = axes.figure.add_axes((box.x1 + 0.008, box.y0, 0.009, box.height))  # type: ignore[union-attr]
+    bar = axes.figure.add_axes((box.x1 + 0.008, box.y0, 0.009, box.height))
     axes.figure.colorbar(dots, cax=bar, label=label)
 
 
