@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from scanner_sim.compare import constant_error, coverage, field, light, noise, pulses, shape, targets
+from scanner_sim.compare import constant_error, coverage, field, light, noise, pulses, shape, targets, walk
 from scanner_sim.compare.law import Law
 
 LAWS: Final[tuple[Law, ...]] = (
@@ -25,7 +25,7 @@ LAWS: Final[tuple[Law, ...]] = (
     pulses.TOF_RANGE,
     pulses.TOF_BOUND,
     pulses.TOF_SIGMA,
-    pulses.TOF_WALK,
+    walk.TOF_WALK,
     targets.CENTROID,
     targets.POSE,
 )

@@ -1,4 +1,4 @@
-"""Laws of time of flight: the bound on the delay, the clock's floor, and the walk of a fixed level."""
+"""Laws of time of flight: no bias, the bound on the delay, and the clock's floor."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import time_of_flight as judge
-from scanner_sim.analytic.edge import sampled_crossing
 from scanner_sim.compare import stand
 from scanner_sim.compare.closed import Closed
 from scanner_sim.compare.law import Law, Measured, Predicted, mean_of, spread_of
@@ -22,7 +21,7 @@ Array = NDArray[np.float64]
 
 _PLACES = 4
 """Places of the echo between two samples."""
-_TO_SIGMA = 1.0 / 2.3548200450309493
+TO_SIGMA = 1.0 / 2.3548200450309493
 _SNR = 20.0, 100.0, 500.0
 """Ratios of peak to noise: above them the filter's table of delays counts, below them false alarms."""
 _EFFICIENCY = 0.02
@@ -31,13 +30,10 @@ _ASIDE = 0.15
 """Deflection to each side over which the plates for the places stand [rad]."""
 _BIAS = 1e-3
 """Error of the interpolation of a delay [sample]."""
-_RATIOS = (2.0, 4.0, 8.0, 16.0)
-"""Peaks over the level, of which the first is the reference."""
-_WALK = 0.5
-"""What is left of the law of the walk [mm]: four places between two samples stand for all."""
 
 
-def _timed(setting: Setting) -> str:
+def timed(setting: Setting) -> str:
+    """Return why the closed forms do not cover the scenario's time of flight; empty where they do."""
     if setting.scenario.ranging == "triangulation":
         return "the scenario ranges by triangulation alone"
     if setting.scenario.scanner.lidar.pulse.shape != "gaussian":
@@ -49,18 +45,16 @@ def _timed(setting: Setting) -> str:
     )
 
 
-def _widths(setting: Setting) -> tuple[float, float]:
+def pulse_widths(setting: Setting) -> tuple[float, float]:
     """Return the standard deviations of pulse and electronics [s]."""
     unit = setting.scenario.scanner.lidar
-    return unit.pulse.width * _TO_SIGMA, math.sqrt(math.log(2.0)) / (
-        2.0 * math.pi * unit.photodiode.bandwidth
-    )
+    return unit.pulse.width * TO_SIGMA, math.sqrt(math.log(2.0)) / (2.0 * math.pi * unit.photodiode.bandwidth)
 
 
-def _peak(setting: Setting, R: float, reflectance: float) -> float:
+def echo_peak(setting: Setting, R: float, reflectance: float) -> float:
     """Return the peak current of an echo [A]: eq 19 for the pulse, its spread by the electronics, and the avalanche."""
     scanner, closed = setting.scenario.scanner, Closed(setting.scenario)
-    pulse, response = _widths(setting)
+    pulse, response = pulse_widths(setting)
     unit = scanner.lidar
     energy = unit.pulse.pulse_energy * closed.peak_transmission * closed.passed(0.0)
     collected = energy * reflectance * scanner.receiver.aperture**2 / (4.0 * R**2)
@@ -68,7 +62,7 @@ def _peak(setting: Setting, R: float, reflectance: float) -> float:
     return height * unit.photodiode.gain * unit.photodiode.responsivity
 
 
-def _noise(setting: Setting) -> tuple[float, float]:
+def dark_noise(setting: Setting) -> tuple[float, float]:
     """Return σ of the noise in the dark [A] without shot noise, and the share of its variance that is white."""
     unit = setting.scenario.scanner.lidar
     diode, clock = unit.photodiode, unit.digitiser
@@ -81,7 +75,7 @@ def _noise(setting: Setting) -> tuple[float, float]:
 
 def _recorded(setting: Setting, R: float) -> bool:
     near, far = setting.scenario.scanner.lidar.digitiser.gate
-    margin = SPEED_OF_LIGHT * math.hypot(*_widths(setting)) * 2.0
+    margin = SPEED_OF_LIGHT * math.hypot(*pulse_widths(setting)) * 2.0
     return near + margin < R < far - margin
 
 
@@ -90,20 +84,20 @@ def _echoes(setting: Setting) -> dict[str, tuple[float, float]]:
 
     The plate stands in the middle of the ranges, and is as grey as the echo asks for.
     """
-    sigma, _ = _noise(setting)
-    R = _range(setting)
+    sigma, _ = dark_noise(setting)
+    R = echo_range(setting)
     if not sigma or R is None:
         return {}
     limit = setting.scenario.scanner.lidar.photodiode.saturation
     found = {}
     for ratio in _SNR:
-        grey = ratio * sigma / _peak(setting, R, 1.0)
+        grey = ratio * sigma / echo_peak(setting, R, 1.0)
         if grey <= 1.0 and ratio * sigma < 0.8 * limit:
             found[f"echo of {ratio:g} times the noise, {R:.4g} m"] = R, grey
     return found
 
 
-def _range(setting: Setting) -> float | None:
+def echo_range(setting: Setting) -> float | None:
     """Return the target's range next to the middle that the digitiser records; None where there is none."""
     kept = [R for R in setting.flat.ranges if _recorded(setting, R)]
     return kept[len(kept) // 2] if kept else None
@@ -116,7 +110,7 @@ def _near(setting: Setting, R: float) -> Iterator[float]:
         yield R + float(place) * step
 
 
-def _silent(setting: Setting, *on: str, **timing: Any) -> dict[str, Any]:
+def silent(setting: Setting, *on: str, **timing: Any) -> dict[str, Any]:
     """Return the changes of the scenario that leave the named imperfections of the receiver only."""
     scenario = setting.scenario
     unit, still = scenario.scanner.lidar, scenario.scanner.mirrors.still()
@@ -133,7 +127,7 @@ def _silent(setting: Setting, *on: str, **timing: Any) -> dict[str, Any]:
     }
 
 
-def _errors(
+def plate_errors(
     setting: Setting, R: float, reflectance: float, seed: int, shots: int, made: dict[str, Any]
 ) -> Array:
     """Return errors of the range [mm] on plates at even places between two samples, shape (places, shots).
@@ -161,20 +155,21 @@ def _errors(
 
 def _scatter(setting: Setting, number: int, *on: str) -> dict[str, Measured]:
     told = {}
-    made = _silent(setting, *on, timing="matched_filter", echo="strongest")
+    made = silent(setting, *on, timing="matched_filter", echo="strongest")
     for step, (case, (R, grey)) in enumerate(_echoes(setting).items()):
         groups = [
-            _errors(setting, R, grey, seed, setting.shots(4000), made) for seed in setting.seed(number, step)
+            plate_errors(setting, R, grey, seed, setting.shots(4000), made)
+            for seed in setting.seed(number, step)
         ]
         told[case] = spread_of(np.concatenate(groups))
     return told
 
 
 def _measure_bias(setting: Setting) -> dict[str, Measured]:
-    made, told = _silent(setting, "amplifier", "quantisation", timing="matched_filter", echo="strongest"), {}
+    made, told = silent(setting, "amplifier", "quantisation", timing="matched_filter", echo="strongest"), {}
     for step, (case, (R, grey)) in enumerate(_echoes(setting).items()):
         errors = [
-            _errors(setting, R, grey, seed, setting.shots(2000), made) for seed in setting.seed(17, step)
+            plate_errors(setting, R, grey, seed, setting.shots(2000), made) for seed in setting.seed(17, step)
         ]
         told[case] = mean_of(np.concatenate(errors).ravel())
     return told
@@ -190,10 +185,12 @@ def _predict_bias(setting: Setting) -> dict[str, Predicted]:
 
 def _bound(setting: Setting, R: float, reflectance: float) -> float:
     """Return the bound on σ of the range [mm], root mean square over the places between two samples."""
-    sigma, white = _noise(setting)
+    sigma, white = dark_noise(setting)
     step = 1.0 / setting.scenario.scanner.lidar.digitiser.rate
     bounds = [
-        judge.coloured_noise_bound(*_widths(setting), step, _peak(setting, where, reflectance) / sigma, white)
+        judge.coloured_noise_bound(
+            *pulse_widths(setting), step, echo_peak(setting, where, reflectance) / sigma, white
+        )
         for where in _near(setting, R)
     ]
     return 0.5e3 * SPEED_OF_LIGHT * math.sqrt(float(np.mean(np.square(bounds))))
@@ -211,7 +208,7 @@ def _clocked(setting: Setting) -> str:
     unit = setting.scenario.scanner.lidar
     if not unit.photodiode.noise.clock or not unit.digitiser.jitter:
         return "the clock has no jitter"
-    return _timed(setting)
+    return timed(setting)
 
 
 def _predict_floor(setting: Setting) -> dict[str, Predicted]:
@@ -224,75 +221,6 @@ def _predict_floor(setting: Setting) -> dict[str, Predicted]:
     return told
 
 
-def _walks(setting: Setting) -> str:
-    reason = _timed(setting)
-    if reason:
-        return reason
-    if _walk_level(setting) < 10.0 * _noise(setting)[0]:
-        return "the level would lie within the noise at this range"
-    return ""
-
-
-def _walk_range(setting: Setting) -> float:
-    R = _range(setting)
-    assert R is not None
-    return R
-
-
-def _walk_level(setting: Setting) -> float:
-    """Return the level [A] that the strongest echo exceeds by the largest ratio, below the amplifier's saturation."""
-    strongest = min(
-        _peak(setting, _walk_range(setting), 1.0), 0.5 * setting.scenario.scanner.lidar.photodiode.saturation
-    )
-    return strongest / _RATIOS[-1]
-
-
-def _walk_reflectance(setting: Setting, ratio: float) -> float:
-    """Return the reflectance of a plate whose echo has a ratio of peak to level."""
-    return ratio * _walk_level(setting) / _peak(setting, _walk_range(setting), 1.0)
-
-
-def _measure_walk(setting: Setting) -> dict[str, Measured]:
-    made = _silent(
-        setting, "amplifier", timing="leading_edge", level=_walk_level(setting), walk_correction=False
-    )
-    means = {}
-    for number, ratio in enumerate(_RATIOS):
-        R, grey, shots = _walk_range(setting), _walk_reflectance(setting, ratio), setting.shots(2000)
-        errors = [_errors(setting, R, grey, seed, shots, made) for seed in setting.seed(13, number)]
-        # Each place has a systematic error of its own: the mean over the places is what the law is about.
-        found = [mean_of(values) for values in np.concatenate(errors)]
-        error = math.sqrt(sum(part.error**2 for part in found)) / len(found)
-        means[ratio] = Measured(
-            "mean", float(np.mean([part.value for part in found])), error, found[0].freedom
-        )
-    first = means[_RATIOS[0]]
-    return {
-        f"peak {ratio:g} times the level": Measured(
-            "mean",
-            first.value - means[ratio].value,
-            math.hypot(first.error, means[ratio].error),
-            first.freedom,
-        )
-        for ratio in _RATIOS[1:]
-    }
-
-
-def _predict_walk(setting: Setting) -> dict[str, Predicted]:
-    width = math.hypot(*_widths(setting))
-    step = 1.0 / setting.scenario.scanner.lidar.digitiser.rate
-    crossings = {ratio: sampled_crossing(width, step, ratio) for ratio in _RATIOS}
-    return {
-        f"peak {ratio:g} times the level": Predicted(
-            "nearer by",
-            "mm",
-            0.5e3 * SPEED_OF_LIGHT * (crossings[ratio] - crossings[_RATIOS[0]]),
-            _WALK,
-        )
-        for ratio in _RATIOS[1:]
-    }
-
-
 TOF_BOUND = Law(
     "tof_bound",
     "The matched filter reaches the bound on the delay",
@@ -300,7 +228,7 @@ TOF_BOUND = Law(
     "σ_R = c/2 times the Cramér–Rao bound of a Gaussian pulse of unknown height in the amplifier's coloured noise and "
     "the converter's white one. No shot noise, no clock.",
     "target",
-    _timed,
+    timed,
     lambda setting: _scatter(setting, 11, "amplifier", "quantisation"),
     _predict_bound,
 )
@@ -310,7 +238,7 @@ TOF_RANGE = Law(
     "R = c t/2",
     "The mean of (estimate − truth) is 0 for the matched filter. Amplifier and converter noise, no clock.",
     "target",
-    _timed,
+    timed,
     _measure_bias,
     _predict_bias,
 )
@@ -323,16 +251,4 @@ TOF_SIGMA = Law(
     _clocked,
     lambda setting: _scatter(setting, 12, "amplifier", "quantisation", "clock"),
     _predict_floor,
-)
-TOF_WALK = Law(
-    "tof_walk",
-    "Walk of a fixed level",
-    "Gaussian pulse: √(2 ln ratio) standard deviations before its peak",
-    "A pulse of 4, 8 or 16 times the level seems nearer than one of twice the level by c/2 σ (√(2 ln ratio) − "
-    "√(2 ln 2)), with the width of the pulse behind the electronics, and a little more where samples are coarse. "
-    "Leading edge without correction, amplifier noise alone.",
-    "target",
-    _walks,
-    _measure_walk,
-    _predict_walk,
 )
