@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.encoders import reading_normals, readings
 from scanner_sim.pattern_windows import Windows
-from scanner_sim.ranging.ranges import Deflections, layers_of
+from scanner_sim.ranging.ranges import Deflections, finished_layers, layers_of
 from scanner_sim.scan.raster import Aim
-from scanner_sim.workbench import Workbench, finished_layers
+from scanner_sim.workbench import Workbench
 
 Array = NDArray[np.float64]
 
@@ -131,11 +131,14 @@ class PatternBench:
         return _joined(numbers, np.float32), _joined(integers, np.uint32)
 
     @cached_property
-    def _beamlets(self) -> Any:
-        from scanner_sim.render.pattern import pattern_beamlets
+    def _beamlets(self) -> tuple[Any, Any]:
+        """The chief ray and the beamlets of every shot, on the device."""
+        from scanner_sim.render.pattern import chief_beamlet
+        from scanner_sim.render.swept_beamlets import SweptTables
         from scanner_sim.render.transport import BeamletTables
 
-        return BeamletTables.of(pattern_beamlets(self.bench.scenario.transport.pattern_beamlets))
+        count = self.bench.scenario.transport.pattern_beamlets
+        return BeamletTables.of(chief_beamlet()), SweptTables.of(count)
 
     @cached_property
     def _reads(self) -> list[Any]:
@@ -201,7 +204,7 @@ class PatternBench:
             number, theta + error[0], phi + error[1], travel_theta, travel_phi, synchronisation, poses
         )
         dr.eval(shots, aimed, error, seen, read)
-        truth, light = pattern_light(bench.loaded, bench.optics, self._beamlets, shots)
+        truth, light = pattern_light(bench.loaded, bench.optics, *self._beamlets, shots)
         panorama = None if self.windows is None else self.windows.panorama(window)
         incident, _, peaks = bench.sense(light, shots, truth.distance, aimed, panorama, whole=True)
         budget = incident.link_budget()

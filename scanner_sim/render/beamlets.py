@@ -118,14 +118,19 @@ def edge_beamlets(count: int) -> Beamlets:
     radius = np.sqrt(-2.0 * np.log1p(-(index + 0.5) / count))
     angle = 2.0 * np.pi * _GOLDEN * index
     nodes = _whitened(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
-    width = min(0.5, 2.0 / math.sqrt(count))
+    width = edge_width(count)
     order = _neighbours_first(nodes)
     scaled, weights = math.sqrt(1.0 - width**2) * nodes[order], np.full(count, 1.0 / count)
     even = np.asarray(((index + 0.5) * _TIME_STEP) % 1.0 - 0.5)[order]
     # The aperture's points are shared out over the beam at rest; rays are traced side by side as the sweep lays them.
     along = _neighbours_first(scaled + _USUAL_SWEEP * np.stack([even, np.zeros(count)], axis=1))
     times = _corrected(even, scaled, weights)
-    return Beamlets(scaled[along], weights, width, _disc_spiral(count)[along], times[along])
+    return Beamlets(scaled[along], weights, width, aperture_spiral(count)[along], times[along])
+
+
+def edge_width(count: int) -> float:
+    """Return the standard deviation of each of ``count`` beamlets spread over the beam, in those of the beam."""
+    return min(0.5, 2.0 / math.sqrt(count))
 
 
 def _opposite_times(nodes: Array, weights: Array) -> Array:
@@ -157,7 +162,7 @@ def _neighbours_first(points: Array) -> NDArray[np.intp]:
     return np.concatenate([half[_neighbours_first(points[half])] for half in halves])
 
 
-def _disc_spiral(count: int) -> Array:
+def aperture_spiral(count: int) -> Array:
     """Return the points of Vogel's spiral over the unit disc, shape (count, 2), in an order unlike the beam's.
 
     Its mean and covariance are those of the disc. Neighbours in the beam get points all over the aperture: the order

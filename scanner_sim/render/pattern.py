@@ -1,11 +1,11 @@
 """The laser's light of a pattern: a fixed number of shots, whose arrays have sizes that no light can change.
 
 A raster sorts its shots by what their beams meet (:mod:`scanner_sim.render.light`) and so has groups of any size. Few
-shots that are wanted again and again are better all followed alike, with the evenly spread beamlets that edges need:
-then the kernels of one pattern are those of every other. A chief ray without light goes first and tells the truth.
+shots that are wanted again and again are better all followed alike, with beamlets that lie evenly across each one's
+sweep (:mod:`scanner_sim.render.swept_beamlets`): then the kernels of one pattern are those of every other. A chief ray
+without light goes first; it tells the truth, and how wide the beam is where it lands.
 
-What that costs: on smooth ground the spiral's fourth moments are not a Gaussian's, and the beamlets are points in the
-choice between two sides of an edge: with k of them the light at an edge errs by about 1/(2k) of its step.
+What that costs: at an edge across the sweep the light errs by up to 1/(2k) of its step, and by more at oblique ones.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
-from scanner_sim.render.beamlets import Beamlets, edge_beamlets
+from scanner_sim.render.beamlets import Beamlets
 from scanner_sim.render.clusters import cluster
 from scanner_sim.render.light import Light, Truth, chief_truth
 from scanner_sim.render.shots import Shots
+from scanner_sim.render.swept_beamlets import SweptBeamlets, SweptTables
 from scanner_sim.render.transport import BeamletTables, Bench, trace_spots
 from scanner_sim.scene.loader import LoadedScene
 
@@ -27,21 +28,14 @@ CLUSTERS = 16
 """Clusters that each shot keeps."""
 
 
-def pattern_beamlets(count: int) -> Beamlets:
-    """Return the beamlets of a pattern's shots: the chief ray, which has no light, and ``count`` for edges."""
-    edge = edge_beamlets(count)
-    chief = np.zeros((1, 2))
-    return Beamlets(
-        nodes=np.concatenate([chief, edge.nodes]),
-        weights=np.concatenate([[0.0], edge.weights]),
-        width=edge.width,
-        aperture=np.concatenate([chief, edge.aperture]),
-        times=np.concatenate([[0.0], edge.times]),
-    )
+def chief_beamlet() -> Beamlets:
+    """Return the beam's axis in the middle of the dwell, which has no light."""
+    nothing = np.zeros((1, 2))
+    return Beamlets(nodes=nothing, weights=nothing[:, 0], width=0.0, aperture=nothing, times=nothing[:, 0])
 
 
 def pattern_light(
-    loaded: LoadedScene, bench: Bench, beamlets: BeamletTables, shots: Shots
+    loaded: LoadedScene, bench: Bench, chief: BeamletTables, tables: SweptTables, shots: Shots
 ) -> tuple[Truth, Light]:
     """Follow the laser's light of a pattern's shots onto the line.
 
@@ -49,8 +43,8 @@ def pattern_light(
     ----------
     loaded, bench
         Scene and optics.
-    beamlets
-        Those of :func:`pattern_beamlets`, on the device.
+    chief, tables
+        :func:`chief_beamlet` and the beamlets, on the device.
     shots
         The n shots with their true deflections.
 
@@ -59,12 +53,13 @@ def pattern_light(
     Truth, Light
         Of all shots, in their order. Light that met several surfaces is not in it.
     """
-    count, spots = dr.width(beamlets.weights), trace_spots(loaded, bench, beamlets, shots)
-    light = spots.power, spots.position, spots.sigma, spots.across, spots.coherence
-    dr.eval(light, spots.distance, spots.shape)
+    axis = trace_spots(loaded, bench, chief, shots)
     index = dr.arange(mi.UInt32, dr.width(shots.theta))
-    chief = index * count
-    truth = chief_truth(loaded, spots.distance, spots.shape, chief)
+    truth = chief_truth(loaded, axis.distance, axis.shape, index)
     dr.eval(truth)
-    clusters: Any = cluster(spots, index, count, CLUSTERS)
+    beamlets = SweptBeamlets.of(tables, bench, shots, truth.distance)
+    dr.eval(beamlets.length, beamlets.cosine, beamlets.sine)
+    spots = trace_spots(loaded, bench, beamlets, shots)
+    dr.eval(spots.power, spots.position, spots.sigma, spots.across, spots.coherence)
+    clusters: Any = cluster(spots, index, beamlets.count, CLUSTERS)
     return truth, Light(index, shots.number, clusters)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -96,6 +96,26 @@ class BeamletTables:
         a, b, c, d, e, f = (mi.Float(values.astype(np.float32)) for values in columns)
         return cls(a, b, c, d, e, f, beamlets.width)
 
+    @property
+    def count(self) -> int:
+        """Number of beamlets."""
+        return int(dr.width(self.weights))
+
+    def drawn(self, beamlet: Any, shot: Any) -> tuple[list[Any], list[Any], Any, Any]:  # noqa: ARG002 (alike in all)
+        """Return nodes, points of the aperture, weights and moments of beamlets, by their numbers."""
+        across, normal, first, second, weight, time = (
+            dr.gather(mi.Float, values, beamlet)
+            for values in (
+                self.across,
+                self.normal,
+                self.stop_across,
+                self.stop_normal,
+                self.weights,
+                self.times,
+            )
+        )
+        return [across, normal], [first, second], weight, time
+
 
 @dataclass
 class Lanes:
@@ -114,29 +134,33 @@ class Lanes:
     time: Any
 
 
-def lanes(beamlets: Beamlets | BeamletTables, shots: Shots) -> Lanes:
+class Split(Protocol):
+    """How the beams of shots are split into ``count`` beamlets of a width each."""
+
+    @property
+    def count(self) -> int:
+        """Number of beamlets of each shot."""
+
+    @property
+    def width(self) -> float:
+        """Standard deviation of each, in those of the beam."""
+
+    def drawn(self, beamlet: Any, shot: Any) -> tuple[list[Any], list[Any], Any, Any]:
+        """Return nodes, points of the aperture, weights and moments of beamlets of shots, by their numbers."""
+
+
+def lanes(beamlets: Beamlets | Split, shots: Shots) -> Lanes:
     """Return the lanes of all beamlets of all shots: neighbours trace alike."""
-    tables = beamlets if isinstance(beamlets, BeamletTables) else BeamletTables.of(beamlets)
-    count = dr.width(tables.weights)
+    split: Split = BeamletTables.of(beamlets) if isinstance(beamlets, Beamlets) else beamlets
+    count = split.count
     lane = dr.arange(mi.UInt32, dr.width(shots.theta) * count)
     shot = lane // count
     beamlet = lane - shot * count
-
-    def of_beamlet(values: Any) -> Any:
-        return dr.gather(mi.Float, values, beamlet)
-
-    return Lanes(
-        shot=shot,
-        beamlet=beamlet,
-        own=shots.some(shot),
-        node=[of_beamlet(tables.across), of_beamlet(tables.normal)],
-        stop=[of_beamlet(tables.stop_across), of_beamlet(tables.stop_normal)],
-        weight=of_beamlet(tables.weights),
-        time=of_beamlet(tables.times),
-    )
+    node, stop, weight, time = split.drawn(beamlet, shot)
+    return Lanes(shot, beamlet, shots.some(shot), node, stop, weight, time)
 
 
-def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets | BeamletTables, shots: Shots) -> Spots:
+def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets | Split, shots: Shots) -> Spots:
     """Return the direct spots of all beamlets of all shots.
 
     Parameters

@@ -128,9 +128,9 @@ def test_light_and_places_are_the_workbench_s(device: Device) -> None:
 
     Set-up: four patterns each on a black disc, a ball and a tilted step before a wall, everything that is random
     switched off. Expected: truth, and which voxels are lit, alike; on the disc, where the light changes and the place
-    does not, signals within the step at its edge. Tolerance: single beamlets of 48 are in or out, 1/48 of the step rms
-    (0.004 found); nine places of ten within 0.005 pixel on disc and ball (0.001 found). Where an edge in depth parts
-    the light in two like halves, another one may win: 2 % of the voxels (0.5 % found).
+    does not, signals within the step at its edge. Tolerance: single beamlets of 96 are in or out, 1/96 of the step rms
+    (0.002 found); nine places of ten within 0.005 pixel on disc and ball (0.001 found). Where an edge in depth parts
+    the light in two like halves, another one may win: 2 % of the voxels (1 % found).
     """
     bench = Workbench(quiet(scenario()), device="cpu")
     fast = PatternBench(bench)
@@ -147,7 +147,7 @@ def test_light_and_places_are_the_workbench_s(device: Device) -> None:
             signals.append((ours["Y"] - theirs["Y"]) / theirs["Y"].max())
             places.append(ours["peak_px"] - theirs["peak_px"])
         if centre == PLACES[0]:
-            assert np.concatenate(signals).std() < 1.0 / 48.0
+            assert np.concatenate(signals).std() < 1.0 / 96.0
         if centre != PLACES[2]:
             assert np.nanquantile(np.abs(np.concatenate(places)), 0.9) < 0.005
     assert differing <= 0.02 * 3 * 4 * POINTS
@@ -157,8 +157,8 @@ def test_random_numbers_are_the_workbench_s(benches: tuple[Workbench, PatternBen
     """Claim: noise, speckle and the mirrors' errors of a shot are those that the workbench draws for it.
 
     Set-up: patterns on the black disc with all noise. Expected: the mirrors' errors and the encoders alike, ranges that
-    differ by the beamlets only. Tolerance: errors 1e-12 rad (float32 sums), ranges a fifth of their σ for nine voxels
-    of ten: other random numbers would differ by 1.4 σ.
+    differ by the beamlets only. Tolerance: errors 1e-12 rad (float32 sums), ranges 0.4 of their σ for nine voxels of
+    ten (0.2 found): with other random numbers it were 2.3.
     """
     bench, fast = benches
     for number in range(3):
@@ -169,7 +169,7 @@ def test_random_numbers_are_the_workbench_s(benches: tuple[Workbench, PatternBen
         both = (ours["status"] == Status.VALID) & (theirs["status"] == Status.VALID)
         assert both.sum() > 0.9 * POINTS
         apart = np.abs(ours["range_m"] - theirs["range_m"])[both] / theirs["sigma_range_m"][both]
-        assert np.quantile(apart, 0.9) < 0.2
+        assert np.quantile(apart, 0.9) < 0.4
 
 
 def test_one_recording_serves_all_patterns(benches: tuple[Workbench, PatternBench]) -> None:

@@ -1,0 +1,134 @@
+"""Beamlets along each shot's own sweep: moments, evenness, and how they are turned."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import ndtr
+
+from scanner_sim.render.beamlets import edge_beamlets, edge_width
+from scanner_sim.render.device import Device
+from scanner_sim.render.swept_beamlets import swept_places
+
+Array = NDArray[np.float64]
+
+LONGEST = 100.0
+
+
+def lengths(rows: int) -> Array:
+    share = np.linspace(0.0, LONGEST / (1.0 + LONGEST), rows)
+    return np.asarray(share / (1.0 - share))
+
+
+def passed(place: Array, length: float, spread: float) -> Array:
+    """Distribution of a Gaussian convolved with a box, by a sum over the box."""
+    steps = (np.arange(2000) + 0.5) / 2000 - 0.5
+    return np.asarray(ndtr((place[:, None] - length * steps) / spread).mean(axis=1))
+
+
+def unevenness(along: Array, across: Array, length: float, spread: float, angle: float) -> float:
+    """Rms error of the light beyond straight edges whose normal stands at an angle to the travel."""
+    place = np.sort(np.cos(angle) * along + np.sin(angle) * across)
+    run = abs(length * np.cos(angle))
+    edges = np.linspace(-1.0, 1.0, 161) * (2.2 + 0.5 * run)
+    share = np.searchsorted(place, edges) / len(place)
+    return float(np.sqrt(np.mean((share - passed(edges, run, spread)) ** 2)))
+
+
+@pytest.mark.parametrize("count", [19, 64, 96])
+def test_moments_are_those_of_the_beam(count: int) -> None:
+    """First and second moments of places and times are exact for every length of travel."""
+    spread = np.sqrt(1.0 - edge_width(count) ** 2)
+    along, times, across = swept_places(count, spread)
+    parts = np.stack([along / spread, across / spread, times * np.sqrt(12.0)])
+    assert np.abs(parts.mean(axis=2)).max() < 1e-9
+    covariance = np.einsum("irk,jrk->rij", parts, parts) / count
+    assert np.abs(covariance - np.eye(3)).max() < 1e-9
+
+
+@pytest.mark.parametrize("count", [64, 96])
+def test_they_lie_evenly_across_the_travel(count: int) -> None:
+    """Edges across the travel err by 1/(2k) at most, but for the exact variance; oblique ones less than a spiral's."""
+    spread = float(np.sqrt(1.0 - edge_width(count) ** 2))
+    along, times, across = swept_places(count, spread)
+    usual = edge_beamlets(count)
+    for wanted in (2.5, 5.0, 8.0):
+        row = int(np.abs(lengths(len(along)) - wanted).argmin())
+        length = float(lengths(len(along))[row])
+        place = np.sort(along[row] + length * times[row])
+        middle = (np.arange(count) + 0.5) / count
+        assert np.abs(passed(place, length, spread) - middle).max() < 0.5 / count
+        ours, theirs = (
+            np.mean(
+                [
+                    unevenness(x + length * t, y, length, spread, angle)
+                    for angle in np.deg2rad(np.arange(-80.0, 81.0, 20.0))
+                ]
+            )
+            for x, t, y in (
+                (along[row], times[row], across[row]),
+                (usual.nodes[:, 0], usual.times, usual.nodes[:, 1]),
+            )
+        )
+        assert ours < 0.85 * theirs
+
+
+def test_they_turn_with_the_travel_and_the_beam(device: Device) -> None:
+    """Where the beam lands, places stretch along the spot's travel, whatever its direction and the beam's twist.
+
+    Place and travel together have even quantiles along the travel; second moments stay those of the beam.
+    """
+    import drjit as dr
+    import mitsuba as mi
+
+    from scanner_sim.optics.filter import peak_transmission
+    from scanner_sim.render.shots import Shots
+    from scanner_sim.render.swept_beamlets import SweptBeamlets, SweptTables
+    from scanner_sim.render.transport import Bench
+    from scanner_sim.scanner import Scanner
+
+    scanner = Scanner()
+    sensor = scanner.position_sensor
+    bench = Bench(
+        scanner.laser,
+        scanner.receiver,
+        scanner.mirrors.axis_separation,
+        peak_transmission(scanner.filter),
+        sensor.pitch,
+        sensor.height,
+        sensor.offset,
+    )
+    count, distance = 64, 10.0
+    right, down = np.array([8e-4, -3e-4, 0.0, 0.0]), np.array([0.0, 5e-4, -6e-4, 0.0])
+    theta = np.zeros(4)
+    shots = Shots(
+        dr.arange(mi.UInt32, 4),
+        mi.Float(theta.astype(np.float32)),
+        mi.Float(theta.astype(np.float32)),
+        mi.Float(right.astype(np.float32)),
+        mi.Float(down.astype(np.float32)),
+    )
+    split = SweptBeamlets.of(SweptTables.of(count), bench, shots, dr.full(mi.Float, distance, 4))
+    lane = dr.arange(mi.UInt32, 4 * count)
+    node, _, weight, time = split.drawn(lane % count, lane // count)
+    a, b = (np.asarray(values.numpy(), dtype=np.float64).reshape(4, count) for values in node)
+    t = np.asarray(time.numpy(), dtype=np.float64).reshape(4, count)
+    assert np.isclose(float(weight[0]) * count, 1.0)
+    laser = scanner.laser
+    twist = np.arctan((distance - laser.waist_distance) / laser.rayleigh_length)
+    sigma = 0.5 * laser.waist_radius / np.cos(twist)
+    # The ruled lines turn places by the twist on their way; the laser stands the mirrors' distance behind φ's axis.
+    x = a * np.cos(twist) - b * np.sin(twist)
+    y = a * np.sin(twist) + b * np.cos(twist)
+    travel = np.stack([distance * right, (distance - bench.axis_separation) * down], axis=1) / sigma
+    spread = float(np.sqrt(1.0 - split.width**2))
+    for shot in range(3):
+        length = float(np.hypot(*travel[shot]))
+        along = (x[shot] * travel[shot, 0] + y[shot] * travel[shot, 1]) / length + length * t[shot]
+        quantiles = passed(np.sort(along), length, spread)
+        assert np.abs(quantiles - (np.arange(count) + 0.5) / count).max() < 0.6 / count
+    moments = np.stack([x, y, t], axis=1)
+    covariance = np.einsum("nik,njk->nij", moments, moments) / count
+    expected = np.diag([spread**2, spread**2, 1.0 / 12.0])
+    assert np.abs(covariance - expected).max() < 2e-3
