@@ -168,9 +168,8 @@ def swept_places(count: int, spread: float) -> tuple[Array, Array, Array]:
 
 def _free(values: Array, other: Array) -> Array:
     """Return rows of values made free of what they share with the rows of others; the means of both are 0."""
-    return (
-        values - (values * other).sum(axis=1, keepdims=True) / (other**2).sum(axis=1, keepdims=True) * other
-    )
+    shared = (values * other).sum(axis=1, keepdims=True) / (other**2).sum(axis=1, keepdims=True)
+    return np.asarray(values - shared * other)
 
 
 def _scaled(values: Array, variance: Array | float) -> Array:

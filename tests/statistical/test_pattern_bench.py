@@ -158,7 +158,7 @@ def test_random_numbers_are_the_workbench_s(benches: tuple[Workbench, PatternBen
 
     Set-up: patterns on the black disc with all noise. Expected: the mirrors' errors and the encoders alike, ranges that
     differ by the beamlets only. Tolerance: errors 1e-12 rad (float32 sums), ranges 0.4 of their σ for nine voxels of
-    ten (0.2 found): with other random numbers it were 2.3.
+    ten (0.2 found): other random numbers would give 2.3.
     """
     bench, fast = benches
     for number in range(3):
