@@ -50,9 +50,7 @@ def write_parquet(path: Path, columns: Columns, about: Mapping[str, Any]) -> Non
     import pyarrow
     import pyarrow.parquet
 
-    table = pyarrow.table(
-        {name: pyarrow.array(values.tolist(), _type(values)) for name, values in columns.items()}
-    )
+    table = pyarrow.table({name: _array(values) for name, values in columns.items()})
     stated = json.dumps(about, ensure_ascii=False, allow_nan=False)
     table = table.replace_schema_metadata({_ABOUT: stated.encode()})
     # Through memory: on a full disk the error is then the operating system's, with its code.
@@ -90,10 +88,12 @@ def _spelt(values: NDArray[Any]) -> list[str]:
     return [str(value) for value in values.tolist()]
 
 
-def _type(values: NDArray[Any]) -> Any:
+def _array(values: NDArray[Any]) -> Any:
     import pyarrow
 
-    return pyarrow.string() if values.dtype == object else pyarrow.from_numpy_dtype(values.dtype)
+    if values.dtype == object:
+        return pyarrow.array(values.tolist(), pyarrow.string())
+    return pyarrow.array(np.ascontiguousarray(values))
 
 
 def texts(values: list[str]) -> NDArray[Any]:
