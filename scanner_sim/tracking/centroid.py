@@ -115,14 +115,17 @@ def edge_points(samples: PatternSamples, response: Response) -> tuple[Array, Mas
     return points, crossing
 
 
-def circle_fit(samples: PatternSamples, response: Response, *, blurred: bool = True) -> Centroid:
+def circle_fit(
+    samples: PatternSamples, response: Response, *, blurred: bool = True, rounds: int | None = None
+) -> Centroid:
     """Return the circle through the crossings of the target's edge (:func:`edge_points`).
 
     Least squares of the distance from the circle, Σ(|x_k − c| − r)², started at the algebraic circle (Kåsa, *IEEE
     Transactions on Instrumentation and Measurement* 25, 1976) and weighed by Huber's function at 2 of the residuals'
     scale, so that a few false edges do not draw it. The covariance is (JᵀWJ)⁻¹ times the residuals' variance, or
     times (0.1 of the points' distance)² where that is more, or (0.29 of it)² for an edge that is not ``blurred``; the
-    misfit is their rms over the radius, squared.
+    misfit is their rms over the radius, squared. Fewer ``rounds``
+    of the adjustment do for what only begins there.
     """
     points, crossing = edge_points(samples, response)
     weight = crossing.astype(np.float64)
@@ -145,7 +148,7 @@ def circle_fit(samples: PatternSamples, response: Response, *, blurred: bool = T
     # A row that has come to rest stays as it is: no result depends on the batch.
     moving = enough
     scale, columns[:, 2] = np.zeros(len(x)), -1.0
-    for _ in range(_ROUNDS):
+    for _ in range(_ROUNDS if rounds is None else rounds):
         away = across - centre[:, :1], down - centre[:, 1:]
         distance = np.maximum(np.sqrt(away[0] ** 2 + away[1] ** 2), 1e-9)
         residual = distance - radius[:, None]

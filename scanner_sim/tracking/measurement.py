@@ -120,7 +120,9 @@ def measure_target(
         shown, light = plane.flattened(samples)
         if not looks.kind.by_range:
             response = replace(response, value=response.value / light)
-    centre = circle_fit(shown, response, blurred=not looks.kind.by_range and shining == 1.0)
+    fits = not looks.kind.by_range and shining == 1.0
+    # Where the disc is fitted, its fit only begins at the circle.
+    centre = circle_fit(shown, response, blurred=fits, rounds=1 if fits else None)
     if not centre.found.all():
         hits = hits if plane is None else hit_centroid(shown, response)
         centre = better_of(centre, hits)
