@@ -165,7 +165,8 @@ def test_the_edge_of_a_shadow_of_the_sun_does_not_capture_the_tracker(laser_off:
     Set-up: a disc at 9 m in sunlight from above; a plate out of the beam throws a shadow whose edges sweep over the
     disc by 1.5 m/s. Expected: what is taken for the target lies within 400 µrad of it, a twelfth of its radius (edges
     on its rim move a centre before they spoil its shape), or within 4 of its σ where that is more, in rough patterns
-    that search; it is measured again within five patterns of the shadow's end; with half of the dwell dark, every pattern but one in fifty is taken, within 60 µrad.
+    that search; it is measured again within five patterns of the shadow's end; with half of the dwell dark, every
+    pattern but one in fifty is taken, within 60 µrad.
     """
     disc = DISC | {"array": {"diameter": 0.1, "plate": 0.6}}
     strip = {"name": "strip", "shape": "rectangle", "size": (0.5, 0.5), "material": "z93_white"}
