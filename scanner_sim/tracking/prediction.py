@@ -14,6 +14,9 @@ Array = NDArray[np.float64]
 
 AXES = 3
 """Θ, φ and R."""
+_PLACE = np.arange(AXES)
+_RATE = _PLACE + AXES
+_WHOLE = np.eye(2 * AXES)
 
 
 class Motion(NamedTuple):
@@ -68,15 +71,15 @@ def predicted(motion: Motion, time: ArrayLike, unrest: ArrayLike) -> Motion:
     """
     when = np.asarray(time, dtype=np.float64)
     step = when - motion.time
-    onward = np.zeros((*step.shape, 2 * AXES, 2 * AXES)) + np.eye(2 * AXES)
+    onward = np.zeros((*step.shape, 2 * AXES, 2 * AXES)) + _WHOLE
     noise = np.zeros_like(onward)
-    for axis, q in enumerate(np.broadcast_to(np.asarray(unrest, dtype=np.float64), AXES)):
-        rate = axis + AXES
-        onward[..., axis, rate] = step
-        noise[..., axis, axis] = q * np.abs(step) ** 3 / 3.0
-        noise[..., axis, rate] = noise[..., rate, axis] = q * step**2 / 2.0
-        noise[..., rate, rate] = q * np.abs(step)
-    mean = np.einsum("...ij,...j->...i", onward, motion.mean)
+    onward[..., _PLACE, _RATE] = step[..., None]
+    size = np.abs(step)[..., None]
+    density = np.broadcast_to(np.asarray(unrest, dtype=np.float64), AXES)
+    noise[..., _PLACE, _PLACE] = density * size**3 / 3.0
+    noise[..., _RATE, _RATE] = density * size
+    noise[..., _PLACE, _RATE] = noise[..., _RATE, _PLACE] = density * size**2 / 2.0
+    mean = (onward @ motion.mean[..., None])[..., 0]
     return Motion(mean, onward @ motion.covariance @ np.swapaxes(onward, -1, -2) + noise, when)
 
 
@@ -87,7 +90,7 @@ def surprise(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Array:
     """
     away = np.asarray(place, dtype=np.float64) - motion.mean[..., :AXES]
     spread = motion.covariance[..., :AXES, :AXES] + np.asarray(covariance, dtype=np.float64)
-    return np.asarray(np.einsum("...i,...i->...", away, np.linalg.solve(spread, away[..., None])[..., 0]))
+    return np.asarray((away * np.linalg.solve(spread, away[..., None])[..., 0]).sum(axis=-1))
 
 
 def updated(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Motion:
@@ -100,6 +103,7 @@ def updated(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Motion:
     spread = motion.covariance[..., :AXES, :AXES] + noise
     gain = np.swapaxes(np.linalg.solve(spread, np.swapaxes(seen, -1, -2)), -1, -2)
     away = np.asarray(place, dtype=np.float64) - motion.mean[..., :AXES]
-    keep = np.eye(2 * AXES) - np.concatenate([gain, np.zeros_like(gain)], axis=-1)
+    keep = np.broadcast_to(_WHOLE, motion.covariance.shape).copy()
+    keep[..., :AXES] -= gain
     whole = keep @ motion.covariance @ np.swapaxes(keep, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
-    return Motion(motion.mean + np.einsum("...ij,...j->...i", gain, away), whole, motion.time)
+    return Motion(motion.mean + (gain @ away[..., None])[..., 0], whole, motion.time)
