@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.integrate import quad
 from scipy.linalg import solve, toeplitz
 from scipy.optimize import brentq
-from scipy.stats import norm
+from scipy.special import ndtr
 
 from scanner_sim.detector.noise_colour import correlation
 from scanner_sim.detector.pulse_response import PulseResponse
@@ -190,10 +190,14 @@ def false_alarm_probability(threshold: float, samples: int, neighbour: float) ->
     width = math.sqrt(max(1.0 - neighbour**2, 1e-12))
 
     def rising(y: float) -> float:
-        return float(norm.pdf(y) * norm.cdf((threshold - neighbour * y) / width))
+        return (
+            math.exp(-0.5 * y * y)
+            * float(ndtr((threshold - neighbour * y) / width))
+            / math.sqrt(2.0 * math.pi)
+        )
 
     upwards, _ = quad(rising, threshold, threshold + 12.0, epsrel=1e-8, epsabs=0.0)
-    return float(-math.expm1(-float(norm.sf(threshold)) - (samples - 1) * upwards))
+    return float(-math.expm1(-float(ndtr(-threshold)) - (samples - 1) * upwards))
 
 
 def threshold_for(false_alarms: float, samples: int, neighbour: float) -> float:
