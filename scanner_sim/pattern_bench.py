@@ -8,9 +8,6 @@ the shots' numbers. What differs is how the beam is split (:mod:`scanner_sim.ren
 
 from __future__ import annotations
 
-import contextlib
-import gc
-from collections.abc import Iterator
 from functools import cached_property
 from typing import Any
 
@@ -23,10 +20,6 @@ from scanner_sim.ranging.ranges import Deflections, finished_layers, layers_of
 from scanner_sim.scan.raster import Aim
 from scanner_sim.workbench import Workbench
 
-Array = NDArray[np.float64]
-
-_ALIGNMENT = 64
-"""Alignment of what is handed to the device [bytes]: Dr.Jit makes a kernel for each alignment that it meets."""
 _LINE = ("signal", "snr", "laser", "window", "window_error", "brightest")
 """What the line sensor's layers are made of, in the order of their arguments."""
 
@@ -71,17 +64,15 @@ class PatternBench:
                 for windows in (self.windows, self.field_windows)
             )
             return self.bench.measure(aim, line=line, field=field)
-        import drjit.auto.ad as auto
-
+        from scanner_sim.render.pattern_shots import packed_shots
         from scanner_sim.render.shots import Pointing
 
-        bench, mirrors = self.bench, self.bench.scenario.scanner.mirrors
+        bench, scanner = self.bench, self.bench.scenario.scanner
+        mirrors, shining = scanner.mirrors, scanner.exposure / scanner.dwell
         still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
-        numbers, integers = self._packed(aim, still)
+        packed = packed_shots(aim, still, mirrors, shining, bench.loaded.bodies)
         window = [] if self.windows is None else self.windows.seen_by(aim)
-        step = self._step(len(aim.shot))
-        with _nothing_collected():
-            truth, found = step(self._reads, auto.Float(numbers), auto.UInt32(integers), window)
+        truth, found = self._step(len(aim.shot))(self._reads, *packed, window)
         status = found.pop("status").numpy()
         values = {name: array.numpy().astype(np.float64) for name, array in found.items()}
         theta, phi = readings(
@@ -104,31 +95,6 @@ class PatternBench:
             values["seen_phi"],
         )
         return finished_layers(layers, ranges, aim, pointing, truth)
-
-    def _packed(self, aim: Aim, still: list[Array]) -> tuple[NDArray[np.float32], NDArray[np.uint32]]:
-        """Return all that changes from pattern to pattern: column after column, each of the pattern's length."""
-        from scanner_sim.render.shots import lattice_place
-        from scanner_sim.scene.loader import packed_poses
-
-        scanner, bodies = self.bench.scenario.scanner, self.bench.loaded.bodies
-        mirrors, shining = scanner.mirrors, scanner.exposure / scanner.dwell
-        numbers: list[NDArray[Any]] = [
-            aim.theta,
-            aim.theta + still[0],
-            aim.phi + still[1],
-            shining * aim.travel_theta,
-            shining * aim.travel_phi,
-        ]
-        integers: list[NDArray[Any]] = [aim.shot]
-        if mirrors.wobble > 0.0:
-            moment = lattice_place(aim.time, mirrors.wobble_time)
-            for angle in (aim.theta, aim.phi):
-                for cell, part in (lattice_place(angle, mirrors.wobble_angle), moment):
-                    integers.append(cell)
-                    numbers.append(part)
-        if bodies:
-            numbers.append(packed_poses([body.item.pose_at(aim.time) for body in bodies]))
-        return _joined(numbers, np.float32), _joined(integers, np.uint32)
 
     @cached_property
     def _beamlets(self) -> tuple[Any, Any]:
@@ -173,40 +139,18 @@ class PatternBench:
         self, numbers: Any, integers: Any, window: list[Any], points: int
     ) -> tuple[Any, dict[str, Any]]:
         """Return truth and measured values of a pattern, Dr.Jit arrays of shape (points,)."""
-        import drjit as dr
-        import drjit.auto.ad as auto
-
         from scanner_sim.render.pattern import pattern_light
-        from scanner_sim.render.shots import Lattice, Shots, drawn_errors
-        from scanner_sim.scene.loader import unpacked_poses
+        from scanner_sim.render.pattern_shots import fired_shots
 
         bench, seed = self.bench, self.bench.scenario.seed
-        mirrors, bodies = bench.scenario.scanner.mirrors, bench.loaded.bodies
-        lane = dr.arange(auto.UInt32, points)
-
-        def columns(kind: Any, packed: Any, first: int, count: int) -> list[Any]:
-            places = (lane + dr.opaque(auto.UInt32, points * (first + number)) for number in range(count))
-            return [dr.gather(kind, packed, place) for place in places]
-
-        aimed, theta, phi, travel_theta, travel_phi = columns(auto.Float, numbers, 0, 5)
-        (number,) = columns(auto.UInt32, integers, 0, 1)
-        mirrors_wobbling = 2 if mirrors.wobble > 0.0 else 0
-        lattices = []
-        for mirror in range(mirrors_wobbling):
-            parts = columns(auto.Float, numbers, 5 + 2 * mirror, 2)
-            cells = columns(auto.UInt32, integers, 1 + 2 * mirror, 2)
-            lattices.append(Lattice(cells[0], parts[0], cells[1], parts[1]))
-        error, seen, synchronisation = drawn_errors(number, lattices, mirrors, seed)
-        read = reading_normals(number, seed)
-        first = points * (5 + 2 * mirrors_wobbling)
-        poses = unpacked_poses(numbers, len(bodies), points, first) if bodies else None
-        shots = Shots(
-            number, theta + error[0], phi + error[1], travel_theta, travel_phi, synchronisation, poses
-        )
-        dr.eval(shots, aimed, error, seen, read)
-        truth, light = pattern_light(bench.loaded, bench.optics, *self._beamlets, shots)
+        mirrors, bodies = bench.scenario.scanner.mirrors, len(bench.loaded.bodies)
+        fired = fired_shots(numbers, integers, points, mirrors, bodies, seed)
+        read = reading_normals(fired.shots.number, seed)
+        truth, light = pattern_light(bench.loaded, bench.optics, *self._beamlets, fired.shots)
         panorama = None if self.windows is None else self.windows.panorama(window)
-        incident, _, peaks = bench.sense(light, shots, truth.distance, aimed, panorama, whole=True)
+        incident, _, peaks = bench.sense(
+            light, fired.shots, truth.distance, fired.aimed, panorama, whole=True
+        )
         budget = incident.link_budget()
         return truth, {
             "status": peaks.status,
@@ -218,32 +162,10 @@ class PatternBench:
             "window": budget.background,
             "window_error": budget.background_error,
             "brightest": budget.brightest,
-            "error_theta": error[0],
-            "error_phi": error[1],
-            "seen_theta": seen[0],
-            "seen_phi": seen[1],
+            "error_theta": fired.error[0],
+            "error_phi": fired.error[1],
+            "seen_theta": fired.seen[0],
+            "seen_phi": fired.seen[1],
             "read_theta": read[0],
             "read_phi": read[1],
         }
-
-
-@contextlib.contextmanager
-def _nothing_collected() -> Iterator[None]:
-    """Keep the collector of garbage away: memory of NumPy that it frees while kernels are recorded ends the process."""
-    running = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if running:
-            gc.enable()
-
-
-def _joined(columns: list[NDArray[Any]], kind: Any) -> NDArray[Any]:
-    """Return columns one after the other, in memory that is aligned and nobody else's."""
-    size = sum(len(column) for column in columns)
-    memory = np.empty(size + _ALIGNMENT // 4, dtype=kind)
-    start = -memory.ctypes.data % _ALIGNMENT // 4
-    joined = memory[start : start + size]
-    np.concatenate(columns, out=joined, casting="same_kind")
-    return joined

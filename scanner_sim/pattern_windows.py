@@ -153,11 +153,9 @@ class Windows:
 
     @cached_property
     def _heights(self) -> Any:
-        import drjit.auto.ad as auto
-
         from scanner_sim.render.view import window_heights
 
-        return auto.Float(window_heights(self._optics, self.row_step).astype(np.float32))
+        return window_heights(self._optics, self.row_step)
 
     @cached_property
     def _light(self) -> Any:
@@ -168,8 +166,7 @@ class Windows:
     def _rendered(
         self, first: int, bins: int, first_row: int, rows: int, slot: int, halvings: int
     ) -> list[Any]:
-        import drjit as dr
-        import drjit.auto.ad as auto
+        from scanner_sim.render.view import window_place
 
         loaded = self._bench.loaded
         reads = [
@@ -181,10 +178,9 @@ class Windows:
             self._light,
             self._heights,
         ]
-        place = [dr.opaque(auto.Float, first * self.step), dr.opaque(auto.Float, first_row * self.row_step)]
+        place = window_place(first * self.step, first_row * self.row_step, rows, bins)
         poses = loaded.poses_at((slot + 0.5) * _BLOCK / 2**halvings) if loaded.bodies else ()
-        layers = self._renderer(rows, bins)(reads, place, poses)
-        return [*place, dr.opaque(auto.UInt32, rows), dr.opaque(auto.UInt32, bins), *layers]
+        return [*place, *self._renderer(rows, bins)(reads, place[:2], poses)]
 
     def _renderer(self, rows: int, bins: int) -> Callable[..., list[Any]]:
         """Return the frozen kernels that render windows of a size."""

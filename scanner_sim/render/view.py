@@ -111,13 +111,20 @@ class Window:
         return dr.clip(at, 0.0, mi.Float(self.rows) - 1.0)
 
 
-def window_heights(bench: Bench, row_step: float) -> NDArray[np.float64]:
-    """Return the quantiles of a pixel's height [m] for rows a step [rad] apart, between which one interpolates.
+def window_place(first: float, phi: float, rows: int, bins: int) -> list[Any]:
+    """Return first angle, first φ [rad], rows and bins of a :class:`Window` as opaque Dr.Jit numbers."""
+    angles = (dr.opaque(mi.Float, value) for value in (first, phi))
+    return [*angles, *(dr.opaque(mi.UInt32, value) for value in (rows, bins))]
+
+
+def window_heights(bench: Bench, row_step: float) -> Any:
+    """Return the quantiles of a pixel's height [m] for rows a step [rad] apart, between which one interpolates, Dr.Jit.
 
     h²/12 less (f δ)²/6, as a height: for steps up to 0.6 of a pixel's height, h/f.
     """
     spread = (bench.receiver.focal_length * row_step) ** 2
-    return height_quantiles(math.sqrt(max(bench.height**2 - 2.0 * spread, 0.0)), bench.receiver.point_spread)
+    height = math.sqrt(max(bench.height**2 - 2.0 * spread, 0.0))
+    return mi.Float(height_quantiles(height, bench.receiver.point_spread).astype(np.float32))
 
 
 def panorama_view(

@@ -38,6 +38,7 @@ WHOLE = (
     "simulate",
     "photo",
     "sweep",
+    "pattern_windows",
     "pattern_bench",
     "track_state",
     "track_voxels",
