@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -36,6 +37,8 @@ scene:
       position: [0 m, 0 m, 10 m]
 scan: {{type: track, duration: {1}, targets: [array]}}
 """
+_ENOUGH = 0.5
+"""Share of the sightings that must have a range for a closed form to be of use."""
 _WORDS = {
     "t_x": "lateral, x",
     "t_y": "lateral, y",
@@ -218,6 +221,8 @@ def _exponent(item: Exponent) -> Row:
 def _closed(row: PoseRow, pool: TargetErrors, points: Array) -> float:
     """Return the closed form of one component, with the scatter of single targets at that range."""
     ranged = 3 if row.ranging == "tof" else 2
+    if pool.found[ranged] < _ENOUGH:
+        return math.nan
     common = pool.common[[0, 1, ranged]]
     alone = np.sqrt(np.maximum(pool.scatter[[0, 1, ranged]] ** 2 - common**2, 1e-18))
     errors = facing_errors(
