@@ -102,12 +102,13 @@ def measure_target(
     Measurement
         Flat targets are looked at in their own plane (:mod:`~scanner_sim.tracking.plane`), whose tilt the ranges tell:
         under 15° a disc looks narrower by 3 %, ten σ of its radius, and the pattern's few crossings of the rim would
-        take that for a place. Centre of the disc fit with a free radius, or the mean of hits where that fails. For
-        targets that their range tells it is that of the circle, since their values at the edge do not say how much of
-        the spot is on it, and also for light with gaps (``shining`` below 1) of which too few voxels are partly on the
-        target. The range is that of the plane R cos δ = R₀ + g·δ, δ = angles − centre, through the voxels on the target
-        (for holes: around it; for black discs both) at the centre, weighed by 1/σ_R²: a flat target in space, to the
-        second order in δ but for its tilt's. A sphere's voxels are carried to its middle first.
+        take that for a place. Centre of the disc fit with a free radius, or the mean of hits where that fails. It is
+        that of the circle for targets whose values at the edge do not say how much of the spot is on them: those that
+        their range tells, and retro-reflectors, whose light is clipped; also for light with gaps (``shining`` below 1)
+        of which too few voxels are partly on the target. The range is that of the plane R cos δ = R₀ + g·δ, δ = angles
+        − centre, through the voxels on the target (for holes: around it; for black and retro-reflective discs both) at
+        the centre, weighed by 1/σ_R²: a flat target in space, to the second order in δ but for its tilt's. A sphere's
+        voxels are carried to its middle first.
     """
     middle = np.broadcast_to(np.asarray(expected_range, dtype=np.float64), (len(samples.theta),))
     response = target_response(
@@ -120,13 +121,14 @@ def measure_target(
         shown, light = plane.flattened(samples)
         if not looks.kind.by_range:
             response = replace(response, value=response.value / light)
-    fits = not looks.kind.by_range and shining == 1.0
+    graded = not looks.kind.by_range and looks.kind is not TargetKind.RETRO
+    fits = graded and shining == 1.0
     # Where the disc is fitted, its fit only begins at the circle.
     centre = circle_fit(shown, response, blurred=fits, rounds=1 if fits else None)
     if not centre.found.all():
         hits = hits if plane is None else hit_centroid(shown, response)
         centre = better_of(centre, hits)
-    if not looks.kind.by_range:
+    if graded:
         wider = 1.0 if plane is None else plane.stretch
         error = np.asarray(pointing) * np.reshape(wider, (-1, 1))
         fitted = disc_fit(
@@ -190,6 +192,16 @@ def _plane_of(
     )
 
 
+def _plain(response: Response) -> Mask:
+    """Return the voxels beside a retro-reflector that none of its light reaches, or all where there are too few.
+
+    A little of it on a dull ground outshines that, and its place in the spot moves the range.
+    """
+    level = response.ground[:, None]
+    plain = response.used & ~response.hit & (np.abs(response.value - level) < 0.5 * np.abs(level))
+    return np.where(plain.sum(axis=1, keepdims=True) >= _FEWEST_PARTLY, plain, response.used)
+
+
 def _ranges(
     samples: PatternSamples, response: Response, looks: TargetLooks, centre: Centroid
 ) -> tuple[Array, Array, Mask]:
@@ -198,6 +210,8 @@ def _ranges(
     Shapes (patterns, 3), of which the second and third are per radius along Θ and φ, (patterns,) and (patterns,).
     """
     part = {TargetKind.BLACK: response.used, TargetKind.HOLE: response.used & ~response.hit}
+    if looks.kind is TargetKind.RETRO:
+        part[TargetKind.RETRO] = _plain(response)
     chosen = part.get(looks.kind, response.hit) & samples.valid & centre.found[:, None]
     about = np.where(centre.found[:, None], centre.centre, 0.0)
     angles = samples.theta - about[:, :1], samples.phi - about[:, 1:]

@@ -109,7 +109,8 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
         value = np.where(nothing | ~np.isfinite(samples.signal), 0.0, samples.signal)
         known = np.where(inside, samples.sigma_signal, np.nan)
         if kind is TargetKind.RETRO:
-            used |= samples.status == Status.SATURATED
+            # So bright that it is refused elsewhere, or beyond what the sensor holds.
+            used |= (samples.status == Status.SATURATED) | (samples.status == Status.BAD_AMPLITUDE)
     # What was not measured is as uncertain as the rest of its pattern is at most.
     count = np.isfinite(known)
     most = np.max(np.where(count, known, 0.0), axis=1, keepdims=True)
