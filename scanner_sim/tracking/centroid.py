@@ -124,8 +124,7 @@ def circle_fit(
     Transactions on Instrumentation and Measurement* 25, 1976) and weighed by Huber's function at 2 of the residuals'
     scale, so that a few false edges do not draw it. The covariance is (JᵀWJ)⁻¹ times the residuals' variance, or
     times (0.1 of the points' distance)² where that is more, or (0.29 of it)² for an edge that is not ``blurred``; the
-    misfit is their rms over the radius, squared. Fewer ``rounds``
-    of the adjustment do for what only begins there.
+    misfit is their rms over the radius, squared. Fewer ``rounds`` of the adjustment do for what only begins there.
     """
     points, crossing = edge_points(samples, response)
     weight = crossing.astype(np.float64)

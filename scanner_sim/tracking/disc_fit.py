@@ -16,8 +16,8 @@ _ROUNDS = 12
 """Steps of the adjustment; from a circle or a mean of hits six do."""
 _MOST = 0.3
 """Largest step of centre and radius in one round, over the radius."""
-_AT_REST = 5e-4
-"""Step, over radius and amplitude, with which a fit comes to rest: what a further one would do is far smaller."""
+_AT_REST = 1e-3
+"""Step, over radius and amplitude, with which a fit comes to rest: the next is a tenth of it, far below any σ."""
 _SHORTEST = 1e-3
 """Travel over spot below which the mean along it is taken as the value in its middle."""
 _ROOT_PI = float(np.sqrt(2.0 * np.pi))
@@ -68,8 +68,10 @@ def disc_fit(
     travel = shining * rise_per_point(theta), shining * rise_per_point(phi)
     usable = response.clear & start.found
     rows = len(usable)
-    centre = np.where(usable[:, None], start.centre, np.stack([theta.mean(axis=1), phi.mean(axis=1)], axis=1))
-    size = np.where(usable, start.radius, 1.0)
+    centre, size = start.centre, start.radius
+    if not usable.all():
+        middle = np.stack([theta.mean(axis=1), phi.mean(axis=1)], axis=1)
+        centre, size = np.where(usable[:, None], centre, middle), np.where(usable, size, 1.0)
     blur = np.broadcast_to(np.asarray(spot, dtype=np.float64), (rows,))
     weight = np.where(response.used, 1.0 / response.sigma**2, 0.0)
     prior = np.zeros(rows)
