@@ -97,30 +97,40 @@ def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: 
     Returns
     -------
     TargetPlane
-        Spanned by ∂X/∂Θ + (∂R/∂Θ) ∂X/∂R and the like for φ, with X(Θ, φ, R) of eq 3.
+        Spanned by ∂X/∂Θ + (∂R/∂Θ) ∂X/∂R and the like for φ, with X(Θ, φ, R) of eq 3: in the axes of the deflected
+        optics (across the beam, normal to the triangulation, along the beam) these are (R, 0, ∂R/∂Θ) and
+        (0, R cosΘ − D_g, ∂R/∂φ).
     """
-    flat = np.where((np.hypot(*slope.T) < _STEEPEST * distance)[:, None], slope, 0.0)
-    origin, along = (np.stack(parts, axis=1) for parts in _beam(centre[:, 0], centre[:, 1], axis_separation))
-    sine, cosine = np.sin(centre), np.cos(centre)
-    by_theta = np.stack([cosine[:, 0], -sine[:, 0] * sine[:, 1], -sine[:, 0] * cosine[:, 1]], axis=1)
-    by_phi = np.stack([np.zeros(len(centre)), cosine[:, 1], -sine[:, 1]], axis=1)
-    reach = distance * cosine[:, 0] - axis_separation
-    first = distance[:, None] * by_theta + flat[:, :1] * along
-    second = reach[:, None] * by_phi + flat[:, 1:] * along
-    normal = _cross(first, second)
-    normal /= np.sqrt((normal**2).sum(axis=1))[:, None]
-    across = first / np.sqrt((first**2).sum(axis=1))[:, None]
-    down = _cross(normal, across)
-    change = np.stack(
-        [[(axis * edge).sum(axis=1) / distance for edge in (first, second)] for axis in (across, down)]
+    g, h = (np.where(np.hypot(*slope.T) < _STEEPEST * distance, rise, 0.0) for rise in slope.T)
+    (sine, sine_phi), (cosine, cosine_phi) = np.sin(centre).T, np.cos(centre).T
+    reach = distance * cosine - axis_separation
+    side, up = (
+        np.sqrt(distance**2 + g**2),
+        np.sqrt((g * reach) ** 2 + (distance * h) ** 2 + (distance * reach) ** 2),
     )
+    right, forth = distance / side, g / side
+    normal = -g * reach / up, -distance * h / up, distance * reach / up
+    down = normal[1] * forth, normal[2] * right - normal[0] * forth, -normal[1] * right
+    axes = np.empty((len(centre), 3, 3))
+    axes[:, 0, 0], axes[:, 0, 1], axes[:, 0, 2] = cosine, -sine * sine_phi, -sine * cosine_phi
+    axes[:, 1, 0], axes[:, 1, 1], axes[:, 1, 2] = 0.0, cosine_phi, -sine_phi
+    axes[:, 2, 0], axes[:, 2, 1], axes[:, 2, 2] = sine, cosine * sine_phi, cosine * cosine_phi
+    edges, point = np.zeros((len(centre), 2, 3)), distance[:, None] * axes[:, 2]
+    edges[:, 0, 0], edges[:, 0, 2] = right, forth
+    edges[:, 1, 0], edges[:, 1, 1], edges[:, 1, 2] = down
+    point[:, 1] -= axis_separation * sine_phi
+    point[:, 2] += axis_separation * (1.0 - cosine_phi)
+    change = np.zeros((len(centre), 2, 2))
+    change[:, 0, 0], change[:, 0, 1] = side / distance, g * h / (side * distance)
+    change[:, 1, 1] = (reach * down[1] + h * down[2]) / distance
+    spanned = edges @ axes
     return TargetPlane(
-        point=origin + distance[:, None] * along,
-        across=across,
-        down=down,
+        point=point,
+        across=spanned[:, 0],
+        down=spanned[:, 1],
         distance=distance,
-        change=np.ascontiguousarray(change.transpose(2, 0, 1)),
-        stretch=1.0 / np.sqrt(np.abs((normal * along).sum(axis=1))),
+        change=change,
+        stretch=1.0 / np.sqrt(normal[2]),
         axis_separation=axis_separation,
     )
 
