@@ -20,7 +20,7 @@ from scanner_sim.track_records import NOTHING, Recorder
 from scanner_sim.track_state import TrackerState, first_state, load_state, save_state
 from scanner_sim.track_voxels import Eye
 from scanner_sim.tracking.record import PatternRecord
-from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, command, init, step
+from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advanced, command, init
 from scanner_sim.workbench import Workbench
 
 MOST_VISITS = 2**25
@@ -180,7 +180,7 @@ class Tracker:
             visiting=self.scan.visiting,
         )
         samples, seen = self._eye.see(target, order, motion, state.visits)
-        after, _ = step(track, seen, self.scan.tracker, target.looks.diameter, mirrors.time)
+        after = advanced(track, seen, self.scan.tracker, target.looks.diameter, mirrors.time)
         limited = motion.limited
         record = self._recorder.record(state.visits, target, order, after, samples, seen, limited)
         # A pattern that began late because the mirrors needed longer moves all that follow.
@@ -246,7 +246,7 @@ class Tracker:
         It takes no time, so that the others lose none; only where none is in view a period goes by.
         """
         target = self.targets[index]
-        after, _ = step(state.tracks[index], NOTHING, self.scan.tracker, target.looks.diameter, middle)
+        after = advanced(state.tracks[index], NOTHING, self.scan.tracker, target.looks.diameter, middle)
         followed = sum(state.followed)
         waiting = state.skipped + 1 >= followed
         record = self._recorder.out_of_view(state.visits, target, order, after, middle)

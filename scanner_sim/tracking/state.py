@@ -184,18 +184,38 @@ def step(
         A measurement counts as the target where it is seen, has its size and shape and, once the target moves steadily,
         lies where the prediction allows: all else, shadows' edges and glints above all, moves nothing.
     """
-    refusal = _refusal(state, measurement, settings, diameter, row)
-    counted = replace(state, patterns=state.patterns + 1, refusal=refusal)
-    if refusal is Refusal.NONE:
-        after = _taken(counted, measurement, settings, row)
-    else:
-        after = _missed(counted, settings, measurement_time=next_time)
+    after = advanced(state, measurement, settings, diameter, next_time, row)
     return after, command(after, settings, diameter, next_time)
 
 
+def advanced(
+    state: TrackState,
+    measurement: Measurement,
+    settings: TrackerSettings,
+    diameter: float,
+    next_time: float,
+    row: int = 0,
+) -> TrackState:
+    """Return the state after a pattern alone: :func:`step` for those who ask for the next pattern when it begins."""
+    ahead = None
+    if measurement.found[row] and state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE):
+        ahead = predicted(state.motion, float(measurement.time[row]), _unrest(settings))
+    refusal = _refusal(state, measurement, settings, diameter, ahead, row)
+    counted = replace(state, patterns=state.patterns + 1, refusal=refusal)
+    if refusal is Refusal.NONE:
+        return _taken(counted, measurement, settings, ahead, row)
+    return _missed(counted, settings, measurement_time=next_time)
+
+
 def _refusal(
-    state: TrackState, measurement: Measurement, settings: TrackerSettings, diameter: float, row: int
+    state: TrackState,
+    measurement: Measurement,
+    settings: TrackerSettings,
+    diameter: float,
+    ahead: Motion | None,
+    row: int,
 ) -> Refusal:
+    """Return why a measurement is not the target's; ``ahead`` is the prediction for its time, where there is one."""
     if not measurement.found[row]:
         return Refusal.NOT_SEEN
     place, covariance = measurement.place[row], measurement.covariance[row]
@@ -208,20 +228,19 @@ def _refusal(
     loose = float(np.sqrt(np.trace(covariance[:2, :2]))) > 0.5 * expected
     if loose or misfit > settings.misfit or (np.isnan(misfit) and state.mode is TrackMode.TRACK):
         return Refusal.SHAPE
-    if state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE):
-        ahead = predicted(state.motion, float(measurement.time[row]), _unrest(settings))
-        if float(surprise(ahead, place, covariance)) > _gate(settings.chance):
-            return Refusal.PLACE
+    if ahead is not None and float(surprise(ahead, place, covariance)) > _gate(settings.chance):
+        return Refusal.PLACE
     return Refusal.NONE
 
 
-def _taken(state: TrackState, measurement: Measurement, settings: TrackerSettings, row: int) -> TrackState:
+def _taken(
+    state: TrackState, measurement: Measurement, settings: TrackerSettings, ahead: Motion | None, row: int
+) -> TrackState:
     """Return the state after the target was seen."""
     place, covariance = measurement.place[row], measurement.covariance[row]
     time = float(measurement.time[row])
-    if state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE):
-        motion = updated(predicted(state.motion, time, _unrest(settings)), place, covariance)
-        seen = state.seen + 1
+    if ahead is not None:
+        motion, seen = updated(ahead, place, covariance), state.seen + 1
     else:
         motion, seen = begun(place, covariance, _rates(settings), time), 1
     mode = TrackMode.TRACK if seen >= settings.acquire_patterns else TrackMode.ACQUIRE
