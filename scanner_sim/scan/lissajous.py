@@ -106,13 +106,13 @@ def figures(pattern: LissajousPattern, number: ArrayLike, centre: ArrayLike) -> 
     sign = np.where(pattern.inversion & (count % 2 == 1), -1.0, 1.0)
     even = np.modf(0.5 + pair[:, None] * np.array([_FIRST, _SECOND, _THIRD]))[0]
     size = pattern.amplitude * np.array([1.0, pattern.aspect])
-    phase = np.tile(np.asarray(pattern.phases, dtype=np.float64), (len(count), 1))
+    phase = np.zeros((len(count), 2)) + np.asarray(pattern.phases, dtype=np.float64)
     phase[:, 0] += pattern.dither_phase * (2.0 * even[:, 2] - 1.0)
     if pattern.dither_sampling:
         step = 2.0 * math.pi / pattern.points * np.array(pattern.cycles)
         phase += (even[:, :1] - 0.5) * step
     moved = pattern.dither_position * size * (2.0 * even[:, 1:] - 1.0)
-    return Figure(sign[:, None] * size, phase, np.broadcast_to(centre, (len(count), 2)) + moved)
+    return Figure(sign[:, None] * size, phase, np.asarray(centre, dtype=np.float64) + moved)
 
 
 def figure_angles(figure: Figure, cycles: tuple[int, int], share: ArrayLike) -> tuple[Array, Array]:

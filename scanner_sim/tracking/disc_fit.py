@@ -72,7 +72,7 @@ def disc_fit(
     if not usable.all():
         middle = np.stack([theta.mean(axis=1), phi.mean(axis=1)], axis=1)
         centre, size = np.where(usable[:, None], centre, middle), np.where(usable, size, 1.0)
-    blur = np.broadcast_to(np.asarray(spot, dtype=np.float64), (rows,))
+    blur = np.zeros(rows) + np.asarray(spot, dtype=np.float64)
     weight = np.where(response.used, 1.0 / response.sigma**2, 0.0)
     prior = np.zeros(rows)
     known = size

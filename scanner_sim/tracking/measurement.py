@@ -110,7 +110,7 @@ def measure_target(
         the centre, weighed by 1/σ_R²: a flat target in space, to the second order in δ but for its tilt's. A sphere's
         voxels are carried to its middle first.
     """
-    middle = np.broadcast_to(np.asarray(expected_range, dtype=np.float64), (len(samples.theta),))
+    middle = np.zeros(len(samples.theta)) + np.asarray(expected_range, dtype=np.float64)
     response = target_response(
         samples, looks.kind, np.stack([middle - looks.depth, middle + looks.depth], axis=1)
     )

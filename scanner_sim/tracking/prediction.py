@@ -75,7 +75,7 @@ def predicted(motion: Motion, time: ArrayLike, unrest: ArrayLike) -> Motion:
     noise = np.zeros_like(onward)
     onward[..., _PLACE, _RATE] = step[..., None]
     size = np.abs(step)[..., None]
-    density = np.broadcast_to(np.asarray(unrest, dtype=np.float64), AXES)
+    density = np.asarray(unrest, dtype=np.float64)
     noise[..., _PLACE, _PLACE] = density * size**3 / 3.0
     noise[..., _RATE, _RATE] = density * size
     noise[..., _PLACE, _RATE] = noise[..., _RATE, _PLACE] = density * size**2 / 2.0
@@ -103,7 +103,7 @@ def updated(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Motion:
     spread = motion.covariance[..., :AXES, :AXES] + noise
     gain = np.swapaxes(np.linalg.solve(spread, np.swapaxes(seen, -1, -2)), -1, -2)
     away = np.asarray(place, dtype=np.float64) - motion.mean[..., :AXES]
-    keep = np.broadcast_to(_WHOLE, motion.covariance.shape).copy()
+    keep = np.zeros_like(motion.covariance) + _WHOLE
     keep[..., :AXES] -= gain
     whole = keep @ motion.covariance @ np.swapaxes(keep, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
     return Motion(motion.mean + (gain @ away[..., None])[..., 0], whole, motion.time)
