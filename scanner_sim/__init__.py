@@ -13,12 +13,12 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from scanner_sim.closed_loop.track import track as track
+    from scanner_sim.closed_loop.tracker import Tracker as Tracker
     from scanner_sim.config import load_scenario as load_scenario
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
     from scanner_sim.scenario import Scenario as Scenario
     from scanner_sim.simulate import simulate as simulate
-    from scanner_sim.track import track as track
-    from scanner_sim.tracker import Tracker as Tracker
 
     __version__: str
 
@@ -34,11 +34,11 @@ __all__ = [
 
 _HOMES = {
     "Scenario": "scanner_sim.scenario",
-    "Tracker": "scanner_sim.tracker",
+    "Tracker": "scanner_sim.closed_loop.tracker",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scenario": "scanner_sim.config",
     "simulate": "scanner_sim.simulate",
-    "track": "scanner_sim.track",
+    "track": "scanner_sim.closed_loop.track",
 }
 
 

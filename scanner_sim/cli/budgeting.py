@@ -44,8 +44,8 @@ def budget_scenario(
     """
     scenario = load_and_warn(config, overrides, quiet)
     check_target(folder, overwrite, BUDGET)
-    from scanner_sim.budget import distances_of, measure_budget
-    from scanner_sim.dominance import dominating
+    from scanner_sim.studies.budget import distances_of, measure_budget
+    from scanner_sim.studies.dominance import dominating
 
     distances = distances_of(scenario, count)
     dominance = None
@@ -80,7 +80,7 @@ def with_closed_forms(
     rows: Sequence[BudgetRow], scenario: Scenario, reflectance: float
 ) -> tuple[BudgetRow, ...]:
     """Return a budget with the analytic values of what has a closed form."""
-    from scanner_sim.budget import HALF
+    from scanner_sim.studies.budget import HALF
 
     bench, unit = instrument_of(scenario, reflectance, HALF), echo_instrument_of(scenario, reflectance)
     # The closed form is that of the matched filter on a Gaussian pulse.
@@ -147,8 +147,8 @@ def echo_instrument_of(scenario: Scenario, reflectance: float) -> EchoInstrument
 
 def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instrument:
     """Return the numbers of a scenario's instrument before a target, for the closed forms."""
-    from scanner_sim.budget import course_time, kelvins_of
     from scanner_sim.optics.filter import laser_gain, peak_transmission
+    from scanner_sim.studies.budget import course_time, kelvins_of
 
     scanner, processing = scenario.scanner, scenario.processing
     laser, mirrors, sensor = scanner.laser, scanner.mirrors, scanner.position_sensor

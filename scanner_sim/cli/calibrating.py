@@ -43,7 +43,7 @@ def calibrate_scenario(
         if path.exists() and not overwrite:
             raise InputError(f"{path} exists already.", remedy="Name another file, or add --overwrite.")
     scenario = load_and_warn(config, overrides, quiet)
-    from scanner_sim.calibrate import measure_bias
+    from scanner_sim.studies.calibrate import measure_bias
 
     with progress_bar("along the line", quiet) as (advance, _), scenario_of(config):
         table, passages = measure_bias(scenario, device=device, progress=advance)

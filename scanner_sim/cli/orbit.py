@@ -36,7 +36,7 @@ def orbit_scenario(
     """
     scenario = load_and_warn(config, overrides, quiet)
     check_target(folder, overwrite, ORBIT)
-    from scanner_sim.sweep import sweep_orbit
+    from scanner_sim.studies.sweep import sweep_orbit
 
     with progress_bar("along the orbit", quiet) as (advance, _), scenario_of(config):
         timeline = sweep_orbit(scenario, steps, device=device, progress=advance)

@@ -51,9 +51,9 @@ def study_scenario(
     """
     scenario = load_and_warn(config, overrides, quiet)
     check_target(folder, overwrite, POSE_STUDY)
-    from scanner_sim.pose_laws import exponents_of, gains_of
-    from scanner_sim.pose_study import BASE, REFERENCE, measure_study, plan_study, target_rows
-    from scanner_sim.target_grid import StudyTarget
+    from scanner_sim.studies.pose_laws import exponents_of, gains_of
+    from scanner_sim.studies.pose_study import BASE, REFERENCE, measure_study, plan_study, target_rows
+    from scanner_sim.studies.target_grid import StudyTarget
 
     target = StudyTarget.of(scenario, diameter)
     plan = plan_study(scenario, target, quick=quick)

@@ -12,11 +12,11 @@ from scanner_sim.cli.plan import patterns
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.tables import print_rows, print_table
+from scanner_sim.closed_loop.poses import poses_of, rims_of
 from scanner_sim.config import scenario_from_text
 from scanner_sim.errors import InputError
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.poses import poses_of, rims_of
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pose import read_poses
 from scanner_sim.products.track import POSES, RELATIVE_POSES, read_track
@@ -42,7 +42,7 @@ def run_tracking(
     ScannerSimError
         If the scene, the folder or the device cannot be used, or the disk fails.
     """
-    from scanner_sim.track import track
+    from scanner_sim.closed_loop.track import track
 
     expected, done = patterns(scenario), 0
 

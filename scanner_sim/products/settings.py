@@ -30,4 +30,4 @@ class Output(Part):
     waveforms: WaveformChoice = "none"
     """Voxels, as [row, column], whose waveforms of time of flight go into waveforms.nc."""
     patterns: Switch = True
-    """Of a tracking scan, write every voxel of every pattern into patterns.parquet: some 7 kB for each pattern of 128."""
+    """Of a tracking scan, write every voxel of every pattern into patterns.parquet: some 7 kB for a pattern of 128."""

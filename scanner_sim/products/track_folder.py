@@ -40,11 +40,12 @@ def write_track(
     output
         Which files; by default all.
     poses
-        What :func:`scanner_sim.poses.poses_of` made of it; tables and pictures of poses only where there are some.
+        What :func:`scanner_sim.closed_loop.poses.poses_of` made of it; tables and pictures of poses only where there
+        are some.
     backdrop
         A range image of the scene to be drawn behind the targets.
     rim
-        Gives the true outline of a visit's target: :func:`scanner_sim.poses.rims_of`. None draws a circle.
+        Gives the true outline of a visit's target: :func:`scanner_sim.closed_loop.poses.rims_of`. None draws a circle.
     overwrite
         Replace an existing result.
 

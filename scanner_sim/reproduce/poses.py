@@ -23,7 +23,7 @@ from scanner_sim.reproduce.item import Item, Outcome, Row, Task, judged
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from scanner_sim.target_errors import TargetErrors
+    from scanner_sim.studies.target_errors import TargetErrors
 
 Array = NDArray[np.float64]
 
@@ -51,8 +51,8 @@ _WORDS = {
 
 def _poses(task: Task, method: str) -> PoseSeries:
     """Return poses of four targets on a square of 1 m at 10 m, from a closed loop over them."""
-    from scanner_sim.poses import poses_of
-    from scanner_sim.track import track
+    from scanner_sim.closed_loop.poses import poses_of
+    from scanner_sim.closed_loop.track import track
 
     text = _SQUARE.format(task.seed, task.choose("4 s", "1 s"))
     run = track(scenario_from_text(text, name="square of targets"), device=task.device)
@@ -148,10 +148,10 @@ def figure_14(task: Task) -> Outcome:
 
 def figure_15(task: Task) -> Outcome:
     """Study the errors of the pose over range."""
-    from scanner_sim.pose_laws import exponents_of, gains_of
-    from scanner_sim.pose_study import BASE, REFERENCE, StudyPlan, measure_study, target_rows
     from scanner_sim.products.pose_study_picture import draw_figure_15
-    from scanner_sim.target_grid import StudyTarget, nearest_distance
+    from scanner_sim.studies.pose_laws import exponents_of, gains_of
+    from scanner_sim.studies.pose_study import BASE, REFERENCE, StudyPlan, measure_study, target_rows
+    from scanner_sim.studies.target_grid import StudyTarget, nearest_distance
 
     scenario = load_scenario(task.config("target_board"))
     target = StudyTarget.of(scenario, 0.1)

@@ -29,7 +29,7 @@ _BOUNDS = {"60 %": (0.5, 0.7), "35 %": (0.25, 0.45), "< 5 %": (0.0, 0.05), "< 1 
 def table_1(task: Task) -> Outcome:
     """Sweep orbits and tell how long targets are in each condition."""
     from scanner_sim.products.timeline_picture import draw_timeline
-    from scanner_sim.sweep import sweep_orbit
+    from scanner_sim.studies.sweep import sweep_orbit
 
     scenario = load_scenario(task.config("lighting_orbit"))
     timeline = sweep_orbit(scenario, task.choose(90, 12), device=task.device)

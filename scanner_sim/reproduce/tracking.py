@@ -14,9 +14,9 @@ from scanner_sim.tracking.state import TrackMode
 
 def figure_4(task: Task) -> Outcome:
     """Follow one disc at 10 m."""
-    from scanner_sim.poses import rims_of
+    from scanner_sim.closed_loop.poses import rims_of
+    from scanner_sim.closed_loop.track import track
     from scanner_sim.products.pattern_picture import draw_pattern, telling_visit
-    from scanner_sim.track import track
 
     duration = task.choose("2 s", "0.5 s")
     run = track(load_scenario(task.config("track_still"), [f"scan.duration={duration}"]), device=task.device)
@@ -97,9 +97,9 @@ _RASTER = """\
 
 def figure_5(task: Task) -> Outcome:
     """Follow five targets before the Node, of two kinds, one of which has to be searched."""
+    from scanner_sim.closed_loop.track import track
     from scanner_sim.products.track_picture import draw_field
     from scanner_sim.simulate import simulate
-    from scanner_sim.track import track
 
     node = task.config("quickstart").parent.parent / "scenes" / "node_z1.xml"
 

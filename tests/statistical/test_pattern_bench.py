@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from scanner_sim.closed_loop.pattern_bench import PatternBench
 from scanner_sim.config import load_scenario
-from scanner_sim.pattern_bench import PatternBench
 from scanner_sim.render.device import Device
 from scanner_sim.scan.raster import Aim, raster_aim
 from scanner_sim.scenario import Scenario

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from scanner_sim.closed_loop.poses import poses_of
+from scanner_sim.closed_loop.track import track
 from scanner_sim.config import scenario_from_text
 from scanner_sim.pose.series import PoseSeries
-from scanner_sim.poses import poses_of
-from scanner_sim.track import track
 from scanner_sim.tracking.record import TrackStatus
 
 pytestmark = [pytest.mark.usefixtures("device"), pytest.mark.slow]

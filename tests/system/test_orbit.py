@@ -18,7 +18,7 @@ from scanner_sim.analytic.orbit import earthshine, eclipse_fraction
 from scanner_sim.cli import app
 from scanner_sim.conditions import Condition
 from scanner_sim.products.timeline import ORBIT, Timeline
-from scanner_sim.sweep import sweep_orbit
+from scanner_sim.studies.sweep import sweep_orbit
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 BOARD = """\

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from scanner_sim.closed_loop.poses import poses_of
 from scanner_sim.config import load_scenario, resolved_yaml
 from scanner_sim.errors import InputError
 from scanner_sim.frames import rotation_about
 from scanner_sim.pose.settings import PoseSettings
-from scanner_sim.poses import poses_of
 from scanner_sim.products.folder import check_target
 from scanner_sim.products.pose import pose_columns, read_poses
 from scanner_sim.products.settings import Output

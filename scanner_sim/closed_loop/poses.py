@@ -171,7 +171,7 @@ class _Visits:
 def _lasting_variance(scanner: Scanner, record: PatternRecord) -> float:
     """Return the part of the range's variance that comes from unlike pixels [m²]."""
     # Here, and not above: what measures voxels comes with the renderer's libraries.
-    from scanner_sim.track_voxels import common_range_variance
+    from scanner_sim.closed_loop.voxels import common_range_variance
 
     if not record.samples.signal.size:
         return 0.0
@@ -184,7 +184,7 @@ def _between(scanner: Scanner, place: Array, lasting: Array) -> Array:
     Images Δ pixels apart, of standard deviation s, share (1 − Δ²/2s²) exp(−Δ²/4s²) of what unlike pixels do to them:
     the correlation of Σ x q(x) ε(x) for two Gaussian images q over white ε. Image positions by eq 1.
     """
-    from scanner_sim.track_voxels import image_variance
+    from scanner_sim.closed_loop.voxels import image_variance
 
     baseline, receiver = scanner.receiver.baseline, scanner.receiver
     theta, reach = place[..., 0], place[..., 2]

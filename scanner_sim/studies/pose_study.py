@@ -32,8 +32,8 @@ from scanner_sim.scenario import Scenario
 from scanner_sim.scene.objects import TargetArray
 from scanner_sim.scene.targets import target_positions
 from scanner_sim.streams import Stream, host_generator
-from scanner_sim.target_errors import RANGINGS, Ranging, TargetErrors, measure_targets
-from scanner_sim.target_grid import StudyTarget, nearest_distance
+from scanner_sim.studies.target_errors import RANGINGS, Ranging, TargetErrors, measure_targets
+from scanner_sim.studies.target_grid import StudyTarget, nearest_distance
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]

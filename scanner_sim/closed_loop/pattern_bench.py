@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.closed_loop.windows import Windows
 from scanner_sim.detector.encoders import reading_normals, readings
-from scanner_sim.pattern_windows import Windows
 from scanner_sim.ranging.ranges import Deflections, finished_layers, layers_of
 from scanner_sim.scan.raster import Aim
 from scanner_sim.workbench import Workbench

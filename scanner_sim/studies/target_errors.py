@@ -18,12 +18,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.closed_loop.voxels import Eye, aim_of
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.scenario import Scenario
-from scanner_sim.target_grid import StudyTarget, grid_motions, spread_distances, target_grid
-from scanner_sim.track_voxels import Eye, aim_of
+from scanner_sim.studies.target_grid import StudyTarget, grid_motions, spread_distances, target_grid
 from scanner_sim.tracking.measurement import Measurement
 from scanner_sim.tracking.state import TrackCommand, TrackMode
 

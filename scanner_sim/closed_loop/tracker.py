@@ -9,16 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
+from scanner_sim.closed_loop.pattern_bench import PatternBench
+from scanner_sim.closed_loop.records import NOTHING, Recorder
+from scanner_sim.closed_loop.saved_state import TrackerState, first_state, load_state, save_state
+from scanner_sim.closed_loop.voxels import Eye
 from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.errors import InputError
-from scanner_sim.pattern_bench import PatternBench
 from scanner_sim.products.provenance import versions
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scan.schedule import run_visit
 from scanner_sim.scenario import Scenario
-from scanner_sim.track_records import NOTHING, Recorder
-from scanner_sim.track_state import TrackerState, first_state, load_state, save_state
-from scanner_sim.track_voxels import Eye
 from scanner_sim.tracking.record import PatternRecord
 from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advanced, command, init
 from scanner_sim.workbench import Workbench

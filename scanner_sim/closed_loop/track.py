@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from scanner_sim.closed_loop.tracker import Tracker, made_by
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scenario import Scenario
-from scanner_sim.tracker import Tracker, made_by
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 
 Progress = Callable[[float, float], None]

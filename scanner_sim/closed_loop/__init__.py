@@ -1,0 +1,1 @@
+"""The second mode of operation: targets followed in a closed loop, and the poses of what carries them."""

@@ -1,0 +1,1 @@
+"""Studies of an instrument: its errors, its estimators, its poses, its light along an orbit."""
