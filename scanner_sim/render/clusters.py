@@ -158,7 +158,7 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
         place = first_spot + number
         return dr.gather(mi.Float, spots.across, place), dr.gather(mi.Float, spots.coherence, place)
 
-    origin, extent = _extent(spot, m, count) if clusters > 1 else (spot(0)[1], mi.Float(0.0))
+    origin, extent = lit_extent(spot, m, count) if clusters > 1 else (spot(0)[1], mi.Float(0.0))
     width = dr.maximum(extent / clusters, 1e-6)
     totals = [dr.alloc_local(mi.Float, clusters, mi.Float(0.0)) for _ in range(5)]
 
@@ -205,8 +205,11 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
     )
 
 
-def _extent(spot: Any, shots: int, count: int) -> tuple[Any, Any]:
-    """Return the lowest position [pixel] of each shot's lit spots and the length that they cover."""
+def lit_extent(spot: Any, shots: int, count: int) -> tuple[Any, Any]:
+    """Return the lowest place of each shot's lit spots and the length that they cover; 0 where nothing is lit.
+
+    ``spot`` gives power, place and spread of the spot of a number, one of ``count``, for every shot.
+    """
 
     def widen(number: Any, low: Any, high: Any) -> tuple[Any, Any, Any]:
         amount, position, _ = spot(number)

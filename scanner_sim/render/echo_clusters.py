@@ -7,6 +7,8 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.render.clusters import lit_extent
+
 _LEAST_EXTENT = 1e-6
 """Extent of a shot's paths [m] below which they are one."""
 
@@ -41,8 +43,8 @@ def gather_echoes(
         power, way, sigma = (dr.gather(mi.Float, values, at) for values in (share, path, spread))
         return power, way, sigma
 
-    low, high = _extent(one, dr.width(places), count)
-    width = dr.maximum((high - low) / clusters, _LEAST_EXTENT)
+    low, extent = lit_extent(one, dr.width(places), count)
+    width = dr.maximum(extent / clusters, _LEAST_EXTENT)
     sums = tuple(dr.alloc_local(mi.Float, clusters, mi.Float(0.0)) for _ in range(3))
 
     def add(number: Any, *sums: Any) -> tuple[Any, ...]:
@@ -67,19 +69,3 @@ def gather_echoes(
         spreads.append(dr.select(lit, dr.sqrt(dr.maximum(second / total - dr.square(mean), 0.0)), 0.0))
     dr.eval(shares, paths, spreads)
     return dr.concat(shares), dr.concat(paths), dr.concat(spreads)
-
-
-def _extent(one: Any, shots: int, count: int) -> tuple[Any, Any]:
-    """Return the shortest and the longest lit path of each shot [m]; 0 where nothing is lit."""
-
-    def widen(number: Any, low: Any, high: Any) -> tuple[Any, Any, Any]:
-        power, way, _ = one(number)
-        lit = power > 0.0
-        low = dr.select(lit, dr.minimum(low, way), low)
-        high = dr.select(lit, dr.maximum(high, way), high)
-        return number + 1, low, high
-
-    start = (mi.UInt32(0), dr.full(mi.Float, dr.inf, shots), dr.full(mi.Float, -dr.inf, shots))
-    _, low, high = dr.while_loop(start, lambda number, low, high: number < count, widen)
-    dark = low > high
-    return dr.select(dark, 0.0, low), dr.select(dark, 0.0, high)
