@@ -13,10 +13,12 @@ from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from scanner_sim.closed_loop.poses import poses_of as poses_of
     from scanner_sim.closed_loop.track import track as track
     from scanner_sim.closed_loop.tracker import Tracker as Tracker
     from scanner_sim.config import load_scenario as load_scenario
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
+    from scanner_sim.products.track import read_track as read_track
     from scanner_sim.scenario import Scenario as Scenario
     from scanner_sim.simulate import simulate as simulate
 
@@ -28,6 +30,8 @@ __all__ = [
     "__version__",
     "estimate_pose",
     "load_scenario",
+    "poses_of",
+    "read_track",
     "simulate",
     "track",
 ]
@@ -37,6 +41,8 @@ _HOMES = {
     "Tracker": "scanner_sim.closed_loop.tracker",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scenario": "scanner_sim.config",
+    "poses_of": "scanner_sim.closed_loop.poses",
+    "read_track": "scanner_sim.products.track",
     "simulate": "scanner_sim.simulate",
     "track": "scanner_sim.closed_loop.track",
 }

@@ -26,6 +26,8 @@ def test_the_public_names_are_these() -> None:
         "__version__",
         "estimate_pose",
         "load_scenario",
+        "poses_of",
+        "read_track",
         "simulate",
         "track",
     }
@@ -44,6 +46,8 @@ def test_the_names_are_what_they_say() -> None:
     assert inspect.isfunction(scanner_sim.track)
     assert inspect.isclass(scanner_sim.Tracker)
     assert inspect.isfunction(scanner_sim.estimate_pose)
+    assert inspect.isfunction(scanner_sim.poses_of)
+    assert inspect.isfunction(scanner_sim.read_track)
 
 
 def test_version_is_that_of_the_installed_distribution() -> None:
