@@ -34,6 +34,14 @@ Array = NDArray[np.float64]
 
 _CATCHING_UP = 10.0
 """Lags of the servo after which it has caught up with the beginning of a pattern that it can follow."""
+_RECOVERS = 2.0
+"""Speed over lag · acceleration limit up to which a servo that has fallen behind comes back without passing by.
+
+At its limit a it turns at the distance 2ζv/ω from the command, and needs v²/2a to stop: less as long as v < 4ζa/ω, two
+lags' worth of a. Beyond that it swings from limit to limit, further than the command ever went.
+"""
+_SHARES = (np.arange(16) + 0.5) / 16
+"""Instants of a turn, over its duration, at which its acceleration is looked at."""
 
 
 class Visiting(Part):
@@ -169,10 +177,14 @@ def run_visit(
     shares = sample_shares(pattern.points, visiting.updates)
     curve = np.concatenate(figure_angles(figure, pattern.cycles, shares))
     ends = np.concatenate(figure_angles(figure, pattern.cycles, np.zeros(1)))[:, 0]
+    near = 2.0 * pattern.amplitude
     slopes = figure_slopes(figure, pattern.cycles, np.array([0.0, 1.0])) / (pattern.points * dwell)
-    way = _way(galvanometers, mirrors, visiting, ends, slopes[:, 0], step, start, 2.0 * pattern.amplitude)
-    motion, state = follow(galvanometers, mirrors.state, np.concatenate([way, curve], axis=1), step)
-    seen = latched(motion, mirrors.state, step, galvanometers.readout_delay)
+    state, slope = _taken_up(galvanometers, mirrors)
+    way = _way(
+        galvanometers, state.command, slope, visiting, ends, slopes[:, 0], step, start - mirrors.time, near
+    )
+    motion, after = follow(galvanometers, state, np.concatenate([way, curve], axis=1), step)
+    seen = latched(motion, state, step, galvanometers.readout_delay)
     gap = way.shape[1]
     middle = gap + np.arange(pattern.points) * visiting.updates + visiting.updates // 2 - 1
     commanded, true, read = (angles[:, middle] for angles in (motion.commanded, motion.true, seen))
@@ -189,54 +201,115 @@ def run_visit(
         travel_phi=travel[1],
         limited=bool(motion.limited[:, gap + math.ceil(_CATCHING_UP * galvanometers.lag / step) :].any()),
     )
-    return made, MirrorPair(state, slopes[:, 1], mirrors.time + step * motion.true.shape[1])
+    return made, MirrorPair(after, slopes[:, 1], mirrors.time + step * motion.true.shape[1])
+
+
+def _taken_up(galvanometers: Galvanometers, mirrors: MirrorPair) -> tuple[MirrorState, Array]:
+    """Return the state from which the next command goes on, and the command's rate [rad/s], shape (2,).
+
+    A mirror that its limits kept from the last pattern is not where the command was: towards a command that went on
+    there it would swing at its limits. Its command begins anew on the ramp u = x + (2ζ/ω) x′, which the mirror follows
+    from where it is without any acceleration.
+    """
+    angle, rate, command = mirrors.state
+    ramp = angle + galvanometers.lag * rate
+    most = galvanometers.acceleration
+    kept = np.abs(command - ramp) > most / galvanometers.omega**2
+    kept |= np.abs(rate - mirrors.slope) > _RECOVERS * galvanometers.lag * most
+    if not kept.any():
+        return mirrors.state, mirrors.slope
+    return MirrorState(angle, rate, np.where(kept, ramp, command)), np.where(kept, rate, mirrors.slope)
 
 
 def _way(
     galvanometers: Galvanometers,
-    mirrors: MirrorPair,
+    origin: Array,
+    leaving: Array,
     visiting: Visiting,
     goal: Array,
-    slope: Array,
+    arriving: Array,
     step: float,
-    start: float,
+    given: float,
     near: float,
 ) -> Array:
     """Return the commands from the last pattern to the next, shape (2, updates), which ends at the pattern's start.
 
-    Where the goal is near and time is short, one parabola or cubic turns the mirrors round in ``turnaround``. Else they
-    brake for half of it, jump from rest to rest and settle, and speed up for the other half.
+    They go from ``origin`` with the rate ``leaving`` to ``goal`` with the rate ``arriving``, in the ``given`` time or
+    longer. Where the goal is near and time is short, one parabola or cubic turns the mirrors round in ``turnaround``.
+    Else they brake for half of it, jump from rest to rest and settle, and speed up for the other half. A large pattern
+    is too fast for that: braking, speeding up and turning take as long as the limits want.
     """
-    origin = np.asarray(mirrors.state.command)
-    half = 0.5 * visiting.turnaround
-    rest, launch = origin + 0.5 * half * mirrors.slope, goal - 0.5 * half * slope
-    distance = np.abs(launch - rest)
-    given = start - mirrors.time
+    turnaround, most = visiting.turnaround, galvanometers.jump_share * galvanometers.acceleration
     close = np.abs(goal - origin).max() <= near
+    short = max(given, turnaround)
+    slips = close and _slips(galvanometers, goal - origin, leaving, arriving, short)
     # How long a jump would take is costly, and of no interest where there is no time for one.
-    hurried = close and given < visiting.turnaround + 0.5 * step
-    jump = 0.0 if hurried else float(jump_time(galvanometers, distance.max()))
-    if hurried or (close and given < visiting.turnaround + jump):
-        count = round(max(given, visiting.turnaround) / step)
-        s = np.arange(1, count + 1) / max(count, 1)
-        duration = count * step
-        return np.asarray(
-            origin[:, None] * (1.0 + 2.0 * s) * (1.0 - s) ** 2
-            + (duration * mirrors.slope)[:, None] * s * (1.0 - s) ** 2
-            + goal[:, None] * s**2 * (3.0 - 2.0 * s)
-            - (duration * slope)[:, None] * s**2 * (1.0 - s)
-        )
+    if close and not slips and given < turnaround + 0.5 * step:
+        return _turn(origin, leaving, goal, arriving, step, round(short / step))
+    fastest = galvanometers.jump_share * galvanometers.slew
+    # What is faster than the mirrors cannot be followed anyway; the way does not try.
+    launched = np.clip(arriving, -fastest, fastest)
+    braking, speeding = (max(0.5 * turnaround, np.abs(rate).max() / most) for rate in (leaving, launched))
+    rest, launch = origin + 0.5 * braking * leaving, goal - 0.5 * speeding * launched
+    distance = np.abs(launch - rest)
+    needed = braking + float(jump_time(galvanometers, distance.max())) + speeding
+    if close and given < needed:
+        if slips:
+            # 6 |D|/T² + |4v + 2w|/T bounds a cubic's acceleration: it is within the limit from this T on.
+            linear = np.maximum(
+                np.abs(4.0 * leaving + 2.0 * arriving), np.abs(2.0 * leaving + 4.0 * arriving)
+            )
+            root = np.sqrt(linear**2 + 24.0 * most * np.abs(goal - origin))
+            short = max(short, float((linear + root).max()) / (2.0 * most))
+        if not slips or short < needed:
+            return _turn(origin, leaving, goal, arriving, step, round(short / step))
     # A step more, never less: the jump has settled when the mirrors speed up.
-    count = math.ceil(max(given, visiting.turnaround + jump) / step - 1e-6)
+    count = math.ceil(max(given, needed) / step - 1e-6)
     time: Array = step * np.arange(1, count + 1, dtype=np.float64)
     duration = float(jump_duration(galvanometers, distance).max())
-    path = jump_path(galvanometers, rest, launch, time - half, np.full(2, duration))
-    if half > 0.0:
-        braking = np.maximum(half - time, 0.0)
-        speeding = np.maximum(time - (count * step - half), 0.0)
-        path -= 0.5 * mirrors.slope[:, None] * braking**2 / half
-        path += 0.5 * slope[:, None] * speeding**2 / half
+    path = jump_path(galvanometers, rest, launch, time - braking, np.full(2, duration))
+    if braking > 0.0:
+        path -= 0.5 * leaving[:, None] * np.maximum(braking - time, 0.0) ** 2 / braking
+    if speeding > 0.0:
+        path += 0.5 * launched[:, None] * np.maximum(time - (count * step - speeding), 0.0) ** 2 / speeding
     return path
+
+
+def _turn(origin: Array, leaving: Array, goal: Array, arriving: Array, step: float, count: int) -> Array:
+    """Return the cubic through angles and rates at both ends of so many updates, shape (2, count)."""
+    s = np.arange(1, count + 1) / max(count, 1)
+    duration = count * step
+    return np.asarray(
+        origin[:, None] * (1.0 + 2.0 * s) * (1.0 - s) ** 2
+        + (duration * leaving)[:, None] * s * (1.0 - s) ** 2
+        + goal[:, None] * s**2 * (3.0 - 2.0 * s)
+        - (duration * arriving)[:, None] * s**2 * (1.0 - s)
+    )
+
+
+def _slips(
+    galvanometers: Galvanometers, distance: Array, leaving: Array, arriving: Array, duration: float
+) -> bool:
+    """Return whether a cubic over distances, shape (2,), asks for so much that the mirrors fall behind for good.
+
+    Its acceleration runs straight from (6D/T − 4v − 2w)/T to (2v + 4w − 6D/T)/T. What of its integral lies beyond the
+    limit, one way or the other, is speed that the mirrors lack.
+    """
+    most = galvanometers.acceleration
+    enough = _RECOVERS * galvanometers.lag * most
+    if duration <= 0.0:
+        # A step of angle D ends in the speed √(2aD).
+        return bool(
+            (np.abs(arriving - leaving) > enough).any() or (2.0 * most * np.abs(distance) > enough**2).any()
+        )
+    even = 6.0 / duration * distance
+    first, last = even - 4.0 * leaving - 2.0 * arriving, 2.0 * leaving + 4.0 * arriving - even
+    if max(np.abs(first).max(), np.abs(last).max()) <= most * duration:
+        return False
+    asked = first[:, None] * (1.0 - _SHARES) + last[:, None] * _SHARES
+    beyond = np.maximum(np.abs(asked) - most * duration, 0.0) * np.sign(asked)
+    lacking = np.maximum(np.maximum(beyond, 0.0).mean(axis=1), np.maximum(-beyond, 0.0).mean(axis=1))
+    return bool(lacking.max() > enough)
 
 
 def pattern_doubts(

@@ -154,3 +154,59 @@ def test_a_jump_that_needs_longer_gets_it() -> None:
     assert np.abs(motion.true_theta - motion.commanded_theta).max() < 1.3e-3
     mean = 0.5 * (motion.true_theta[2:] - motion.true_theta[:-2])
     np.testing.assert_allclose(motion.travel_theta[5:-1], mean[4:], atol=2e-5)
+
+
+@pytest.mark.parametrize(("targets", "apart"), [(5, 0.2), (1, 1e-4), (1, 2e-3)])
+@pytest.mark.parametrize("amplitude", [20e-3, 60e-3])
+def test_a_pattern_after_a_large_one_begins_where_it_should(
+    amplitude: float, targets: int, apart: float
+) -> None:
+    """Search patterns at the mirrors' limits, and beyond them, leave nothing to the small ones between them.
+
+    4.45 mrad at 469 and 313 Hz lag by 0.84 mrad along Θ and 0.56 mrad along φ; with the haste of turning round
+    1.3 mrad. Mirrors that swing at their limits were off by 16 to 250 mrad.
+    """
+    mirrors, random = mirrors_at(0.0, 0.0), np.random.default_rng(1)
+    period = Visiting().period(128, DWELL, targets, SERVO)
+    for number in range(40):
+        large = number % 2 == 0
+        motion, mirrors = run_visit(
+            SERVO,
+            mirrors,
+            LissajousPattern(amplitude=amplitude if large else 4.45e-3),
+            number,
+            random.uniform(-apart, apart, 2),
+            start=mirrors.time + period - 128 * DWELL,
+            dwell=DWELL,
+            visiting=Visiting(),
+        )
+        if large:
+            assert motion.limited == (amplitude > 23e-3)
+            continue
+        assert not motion.limited
+        assert np.abs(motion.true_theta - motion.commanded_theta).max() < 1.3e-3
+        assert np.abs(motion.true_phi - motion.commanded_phi).max() < 1.3e-3
+
+
+def test_large_patterns_of_one_target_are_given_the_time_to_turn() -> None:
+    """20 mrad arrive with 59 rad/s: turning takes at least twice that over the acceleration, and no detour.
+
+    Patterns of 6 mrad turn in the 0.2 ms that the printed 6.6 ms leave.
+    """
+    for amplitude, least, most in ((6e-3, 0.2e-3, 0.2e-3), (20e-3, 0.59e-3, 0.8e-3)):
+        mirrors, pattern = mirrors_at(0.0, 0.0), LissajousPattern(amplitude=amplitude)
+        for number in range(4):
+            before = mirrors.time
+            motion, mirrors = run_visit(
+                SERVO,
+                mirrors,
+                pattern,
+                number,
+                (0.0, 0.0),
+                start=before + 0.2e-3,
+                dwell=DWELL,
+                visiting=Visiting(),
+            )
+            gap = motion.time[0] - 0.5 * DWELL - before
+            assert number == 0 or least - 1e-9 < gap < most + 1e-9
+            assert np.abs(motion.true_theta).max() < 1.06 * amplitude
