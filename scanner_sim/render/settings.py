@@ -18,7 +18,7 @@ class Transport(Part):
     """Beamlets of a shot on a crease, a strong curve or a gloss that changes within the spot."""
     edge_beamlets: Count = Field(default=256, ge=19, le=2048)
     """Beamlets of a shot that meets an edge of shape, material or shadow."""
-    pattern_beamlets: Count = Field(default=64, ge=19, le=2048)
+    pattern_beamlets: Count = Field(default=128, ge=19, le=2048)
     """Beamlets of every shot of a tracking pattern. Their finite number moves the centre of a 100 mm disc at 10 m by 7
     and 11 µrad (rms, Θ and φ, in patterns of 8 mrad), with 96 of them by 5 and 8 µrad."""
     bounces: Count = Field(default=1, ge=1, le=16)

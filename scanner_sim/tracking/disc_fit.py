@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 _ROUNDS = 12
 """Steps of the adjustment; from a circle or a mean of hits six do."""
 _MOST = 0.3
-"""Largest step of centre and radius in one round, over the radius."""
+"""Largest step in one round, of centre and radius over the radius, of levels over their distance."""
 _AT_REST = 1e-3
 """Step, over radius and amplitude, with which a fit comes to rest: the next is a tenth of it, far below any σ."""
 _SHORTEST = 1e-3
@@ -109,7 +109,7 @@ def disc_fit(
         normal.reshape(rows, 25)[:, ::6] += 1e-300
         kept = _newer(moving, (normal, residual, weighted, steep), kept)
         change = np.linalg.solve(normal, right[..., None])[..., 0]
-        np.clip(change[:, :3], -_MOST, _MOST, out=change[:, :3])
+        np.clip(change, -_MOST, _MOST, out=change)
         change[~moving] = 0.0
         moving = moving & (np.abs(change).max(axis=1) > _AT_REST)
         change *= unit

@@ -50,9 +50,10 @@ class Refusal(StrEnum):
 class TrackerSettings(Part):
     """How a target is searched for and followed."""
 
-    track_amplitude: Number = Field(default=1.15, gt=1.0, le=10.0)
-    """Amplitude of the tracking pattern over the target's radius. Below 1.155 a 3:2 figure crosses the rim twelve times
-    and above it four times: at 1.6 the centre errs by three times as much."""
+    track_amplitude: Number = Field(default=1.22, gt=1.0, le=10.0)
+    """Amplitude of the tracking pattern over the target's radius. Near 1.155 a 3:2 figure touches the rim in twelve
+    places, far above it crosses it in four: at 1.6 the centre errs by three times as much. At 1.15 a tilted disc's
+    centre follows the pattern's, and the loop swings: under 20° by 70 µrad."""
     search_amplitude: Number = Field(default=1.6, gt=1.0, le=100.0)
     """Amplitude of the first search pattern over the target's radius."""
     search_growth: Number = Field(default=1.4, ge=1.0, le=10.0)
@@ -65,7 +66,7 @@ class TrackerSettings(Part):
     """Patterns in a row without the target after which it is lost."""
     give_up: Count = Field(default=10, ge=1, le=100_000)
     """Patterns after its loss in which it is looked for where it was going; then where it was expected first."""
-    size_tolerance: Ratio = Field(default=0.25, gt=0.0, le=1.0)
+    size_tolerance: Ratio = Field(default=0.15, gt=0.0, le=1.0)
     """Largest difference of radius, over the radius expected at the measured range."""
     misfit: Number = Field(default=30.0, gt=1.0, le=1e6)
     """Largest χ² over degrees of freedom of a disc; speckle and tilt are well below it, other shapes above."""

@@ -24,8 +24,6 @@ GRID = {
     "array": {"diameter": 0.1, "rows": 6, "columns": 6, "spacing": (0.55, 0.55), "plate": 0.4},
     "position": (0.0, 0.0, 10.0),
 }
-FINE = "transport.pattern_beamlets=1024"
-"""Beamlets so many that their number adds 3 µrad to a centre, well below its σ."""
 
 
 def scenario(*overrides: str, objects: list[Any], seed: int = 7, **scan: Any) -> Scenario:
@@ -56,7 +54,7 @@ def test_single_patterns_reach_the_papers_accuracy_with_honest_sigmas() -> None:
     that the 144 are at least 36 independent ones: tolerance of mean z² 3.9 √(2/72) = 0.65 about 1 (they share half of
     their variance), of mean z 3.9/√72 = 0.46. The range's σ holds a part that all voxels share: |mean z| < 2.
     """
-    made = track(scenario(FINE, objects=[GRID], duration=36 * 6 * 10.03e-3))
+    made = track(scenario(objects=[GRID], duration=36 * 6 * 10.03e-3))
     late = [record for record in measured(made) if record.mode is TrackMode.TRACK]
     assert len(late) >= 140
     error, sigma = errors(late)
@@ -90,7 +88,7 @@ def test_inversion_cancels_the_bias_of_a_delay_and_knowing_it_does_too() -> None
     discs, within 5 µrad. Tolerance: a pair's error is 7 µrad, the mean's of 108 is 0.7 µrad; what the beamlets and the
     three dithers leave is 3 µrad (measured), so that 5 µrad is three σ of a mean beyond it.
     """
-    quiet = (FINE, "scanner.laser.speckle=false", "scanner.mirrors.wobble=0 rad")
+    quiet = ("scanner.laser.speckle=false", "scanner.mirrors.wobble=0 rad")
     for known in (True, False):
         correct = f"scan.correct_delay={str(known).lower()}"
         tracker = Tracker(scenario(*quiet, correct, objects=[GRID], seed=11, duration=100.0))

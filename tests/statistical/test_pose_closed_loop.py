@@ -28,7 +28,6 @@ scene:
       rotation: [{{axis: y, angle: {yaw} deg}}, {{axis: x, angle: {pitch} deg}}]
       motion: {{type: twist, velocity: [10 mm/s, -6 mm/s, 8 mm/s], turn_rate: [0.3 deg/s, 0.8 deg/s, -0.5 deg/s]}}
 scan: {{type: track, duration: 2.4 s, targets: [node]}}
-transport: {{pattern_beamlets: 1024}}
 """
 CASES = ((5, 0.1, 15.0, -10.0), (6, -0.3, -8.0, 6.0), (7, 0.3, 4.0, 20.0))
 """Seed, place and attitude of each run."""
@@ -58,7 +57,7 @@ def test_resection_of_a_moving_object_is_covered(runs: list[dict[str, PoseSeries
     """Claim: uv poses from tracked targets have the errors that their covariance states, in all six components.
 
     Set-up: an array of four discs, tilted by 8 to 20°, at 8 m, moving by 14 mm/s and turning by 1 deg/s; three runs of
-    2.4 s with all of the instrument's noise, and light split so finely (1024 beamlets) that its error is below it. Some
+    2.4 s with all of the instrument's noise. Some
     27 poses of each run that share no sighting.
     Expected: errors over σ of mean 0 and variance 1.
     Tolerance: 80 degrees of freedom, so χ²/80 lies within 0.46 and 1.76 but for 1e-5 on either side. 1.35 more above:
