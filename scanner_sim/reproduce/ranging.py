@@ -93,7 +93,7 @@ def eq1(task: Task) -> Outcome:
 def eq2(task: Task) -> Outcome:
     """Hold measured delays against eq 2."""
     distances = np.geomspace(2.0, 100.0, task.choose(10, 5))
-    count = task.choose(20, 10)
+    count = task.choose(40, 10)
     unit = {"digitiser": {"gate": (0.5, 130.0)}}
     mean, spread, delay = (np.empty(len(distances)) for _ in range(3))
     for row, distance in enumerate(distances.tolist()):
