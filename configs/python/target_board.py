@@ -44,7 +44,7 @@ scenario = load_scenario(
             "horizontal": ["-12 deg", "12 deg"],
             "vertical": ["-12 deg", "15 deg"],
         },
-        "processing": {"peak": "blais_rioux_4"},
+        "processing": {"peak": "maximum_likelihood"},
     }
 )
 
