@@ -180,7 +180,12 @@ class Tracker:
             visiting=self.scan.visiting,
         )
         samples, seen = self._eye.see(target, order, motion, state.visits)
-        after = advanced(track, seen, self.scan.tracker, target.looks.diameter, mirrors.time)
+        others = [
+            other.motion
+            for place, other in enumerate(state.tracks)
+            if place != index and state.followed[place] and other.mode is TrackMode.TRACK
+        ]
+        after = advanced(track, seen, self.scan.tracker, target.looks.diameter, mirrors.time, others=others)
         limited = motion.limited
         record = self._recorder.record(state.visits, target, order, after, samples, seen, limited)
         # A pattern that began late because the mirrors needed longer moves all that follow.

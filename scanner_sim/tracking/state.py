@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import lru_cache
@@ -12,6 +13,7 @@ from pydantic import Field
 from scipy.special import gammainccinv
 
 from scanner_sim.parts import Count, Number, Part
+from scanner_sim.tracking.identify import identify
 from scanner_sim.tracking.measurement import Measurement
 from scanner_sim.tracking.prediction import Motion, begun, predicted, surprise, updated
 from scanner_sim.units import Angle, Ratio
@@ -41,6 +43,8 @@ class Refusal(StrEnum):
     """No two levels, or no centre."""
     SIZE = "size"
     """It has not the target's size: a shadow's edge, another target."""
+    OTHER = "other"
+    """It is another target, which is followed already."""
     SHAPE = "shape"
     """It is not round, or cut by the pattern's end."""
     PLACE = "place"
@@ -196,12 +200,18 @@ def advanced(
     diameter: float,
     next_time: float,
     row: int = 0,
+    others: Sequence[Motion] = (),
 ) -> TrackState:
-    """Return the state after a pattern alone: :func:`step` for those who ask for the next pattern when it begins."""
+    """Return the state after a pattern alone: :func:`step` for those who ask for the next pattern when it begins.
+
+    What is found in a search and is one of the ``others``, targets that are followed already, is not taken.
+    """
     ahead = None
     if measurement.found[row] and state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE):
         ahead = predicted(state.motion, float(measurement.time[row]), _unrest(settings))
     refusal = _refusal(state, measurement, settings, diameter, ahead, row)
+    if refusal is Refusal.NONE and ahead is None and _is_other(others, measurement, settings, row):
+        refusal = Refusal.OTHER
     counted = replace(state, patterns=state.patterns + 1, refusal=refusal)
     if refusal is Refusal.NONE:
         return _taken(counted, measurement, settings, ahead, row)
@@ -232,6 +242,25 @@ def _refusal(
     if ahead is not None and float(surprise(ahead, place, covariance)) > _gate(settings.chance):
         return Refusal.PLACE
     return Refusal.NONE
+
+
+def _is_other(
+    others: Sequence[Motion], measurement: Measurement, settings: TrackerSettings, row: int
+) -> bool:
+    """Return whether a measurement is one of the targets that are followed already."""
+    if not others:
+        return False
+    ahead = [predicted(other, float(measurement.time[row]), _unrest(settings)) for other in others]
+    # Within a third of its radius nothing else can be.
+    near = (measurement.radius[row] / 3.0) ** 2 * np.diag([1.0, 1.0, 0.0])
+    found = identify(
+        measurement.place[row],
+        measurement.covariance[row : row + 1],
+        np.stack([motion.mean[:3] for motion in ahead]),
+        np.stack([motion.covariance[:3, :3] for motion in ahead]) + near,
+        chance=settings.chance,
+    )
+    return bool(found.target[0] >= 0)
 
 
 def _taken(

@@ -208,3 +208,22 @@ def test_a_target_hidden_for_a_second_is_found_within_five_patterns() -> None:
     found = [record for record in back if record.status == TrackStatus.MEASURED]
     assert found
     assert np.abs(errors(found)[0][:, :2]).max() < 200e-6
+
+
+def test_a_search_does_not_take_another_target_that_is_followed() -> None:
+    """Claim: a target that is looked for where another one stands is not mistaken for it.
+
+    Set-up: two discs 0.5 m apart at 9 m, both tracked; then the search for the second begins on the first. Expected:
+    the first pattern of that search shows a disc of the right size and shape, which is refused as another target.
+    Without that it would be taken, 55 mrad from its place.
+    """
+    pair = DISC | {"array": {"diameter": 0.1, "rows": 1, "columns": 2, "spacing": (0.5, 0.5), "plate": 0.4}}
+    tracker = Tracker(scenario(objects=[pair], duration=1.0))
+    first, second = tracker.targets
+    for _ in range(8):
+        record = next(tracker)
+    assert record.mode is TrackMode.TRACK
+    tracker.point(second.name, *first.expected)
+    seen = [record for record in (next(tracker) for _ in range(4)) if record.target == second.name]
+    assert seen[0].refusal.value == "other"
+    assert all(record.status != TrackStatus.MEASURED for record in seen)
