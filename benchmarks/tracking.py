@@ -137,7 +137,7 @@ def draw_speeds(accelerations: Array, found: dict[str, Array]) -> None:
             xlabel="acceleration of the target at 10 m [m/s²]", ylabel="angular speed at its loss [mrad/s]"
         )
         axes.set_xticks([1, 2, 3, 5, 8, 12, 20], ["1", "2", "3", "5", "8", "12", "20"])
-        axes.set_yticks([200, 300, 400, 600, 800, 1200], ["200", "300", "400", "600", "800", "1200"])
+        axes.set_yticks(marks := [50, 100, 200, 300, 400, 600, 800, 1200], [f"{mark}" for mark in marks])
         axes.minorticks_off()
         axes.spines[["top", "right"]].set_visible(False)
         axes.grid(which="major", color="#e3e6e9", lw=0.5)
