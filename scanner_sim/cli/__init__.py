@@ -8,7 +8,18 @@ from typing import Annotated
 import typer
 
 from scanner_sim.cli.judging import compare, reproduce
-from scanner_sim.cli.options import Config, Device, DeviceName, Override, Overwrite, Quiet, Seed, overrides_of
+from scanner_sim.cli.options import (
+    Config,
+    Device,
+    DeviceName,
+    Override,
+    Overwrite,
+    Quiet,
+    Seed,
+    folder_of,
+    folder_option,
+    overrides_of,
+)
 from scanner_sim.cli.report import reported
 from scanner_sim.cli.studies import budget, calibrate, orbit, pose_study
 
@@ -26,16 +37,7 @@ app = typer.Typer(
 @app.command()
 def run(
     config: Config,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder of the result.",
-            show_default="output/ and CONFIG's name",
-        ),
-    ] = None,
+    output: Annotated[Path | None, folder_option()] = None,
     override: Override = [],  # noqa: B006 (typer reads the default, nothing changes it)
     seed: Seed = None,
     device: Device = DeviceName.auto,
@@ -54,7 +56,7 @@ def run(
 
         run_scenario(
             config,
-            output or Path("output", config.stem),
+            output or folder_of(config),
             overrides_of(override, seed),
             device=device.value,
             dry_run=dry_run,

@@ -19,9 +19,6 @@ from scanner_sim.products.folder import check_target
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scenario import Scenario
 
-FOLDER = "{}_budget"
-"""Name of the output folder for that of a scenario."""
-
 
 def budget_scenario(
     config: Path,

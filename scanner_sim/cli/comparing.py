@@ -16,9 +16,6 @@ from scanner_sim.products.comparison import COMPARISON, Comparison, write_compar
 from scanner_sim.products.folder import check_target
 from scanner_sim.render.device import DeviceChoice
 
-FOLDER = "{}_compare"
-"""Name of the output folder for that of a scenario."""
-
 
 def compare_scenario(
     config: Path,

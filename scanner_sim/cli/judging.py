@@ -7,22 +7,24 @@ from typing import Annotated
 
 import typer
 
-from scanner_sim.cli.options import Config, Device, DeviceName, Override, Quiet, Seed, overrides_of
+from scanner_sim.cli.options import (
+    Config,
+    Device,
+    DeviceName,
+    Override,
+    Overwrite,
+    Quiet,
+    Seed,
+    folder_of,
+    folder_option,
+    overrides_of,
+)
 from scanner_sim.cli.report import reported
 
 
 def compare(
     config: Config,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder of the result.",
-            show_default="output/ and CONFIG's name with _compare",
-        ),
-    ] = None,
+    output: Annotated[Path | None, folder_option("compare")] = None,
     target: Annotated[
         str | None,
         typer.Option(
@@ -50,7 +52,7 @@ def compare(
     override: Override = [],  # noqa: B006 (as above)
     seed: Seed = None,
     device: Device = DeviceName.auto,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing result.")] = False,
+    overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
     """Compare the simulation with closed forms, law by law; the exit status is 1 where one is broken.
@@ -62,11 +64,11 @@ def compare(
     With `--baseline` the same seed must give the same numbers, another seed the same statistics.
     """
     with reported():
-        from scanner_sim.cli.comparing import FOLDER, compare_scenario
+        from scanner_sim.cli.comparing import compare_scenario
 
         compare_scenario(
             config,
-            output or Path("output", FOLDER.format(config.stem)),
+            output or folder_of(config, "compare"),
             overrides_of(override, seed),
             target=target,
             only=only,

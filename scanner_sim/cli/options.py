@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -42,6 +42,17 @@ Device = Annotated[
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing result.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+
+
+def folder_option(ending: str = "") -> Any:
+    """Return the option of the folder that a verb writes, by default :func:`folder_of` its scenario."""
+    usual = f"output/ and CONFIG's name{f' with _{ending}' if ending else ''}"
+    return typer.Option("--output", "-o", metavar="DIR", help="Folder of the result.", show_default=usual)
+
+
+def folder_of(config: Path, ending: str = "") -> Path:
+    """Return the folder in which the result of a verb for a scenario goes where none is named."""
+    return Path("output", f"{config.stem}_{ending}" if ending else config.stem)
 
 
 def overrides_of(override: list[str], seed: int | None) -> list[str]:

@@ -13,9 +13,6 @@ from scanner_sim.products.folder import check_target
 from scanner_sim.products.timeline import ORBIT, Timeline, write_orbit
 from scanner_sim.render.device import DeviceChoice
 
-FOLDER = "{}_orbit"
-"""Name of the output folder for that of a scenario."""
-
 
 def orbit_scenario(
     config: Path,

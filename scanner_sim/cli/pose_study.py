@@ -27,9 +27,6 @@ from scanner_sim.products.pose_study import (
 )
 from scanner_sim.render.device import DeviceChoice
 
-FOLDER = "{}_pose_study"
-"""Name of the output folder for that of a scenario."""
-
 
 def study_scenario(
     config: Path,

@@ -7,22 +7,24 @@ from typing import Annotated
 
 import typer
 
-from scanner_sim.cli.options import Config, Device, DeviceName, Override, Overwrite, Quiet, Seed, overrides_of
+from scanner_sim.cli.options import (
+    Config,
+    Device,
+    DeviceName,
+    Override,
+    Overwrite,
+    Quiet,
+    Seed,
+    folder_of,
+    folder_option,
+    overrides_of,
+)
 from scanner_sim.cli.report import reported
 
 
 def orbit(
     config: Config,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder of the result.",
-            show_default="output/ and CONFIG's name with _orbit",
-        ),
-    ] = None,
+    output: Annotated[Path | None, folder_option("orbit")] = None,
     steps: Annotated[
         int, typer.Option(metavar="N", min=1, max=100_000, help="Moments, evenly spaced over one orbit.")
     ] = 90,
@@ -40,11 +42,11 @@ def orbit(
     a timeline, CSV and JSON say when each is lit, in shadow, in the dark, or seen against the Sun.
     """
     with reported():
-        from scanner_sim.cli.orbit import FOLDER, orbit_scenario
+        from scanner_sim.cli.orbit import orbit_scenario
 
         orbit_scenario(
             config,
-            output or Path("output", FOLDER.format(config.stem)),
+            output or folder_of(config, "orbit"),
             overrides_of(override, seed),
             steps=steps,
             device=device.value,
@@ -93,16 +95,7 @@ def calibrate(
 
 def budget(
     config: Config,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder of the result.",
-            show_default="output/ and CONFIG's name with _budget",
-        ),
-    ] = None,
+    output: Annotated[Path | None, folder_option("budget")] = None,
     distances: Annotated[
         int, typer.Option(metavar="N", min=2, max=200, help="Distances of the target, up to 30 m.")
     ] = 12,
@@ -126,11 +119,11 @@ def budget(
     standard deviations with 95 % intervals beside those of closed forms.
     """
     with reported():
-        from scanner_sim.cli.budgeting import FOLDER, budget_scenario
+        from scanner_sim.cli.budgeting import budget_scenario
 
         budget_scenario(
             config,
-            output or Path("output", FOLDER.format(config.stem)),
+            output or folder_of(config, "budget"),
             overrides_of(override, seed),
             count=distances,
             reflectance=reflectance,
@@ -143,16 +136,7 @@ def budget(
 
 def pose_study(
     config: Config,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder of the result.",
-            show_default="output/ and CONFIG's name with _pose_study",
-        ),
-    ] = None,
+    output: Annotated[Path | None, folder_option("pose_study")] = None,
     diameter: Annotated[
         float | None,
         typer.Option(
@@ -181,11 +165,11 @@ def pose_study(
     tables, JSON, and Figure 15 as a picture.
     """
     with reported():
-        from scanner_sim.cli.pose_study import FOLDER, study_scenario
+        from scanner_sim.cli.pose_study import study_scenario
 
         study_scenario(
             config,
-            output or Path("output", FOLDER.format(config.stem)),
+            output or folder_of(config, "pose_study"),
             overrides_of(override, seed),
             diameter=diameter,
             quick=quick,
