@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -16,6 +14,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.products.folder import Kind, write_folder, write_text
 from scanner_sim.products.provenance import versions
+from scanner_sim.products.tables import records_csv
 
 BUDGET = Kind(
     "budget.json",
@@ -116,17 +115,6 @@ def crossing(rows: Sequence[BudgetRow], column: Literal["analytic_m", "simulated
     return float(np.exp(x[i] - ratio[i] * (x[i + 1] - x[i]) / (ratio[i + 1] - ratio[i])))
 
 
-def budget_csv(rows: Sequence[BudgetRow]) -> str:
-    """Return the budget as a table, units in the names of the columns; nothing stands for NaN."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(field.name for field in fields(BudgetRow))
-    for row in rows:
-        values = asdict(row).values()
-        table.writerow([_short(value) if isinstance(value, float) else value for value in values])
-    return text.getvalue()
-
-
 def budget_json(rows: Sequence[BudgetRow], reflectance: float, dominance: Dominance | None) -> str:
     """Return the budget as JSON, with the reflectance of the target and the shares of an image; null for NaN.
 
@@ -172,7 +160,7 @@ def write_budget(
 
     writers: dict[str, Callable[[Path], None]] = {
         "budget.json": lambda path: write_text(path, budget_json(rows, reflectance, dominance)),
-        "budget.csv": lambda path: write_text(path, budget_csv(rows)),
+        "budget.csv": lambda path: write_text(path, records_csv(rows)),
         "budget.png": lambda path: draw_budget(rows, reflectance, path, light=light),
         "scenario.yaml": lambda path: write_text(path, scenario_yaml),
     }
@@ -182,7 +170,3 @@ def write_budget(
     if dominance is not None:
         writers["dominance.png"] = lambda path: draw_dominance(dominance, path)
     return write_folder(folder, BUDGET, writers, overwrite=overwrite)
-
-
-def _short(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.6g}"

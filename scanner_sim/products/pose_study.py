@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import math
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from scanner_sim.products.folder import Kind, write_folder, write_text
 from scanner_sim.products.provenance import versions
+from scanner_sim.products.tables import records_csv
 
 POSE_STUDY = Kind(
     "pose_study.json",
@@ -191,18 +190,6 @@ class PoseStudy:
     gains: tuple[Gain, ...]
 
 
-def table_csv(rows: Sequence[Any]) -> str:
-    """Return dataclasses of one kind as a table, units in the names of the columns or beside; nothing for NaN."""
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(field.name for field in fields(rows[0])) if rows else None
-    for row in rows:
-        table.writerow(
-            [_short(value) if isinstance(value, float) else value for value in asdict(row).values()]
-        )
-    return text.getvalue()
-
-
 def study_json(study: PoseStudy) -> str:
     """Return a study as JSON; null for NaN."""
     tables = {
@@ -230,16 +217,12 @@ def write_pose_study(
 
     writers: dict[str, Callable[[Path], None]] = {
         "pose_study.json": lambda path: write_text(path, study_json(study)),
-        "pose_study.csv": lambda path: write_text(path, table_csv(study.rows)),
-        "exponents.csv": lambda path: write_text(path, table_csv(study.exponents)),
-        "gains.csv": lambda path: write_text(path, table_csv(study.gains)),
-        "targets.csv": lambda path: write_text(path, table_csv(study.targets)),
+        "pose_study.csv": lambda path: write_text(path, records_csv(study.rows)),
+        "exponents.csv": lambda path: write_text(path, records_csv(study.exponents)),
+        "gains.csv": lambda path: write_text(path, records_csv(study.gains)),
+        "targets.csv": lambda path: write_text(path, records_csv(study.targets)),
         "figure_15.png": lambda path: draw_figure_15(study, path),
         "arrays.png": lambda path: draw_arrays(study, path),
         "scenario.yaml": lambda path: write_text(path, scenario_yaml),
     }
     return write_folder(folder, POSE_STUDY, writers, overwrite=overwrite)
-
-
-def _short(value: float) -> str:
-    return "" if math.isnan(value) else f"{value:.6g}"

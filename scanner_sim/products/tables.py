@@ -5,7 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,23 @@ def table_csv(columns: Columns) -> str:
     table.writerow(columns)
     table.writerows(zip(*(_spelt(values) for values in columns.values()), strict=True))
     return text.getvalue()
+
+
+def records_csv(rows: Sequence[Any]) -> str:
+    """Return dataclasses of one kind as a table, a column for each field; floats as :func:`six_digits`."""
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    if rows:
+        table.writerow(field.name for field in fields(rows[0]))
+    for row in rows:
+        values = asdict(row).values()
+        table.writerow([six_digits(value) if isinstance(value, float) else value for value in values])
+    return text.getvalue()
+
+
+def six_digits(value: float) -> str:
+    """Return a number with six digits, nothing for NaN."""
+    return "" if math.isnan(value) else f"{value:.6g}"
 
 
 def write_parquet(path: Path, columns: Columns, about: Mapping[str, Any]) -> None:

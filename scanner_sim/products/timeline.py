@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.products.folder import Kind, write_folder, write_text
 from scanner_sim.products.provenance import versions
+from scanner_sim.products.tables import six_digits
 
 Floats = NDArray[np.float64]
 
@@ -158,7 +159,13 @@ def orbit_csv(timeline: Timeline) -> str:
             code = int(track.condition[step])
             own = [track.lit[step], track.earth[step], track.background[step], track.sun_behind[step]]
             table.writerow(
-                [f"{time:.3f}", track.name, code, timeline.labels[code].name, *map(_short, (*own, *common))]
+                [
+                    f"{time:.3f}",
+                    track.name,
+                    code,
+                    timeline.labels[code].name,
+                    *map(six_digits, (*own, *common)),
+                ]
             )
     return text.getvalue()
 
@@ -191,8 +198,3 @@ def orbit_json(timeline: Timeline) -> str:
         "warnings": list(timeline.warnings),
     }
     return json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _short(value: float) -> str:
-    """Return a number with six digits; nothing for NaN."""
-    return "" if np.isnan(value) else f"{value:.6g}"
