@@ -8,6 +8,7 @@ VENV := .venv
 RUN := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 DEMO := out/quickstart
+OLDEST_LLVM := $(RUN) -m scanner_sim.render.device --oldest
 
 # Said by the interpreter itself, so that a shim without a Python behind it counts as missing.
 NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
@@ -80,21 +81,21 @@ $(STAMP): pyproject.toml
 	}
 	@cp pyproject.toml $@
 
-# Dr.Jit needs LLVM 16 or newer. Only Debian and Ubuntu are changed without asking; elsewhere, and
-# where the user chose a library himself, the program says what to do.
+# Which LLVM will do is said in scanner_sim/render/device.py alone. Only Debian and Ubuntu are changed
+# without asking; elsewhere, and where the user chose a library himself, the program says what to do.
 llvm: $(STAMP)
 	@if ! $(RUN) -m scanner_sim.render.device >/dev/null 2>&1; then \
 	  if [ -z "$$DRJIT_LIBLLVM_PATH" ] && command -v apt-get >/dev/null; then \
 	    as_root=; \
 	    if [ "$$(id -u)" -ne 0 ]; then \
-	      command -v sudo >/dev/null || { echo "LLVM is missing: ask root to run apt-get install libllvm19 (or a newer one)." >&2; exit 1; }; \
+	      command -v sudo >/dev/null || { echo "LLVM is missing: ask root to run apt-get install libllvm$$($(OLDEST_LLVM)) (or a newer one)." >&2; exit 1; }; \
 	      as_root=sudo; \
 	    fi; \
 	    echo "Installing LLVM through apt-get"; \
 	    $$as_root apt-get update -qq; \
 	    package=$$(apt-cache search --names-only '^libllvm[0-9]+(t64)?$$' | sed -n 's/^libllvm\([0-9]*\)\(t64\)\{0,1\} .*/\1 libllvm\1\2/p' \
-	      | awk '$$1 >= 16' | sort -n | tail -n 1 | cut -d ' ' -f 2); \
-	    [ -n "$$package" ] || { echo "apt-get offers no LLVM 16 or newer: install one by hand and name its library in DRJIT_LIBLLVM_PATH." >&2; exit 1; }; \
+	      | awk -v oldest="$$($(OLDEST_LLVM))" '$$1 >= oldest' | sort -n | tail -n 1 | cut -d ' ' -f 2); \
+	    [ -n "$$package" ] || { echo "apt-get offers no LLVM $$($(OLDEST_LLVM)) or newer: install one by hand and name its library in DRJIT_LIBLLVM_PATH." >&2; exit 1; }; \
 	    $$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$$package" || exit 1; \
 	  fi; \
 	  $(RUN) -m scanner_sim.render.device; \

@@ -60,7 +60,7 @@ def print_info() -> None:
         If there is nothing to compute on; what is known is printed before.
     """
     from scanner_sim.products.provenance import versions
-    from scanner_sim.render.device import activate
+    from scanner_sim.render.device import OLDEST_LLVM, activate
 
     rows = dict(versions())
     rows["Python"] = f"{platform.python_version()} ({sys.executable})"
@@ -71,7 +71,8 @@ def print_info() -> None:
         print_table(rows)
         raise
     llvm = device.llvm
-    rows["LLVM"] = f"{'.'.join(map(str, llvm.version))} ({llvm.path})" if llvm is not None else "none"
+    found = f"{'.'.join(map(str, llvm.version))} ({llvm.path})" if llvm is not None else "none"
+    rows["LLVM"] = f"{found}; {OLDEST_LLVM} or newer will do"
     rows["GPU"] = device.gpu or "none that is usable"
     rows["variant"] = device.variant
     rows["threads"] = str(device.threads)

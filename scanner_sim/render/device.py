@@ -1,11 +1,12 @@
 """Where the simulator computes: the one place that chooses a Mitsuba variant and its LLVM library.
 
 Dr.Jit compiles kernels for the processor through the LLVM shared library. Version 14 it refuses;
-version 15 **aborts the process** on kernels with ``min`` or ``max``, which no smoke test shows. So
-the library is chosen here, before Mitsuba loads, and an old one is never handed to Dr.Jit.
+versions 15 and 16 **abort the process** on kernels with ``min`` or ``max``, which no smoke test shows
+(``benchmarks/llvm.py`` runs the simulator's own kernels on any library). So the library is chosen here,
+before Mitsuba loads, and an old one is never handed to Dr.Jit.
 
 Run as ``python -m scanner_sim.render.device`` it says what was found and exits 0, or 1 where LLVM
-is missing.
+is missing. With ``--oldest`` it prints the oldest version that will do, and nothing else.
 """
 
 from __future__ import annotations
@@ -25,11 +26,13 @@ from pydantic import BaseModel, ConfigDict, PositiveInt
 
 from scanner_sim.errors import InputError
 
-OLDEST_LLVM = 16
+OLDEST_LLVM = 19
+"""The oldest major version known to work. 15 and 16 abort; 17 and 18, which Debian does not offer, are untried."""
 LLVM_VARIABLE = "DRJIT_LIBLLVM_PATH"
 LLVM_REMEDY = (
-    "Install LLVM 16 or newer (`apt-get install libllvm19` on Debian or Ubuntu, `brew install llvm` on "
-    f"macOS, the LLVM installer on Windows), or set {LLVM_VARIABLE} to its shared library."
+    f"Install LLVM {OLDEST_LLVM} or newer (`apt-get install libllvm{OLDEST_LLVM}` on Debian or Ubuntu, "
+    "`brew install llvm` on macOS, the LLVM installer on Windows), "
+    f"or set {LLVM_VARIABLE} to its shared library."
 )
 
 DeviceChoice = Literal["auto", "cpu", "cuda"]
@@ -85,12 +88,12 @@ def find_llvm() -> LlvmLibrary | None:
     Returns
     -------
     LlvmLibrary or None
-        The newest library of version 16 or later, or None if there is none.
+        The newest library of version ``OLDEST_LLVM`` or later, or None if there is none.
 
     Raises
     ------
     InputError
-        If ``DRJIT_LIBLLVM_PATH`` names something that is not an LLVM library of version 16 or later.
+        If ``DRJIT_LIBLLVM_PATH`` names something that is not an LLVM library of version ``OLDEST_LLVM`` or later.
     """
     wish = os.environ.get(LLVM_VARIABLE)
     if wish:
@@ -208,7 +211,7 @@ def _version_from_name(path: Path) -> Version | None:
 
 @functools.cache
 def _verified_version(path: Path) -> Version | None:
-    """Ask the library itself; None if it cannot be loaded or is older than LLVM 16.
+    """Ask the library itself; None if it cannot be loaded or is too old.
 
     ``LLVMGetVersion`` exists since LLVM 16, so its absence proves an older library.
     """
@@ -281,6 +284,9 @@ def main() -> int:
         0 if the processor can be used, 1 if LLVM is missing (a GPU does not replace it: the tests and
         the reference results are computed on the processor).
     """
+    if sys.argv[1:] == ["--oldest"]:
+        sys.stdout.write(f"{OLDEST_LLVM}\n")
+        return 0
     try:
         llvm = find_llvm()
     except InputError as error:

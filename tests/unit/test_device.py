@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from pydantic_core import _pydantic_core
 
 from scanner_sim.errors import InputError
 from scanner_sim.render import device as chosen
-from scanner_sim.render.device import LLVM_VARIABLE, Device, LlvmLibrary, activate, find_llvm
+from scanner_sim.render.device import LLVM_VARIABLE, OLDEST_LLVM, Device, LlvmLibrary, activate, find_llvm
 
 
 @pytest.fixture
@@ -66,9 +67,9 @@ def test_the_newest_library_wins_and_old_ones_never(candidates: list[Path]) -> N
 def test_an_old_library_is_not_even_loaded(monkeypatch: pytest.MonkeyPatch, candidates: list[Path]) -> None:
     loaded: list[Path] = []
     monkeypatch.setattr(chosen, "_verified_version", loaded.append)
-    candidates.extend([Path("/nowhere/libLLVM-15.so.1"), Path("/nowhere/libLLVM-18.so.1")])
+    candidates.extend(Path(f"/nowhere/libLLVM-{age}.so.1") for age in (OLDEST_LLVM - 1, OLDEST_LLVM))
     assert find_llvm() is None
-    assert loaded == [Path("/nowhere/libLLVM-18.so.1")]
+    assert loaded == [Path(f"/nowhere/libLLVM-{OLDEST_LLVM}.so.1")]
 
 
 def test_a_name_that_lies_about_its_age_is_found_out(tmp_path: Path) -> None:
@@ -81,7 +82,7 @@ def test_a_name_that_lies_about_its_age_is_found_out(tmp_path: Path) -> None:
 def test_the_machine_of_the_tests_has_a_usable_library(no_wish: None) -> None:
     found = find_llvm()
     assert found is not None
-    assert found.version[0] >= 16
+    assert found.version[0] >= OLDEST_LLVM
     assert found.path.is_file()
 
 
@@ -93,7 +94,7 @@ def test_the_users_library_is_taken(monkeypatch: pytest.MonkeyPatch, no_wish: No
     assert find_llvm() == found
 
 
-@pytest.mark.parametrize("name", ["libLLVM-15.so.1", "libLLVM-14.0.6.so.1", "libLLVM.so", "missing.so"])
+@pytest.mark.parametrize("name", ["libLLVM-16.so.1", "libLLVM-14.0.6.so.1", "libLLVM.so", "missing.so"])
 def test_the_users_unusable_library_is_refused_with_the_remedy(
     name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -164,7 +165,7 @@ def test_the_number_of_threads_is_honoured_and_kept(thread_count: None) -> None:
 
 
 def test_kernels_with_minimum_and_maximum_compile(device: Device) -> None:
-    """LLVM 15 aborts the process on exactly these."""
+    """LLVM 15 and 16 abort the process on exactly these."""
     import drjit as dr
     import mitsuba as mi
 
@@ -178,6 +179,23 @@ def test_the_module_is_importable_without_the_renderer() -> None:
         "import sys, scanner_sim.render.device; sys.exit('mitsuba' in sys.modules or 'drjit' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_documents_name_the_oldest_version_that_the_program_takes(repo_root: Path) -> None:
+    """Claim: wherever a page or a message says how old LLVM may be, it says what the program refuses below."""
+    pages = [repo_root / "README.md", *(repo_root / "docs").rglob("*.md")]
+    said = {
+        page.name: set(re.findall(r"LLVM (\d+) or newer", page.read_text(encoding="utf-8"))) for page in pages
+    }
+    assert {"README.md", "start.md"} <= {name for name, ages in said.items() if ages}
+    assert set().union(*said.values()) == {str(OLDEST_LLVM)}
+    told = subprocess.run(
+        [sys.executable, "-m", "scanner_sim.render.device", "--oldest"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert told.stdout.split() == [str(OLDEST_LLVM)]
 
 
 def test_the_module_says_what_was_found() -> None:
