@@ -172,10 +172,11 @@ def _linear(
     z0 = np.asarray(state.rate) - slope[..., 0] - pole.conjugate() * start
     change = np.diff(slope, axis=-1, append=slope[..., -1:])
     kick = -change * (1.0 + pole.conjugate() * galvanometers.lag)
-    turn = np.exp(pole * step)
-    # z after each update, before the command's slope changes: z_k = turn (z_{k−1} + kick_{k−1}).
-    given = np.concatenate([turn * z0[..., None], turn * kick[..., :-1]], axis=-1)
-    z = lfilter([1.0], [1.0, -turn], given, axis=-1)
+    turn = cmath.exp(pole * step)
+    # z after each update, before the command's slope changes: z_k = turn (z_{k−1} + kick_{k−1}). The filter also
+    # multiplies: NumPy's complex product depends on the processor.
+    given = np.concatenate([z0[..., None], kick[..., :-1]], axis=-1)
+    z = lfilter([turn], [1.0, -turn], given, axis=-1)
     deviation = z.imag / pole.imag
     rate = z.real + pole.real * deviation
     return wanted - galvanometers.lag * slope + deviation, rate + slope

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.arithmetic import arctan2
+
 Array = NDArray[np.float64]
 
 
@@ -30,4 +32,4 @@ def angles_and_range(
     """
     x, y, z = (np.asarray(value, dtype=np.float64) for value in (x, y, z))
     reach = np.hypot(y, z - axis_separation) + axis_separation
-    return np.hypot(x, reach), np.arctan2(x, reach), np.arctan2(y, z - axis_separation)
+    return np.hypot(x, reach), arctan2(x, reach), arctan2(y, z - axis_separation)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
+from scanner_sim.arithmetic import tan
 from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_with_points, refused
 from scanner_sim.status import Status
 
@@ -99,7 +100,7 @@ def fuse_points(
     theta, d = deflections.theta, geometry.baseline
     share = both.weight
     r = np.nan_to_num(triangulated.range)
-    by_theta = d * np.cos(theta) - (r - d * np.sin(theta)) * np.tan(theta)
+    by_theta = d * np.cos(theta) - (r - d * np.sin(theta)) * tan(theta)
     alone = np.square(np.nan_to_num(triangulated.sigma)) - np.square(by_theta * deflections.sigma_theta)
     alone = np.sqrt(np.maximum(alone, 0.0))
     fused = ranges_with_points(

@@ -14,7 +14,7 @@ import scanner_sim
 PACKAGE = Path(scanner_sim.__file__).parent
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
-FOUNDATIONS = ("errors", "units", "constants", "frames", "status", "streams", "parts")
+FOUNDATIONS = ("arithmetic", "errors", "units", "constants", "frames", "status", "streams", "parts")
 ROOMS = (
     "scene",
     "optics",

@@ -1,0 +1,59 @@
+"""The same files on processors and with linear algebra of several kinds."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+RUN = "from scanner_sim.cli import main; main()"
+
+
+def beyond_baseline() -> str:
+    """NumPy's names of what this processor has beyond the least that NumPy needs."""
+    extensions = np.show_config(mode="dicts")["SIMD Extensions"]
+    return " ".join(extensions.get("found", []))
+
+
+KINDS = {
+    "plain processor": {"NPY_DISABLE_CPU_FEATURES": beyond_baseline()},
+    "old linear algebra": {"OPENBLAS_CORETYPE": "Nehalem"},
+    "other linear algebra": {"OPENBLAS_CORETYPE": "Haswell", "OPENBLAS_NUM_THREADS": "1"},
+}
+
+
+def digests(folder: Path, config: Path, overrides: list[str], kind: dict[str, str]) -> dict[str, str]:
+    """Run a scenario in a process of its own; return the digest of each file but the pictures."""
+    sets = [word for override in overrides for word in ("--set", override)]
+    command = [sys.executable, "-c", RUN, "run", str(config), *sets, "--device", "cpu", "-o", str(folder)]
+    environment = {
+        key: value for key, value in os.environ.items() if not key.startswith(("NPY_", "OPENBLAS_"))
+    }
+    done = subprocess.run(command, env=environment | kind, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    files = sorted(path for path in folder.iterdir() if path.suffix != ".png")
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("config", "overrides"),
+    [
+        ("tof_both.yaml", ["scan.rows=24", "scan.columns=24"]),
+        ("lighting_partial_shadow.yaml", ["scan.rows=16", "scan.columns=24"]),
+    ],
+)
+def test_files_do_not_depend_on_the_processor(
+    config: str, overrides: list[str], repo_root: Path, tmp_path: Path
+) -> None:
+    """Claim: every file of numbers has the same bytes whatever code NumPy and its BLAS choose."""
+    path = repo_root / "configs" / config
+    usual = digests(tmp_path / "usual", path, overrides, {})
+    assert len(usual) >= 4
+    for number, (name, kind) in enumerate(KINDS.items()):
+        assert digests(tmp_path / str(number), path, overrides, kind) == usual, name
