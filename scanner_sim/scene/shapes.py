@@ -33,7 +33,7 @@ from scanner_sim.scene.objects import (
     Surface,
     TargetArray,
 )
-from scanner_sim.scene.plugins import installed_plugins
+from scanner_sim.scene.plugins import built, installed_plugins
 from scanner_sim.scene.polarisation import speckle_contrast
 from scanner_sim.scene.poses import FARTHEST
 from scanner_sim.scene.scene_rules import MESHES, renderers_scene
@@ -88,7 +88,7 @@ class Surfaces:
             name = chosen.name
         self._described[name] = chosen
         if name not in self._made:
-            self._made[name] = mi.load_dict(materials.mitsuba_bsdf(chosen))
+            self._made[name] = built(materials.mitsuba_bsdf(chosen))
             self._made[name].set_id(name)
         return self._made[name]
 
