@@ -43,7 +43,7 @@ def read_ordinary(path: Path, most: int) -> bytes:
         raise InputError(
             f"the file {shown} cannot be opened: {reason}.", remedy="Check its name and permissions."
         ) from None
-    with os.fdopen(number, "rb") as stream:
+    try:
         status = os.fstat(number)
         if not stat.S_ISREG(status.st_mode):
             raise InputError(
@@ -54,15 +54,17 @@ def read_ordinary(path: Path, most: int) -> bytes:
                 f"the file {shown} has {status.st_size / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are read.",
                 remedy="Simplify it, or split it into several.",
             )
-        try:
-            # No more than its size: a file of the kernel calls itself empty and may never end.
+        # No more than its size: a file of the kernel calls itself empty and may never end.
+        with os.fdopen(number, "rb", closefd=False) as stream:
             return stream.read(status.st_size)
-        except OSError as error:
-            raise InputError(f"the file {shown} cannot be read: {error.strerror}.") from None
+    except OSError as error:
+        raise InputError(f"the file {shown} cannot be read: {error.strerror}.") from None
+    finally:
+        os.close(number)
 
 
 def file_beside(name: str, folder: Path) -> Path:
-    """Return the path of a file that an XML scene names, relative to the scene's folder.
+    """Return the path of a file that an XML scene names, relative to the scene's folder, which is resolved itself.
 
     Raises
     ------
@@ -75,10 +77,9 @@ def file_beside(name: str, folder: Path) -> Path:
     if os.path.isabs(name):
         raise InputError(f"the scene names {name!r} by an absolute path.", remedy=remedy)
     try:
-        inside = folder.resolve()
-        path = (inside / name).resolve()
-    except (OSError, RuntimeError, ValueError):
+        path = Path(os.path.realpath(folder / name))
+    except (OSError, ValueError):
         raise InputError(f"{name!r} is no name of a file.", remedy=remedy) from None
-    if not path.is_relative_to(inside):
+    if not path.is_relative_to(folder):
         raise InputError(f"the scene names {name!r}, which leads out of its folder.", remedy=remedy)
     return path

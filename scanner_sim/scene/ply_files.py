@@ -79,14 +79,13 @@ def ply_triangles(content: bytes) -> Triangles:
 
 def _header(content: bytes) -> tuple[str, list[_Element], int]:
     """Return byte order (empty for text), elements and the place where the data start."""
-    head = content[:LONGEST_HEADER]
-    end = re.search(rb"(?:^|\n)end_header[ \t]*\r?\n", head) or re.search(rb"\nend_header[ \t]*\r?\Z", head)
-    if head[:3] != b"ply" or head[3:4] not in (b"\n", b"\r") or end is None:
+    end = re.compile(rb"\nend_header[ \t]*\r?(\n|\Z)").search(content, 0, LONGEST_HEADER)
+    if content[:3] != b"ply" or content[3:4] not in (b"\n", b"\r") or end is None:
         raise MeshError("it has no PLY header")
     order: str | None = None
     elements: list[_Element] = []
     # Comments may be in any encoding; Latin-1 knows every byte.
-    for line in head[: end.start()].decode("latin-1").split("\n")[1:]:
+    for line in content[: end.start()].decode("latin-1").split("\n")[1:]:
         match line.split():
             case [] | ["comment" | "obj_info", *_]:
                 continue

@@ -75,12 +75,12 @@ def renderers_scene(path: Path) -> str:
     if not re.fullmatch(r"[0-9]{1,4}(\.[0-9]{1,4}){2}", version):
         scene.fault(f"{version[:80]!r} is no version.", 'Write version="3.0.0".')
     kept = [element for element in scene.inside if element.tag not in LEFT_OUT]
-    names = _Names(scene.inside)
+    names, folder = _Names(scene.inside), path.parent.resolve()
     for element in kept:
         if element.tag not in (*KNOWN, "alias"):
             _unknown(element, (*KNOWN, *LEFT_OUT))
         if element.tag != "alias":
-            _check(element, path.parent, names)
+            _check(element, folder, names)
     names.refuse_endless()
     inside = "\n".join(_written(element) for element in kept if element.tag != "alias")
     return f"<scene version={quoteattr(version)}>\n{inside}\n</scene>\n"

@@ -46,7 +46,7 @@ def read_scene(path: Path) -> Element:
     InputError
         If a file cannot be read, is no XML, or declares entities.
     """
-    reader = _Reader(path.parent)
+    reader = _Reader(path.parent.resolve())
     scene = reader.tree(path)
     if scene.tag != "scene":
         scene.fault(f"the outermost element is {scene.tag!r}, not a scene.", "Wrap it in <scene>.")

@@ -194,9 +194,9 @@ def _folder_for_meshes() -> Iterator[Path]:
         ) from None
 
 
-def _rewritten(mesh: Triangles, folder: Path) -> str:
+def _rewritten(mesh: Triangles, folder: Path, number: int = 0) -> str:
     """Write a mesh that was read and checked for the renderer; return the path."""
-    path = folder / f"{len(list(folder.iterdir()))}.ply"
+    path = folder / f"{number}.ply"
     path.write_bytes(canonical_ply(mesh))
     return str(path)
 
@@ -281,7 +281,7 @@ def _prepare(nodes: Any, pose: Any, folder: Path) -> None:
             named = node.props["filename"]
             if named not in copies:
                 mesh = read_mesh(Path(named))
-                copies[named] = _rewritten(mesh, folder), len(mesh.faces)
+                copies[named] = _rewritten(mesh, folder, len(copies)), len(mesh.faces)
             node.props["filename"], faces = copies[named]
             total += faces
             if total > MOST_TRIANGLES:
