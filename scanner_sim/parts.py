@@ -79,8 +79,10 @@ class InputFile:
             path.stat()
         except (OSError, ValueError):
             raise self._error(f"there is no file {path}; {_nearest_file(path, self.suffixes)}") from None
-        if not path.is_file():
+        if path.is_dir():
             raise self._error(f"{path} is a folder, not a file; name the file in it")
+        if not path.is_file():
+            raise self._error(f"{path} is a device or a pipe, not an ordinary file; name a file")
         if path.suffix.lower() not in self.suffixes:
             raise self._error(
                 f"{path.name} is none of the kinds that are read here: {', '.join(self.suffixes)}"

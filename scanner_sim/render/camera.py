@@ -20,6 +20,7 @@ from scipy.signal import fftconvolve
 from scanner_sim.render.camera_settings import Camera
 from scanner_sim.render.sky_emitter import register_orbit_sky
 from scanner_sim.scene.loader import LoadedScene
+from scanner_sim.scene.plugins import built
 
 _PATHS_AT_ONCE = 2**20
 _LEAST_FIELD = math.radians(1.0)
@@ -143,7 +144,7 @@ def _lit_scene(loaded: LoadedScene, sky: dict[str, Any]) -> Any:
     """Return the scene's shapes under the sky."""
     register_orbit_sky()
     shapes = {f"shape_{number}": shape for number, shape in enumerate(loaded.mitsuba.shapes())}
-    return mi.load_dict({"type": "scene", "sky": sky, **shapes}, optimize=False)
+    return built({"type": "scene", "sky": sky, **shapes})
 
 
 def _trace(
@@ -158,9 +159,9 @@ def _trace(
 
     Pixels are added up here: a Mitsuba film adds with atomic operations, in an order that no run repeats.
     """
-    integrator: Any = mi.load_dict({"type": "path", "max_depth": camera.bounces + 1})
+    integrator: Any = built({"type": "path", "max_depth": camera.bounces + 1})
     # Stratified, so that the emitter's choice between Sun and Earth is no source of noise.
-    sampler: Any = mi.load_dict({"type": "multijitter", "sample_count": camera.samples})
+    sampler: Any = built({"type": "multijitter", "sample_count": camera.samples})
     samples = sampler.sample_count()
     sampler.set_samples_per_wavefront(samples)
     rows, columns = shape

@@ -23,6 +23,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from scanner_sim.errors import InputError
 from scanner_sim.render.sky import (
     earth_radiance,
     pdf_earth,
@@ -41,12 +42,22 @@ def register_orbit_sky() -> type:
     """Make ``orbit_sky`` known to Mitsuba's present variant, and return its class.
 
     Call it again after every change of the variant: a plugin belongs to the variant in which it was made.
+
+    Raises
+    ------
+    InputError
+        In a scalar variant, which has no arrays of rays.
     """
     return _registered(str(mi.variant()))
 
 
 @cache
-def _registered(variant: str) -> type:  # noqa: ARG001 (what the cache goes by)
+def _registered(variant: str) -> type:
+    if variant.startswith("scalar"):
+        raise InputError(
+            f"orbit_sky computes for arrays of rays, and the variant {variant} has none.",
+            remedy="Set llvm_ad_mono or cuda_ad_mono.",
+        )
     made = _emitter_class()
     mi.register_emitter("orbit_sky", made)
     return made

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.errors import Fault, InputError, ScenarioError
 from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
+from scanner_sim.scene.plugins import installed_plugins_only
 from scanner_sim.scene.shapes import Surfaces, shapes_of
 
 
@@ -134,6 +135,11 @@ def load_scene(scene: Scene) -> LoadedScene:
         unknown materials.
     """
     mi.set_log_level(mi.LogLevel.Error)
+    with installed_plugins_only():
+        return _loaded(scene)
+
+
+def _loaded(scene: Scene) -> LoadedScene:
     surfaces = Surfaces()
     loaded: list[_Loaded] = []
     faults: list[Fault] = []

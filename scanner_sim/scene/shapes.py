@@ -1,11 +1,14 @@
 """From one object of a scene to Mitsuba shapes, and from a material to a BSDF.
 
-Shapes with a closed form stay analytic, so that truth is exact; meshes come from PLY, OBJ (Mitsuba's own
-readers) or STL (trimesh). A Mitsuba XML file is parsed, moved as one body and stripped of everything but its shapes.
+Shapes with a closed form stay analytic, so that truth is exact. Meshes and Mitsuba XML files are read and checked by
+this package, and the renderer is given what it wrote anew: nothing else of a file reaches it.
 """
 
 from __future__ import annotations
 
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +16,10 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.errors import InputError
+from scanner_sim.errors import InputError, RunError
 from scanner_sim.frames import pose_matrix, rotation_about
 from scanner_sim.scene import materials
+from scanner_sim.scene.mesh_files import read_mesh
 from scanner_sim.scene.objects import (
     Box,
     Cylinder,
@@ -29,11 +33,20 @@ from scanner_sim.scene.objects import (
     Surface,
     TargetArray,
 )
+from scanner_sim.scene.plugins import built, installed_plugins
 from scanner_sim.scene.polarisation import speckle_contrast
+from scanner_sim.scene.poses import FARTHEST
+from scanner_sim.scene.scene_rules import MESHES, renderers_scene
 from scanner_sim.scene.targets import target_array, target_positions
+from scanner_sim.scene.triangles import Triangles, canonical_ply
 
 _FACING = pose_matrix(rotation_about((1.0, 0.0, 0.0), np.pi), (0.0, 0.0, 0.0))
 """Turns Mitsuba's flat shapes, whose normal is +z, to face the scanner."""
+
+MOST_TRIANGLES = 100_000_000
+"""Triangles of an XML scene: a small file can name a large mesh often."""
+_FLATTEST = 1e-12
+"""Least determinant of a transform whose largest entry is 1."""
 
 
 def shapes_of(item: Any, surfaces: Surfaces) -> list[Any]:
@@ -75,7 +88,7 @@ class Surfaces:
             name = chosen.name
         self._described[name] = chosen
         if name not in self._made:
-            self._made[name] = mi.load_dict(materials.mitsuba_bsdf(chosen))
+            self._made[name] = built(materials.mitsuba_bsdf(chosen))
             self._made[name].set_id(name)
         return self._made[name]
 
@@ -151,30 +164,41 @@ def _cylinder(item: Cylinder, bsdfs: Surfaces) -> list[Any]:
 
 def _mesh_file(item: Mesh, bsdfs: Surfaces) -> list[Any]:
     bsdf = bsdfs(item.material)
-    kind = item.mesh.suffix.lower()
-    if not item.mesh.is_file():
-        raise InputError(f"the mesh '{item.mesh}' does not exist.", remedy="Give its path from the scenario.")
+    mesh = read_mesh(item.mesh)
     unit = item.length_unit
     matrix = item.scanner_from_object() @ _scaling(unit, unit, unit)
-    if kind == ".stl":
-        return [_mesh(item.name, *_read_stl(item.mesh), matrix, bsdf)]
-    if kind not in (".ply", ".obj"):
-        raise InputError(f"'{item.mesh.name}' is no PLY, OBJ or STL file.", remedy="Convert the mesh.")
-    try:
-        shape = _plugin(kind[1:], matrix, bsdf, filename=str(item.mesh))
-    except RuntimeError as error:
-        raise InputError(f"the mesh '{item.mesh}' cannot be read: {_reason(error)}") from None
+    settings = _SETTINGS_OF_FILES[item.mesh.suffix.lower()]
+    with _folder_for_meshes() as folder:
+        shape = _plugin("ply", matrix, bsdf, filename=_rewritten(mesh, folder), **settings)
     return [_checked(shape, item.mesh)]
 
 
-def _read_stl(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    import trimesh
+_SETTINGS_OF_FILES: dict[str, dict[str, bool]] = {
+    ".ply": {},
+    ".obj": {"flip_tex_coords": True},
+    ".stl": {"face_normals": True},
+}
+"""What the formats mean: OBJ files count texture rows from below, and STL files have flat faces."""
 
+
+@contextmanager
+def _folder_for_meshes() -> Iterator[Path]:
+    """Make a folder for the files that the renderer reads."""
     try:
-        mesh = trimesh.load_mesh(path, process=False)
-        return np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
-    except Exception as error:
-        raise InputError(f"the mesh '{path}' cannot be read: {error}") from None
+        with tempfile.TemporaryDirectory(prefix="scanner-sim-", ignore_cleanup_errors=True) as folder:
+            yield Path(folder)
+    except OSError as error:
+        raise RunError(
+            f"a temporary copy of a mesh cannot be written: {error.strerror}.",
+            remedy="Make room on the disk, or set TMPDIR to another folder.",
+        ) from None
+
+
+def _rewritten(mesh: Triangles, folder: Path, number: int = 0) -> str:
+    """Write a mesh that was read and checked for the renderer; return the path."""
+    path = folder / f"{number}.ply"
+    path.write_bytes(canonical_ply(mesh))
+    return str(path)
 
 
 def _mesh(
@@ -197,50 +221,86 @@ def _mesh(
     return _checked(mesh, Path(name))
 
 
-def _checked(mesh: Any, path: Path) -> Any:
-    """Return a mesh that has faces and finite vertices, or say what is wrong with it; other shapes pass."""
-    parameters = mi.traverse(mesh)
-    if "vertex_positions" not in parameters:
-        return mesh
-    if mesh.face_count() == 0:
-        raise InputError(f"the mesh '{path}' has no faces.", remedy="A point cloud cannot be scanned.")
-    if not np.isfinite(parameters["vertex_positions"].numpy()).all():
-        raise InputError(f"the mesh '{path}' has vertices that are not finite.")
-    if int(parameters["faces"].numpy().max()) >= mesh.vertex_count():
-        raise InputError(f"the mesh '{path}' has faces that name missing vertices.")
-    return mesh
+def _checked(shape: Any, path: Path) -> Any:
+    """Return a shape that lies where single precision resolves it, and has an extent."""
+    box = shape.bbox()
+    corners = np.array([box.min, box.max], dtype=np.float64)
+    if not (np.abs(corners) <= 10.0 * FARTHEST).all():
+        raise InputError(
+            f"a shape of {str(path)!r} reaches beyond {10.0 * FARTHEST:g} m, or nowhere.",
+            remedy="Check the unit of length and the transforms.",
+        )
+    if not np.ptp(corners, axis=0).any():
+        raise InputError(
+            f"a shape of {str(path)!r} is no larger than a point.", remedy="Check its transforms."
+        )
+    return shape
 
 
 def _mitsuba_file(item: MitsubaFile, _: Surfaces) -> list[Any]:
     """Return the shapes of an XML scene, moved as one body."""
-    if not item.file.is_file():
-        raise InputError(
-            f"the scene '{item.file}' does not exist.", remedy="Give its path from the scenario."
-        )
+    text = renderers_scene(item.file)
     settings = mi.parser.ParserConfig(str(mi.variant()))
     settings.merge_meshes = False
     settings.merge_equivalent = False
     pose = mi.ScalarAffineTransform4d(item.scanner_from_object())
-    renderer: Any = mi  # its type stubs lack the resolver
-    own_resolver = renderer.file_resolver()
-    beside_file = renderer.FileResolver(own_resolver)
-    beside_file.prepend(str(item.file.resolve().parent))
-    renderer.set_file_resolver(beside_file)
-    try:
-        state = mi.parser.parse_file(settings, str(item.file))
-        mi.parser.transform_all(settings, state)
-        for node in state.nodes:
-            if node.type == mi.ObjectType.Shape:
-                own = node.props.get("to_world", None)
-                node.props["to_world"] = pose if own is None else pose @ own
-        root = mi.parser.instantiate(settings, state)
-    except Exception as error:
-        raise InputError(f"the scene '{item.file}' cannot be loaded: {_reason(error)}") from None
-    finally:
-        renderer.set_file_resolver(own_resolver)
+    with _folder_for_meshes() as folder:
+        try:
+            state = mi.parser.parse_string(settings, text)
+            mi.parser.transform_all(settings, state)
+            _prepare(state.nodes, pose, folder)
+            root = mi.parser.instantiate(settings, state)
+        except InputError as error:
+            problem = f"the scene {str(item.file)!r} cannot be loaded: {error.message}"
+            raise InputError(problem, remedy=error.remedy) from None
+        except OSError:
+            raise
+        except Exception as error:
+            raise InputError(f"the scene {str(item.file)!r} cannot be loaded: {_reason(error)}") from None
     if not isinstance(root, mi.Scene) or not root.shapes():
-        raise InputError(f"the scene '{item.file}' holds no shapes.")
+        raise InputError(f"the scene {str(item.file)!r} holds no shapes.")
     return [_checked(shape, item.file) for shape in root.shapes()]
+
+
+def _prepare(nodes: Any, pose: Any, folder: Path) -> None:
+    """Move the shapes of a parsed scene, and give them meshes that were read and checked."""
+    copies: dict[str, tuple[str, int]] = {}
+    total = 0
+    for node in nodes:
+        kind = node.props.plugin_name()
+        if kind not in installed_plugins():
+            raise InputError(f"there is no plugin {kind!r}.")
+        for name in node.props:
+            if node.props.type(name) == mi.Properties.Type.Transform:
+                _refuse_singular(name, node.props[name])
+        if node.type != mi.ObjectType.Shape:
+            continue
+        own = node.props.get("to_world", None)
+        node.props["to_world"] = pose if own is None else pose @ own
+        if kind in MESHES:
+            named = node.props["filename"]
+            if named not in copies:
+                mesh = read_mesh(Path(named))
+                copies[named] = _rewritten(mesh, folder, len(copies)), len(mesh.faces)
+            node.props["filename"], faces = copies[named]
+            total += faces
+            if total > MOST_TRIANGLES:
+                raise InputError(
+                    f"the meshes of a scene have more than {MOST_TRIANGLES:.0e} triangles.",
+                    remedy="Simplify them.",
+                )
+            if kind == "obj":
+                node.props.set_plugin_name("ply")
+                node.props["flip_tex_coords"] = node.props.get("flip_tex_coords", True)
+
+
+def _refuse_singular(name: str, transform: Any) -> None:
+    """Find transforms that leave no volume, or no number."""
+    matrix = np.array(transform.matrix, dtype=np.float64)
+    linear = matrix[:-1, :-1]
+    size = np.abs(linear).max()
+    if not np.isfinite(matrix).all() or not size > 0.0 or not abs(np.linalg.det(linear / size)) > _FLATTEST:
+        raise InputError(f"the transform {name!r} of a shape flattens it, or is not finite.")
 
 
 def _target_array(item: TargetArray, bsdfs: Surfaces) -> list[Any]:

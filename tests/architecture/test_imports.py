@@ -50,9 +50,12 @@ ORDER |= dict.fromkeys(FOUNDATIONS, 0)
 SHARED_WITH_JUDGE = {"analytic", "constants", "units", "errors"}
 MAY_ASK_JUDGE = {"analytic", "compare", "reproduce", "cli"}
 
-# The device side of the flow. Elsewhere only the loader's two files and the streams touch it.
+# The device side of the flow. Elsewhere only the loader's three files and the streams touch it.
 DEVICE_ROOMS = {"mitsuba": {"render"}, "drjit": {"render", "detector", "signals"}}
-DEVICE_FILES = {"mitsuba": {"scene/loader.py", "scene/shapes.py"}, "drjit": {"scene/loader.py", "streams.py"}}
+DEVICE_FILES = {
+    "mitsuba": {"scene/loader.py", "scene/plugins.py", "scene/shapes.py"},
+    "drjit": {"scene/loader.py", "streams.py"},
+}
 NUMPY_ROOMS = {"ranging", "tracking", "pose"}
 FORBIDDEN_AFTER_SIGNALS = {"mitsuba", "drjit", "torch", "jax"}
 

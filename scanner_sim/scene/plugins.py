@@ -1,0 +1,69 @@
+"""Which plugins the renderer may load: those that came with it, and this package's own.
+
+The renderer looks for ``plugins/NAME.so`` in every folder where it looks for files, and the working folder is the first
+of them: a folder that somebody shares could bring code. So nothing is built but within :func:`installed_plugins_only`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import mitsuba as mi
+
+OWN = frozenset({"retroreflector", "orbit_sky"})
+"""Plugins of this package, written in Python."""
+
+
+@cache
+def installed_plugins() -> frozenset[str]:
+    """Return the names of the plugins that came with the renderer, and of this package's own."""
+    return OWN | {path.stem for path in (_home() / "plugins").iterdir()} | {"scene"}
+
+
+@contextmanager
+def installed_plugins_only() -> Iterator[None]:
+    """Keep the renderer from every folder but its own while it builds objects."""
+    renderer: Any = mi  # its type stubs lack the resolver
+    before = renderer.file_resolver()
+    own = renderer.FileResolver()
+    own.clear()
+    own.append(str(_home()))
+    renderer.set_file_resolver(own)
+    try:
+        yield
+    finally:
+        renderer.set_file_resolver(before)
+
+
+def built(description: Mapping[str, Any]) -> Any:
+    """Build what ``mitsuba.load_dict`` builds from a description, with this package's own plugins within it.
+
+    The renderer's own function asks for the kind of each plugin. It does not know ours in the variant that it asks for,
+    and then takes a library of that name from the working folder.
+    """
+    with installed_plugins_only():
+        return _built(description)
+
+
+def _built(description: Mapping[str, Any]) -> Any:
+    parts = {name: _built(part) if _holds_own(part) else part for name, part in description.items()}
+    if parts["type"] not in OWN:
+        return mi.load_dict(parts, optimize=False)
+    settings = mi.Properties(parts.pop("type"))
+    for name, part in parts.items():
+        value = mi.load_dict(part) if isinstance(part, dict) else part
+        settings[name] = mi.ScalarVector3d(value) if isinstance(value, list) else value
+    return mi.PluginManager.instance().create_object(settings)
+
+
+def _holds_own(part: Any) -> bool:
+    """Return whether a description is one of this package's own plugins, or holds one."""
+    return isinstance(part, dict) and (part.get("type") in OWN or any(map(_holds_own, part.values())))
+
+
+def _home() -> Path:
+    return Path(str(mi.__file__)).parent
