@@ -12,8 +12,11 @@ ROOT = Path(__file__).resolve().parents[1]
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages of the reference, and the changelog, which stands beside the README."""
+    """Put in the pages of the reference, for which signposts stand, and the changelog from beside the README."""
     for path, page in PAGES.items():
+        signpost = files.get_file_from_path(path)
+        if signpost is not None:
+            files.remove(signpost)
         files.append(File.generated(config, path, content=page()))
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     files.append(File.generated(config, "changes.md", content=changes))

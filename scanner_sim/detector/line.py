@@ -28,7 +28,8 @@ LinePower = Callable[[Any, Any], Any]
 
 _INVERSION = 40.0
 """Mean below which Poisson numbers are found by inversion; above, the series is good enough."""
-_LONGEST_SEARCH = 128
+_ROUNDING = 2.0**-24
+"""What float32 does not notice beside 1."""
 
 
 _BLOCK = 64
@@ -212,7 +213,8 @@ def poisson(mean: Any, normal: Any, least: float = 0.0) -> Any:
         return count, term, total + term
 
     def unfinished(count: Any, term: Any, total: Any) -> Any:
-        return few & (target > total) & (count < _LONGEST_SEARCH) & (term > 0.0)
+        # Near 1 the sum stops short of a target by rounding: beyond the mean a term below it ends the search.
+        return few & (target > total) & ((term > _ROUNDING) | (count < mean))
 
     first = dr.exp(-mean)
     target = 0.5 * (1.0 + dr.erf(z * 0.7071067811865476))

@@ -15,7 +15,7 @@ import drjit as dr
 import mitsuba as mi
 
 from scanner_sim.render import sky
-from scanner_sim.render.rays import occluded, one_kernel
+from scanner_sim.render.rays import leaving, occluded, one_kernel
 from scanner_sim.render.transport import meet
 from scanner_sim.scene.loader import LoadedScene
 
@@ -220,7 +220,7 @@ class _Tracer:
         value, scattered = si.bsdf().eval_pdf(mi.BSDFContext(), si, si.to_local(towards), active)
         radiance = radiance_of(self._light, towards)
         useful = active & (density > 0.0) & (value[0] > 0.0) & (radiance > 0.0)
-        hidden = occluded(self._loaded, si.spawn_ray(towards), coherent=coherent, active=useful)
+        hidden = occluded(self._loaded, leaving(si, towards), coherent=coherent, active=useful)
         return dr.select(useful & ~hidden, gain * value[0] * radiance / (density + scattered), 0.0)
 
     def scatter(self, si: Any, hit: Any, gain: Any, draws: Any, *, roulette: bool) -> Any:
@@ -230,9 +230,8 @@ class _Tracer:
         if roulette:  # faint paths end early, the others stand for them
             survival = dr.clip(gain, 0.1, 1.0)
             gain = dr.select(draws[3] < survival, gain / survival, 0.0)
-        ray = si.spawn_ray(si.to_world(sample.wo))
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-        return mi.Ray3f(ray.o, ray.d), hit & (gain > 0.0), gain, sample.pdf, delta
+        return leaving(si, si.to_world(sample.wo)), hit & (gain > 0.0), gain, sample.pdf, delta
 
     def shape_of(self, si: Any, hit: Any) -> Any:
         """Return the registry index of the surfaces, 0 for none."""

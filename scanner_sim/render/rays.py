@@ -18,6 +18,9 @@ import mitsuba as mi
 
 from scanner_sim.scene.loader import LoadedScene, Pose
 
+_BESIDE = 2.0**-19
+"""How far beside a surface a ray starts that leaves it, over its place's largest coordinate and 1 m: 16 roundings."""
+
 
 def at_time(loaded: LoadedScene, time: float) -> LoadedScene:
     """Return the scene at an instant [s]: for all rays alike."""
@@ -85,6 +88,18 @@ def occluded(loaded: LoadedScene, ray: Any, *, coherent: bool = False, active: A
         hidden |= body.mitsuba.ray_test(_carried(ray, pose), coherent=coherent, active=active & ~hidden)
         _apart(hidden)
     return hidden
+
+
+def leaving(si: Any, direction: Any) -> Any:
+    """Return rays that leave surfaces, ``mi.Ray3f``; ``direction`` of unit length.
+
+    They start beside the surface by a few roundings of its place, 20 µm at 10 m, so that they do not meet it again. The
+    renderer's own start 1 mm away there, which takes 25 to 40 % of the light from one side of a crease of 170° to
+    the other.
+    """
+    largest = dr.maximum(dr.maximum(dr.abs(si.p.x), dr.abs(si.p.y)), dr.abs(si.p.z))
+    away = dr.mulsign(_BESIDE * (1.0 + largest), dr.dot(si.n, direction))
+    return mi.Ray3f(dr.fma(si.n, away, si.p), direction)
 
 
 def _carried(ray: Any, pose: Pose) -> Any:

@@ -14,6 +14,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.render.rays import leaving
 from scanner_sim.render.transport import Lanes, meet
 from scanner_sim.scene.loader import LoadedScene
 from scanner_sim.streams import Stream, generator
@@ -59,7 +60,7 @@ def walk(loaded: LoadedScene, lane: Lanes, si: Any, power: Any, surfaces: int, s
         )
         power = power * dr.select(alive, weight[0], 0.0)
         alive = alive & (power > 0.0)
-        ray = si.spawn_ray(si.to_world(sample.wo))
+        ray = leaving(si, si.to_world(sample.wo))
         si = meet(loaded, ray.o, ray.d, alive, coherent=False)
         alive = alive & si.is_valid()
         yield Vertex(si, power, alive)

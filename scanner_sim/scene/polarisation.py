@@ -20,6 +20,6 @@ def speckle_contrast(depolarisation: float) -> float:
 
     Notes
     -----
-    Goodman, *Speckle phenomena in optics*, 2007, section 4.7.
+    Goodman, *Speckle phenomena in optics*, 2007, section 3.4.
     """
     return math.sqrt(0.5 * (1.0 + (1.0 - depolarisation) ** 2))

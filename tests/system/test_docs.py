@@ -146,6 +146,16 @@ def test_the_reference_has_every_channel_file_and_verb(reference: ModuleType) ->
     assert not {verb for verb in verbs if f"## scanner-sim {verb} " not in commands}
 
 
+def test_links_of_the_pages_lead_somewhere_in_the_repository(repo_root: Path) -> None:
+    """Claim: who reads a page without the site finds what it points to."""
+    astray = []
+    for page in (repo_root / "docs").rglob("*.md"):
+        for link in re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8")):
+            if "://" not in link and not (page.parent / link).exists():
+                astray.append(f"{page.name}: {link}")
+    assert not astray
+
+
 @pytest.mark.slow
 def test_the_site_builds_without_a_warning(tmp_path: Path, repo_root: Path) -> None:
     """Claim: every link, anchor and picture leads somewhere, and every docstring of the reference can be read."""
