@@ -133,7 +133,15 @@ def load_scene(scene: Scene) -> LoadedScene:
         With one fault per object that cannot be loaded: missing, broken or empty meshes and XML files,
         unknown materials.
     """
+    level = mi.log_level()
     mi.set_log_level(mi.LogLevel.Error)
+    try:
+        return _load_scene(scene)
+    finally:
+        mi.set_log_level(level)
+
+
+def _load_scene(scene: Scene) -> LoadedScene:
     surfaces = Surfaces()
     loaded: list[_Loaded] = []
     faults: list[Fault] = []

@@ -20,7 +20,7 @@ from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
 from scanner_sim.config import resolved_yaml
 from scanner_sim.products.exr import read_range_image
-from scanner_sim.products.folder import FILES
+from scanner_sim.products.run_folder import FILES
 
 SCENARIO = """\
 schema: 1
@@ -199,7 +199,7 @@ def test_a_full_disk_leaves_nothing_half_written(
         path.write_bytes(b"half")
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
-    monkeypatch.setattr("scanner_sim.products.folder.write_ply", fail)
+    monkeypatch.setattr("scanner_sim.products.run_folder.write_ply", fail)
     for folder in ("a", "new"):
         result = invoke("run", config, "-o", folder, "--overwrite")
         assert result.exit_code == 1
@@ -235,7 +235,7 @@ def test_an_image_larger_than_the_memory_is_refused(config: Path, monkeypatch: p
 @pytest.mark.parametrize(
     ("raised", "status", "words"),
     [
-        (KeyboardInterrupt(), 130, "stopped: interrupted; nothing was written."),
+        (KeyboardInterrupt(), 130, "stopped: interrupted; nothing is half-written."),
         (MemoryError(), 1, "memory is exhausted"),
         (RuntimeError("strange"), 1, "unexpected RuntimeError: strange\nThis is a fault of the program."),
     ],
@@ -251,7 +251,7 @@ def test_an_early_end_is_one_message(
     def fail(*_: object, **__: object) -> None:
         raise raised
 
-    monkeypatch.setattr("scanner_sim.products.folder.write_ply", fail)
+    monkeypatch.setattr("scanner_sim.products.run_folder.write_ply", fail)
     result = invoke("run", config, "-o", "a")
     assert result.exit_code == status
     assert words in result.stderr
