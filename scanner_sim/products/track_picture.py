@@ -207,7 +207,13 @@ def _visit(axes: Axes, record: PatternRecord, ink: str) -> None:
     x, y = np.degrees([angles[0].max(), angles[1].mean()])
     rim: list[AbstractPathEffect] = [withStroke(linewidth=2.0, foreground="black")] if ink == "white" else []
     label = axes.annotate(
-        record.target, (x, y), (4.0, 0.0), textcoords="offset points", va="center", color=ink, fontsize=7.0
+        named(record.target),
+        (x, y),
+        (4.0, 0.0),
+        textcoords="offset points",
+        va="center",
+        color=ink,
+        fontsize=7.0,
     )
     label.set_path_effects(rim)
 

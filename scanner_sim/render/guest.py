@@ -1,7 +1,7 @@
 """Being a guest: what a public function changes in the process that calls it, it gives back.
 
-Mitsuba's variant, Dr.Jit's threads and default backend, and the environment variable that names LLVM are settings of the
-whole process. Arrays of another variant stay valid throughout: the variant says only what new ones are.
+Mitsuba's variant, Dr.Jit's threads and default backend, and the environment variable that names LLVM are settings of
+the whole process. Arrays of another variant stay valid throughout: the variant says only what new ones are.
 """
 
 from __future__ import annotations
