@@ -84,7 +84,9 @@ def write_result(folder: Path, seed: int) -> None:
 
 
 def write_pair(folder: Path, seed: int) -> None:
-    writers = {name: lambda path, name=name: path.write_text(f"{name} {seed}" * 99) for name in ("a.csv", "a.png")}
+    writers = {
+        name: lambda path, name=name: path.write_text(f"{name} {seed}" * 99) for name in ("a.csv", "a.png")
+    }
     write_files(folder, writers, overwrite=True)
 
 

@@ -92,7 +92,9 @@ def test_of_writers_that_start_together_one_writes_and_the_others_are_told(tmp_p
     said = {who: process.communicate(timeout=60)[0].strip() for who, process in writers.items()}
     winners = [who for who, words in said.items() if words == "written"]
     assert len(winners) == 1, said
-    assert {path.name: path.read_text() for path in out.iterdir()} == dict.fromkeys(("mark", "other"), winners[0])
+    assert {path.name: path.read_text() for path in out.iterdir()} == dict.fromkeys(
+        ("mark", "other"), winners[0]
+    )
     for who in said.keys() - winners:
         assert "already holds a result" in said[who] or "another run is writing" in said[who]
 
