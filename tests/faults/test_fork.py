@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 FORKS = """
-import os, sys, warnings
+import os, signal, sys, warnings
 from pathlib import Path
 import numpy as np
 from scanner_sim.products.exr import read_range_image, write_exr
@@ -30,6 +30,7 @@ write("before")
 warnings.simplefilter("ignore", DeprecationWarning)  # of a fork while libraries have threads: just that is tested
 child = os.fork()
 if child == 0:
+    signal.alarm(60)  # where it hangs, it does not stay
     write("after")
     os._exit(0)
 sys.exit(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
