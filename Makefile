@@ -13,7 +13,7 @@ OLDEST_LLVM := $(RUN) -m scanner_sim.render.device --oldest
 # Said by the interpreter itself, so that a shim without a Python behind it counts as missing.
 NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo test lint format typecheck docs build bench scenes setup llvm clean
+.PHONY: help demo test soak lint format typecheck docs build bench scenes setup llvm clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -25,6 +25,9 @@ demo: setup ## Set up and run the quickstart with its pictures
 
 test: setup ## Set up and run all tests, slow ones too
 	$(RUN) -m pytest -m ""
+
+soak: setup ## Run 200 simulations in one process, whose memory must stay where it is
+	SCANNER_SIM_SOAK=200 $(RUN) -m pytest tests/faults/test_soak.py
 
 lint: $(STAMP) ## Check style and format
 	$(RUN) -m ruff check .

@@ -25,7 +25,7 @@ from scanner_sim.tracking.record import Track, TrackStatus
 
 FOLDERS: Mapping[str, tuple[str, str, Mapping[str, str]]] = {
     "run, of a raster": (
-        "scanner_sim.products.folder",
+        "scanner_sim.products.run_folder",
         "RUN",
         {
             "range.exr": "every layer below, float32, with scenario, versions, units and legends in its header",

@@ -13,6 +13,7 @@ Single shots never raise: they carry a :class:`scanner_sim.status.Status`.
 
 from __future__ import annotations
 
+import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -92,6 +93,25 @@ class ScenarioError(InputError):
 
     def __init__(self, faults: Sequence[Fault], *, source: str = "scenario") -> None:
         count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
-        super().__init__(f"{source}: {count}\n" + "\n".join(f"  {fault}" for fault in faults))
+        lines = [f"{printable(source)}: {count}", *(f"  {printable(str(fault))}" for fault in faults)]
+        super().__init__("\n".join(lines))
         self.faults = tuple(faults)
         self.source = source
+
+
+def printable(text: str, *, lines: bool = False) -> str:
+    r"""Return a text as a terminal, a picture or a line of a file may show it: nothing in it steers the reader.
+
+    Control characters, escape sequences, marks that turn the direction of writing and bytes that are no text become
+    their escapes, as ``\x1b``; with ``lines`` ends of lines stay.
+    """
+    return "".join(
+        letter
+        if (lines and letter == "\n") or unicodedata.category(letter) not in _STEERING
+        else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )
+
+
+_STEERING = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+"""Categories of Unicode: controls, formats, surrogates, separators of lines and paragraphs."""

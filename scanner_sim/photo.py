@@ -6,9 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.render.device import DeviceChoice, activate
+from scanner_sim.render.guest import guest
 from scanner_sim.scenario import Scenario
 
 
+@guest()
 def take_photo(scenario: Scenario, *, device: DeviceChoice = "auto") -> NDArray[np.uint8]:
     """Return the picture of the scenario's video camera over the field of view of its scan.
 

@@ -13,6 +13,7 @@ from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.products.waveforms import WaveformSet, joined
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import guest
 from scanner_sim.scan.raster import raster_aim, tiled_order
 from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
@@ -26,6 +27,7 @@ Progress = Callable[[int, int], None]
 """Called with the shots done and the shots in all."""
 
 
+@guest()
 def simulate(
     scenario: Scenario,
     *,
@@ -89,6 +91,7 @@ def simulate(
     )
 
 
+@guest()
 def simulate_voxel(
     scenario: Scenario, row: int, column: int, *, device: DeviceChoice = "auto"
 ) -> VoxelRecord:
@@ -106,6 +109,7 @@ def simulate_voxel(
     return voxel_record(bench, row, column)
 
 
+@guest()
 def simulate_waveforms(
     scenario: Scenario,
     voxels: Sequence[tuple[int, int]] | None = None,

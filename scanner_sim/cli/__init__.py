@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -20,13 +21,14 @@ from scanner_sim.cli.options import (
     folder_option,
     overrides_of,
 )
-from scanner_sim.cli.report import reported
+from scanner_sim.cli.report import open_streams, reported
 from scanner_sim.cli.studies import budget, calibrate, orbit, pose_study
 
 app = typer.Typer(
     name="scanner-sim",
     help="Simulate an auto-synchronised 3-D laser scanner, from a YAML scenario to a range image.",
-    epilog="Exit status: 0 done, 1 the run failed, 2 bad input. Begin with: scanner-sim run configs/quickstart.yaml",
+    epilog="Exit status: 0 done, 1 the run failed, 2 bad input, 130 interrupted. "
+    "Begin with: scanner-sim run configs/quickstart.yaml",
     no_args_is_help=True,
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -111,6 +113,9 @@ def show(
         ),
     ] = None,
     device: Device = DeviceName.auto,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace pictures that are there already in DIR.")
+    ] = False,
 ) -> None:
     """Draw the pictures of a result, or explain one of its voxels or patterns.
 
@@ -122,15 +127,17 @@ def show(
     with reported():
         from scanner_sim.cli.showing import show_result, show_voxel
         from scanner_sim.cli.tracking import show_pattern, show_track
+        from scanner_sim.products.exchange import recover
 
+        recover(result if result.is_dir() else result.parent)
         if pattern is not None:
-            show_pattern(result, pattern, output)
+            show_pattern(result, pattern, output, overwrite=overwrite)
         elif voxel is None and (result / "track.csv").exists():
-            show_track(result, output, device=device.value)
+            show_track(result, output, device=device.value, overwrite=overwrite)
         elif voxel is None:
-            show_result(result, output)
+            show_result(result, output, overwrite=overwrite)
         else:
-            show_voxel(result, voxel, output, device=device.value)
+            show_voxel(result, voxel, output, device=device.value, overwrite=overwrite)
 
 
 for verb in (orbit, calibrate, budget, pose_study, compare, reproduce):
@@ -180,4 +187,9 @@ def _options(
 
 def main() -> None:
     """Run the command line."""
-    app()
+    open_streams()
+    try:
+        with reported():
+            app()
+    except typer.Exit as end:
+        sys.exit(end.exit_code)

@@ -15,7 +15,7 @@ from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.products.budget import BUDGET, BudgetRow, crossing, write_budget
-from scanner_sim.products.folder import check_target
+from scanner_sim.products.folder import claimed
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scenario import Scenario
 
@@ -40,27 +40,27 @@ def budget_scenario(
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
     scenario = load_and_warn(config, overrides, quiet)
-    check_target(folder, overwrite, BUDGET)
-    from scanner_sim.studies.budget import distances_of, measure_budget
-    from scanner_sim.studies.dominance import dominating
+    with claimed(folder, overwrite, BUDGET):
+        from scanner_sim.studies.budget import distances_of, measure_budget
+        from scanner_sim.studies.dominance import dominating
 
-    distances = distances_of(scenario, count)
-    dominance = None
-    with progress_bar("source by source", quiet) as (advance, say), scenario_of(config):
-        rows = measure_budget(scenario, distances, reflectance, device=device, progress=advance)
-        if image:
-            say("over the image")
-            dominance = dominating(scenario, device=device, progress=advance)
-    rows = with_closed_forms(rows, scenario, reflectance)
-    paths = write_budget(
-        rows,
-        folder,
-        reflectance=reflectance,
-        scenario_yaml=resolved_yaml(scenario),
-        light="dark" if scenario.lighting.sky().dark else "lit as the scenario says",
-        dominance=dominance,
-        overwrite=overwrite,
-    )
+        distances = distances_of(scenario, count)
+        dominance = None
+        with progress_bar("source by source", quiet) as (advance, say), scenario_of(config):
+            rows = measure_budget(scenario, distances, reflectance, device=device, progress=advance)
+            if image:
+                say("over the image")
+                dominance = dominating(scenario, device=device, progress=advance)
+        rows = with_closed_forms(rows, scenario, reflectance)
+        paths = write_budget(
+            rows,
+            folder,
+            reflectance=reflectance,
+            scenario_yaml=resolved_yaml(scenario),
+            light="dark" if scenario.lighting.sky().dark else "lit as the scenario says",
+            dominance=dominance,
+            overwrite=overwrite,
+        )
     if quiet:
         return
     print_rows(budget_rows(rows))

@@ -13,6 +13,7 @@ from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_table
 from scanner_sim.errors import InputError
 from scanner_sim.products.bias_picture import BiasCurve, draw_bias
+from scanner_sim.products.exchange import check_files, write_files
 from scanner_sim.render.device import DeviceChoice
 
 
@@ -39,9 +40,7 @@ def calibrate_scenario(
         raise InputError(f"{file.name} is no name of a table.", remedy="Write one that ends in .csv.")
     if not file.parent.is_dir():
         raise InputError(f"there is no folder {file.parent}.", remedy="Make it, or name another.")
-    for path in (file, picture):
-        if path.exists() and not overwrite:
-            raise InputError(f"{path} exists already.", remedy="Name another file, or add --overwrite.")
+    check_files((file, picture), overwrite)
     scenario = load_and_warn(config, overrides, quiet)
     from scanner_sim.studies.calibrate import measure_bias
 
@@ -56,8 +55,11 @@ def calibrate_scenario(
         taken = computed.at(np.array([passage.width]), passage.phase + passage.bias)[0]
         label = f"s = {passage.width:.2f} px, {passage.range:.3g} m"
         curves.append(BiasCurve(label, passage.phase, passage.bias, passage.bias - taken))
-    write_bias(table, file)
-    draw_bias(scenario.processing.peak, curves, picture)
+    writers = {
+        file.name: lambda path: write_bias(table, path),
+        picture.name: lambda path: draw_bias(scenario.processing.peak, curves, path),
+    }
+    write_files(file.parent, writers, overwrite=overwrite)
     if quiet:
         return
     largest, left = (max(float(np.abs(getattr(c, name)).max()) for c in curves) for name in ("bias", "left"))

@@ -13,7 +13,7 @@ from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.products.comparison import COMPARISON, Comparison, write_comparison
-from scanner_sim.products.folder import check_target
+from scanner_sim.products.folder import claimed
 from scanner_sim.render.device import DeviceChoice
 
 
@@ -42,7 +42,6 @@ def compare_scenario(
         With 1 where a law is broken, or anything differs from the baseline.
     """
     scenario = load_and_warn(config, overrides, quiet)
-    check_target(folder, overwrite, COMPARISON)
     from scanner_sim.compare.baseline import against, read_baseline
     from scanner_sim.compare.run import compare
     from scanner_sim.compare.setting import FlatTarget, Setting
@@ -50,11 +49,12 @@ def compare_scenario(
     earlier = None if baseline is None else read_baseline(baseline)
     flat = None if target is None else FlatTarget.parse(target)
     setting = Setting(scenario, flat, seeds, quick, device)
-    with progress_bar("law by law", quiet, "laws") as (advance, _), scenario_of(config):
-        found = compare(setting, only=only, level=level, progress=advance)
-    if earlier is not None:
-        found = against(found, earlier)
-    paths = write_comparison(found, folder, scenario_yaml=resolved_yaml(scenario), overwrite=overwrite)
+    with claimed(folder, overwrite, COMPARISON):
+        with progress_bar("law by law", quiet, "laws") as (advance, _), scenario_of(config):
+            found = compare(setting, only=only, level=level, progress=advance)
+        if earlier is not None:
+            found = against(found, earlier)
+        paths = write_comparison(found, folder, scenario_yaml=resolved_yaml(scenario), overwrite=overwrite)
     if not quiet:
         _print(found)
         print_table({"folder": str(folder), "files": ", ".join(path.name for path in paths)})

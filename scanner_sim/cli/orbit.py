@@ -9,7 +9,7 @@ from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
-from scanner_sim.products.folder import check_target
+from scanner_sim.products.folder import claimed
 from scanner_sim.products.timeline import ORBIT, Timeline, write_orbit
 from scanner_sim.render.device import DeviceChoice
 
@@ -32,12 +32,12 @@ def orbit_scenario(
         If the scenario has no orbit, it, the folder or the device cannot be used, or the disk fails.
     """
     scenario = load_and_warn(config, overrides, quiet)
-    check_target(folder, overwrite, ORBIT)
-    from scanner_sim.studies.sweep import sweep_orbit
+    with claimed(folder, overwrite, ORBIT):
+        from scanner_sim.studies.sweep import sweep_orbit
 
-    with progress_bar("along the orbit", quiet) as (advance, _), scenario_of(config):
-        timeline = sweep_orbit(scenario, steps, device=device, progress=advance)
-    paths = write_orbit(timeline, folder, overwrite=overwrite)
+        with progress_bar("along the orbit", quiet) as (advance, _), scenario_of(config):
+            timeline = sweep_orbit(scenario, steps, device=device, progress=advance)
+        paths = write_orbit(timeline, folder, overwrite=overwrite)
     if quiet:
         return
     for sentence in timeline.warnings:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from scanner_sim.closed_loop.poses import carriers_of
 from scanner_sim.errors import InputError
-from scanner_sim.products.folder import planned_files
+from scanner_sim.products.run_folder import planned_files
 from scanner_sim.products.track import planned_track_files
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scenario import Scenario

@@ -16,7 +16,7 @@ from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.pose.arrays import Layout
-from scanner_sim.products.folder import check_target
+from scanner_sim.products.folder import claimed
 from scanner_sim.products.pose_study import (
     COMPONENTS,
     POSE_STUDY,
@@ -47,26 +47,26 @@ def study_scenario(
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
     scenario = load_and_warn(config, overrides, quiet)
-    check_target(folder, overwrite, POSE_STUDY)
     from scanner_sim.studies.pose_laws import exponents_of, gains_of
     from scanner_sim.studies.pose_study import BASE, REFERENCE, measure_study, plan_study, target_rows
     from scanner_sim.studies.target_grid import StudyTarget
 
     target = StudyTarget.of(scenario, diameter)
     plan = plan_study(scenario, target, quick=quick)
-    with progress_bar("targets and poses", quiet) as (advance, _), scenario_of(config):
-        pools, rows = measure_study(scenario, plan, target, device=device, progress=advance)
-    targets = target_rows(pools)
-    rows = closed_forms(rows, plan.arrays, targets, REFERENCE)
-    study = PoseStudy(
-        base=BASE.name,
-        base_size=BASE.size,
-        targets=targets,
-        rows=rows,
-        exponents=exponents_of(rows, BASE.name, BASE.size, REFERENCE),
-        gains=gains_of(rows, BASE.name, BASE.size),
-    )
-    paths = write_pose_study(study, folder, scenario_yaml=resolved_yaml(scenario), overwrite=overwrite)
+    with claimed(folder, overwrite, POSE_STUDY):
+        with progress_bar("targets and poses", quiet) as (advance, _), scenario_of(config):
+            pools, rows = measure_study(scenario, plan, target, device=device, progress=advance)
+        targets = target_rows(pools)
+        rows = closed_forms(rows, plan.arrays, targets, REFERENCE)
+        study = PoseStudy(
+            base=BASE.name,
+            base_size=BASE.size,
+            targets=targets,
+            rows=rows,
+            exponents=exponents_of(rows, BASE.name, BASE.size, REFERENCE),
+            gains=gains_of(rows, BASE.name, BASE.size),
+        )
+        paths = write_pose_study(study, folder, scenario_yaml=resolved_yaml(scenario), overwrite=overwrite)
     if quiet:
         return
     print_rows(exponent_rows(study), left=(0, 1))

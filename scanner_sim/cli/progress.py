@@ -53,7 +53,7 @@ def progress_bar(
             return Text(f"{task.speed / 1e3:.0f} k {unit}/s" if fast else f"{task.speed:.3g} {unit}/s")
 
     columns = (
-        TextColumn("{task.description}"),
+        TextColumn("{task.description}", markup=False),
         BarColumn(),
         TaskProgressColumn(),
         Rate(),

@@ -7,59 +7,102 @@ import errno
 import os
 import signal
 import sys
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import FrameType
-from typing import NoReturn
+from typing import NoReturn, TextIO
 
 import typer
 
-from scanner_sim.errors import ScannerSimError, ScenarioError
+from scanner_sim.errors import ScannerSimError, ScenarioError, printable
 
 DEBUG = "SCANNER_SIM_DEBUG"
 """Environment variable that shows the traceback of an unexpected error."""
 
-INTERRUPTED = 130
-TERMINATED = 143
+_WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
+"""The signals that end a command, and what is said of it; its status is 128 and the signal's number."""
 
 
 @contextlib.contextmanager
 def reported() -> Iterator[None]:
-    """Turn exceptions into a message on the standard error stream and an exit status."""
-    before = signal.signal(signal.SIGTERM, _terminate)
-    try:
-        yield
-        sys.stdout.flush()
-    except (typer.Exit, SystemExit):
-        raise
-    except ScannerSimError as error:
-        _end(error.exit_status, error.message, error.remedy)
-    except KeyboardInterrupt:
-        _end(
-            INTERRUPTED, "interrupted; nothing was written.", "The same command starts again.", word="stopped"
-        )
-    except BrokenPipeError:
+    """Turn exceptions and signals into a message on the standard error stream and an exit status."""
+    with _signals() as came:
+        try:
+            yield
+            sys.stdout.flush()
+            if came:  # and what it raised was lost, in a destructor for instance
+                raise KeyboardInterrupt
+        except BaseException as error:
+            # What a signal raises inside a kernel's loop or a plugin comes out as an error of the renderer.
+            number = came[0] if came else signal.SIGINT
+            if came or isinstance(error, KeyboardInterrupt):
+                remedy = "The same command starts again."
+                _end(128 + number, f"{_WORDS[number]}; nothing is half-written.", remedy, word="stopped")
+            _report(error)
+
+
+def _report(error: BaseException) -> NoReturn:
+    """End with the message and the status of an exception."""
+    if isinstance(error, typer.Exit | SystemExit):
+        raise error
+    if isinstance(error, ScannerSimError):
+        several = isinstance(error, ScenarioError)
+        _end(error.exit_status, error.message if several else printable(error.message), error.remedy)
+    if isinstance(error, BrokenPipeError):
         # The reader of our output has gone, as `| head` does: there is nothing left to say.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _silence(sys.stdout)
         raise typer.Exit(0) from None
-    except MemoryError:
+    if isinstance(error, MemoryError):
         _end(1, "the memory is exhausted.", "Reduce scan.rows or scan.columns.")
-    except OSError as error:
-        if os.environ.get(DEBUG):
-            raise
+    if os.environ.get(DEBUG):
+        raise error
+    if isinstance(error, OSError):
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         about = f"{error.filename}: " if error.filename else ""
         _end(1, f"{about}{error.strerror or error}.", "Make room on the disk." if full else "")
-    except Exception as error:
-        if os.environ.get(DEBUG):
-            raise
-        _end(
-            1,
-            f"unexpected {type(error).__name__}: {error}",
-            f"This is a fault of the program. Set {DEBUG}=1 to see where it happened, and report it.",
-        )
+    _end(
+        1,
+        f"unexpected {type(error).__name__}: {error}",
+        f"This is a fault of the program. Set {DEBUG}=1 to see where it happened, and report it.",
+    )
+
+
+@contextlib.contextmanager
+def _signals() -> Iterator[list[signal.Signals]]:
+    """Let the signals that end a command raise KeyboardInterrupt; yields a list of those that came."""
+    came: list[signal.Signals] = []
+
+    def stop(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG001 (the signal's signature)
+        came.append(signal.Signals(number))
+        raise KeyboardInterrupt
+
+    if threading.current_thread() is not threading.main_thread():
+        yield came
+        return
+    before = {number: signal.signal(number, stop) for number in _WORDS}
+    try:
+        yield came
     finally:
-        signal.signal(signal.SIGTERM, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def open_streams() -> None:
+    """See that the standard streams are there: the first file that is opened would take the place of a closed one."""
+    for number, name in enumerate(("stdin", "stdout", "stderr")):
+        if getattr(sys, name) is None:
+            handle = os.open(os.devnull, os.O_RDWR)
+            if handle != number:
+                os.dup2(handle, number)
+                os.close(handle)
+            setattr(sys, name, open(number, "w" if number else "r", encoding="utf-8"))  # noqa: SIM115 (stays open)
+
+
+def _silence(stream: TextIO) -> None:
+    """Let nothing more reach a stream that cannot take it, the rest of its buffer at the program's end included."""
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 @contextlib.contextmanager
@@ -73,20 +116,22 @@ def scenario_of(config: Path) -> Iterator[None]:
 
 def warn(sentence: str) -> None:
     """Print a warning on the standard error stream."""
-    typer.echo(f"{_coloured('warning:', typer.colors.YELLOW)} {sentence}", err=True)
+    typer.echo(f"{_coloured('warning:', typer.colors.YELLOW)} {printable(sentence)}", err=True)
 
 
 def _end(status: int, message: str, remedy: str = "", word: str = "error") -> NoReturn:
-    typer.echo(f"{_coloured(f'{word}:', typer.colors.RED)} {message}", err=True)
-    if remedy:
-        typer.echo(remedy, err=True)
+    lines = [f"{_coloured(f'{word}:', typer.colors.RED)} {printable(message, lines=True)}"]
+    lines += [printable(remedy, lines=True)] if remedy else []
+    try:
+        typer.echo("\n".join(lines), err=True)
+    except OSError:
+        _silence(sys.stderr)
+    try:
+        sys.stdout.flush()
+    except OSError:
+        _silence(sys.stdout)
     raise typer.Exit(status) from None
 
 
 def _coloured(word: str, colour: str) -> str:
     return typer.style(word, fg=colour, bold=True) if sys.stderr.isatty() else word
-
-
-def _terminate(number: int, frame: FrameType | None) -> NoReturn:  # noqa: ARG001 (the signal's signature)
-    # An exception, so that half-written files are cleaned away.
-    raise SystemExit(TERMINATED)

@@ -13,10 +13,12 @@ from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_table
 from scanner_sim.cli.tracking import run_tracking
-from scanner_sim.products.folder import RUN, check_target, write_run
+from scanner_sim.products.folder import check_target, claimed
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.run_folder import RUN, write_run
 from scanner_sim.products.track import TRACK
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
 from scanner_sim.tracking.scan import TrackScan
 
@@ -40,14 +42,22 @@ def run_scenario(
     """
     scenario = load_and_warn(config, overrides, quiet)
     follows = isinstance(scenario.scan, TrackScan)
-    check_target(folder, overwrite, TRACK if follows else RUN)
+    kind = TRACK if follows else RUN
     if dry_run:
+        check_target(folder, overwrite, kind)
         print_table(plan(scenario, folder))
         return
     check_memory(scenario)
-    if follows:
-        run_tracking(scenario, config, folder, device=device, overwrite=overwrite, quiet=quiet)
-        return
+    with claimed(folder, overwrite, kind):
+        if follows:
+            run_tracking(scenario, config, folder, device=device, overwrite=overwrite, quiet=quiet)
+        else:
+            _run_raster(scenario, config, folder, device=device, overwrite=overwrite, quiet=quiet)
+
+
+def _run_raster(
+    scenario: Scenario, config: Path, folder: Path, *, device: DeviceChoice, overwrite: bool, quiet: bool
+) -> None:
     # Loads the renderer: only after everything that can be refused without it.
     from scanner_sim.photo import take_photo
     from scanner_sim.simulate import simulate, simulate_waveforms

@@ -6,14 +6,14 @@ import math
 from functools import partial
 from pathlib import Path
 
-from scanner_sim.cli.drawing import drawn
 from scanner_sim.cli.running import closing
 from scanner_sim.cli.tables import print_table
 from scanner_sim.config import scenario_from_text
 from scanner_sim.errors import InputError
+from scanner_sim.products.exchange import write_file, write_files
 from scanner_sim.products.exr import read_range_image
-from scanner_sim.products.folder import RESULT
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.run_folder import RESULT
 from scanner_sim.products.track import TRACK
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.products.waveforms import WaveformSet
@@ -21,7 +21,7 @@ from scanner_sim.render.device import DeviceChoice
 from scanner_sim.status import Status
 
 
-def show_result(result: Path, output: Path | None) -> None:
+def show_result(result: Path, output: Path | None, *, overwrite: bool) -> None:
     """Draw the pictures of a result.
 
     Raises
@@ -39,11 +39,19 @@ def show_result(result: Path, output: Path | None) -> None:
         **({"tof.png": draw_grey} if "tof.range_m" in image else {}),
         **({"background.png": draw_background} if lit(image) else {}),
     }
-    paths = [drawn(folder / name, partial(draw, image)) for name, draw in pictures.items()]
+    writers = {name: partial(draw, image) for name, draw in pictures.items()}
+    paths = write_files(folder, writers, overwrite=overwrite or output is None)
     print_table(closing(image, paths))
 
 
-def show_voxel(result: Path, voxel: tuple[int, int], output: Path | None, *, device: DeviceChoice) -> None:
+def show_voxel(
+    result: Path,
+    voxel: tuple[int, int],
+    output: Path | None,
+    *,
+    device: DeviceChoice,
+    overwrite: bool,
+) -> None:
     """Simulate one voxel of a result again, draw its line, its waveform or both, and print its numbers.
 
     Raises
@@ -60,6 +68,7 @@ def show_voxel(result: Path, voxel: tuple[int, int], output: Path | None, *, dev
         )
     scenario = scenario_from_text(image.scenario_yaml, name=str(path))
     folder = output or path.parent
+    write = partial(write_file, overwrite=overwrite or output is None)
     table: dict[str, str] = {}
     pictures: list[Path] = []
     if scenario.ranging != "tof":
@@ -67,7 +76,7 @@ def show_voxel(result: Path, voxel: tuple[int, int], output: Path | None, *, dev
         from scanner_sim.simulate import simulate_voxel
 
         record = simulate_voxel(scenario, row, column, device=device)
-        pictures.append(drawn(folder / f"voxel_{row}_{column}.png", lambda to: draw_voxel(record, to)))
+        pictures.append(write(folder / f"voxel_{row}_{column}.png", lambda to: draw_voxel(record, to)))
         table |= _numbers(record)
     if scenario.ranging != "triangulation":
         from scanner_sim.lidar import fitted_pulse
@@ -77,7 +86,7 @@ def show_voxel(result: Path, voxel: tuple[int, int], output: Path | None, *, dev
         waveforms = simulate_waveforms(scenario, [voxel], device=device)
         fit = fitted_pulse(scenario.scanner.lidar, waveforms, 0)
         name = f"waveform_{row}_{column}.png"
-        pictures.append(drawn(folder / name, lambda to: draw_waveform(to, waveforms, 0, fit)))
+        pictures.append(write(folder / name, lambda to: draw_waveform(to, waveforms, 0, fit)))
         table |= _timed_numbers(image, row, column, waveforms)
     print_table(table | {"picture": ", ".join(map(str, pictures))})
 

@@ -10,9 +10,12 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from scanner_sim.errors import printable
+
 
 def print_table(rows: Mapping[str, str]) -> None:
     """Print pairs of a word and a phrase on the standard output stream."""
+    rows = {printable(word): printable(phrase) for word, phrase in rows.items()}
     table = Table.grid(padding=(0, 2))
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
@@ -37,6 +40,7 @@ def print_rows(rows: Sequence[Sequence[str]], left: Collection[int] = (0,)) -> N
     left
         Columns that are aligned to the left; the others stand to the right.
     """
+    rows = [[printable(cell) for cell in row] for row in rows]
     if sys.stdout.isatty():
         heading, *body = rows
         table = Table()

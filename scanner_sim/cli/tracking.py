@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from scanner_sim.cli.drawing import drawn
 from scanner_sim.cli.plan import patterns
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
@@ -17,6 +16,7 @@ from scanner_sim.config import scenario_from_text
 from scanner_sim.errors import InputError
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
+from scanner_sim.products.exchange import write_file, write_files
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pose import read_poses
 from scanner_sim.products.track import POSES, RELATIVE_POSES, read_track
@@ -76,7 +76,7 @@ def run_tracking(
         _print_closing(made, poses, paths)
 
 
-def show_track(result: Path, output: Path | None, *, device: DeviceChoice) -> None:
+def show_track(result: Path, output: Path | None, *, device: DeviceChoice, overwrite: bool) -> None:
     """Draw the pictures of a tracking run anew.
 
     Raises
@@ -93,11 +93,11 @@ def show_track(result: Path, output: Path | None, *, device: DeviceChoice) -> No
     ]
     scenario = scenario_from_text(made.scenario_yaml, name=str(result))
     pictures = pictures_of(made, poses, backdrop_of(made, scenario, device), rims_of(made))
-    paths = [drawn((output or result) / name, draw) for name, draw in pictures.items()]
+    paths = write_files(output or result, pictures, overwrite=overwrite or output is None)
     _print_closing(made, poses, paths)
 
 
-def show_pattern(result: Path, number: int, output: Path | None) -> None:
+def show_pattern(result: Path, number: int, output: Path | None, *, overwrite: bool) -> None:
     """Draw one pattern of a tracking run and print what was made of it.
 
     Raises
@@ -125,8 +125,10 @@ def show_pattern(result: Path, number: int, output: Path | None) -> None:
             + ".",
             remedy="Run the folder's scenario.yaml with --set output.patterns=true, or name another pattern.",
         )
-    path = drawn(
-        (output or result) / f"pattern_{number}.png", lambda to: draw_pattern(made, number, to, rims_of(made))
+    path = write_file(
+        (output or result) / f"pattern_{number}.png",
+        lambda to: draw_pattern(made, number, to, rims_of(made)),
+        overwrite=overwrite or output is None,
     )
     print_table(_numbers(record) | {"picture": str(path)})
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.errors import InputError
 from scanner_sim.optics.galvanometer import MirrorState
+from scanner_sim.products.exchange import write_file
 from scanner_sim.products.folder import write_text
 from scanner_sim.scan.schedule import MirrorPair, mirrors_at
 from scanner_sim.tracking.prediction import Motion
@@ -101,7 +102,10 @@ def save_state(path: Path, state: TrackerState, scenario_yaml: str, made_by: str
             "amplitudes": list(state.amplitudes),
         },
     }
-    write_text(path, json.dumps(content, indent=1, ensure_ascii=False) + "\n")
+    text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
+    if path.exists():
+        load_state(path)  # raises where it is something else, which is not ours to replace
+    write_file(path, lambda to: write_text(to, text), overwrite=True)
 
 
 def load_state(path: Path) -> tuple[TrackerState, str]:

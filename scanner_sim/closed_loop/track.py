@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 
 from scanner_sim.closed_loop.tracker import Tracker, made_by
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import guest
 from scanner_sim.scenario import Scenario
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 
@@ -13,6 +14,7 @@ Progress = Callable[[float, float], None]
 """Called with the time that is done and the time in all [s]."""
 
 
+@guest()
 def track(
     scenario: Scenario,
     *,

@@ -17,6 +17,7 @@ from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.errors import InputError
 from scanner_sim.products.provenance import versions
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import Stay, guest
 from scanner_sim.scan.schedule import run_visit
 from scanner_sim.scenario import Scenario
 from scanner_sim.tracking.record import PatternRecord
@@ -60,8 +61,10 @@ class Tracker:
     ) -> None:
         self.scenario, self.scan, self.targets = scenario, scenario.following, scenario.targets
         self.state = first_state(self.targets, self.scan.tracker) if state is None else state
-        bench = PatternBench(Workbench(scenario, device=device, threads=threads))
-        self._eye, self._recorder = Eye(scenario, bench), Recorder(scenario)
+        with guest():
+            bench = PatternBench(Workbench(scenario, device=device, threads=threads))
+            self._eye, self._recorder = Eye(scenario, bench), Recorder(scenario)
+            self._stay = Stay()
         self._periods: dict[int, float] = {}
 
     @classmethod
@@ -179,7 +182,8 @@ class Tracker:
             dwell=dwell,
             visiting=self.scan.visiting,
         )
-        samples, seen = self._eye.see(target, order, motion, state.visits)
+        with self._stay.resumed():
+            samples, seen = self._eye.see(target, order, motion, state.visits)
         others = [
             other.motion
             for place, other in enumerate(state.tracks)

@@ -11,6 +11,7 @@ from scanner_sim.compare.setting import Setting, named
 from scanner_sim.errors import InputError
 from scanner_sim.products.comparison import Comparison, Finding
 from scanner_sim.products.provenance import versions
+from scanner_sim.render.guest import guest
 
 LEVEL = 1e-3
 """Probability with which a right program breaks any law, by default."""
@@ -35,6 +36,7 @@ def chosen_laws(names: Collection[str]) -> tuple[Law, ...]:
     return tuple(law for law in LAWS if not wanted or law.name in wanted)
 
 
+@guest()
 def compare(
     setting: Setting,
     *,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import html
 import math
-from html import escape
 
+from scanner_sim.errors import printable
 from scanner_sim.products.comparison import CONFIDENCE, Check, Comparison, Finding
 from scanner_sim.products.comparison_picture import finding_picture
 
@@ -25,6 +26,11 @@ _LEGEND = (
     "Points: simulated less predicted, with {confidence:g} % intervals. Dark band: how far the closed form itself may "
     "be off. Light band: the smallest deviation that would have been found in 80 % of runs."
 )
+
+
+def escape(text: str) -> str:
+    """Return a text as a page shows it to the letter; lines stay lines."""
+    return html.escape(printable(text, lines=True))
 
 
 def comparison_page(comparison: Comparison, scenario_yaml: str) -> str:

@@ -59,10 +59,9 @@ def write_exr(path: str | Path, image: RangeImage, compression: Compression = "z
         "lineOrder": OpenEXR.INCREASING_Y,
         **_attributes(image),
     }
-    _use_all_cores(OpenEXR)
     file = OpenEXR.File(header, dict(image.channels))
     # Through a stream of Python, a full disk is the operating system's error and not a text of the library.
-    with open(path, "wb") as stream:
+    with _all_cores(OpenEXR), open(path, "wb") as stream:
         file.write(stream)
 
 
@@ -95,9 +94,8 @@ def read_range_image(path: str | Path) -> RangeImage:
         ) from None
     if magic != b"\x76\x2f\x31\x01":
         raise InputError(f"{path} is not an OpenEXR file.", remedy="Give the range.exr of an output folder.")
-    _use_all_cores(OpenEXR)
     try:
-        with _library_is_quiet():
+        with _all_cores(OpenEXR), _library_is_quiet():
             file = OpenEXR.File(str(path), separate_channels=True)
             header, layers = file.header(), {name: part.pixels for name, part in file.channels().items()}
     except (RuntimeError, ValueError, MemoryError):
@@ -184,10 +182,19 @@ def _names(text: str) -> tuple[str, ...]:
     return tuple(line.partition(" ")[2] for line in text.split("\n")[1:])
 
 
-def _use_all_cores(OpenEXR: Any) -> None:
-    """Let the library compress on several threads, unless the program around has chosen a number."""
-    if OpenEXR.global_thread_count() == 0:
+@contextlib.contextmanager
+def _all_cores(OpenEXR: Any) -> Iterator[None]:
+    """Let the library work on several threads for a while, unless the program around has chosen a number.
+
+    They are ended afterwards: a process that is forked later would have their pool without them, and wait for ever.
+    """
+    before = OpenEXR.global_thread_count()
+    if before == 0:
         OpenEXR.set_global_thread_count(_THREADS)
+    try:
+        yield
+    finally:
+        OpenEXR.set_global_thread_count(before)
 
 
 @contextlib.contextmanager

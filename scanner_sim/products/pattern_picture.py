@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.products.style import FAINT, INK, RANGE_MAP, SIGNAL_MAP, house_style, save
+from scanner_sim.products.style import FAINT, INK, RANGE_MAP, SIGNAL_MAP, house_style, named, save
 from scanner_sim.tracking.centroid import Centroid, circle_fit
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.response import Response, target_response
@@ -107,7 +107,7 @@ def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = N
             columnspacing=1.2,
         )
         _centre(centre, record)
-        figure.text(0.055, 0.945, f"Pattern over {record.target}", size=10.5, weight="bold")
+        figure.text(0.055, 0.945, f"Pattern over {named(record.target)}", size=10.5, weight="bold")
         figure.text(0.055, 0.90, _about(record, response), color=FAINT)
         save(figure, path)
 

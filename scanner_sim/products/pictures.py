@@ -24,6 +24,7 @@ from scanner_sim.products.style import (
     canvas,
     house_style,
     lay,
+    named,
     save,
 )
 from scanner_sim.products.voxel_picture import draw_voxel
@@ -276,11 +277,11 @@ def about(image: RangeImage) -> str:
     scenario = yaml.safe_load(image.scenario_yaml) if image.scenario_yaml else None
     scanner = scenario.get("scanner") if isinstance(scenario, dict) else None
     preset = scanner.get("preset") if isinstance(scanner, dict) else None
-    named = [*image.objects[:3], "…"] if len(image.objects) > 3 else list(image.objects)
+    shown = [*image.objects[:3], "…"] if len(image.objects) > 3 else list(image.objects)
     rows, columns = image.shape
     parts = [
-        str(preset) if preset else "",
-        ", ".join(named),
+        named(str(preset)) if preset else "",
+        ", ".join(map(named, shown)),
         f"{rows} × {columns} voxels",
         f"seed {image.seed}",
     ]

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scanner_sim.errors import printable
 from scanner_sim.products.image import RangeImage
 
 _FROM_CHANNEL = (
@@ -47,8 +48,14 @@ def write_ply(path: str | Path, image: RangeImage) -> None:
             "format binary_little_endian 1.0",
             "comment simulated laser scanner; x to the right, y down, z away from the scanner [m]",
             "comment intensity in electrons; truth numbers count the names below from 1",
-            *(f"comment object {number} {name}" for number, name in enumerate(image.objects, start=1)),
-            *(f"comment material {number} {name}" for number, name in enumerate(image.materials, start=1)),
+            *(
+                f"comment object {number} {printable(name)}"
+                for number, name in enumerate(image.objects, start=1)
+            ),
+            *(
+                f"comment material {number} {printable(name)}"
+                for number, name in enumerate(image.materials, start=1)
+            ),
             f"element vertex {vertices.size}",
             *(f"property {_PLY_TYPE[kind]} {name}" for name, kind in fields),
             "end_header\n",

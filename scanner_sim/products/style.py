@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.errors import printable
 from scanner_sim.status import Status
 
 if TYPE_CHECKING:
@@ -57,6 +58,11 @@ _SETTINGS = {
     "figure.facecolor": "white",
     "savefig.facecolor": "white",
 }
+
+
+def named(name: str) -> str:
+    """Return a name of the user as a picture shows it: no control characters, no mathematics between dollar signs."""
+    return printable(name).replace("$", r"\$")
 
 
 @contextlib.contextmanager

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from scanner_sim.products.style import FAINT, INK, house_style, save
+from scanner_sim.products.style import FAINT, INK, house_style, named, save
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -68,7 +68,7 @@ def _bands(axes: Axes, timeline: Timeline, minutes: Any) -> None:
     axes.pcolormesh(minutes, edges, codes, cmap=ListedColormap(_COLOURS[:count]), norm=norm)
     axes.hlines(edges[1:-1], 0.0, minutes[-1], color="white", linewidth=2.0)
     axes.set_ylim(edges[-1], edges[0])
-    axes.set_yticks(range(codes.shape[0]), [_cut(track.name) for track in timeline.tracks])
+    axes.set_yticks(range(codes.shape[0]), [named(_cut(track.name)) for track in timeline.tracks])
     axes.tick_params(left=False)
     axes.spines["left"].set_visible(False)
     for row, track in enumerate(timeline.tracks):
@@ -86,7 +86,7 @@ def _shares(axes: Axes, timeline: Timeline, minutes: Any) -> None:
 
 def _lit(axes: Axes, timeline: Timeline, minutes: Any) -> None:
     for track, colour in zip(timeline.tracks[:_MOST_LINES], _LINES, strict=False):
-        _steps(axes, minutes, track.lit, colour, _cut(track.name))
+        _steps(axes, minutes, track.lit, colour, named(_cut(track.name)))
     axes.set(ylim=(-0.05, 1.3), yticks=(0.0, 0.5, 1.0), ylabel="in sunlight")
     axes.legend(loc="upper right", ncols=_MOST_LINES, fontsize=7.0, borderaxespad=0.1)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.errors import InputError
+from scanner_sim.products.exchange import recover
 from scanner_sim.products.folder import Kind
 from scanner_sim.products.settings import Output
 from scanner_sim.products.tables import Columns, read_parquet, texts
@@ -175,6 +176,7 @@ def read_track(folder: str | Path) -> Track:
         If there is no run, or its files are broken.
     """
     folder = Path(folder)
+    recover(folder)
     if not (folder / TABLE).exists():
         raise InputError(f"There is no {TABLE} in {folder}.", remedy="Name the folder of a tracking run.")
     columns, about = read_parquet(folder / TABLE)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.style import FAINT, INK, house_style, save
+from scanner_sim.products.style import FAINT, INK, house_style, named, save
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
@@ -62,7 +62,7 @@ def draw_track(track: Track, path: str | Path) -> None:
             records = track.of(target.name)
             for axis, axes in enumerate(grid[row]):
                 _errors(axes, records, axis)
-            grid[row, 0].set_title(target.name, loc="left", fontsize=8.0, weight="bold", pad=3.0)
+            grid[row, 0].set_title(named(target.name), loc="left", fontsize=8.0, weight="bold", pad=3.0)
         for axis, axes in enumerate(grid[-1]):
             axes.set_xlabel("time [s]")
             grid[0, axis].text(1.0, 1.04, _QUANTITIES[axis][0], transform=grid[0, axis].transAxes, ha="right")
@@ -207,7 +207,13 @@ def _visit(axes: Axes, record: PatternRecord, ink: str) -> None:
     x, y = np.degrees([angles[0].max(), angles[1].mean()])
     rim: list[AbstractPathEffect] = [withStroke(linewidth=2.0, foreground="black")] if ink == "white" else []
     label = axes.annotate(
-        record.target, (x, y), (4.0, 0.0), textcoords="offset points", va="center", color=ink, fontsize=7.0
+        named(record.target),
+        (x, y),
+        (4.0, 0.0),
+        textcoords="offset points",
+        va="center",
+        color=ink,
+        fontsize=7.0,
     )
     label.set_path_effects(rim)
 

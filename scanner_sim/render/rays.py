@@ -98,8 +98,9 @@ def leaving(si: Any, direction: Any) -> Any:
     the other.
     """
     largest = dr.maximum(dr.maximum(dr.abs(si.p.x), dr.abs(si.p.y)), dr.abs(si.p.z))
-    away = dr.mulsign(_BESIDE * (1.0 + largest), dr.dot(si.n, direction))
-    return mi.Ray3f(dr.fma(si.n, away, si.p), direction)
+    away = _BESIDE * (1.0 + largest)
+    side = dr.select(dr.dot(si.n, direction) < 0.0, -away, away)
+    return mi.Ray3f(dr.fma(si.n, side, si.p), direction)
 
 
 def _carried(ray: Any, pose: Pose) -> Any:

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 
+from scanner_sim.errors import printable
 from scanner_sim.reproduce.item import Item, Verdict
-from scanner_sim.reproduce.results import Result, picture_of
+from scanner_sim.reproduce.results import HEADING, Result, picture_of
 
-_INTRODUCTION = """\
-# Validation: the paper, made again
-
-Written by `scanner-sim reproduce` from simulated data. For each equation, table and figure of F. Blais, J.-A. Beraldin,
+_INTRODUCTION = f"""\
+{HEADING} For each equation, table and figure of F. Blais, J.-A. Beraldin,
 S. F. El-Hakim, *Range Error Analysis of an Integrated Time-of-Flight, Triangulation, and Photogrammetric 3D Laser
 Scanning System*, 2000: what the paper says, what was found, and where they differ and why. *Expected* is the equation
 as it is meant, or a closed form of `scanner_sim/analytic`, which shares no physics code with the simulator.
@@ -46,9 +46,9 @@ def page(items: Sequence[Item], results: Mapping[str, Result]) -> str:
 
 
 def _provenance(results: Sequence[Result]) -> str:
-    dates = sorted({result.date for result in results})
+    dates = sorted({markdown_text(result.date) for result in results})
     span = dates[0] if len(dates) == 1 else f"{dates[0]} to {dates[-1]}"
-    made = ", ".join(f"{name} {number}" for name, number in results[-1].made_by.items())
+    made = ", ".join(markdown_text(f"{name} {number}") for name, number in results[-1].made_by.items())
     seeds = ", ".join(str(seed) for seed in sorted({result.seed for result in results}))
     quick = sum(result.quick for result in results)
     short = f" {quick} of the items were made with `--quick`." if quick else ""
@@ -70,6 +70,16 @@ def _section(item: Item, result: Result | None) -> list[str]:
     lines += ["| quantity | paper | expected | found | verdict |", "|---|---|---|---|---|"]
     for row in result.rows:
         cells = [row.what, row.paper or "–", row.expected or "–", row.found, str(row.verdict)]
-        lines.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+        lines.append("| " + " | ".join(map(markdown_text, cells)) + " |")
     lines += ["", f"**Differences:** {item.differences}", "", f"`{item.command}`"]
     return [*lines, "", f"The same by other verbs: {item.also}"] if item.also else lines
+
+
+def markdown_text(text: str) -> str:
+    """Return a text as a page shows it to the letter: no tags, links, pictures, code or cells come of it."""
+    return re.sub(
+        r"[\\`|<>&!]|\](?=[(\[])", lambda found: _SPELT.get(found[0], "\\" + found[0]), printable(text)
+    )
+
+
+_SPELT = {"<": "&lt;", ">": "&gt;", "&": "&amp;"}

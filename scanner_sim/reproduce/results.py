@@ -4,16 +4,22 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
-from scanner_sim.errors import InputError, RunError
+from scanner_sim.errors import InputError
+from scanner_sim.products.exchange import Writers
+from scanner_sim.products.folder import write_text
 from scanner_sim.products.provenance import versions
 from scanner_sim.reproduce.item import Item, Outcome, Row, Task, Verdict
 
 PAGE = "index.md"
 """The page that holds all of it."""
+
+HEADING = "# Validation: the paper, made again\n\nWritten by `scanner-sim reproduce` from simulated data."
+"""How it begins: by this it is known."""
 
 
 @dataclass(frozen=True)
@@ -37,15 +43,23 @@ def picture_of(item: Item) -> str:
     return f"{item.key}.png"
 
 
+def file_of(item: Item) -> str:
+    """Return the name of an item's result."""
+    return f"{item.key}.json"
+
+
 def read_result(folder: Path, item: Item) -> Result | None:
     """Return the result of an item; None where it is not there, is broken, or lacks its picture."""
-    path = folder / f"{item.key}.json"
+    path = folder / file_of(item)
     if not path.is_file() or not (folder / picture_of(item)).is_file():
         return None
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
         rows = tuple(Row(**{**row, "verdict": Verdict(row["verdict"])}) for row in found.pop("rows"))
-        return Result(rows=rows, **found)
+        result = Result(rows=rows, **found)
+        words = [result.key, result.date, *(word for row in rows for word in asdict(row).values())]
+        words += [word for pair in result.made_by.items() for word in pair]
+        return result if all(isinstance(word, str) for word in words) and result.key == item.key else None
     except (ValueError, TypeError, KeyError, AttributeError):
         return None
 
@@ -57,45 +71,33 @@ def serves(result: Result | None, task: Task) -> bool:
     return task.quick or not result.quick
 
 
-def write_result(folder: Path, item: Item, task: Task, outcome: Outcome) -> Result:
-    """Write an item's picture and, when that is in place, its result.
-
-    Raises
-    ------
-    RunError
-        If the disk fails.
-    """
+def result_of(item: Item, task: Task, outcome: Outcome) -> Result:
+    """Return the result of an item that was made today."""
     date = datetime.now(UTC).strftime("%Y-%m-%d")
-    result = Result(item.key, outcome.rows, task.quick, task.seed, date, dict(versions()))
+    return Result(item.key, outcome.rows, task.quick, task.seed, date, dict(versions()))
+
+
+def writers_of(result: Result, item: Item, outcome: Outcome) -> Writers:
+    """Return what writes an item's picture and its result."""
     text = json.dumps(asdict(result), indent=1, ensure_ascii=False) + "\n"
-    try:
-        half = folder / f".{picture_of(item)}"
-        outcome.draw(half.with_suffix(".half.png"))
-        os.replace(half.with_suffix(".half.png"), folder / picture_of(item))
-        write_whole(folder / f"{item.key}.json", text)
-    except OSError as error:
-        raise RunError(f"{folder} cannot be written to: {error.strerror}.") from error
-    return result
+    return {picture_of(item): outcome.draw, file_of(item): lambda path: write_text(path, text)}
 
 
-def write_whole(path: Path, text: str) -> None:
-    """Write a text so that the file is there whole or not at all."""
-    half = path.with_name(f".{path.name}.half")
-    half.write_text(text, encoding="utf-8")
-    os.replace(half, path)
-
-
-def make_folder(folder: Path) -> None:
-    """Make the folder of the results.
+def refuse_strangers(folder: Path, items: Iterable[Item]) -> None:
+    """Check that where there are files with the names of ours, the page is ours too, and so all of them.
 
     Raises
     ------
     InputError
-        If it cannot be.
+        If it was not.
     """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
+    page = folder / PAGE
+    if page.is_file() and page.read_bytes().startswith(HEADING.encode()):
+        return
+    names = (PAGE, *(name for item in items for name in (picture_of(item), file_of(item))))
+    strangers = [name for name in names if os.path.lexists(folder / name)]
+    if strangers:
         raise InputError(
-            f"{folder} cannot be made: {error.strerror}.", remedy="Name another folder with -o."
-        ) from error
+            f"{folder} holds {', '.join(strangers)} but no page of this program: these are not ours to replace.",
+            remedy="Move them away, or name another folder with -o.",
+        )

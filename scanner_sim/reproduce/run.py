@@ -3,20 +3,24 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from scanner_sim.errors import InputError
+from scanner_sim.products.exchange import Writers, exchange, failure
+from scanner_sim.products.folder import Kind, claimed, write_text
 from scanner_sim.reproduce.item import Item, Task
 from scanner_sim.reproduce.page import page
 from scanner_sim.reproduce.results import (
     PAGE,
     Result,
-    make_folder,
+    file_of,
+    picture_of,
     read_result,
+    refuse_strangers,
+    result_of,
     serves,
-    write_result,
-    write_whole,
+    writers_of,
 )
 
 Progress = Callable[[int, int, str], None]
@@ -109,15 +113,37 @@ def reproduce(
         If the disk fails.
     """
     chosen, items = chosen_items(only), all_items()
-    make_folder(folder)
-    results = {item.key: found for item in items if (found := read_result(folder, item)) is not None}
-    for number, item in enumerate(chosen):
+    with claimed(folder, True, Kind(PAGE, ())):
+        refuse_strangers(folder, chosen)
+        results = {item.key: found for item in items if (found := read_result(folder, item)) is not None}
+        for number, item in enumerate(chosen):
+            if progress is not None:
+                progress(number, len(chosen), item.title)
+            if anew or not serves(results.get(item.key), task):
+                outcome = item.make(task)
+                results[item.key] = result_of(item, task, outcome)
+                _write(folder, items, results, item, writers_of(results[item.key], item, outcome))
         if progress is not None:
-            progress(number, len(chosen), item.title)
-        if anew or not serves(results.get(item.key), task):
-            results[item.key] = write_result(folder, item, task, item.make(task))
-            write_whole(folder / PAGE, page(items, results))
-    if progress is not None:
-        progress(len(chosen), len(chosen), "")
-    write_whole(folder / PAGE, page(items, results))
+            progress(len(chosen), len(chosen), "")
+        _write(folder, items, results)
     return {item.key: results[item.key] for item in chosen}
+
+
+def _write(
+    folder: Path,
+    items: Sequence[Item],
+    results: Mapping[str, Result],
+    item: Item | None = None,
+    writers: Writers | None = None,
+) -> None:
+    """Write the files of an item, if any, together with the page that shows them."""
+    text = page(items, results)
+    mine = () if item is None else (picture_of(item), file_of(item))
+    try:
+        exchange(
+            folder,
+            {**(writers or {}), PAGE: lambda path: write_text(path, text)},
+            (*mine, PAGE),
+        )
+    except OSError as error:
+        raise failure(folder, error) from None

@@ -28,6 +28,7 @@ from scanner_sim.products.budget import BudgetRow, Mode
 from scanner_sim.ranging.fusion import fuse
 from scanner_sim.ranging.ranges import Ranges
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import guest
 from scanner_sim.scan.raster import Aim, RasterScan, raster_aim
 from scanner_sim.scanner import Scanner
 from scanner_sim.scenario import Scenario
@@ -119,6 +120,7 @@ def kelvins_of(mirrors: Mirrors, time: float) -> float:
     return float(np.sqrt(np.mean(mirrors.temperature.difference(steps) ** 2)))
 
 
+@guest()
 def measure_budget(
     scenario: Scenario,
     distances: Array,

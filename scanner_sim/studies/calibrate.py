@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.errors import RunError
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import guest
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scanner import Scanner
 from scanner_sim.scenario import Scenario
@@ -72,6 +73,7 @@ class Passage:
     bias: Floats
 
 
+@guest()
 def measure_bias(
     scenario: Scenario, *, device: DeviceChoice = "auto", progress: Callable[[int, int], None] | None = None
 ) -> tuple[BiasTable, tuple[Passage, ...]]:

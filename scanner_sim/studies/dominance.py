@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scanner_sim.products.budget import Dominance
 from scanner_sim.ranging.triangulation import position_sigma, range_jacobian
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import guest
 from scanner_sim.scan.raster import Aim, raster_aim, tiled_order
 from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
@@ -41,6 +42,7 @@ _PARTS = (
 )
 
 
+@guest()
 def dominating(
     scenario: Scenario, *, device: DeviceChoice = "auto", progress: Progress | None = None
 ) -> Dominance:

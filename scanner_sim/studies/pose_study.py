@@ -28,6 +28,7 @@ from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.products.pose_study import COMPONENTS, Method, PoseRow, Source, TargetRow
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import guest
 from scanner_sim.scenario import Scenario
 from scanner_sim.scene.objects import TargetArray
 from scanner_sim.scene.targets import target_positions
@@ -121,6 +122,7 @@ def _own_arrays(scenario: Scenario) -> Iterator[Layout]:
             yield Layout(f"{item.name} (own)", float(np.ptp(points, axis=0).max()), points)
 
 
+@guest()
 def measure_study(
     scenario: Scenario,
     plan: StudyPlan,

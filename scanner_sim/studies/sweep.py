@@ -16,6 +16,7 @@ from scanner_sim.products.timeline import Group, Label, Timeline, Track
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import guest
 from scanner_sim.scenario import Scenario
 from scanner_sim.scene.lighting import Sky, orbit_times
 from scanner_sim.scene.objects import TargetArray
@@ -32,6 +33,7 @@ GRID = (96, 128)
 """Lines of sight over the field of view, down and across."""
 
 
+@guest()
 def sweep_orbit(
     scenario: Scenario, steps: int = 90, *, device: DeviceChoice = "auto", progress: Progress | None = None
 ) -> Timeline:

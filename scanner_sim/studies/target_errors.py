@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.closed_loop.voxels import Eye, aim_of
 from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import guest
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.scenario import Scenario
@@ -92,6 +93,7 @@ def _root_mean_square(values: Array) -> Array:
         return np.asarray(np.sqrt(squares.sum(axis=(0, 1)) / known.sum(axis=(0, 1))))
 
 
+@guest()
 def measure_targets(
     scenario: Scenario,
     target: StudyTarget,

@@ -9,7 +9,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +19,7 @@ from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
 from scanner_sim.config import resolved_yaml
 from scanner_sim.products.exr import read_range_image
-from scanner_sim.products.folder import FILES
+from scanner_sim.products.run_folder import FILES
 
 SCENARIO = """\
 schema: 1
@@ -30,6 +29,17 @@ scene:
     - {name: wall, shape: rectangle, size: [8 m, 8 m], position: [0 m, 0 m, 9 m], material: grey_reference}
 scan: {type: raster, rows: 6, columns: 8, horizontal: [-2 deg, 2 deg], vertical: [-2 deg, 2 deg]}
 output: {pictures: false}
+"""
+# Says when the first batch is about to be measured.
+BEGUN = """
+from scanner_sim.cli import main
+from scanner_sim.workbench import Workbench
+measure = Workbench.measure
+def told(*arguments):
+    print("begun", flush=True)
+    return measure(*arguments)
+Workbench.measure = told
+main()
 """
 # The package's own attribute of that name is the function.
 FLOW = importlib.import_module("scanner_sim.simulate")
@@ -171,6 +181,21 @@ def test_show_draws_a_result_and_explains_a_voxel(config: Path, tmp_path: Path) 
     assert f"{image['peak_px'][2, 3]:.4f} ±" in result.stdout
 
 
+def test_show_replaces_no_picture_elsewhere_unless_told(config: Path, tmp_path: Path) -> None:
+    assert invoke("run", config, "-o", "a").exit_code == 0
+    picture = tmp_path / "mine" / "shaded.png"
+    picture.parent.mkdir()
+    picture.write_bytes(b"mine")
+    result = invoke("show", "a", "-o", "mine")
+    assert result.exit_code == 2
+    assert "shaded.png exists already" in result.stderr
+    assert content(picture.parent) == {"shaded.png": b"mine"}
+    assert invoke("show", "a", "-o", "mine", "--overwrite").exit_code == 0
+    assert picture.read_bytes() != b"mine"
+    assert invoke("show", "a").exit_code == 0
+    assert invoke("show", "a").exit_code == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -199,7 +224,7 @@ def test_a_full_disk_leaves_nothing_half_written(
         path.write_bytes(b"half")
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
-    monkeypatch.setattr("scanner_sim.products.folder.write_ply", fail)
+    monkeypatch.setattr("scanner_sim.products.run_folder.write_ply", fail)
     for folder in ("a", "new"):
         result = invoke("run", config, "-o", folder, "--overwrite")
         assert result.exit_code == 1
@@ -235,7 +260,7 @@ def test_an_image_larger_than_the_memory_is_refused(config: Path, monkeypatch: p
 @pytest.mark.parametrize(
     ("raised", "status", "words"),
     [
-        (KeyboardInterrupt(), 130, "stopped: interrupted; nothing was written."),
+        (KeyboardInterrupt(), 130, "stopped: interrupted; nothing is half-written."),
         (MemoryError(), 1, "memory is exhausted"),
         (RuntimeError("strange"), 1, "unexpected RuntimeError: strange\nThis is a fault of the program."),
     ],
@@ -251,7 +276,7 @@ def test_an_early_end_is_one_message(
     def fail(*_: object, **__: object) -> None:
         raise raised
 
-    monkeypatch.setattr("scanner_sim.products.folder.write_ply", fail)
+    monkeypatch.setattr("scanner_sim.products.run_folder.write_ply", fail)
     result = invoke("run", config, "-o", "a")
     assert result.exit_code == status
     assert words in result.stderr
@@ -273,8 +298,11 @@ def test_a_traceback_can_be_asked_for(config: Path, monkeypatch: pytest.MonkeyPa
 def test_a_signal_ends_a_run_cleanly(
     config: Path, tmp_path: Path, number: signal.Signals, status: int
 ) -> None:
-    process = in_a_shell("run", config, "--set", "scan.rows=8192", "--set", "scan.columns=1024", "-o", "a")
-    time.sleep(4.0)
+    arguments = ["run", str(config), "--set", "scan.rows=8192", "--set", "scan.columns=1024", "-o", "a"]
+    command = [sys.executable, "-c", BEGUN, *arguments]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stdout is not None
+    assert process.stdout.readline() == "begun\n"
     process.send_signal(number)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == status, errors

@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 
 from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
-from scanner_sim.products.folder import LIT_PICTURES
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.run_folder import LIT_PICTURES
 from scanner_sim.status import Status
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"

@@ -12,8 +12,8 @@ from PIL import Image
 
 from scanner_sim.config import load_scenario
 from scanner_sim.products.exr import read_range_image
-from scanner_sim.products.folder import FILES, TIMED_PICTURES, write_run
 from scanner_sim.products.image import CHANNELS, RangeImage
+from scanner_sim.products.run_folder import FILES, TIMED_PICTURES, write_run
 from scanner_sim.render.device import Device
 from scanner_sim.simulate import simulate
 

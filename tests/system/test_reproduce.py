@@ -95,6 +95,41 @@ def test_what_is_broken_is_made_again(
     assert two == {"eq1": 2, "eq2": 1}
 
 
+@pytest.mark.parametrize("name", ["index.md", "eq1.png", "eq2.json"])
+@pytest.mark.parametrize("anew", [False, True])
+def test_files_of_the_user_are_never_overwritten(
+    two: dict[str, int], tmp_path: Path, name: str, anew: bool
+) -> None:
+    """Claim: a folder with such a file but no page of ours is refused before the work; one with other files is not."""
+    (tmp_path / name).write_text("mine")
+    (tmp_path / "notes.md").write_text("mine")
+    with pytest.raises(InputError, match=f"{name} but no page of this program"):
+        reproduce(tmp_path, task(), anew=anew)
+    assert {path.name for path in tmp_path.iterdir()} == {name, "notes.md"}
+    assert (tmp_path / name).read_text() == "mine"
+    assert two == {"eq1": 0, "eq2": 0}
+    (tmp_path / name).unlink()
+    reproduce(tmp_path, task(), anew=anew)
+    reproduce(tmp_path, task(), anew=True)
+    assert (tmp_path / "notes.md").read_text() == "mine"
+
+
+def test_a_result_that_was_sent_puts_no_tags_on_the_page(two: dict[str, int], tmp_path: Path) -> None:
+    reproduce(tmp_path, task())
+    path = tmp_path / "eq1.json"
+    found = json.loads(path.read_text(encoding="utf-8"))
+    found["rows"][0]["found"] = "<script>|</td>\x1b"
+    path.write_text(json.dumps(found), encoding="utf-8")
+    reproduce(tmp_path, task())
+    page = (tmp_path / PAGE).read_text(encoding="utf-8")
+    assert "<script>" not in page
+    assert "&lt;script&gt;" in page
+    found["rows"][0]["found"] = ["no text"]
+    path.write_text(json.dumps(found), encoding="utf-8")
+    reproduce(tmp_path, task())
+    assert two == {"eq1": 2, "eq2": 1}
+
+
 def test_other_seeds_and_whole_runs_are_made_again(two: dict[str, int], tmp_path: Path) -> None:
     """Claim: a quick result does not stand for a whole one, nor a seed for another; a whole one serves a quick run."""
     for made, asked in enumerate((task(), task(seed=5), task(quick=False, seed=5)), start=1):

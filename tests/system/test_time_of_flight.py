@@ -20,8 +20,8 @@ from scanner_sim.errors import InputError, ScenarioError
 from scanner_sim.lidar import fitted_pulse
 from scanner_sim.optics.filter import band_irradiance, peak_transmission
 from scanner_sim.products.exr import read_range_image
-from scanner_sim.products.folder import planned_files
 from scanner_sim.products.image import MEASURED_BY, RangeImage
+from scanner_sim.products.run_folder import planned_files
 from scanner_sim.products.waveforms import read_waveforms
 from scanner_sim.ranging.fusion import crossing_distance
 from scanner_sim.ranging.time_of_flight import range_from_delay

@@ -58,6 +58,11 @@ def test_a_run_cut_in_two_equals_the_whole(tmp_path: Path, sun: str) -> None:
     first = Tracker(asked)
     begun = [next(first) for _ in range(3)]
     first.save(tmp_path / "state.json")
+    first.save(tmp_path / "state.json")
+    (tmp_path / "mine.json").write_text("mine")
+    with pytest.raises(InputError, match="cannot be read"):
+        first.save(tmp_path / "mine.json")
+    assert (tmp_path / "mine.json").read_text() == "mine"
     second = Tracker.resume(tmp_path / "state.json")
     assert second.scenario == asked
     assert numbers(begun + list(second)) == numbers(whole)

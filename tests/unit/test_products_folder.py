@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
+import json
 import os
+import shutil
 import stat
 import tempfile
 from pathlib import Path
@@ -13,9 +16,10 @@ import numpy as np
 import pytest
 
 from scanner_sim.errors import InputError, RunError
-from scanner_sim.products import folder as room
-from scanner_sim.products.folder import FILES, check_target, planned_files, write_run
+from scanner_sim.products import run_folder as room
+from scanner_sim.products.folder import check_target
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.run_folder import FILES, RUN, planned_files, write_run
 from scanner_sim.products.settings import Output
 
 BARE = Output(pictures=False)
@@ -71,7 +75,7 @@ def test_a_result_stays_unless_told_otherwise(tmp_path: Path) -> None:
     write_run(make_image(1), tmp_path / "out")
     before = content(tmp_path)
     for attempt in (
-        lambda: check_target(tmp_path / "out", False),
+        lambda: check_target(tmp_path / "out", False, RUN),
         lambda: write_run(make_image(2), tmp_path / "out"),
     ):
         with pytest.raises(InputError, match="already holds a result") as error:
@@ -113,17 +117,17 @@ def test_a_place_that_cannot_be_written_to_is_bad_input_before_the_work(
     (tmp_path / "out" / "range.exr").mkdir(parents=True)
     for place in ("file", "file/below", "nowhere", "out"):
         with pytest.raises(InputError, match="folder") as error:
-            check_target(tmp_path / place, True)
+            check_target(tmp_path / place, True, RUN)
         assert "-o" in error.value.remedy
     denied = PermissionError(errno.EACCES, "Permission denied")
     monkeypatch.setattr(tempfile, "TemporaryFile", fail_with(denied))
     with pytest.raises(InputError, match="cannot be written to: Permission denied"):
-        check_target(tmp_path / "new" / "folder", False)
+        check_target(tmp_path / "new" / "folder", False, RUN)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "nowhere", "out"]
 
 
 def test_the_check_leaves_no_trace(tmp_path: Path) -> None:
-    check_target(tmp_path / "a" / "b", False)
+    check_target(tmp_path / "a" / "b", False, RUN)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -153,38 +157,88 @@ def test_a_failure_while_writing_changes_nothing(
     assert sorted(tmp_path.rglob("*")) == folders
 
 
-@pytest.mark.parametrize("step", range(len(FILES) + len(planned_files(BARE))))
 @pytest.mark.parametrize("error", [OSError(errno.EIO, "Input/output error"), KeyboardInterrupt()])
-def test_a_failure_while_exchanging_puts_the_old_result_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, step: int, error: BaseException
+@pytest.mark.parametrize("call", ["rename", "unlink", "mkdir", "fsync"])
+def test_a_failure_while_exchanging_leaves_one_result_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, error: BaseException
 ) -> None:
-    write_run(make_image(1), tmp_path / "out")
-    before, replace, calls = content(tmp_path), os.replace, iter(range(1000))
+    """Claim: whichever step fails, afterwards there is the old result or the new one, and no other file."""
+    write_run(make_image(2), tmp_path / "new", BARE)
+    new, true = content(tmp_path / "new"), getattr(os, call)
+    fallen, step = True, 0
+    while fallen:
+        write_run(make_image(1), tmp_path / "out", BARE, overwrite=True)
+        (tmp_path / "out" / "range.png").write_text("of the old one")
+        old, count, fallen = content(tmp_path / "out"), iter(range(1000)), False
 
-    def fails_once(source: Path, target: Path) -> None:
-        if next(calls) == step:
-            raise error
-        replace(source, target)
+        def fails_once(*arguments: Any, **options: Any) -> Any:
+            nonlocal fallen
+            if next(count) == step:  # noqa: B023 (called in this turn of the loop only)
+                fallen = True
+                raise error
+            return true(*arguments, **options)
 
-    monkeypatch.setattr(os, "replace", fails_once)
-    with pytest.raises((RunError, KeyboardInterrupt)):
-        write_run(make_image(2), tmp_path / "out", BARE, overwrite=True)
-    assert content(tmp_path) == before
-    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+        with monkeypatch.context() as patched:
+            patched.setattr(os, call, fails_once)
+            with contextlib.suppress(RunError, InputError, KeyboardInterrupt):
+                write_run(make_image(2), tmp_path / "out", BARE, overwrite=True)
+        # Where deleting is what failed, something hidden may stay until the next start.
+        check_target(tmp_path / "out", True, RUN)
+        (tmp_path / "out" / ".scanner-sim.lock").unlink(missing_ok=True)
+        assert content(tmp_path / "out") in (old, new)
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["new", "out"]
+        step += 1
+    assert step > 1 + (call == "rename") * len(planned_files(BARE))
 
 
-def test_old_files_that_cannot_be_put_back_are_not_thrown_away(
+def test_new_files_that_cannot_be_put_in_place_are_not_thrown_away(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    write_run(make_image(2), tmp_path / "new", BARE)
     write_run(make_image(1), tmp_path / "out")
-    before, replace, calls = content(tmp_path), os.replace, iter(range(1000))
+    rename, calls = os.rename, iter(range(1000))
 
     def disk_dies(source: Path, target: Path) -> None:
-        if next(calls) >= 4:
+        if next(calls) >= 2:
             raise OSError(errno.EIO, "Input/output error")
-        replace(source, target)
+        rename(source, target)
 
-    monkeypatch.setattr(os, "replace", disk_dies)
-    with pytest.raises(RunError):
-        write_run(make_image(2), tmp_path / "out", BARE, overwrite=True)
-    assert set(before.values()) <= set(content(tmp_path).values())
+    with monkeypatch.context() as patched:
+        patched.setattr(os, "rename", disk_dies)
+        with pytest.raises(RunError, match="cannot be put in their place") as caught:
+            write_run(make_image(2), tmp_path / "out", BARE, overwrite=True)
+        assert "next start" in caught.value.remedy
+    check_target(tmp_path / "out", True, RUN)
+    assert content(tmp_path / "out") == content(tmp_path / "new")
+
+
+def test_a_folder_that_was_sent_cannot_cost_a_file(tmp_path: Path) -> None:
+    """Claim: leftovers that somebody else has made neither delete nor replace nor fetch a file of the user."""
+    mine, out = tmp_path / "mine.txt", tmp_path / "out"
+    waiting = out / ".scanner-sim.complete"
+    for new, old in (
+        (["notes.txt"], {"notes.txt": [0, 0]}),
+        ([], {"notes.txt": [4, 1]}),
+        (["../mine.txt"], {}),
+        ([], {"../mine.txt": [4, mine.stat().st_mtime_ns if mine.exists() else 0]}),
+        (["notes.txt"], []),
+        (5, None),
+    ):
+        waiting.mkdir(parents=True, exist_ok=True)
+        mine.write_text("mine")
+        (out / "notes.txt").write_text("mine")
+        (waiting / "notes.txt").write_text("theirs")
+        (waiting / "plan.json").write_text(json.dumps({"new": new, "old": old}))
+        with contextlib.suppress(InputError):
+            check_target(out, True, RUN)
+        assert mine.read_text() == (out / "notes.txt").read_text() == "mine"
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    (elsewhere / "plan.json").write_text(json.dumps({"new": ["thesis.tex"], "old": {}}))
+    (elsewhere / "thesis.tex").write_text("mine")
+    shutil.rmtree(waiting)
+    waiting.symlink_to(elsewhere)
+    (out / ".scanner-sim.partial").symlink_to(elsewhere)
+    check_target(out, True, RUN)
+    assert sorted(path.name for path in elsewhere.iterdir()) == ["plan.json", "thesis.tex"]
+    assert sorted(path.name for path in out.iterdir()) == ["notes.txt"]

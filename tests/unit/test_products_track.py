@@ -17,6 +17,7 @@ from scanner_sim.frames import rotation_about
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.products.folder import check_target
 from scanner_sim.products.pose import pose_columns, read_poses
+from scanner_sim.products.run_folder import RUN
 from scanner_sim.products.settings import Output
 from scanner_sim.products.tables import read_parquet, table_csv, write_parquet
 from scanner_sim.products.track import TRACK, planned_track_files, read_track, track_columns
@@ -218,7 +219,7 @@ def test_an_existing_result_stays_unless_asked_for(track: Track, tmp_path: Path)
     with pytest.raises(InputError, match="already holds a result"):
         write_track(track, tmp_path / "run", BARE)
     with pytest.raises(InputError, match="not ours to replace"):
-        check_target(tmp_path / "run", overwrite=True)
+        check_target(tmp_path / "run", True, RUN)
     write_track(track, tmp_path / "run", replace_output(), overwrite=True)
     assert not (tmp_path / "run" / "patterns.parquet").exists()
 

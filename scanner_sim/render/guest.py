@@ -1,0 +1,81 @@
+"""Being a guest: what a public function changes in the process that calls it, it gives back.
+
+Mitsuba's variant, Dr.Jit's threads and default backend, and the environment variable that names LLVM are settings of
+the whole process. Arrays of another variant stay valid throughout: the variant says only what new ones are.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+from scanner_sim.render.device import LLVM_VARIABLE
+
+
+class _Settings(NamedTuple):
+    """Settings of the process; None where nobody has made any."""
+
+    variant: str | None
+    backend: Any
+    threads: int | None
+
+
+@contextlib.contextmanager
+def guest() -> Iterator[None]:
+    """Give back what the work within has changed; may be nested, and may decorate a function.
+
+    A process that had chosen no variant keeps ours: Mitsuba cannot go back to none.
+    """
+    environment, before = os.environ.get(LLVM_VARIABLE), _settings()
+    try:
+        yield
+    finally:
+        _restore(before)
+        if environment is None:
+            os.environ.pop(LLVM_VARIABLE, None)
+        else:
+            os.environ[LLVM_VARIABLE] = environment
+
+
+class Stay:
+    """Settings under which something was begun, to be taken up again whenever it goes on."""
+
+    def __init__(self) -> None:
+        self._settings = _settings()
+
+    @contextlib.contextmanager
+    def resumed(self) -> Iterator[None]:
+        """Work on under these settings, and give back what the host has chosen since."""
+        with guest():
+            _restore(self._settings)
+            yield
+
+
+def _settings() -> _Settings:
+    if "mitsuba" not in sys.modules:
+        return _Settings(None, None, None)
+    import drjit as dr
+    import drjit.auto
+    import mitsuba as mi
+
+    variant = mi.variant()
+    backend = None if variant is None else dr.backend_v(drjit.auto.Float)
+    return _Settings(variant, backend, dr.thread_count())
+
+
+def _restore(settings: _Settings) -> None:
+    if "mitsuba" not in sys.modules:
+        return
+    import drjit as dr
+    import mitsuba as mi
+
+    now = _settings()
+    if settings.variant is not None and settings.variant != now.variant:
+        mi.set_variant(settings.variant)
+    if settings.backend is not None and settings.backend != now.backend:
+        dr.set_backend(settings.backend)
+    if settings.threads is not None and settings.threads != now.threads:
+        dr.set_thread_count(settings.threads)
