@@ -13,8 +13,42 @@ Single shots never raise: they carry a :class:`scanner_sim.status.Status`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+
+MOST_FAULTS = 50
+"""Faults that a message lists; the error holds them all."""
+LONGEST_LINE = 1000
+"""Characters of a line of a message: what the user wrote may be a book."""
+LONGEST_MESSAGE = 12_000
+"""Characters of a message."""
+
+_INVISIBLE = re.compile(
+    r"[\x00-\x09\x0b-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff"
+    r"\U000e0000-\U000e007f]"
+)
+"""What moves a cursor, hides, or turns the direction of a text: control, format and surrogate characters."""
+
+
+def printable(text: str) -> str:
+    """Return a text for people: what is not seen is written as ``\\x1b``, long lines are cut in their middle.
+
+    Messages quote what the user wrote, and a file may hold escape sequences of a terminal.
+    """
+    lines = [
+        _INVISIBLE.sub(lambda found: found[0].encode("unicode_escape").decode("ascii"), _cut(line))
+        for line in text[: 4 * LONGEST_MESSAGE].split("\n")
+    ]
+    whole = "\n".join(lines)
+    return whole if len(whole) <= LONGEST_MESSAGE else whole[: LONGEST_MESSAGE - 1] + "…"
+
+
+def _cut(line: str) -> str:
+    if len(line) <= LONGEST_LINE:
+        return line
+    half = LONGEST_LINE // 2
+    return f"{line[:half]} … {line[-half:]}"
 
 
 class ScannerSimError(Exception):
@@ -23,7 +57,7 @@ class ScannerSimError(Exception):
     Parameters
     ----------
     message
-        What is wrong, in one sentence.
+        What is wrong, in one sentence; it may quote anything (see :func:`printable`).
     remedy
         What the user can do about it; empty where nothing sensible can be said.
     """
@@ -31,9 +65,9 @@ class ScannerSimError(Exception):
     exit_status = 1
 
     def __init__(self, message: str, *, remedy: str = "") -> None:
-        super().__init__(message)
-        self.message = message
-        self.remedy = remedy
+        self.message = printable(message)
+        self.remedy = printable(remedy)
+        super().__init__(self.message)
 
     def __str__(self) -> str:
         return f"{self.message} {self.remedy}".strip()
@@ -92,6 +126,10 @@ class ScenarioError(InputError):
 
     def __init__(self, faults: Sequence[Fault], *, source: str = "scenario") -> None:
         count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
-        super().__init__(f"{source}: {count}\n" + "\n".join(f"  {fault}" for fault in faults))
+        # A fault is one line, whatever it quotes.
+        lines = [f"  {fault}".replace("\n", "\\n") for fault in faults[:MOST_FAULTS]]
+        if len(faults) > MOST_FAULTS:
+            lines.append(f"  … and {len(faults) - MOST_FAULTS} more")
+        super().__init__("\n".join([f"{source}: {count}".replace("\n", "\\n"), *lines]))
         self.faults = tuple(faults)
         self.source = source
