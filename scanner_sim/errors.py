@@ -32,7 +32,7 @@ _INVISIBLE = re.compile(
 
 
 def printable(text: str) -> str:
-    """Return a text for people: what is not seen is written as ``\\x1b``, long lines are cut in their middle.
+    """Return a text for people: what is not seen is written as an escape, long lines are cut in their middle.
 
     Messages quote what the user wrote, and a file may hold escape sequences of a terminal.
     """

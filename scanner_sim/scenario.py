@@ -12,7 +12,7 @@ from scanner_sim.errors import Fault, InputError
 from scanner_sim.parts import Count, Part
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.products.settings import Output
-from scanner_sim.render.camera_settings import Camera
+from scanner_sim.render.camera_settings import LEAST_FIELD, Camera
 from scanner_sim.render.settings import Transport
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scan.schedule import MOST_UPDATES, MOST_VISITS
@@ -23,6 +23,8 @@ from scanner_sim.signals.processing import MARGIN, Processing
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.scan import TrackScan, resolve_targets
 
+_MOST_GREYS = 1 << 27
+"""Pixels of the camera's picture: half a gigabyte, and three while it is made."""
 _MOST_SAMPLES = 1 << 28
 """Samples of all waveforms that are kept together: a gigabyte."""
 
@@ -141,6 +143,16 @@ class Scenario(Part):
                     f"{math.degrees(limit):.6g} deg ({limit:g} rad) to both sides.",
                     "Narrow the scan, or raise scanner.mirrors.max_deflection.",
                 )
+        height = (scan.vertical[1] - scan.vertical[0]) / max(
+            scan.horizontal[1] - scan.horizontal[0], LEAST_FIELD
+        )
+        if self.camera.width**2 * height > _MOST_GREYS:
+            yield Fault(
+                "camera.width",
+                f"the field of view makes it a picture of {self.camera.width} × {self.camera.width * height:.3g} "
+                f"pixels; {_MOST_GREYS:.3g} are possible.",
+                "Reduce it, or widen scan.horizontal.",
+            )
         yield from self._waveform_contradictions(scan)
 
     def _track_contradictions(self, scan: TrackScan) -> Iterator[Fault]:

@@ -17,7 +17,7 @@ from scanner_sim.scenario import Scenario
 from scanner_sim.units import FROM_FILE
 
 LARGEST_FILE = 1_000_000
-"""Bytes of a scenario file: thousands of objects need less than half of it, and reading it takes some twenty seconds."""
+"""Bytes of a scenario file: thousands of objects need half of it, and reading it takes some twenty seconds."""
 
 
 def load_scenario(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()) -> Scenario:

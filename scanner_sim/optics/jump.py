@@ -72,8 +72,8 @@ def jump_path(
 def jump_time(galvanometers: Galvanometers, distance: ArrayLike) -> Array:
     """Return the times [s] after which jumps over distances [rad] have settled, any shape.
 
-    The servo follows :func:`jump_path`; settled means that it stays within ``settled`` of the goal. Resolved to 5 µs, and
-    to a millionth of jumps that take longer than 5 s.
+    The servo follows :func:`jump_path`; settled means that it stays within ``settled`` of the goal. Resolved to 5 µs,
+    and to a millionth of jumps that take longer than 5 s.
     """
     far = np.atleast_1d(np.abs(np.asarray(distance, dtype=np.float64)))
     settling = _SETTLING / (galvanometers.damping * galvanometers.omega)

@@ -38,6 +38,8 @@ SECONDS = 90.0
 """Processor time of an input: with cold caches the kernels of a sunlit scene take fifteen."""
 PATIENCE = 15.0
 """Time on the clock over processor time after which a process that does nothing counts as hanging."""
+PROGRESS = 250
+"""Every so many inputs a line says how far it is."""
 LIFETIME = 300
 """Inputs of a process: what one leaves behind reaches the next ones, but not all."""
 PICTURED = 25
@@ -156,15 +158,17 @@ class Fuzzer:
         key = re.sub(r"[0-9]+(?!.*\.py)|'.*'", "#", found["what"])[:120]
         with self.lock:
             self.counts[f"{kind}: {found['outcome']}"] += 1
+            if (done := self.counts.total()) % PROGRESS == 0:
+                print(f"{done} opened, {len(self.findings)} different findings", file=sys.stderr, flush=True)
             if found["outcome"] != "finding":
                 return
             new = key not in self.findings
             self.findings.setdefault(key, address)
         print(f"{address}: {found['what']}", flush=True)
         if new and isinstance(mutant, Mutant):
-            self._save(address, self._smallest(worker, address, mutant, key))
+            self._save(address, self._smallest(worker, address, mutant))
 
-    def _smallest(self, worker: Worker, address: str, mutant: Mutant, key: str) -> Mutant:
+    def _smallest(self, worker: Worker, address: str, mutant: Mutant) -> Mutant:
         """Return the mutant without the changes that are not needed for its finding."""
         kept = set(range(4))
         for index in range(4):
@@ -197,7 +201,8 @@ _SAVE = f"""
 import sys
 from scanner_sim.closed_loop.tracker import Tracker
 from scanner_sim.config import load_scenario
-tracker = Tracker(load_scenario({str(REPOSITORY / "configs/track_still.yaml")!r}, ["scan.pattern.points=32"]), device="cpu")
+config = {str(REPOSITORY / "configs/track_still.yaml")!r}
+tracker = Tracker(load_scenario(config, ["scan.pattern.points=32"]), device="cpu")
 for _ in range(5):
     next(tracker)
 tracker.save(sys.argv[1])

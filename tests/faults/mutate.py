@@ -7,6 +7,7 @@ import json
 import math
 import random
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -268,7 +269,7 @@ def _change_value(rng: random.Random, data: Any, tame: float) -> str:
 
 
 def _nudged(rng: random.Random, value: Any) -> Any:
-    """Return a number, with its unit where it has one, that is a little or a lot different; None where there is none."""
+    """Return a number, with its unit, that is a little or a lot different; None where there is none."""
     factor = rng.choice((0.5, 0.9, 0.999999, 1.000001, 1.1, 2.0, 10.0, 0.1, 1e3, 1e-3, 0.0, -1.0))
     if isinstance(value, bool):
         return not value
@@ -294,7 +295,7 @@ def _add_key(rng: random.Random, data: Any, tame: float) -> str:
     slot = rng.choice(_BY_WORDS[place])
     value = legal(rng, slot) if rng.random() < tame else odd(rng)
     holder = data
-    for step, following in zip(place[:-1], place[1:], strict=True):
+    for step, following in pairwise(place):
         if step == EACH:
             if not isinstance(holder, list) or not holder:
                 return "nowhere"
