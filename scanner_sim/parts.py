@@ -22,7 +22,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError, core_schema
 
-from scanner_sim.errors import Fault
+from scanner_sim.errors import Fault, printable
 
 Switch = Annotated[bool, Strict()]
 """True or false; ``yes``, ``off`` and 1 are not understood, because readers of YAML disagree about them."""
@@ -51,7 +51,7 @@ class Part(BaseModel):
     def _is_possible(self) -> Self:
         found = tuple(self.contradictions())
         if found:
-            text = "; ".join(str(fault) for fault in found)
+            text = printable("; ".join(str(fault) for fault in found))
             raise PydanticCustomError("impossible", "{text}", {"text": text, "faults": found})
         return self
 
@@ -95,7 +95,7 @@ class InputFile:
 
     @staticmethod
     def _error(problem: str) -> PydanticCustomError:
-        return PydanticCustomError("input_file", "{problem}", {"problem": problem})
+        return PydanticCustomError("input_file", "{problem}", {"problem": printable(problem)})
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema
 from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation as Turning
 
-from scanner_sim.errors import Fault
+from scanner_sim.errors import Fault, printable
 from scanner_sim.parts import Count, MeshFile, Part, XmlFile
 from scanner_sim.scene.materials import MATERIALS, UnknownMaterialError, material
 from scanner_sim.scene.motion import RigidMotion
@@ -56,7 +56,7 @@ def _known(name: str) -> str:
         return material(name).name
     except UnknownMaterialError as error:
         raise PydanticCustomError(
-            "material", "{problem} {remedy}", {"problem": error.message, "remedy": error.remedy}
+            "material", "{problem} {remedy}", {"problem": printable(error.message), "remedy": error.remedy}
         ) from None
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import importlib.util
 import json
 import os
 import re
@@ -256,7 +257,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Fuzz scenarios and saved tracking runs.")
     parser.add_argument("-n", type=int, default=0, help="mutants of shipped scenarios")
     parser.add_argument("--states", type=int, default=0, help="mutants of a saved tracking run")
-    parser.add_argument("--scenes", type=int, default=0, help="mutants of meshes and Mitsuba files")
+    parser.add_argument(
+        "--scenes", type=int, default=0, help="mutants of meshes and Mitsuba files, if there are any"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
@@ -272,7 +275,8 @@ def main() -> int:
             return _again(fuzzer, asked.one)
         if asked.corpus:
             replay(fuzzer)
-        numbers = {"": asked.n, "state/": asked.states, "scene/": asked.scenes}
+        scenes = asked.scenes if importlib.util.find_spec("mutate_scene") else 0
+        numbers = {"": asked.n, "state/": asked.states, "scene/": scenes}
         run(
             fuzzer,
             [
