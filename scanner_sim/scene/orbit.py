@@ -176,7 +176,7 @@ def _utc(value: object) -> datetime:
             "quantity",
             "{reason}; write for example {example}",
             {
-                "reason": f"{printable(repr(value))} is no time in UTC from 1957 to 2099",
+                "reason": printable(f"'{value}' is no time in UTC from 1957 to 2099"),
                 "example": "2026-06-21T12:00:00Z",
             },
         )

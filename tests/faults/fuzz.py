@@ -120,14 +120,14 @@ class Fuzzer:
         return self._state
 
     def mutant(self, address: str, keep: frozenset[int] | None = None) -> Mutant | Path:
-        """Return the mutant of an address: ``7/12`` of a scenario, ``state/7/12``, or ``scene/7/12``, a path."""
+        """Return the mutant of an address: ``7/12``, ``state/7/12``; of ``mesh/7/12`` and ``xml/7/12`` the path."""
         *kind, seed, number = address.split("/")
         if kind == ["state"]:
             return state_mutant(int(seed), int(number), self.state(), keep)
-        if kind == ["scene"]:
-            from mutate_scene import scene_mutant
+        if kind in (["mesh"], ["xml"]):
+            import mutate_scene
 
-            path: Path = scene_mutant(int(seed), int(number), self._empty(f"{seed}-{number}"))
+            path: Path = mutate_scene.mutant(address)(self._empty(str(threading.get_ident())))
             return path
         return scenario_mutant(int(seed), int(number), keep)
 
@@ -276,7 +276,7 @@ def main() -> int:
         if asked.corpus:
             replay(fuzzer)
         scenes = asked.scenes if importlib.util.find_spec("mutate_scene") else 0
-        numbers = {"": asked.n, "state/": asked.states, "scene/": scenes}
+        numbers = {"": asked.n, "state/": asked.states, "mesh/": scenes, "xml/": scenes}
         run(
             fuzzer,
             [
