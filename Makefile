@@ -9,11 +9,13 @@ RUN := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 DEMO := out/quickstart
 OLDEST_LLVM := $(RUN) -m scanner_sim.render.device --oldest
+N ?= 1000
+SEED ?= 0
 
 # Said by the interpreter itself, so that a shim without a Python behind it counts as missing.
 NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo test soak lint format typecheck docs build bench scenes setup llvm clean
+.PHONY: help demo test fuzz soak lint format typecheck docs build bench scenes setup llvm clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -28,6 +30,9 @@ test: setup ## Set up and run all tests, slow ones too
 
 soak: setup ## Run 200 simulations in one process, whose memory must stay where it is
 	SCANNER_SIM_SOAK=200 $(RUN) -m pytest tests/faults/test_soak.py
+
+fuzz: setup ## Open mutants of scenarios, states and scenes: make fuzz N=10000 SEED=7
+	$(RUN) tests/faults/fuzz.py -n $(N) --states $$(($(N) / 20)) --scenes $$(($(N) / 10)) --seed $(SEED)
 
 lint: $(STAMP) ## Check style and format
 	$(RUN) -m ruff check .

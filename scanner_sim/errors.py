@@ -17,6 +17,42 @@ import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+MOST_FAULTS = 50
+"""Faults that a message lists; the error holds them all."""
+LONGEST_LINE = 1000
+"""Characters of a line of a message: what the user wrote may be a book."""
+LONGEST_MESSAGE = 12_000
+"""Characters of a message."""
+
+_STEERING = {"Cc", "Cf", "Cs", "Zl", "Zp"}
+"""Categories of Unicode: controls, formats, surrogates, separators of lines and paragraphs."""
+
+
+def printable(text: str, *, lines: bool = False) -> str:
+    r"""Return a text as a terminal, a picture or a line of a file may show it: nothing in it steers the reader.
+
+    Control characters, escape sequences, marks that turn the direction of writing and bytes that are no text become
+    their escapes, as ``\x1b``; with ``lines`` ends of lines stay.
+    """
+    return "".join(
+        letter
+        if (lines and letter == "\n") or unicodedata.category(letter) not in _STEERING
+        else letter.encode("unicode_escape").decode("ascii")
+        for letter in text
+    )
+
+
+def _bounded(text: str) -> str:
+    """Return a text of bounded length, long lines cut in their middle."""
+    lines = [line if len(line) <= LONGEST_LINE else _cut(line) for line in text.split("\n")]
+    whole = "\n".join(lines)
+    return whole if len(whole) <= LONGEST_MESSAGE else whole[: LONGEST_MESSAGE - 1] + "…"
+
+
+def _cut(line: str) -> str:
+    half = LONGEST_LINE // 2
+    return f"{line[:half]} … {line[-half:]}"
+
 
 class ScannerSimError(Exception):
     """Any error that is reported to the user in one message, without a traceback.
@@ -24,7 +60,7 @@ class ScannerSimError(Exception):
     Parameters
     ----------
     message
-        What is wrong, in one sentence.
+        What is wrong, in one sentence; it may quote anything (see :func:`printable`).
     remedy
         What the user can do about it; empty where nothing sensible can be said.
     """
@@ -32,9 +68,9 @@ class ScannerSimError(Exception):
     exit_status = 1
 
     def __init__(self, message: str, *, remedy: str = "") -> None:
-        super().__init__(message)
-        self.message = message
-        self.remedy = remedy
+        self.message = _bounded(printable(message, lines=True))
+        self.remedy = _bounded(printable(remedy, lines=True))
+        super().__init__(self.message)
 
     def __str__(self) -> str:
         return f"{self.message} {self.remedy}".strip()
@@ -93,25 +129,10 @@ class ScenarioError(InputError):
 
     def __init__(self, faults: Sequence[Fault], *, source: str = "scenario") -> None:
         count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
-        lines = [f"{printable(source)}: {count}", *(f"  {printable(str(fault))}" for fault in faults)]
-        super().__init__("\n".join(lines))
+        # A fault is one line, whatever it quotes.
+        lines = [f"  {printable(str(fault))}" for fault in faults[:MOST_FAULTS]]
+        if len(faults) > MOST_FAULTS:
+            lines.append(f"  … and {len(faults) - MOST_FAULTS} more")
+        super().__init__("\n".join([f"{printable(source)}: {count}", *lines]))
         self.faults = tuple(faults)
         self.source = source
-
-
-def printable(text: str, *, lines: bool = False) -> str:
-    r"""Return a text as a terminal, a picture or a line of a file may show it: nothing in it steers the reader.
-
-    Control characters, escape sequences, marks that turn the direction of writing and bytes that are no text become
-    their escapes, as ``\x1b``; with ``lines`` ends of lines stay.
-    """
-    return "".join(
-        letter
-        if (lines and letter == "\n") or unicodedata.category(letter) not in _STEERING
-        else letter.encode("unicode_escape").decode("ascii")
-        for letter in text
-    )
-
-
-_STEERING = {"Cc", "Cf", "Cs", "Zl", "Zp"}
-"""Categories of Unicode: controls, formats, surrogates, separators of lines and paragraphs."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import stat
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,13 +15,14 @@ from pydantic import (
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
     Strict,
     ValidationInfo,
     model_validator,
 )
 from pydantic_core import PydanticCustomError, core_schema
 
-from scanner_sim.errors import Fault
+from scanner_sim.errors import Fault, printable
 
 Switch = Annotated[bool, Strict()]
 """True or false; ``yes``, ``off`` and 1 are not understood, because readers of YAML disagree about them."""
@@ -49,7 +51,7 @@ class Part(BaseModel):
     def _is_possible(self) -> Self:
         found = tuple(self.contradictions())
         if found:
-            text = "; ".join(str(fault) for fault in found)
+            text = printable("; ".join(str(fault) for fault in found))
             raise PydanticCustomError("impossible", "{text}", {"text": text, "faults": found})
         return self
 
@@ -74,15 +76,15 @@ class InputFile:
         if not isinstance(value, str | Path) or "\0" in str(value) or not str(value):
             raise self._error(f"this is not the name of a file; write for example part{self.suffixes[0]}")
         folder = info.context.get("folder", "") if isinstance(info.context, dict) else ""
-        path = Path(os.path.abspath(Path(folder, Path(value).expanduser())))
+        path = Path(os.path.abspath(Path(folder, os.path.expanduser(value))))
         try:
-            path.stat()
+            mode = path.stat().st_mode
         except (OSError, ValueError):
             raise self._error(f"there is no file {path}; {_nearest_file(path, self.suffixes)}") from None
-        if path.is_dir():
+        if stat.S_ISDIR(mode):
             raise self._error(f"{path} is a folder, not a file; name the file in it")
-        if not path.is_file():
-            raise self._error(f"{path} is a device or a pipe, not an ordinary file; name a file")
+        if not stat.S_ISREG(mode):
+            raise self._error(f"{path} is a pipe or a device; name an ordinary file")
         if path.suffix.lower() not in self.suffixes:
             raise self._error(
                 f"{path.name} is none of the kinds that are read here: {', '.join(self.suffixes)}"
@@ -93,7 +95,7 @@ class InputFile:
 
     @staticmethod
     def _error(problem: str) -> PydanticCustomError:
-        return PydanticCustomError("input_file", "{problem}", {"problem": problem})
+        return PydanticCustomError("input_file", "{problem}", {"problem": printable(problem)})
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -106,6 +108,15 @@ class InputFile:
             ),
         )
 
+    def __get_pydantic_json_schema__(
+        self, schema: core_schema.CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        # Without the endings a word such as ``none`` beside a file would be both of them.
+        endings = "|".join(
+            "".join(f"[{letter}{letter.upper()}]" for letter in suffix[1:]) for suffix in self.suffixes
+        )
+        return {**handler(schema), "pattern": rf"\.({endings})$"}
+
 
 MeshFile = Annotated[Path, InputFile((".ply", ".obj", ".stl")), Field(examples=["meshes/part.ply"])]
 XmlFile = Annotated[Path, InputFile((".xml",)), Field(examples=["scenes/module.xml"])]
@@ -114,10 +125,10 @@ XmlFile = Annotated[Path, InputFile((".xml",)), Field(examples=["scenes/module.x
 def _nearest_file(path: Path, suffixes: tuple[str, ...]) -> str:
     """Say which file was probably meant by a path that leads nowhere."""
     folder = path.parent
-    if not folder.is_dir():
-        return f"its folder {folder} does not exist either; paths count from the scenario's folder"
     try:
         names = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in suffixes)
+    except (FileNotFoundError, NotADirectoryError):
+        return f"its folder {folder} does not exist either; paths count from the scenario's folder"
     except OSError:
         names = []
     near = difflib.get_close_matches(path.name, names, n=1, cutoff=0.5)

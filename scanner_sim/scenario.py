@@ -12,9 +12,10 @@ from scanner_sim.errors import Fault, InputError
 from scanner_sim.parts import Count, Part
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.products.settings import Output
-from scanner_sim.render.camera_settings import Camera
+from scanner_sim.render.camera_settings import LEAST_FIELD, Camera
 from scanner_sim.render.settings import Transport
 from scanner_sim.scan.raster import RasterScan
+from scanner_sim.scan.schedule import MOST_UPDATES, MOST_VISITS
 from scanner_sim.scanner import Scanner
 from scanner_sim.scene.lighting import Lighting
 from scanner_sim.scene.objects import Scene
@@ -22,6 +23,8 @@ from scanner_sim.signals.processing import MARGIN, Processing
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.scan import TrackScan, resolve_targets
 
+_MOST_GREYS = 1 << 27
+"""Pixels of the camera's picture: half a gigabyte, and three while it is made."""
 _MOST_SAMPLES = 1 << 28
 """Samples of all waveforms that are kept together: a gigabyte."""
 
@@ -140,15 +143,56 @@ class Scenario(Part):
                     f"{math.degrees(limit):.6g} deg ({limit:g} rad) to both sides.",
                     "Narrow the scan, or raise scanner.mirrors.max_deflection.",
                 )
+        height = (scan.vertical[1] - scan.vertical[0]) / max(
+            scan.horizontal[1] - scan.horizontal[0], LEAST_FIELD
+        )
+        if self.camera.width**2 * height > _MOST_GREYS:
+            yield Fault(
+                "camera.width",
+                f"the field of view makes it a picture of {self.camera.width} × {self.camera.width * height:.3g} "
+                f"pixels; {_MOST_GREYS:.3g} are possible.",
+                "Reduce it, or widen scan.horizontal.",
+            )
         yield from self._waveform_contradictions(scan)
 
     def _track_contradictions(self, scan: TrackScan) -> Iterator[Fault]:
-        yield from resolve_targets(scan, self.scene, self.scanner.mirrors.axis_separation)[1]
+        targets, faults = resolve_targets(scan, self.scene, self.scanner.mirrors.axis_separation)
+        yield from faults
+        yield from self._visit_contradictions(scan, len(targets))
         if self.output.waveforms != "none":
             yield Fault(
                 "output.waveforms",
                 "a run that follows targets keeps no waveforms.",
                 "Write none, or a raster.",
+            )
+
+    def _visit_contradictions(self, scan: TrackScan, targets: int) -> Iterator[Fault]:
+        """Yield patterns that the encoders do not see the end of, and visits that no memory holds."""
+        scanner, visiting, points = self.scanner, scan.visiting, scan.pattern.points
+        servos = scanner.galvanometers
+        if servos.readout_delay >= points * scanner.dwell:
+            yield Fault(
+                "scanner.galvanometers.readout_delay",
+                f"{servos.readout_delay:.4g} s are no less than the {points * scanner.dwell:.4g} s of a whole pattern.",
+                "Lower it or scanner.rate, or raise scan.pattern.points.",
+            )
+        farthest = 2.0 * scanner.mirrors.max_deflection
+        updates = visiting.updates_of(points, scanner.dwell, farthest, servos)
+        if updates > MOST_UPDATES:
+            yield Fault(
+                "scan.visiting.updates",
+                f"a visit takes up to {updates:.3g} updates of the drive's command; {MOST_UPDATES:.3g} are possible.",
+                "Lower it, scanner.rate, scan.pattern.points or scan.visiting.turnaround, or raise the limits of "
+                "scanner.galvanometers.",
+            )
+            return
+        visits = scan.duration / visiting.period(points, scanner.dwell, max(targets, 1), servos)
+        most = min(MOST_VISITS, 2**32 // points)
+        if visits > most:
+            yield Fault(
+                "scan.duration",
+                f"{scan.duration:.4g} s hold {visits:.3g} patterns; {most} are possible.",
+                "Shorten it, or raise scan.pattern.points or scan.visiting.turnaround.",
             )
 
     def _line_contradictions(self) -> Iterator[Fault]:
@@ -205,14 +249,15 @@ class Scenario(Part):
                 "Write ranging: tof or both, or output.waveforms: none.",
             )
         rows, columns = scan.rows, scan.columns
+        count = scan.shots if isinstance(chosen, str) else len(chosen)
+        samples = count * self.scanner.lidar.digitiser.samples
+        if samples > _MOST_SAMPLES:
+            yield Fault(
+                "output.waveforms",
+                f"all of them are {samples:.3g} samples; {_MOST_SAMPLES:.3g} fit in a file.",
+                "Name the voxels that are wanted, as [[0, 0], [10, 20]].",
+            )
         if isinstance(chosen, str):
-            samples = scan.shots * self.scanner.lidar.digitiser.samples
-            if samples > _MOST_SAMPLES:
-                yield Fault(
-                    "output.waveforms",
-                    f"all of them are {samples:.3g} samples; {_MOST_SAMPLES:.3g} fit in a file.",
-                    "Name the voxels that are wanted, as [[0, 0], [10, 20]].",
-                )
             return
         for row, column in chosen:
             if not (0 <= row < rows and 0 <= column < columns):

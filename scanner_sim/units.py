@@ -18,6 +18,8 @@ from typing import Annotated, Any
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError, core_schema
 
+from scanner_sim.errors import printable
+
 FROM_FILE = {"units": "required"}
 """Validation context that makes units compulsory: pass it where the values come from a file."""
 
@@ -128,7 +130,9 @@ class Dimension:
 
     def _error(self, kind: str, reason: str) -> PydanticCustomError:
         return PydanticCustomError(
-            kind, "{reason}; write for example {example}", {"reason": reason, "example": self.sample}
+            kind,
+            "{reason}; write for example {example}",
+            {"reason": printable(reason), "example": self.sample},
         )
 
     def __get_pydantic_core_schema__(

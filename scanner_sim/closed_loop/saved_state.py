@@ -9,7 +9,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import ValidationError
 
+from scanner_sim.closed_loop.state_file import FORMAT, SavedRun, SavedState
+from scanner_sim.config.document import spell
 from scanner_sim.errors import InputError
 from scanner_sim.optics.galvanometer import MirrorState
 from scanner_sim.products.exchange import write_file
@@ -21,8 +24,8 @@ from scanner_sim.tracking.state import Refusal, TrackerSettings, TrackMode, Trac
 
 Array = NDArray[np.float64]
 
-FORMAT = 1
-"""Version of the file's form."""
+LARGEST_FILE = 64_000_000
+"""Bytes of a file: a thousand targets take two million."""
 
 
 @dataclass(frozen=True)
@@ -114,56 +117,77 @@ def load_state(path: Path) -> tuple[TrackerState, str]:
     Raises
     ------
     InputError
-        If there is no such file, or it holds something else.
+        If there is no such file, or it holds something else: with the first number that is not possible.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or "it is not JSON"
-        raise InputError(
-            f"{path} cannot be read: {reason}.", remedy="Name a file that a tracker saved."
-        ) from None
+    remedy = "Name a file that a tracker saved."
+    content = _content(path, remedy)
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(
             f"{path} is no state of a tracker that this program reads.",
             remedy="Name a file that a tracker of this version saved.",
         )
     try:
-        return _state(content["state"]), str(content["scenario"])
-    except (KeyError, TypeError, ValueError) as error:
+        saved = SavedRun.model_validate(content)
+    except ValidationError as error:
         raise InputError(
-            f"{path} is a damaged state of a tracker: {error}.", remedy="Save it again."
+            f"{path} is a damaged state of a tracker: {_first_fault(error)}", remedy="Save it again."
         ) from None
+    return _state(saved.state), saved.scenario
 
 
-def _state(data: dict[str, Any]) -> TrackerState:
-    mirrors = data["mirrors"]
-    angle, rate, command = (
-        np.array(mirrors[name], dtype=np.float64) for name in ("angle", "rate", "command")
-    )
+def _content(path: Path, remedy: str) -> Any:
+    """Return what a JSON file holds."""
+    try:
+        if not path.is_file():
+            reason = "it is no file" if path.exists() else "there is none"
+            raise InputError(f"{path} cannot be read: {reason}.", remedy=remedy)
+        if path.stat().st_size > LARGEST_FILE:
+            raise InputError(f"{path} is too large for the state of a tracker.", remedy=remedy)
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        reason = getattr(error, "strerror", None) or "it is not JSON"
+        raise InputError(f"{path} cannot be read: {reason}.", remedy=remedy) from None
+
+
+def _first_fault(error: ValidationError) -> str:
+    """Say what is wrong first, and where, in the words of the file."""
+    details = error.errors(include_url=False, include_input=False)[0]
+    place = spell(details["loc"])
+    if details["type"] == "impossible":
+        fault = details["ctx"]["faults"][0]
+        return f"{place}.{fault.place}: {fault.problem}"
+    return f"{place}: {details['msg'][0].lower()}{details['msg'][1:]}."
+
+
+def _state(saved: SavedState) -> TrackerState:
+    mirrors = saved.mirrors
     return TrackerState(
-        visits=int(data["visits"]),
-        clock=float(data["clock"]),
+        visits=saved.visits,
+        clock=saved.clock,
         mirrors=MirrorPair(
-            MirrorState(angle, rate, command), np.array(mirrors["slope"], dtype=np.float64), mirrors["time"]
+            MirrorState(_array(mirrors.angle), _array(mirrors.rate), _array(mirrors.command)),
+            _array(mirrors.slope),
+            mirrors.time,
         ),
-        turn=int(data["turn"]),
-        skipped=int(data["skipped"]),
+        turn=saved.turn,
+        skipped=saved.skipped,
         tracks=tuple(
             TrackState(
-                mode=TrackMode(track["mode"]),
-                motion=Motion(
-                    *(np.array(track[name], dtype=np.float64) for name in ("mean", "covariance", "time"))
-                ),
-                expected=np.array(track["expected"], dtype=np.float64),
-                refusal=Refusal(track["refusal"]),
-                **{name: int(track[name]) for name in _COUNTS},
+                mode=TrackMode(track.mode),
+                motion=Motion(_array(track.mean), _array(track.covariance), _array(track.time)),
+                expected=_array(track.expected),
+                refusal=Refusal(track.refusal),
+                **{name: getattr(track, name) for name in _COUNTS},
             )
-            for track in data["tracks"]
+            for track in saved.tracks
         ),
-        followed=tuple(bool(value) for value in data["followed"]),
-        amplitudes=tuple(None if value is None else float(value) for value in data["amplitudes"]),
+        followed=saved.followed,
+        amplitudes=saved.amplitudes,
     )
+
+
+def _array(values: Any) -> Array:
+    return np.array(values, dtype=np.float64)
 
 
 _COUNTS = ("patterns", "seen", "missed", "searched")

@@ -18,14 +18,11 @@ from scanner_sim.errors import InputError
 from scanner_sim.products.provenance import versions
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.render.guest import Stay, guest
-from scanner_sim.scan.schedule import run_visit
+from scanner_sim.scan.schedule import MOST_VISITS, run_visit
 from scanner_sim.scenario import Scenario
 from scanner_sim.tracking.record import PatternRecord
 from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advanced, command, init
 from scanner_sim.workbench import Workbench
-
-MOST_VISITS = 2**25
-"""Visits of a run: their shots have 32-bit numbers."""
 
 
 class Tracker:
@@ -61,6 +58,11 @@ class Tracker:
     ) -> None:
         self.scenario, self.scan, self.targets = scenario, scenario.following, scenario.targets
         self.state = first_state(self.targets, self.scan.tracker) if state is None else state
+        if len(self.state.tracks) != len(self.targets):
+            raise InputError(
+                f"the state tells of {len(self.state.tracks)} targets, and the scenario follows {len(self.targets)}.",
+                remedy="Go on with the scenario that the state was saved with.",
+            )
         with guest():
             bench = PatternBench(Workbench(scenario, device=device, threads=threads))
             self._eye, self._recorder = Eye(scenario, bench), Recorder(scenario)
@@ -101,7 +103,8 @@ class Tracker:
     def finished(self) -> bool:
         """Whether the next pattern would begin after the scan's duration, or nothing is followed any more."""
         nothing = not any(self.state.followed)
-        return nothing or self._start() >= self.scan.duration or self.state.visits >= MOST_VISITS
+        most = min(MOST_VISITS, 2**32 // self.scan.pattern.points)
+        return nothing or self._start() >= self.scan.duration or self.state.visits >= most
 
     def __iter__(self) -> Iterator[PatternRecord]:
         """Iterate over the visits that are left."""

@@ -28,7 +28,7 @@ def read_baseline(path: str | Path) -> Comparison:
         return comparison_from_json(Path(path).read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path} cannot be read: {error}.", remedy=remedy) from None
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(f"{path} is no comparison.", remedy=remedy) from None
 
 

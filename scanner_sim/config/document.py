@@ -23,6 +23,8 @@ MOST_VALUES = 200_000
 """Values of a document, with aliases written out: an alias bomb has billions."""
 DEEPEST = 50
 """Levels of a document: an alias that contains itself has no end."""
+LONGEST_NUMBER = 1000
+"""Letters of a whole number; a longer one stays a text, which is refused where it stands."""
 
 _TAG = "tag:yaml.org,2002:"
 _SCALARS = (
@@ -209,13 +211,15 @@ def _scalar(node: yaml.Node) -> tuple[bool, Any]:
                 return True, None
             case "bool":
                 return True, text.lower() == "true"
-            case "int":
+            case "int" if len(text) <= LONGEST_NUMBER:
                 return True, int(text, 0) if text.startswith(("0o", "0x")) else int(text)
+            case "int":
+                return True, text
             case "float":
                 word = text.lower()
                 return True, float(word.replace(".", "") if word.endswith(("inf", "nan")) else word)
     except ValueError:
-        # Thousands of digits, or a tag that contradicts its text: the text itself is the better answer.
+        # A tag that contradicts its text: the text itself is the better answer, as it is for thousands of digits.
         return True, text
     return False, text
 

@@ -161,7 +161,7 @@ def _out_of_bounds(details: Mapping[str, Any], slot: Slot, came: Any) -> str:
     limit = f"{bound:g}" if slot.dimension is None else str(slot.dimension.format(float(bound)))
     if slot.dimension is not None and not isinstance(came, str):
         came = slot.dimension.format(float(came))
-    return f"{came} is not possible; it must be {relation} {limit}."
+    return f"{_short(str(came))} is not possible; it must be {relation} {limit}."
 
 
 def _default(slot: Slot) -> str:
@@ -192,11 +192,14 @@ def shown(value: object) -> str:
         case list():
             return f"a list of {len(value)}"
         case str():
-            return f"'{value}'" if len(value) <= 60 else f"'{value[:57]}…'"
+            return f"'{_short(value)}'"
         case bool() | int() | float():
-            text = flow(value)
-            return text if len(text) <= 60 else f"{text[:57]}…"
+            return _short(flow(value))
     return f"a {type(value).__name__}"
+
+
+def _short(text: str) -> str:
+    return text if len(text) <= 60 else f"{text[:57]}…"
 
 
 def _capital(text: str) -> str:

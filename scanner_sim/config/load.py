@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import difflib
+import stat
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from scanner_sim.config.document import Document, Place, read_document, spell
+from scanner_sim.config.document import LONGEST_NUMBER, Document, Place, read_document, spell
 from scanner_sim.config.faults import choice, found_by, shown
 from scanner_sim.errors import Fault, InputError, ScenarioError
 from scanner_sim.scenario import Scenario
 from scanner_sim.units import FROM_FILE
 
-LARGEST_FILE = 4_000_000
-"""Bytes of a scenario file: thousands of objects need a tenth of it."""
+LARGEST_FILE = 1_000_000
+"""Bytes of a scenario file: thousands of objects need half of it, and reading it takes some twenty seconds."""
 
 
 def load_scenario(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()) -> Scenario:
@@ -45,7 +46,11 @@ def load_scenario(source: str | Path | Mapping[str, Any], overrides: Sequence[st
         If the scenario has faults; it holds all that could be found, in the order of the file.
     """
     if isinstance(source, Mapping):
-        return _load(Document(_plain(source)), "scenario", {}, overrides)
+        try:
+            document = Document(_plain(source))
+        except RecursionError:
+            raise ScenarioError([Fault("", "it is nested without end.", "Flatten it.")]) from None
+        return _load(document, "scenario", {}, overrides)
     path = Path(source)
     return _load(
         read_document(_text(path)), str(path), {**FROM_FILE, "folder": path.absolute().parent}, overrides
@@ -85,8 +90,12 @@ def _load(document: Document, name: str, context: Mapping[str, Any], overrides: 
 def _text(path: Path) -> str:
     """Return the text of a scenario file."""
     try:
-        if path.is_dir():
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
             raise InputError(f"{path} is a folder, not a scenario.", remedy=_scenario_in(path))
+        if not stat.S_ISREG(mode):
+            # A pipe that nobody writes to would be waited for without end.
+            raise InputError(f"{path} is a pipe or a device, not a file.", remedy="Name a YAML file.")
         with path.open("rb") as stream:
             content = stream.read(LARGEST_FILE + 1)
     except FileNotFoundError:
@@ -118,9 +127,12 @@ def _scenario_in(folder: Path) -> str:
 
 
 def _similar(path: Path) -> str:
-    if not path.parent.is_dir():
+    try:
+        names = [entry.name for entry in path.parent.iterdir() if entry.suffix in (".yaml", ".yml")]
+    except (FileNotFoundError, NotADirectoryError):
         return f"The folder {path.parent} does not exist either."
-    names = [entry.name for entry in path.parent.iterdir() if entry.suffix in (".yaml", ".yml")]
+    except OSError:
+        names = []
     near = difflib.get_close_matches(path.name, names, n=1)
     return f"Did you mean {path.parent / near[0]}?" if near else "Check the name and the folder."
 
@@ -129,6 +141,9 @@ def _plain(value: Any) -> Any:
     """Return a copy in dictionaries and lists, which overrides may change."""
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, int) and value.bit_length() > 4 * LONGEST_NUMBER:
+        # Python does not even write such a number as text.
+        return f"a number of {value.bit_length()} bits"
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
 
 
@@ -157,7 +172,7 @@ def _fault(
     """Return the fault of a place, named after the override that put it there, or with its line."""
     for length in range(len(place), 0, -1):
         if place[:length] in origins:
-            where = f"{spell(place, document.data)}, set by '{origins[place[:length]]}'"
+            where = f"{spell(place, document.data)}, set by {shown(origins[place[:length]])}"
             return Fault(where, problem, remedy)
     return Fault(spell(place, document.data), problem, remedy, document.line(place))
 
@@ -171,7 +186,7 @@ def _override(document: Document, overrides: Sequence[str], faults: list[Fault])
         if not equals or not all(steps):
             faults.append(
                 Fault(
-                    f"override '{text}'",
+                    f"override {shown(text)}",
                     "this is not KEY=VALUE.",
                     "Write for example scanner.laser.power=20 mW.",
                 )
@@ -179,12 +194,14 @@ def _override(document: Document, overrides: Sequence[str], faults: list[Fault])
             continue
         value = read_document(value_text.strip())
         if value.faults:
-            faults += [Fault(f"override '{text}'", fault.problem, fault.remedy) for fault in value.faults]
+            faults += [
+                Fault(f"override {shown(text)}", fault.problem, fault.remedy) for fault in value.faults
+            ]
             continue
         try:
             origins[_put(document.data, steps, value.data)] = text
         except ValueError as error:
-            faults.append(Fault(f"override '{text}'", str(error)))
+            faults.append(Fault(f"override {shown(text)}", str(error)))
     return origins
 
 
@@ -225,11 +242,11 @@ def _index(items: list[Any], step: str, place: Place) -> int:
     names = [str(item.get("name")) if isinstance(item, dict) else "" for item in items]
     if step in names:
         return names.index(step)
-    if step.isdecimal() and int(step) < len(items):
+    if step.isdecimal() and len(step) < 10 and int(step) < len(items):
         return int(step)
     if step.isdecimal():
         raise ValueError(f"{spell(place)} has {len(items)} entries, counted from 0.")
     known = tuple(name for name in names if name)
     raise ValueError(
-        f"{spell(place)} has no entry called '{step}'. {choice(step, known) if known else 'Write an index.'}"
+        f"{spell(place)} has no entry called {shown(step)}. {choice(step, known) if known else 'Write an index.'}"
     )

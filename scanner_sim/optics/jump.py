@@ -13,6 +13,8 @@ Array = NDArray[np.float64]
 
 _STEP = 5e-6
 """Update interval [s] at which a jump's settling is looked at."""
+_MOST_STEPS = 1_000_000
+"""Intervals of a jump: those of one that takes longer than five seconds are longer."""
 _SETTLING = 25.0
 """Time constants 1/(ζω) for which it is looked at: e⁻²⁵ of any jump is nothing."""
 
@@ -70,20 +72,22 @@ def jump_path(
 def jump_time(galvanometers: Galvanometers, distance: ArrayLike) -> Array:
     """Return the times [s] after which jumps over distances [rad] have settled, any shape.
 
-    The servo follows :func:`jump_path`; settled means that it stays within ``settled`` of the goal. Resolved to 5 µs.
+    The servo follows :func:`jump_path`; settled means that it stays within ``settled`` of the goal. Resolved to 5 µs,
+    and to a millionth of jumps that take longer than 5 s.
     """
     far = np.atleast_1d(np.abs(np.asarray(distance, dtype=np.float64)))
     settling = _SETTLING / (galvanometers.damping * galvanometers.omega)
     last = float(np.max(jump_duration(galvanometers, far), initial=0.0)) + settling
-    time: Array = _STEP * np.arange(1, math.ceil(last / _STEP) + 1, dtype=np.float64)
+    step = max(_STEP, last / _MOST_STEPS)
+    time: Array = step * np.arange(1, math.ceil(last / step) + 1, dtype=np.float64)
     flat = far.reshape(-1)
     command = jump_path(galvanometers, np.zeros_like(flat), flat, time)
-    motion, _ = follow(galvanometers, at_rest(np.zeros_like(flat)), command, _STEP)
+    motion, _ = follow(galvanometers, at_rest(np.zeros_like(flat)), command, step)
     away = np.abs(motion.true - flat[:, None]) > galvanometers.settled
     updates = np.where(away.any(axis=1), away.shape[1] - np.argmax(away[:, ::-1], axis=1), 0)
     # One that was never away has not jumped at all.
     jumped = np.where(flat > galvanometers.settled, updates + 1, 0)
-    return (_STEP * jumped).reshape(np.shape(distance))
+    return (step * jumped).reshape(np.shape(distance))
 
 
 def attainable_amplitude(galvanometers: Galvanometers, frequency: ArrayLike) -> Array:

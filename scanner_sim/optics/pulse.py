@@ -9,7 +9,7 @@ from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from scanner_sim.constants import SPEED_OF_LIGHT
 from scanner_sim.errors import Fault, InputError
@@ -18,7 +18,13 @@ from scanner_sim.units import Energy, Frequency, Power, Time
 
 Array = NDArray[np.float64]
 
-PulseFile = Annotated[Path, InputFile((".csv",)), Field(examples=["pulse.csv"])]
+PulseShape = Annotated[
+    Annotated[Literal["gaussian", "t2_exponential"], Tag("(word)")]
+    | Annotated[Path, InputFile((".csv",)), Tag("(file)")],
+    Discriminator(lambda value: "(word)" if isinstance(value, str) and "." not in value else "(file)"),
+    Field(examples=["gaussian", "pulse.csv"]),
+]
+"""A named shape, or a CSV file of samples."""
 
 FWHM: Final = 2.0 * math.sqrt(2.0 * math.log(2.0))
 """Full width at half maximum of a Gaussian over its standard deviation."""
@@ -45,7 +51,7 @@ class Pulse(Part):
     """Energy of a pulse, instead of ``peak_power``."""
     width: Time = Field(default=2e-9, ge=1e-12, le=1e-3)
     """Full width at half maximum of the named shapes; a file has its own."""
-    shape: Literal["gaussian", "t2_exponential"] | PulseFile = "gaussian"
+    shape: PulseShape = "gaussian"
     """Shape in time, or a CSV file of samples."""
     repetition_rate: Frequency = Field(default=20e3, ge=1.0, le=1e9)
     """Pulses per second."""

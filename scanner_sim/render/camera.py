@@ -17,14 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import fftconvolve
 
-from scanner_sim.render.camera_settings import Camera
+from scanner_sim.render.camera_settings import LEAST_FIELD, Camera
 from scanner_sim.render.sky_emitter import register_orbit_sky
 from scanner_sim.scene.loader import LoadedScene
 from scanner_sim.scene.plugins import built
 
 _PATHS_AT_ONCE = 2**20
-_LEAST_FIELD = math.radians(1.0)
-"""Field of view of a scan that is a single line or point."""
 _GLARE_WIDTH = 2.0
 """Half width of the bright core of the strewn light [pixel]."""
 
@@ -130,9 +128,9 @@ def develop(camera: Camera, linear: NDArray[np.float32]) -> NDArray[np.uint8]:
 def _edges(angles: tuple[float, float]) -> tuple[float, float]:
     """Return the ends of the picture in the plane at unit distance; a line gets some width."""
     first, last = angles
-    if last - first < _LEAST_FIELD:
+    if last - first < LEAST_FIELD:
         middle = 0.5 * (first + last)
-        first, last = middle - 0.5 * _LEAST_FIELD, middle + 0.5 * _LEAST_FIELD
+        first, last = middle - 0.5 * LEAST_FIELD, middle + 0.5 * LEAST_FIELD
     return math.tan(first), math.tan(last)
 
 

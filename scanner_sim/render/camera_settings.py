@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 from pydantic import Field
 
 from scanner_sim.parts import Count, Number, Part
 from scanner_sim.units import Ratio
+
+LEAST_FIELD = math.radians(1.0)
+"""Field of view of a scan that is a single line or point."""
 
 
 class Camera(Part):

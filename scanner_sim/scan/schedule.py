@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
+from scanner_sim.errors import InputError
 from scanner_sim.optics.galvanometer import Galvanometers, MirrorState, at_rest, follow, latched
 from scanner_sim.optics.jump import (
     attainable_amplitude,
@@ -40,6 +41,12 @@ _RECOVERS = 2.0
 At its limit a it turns at the distance 2ζv/ω from the command, and needs v²/2a to stop: less as long as v < 4ζa/ω, two
 lags' worth of a. Beyond that it swings from limit to limit, further than the command ever went.
 """
+_LONGEST_WAY = 10.0
+"""Time [s] before a pattern from which on its way is looked at: mirrors that have waited for longer are at rest."""
+MOST_VISITS = 2**25
+"""Visits of a run: their shots have 32-bit numbers."""
+MOST_UPDATES = 5_000_000
+"""Updates of the drive's command in one visit, way and pattern: a gigabyte."""
 _SHARES = (np.arange(16) + 0.5) / 16
 """Instants of a turn, over its duration, at which its acceleration is looked at."""
 
@@ -54,6 +61,15 @@ class Visiting(Part):
     """Longest jump for which the even period of several targets leaves time: half the default field, an assumption."""
     updates: Count = Field(default=4, ge=2, le=64, multiple_of=2)
     """Updates of the drive's command in one dwell."""
+
+    def updates_of(self, points: int, dwell: float, farthest: float, galvanometers: Galvanometers) -> float:
+        """Return about how many updates of the drive's command the longest visit takes.
+
+        ``farthest`` is the longest jump [rad]; the other arguments are those of :meth:`period`.
+        """
+        way = max(self.period(points, dwell, 2, galvanometers) - points * dwell, self.turnaround)
+        way = max(way, float(jump_duration(galvanometers, farthest)) + self.turnaround)
+        return (way / dwell + points) * self.updates
 
     def period(self, points: int, dwell: float, targets: int, galvanometers: Galvanometers) -> float:
         """Return the time [s] from one visit to the next.
@@ -173,6 +189,8 @@ def run_visit(
         The pattern, and the mirrors at the end of its last dwell.
     """
     step = dwell / visiting.updates
+    if start - mirrors.time > _LONGEST_WAY:
+        mirrors = MirrorPair(at_rest(mirrors.state.angle), np.zeros(2), start - _LONGEST_WAY)
     figure = figures(pattern, number, np.asarray(centre, dtype=np.float64))
     shares = sample_shares(pattern.points, visiting.updates)
     curve = np.concatenate(figure_angles(figure, pattern.cycles, shares))
@@ -265,6 +283,12 @@ def _way(
             return _turn(origin, leaving, goal, arriving, step, round(short / step))
     # A step more, never less: the jump has settled when the mirrors speed up.
     count = math.ceil(max(given, needed) / step - 1e-6)
+    if count > MOST_UPDATES:
+        raise InputError(
+            f"The mirrors' way to a pattern takes {count * step:.3g} s, {count:,} updates of the drive's command; "
+            f"{MOST_UPDATES:,} are possible.",
+            remedy="Lower scanner.rate or scan.visiting.updates, or raise the limits of scanner.galvanometers.",
+        )
     time: Array = step * np.arange(1, count + 1, dtype=np.float64)
     duration = float(jump_duration(galvanometers, distance).max())
     path = jump_path(galvanometers, rest, launch, time - braking, np.full(2, duration))

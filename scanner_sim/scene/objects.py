@@ -11,7 +11,7 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema
 from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation as Turning
 
-from scanner_sim.errors import Fault
+from scanner_sim.errors import Fault, printable
 from scanner_sim.parts import Count, MeshFile, Part, XmlFile
 from scanner_sim.scene.materials import MATERIALS, UnknownMaterialError, material
 from scanner_sim.scene.motion import RigidMotion
@@ -56,7 +56,7 @@ def _known(name: str) -> str:
         return material(name).name
     except UnknownMaterialError as error:
         raise PydanticCustomError(
-            "material", "{problem} {remedy}", {"problem": error.message, "remedy": error.remedy}
+            "material", "{problem} {remedy}", {"problem": printable(error.message), "remedy": error.remedy}
         ) from None
 
 
@@ -188,6 +188,10 @@ class MitsubaFile(Posed):
     """XML file, relative to the scenario's folder."""
 
 
+MOST_TARGETS = 10_000
+"""Targets of all arrays of a scene: five million triangles, half a gigabyte."""
+
+
 class TargetPattern(Part):
     """An array of circular targets in the plane z = 0, centred on the origin."""
 
@@ -203,12 +207,18 @@ class TargetPattern(Part):
     """Edge of the square plate around each disc."""
 
     def contradictions(self) -> Iterator[Fault]:
-        """Yield discs that overhang their plates, and plates that overlap."""
+        """Yield discs that overhang their plates, plates that overlap, and more of them than memory holds."""
         if self.diameter >= self.plate:
             yield Fault(
                 "diameter",
                 f"a disc of {self.diameter:g} m does not fit on a plate of {self.plate:g} m.",
                 "Make it smaller than the plate.",
+            )
+        if self.rows * self.columns > MOST_TARGETS:
+            yield Fault(
+                "rows",
+                f"{self.rows} × {self.columns} are {self.rows * self.columns} targets; {MOST_TARGETS} are possible.",
+                "Reduce rows or columns.",
             )
         for count, spacing, name in zip(
             (self.columns, self.rows), self.spacing, ("horizontal", "vertical"), strict=True
@@ -281,7 +291,13 @@ class Scene(Part):
         return self.model_copy(update={"objects": tuple(item.resting_at(time) for item in self.objects)})
 
     def contradictions(self) -> Iterator[Fault]:
-        """Yield names that are given twice."""
+        """Yield names that are given twice, and more targets than memory holds."""
+        arrays = [item for item in self.objects if isinstance(item, TargetArray)]
+        targets = sum(item.array.rows * item.array.columns for item in arrays)
+        if targets > MOST_TARGETS:
+            yield Fault(
+                "objects", f"its arrays have {targets} targets; {MOST_TARGETS} are possible.", "Reduce them."
+            )
         first: dict[str, int] = {}
         for index, item in enumerate(self.objects):
             if first.setdefault(item.name, index) != index:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
-from scanner_sim.errors import Fault
+from scanner_sim.errors import Fault, printable
 from scanner_sim.parts import Part
 from scanner_sim.scene.earth import DEFAULT_ALTITUDE, EARTH_RADIUS, Distance
 from scanner_sim.scene.elements import elements_fault, sun_from_elements
@@ -175,6 +175,9 @@ def _utc(value: object) -> datetime:
         raise PydanticCustomError(
             "quantity",
             "{reason}; write for example {example}",
-            {"reason": f"'{value}' is no time in UTC from 1957 to 2099", "example": "2026-06-21T12:00:00Z"},
+            {
+                "reason": printable(f"'{value}' is no time in UTC from 1957 to 2099"),
+                "example": "2026-06-21T12:00:00Z",
+            },
         )
     return found

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import cKDTree
 
 from scanner_sim.errors import InputError
 
@@ -165,11 +166,8 @@ def target_array(
     centres = np.asarray(positions, dtype=np.float64)
     if centres.ndim != 2 or centres.shape[1] != 3 or not len(centres) or not np.isfinite(centres).all():
         raise InputError(f"Target positions must be finite and of shape (n, 3); got shape {centres.shape}.")
-    gap = np.abs(centres[:, None, :] - centres[None, :, :])
-    overlap = (gap[..., :2].max(axis=-1) < plate_size * (1.0 - 1e-9)) & (gap[..., 2] == 0.0)
-    np.fill_diagonal(overlap, False)
-    if overlap.any():
-        first, second = np.argwhere(overlap)[0]
+    if (overlap := _overlapping(centres, plate_size)) is not None:
+        first, second = overlap
         raise InputError(
             f"The plates of targets {first} and {second} overlap.",
             remedy=f"Space them by the plate's size of {plate_size:g} m or more.",
@@ -180,6 +178,28 @@ def target_array(
         offset = np.arange(len(centres), dtype=np.int32)[:, None, None] * np.int32(len(vertices))
         merged[part] = (all_vertices, (faces[None, :, :] + offset).reshape(-1, 3))
     return merged
+
+
+def _overlapping(centres: Vertices, plate_size: float) -> tuple[int, int] | None:
+    """Return the first two of equal plates about centres (n, 3) that overlap in one plane; None where none do."""
+    # Within a plane: plates one behind the other may hide each other.
+    for depth in np.unique(centres[:, 2]):
+        (level,) = np.nonzero(centres[:, 2] == depth)
+        pairs = (
+            cKDTree(centres[level, :2])
+            .query(
+                centres[level, :2],
+                k=min(2, len(level)),
+                p=np.inf,
+                distance_upper_bound=plate_size * (1.0 - 1e-9),
+            )[1]
+            .reshape(len(level), -1)
+        )
+        for one, near in zip(level, pairs, strict=True):
+            for other in near:
+                if other < len(level) and level[other] != one:
+                    return tuple(sorted((int(one), int(level[other]))))  # type: ignore[return-value]
+    return None
 
 
 def write_ply(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Iterator
 from typing import Annotated, Literal
 
@@ -34,6 +35,9 @@ from scanner_sim.tracking.state import TrackerSettings
 from scanner_sim.units import Angle, Length, Time
 
 Array = NDArray[np.float64]
+
+MOST_TARGETS = 1000
+"""Targets that are followed, arrays taken apart."""
 
 TargetName = Annotated[
     str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]*(/[1-9][0-9]*)?$", max_length=80, examples=["node/1"])
@@ -84,7 +88,9 @@ class TrackScan(Part):
 
     type: Literal["track"]
     """Kind of scan."""
-    targets: tuple[TargetChoice, ...] = Field(min_length=1, max_length=1000, examples=[["node/1", "node/2"]])
+    targets: tuple[TargetChoice, ...] = Field(
+        min_length=1, max_length=MOST_TARGETS, examples=[["node/1", "node/2"]]
+    )
     """What is followed: names, or mappings with more."""
     duration: Time = Field(default=2.0, gt=0.0, le=1e6)
     """Time for which it is followed. A pattern that has begun is finished."""
@@ -132,6 +138,9 @@ def resolve_targets(
             if isinstance(target, Fault):
                 faults.append(target)
                 continue
+            if len(found) == MOST_TARGETS:
+                faults.append(Fault(place, f"more than {MOST_TARGETS} targets.", "Follow fewer."))
+                return tuple(found), tuple(faults)
             clash = _clash(target, found)
             if clash is not None:
                 faults.append(Fault(place, *clash))
@@ -175,6 +184,13 @@ def _members(
         )
         return
     chosen = [int(member) - 1] if member else list(range(len(centres)))
+    if len(chosen) > MOST_TARGETS:
+        yield Fault(
+            place,
+            f"'{name}' has {len(chosen)} targets; {MOST_TARGETS} can be followed.",
+            f"Name some of them, as {name}/1.",
+        )
+        return
     if len(chosen) > 1 and asked.expected is not None:
         yield Fault(
             place, f"one expected place stands for {len(chosen)} targets.", f"Name each, as {name}/1."
@@ -186,7 +202,15 @@ def _members(
         here = pose[:3, :3] @ centres[number] + pose[:3, 3]
         distance, theta, phi = angles_and_range(here[0], here[1], here[2], axis_separation)
         expected = np.array([theta, phi, distance]) if asked.expected is None else np.array(asked.expected)
-        yield TrackTarget(label, name, looks, expected + np.array(asked.offset), centres[number])
+        expected = expected + np.array(asked.offset)
+        if not expected[2] > 0.0:
+            yield Fault(
+                place,
+                f"'{label}' is expected at a range of {expected[2]:g} m, which is none.",
+                "Correct its offset, or the object's position.",
+            )
+            return
+        yield TrackTarget(label, name, looks, expected, centres[number])
 
 
 def _looks(asked: FollowedTarget, item: SceneObject) -> TargetLooks | None:
@@ -220,12 +244,15 @@ def _reflectance(choice: MaterialChoice) -> float:
 
 def _clash(target: TrackTarget, others: list[TrackTarget]) -> tuple[str, str] | None:
     """Return problem and remedy where a target is one of the others, or overlaps one; None where not."""
+    theta, phi, distance = target.expected.tolist()
+    radius = 0.5 * target.looks.diameter / distance
     for other in others:
         if other.name == target.name:
             return f"'{target.name}' is named twice.", "Keep one of them."
-        apart = float(np.hypot(*(target.expected - other.expected)[:2]))
-        radii = sum(0.5 * one.looks.diameter / one.expected[2] for one in (target, other))
-        along = abs(float(target.expected[2] - other.expected[2]))
+        there = other.expected.tolist()
+        apart = math.hypot(theta - there[0], phi - there[1])
+        radii = radius + 0.5 * other.looks.diameter / there[2]
+        along = abs(distance - there[2])
         if apart < radii and along < target.looks.depth + other.looks.depth:
             return (
                 f"'{target.name}' overlaps '{other.name}': they are expected {1e3 * apart:.3g} mrad apart, and their "

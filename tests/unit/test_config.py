@@ -256,7 +256,7 @@ def test_paths_count_from_the_scenario_and_are_absolute_afterwards(
         (lambda path: path.mkdir(), "is a folder, not a scenario"),
         (lambda path: path.write_bytes(b"schema: 1\nname: \xff\xfe\n"), "not a text in UTF-8 (line 2)"),
         (lambda path: path.write_bytes("schema: 1".encode("utf-16")), "not a text in UTF-8 (line 1)"),
-        (lambda path: path.write_bytes(b"# " + b"x" * 5_000_000), "larger than 4 MB"),
+        (lambda path: path.write_bytes(b"# " + b"x" * 5_000_000), "larger than 1 MB"),
     ],
 )
 def test_a_file_that_is_no_scenario_is_refused_with_a_remedy(make: Any, words: str, tmp_path: Path) -> None:
