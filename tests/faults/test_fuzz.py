@@ -1,5 +1,5 @@
-"""Mutants of scenarios and of saved tracking runs end with a result or with one message, and what was found once stays
-mended. `make fuzz` opens as many as there is time for."""
+"""Mutants of scenarios, meshes, XML scenes and saved tracking runs end with a result or with one message, and what was
+found once stays mended. `make fuzz` opens as many as there is time for."""
 
 from __future__ import annotations
 
@@ -32,3 +32,8 @@ def test_mutants_of_scenarios() -> None:
 @pytest.mark.slow
 def test_mutants_of_saved_runs() -> None:
     fuzz("--states", "60", "--seed", "1", "--workers", "1")
+
+
+@pytest.mark.slow
+def test_mutants_of_meshes_and_xml_scenes() -> None:
+    fuzz("--scenes", "120", "--seed", "1", "--workers", "1")

@@ -91,7 +91,7 @@ def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
     from scanner_sim.cli.plan import sunlit
     from scanner_sim.closed_loop.poses import poses_of
     from scanner_sim.photo import take_photo
-    from scanner_sim.products.folder import write_run
+    from scanner_sim.products.run_folder import write_run
     from scanner_sim.products.track_folder import write_track
     from scanner_sim.simulate import simulate, simulate_waveforms
 
