@@ -238,4 +238,4 @@ def test_a_fault_is_one_line_and_a_list_of_faults_ends() -> None:
 
 def test_plain_texts_stay_as_they_are() -> None:
     text = "line 5, scanner.laser.power: '15' has no unit (µm, °, Θ, 日本).\n  second"
-    assert printable(text) == text
+    assert printable(text, lines=True) == text
