@@ -28,7 +28,7 @@ COARSE = 1e-3
 """Fall of χ² that a step promises below which a pose is good enough to be compared with others."""
 IMMATERIAL = 1e-10
 """The same for a final pose: 1e-5 standard deviations."""
-_MOST_STEPS, _MOST_COARSE_STEPS, _MOST_HUBER_STEPS = 100, 20, 300
+_MOST_STEPS, _MOST_COARSE_STEPS, _MOST_HUBER_STEPS = 100, 40, 300
 _SHARE_CLOSED = 0.15
 FIRST_DAMPING, _LAST_DAMPING = 1e-3, 1e9
 _RIDGE = 1e-14
@@ -232,7 +232,7 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
     Returns
     -------
     Fit
-        Not settled are those that need more than 100 steps (20 for a coarse adjustment, 300 with
+        Not settled are those that need more than 100 steps (40 for a coarse adjustment, 300 with
         Huber's weights, which settle by equal shares), or that no damping brings down.
         A pose does not depend on the others of its batch.
     """

@@ -24,14 +24,13 @@ from scanner_sim.pose.adjustment import (
     whiten,
 )
 from scanner_sim.pose.points import point_fit
-from scanner_sim.pose.resection import three_point_starts
+from scanner_sim.pose.resection import MOST_THREES, three_point_starts
 from scanner_sim.pose.sightings import Flags, Sightings, several
 from scanner_sim.pose.solution import solve
 from scanner_sim.pose.weights import Method, measured_points, problem_of
 
 Array = NDArray[np.float64]
 
-MOST_THREES = 84
 _CHANCE = 1e-3
 """Probability with which a good target is left out."""
 _GATE = 4.0
