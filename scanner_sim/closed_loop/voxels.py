@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from scanner_sim.arithmetic import exp
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.speckle import Grain, patterns
@@ -290,7 +291,7 @@ def common_range_variance(scanner: Scanner, distance: float, signal: float) -> f
         return 0.0
     width = math.sqrt(image_variance(scanner, distance))
     edge = (np.arange(-8.0, 9.0) - _BETWEEN) / width
-    density = np.exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
+    density = exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
     charge, slope = signal * np.diff(ndtr(edge)), -signal * np.diff(density) / width
     variance = sensor.read_noise**2 + charge + (sensor.prnu * charge) ** 2
     weight = slope / variance / float((slope**2 / variance).sum())

@@ -15,6 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import quartic_roots, tan
 from scanner_sim.pose.collinearity import bearings, virtual_origin
 from scanner_sim.pose.sightings import Flags, Sightings, shared
 
@@ -52,7 +53,7 @@ def planar_starts(sightings: Sightings) -> tuple[Array, Array]:
     image = np.where(sightings.seen, rays[:2] / rays[2], 0.0)
 
     design = np.stack([np.ones_like(plane[0]), *plane]) * np.broadcast_to(seen, plane[0].shape)
-    inverse = np.linalg.pinv(design.transpose(2, 0, 1)).transpose(2, 1, 0)  # (3, n, B or 1)
+    inverse = _inverse_of_apart(design)
     products = np.einsum("inb,jnb->ijnb", image, plane)  # u X, u Y; v X, v Y
     linear = np.einsum("knb,ijnb->kijb", inverse, products)
     rest = products - np.einsum("knb,kijb->ijnb", design, linear)
@@ -117,6 +118,16 @@ def widest_three(points: Array, used: Flags) -> NDArray[np.intp]:
     return np.stack([first, second, third])
 
 
+def _inverse_of_apart(design: Array) -> Array:
+    """Return the pseudo-inverses, transposed, of rows 1, X, Y at right angles to each other, shape (3, n, B or 1).
+
+    Coordinates along principal axes about the middle are; a row of nothing, of targets on a line, has none.
+    """
+    squares = np.sum(design * design, axis=1, keepdims=True)
+    told = squares > 1e-30 * squares.max(axis=0, keepdims=True)
+    return np.where(told, design / np.where(told, squares, 1.0), 0.0)
+
+
 def plane_strength(sightings: Sightings) -> Array:
     """Return how well a plane's homography tells its attitude (B,): 1 for a square, 0 with all but one on a line.
 
@@ -130,11 +141,12 @@ def plane_strength(sightings: Sightings) -> Array:
         np.einsum("inb,ib->nb", sightings.points - middle[:, None], axes[:, k]) / widths[k] * seen
         for k in (1, 2)
     )
-    design = np.stack([np.broadcast_to(seen, x.shape), x, y]).transpose(2, 1, 0)
-    products = np.stack([x * x, x * y, y * y]).transpose(2, 1, 0)
-    xx, xy, yy = (products - design @ (np.linalg.pinv(design) @ products)).transpose(2, 0, 1)
-    first, second = np.sum(xx * xx + xy * xy, axis=1), np.sum(xy * xy + yy * yy, axis=1)
-    between = np.sum(xy * (xx + yy), axis=1)
+    design = np.stack([np.broadcast_to(seen, x.shape), x, y])
+    products = np.stack([x * x, x * y, y * y])
+    explained = np.einsum("knb,jnb->kjb", _inverse_of_apart(design), products)
+    xx, xy, yy = products - np.einsum("knb,kjb->jnb", design, explained)
+    first, second = np.sum(xx * xx + xy * xy, axis=0), np.sum(xy * xy + yy * yy, axis=0)
+    between = np.sum(xy * (xx + yy), axis=0)
     least = 0.5 * (first + second - np.hypot(first - second, 2.0 * between))
     return np.broadcast_to(np.sqrt(np.maximum(least, 0.0) / seen.sum(axis=0)), (sightings.count,))
 
@@ -177,7 +189,7 @@ def three_point_starts(sightings: Sightings, three: NDArray[np.intp]) -> tuple[A
     corners = np.broadcast_to(sightings.points, (3, *sightings.seen.shape))[:, three, poses]  # (3, 3, B)
     theta, phi = sightings.values[:2, three, poses]
     separation = sightings.axis_separation
-    lateral = np.tan(theta)
+    lateral = tan(theta)
     # By the distances of the poses found first the second look has nearly the exact beams.
     for _ in range(2 if separation else 1):
         rays = np.stack([lateral, np.sin(phi), np.cos(phi)])
@@ -186,7 +198,7 @@ def three_point_starts(sightings: Sightings, three: NDArray[np.intp]) -> tuple[A
         away = np.sqrt(np.sum(placed[1:] ** 2, axis=0))  # (3, 8, B)
         known = np.isfinite(away)
         mean = np.where(known, away, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
-        lateral = np.tan(theta) * (1.0 + np.where(mean > 0.0, separation / mean, 0.0))
+        lateral = tan(theta) * (1.0 + np.where(mean > 0.0, separation / mean, 0.0))
     in_scanner, in_object = _triad(placed), _triad(corners)
     rotation = np.einsum("ikab,jkb->ijab", in_scanner, in_object)
     away = np.einsum("ijab,jb->iab", rotation, corners.mean(axis=1))
@@ -216,11 +228,8 @@ def _three_sides(rays: Array, corners: Array) -> Array:
         (1.0 + d) ** 2 - 4.0 * m * cg**2,
     )
     leading = np.where(np.abs(quartic[0]) < 1e-12, 1e-12, quartic[0])
-    companion = np.zeros((len(leading), 4, 4))
-    companion[:, 0] = -np.stack(quartic[1:], axis=-1) / leading[:, None]
-    companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
-    roots = np.linalg.eigvals(np.nan_to_num(companion, posinf=0.0, neginf=0.0)).T  # (4, B)
-    v = roots.real + roots.imag
+    real, imaginary = quartic_roots(np.nan_to_num(np.stack(quartic[1:]) / leading, posinf=0.0, neginf=0.0))
+    v = real + imaginary
     v = np.where(v > 0.0, v, np.nan)
     s1 = np.sqrt(bb / (1.0 + v * v - 2.0 * v * cb))
     root = np.sqrt(np.maximum(cg**2 - 1.0 + cc / s1**2, 0.0))

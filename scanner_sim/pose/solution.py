@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
+from scanner_sim.arithmetic import inverse as invert
+from scanner_sim.arithmetic import pseudo_inverse
 from scanner_sim.pose.adjustment import (
     FINE,
     Fit,
@@ -272,12 +274,12 @@ def _probability(chi2: Array, dof: NDArray[np.int64]) -> Array:
 
 
 def _inverse(normal: Array) -> Array:
-    """Return the inverse of normal matrices (6, 6, B); the pseudo-inverse where one of them is exactly singular."""
+    """Return the inverse of normal matrices (6, 6, B); the pseudo-inverse of those that are exactly singular."""
     stacked = np.moveaxis(normal, -1, 0)
-    try:
-        inverse = np.linalg.inv(stacked)
-    except np.linalg.LinAlgError:
-        inverse = np.linalg.pinv(stacked, hermitian=True)
+    inverse = invert(stacked)
+    singular = ~np.isfinite(inverse).all(axis=(1, 2)) & np.isfinite(stacked).all(axis=(1, 2))
+    if singular.any():
+        inverse[singular] = pseudo_inverse(stacked[singular])
     inverse = 0.5 * (inverse + np.swapaxes(inverse, 1, 2))
     return np.ascontiguousarray(np.moveaxis(inverse, 0, -1))
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
+from scanner_sim.arithmetic import applied, exp, inverse, product, solve_linear
 from scanner_sim.tracking.centroid import Centroid, centroid_of
 from scanner_sim.tracking.response import Response
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
@@ -99,8 +100,8 @@ def disc_fit(
         jacobian[:, 0], jacobian[:, 1] = jacobian[:, 2] * direction[0], jacobian[:, 2] * direction[1]
         jacobian[:, 3], jacobian[:, 4] = unit[:, 3:4] * share, unit[:, 4:]
         weighted = jacobian * weight[:, None]
-        normal = weighted @ jacobian.transpose(0, 2, 1)
-        right = (weighted @ residual[..., None])[..., 0]
+        normal = product(weighted, jacobian.transpose(0, 2, 1))
+        right = applied(weighted, residual)
         if radius is not None:
             normal[:, 2, 2] += prior * size**2
             right[:, 2] += prior * size * (known - size)
@@ -108,7 +109,7 @@ def disc_fit(
         normal.reshape(rows, 25)[:, ::6] *= 1.0 + 1e-12
         normal.reshape(rows, 25)[:, ::6] += 1e-300
         kept = _newer(moving, (normal, residual, weighted, steep), kept)
-        change = np.linalg.solve(normal, right[..., None])[..., 0]
+        change = solve_linear(normal, right[..., None])[..., 0]
         np.clip(change, -_MOST, _MOST, out=change)
         change[~moving] = 0.0
         moving = moving & (np.abs(change).max(axis=1) > _AT_REST)
@@ -126,9 +127,9 @@ def disc_fit(
     misfit = chi / freedom
     # What the values do not tell at all has a variance beyond all numbers, and is not found.
     with np.errstate(over="ignore", invalid="ignore"):
-        inverse = np.linalg.inv(normal)
-        of_pointing = inverse @ (turned @ turned.transpose(0, 2, 1)) @ inverse
-        covariance = inverse * np.maximum(misfit, 1.0)[:, None, None] + of_pointing
+        inverted = inverse(normal)
+        of_pointing = product(inverted, product(turned, turned.transpose(0, 2, 1)), inverted)
+        covariance = inverted * np.maximum(misfit, 1.0)[:, None, None] + of_pointing
         covariance = covariance[:, :3, :3] * (size**2)[:, None, None]
     usable &= np.isfinite(covariance).all(axis=(1, 2))
     reach = np.maximum(np.abs(theta - centre[:, :1]).min(axis=1), np.abs(phi - centre[:, 1:]).min(axis=1))
@@ -173,7 +174,7 @@ def blurred_edge(inside: Array, travel: Array, spot: Array) -> tuple[Array, Arra
     first, last = u - half, u + half
     normal_first, normal_last = ndtr(first), ndtr(last)
     over = 0.5 / half
-    density = (np.exp(-0.5 * last**2) - np.exp(-0.5 * first**2)) / _ROOT_PI
+    density = (exp(-0.5 * last**2) - exp(-0.5 * first**2)) / _ROOT_PI
     share = (last * normal_last - first * normal_first + density) * over
     return share, (normal_last - normal_first) * over / spot
 

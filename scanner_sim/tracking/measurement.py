@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
+from scanner_sim.arithmetic import inverse, product, solve_linear
 from scanner_sim.parts import Part
 from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import disc_fit
@@ -247,10 +248,10 @@ def _ranges(
     design = np.ones((len(size), 3, square.shape[1]))
     design[:, 1], design[:, 2] = angles[0] / size, angles[1] / size
     weighted = design * weight[:, None]
-    normal = weighted @ design.transpose(0, 2, 1)
+    normal = product(weighted, design.transpose(0, 2, 1))
     enough: Mask = np.asarray(chosen.sum(axis=1) >= 4)
     normal = np.where(enough[:, None, None], normal, np.eye(3))
     normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
     value = np.where(chosen, value, 0.0)
-    plane = np.linalg.solve(normal, weighted @ value[..., None])[..., 0]
-    return np.asarray(plane), np.asarray(np.linalg.inv(normal)[:, 0, 0]), enough
+    plane = solve_linear(normal, product(weighted, value[..., None]))[..., 0]
+    return np.asarray(plane), np.asarray(inverse(normal)[:, 0, 0]), enough

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import inverse, product
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.tracking.centroid import Centroid, centroid_of
 from scanner_sim.tracking.samples import PatternSamples
@@ -69,10 +70,10 @@ class TargetPlane:
         moved = centroid.centre[:, :1] * self.across + centroid.centre[:, 1:] * self.down
         x, y, z = (self.point + self.distance[:, None] * moved).T
         _, theta, phi = angles_and_range(x, y, z, self.axis_separation)
-        back = np.linalg.inv(self.change)
+        back = inverse(self.change)
         return centroid_of(
             np.stack([theta, phi], axis=1),
-            back @ centroid.covariance @ back.transpose(0, 2, 1),
+            product(back, centroid.covariance, back.transpose(0, 2, 1)),
             centroid.radius,
             centroid.sigma_radius,
             centroid.misfit,
@@ -123,7 +124,7 @@ def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: 
     change = np.zeros((len(centre), 2, 2))
     change[:, 0, 0], change[:, 0, 1] = side / distance, g * h / (side * distance)
     change[:, 1, 1] = (reach * down[1] + h * down[2]) / distance
-    spanned = edges @ axes
+    spanned = product(edges, axes)
     return TargetPlane(
         point=point,
         across=spanned[:, 0],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -152,9 +153,8 @@ def command(state: TrackState, settings: TrackerSettings, diameter: float, time:
         # So many patterns grow until the largest is reached, and then it begins anew.
         steps = 1
         if settings.search_growth > 1.0 and settings.search_most > first:
-            steps += int(
-                np.ceil(np.log(settings.search_most / first) / np.log(settings.search_growth) - 1e-9)
-            )
+            growths = math.log(settings.search_most / first) / math.log(settings.search_growth)
+            steps += math.ceil(growths - 1e-9)
         grown = first * settings.search_growth ** (state.searched % steps)
         amplitude = max(min(grown, settings.search_most), settings.track_amplitude * radius)
     return TrackCommand(state.mode, place, amplitude, state.patterns)
