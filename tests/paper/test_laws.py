@@ -41,9 +41,9 @@ def bench(
     parts = {
         "laser": UNIFORM,
         "mirrors": STILL,
-        "position_sensor": {"noise": SILENT},
+        "position_sensor": {"noise": SILENT, "diffusion": 52e-6},
         "filter": "none",
-        "receiver": {"point_spread": 60e-6},
+        "receiver": {"aberration": 30e-6},
     }
     plate = {"name": "plate", "shape": "rectangle", "material": {"reflectance": 0.5}, **target}
     scenario = Scenario.model_validate(
