@@ -179,7 +179,7 @@ class Workbench:
         return scan.columns if isinstance(scan, RasterScan) else 1
 
     def travel(self, shots: Any) -> tuple[Any, Any]:
-        """Return the angles by which the beams of shots move while the laser shines, along the line and across it [rad].
+        """Return the angles by which the beams of shots move while the laser shines, along the line and across [rad].
 
         In a raster they are all alike, and no shots are needed; else of shape (m,), Dr.Jit.
         """

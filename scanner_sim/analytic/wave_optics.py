@@ -84,8 +84,8 @@ def random_wavefront(lens: Lens, sigma: float, seed: int, waves: int = 24, fines
 class Image:
     """Intensity on the sensor, integrated across the line, for a beam that stands at some places.
 
-    ``profile`` power per sample, shape (places, samples), of mean total 1; sample k lies at ``position``[k] [m] from the
-    beam's middle.
+    ``profile`` power per sample, shape (places, samples), of mean total 1; sample k lies at ``position``[k] [m] from
+    the beam's middle.
     """
 
     position: Floats

@@ -151,8 +151,9 @@ def _estimator(scenario: Scenario) -> Iterator[str]:
     for distance in (scanner.nearest_range, farthest):
         if width(distance) < _NARROWEST:
             yield (
-                f"scanner.position_sensor.diffusion: at {distance:.3g} m the spot is narrower than a pixel, its standard "
-                f"deviation {width(distance):.2g}; below {_NARROWEST:g} no estimator interpolates, not {peak} either"
+                f"scanner.position_sensor.diffusion: at {distance:.3g} m the spot is narrower than a pixel, its "
+                f"standard deviation {width(distance):.2g}; below {_NARROWEST:g} no estimator interpolates, "
+                f"not {peak} either"
             )
             break
     window = MARGIN["centre_of_mass"]

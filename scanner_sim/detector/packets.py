@@ -1,6 +1,7 @@
 """Packets of speckle on pixels and in time: the modes of a line of pixels, and what a dwell averages.
 
-The laws are those of :mod:`scanner_sim.optics.speckle`; they need functions that Dr.Jit and NumPy each have of their own.
+The laws are those of :mod:`scanner_sim.optics.speckle`; they need functions that Dr.Jit and NumPy each have their own
+of.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ def averaged(along: Any, across: Any, radius: Any) -> tuple[Any, Any]:
 
 
 def mode_edges(optics: Optics, ratio: Any, place: Any) -> list[Any]:
-    """Return the integrals up to a place of the modes, each over (rσ)ⁿ/√n! of its own: those of a pixel are differences.
+    """Return the integrals of the modes up to a place: what a pixel has of them are differences.
 
     Parameters
     ----------
@@ -74,3 +75,12 @@ def mode_edges(optics: Optics, ratio: Any, place: Any) -> list[Any]:
         before, now = now, after
         power = power * ratio
     return found
+
+
+def gamma_like(deviation: Any, normal: Any) -> Any:
+    """Return numbers of mean 1 and a standard deviation, nearly gamma distributed, from standard normal ones.
+
+    (1 − v/9 + √v z/3)³ with the variance v (Wilson and Hilferty, *PNAS* 17, 1931), not below 0.
+    """
+    root = dr.maximum(1.0 + deviation * (normal * (1.0 / 3.0) - deviation * (1.0 / 9.0)), 0.0)
+    return root * dr.square(root)

@@ -9,33 +9,23 @@ with normal numbers z_n and what the dwell leaves of their variance, A_n; the en
 (Goodman, *Speckle phenomena in optics*, 2007, ch. 4), by the cube of Wilson and Hilferty (*PNAS* 17, 1931). Light on
 several surfaces is taken as two spots, before and behind its largest gap along the line, each with modes of its own.
 
-The pattern belongs to the surface, so the numbers do too: white noise stands on a lattice over the surface, in the frame
-of the object and in units of the beam's radius there, and z_0 and the surface's share of z_1 are its sums under
-exp(−2δ²/w²) and (along the line) δ exp(−2δ²/w²), the derivative: their correlations over a displacement are those of
-energy and centroid. The lattice lies in the plane of the object's two axes that are most across the beam. The aberration's
-share of z_1, and all higher modes, have the energy's correlation, on a lattice of pitch π w/(2√2) whose numbers are
-combined with cos(πt/2), sin(πt/2): within 0.03 of exp(−δ²/w²).
+The pattern belongs to the surface (:mod:`~scanner_sim.detector.surface_noise`).
 
 Not modelled: what consecutive dwells of a continuous sweep have in common beyond the places of their middles.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, Protocol
 
 import drjit as dr
 import drjit.auto.ad as auto
 
-from scanner_sim.detector.packets import averaged, mode_edges
-from scanner_sim.optics.speckle import Optics, Packets
-from scanner_sim.streams import Stream, generator
+from scanner_sim.detector.packets import averaged, gamma_like, mode_edges
+from scanner_sim.detector.surface_noise import LatticePlaces, Places, coarse_numbers, fine_numbers
+from scanner_sim.optics.speckle import Optics, Packets, packets_of
 
-FINE = 0.75
-"""Pitch of the lattice of the energy and the place, in 1/e² radii of the beam."""
-COARSE = math.pi / (2.0 * math.sqrt(2.0))
-"""Pitch of the lattice of all other modes."""
 _FOLLOWED = 4.0
 """Standard deviations of a spot within which its speckle is followed: beyond lies 6e-5 of its light."""
 _APART = 3.0
@@ -49,8 +39,8 @@ _FAINT = 1e-5
 class LineLight(Protocol):
     """Gaussian clusters of light of m shots, Dr.Jit arrays of shape (c · m,): entry k · m + j is cluster k of shot j.
 
-    ``amount`` [W], ``position`` and ``sigma`` [pixel] along the line, those of a shot ascending; ``coherence`` C² of the
-    light, 0 for what has no speckle; ``shots`` m, ``count`` c.
+    ``amount`` [W], ``position`` and ``sigma`` [pixel] along the line, those of a shot ascending; ``coherence`` C² of
+    the light, 0 for what has no speckle; ``shots`` m, ``count`` c.
     """
 
     amount: Any
@@ -62,51 +52,6 @@ class LineLight(Protocol):
     @property
     def count(self) -> int:
         """Number c of clusters of each shot."""
-
-
-class Places(Protocol):
-    """Places of m beams on their surfaces: see :class:`~scanner_sim.render.surface_places.SurfacePlaces`."""
-
-    point: Any
-    along: Any
-    across: Any
-    normal: Any
-    object: Any
-    radius: Any
-    distance: Any
-
-
-@dataclass
-class LatticePlaces:
-    """Places on the lattice of an object, Dr.Jit arrays of shape (m,).
-
-    ``column`` and ``row`` in radii of the beam; ``turn`` what makes of a step on the lattice one along the line and one
-    across it, also in radii, as the entries 00, 01, 10 and 11 of a matrix; ``salt`` tells objects apart.
-    """
-
-    column: Any
-    row: Any
-    turn: tuple[Any, Any, Any, Any]
-    salt: Any
-
-    @classmethod
-    def of(cls, places: Places) -> LatticePlaces:
-        """Return the places of beams on the two axes of their objects that are most across them."""
-        along = [dr.abs(part) for part in (places.along.x, places.along.y, places.along.z)]
-        first = (along[0] > along[1]) & (along[0] > along[2])
-        second = ~first & (along[1] > along[2])
-
-        def on_plane(vector: Any) -> tuple[Any, Any]:
-            column = dr.select(first, vector.y, dr.select(second, vector.z, vector.x))
-            row = dr.select(first, vector.z, dr.select(second, vector.x, vector.y))
-            return column, row
-
-        column, row = on_plane(places.point)
-        (a, c), (b, d) = on_plane(places.across), on_plane(places.normal)
-        over = dr.rcp(a * d - b * c)
-        salt = auto.UInt32(places.object) * 3 + dr.select(first, auto.UInt32(0), dr.select(second, 1, 2))
-        scale = dr.rcp(places.radius)
-        return cls(column * scale, row * scale, (d * over, -b * over, -c * over, a * over), salt)
 
 
 @dataclass
@@ -186,8 +131,8 @@ def line_speckle(
     blur = dr.opaque(auto.Float, optics.aberration**2 + optics.diffusion**2)
     parts = []
     for number, spot in enumerate(spots):
-        packets = Packets.of(optics, dr.maximum(spot.variance - blur, _LEAST * beam), beam)
-        parts.append((spot, packets, _amplitudes(optics, spot, packets, left, lattice, number, seed)))
+        own = packets_of(optics, dr.maximum(spot.variance - blur, _LEAST * beam), beam)
+        parts.append((spot, own, _amplitudes(optics, spot, own, left, lattice, number, seed)))
     first, count = _pixels_lit(spots, pixels)
     dr.eval(first, count, parts)
     steps = pixels if whole else int(dr.max(count)[0])
@@ -256,77 +201,29 @@ def _pixels_lit(spots: list[_Spot], pixels: int) -> tuple[Any, Any]:
 def _amplitudes(
     optics: Optics,
     spot: _Spot,
-    packets: Packets,
+    own: Packets,
     left: tuple[Any, Any],
     lattice: LatticePlaces,
     number: int,
     seed: int,
 ) -> list[Any]:
     """Return the amplitudes of the modes, each over (rσ)ⁿ/√n!, shape (m,)."""
-    energy, place = packets.moving(*left)
-    spread = dr.sqrt(spot.coherence * packets.energy)
+    energy, place = own.moving(*left)
+    spread = dr.sqrt(spot.coherence * own.energy)
     if number == 0:
-        own = _fine_numbers(lattice, seed)
-        others = _coarse_numbers(lattice, optics.modes - 1, 1, seed)
+        first = fine_numbers(lattice, seed)
+        others = coarse_numbers(lattice, optics.modes - 1, 1, seed)
     else:
         # The second of two spots is seldom there: its energy and place may have the other modes' correlation.
-        others = _coarse_numbers(lattice, optics.modes + 1, 2, seed)
-        own, others = (others[0], others[1]), others[2:]
-    tilt = dr.sqrt(packets.on_surface) * own[1] + dr.sqrt(1.0 - packets.on_surface) * others[0]
+        others = coarse_numbers(lattice, optics.modes + 1, 2, seed)
+        first, others = (others[0], others[1]), others[2:]
+    tilt = dr.sqrt(own.on_surface) * first[1] + dr.sqrt(1.0 - own.on_surface) * others[0]
     lasting = spread * dr.sqrt(place)
     return [
-        gamma_like(spread * dr.sqrt(energy), own[0]) - 1.0,
+        gamma_like(spread * dr.sqrt(energy), first[0]) - 1.0,
         lasting * tilt,
         *(lasting * other for other in others[1:]),
     ]
-
-
-def _address(column: Any, row: Any) -> Any:
-    return auto.UInt32(column & 0xFFFF) | (auto.UInt32(row & 0xFFFF) << 16)
-
-
-def _fine_numbers(lattice: LatticePlaces, seed: int) -> tuple[Any, Any]:
-    """Return normal numbers of the energy and of the place: sums of the lattice's under the beam."""
-    column, row = lattice.column * (1.0 / FINE), lattice.row * (1.0 / FINE)
-    # Four columns come from one call, and two calls reach at least two columns to either side.
-    group, top = dr.floor(0.25 * column - 0.5), dr.floor(row) - 1.0
-    sums = [auto.Float(0.0) for _ in range(4)]
-    a, b, c, d = lattice.turn
-    for down in range(4):
-        for block in range(2):
-            address = _address(auto.Int32(group) + block, auto.Int32(top) + down)
-            drawn = generator(seed, Stream.SPECKLE, address, lattice.salt << 8).next_float32x4_normal()
-            for step in range(4):
-                right = (4.0 * (group + block) + step - column) * FINE
-                under = (top + down - row) * FINE
-                along, across = a * right + b * under, c * right + d * under
-                weight = dr.exp(-2.0 * (dr.square(along) + dr.square(across)))
-                moved = along * weight
-                sums[0] = dr.fma(weight, drawn[step], sums[0])
-                sums[1] = dr.fma(moved, drawn[step], sums[1])
-                sums[2] += dr.square(weight)
-                sums[3] += dr.square(moved)
-    return sums[0] * dr.rsqrt(sums[2]), sums[1] * dr.rsqrt(sums[3])
-
-
-def _coarse_numbers(lattice: LatticePlaces, count: int, plane: int, seed: int) -> list[Any]:
-    """Return independent normal numbers of the other modes, continuous over the surface."""
-    nodes = []
-    for coordinate in (lattice.column, lattice.row):
-        at = coordinate * (1.0 / COARSE)
-        node = dr.floor(at)
-        sine, cosine = dr.sincos(0.5 * math.pi * (at - node))
-        nodes.append(((auto.Int32(node), cosine), (auto.Int32(node) + 1, sine)))
-    found: list[Any] = []
-    for block in range(0, count, 4):
-        total = auto.Array4f(0.0)
-        for column, across in nodes[0]:
-            for row, down in nodes[1]:
-                sample = (lattice.salt << 8) | auto.UInt32(16 * plane + block // 4)
-                drawn = generator(seed, Stream.SPECKLE, _address(column, row), sample).next_float32x4_normal()
-                total += across * down * auto.Array4f(drawn)
-        found += [total[place] for place in range(4)]
-    return found[:count]
 
 
 def _factors(
@@ -341,10 +238,10 @@ def _factors(
     def edges(place: Any) -> list[Any]:
         """Return light and fluctuation of each spot up to a place [pixel]."""
         found = []
-        for spot, packets, amplitudes in parts:
+        for spot, own, amplitudes in parts:
             away = place - spot.position
             mean = 0.5 * dr.erf(away * dr.rsqrt(2.0 * spot.variance))
-            modes = mode_edges(optics, packets.ratio, away / packets.sigma)
+            modes = mode_edges(optics, own.ratio, away / own.sigma)
             total = auto.Float(0.0)
             for amplitude, mode in zip(amplitudes, modes, strict=True):
                 total = dr.fma(amplitude, mode, total)
@@ -367,12 +264,3 @@ def _factors(
     dr.while_loop(start, lambda step, *rest: auto.Int32(step) < count, settle)
     dr.eval(table)
     return table
-
-
-def gamma_like(deviation: Any, normal: Any) -> Any:
-    """Return numbers of mean 1 and a standard deviation, nearly gamma distributed, from standard normal ones.
-
-    (1 − v/9 + √v z/3)³ with the variance v (Wilson and Hilferty, *PNAS* 17, 1931), not below 0.
-    """
-    root = dr.maximum(1.0 + deviation * (normal * (1.0 / 3.0) - deviation * (1.0 / 9.0)), 0.0)
-    return root * dr.square(root)

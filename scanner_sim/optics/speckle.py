@@ -93,7 +93,7 @@ class Optics:
         """Return the numbers of a lens and a sensor [m]; ``widest`` is the largest σ_x on the line [m]."""
         whole = cls(cell / pitch, aberration / pitch, diffusion / pitch, _MOST)
         variance = (widest / pitch) ** 2
-        ratio = float(Packets.of(whole, variance, variance).ratio)
+        ratio = float(packets_of(whole, variance, variance).ratio)
         needed = math.ceil(math.log(_LEFT_OUT) / (2.0 * math.log(min(ratio, 0.99)))) + 1
         return replace(whole, modes=min(max(needed, _FEWEST), _MOST))
 
@@ -126,18 +126,18 @@ class Packets:
     ratio: Any
     on_surface: Any
 
-    @classmethod
-    def of(cls, optics: Optics, along: Any, across: Any) -> Packets:
-        """Return the packets of a spot whose geometric image has variances along and across the line [pixel²]."""
-        ratio = (along * across) ** 0.25 / optics.cell
-        energy = 1.0 / packets(ratio)
-        surface = 0.5 * along
-        aberrant = optics.aberration**2 / (energy * slope_packets(ratio))
-        places = surface + aberrant
-        own = (optics.cell / math.pi) ** 2 * (1.0 + optics.aberration**2 / (along + optics.cell**2))
-        whole = places + optics.diffusion**2 + own
-        return cls(energy, whole**0.5, (places / whole) ** 0.5, surface / places)
-
     def moving(self, energy: Any, place: Any) -> tuple[Any, Any]:
         """Return what a dwell leaves of the variance of the first mode and of all others (:func:`averaged`)."""
         return energy, self.on_surface * place + (1.0 - self.on_surface) * energy
+
+
+def packets_of(optics: Optics, along: Any, across: Any) -> Packets:
+    """Return the packets of a spot whose geometric image has variances along and across the line [pixel²]."""
+    ratio = (along * across) ** 0.25 / optics.cell
+    energy = 1.0 / packets(ratio)
+    surface = 0.5 * along
+    aberrant = optics.aberration**2 / (energy * slope_packets(ratio))
+    places = surface + aberrant
+    own = (optics.cell / math.pi) ** 2 * (1.0 + optics.aberration**2 / (along + optics.cell**2))
+    whole = places + optics.diffusion**2 + own
+    return Packets(energy, whole**0.5, (places / whole) ** 0.5, surface / places)

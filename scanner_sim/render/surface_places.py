@@ -53,3 +53,8 @@ def surface_places(loaded: LoadedScene, bench: Bench, shots: Shots, truth: Truth
         vectors = [dr.select(own, new, old) for new, old in zip(carried, vectors, strict=True)]
     point, along, across, normal = vectors
     return SurfacePlaces(point, along, across, normal, truth.object, radius, distance)
+
+
+def coherence_of(loaded: LoadedScene, truth: Truth) -> Any:
+    """Return the squared contrast of the speckle of what chief rays meet, shape (m,)."""
+    return dr.gather(mi.Float, loaded.coherence, truth.material)

@@ -16,7 +16,7 @@ import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.detector.packets import averaged, mode_edges
-from scanner_sim.optics.speckle import Optics, Packets
+from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.signals.expected import ExpectedSpot
 
 
@@ -51,7 +51,7 @@ class ExpectedSpeckle:
         along, across = (
             (dr.opaque(auto.Float, way) if isinstance(way, float) else way) * distance for way in self.travel
         )
-        packets = Packets.of(self.optics, beam, beam)
+        packets = packets_of(self.optics, beam, beam)
         energy, others = packets.moving(*averaged(along, across, radius))
         whole = dr.opaque(auto.Float, self.contrast**2) * packets.energy
         return SpotSpeckle(self.optics, packets, whole * energy, whole * others, dr.sqrt(beam + spread))
