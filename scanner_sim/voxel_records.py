@@ -50,6 +50,7 @@ def voxel_record(bench: Workbench, row: int, column: int) -> VoxelRecord:
         sigma_peak_px=values["sigma_peak_px"],
         range_m=values["range_m"],
         sigma_range_m=values["sigma_range_m"],
+        sigma_texture_m=values["sigma_texture_m"],
         truth_peak_px=float(bench.geometry.pixel(true_position)),
         truth_range_m=values["truth.range_m"],
         method=processing.peak,

@@ -128,6 +128,11 @@ def texture(signal: Array, relative_variance: Array, raster: Raster) -> Array:
     either = np.fmax(np.abs(right - logarithm), np.abs(logarithm - left))
     middle = 0.5 * np.abs(right - left)
     change = np.where(np.isfinite(middle), middle, either)
+    coarse = np.square(raster.across / raster.spot)
+    outside = ~((logarithm >= np.fmin(left, right)) & (logarithm <= np.fmax(left, right)))
+    change = np.where(
+        outside, np.fmax(change, _INSIDE * either), change * np.sqrt(1.0 + coarse / (coarse + 5.0))
+    )
     gradient = np.sqrt(_beyond(change**2, 0.5 * relative_variance)) / raster.across
     unresolved = (raster.travel == 0.0) & (raster.across > _UNRESOLVED * raster.spot)
     if unresolved.any():
