@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from typing import Final
 
-from scanner_sim.compare import constant_error, coverage, field, light, noise, pulses, shape, targets, walk
+from scanner_sim.compare import (
+    constant_error,
+    coverage,
+    field,
+    light,
+    noise,
+    pulses,
+    shape,
+    targets,
+    uneven,
+    walk,
+)
 from scanner_sim.compare.law import Law
 
 LAWS: Final[tuple[Law, ...]] = (
@@ -22,6 +33,7 @@ LAWS: Final[tuple[Law, ...]] = (
     noise.BOUND,
     field.COVARIANCE,
     coverage.COVERAGE,
+    uneven.UNEVEN,
     pulses.TOF_RANGE,
     pulses.TOF_BOUND,
     pulses.TOF_SIGMA,

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config import load_scenario
+from scanner_sim.products.image import RangeImage
 from scanner_sim.scenario import Scenario
 
 Kind = Literal["clutter", "stripes", "glossy", "sunlit", "retro"]
@@ -187,6 +188,23 @@ def _material(random: np.random.Generator, kind: Kind) -> Any:
             return {"reflectance": 0.5}
 
 
-def hit(truth_object: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which voxels hit something."""
-    return np.asarray(truth_object) > 0
+@dataclass(frozen=True)
+class Found:
+    """What an image of such a scene shows: (range − truth)/σ of its ranges, and the share of hits that have one."""
+
+    pulls: NDArray[np.float64]
+    kept: float
+
+    @classmethod
+    def of(cls, image: RangeImage) -> Found:
+        """Return what an image shows; ranges without a truth along the chief ray are left out."""
+        measured, sigma, truth = (
+            image[name].astype(np.float64) for name in ("range_m", "sigma_range_m", "truth.range_m")
+        )
+        pulls, hits = (measured - truth) / sigma, image["truth.object"] > 0
+        return cls(pulls[np.isfinite(pulls)], float((image.valid & hits).sum() / max(hits.sum(), 1)))
+
+    def shares(self) -> tuple[float, float, float]:
+        """Return the shares within 1.96 σ, beyond 3 σ and beyond 6 σ."""
+        size = np.abs(self.pulls)
+        return tuple(float(np.mean(part)) for part in (size < 1.959964, size > 3.0, size > 6.0))  # type: ignore[return-value]

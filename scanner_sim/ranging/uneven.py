@@ -45,7 +45,11 @@ pitch of δ: 0.3 s Δ²/δ. From 1.5 to 6 s it is 0.45 to 0.17 for mirrors at re
 _STEP = 0.3
 """The same for a step, over the difference of second differences: 0.43 to 0.11, and 0.50 to 0.20."""
 _EVIDENCE = 3.0
-"""Squared difference, over its variance, that counts as noise and is taken off."""
+"""Squared second difference of ranges, over its variance, that counts as noise and is taken off."""
+_STEP_EVIDENCE = 6.0
+"""The same of a difference of second differences, which has more noise."""
+_LINE_EVIDENCE = 8.0
+"""Squared difference of a signal to its neighbours' logarithms, over the variance of one, that counts as noise."""
 _CHANCE = 4.5
 """Standard deviations of noise by which two ranges may differ beyond the slope: in 200 comparisons once in 700."""
 _DOUBT = 2.0
@@ -118,10 +122,11 @@ def texture(signal: Array, relative_variance: Array, raster: Raster) -> Array:
     Returns
     -------
     numpy.ndarray
-        min(s² g, 0.8 s). The gradient g is the central difference of ln Y, of which a sweep of the length of a column
-        leaves the light's true mean gradient. Mirrors at rest on a pitch wider than the spot see an edge only as a
-        share t = Φ(x/s) of the difference D of both neighbours: then g = D φ(Φ⁻¹(t))/(s Y), but at least half the
-        central difference. What noise explains is taken off. 0 without neighbours.
+        min(s² g, 0.8 s). The gradient g is the central difference of ln Y, which a pitch δ wider than the spot makes
+        too small: by √(1 + δ²/(δ² + 5 s²)), root mean square over the places of an edge under a sweep of δ. Mirrors at
+        rest on such a pitch see an edge only as a share t = Φ(x/s) of the difference D of both neighbours: then
+        g = D φ(Φ⁻¹(t))/(s Y), but at least half the central difference. A voxel brighter or darker than both neighbours
+        holds a line; 0.6 of its contrast counts. What noise explains is taken off. 0 without neighbours.
     """
     logarithm = np.log(np.where(signal > 0.0, signal, np.nan))
     left, right = beside(logarithm, 0, -1), beside(logarithm, 0, 1)
@@ -129,14 +134,14 @@ def texture(signal: Array, relative_variance: Array, raster: Raster) -> Array:
     middle = 0.5 * np.abs(right - left)
     change = np.where(np.isfinite(middle), middle, either)
     coarse = np.square(raster.across / raster.spot)
+    square = _beyond(change**2, relative_variance) * (1.0 + coarse / (coarse + 5.0))
     outside = ~((logarithm >= np.fmin(left, right)) & (logarithm <= np.fmax(left, right)))
-    change = np.where(
-        outside, np.fmax(change, _INSIDE * either), change * np.sqrt(1.0 + coarse / (coarse + 5.0))
-    )
-    gradient = np.sqrt(_beyond(change**2, 0.5 * relative_variance)) / raster.across
+    line = _INSIDE**2 * _beyond(either**2, _LINE_EVIDENCE * relative_variance)
+    gradient = np.sqrt(np.where(outside, np.fmax(square, line), square)) / raster.across
     unresolved = (raster.travel == 0.0) & (raster.across > _UNRESOLVED * raster.spot)
     if unresolved.any():
-        sharp = np.sqrt(_beyond(_sharp_edge(signal, either) ** 2, relative_variance)) / raster.spot
+        edge = _beyond(_sharp_edge(signal) ** 2, 2.0 * relative_variance)
+        sharp = np.sqrt(np.where(outside, line, edge)) / raster.spot
         gradient = np.where(unresolved, np.fmax(sharp, 0.5 * gradient), gradient)
     return np.asarray(np.minimum(raster.spot**2 * np.nan_to_num(gradient), _LARGEST * raster.spot))
 
@@ -179,7 +184,7 @@ def relief(range_m: Array, sigma: Array, sigma_texture: Array, raster: Raster) -
             rise = at(range_m, 2) - 2.0 * at(range_m, 1) + 2.0 * at(range_m, -1) - at(range_m, -2)
             both = noise + moved
             chance = at(both, 2) + 4.0 * at(both, 1) + 4.0 * at(both, -1) + at(both, -2)
-            stepped = _STEP * np.sqrt(_beyond(rise**2, _EVIDENCE * chance))
+            stepped = _STEP * np.sqrt(_beyond(rise**2, _STEP_EVIDENCE * chance))
             found = np.fmax(np.nan_to_num(bent), np.nan_to_num(stepped))
             largest = np.where(near, np.fmax(largest, found), largest)
         total += largest**2
@@ -235,14 +240,13 @@ def mixed(
     return np.asarray(valid & found)
 
 
-def _sharp_edge(signal: Array, either: Array) -> Array:
+def _sharp_edge(signal: Array) -> Array:
     """Return the slope of ln Y times s where a sharp edge passes between a voxel's neighbours."""
     left, right = beside(signal, 0, -1), beside(signal, 0, 1)
     low, whole = np.fmin(left, right), np.abs(right - left)
     share = np.clip((signal - low) / np.where(whole > 0.0, whole, 1.0), 1e-4, 1.0 - 1e-4)
     slope = whole / signal * np.exp(-0.5 * ndtri(share) ** 2) / math.sqrt(2.0 * math.pi)
-    outside = ~((signal >= low) & (signal <= np.fmax(left, right)))
-    return np.asarray(np.where(outside, _INSIDE * either, slope))
+    return np.asarray(slope)
 
 
 def _around(steps: int) -> Iterator[tuple[int, int]]:
