@@ -96,7 +96,8 @@ def _truth(image: RangeImage) -> dict[str, Any]:
             pull = error[stated] / sigma[stated]
             result["error_over_sigma"] = {"rms": _finite(_rms, pull), **_quantiles(pull)}
             result["share_beyond"] = {
-                f"{sigmas} sigma": _finite(np.mean, np.abs(pull) > sigmas) for sigmas in _BEYOND
+                f"{sigmas} sigma": _finite(np.mean, (np.abs(pull) > sigmas).astype(np.float64))
+                for sigmas in _BEYOND
             }
     for way in ("tof", "fused"):
         if {f"{way}.range_m", "truth.range_m"} <= image.channels.keys():
