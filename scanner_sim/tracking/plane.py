@@ -33,6 +33,8 @@ class TargetPlane:
         ∂(u, v)/∂(Θ, φ) at the foot, shape (patterns, 2, 2).
     stretch
         1/√cos of the tilt: what it adds to a spot's width in the geometric mean of both directions, (patterns,).
+    centre, slope
+        (Θ, φ) of the foot [rad], and ∂R/∂(Θ, φ) there [m/rad], shape (patterns, 2).
     axis_separation
         D_g [m].
     """
@@ -43,6 +45,8 @@ class TargetPlane:
     distance: Array
     change: Array
     stretch: Array
+    centre: Array
+    slope: Array
     axis_separation: float
 
     def flattened(self, samples: PatternSamples) -> tuple[PatternSamples, Array]:
@@ -63,6 +67,10 @@ class TargetPlane:
         u, v = (_dot(axis / self.distance[:, None], met) for axis in (self.across, self.down))
         light = np.abs(rise) * (self.stretch * self.distance)[:, None] ** 2 / reach**2
         return replace(samples, theta=u, phi=v), light
+
+    def steeper(self, change: Array) -> TargetPlane:
+        """Return the planes through the same feet with other slopes, by ``change`` [m/rad], shape (patterns, 2)."""
+        return target_plane(self.centre, self.distance, self.slope + change, self.axis_separation)
 
     def seen(self, centroid: Centroid) -> Centroid:
         """Return centres on the plane as (Θ, φ) [rad]; the radius stays, an angle at the range of the foot."""
@@ -131,6 +139,8 @@ def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: 
         distance=distance,
         change=change,
         stretch=1.0 / np.sqrt(normal[2]),
+        centre=centre,
+        slope=np.stack([g, h], axis=1),
         axis_separation=axis_separation,
     )
 
