@@ -170,7 +170,7 @@ class _Seeing:
     def directly(self) -> tuple[Centroid, Response]:
         """Return centres of targets that are round in the angles, and what of the response tells their range."""
         start = circle_fit(self.samples, self.response, blurred=self.fits, rounds=1 if self.fits else None)
-        return self._fitted(self.samples, self.response, start, self.hits, np.ones(len(self.samples.theta)))
+        return self._fitted(self.samples, self.response, start, self.hits, None)
 
     def on(self, plane: TargetPlane, known: Centroid | None = None) -> tuple[Centroid, Response]:
         """Return centres (Θ, φ) of targets on planes; ``known`` is the centre about which these stand, from before."""
@@ -181,7 +181,7 @@ class _Seeing:
         else:
             start = replace(known, centre=0.0 * known.centre)
         hits = self.hits if start.found.all() else hit_centroid(shown, response)
-        centre, ranged = self._fitted(shown, response, start, hits, plane.stretch)
+        centre, ranged = self._fitted(shown, response, start, hits, plane)
         return plane.seen(centre), ranged
 
     def by_slope(self, plane: TargetPlane, slope: Array, known: Centroid) -> Array:
@@ -190,13 +190,13 @@ class _Seeing:
         ``slope`` is that covariance, of ∂R/∂(Θ, φ) [m²/rad²], shape (patterns, 2, 2). The disc is fitted on planes that
         are wrong by each column of its root.
         """
-        root = np.linalg.cholesky(slope)
+        root = np.asarray(np.linalg.cholesky(slope), dtype=np.float64)
         spread = np.zeros((len(slope), 2, 2))
         for column in (0, 1):
             other = plane.steeper(root[:, :, column])
             shown, response = self._laid(other)
             start = replace(known, centre=0.0 * known.centre)
-            moved = other.seen(self._disc(shown, response, start, other.stretch)).centre - known.centre
+            moved = other.seen(self._disc(shown, response, start, other)).centre - known.centre
             moved = np.where(np.isfinite(moved), moved, 0.0)
             spread += moved[:, :, None] * moved[:, None]
         return spread
@@ -208,24 +208,28 @@ class _Seeing:
             return shown, self.response
         return shown, replace(self.response, value=self.response.value / light)
 
-    def _disc(self, shown: PatternSamples, response: Response, start: Centroid, stretch: Array) -> Centroid:
-        return disc_fit(
-            shown,
-            response,
-            start,
-            spot=np.asarray(self.spot) * stretch,
-            shining=self.shining,
-            pointing=np.asarray(self.pointing) * np.reshape(stretch, (-1, 1)),
-        )
+    def _disc(
+        self, shown: PatternSamples, response: Response, start: Centroid, plane: TargetPlane | None
+    ) -> Centroid:
+        spot, error = np.asarray(self.spot, dtype=np.float64), np.asarray(self.pointing, dtype=np.float64)
+        if plane is not None:
+            spot = plane.spot(spot, shown, np.where(start.found[:, None], start.centre, 0.0))
+            error = error * plane.stretch[:, None]
+        return disc_fit(shown, response, start, spot=spot, shining=self.shining, pointing=error)
 
     def _fitted(
-        self, shown: PatternSamples, response: Response, start: Centroid, hits: Centroid, stretch: Array
+        self,
+        shown: PatternSamples,
+        response: Response,
+        start: Centroid,
+        hits: Centroid,
+        plane: TargetPlane | None,
     ) -> tuple[Centroid, Response]:
         """Return the best centres that the samples tell, and what of the response tells the range."""
         centre = better_of(start, hits)
         if not self.graded:
             return centre, self.response
-        fitted = better_of(self._disc(shown, response, centre, stretch), hits)
+        fitted = better_of(self._disc(shown, response, centre, plane), hits)
         if self.shining < 1.0:
             # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
             away = np.abs(response.value - response.threshold[:, None])

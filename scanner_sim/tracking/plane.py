@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.tracking.centroid import Centroid, centroid_of
@@ -33,6 +33,8 @@ class TargetPlane:
         ∂(u, v)/∂(Θ, φ) at the foot, shape (patterns, 2, 2).
     stretch
         1/√cos of the tilt: what it adds to a spot's width in the geometric mean of both directions, (patterns,).
+    lean
+        Tangent of the tilt times its direction on the plane, along which a round beam's spot is longer, (patterns, 2).
     centre, slope
         (Θ, φ) of the foot [rad], and ∂R/∂(Θ, φ) there [m/rad], shape (patterns, 2).
     axis_separation
@@ -45,6 +47,7 @@ class TargetPlane:
     distance: Array
     change: Array
     stretch: Array
+    lean: Array
     centre: Array
     slope: Array
     axis_separation: float
@@ -71,6 +74,17 @@ class TargetPlane:
     def steeper(self, change: Array) -> TargetPlane:
         """Return the planes through the same feet with other slopes, by ``change`` [m/rad], shape (patterns, 2)."""
         return target_plane(self.centre, self.distance, self.slope + change, self.axis_separation)
+
+    def spot(self, beam: ArrayLike, shown: PatternSamples, centre: Array) -> Array:
+        """Return the standard deviation of a spot on the plane away from a centre, shape (patterns, points).
+
+        s √(1 + (n·l)²) of a round beam s, () or (patterns,), with n the direction from ``centre`` (patterns, 2) to a
+        voxel and l the plane's ``lean``: across a tilted disc's rim the spot is longer where this faces the tilt.
+        """
+        u, v = shown.theta - centre[:, :1], shown.phi - centre[:, 1:]
+        along = (u * self.lean[:, :1] + v * self.lean[:, 1:]) ** 2 / np.maximum(u**2 + v**2, 1e-300)
+        spot: Array = np.reshape(np.asarray(beam, dtype=np.float64), (-1, 1)) * np.sqrt(1.0 + along)
+        return spot
 
     def seen(self, centroid: Centroid) -> Centroid:
         """Return centres on the plane as (Θ, φ) [rad]; the radius stays, an angle at the range of the foot."""
@@ -139,6 +153,7 @@ def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: 
         distance=distance,
         change=change,
         stretch=1.0 / np.sqrt(normal[2]),
+        lean=np.stack([forth, down[2]], axis=1) / normal[2][:, None],
         centre=centre,
         slope=np.stack([g, h], axis=1),
         axis_separation=axis_separation,
