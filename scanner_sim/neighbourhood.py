@@ -6,12 +6,13 @@ grouped.
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.detector.packets import averaged
+from scanner_sim.optics.speckle import packets
 from scanner_sim.products.image import MEASURED, MEASURED_BY
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.covariance import PointCovariance
@@ -132,9 +133,8 @@ def _state_unevenness(
 def _signal_variance(scenario: Scenario, layers: Layers, raster: Raster) -> Array:
     """Return the variance of the returned signal over its square, shape (rows, columns).
 
-    Noise, at most that of the brightest pixel, and speckle: a pupil's phase cannot change the energy that passes it, so
-    that its contrast is C/√M with M = π² σ_b²/(λN)² cells in the geometric image σ_b = s f/R of the beam (Goodman,
-    *Speckle phenomena in optics*, 2007, sec. 4.6), and the patterns that a sweep averages.
+    Noise, at most that of the brightest pixel, and the speckle of the whole spot's energy
+    (:mod:`scanner_sim.optics.speckle`), as a sweep leaves it.
     """
     scanner = scenario.scanner
     snr = np.maximum(layers["snr_detection"].astype(np.float64), 1.0)
@@ -142,10 +142,10 @@ def _signal_variance(scenario: Scenario, layers: Layers, raster: Raster) -> Arra
         return np.asarray(1.0 / snr**2)
     lens = scanner.receiver
     # s f/R over λN = λ f/D: the focal length cancels.
-    cells = (math.pi * raster.spot * lens.aperture / scanner.laser.wavelength) ** 2 / _ranges_of(layers) ** 2
-    averaged = 1.0 + 0.25 * raster.travel / raster.spot
+    ratio = raster.spot * lens.aperture / (scanner.laser.wavelength * _ranges_of(layers))
+    left, _ = averaged(raster.travel, 0.0 * raster.travel, 2.0 * raster.spot)
     contrast = scenario.processing.speckle_contrast**2
-    return np.asarray(contrast / (np.maximum(cells, 1.0) * averaged) + 1.0 / snr**2)
+    return np.asarray(contrast / packets(ratio) * left + 1.0 / snr**2)
 
 
 def _ranges_of(layers: Layers) -> Array:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from scanner_sim.arithmetic import exp, log
 from scanner_sim.ranging.neighbours import beside
 from scanner_sim.status import Status
 
@@ -128,7 +129,7 @@ def texture(signal: Array, relative_variance: Array, raster: Raster) -> Array:
         g = D φ(Φ⁻¹(t))/(s Y), but at least half the central difference. A voxel brighter or darker than both neighbours
         holds a line; 0.6 of its contrast counts. What noise explains is taken off. 0 without neighbours.
     """
-    logarithm = np.log(np.where(signal > 0.0, signal, np.nan))
+    logarithm = log(np.where(signal > 0.0, signal, np.nan))
     left, right = beside(logarithm, 0, -1), beside(logarithm, 0, 1)
     either = np.fmax(np.abs(right - logarithm), np.abs(logarithm - left))
     middle = 0.5 * np.abs(right - left)
@@ -245,7 +246,7 @@ def _sharp_edge(signal: Array) -> Array:
     left, right = beside(signal, 0, -1), beside(signal, 0, 1)
     low, whole = np.fmin(left, right), np.abs(right - left)
     share = np.clip((signal - low) / np.where(whole > 0.0, whole, 1.0), 1e-4, 1.0 - 1e-4)
-    slope = whole / signal * np.exp(-0.5 * ndtri(share) ** 2) / math.sqrt(2.0 * math.pi)
+    slope = whole / signal * exp(-0.5 * ndtri(share) ** 2) / math.sqrt(2.0 * math.pi)
     return np.asarray(slope)
 
 

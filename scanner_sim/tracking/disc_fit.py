@@ -46,7 +46,8 @@ def disc_fit(
         Where the search begins: :func:`~scanner_sim.tracking.centroid.circle_fit`, or the mean of hits where that has
         none (:func:`~scanner_sim.tracking.centroid.better_of`).
     spot
-        Standard deviation of the spot's irradiance across the beam, as an angle: w/(2 R) [rad], () or (patterns,).
+        Standard deviation of the spot's irradiance across the rim, as an angle: w/(2 R) [rad], (), (patterns,) or
+        (patterns, points).
     shining
         Share of the dwell in which the laser shines.
     pointing
@@ -73,7 +74,8 @@ def disc_fit(
     if not usable.all():
         middle = np.stack([theta.mean(axis=1), phi.mean(axis=1)], axis=1)
         centre, size = np.where(usable[:, None], centre, middle), np.where(usable, size, 1.0)
-    blur = np.zeros(rows) + np.asarray(spot, dtype=np.float64)
+    wide = np.asarray(spot, dtype=np.float64)
+    blur = np.zeros((rows, 1)) + (wide if wide.ndim == 2 else wide.reshape(-1, 1))
     weight = np.where(response.used, 1.0 / response.sigma**2, 0.0)
     prior = np.zeros(rows)
     known = size
@@ -191,7 +193,7 @@ def _share(
     direction = away[0] / distance, away[1] / distance
     across = travel[0] * direction[0] + travel[1] * direction[1]
     along = travel[0] ** 2 + travel[1] ** 2 - across**2
-    r, s = radius[:, None], spot[:, None]
+    r, s = radius[:, None], spot
     mean = distance + along / (24.0 * np.maximum(distance, 0.5 * r))
     share, slope = blurred_edge(r - 0.5 * s**2 / r - mean, across, s)
     return share, -slope, direction

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.arithmetic import inverse, product
 from scanner_sim.ranging.coordinates import angles_and_range
@@ -34,6 +34,10 @@ class TargetPlane:
         ∂(u, v)/∂(Θ, φ) at the foot, shape (patterns, 2, 2).
     stretch
         1/√cos of the tilt: what it adds to a spot's width in the geometric mean of both directions, (patterns,).
+    lean
+        Tangent of the tilt times its direction on the plane, along which a round beam's spot is longer, (patterns, 2).
+    centre, slope
+        (Θ, φ) of the foot [rad], and ∂R/∂(Θ, φ) there [m/rad], shape (patterns, 2).
     axis_separation
         D_g [m].
     """
@@ -44,6 +48,9 @@ class TargetPlane:
     distance: Array
     change: Array
     stretch: Array
+    lean: Array
+    centre: Array
+    slope: Array
     axis_separation: float
 
     def flattened(self, samples: PatternSamples) -> tuple[PatternSamples, Array]:
@@ -64,6 +71,21 @@ class TargetPlane:
         u, v = (_dot(axis / self.distance[:, None], met) for axis in (self.across, self.down))
         light = np.abs(rise) * (self.stretch * self.distance)[:, None] ** 2 / reach**2
         return replace(samples, theta=u, phi=v), light
+
+    def steeper(self, change: Array) -> TargetPlane:
+        """Return the planes through the same feet with other slopes, by ``change`` [m/rad], shape (patterns, 2)."""
+        return target_plane(self.centre, self.distance, self.slope + change, self.axis_separation)
+
+    def spot(self, beam: ArrayLike, shown: PatternSamples, centre: Array) -> Array:
+        """Return the standard deviation of a spot on the plane away from a centre, shape (patterns, points).
+
+        s √(1 + (n·l)²) of a round beam s, () or (patterns,), with n the direction from ``centre`` (patterns, 2) to a
+        voxel and l the plane's ``lean``: across a tilted disc's rim the spot is longer where this faces the tilt.
+        """
+        u, v = shown.theta - centre[:, :1], shown.phi - centre[:, 1:]
+        along = (u * self.lean[:, :1] + v * self.lean[:, 1:]) ** 2 / np.maximum(u**2 + v**2, 1e-300)
+        spot: Array = np.reshape(np.asarray(beam, dtype=np.float64), (-1, 1)) * np.sqrt(1.0 + along)
+        return spot
 
     def seen(self, centroid: Centroid) -> Centroid:
         """Return centres on the plane as (Θ, φ) [rad]; the radius stays, an angle at the range of the foot."""
@@ -132,6 +154,9 @@ def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: 
         distance=distance,
         change=change,
         stretch=1.0 / np.sqrt(normal[2]),
+        lean=np.stack([forth, down[2]], axis=1) / normal[2][:, None],
+        centre=centre,
+        slope=np.stack([g, h], axis=1),
         axis_separation=axis_separation,
     )
 

@@ -271,7 +271,7 @@ def test_exact_angles_never_give_a_wrong_valid_pose(name: str) -> None:
 
     Set-up: 2000 layouts and attitudes of a kind, planes from behind and nearly edge-on included, 3–20 m. Expected: none
     lies farther from the truth than its covariance covers, 99 % of χ²₆. Tolerance: none; errors are exact. With starts
-    from the plane and one three of targets alone 0.1 to 4 % of the cases nearly on a line are wrong.
+    from the plane and one three of targets alone 0.2 to 4 % of the cases on a line or nearly so are wrong.
     """
     rng = np.random.default_rng(37)
     points = few_targets(name, 2000, rng)
