@@ -65,7 +65,11 @@ class Centroid:
 def centroid_of(
     centre: Array, covariance: Array, radius: Array, sigma_radius: Array, misfit: Array, found: Mask
 ) -> Centroid:
-    """Return a centroid that is NaN wherever it was not found. Arguments as the attributes."""
+    """Return a centroid that is NaN wherever it was not found. Arguments as the attributes.
+
+    A centre whose σ is more than a radian was not found either: the pattern told nothing of it.
+    """
+    found = found & (np.maximum(covariance[:, 0, 0], covariance[:, 1, 1]) <= 1.0)
     if found.all():
         return Centroid(centre, covariance, radius, sigma_radius, misfit, found)
     blank = np.where(found, 0.0, np.nan)
