@@ -190,8 +190,9 @@ class EchoBench:
         seen = self.panorama if panorama is None else panorama
         light = field_light(seen, self.field, shots, columns, self.collected)
         view = View(diode.place == "offset", diode.field_of_view)
+        speckle = self._speckle if scenario.scanner.laser.speckle else None
         truth, echoes = render_echoes(
-            self.loaded, self.optics, view, scenario.transport, shots, scenario.seed
+            self.loaded, self.optics, view, scenario.transport, shots, scenario.seed, speckle
         )
         detector = self.detector if detector is None else detector
 
@@ -201,6 +202,20 @@ class EchoBench:
                 yield EchoGroup(some.index.numpy(), waveforms, detector.detect(waveforms))
 
         return truth, light, groups()
+
+    def _speckle(self, echoes: Any, shots: Any, truth: Any) -> Any:
+        """Return what speckle makes of the echoes of shots whose chief rays meet something; a pulse lasts no dwell."""
+        from scanner_sim.detector.echo_speckle import echo_speckle
+        from scanner_sim.render.surface_places import coherence_of, surface_places
+
+        scanner = self.scenario.scanner
+        return echo_speckle(
+            echoes,
+            surface_places(self.loaded, self.optics, shots, truth),
+            coherence_of(self.loaded, truth),
+            scanner.receiver.aperture / scanner.laser.wavelength,
+            self.scenario.seed,
+        )
 
     def measure(
         self, shots: Any, deflections: Deflections, panorama: Any = None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Literal
 
@@ -16,6 +17,7 @@ from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.optics.receiver import Receiver
+from scanner_sim.optics.speckle import Optics
 from scanner_sim.parts import Part
 from scanner_sim.units import Frequency, Ratio
 
@@ -75,6 +77,12 @@ class Scanner(Part):
                 f"{self.receiver.baseline:g} m: such rays do not pass the lens.",
                 "Reduce pixels, pitch or offset, or raise receiver.focal_length.",
             )
+        if self.point_spread < 1e-8:
+            yield Fault(
+                "receiver.aberration",
+                "neither the lens nor the sensor blurs the image: a point of light would fall between two pixels.",
+                "Write 10 nm or more for receiver.aberration or position_sensor.diffusion.",
+            )
 
     @property
     def dwell(self) -> float:
@@ -87,6 +95,11 @@ class Scanner(Part):
         return (1.0 - self.laser_off) * self.dwell
 
     @property
+    def point_spread(self) -> float:
+        """Standard deviation of the image of a point on the line [m], per axis: the lens's and the sensor's."""
+        return math.hypot(self.receiver.aberration, self.position_sensor.diffusion)
+
+    @property
     def nearest_range(self) -> float:
         """Nearest range that the array sees on the axis [m]: f d / p_max (eq 1 at Θ = 0)."""
         end = self.position_sensor.offset + self.position_sensor.length
@@ -97,3 +110,12 @@ class Scanner(Part):
         """Farthest range that the array sees on the axis [m]; infinite where it starts at p = 0."""
         start = self.position_sensor.offset
         return self.receiver.focal_length * self.receiver.baseline / start if start > 0.0 else float("inf")
+
+
+def speckle_optics(scanner: Scanner) -> Optics:
+    """Return what the laser's speckle depends on, on the line of an instrument."""
+    receiver, sensor, laser = scanner.receiver, scanner.position_sensor, scanner.laser
+    cell = laser.wavelength * receiver.focal_length / receiver.aperture
+    near = scanner.nearest_range
+    widest = 0.5 * float(laser.radius(near)) * receiver.focal_length / near
+    return Optics.of(cell, receiver.aberration, sensor.diffusion, sensor.pitch, widest)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scanner_sim.detector.position_sensor import PositionSensor
 from scanner_sim.lidar import EchoBench
 from scanner_sim.optics.filter import band_irradiance, incidence, laser_gain, peak_transmission
-from scanner_sim.optics.speckle import Grain
+from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import (
     Deflections,
@@ -28,6 +28,7 @@ from scanner_sim.ranging.ranges import (
 )
 from scanner_sim.render.device import DeviceChoice, activate
 from scanner_sim.scan.raster import Aim, RasterScan
+from scanner_sim.scanner import speckle_optics
 from scanner_sim.scenario import Scenario
 from scanner_sim.signals.processing import Processing
 
@@ -81,6 +82,7 @@ class Workbench:
             pitch=sensor.pitch,
             height=sensor.height,
             offset=sensor.offset,
+            diffusion=sensor.diffusion,
         )
         self.geometry = Geometry(
             focal_length=receiver.focal_length,
@@ -165,11 +167,10 @@ class Workbench:
                 return Bias(read_bias(path))
 
     @cached_property
-    def grain(self) -> Grain | None:
-        """The grain of the laser's speckle on the line; None for light without speckle."""
-        laser, receiver = self.scenario.scanner.laser, self.scenario.scanner.receiver
-        sensor = self.scenario.scanner.position_sensor
-        return Grain.of(laser.wavelength, receiver, sensor.pitch, sensor.height) if laser.speckle else None
+    def speckle(self) -> Optics | None:
+        """What the laser's speckle depends on, on the line; None for light without speckle."""
+        scanner = self.scenario.scanner
+        return speckle_optics(scanner) if scanner.laser.speckle else None
 
     @property
     def columns(self) -> int:
@@ -177,15 +178,16 @@ class Workbench:
         scan = self.scenario.scan
         return scan.columns if isinstance(scan, RasterScan) else 1
 
-    def sweep(self, shots: Any) -> Any:
-        """Return the angle by which the beams of shots move over the surface while the laser shines [rad].
+    def travel(self, shots: Any) -> tuple[Any, Any]:
+        """Return the angles by which the beams of shots move while the laser shines, along the line and across [rad].
 
         In a raster they are all alike, and no shots are needed; else of shape (m,), Dr.Jit.
         """
         scan, scanner = self.scenario.scan, self.scenario.scanner
         if isinstance(scan, RasterScan):
-            return scan.travel * scanner.exposure / scanner.dwell
-        return shots.sweep
+            return scan.travel * scanner.exposure / scanner.dwell, 0.0
+        along, across = shots.ways
+        return along, across
 
     def expected_speckle(self, shots: Any = None) -> Any:
         """Return what the instrument knows of the speckle of shots; None where there is none.
@@ -194,23 +196,23 @@ class Workbench:
         """
         from scanner_sim.signals.speckle import ExpectedSpeckle
 
-        if self.grain is None:
+        if self.speckle is None:
             return None
-        height, contrast = self.optics.height / self.optics.pitch, self.scenario.processing.speckle_contrast
-        return ExpectedSpeckle(self.grain, contrast, self.sweep(shots), height)
+        return ExpectedSpeckle(self.speckle, self.scenario.processing.speckle_contrast, self.travel(shots))
 
-    def _speckle(self, light: Any, shots: Any, distance: Any, whole: bool) -> Any:
-        """Return the speckle of shots whose chief rays go a distance; None for light without."""
-        from scanner_sim.detector.speckle import BeamPlaces, line_speckle
+    def _speckle(self, light: Any, shots: Any, truth: Any, whole: bool) -> Any:
+        """Return the speckle of shots whose chief rays meet something; None for light without."""
+        from scanner_sim.detector.speckle import line_speckle
+        from scanner_sim.render.surface_places import surface_places
 
-        if self.grain is None:
+        if self.speckle is None:
             return None
-        places = BeamPlaces.of(shots.theta, shots.phi, distance, self.optics.laser)
         return line_speckle(
             light.clusters,
-            places,
-            self.grain,
-            self.sweep(shots),
+            surface_places(self.loaded, self.optics, shots, truth),
+            self.speckle,
+            self.optics.receiver.focal_length / self.optics.pitch,
+            self.travel(shots),
             self.scenario.scanner.position_sensor.pixels,
             self.scenario.seed,
             whole=whole,
@@ -328,13 +330,13 @@ class Workbench:
             for light in lights:
                 index = light.index.numpy()
                 theta = aim.theta[index].astype(np.float32)
-                own, distance = shots.some(light.index), truth.distance_of(light.index)
-                yield Group(index, *self.sense(light, own, distance, theta, seen))
+                own, met = shots.some(light.index), truth.some(light.index)
+                yield Group(index, *self.sense(light, own, met, theta, seen))
 
         return truth, groups()
 
     def sense(
-        self, light: Any, shots: Any, distance: Any, theta: Any, panorama: Any, *, whole: bool = False
+        self, light: Any, shots: Any, truth: Any, theta: Any, panorama: Any, *, whole: bool = False
     ) -> tuple[Any, Any, Any]:
         """Expose the line to the light of m shots, read it and find the peaks.
 
@@ -342,8 +344,8 @@ class Workbench:
         ----------
         light
             The laser's light of the shots.
-        shots, distance
-            The shots, and how far their chief rays go [m], shape (m,).
+        shots, truth
+            The shots, and what their chief rays meet.
         theta
             Commanded deflections Θ [rad], single precision, shape (m,).
         panorama
@@ -361,7 +363,7 @@ class Workbench:
 
         scenario, scanner = self.scenario, self.scenario.scanner
         sensor = scanner.position_sensor
-        speckle = self._speckle(light, shots, distance, whole)
+        speckle = self._speckle(light, shots, truth, whole)
         incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
         signal = expose(
             incident.power,

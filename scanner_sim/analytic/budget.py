@@ -20,12 +20,12 @@ from numpy.typing import NDArray
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.analytic.geometry import range_error
-from scanner_sim.analytic.speckle import pixel_covariance
+from scanner_sim.analytic.speckle import Spot, averaged, pixel_covariance
 from scanner_sim.analytic.spot import electrons, pixel_shares
 
 Floats = NDArray[np.float64]
 
-_LINE, _PHASES, _SPECKLE_PHASES = 24, 16, 4
+_LINE, _PHASES = 24, 16
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,8 @@ class Instrument:
     baseline: float
     aperture: float
     transmission: float
-    point_spread: float
+    aberration: float
+    diffusion: float
     wavelength: float
     power: float
     waist_radius: float
@@ -92,16 +93,19 @@ def range_budget(bench: Instrument, distance: float) -> dict[str, float]:
 
     Drift turns a mirror by ΔT (zero + scale Θ), and the range by ∂R/∂Θ of it: root mean square over ±half.
 
-    Charge of the target: N = P T ρ A/(π R²) · QE t λ/(h c) (eq 19). Speckle is averaged over M = 1 + sweep R/(2w)
-    patterns (Baribeau, Rioux, *Appl. Opt.* 30, 1991).
+    Charge of the target: N = P T ρ A/(π R²) · QE t λ/(h c) (eq 19). Speckle: the packets of
+    :func:`~scanner_sim.analytic.speckle.pixel_covariance`, averaged over the sweep, which is along the line.
     """
     radius = float(
         beam_radius(distance, bench.waist_radius, bench.waist_distance, bench.wavelength, bench.m_squared)
     )
-    along = math.hypot(0.5 * radius * bench.focal_length / distance, bench.point_spread) / bench.pitch
+    cell = bench.wavelength * bench.focal_length / bench.aperture
+    image = 0.5 * radius * bench.focal_length / distance
+    grainy = Spot(image, cell, bench.aberration, bench.diffusion, bench.pitch)
+    along = grainy.sigma / bench.pitch
+    left = averaged((bench.sweep * distance, 0.0), radius)
     watts = bench.power * bench.transmission * bench.reflectance * bench.aperture**2 / (4.0 * distance**2)
     charge = float(electrons(watts, bench.dwell, bench.wavelength, bench.efficiency))
-    speckle_scale = bench.contrast**2 / (1.0 + 0.5 * bench.sweep * distance / radius)
     k = bench.subtracted
     collected = bench.transmission * 0.25 * math.pi * bench.aperture**2
     seen = bench.sunlight * bench.reflectance / math.pi * bench.pitch * bench.height / bench.focal_length**2
@@ -110,8 +114,7 @@ def range_budget(bench: Instrument, distance: float) -> dict[str, float]:
         name: [] for name in ("shot", "read", "quantisation", "response", "sun")
     }
     speckle, bias = [0.0], []
-    every = _PHASES // _SPECKLE_PHASES
-    for number, phase in enumerate((np.arange(_PHASES) + 0.5) / _PHASES - 0.5):
+    for phase in (np.arange(_PHASES) + 0.5) / _PHASES - 0.5:
         centre = _LINE // 2 + float(phase)
         m = charge * pixel_shares(centre, along, _LINE)
         parts = {
@@ -123,16 +126,17 @@ def range_budget(bench: Instrument, distance: float) -> dict[str, float]:
         }
         variance = np.maximum(sum(parts.values(), np.zeros(_LINE)), 1.0)
         if bench.contrast > 0.0:
-            variance = variance + speckle_scale * _even(bench, along) * m**2
+            # The fit weighs packets as if each fell on one pixel.
+            variance = variance + bench.contrast**2 * left[0] * grainy.energy_variance * charge * m
         slopes = _slopes(bench.estimator, m, centre, along, charge, variance)
         for name, values in parts.items():
             squares[name].append(float(slopes**2 @ values))
-        if bench.contrast > 0.0 and number % every == every // 2:
-            covariance = _speckle(bench, float(phase), along)
-            speckle.append(speckle_scale * charge**2 * float(slopes @ covariance @ slopes))
+        if bench.contrast > 0.0:
+            covariance = pixel_covariance(grainy, centre, _LINE, left)
+            speckle.append((bench.contrast * charge) ** 2 * float(slopes @ covariance @ slopes))
         bias.append(_bias(bench, m, centre))
     peak = {name: math.sqrt(float(np.mean(values))) for name, values in squares.items()}
-    peak["speckle"] = math.sqrt(sum(speckle) / _SPECKLE_PHASES)
+    peak["speckle"] = math.sqrt(sum(speckle) / _PHASES)
     peak["estimator"] = math.sqrt(float(np.mean(np.square(bias))))
     per_metre = float(range_error(distance, 0.0, bench.focal_length, bench.baseline, 1.0))
     found = {name: per_metre * bench.pitch * value for name, value in peak.items()}
@@ -171,22 +175,3 @@ def _bias(bench: Instrument, m: Floats, centre: float) -> float:
     if bench.corrected or bench.estimator == "maximum_likelihood":
         return 0.0
     return ESTIMATORS[bench.estimator](m.tolist()) - centre
-
-
-def _speckle(bench: Instrument, phase: float, along: float) -> Floats:
-    """Return the covariance of the pixels' shares for C = 1, shape (_LINE, _LINE); beyond five pixels 0."""
-    few = 11
-    width = along * bench.pitch
-    middle = (few // 2 + phase) * bench.pitch
-    f_number = bench.focal_length / bench.aperture
-    inner = pixel_covariance(bench.wavelength, f_number, bench.pitch, middle, (width, width), few)
-    covariance = np.zeros((_LINE, _LINE))
-    start = _LINE // 2 - few // 2
-    covariance[start : start + few, start : start + few] = inner
-    return covariance
-
-
-def _even(bench: Instrument, along: float) -> float:
-    """Return the relative variance of a pixel for C = 1, by its cells: S_c/(area of pixel and line's height)."""
-    cell = 4.0 / math.pi * (bench.wavelength * bench.focal_length / bench.aperture) ** 2
-    return min(1.0, cell / (bench.pitch * 2.0 * math.sqrt(math.pi) * along * bench.pitch))

@@ -91,9 +91,24 @@ def with_closed_forms(
         closed["triangulation", distance] = triangulation
         closed["tof", distance] = echo
         closed["fused", distance] = {"all": both}
-    return tuple(
-        replace(row, analytic_m=closed[row.mode, row.range_m].get(row.source, math.nan)) for row in rows
-    )
+    found = [replace(row, analytic_m=closed[row.mode, row.range_m].get(row.source, math.nan)) for row in rows]
+    if bench.contrast > 0.0:
+        found += _ends_of_speckle(bench, list(dict.fromkeys(row.range_m for row in rows)))
+    return tuple(found)
+
+
+def _ends_of_speckle(bench: Instrument, distances: Sequence[float]) -> list[BudgetRow]:
+    """Return what speckle would make if all of the spot's blur were the sensor's, or all the lens's."""
+    blur = math.hypot(bench.aberration, bench.diffusion)
+    ends = {
+        "speckle_all_diffusion": replace(bench, aberration=0.0, diffusion=blur),
+        "speckle_all_aberration": replace(bench, aberration=blur, diffusion=0.0),
+    }
+    return [
+        BudgetRow("triangulation", name, x, range_budget(end, x)["speckle"], math.nan, math.nan, math.nan, 0)
+        for name, end in ends.items()
+        for x in distances
+    ]
 
 
 def _sunlight(scenario: Scenario) -> float:
@@ -161,7 +176,8 @@ def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instru
         baseline=receiver.baseline,
         aperture=receiver.aperture,
         transmission=receiver.transmission * passed,
-        point_spread=receiver.point_spread,
+        aberration=receiver.aberration,
+        diffusion=sensor.diffusion,
         wavelength=laser.wavelength,
         power=laser.power,
         waist_radius=laser.waist_radius,

@@ -148,9 +148,7 @@ class PatternBench:
         read = reading_normals(fired.shots.number, seed)
         truth, light = pattern_light(bench.loaded, bench.optics, *self._beamlets, fired.shots)
         panorama = None if self.windows is None else self.windows.panorama(window)
-        incident, _, peaks = bench.sense(
-            light, fired.shots, truth.distance, fired.aimed, panorama, whole=True
-        )
+        incident, _, peaks = bench.sense(light, fired.shots, truth, fired.aimed, panorama, whole=True)
         budget = incident.link_budget()
         return truth, {
             "status": peaks.status,

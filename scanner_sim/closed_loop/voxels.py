@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from scanner_sim.detector.encoders import reading_noise
+from scanner_sim.detector.packets import averaged
 from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.optics.speckle import Grain, patterns
+from scanner_sim.optics.speckle import packets
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.scanner import Scanner
@@ -100,42 +101,41 @@ class SignalNoise:
     """
 
     def __init__(self, scenario: Scenario) -> None:
-        scanner, self._scenario = scenario.scanner, scenario
-        sensor, laser, receiver = scanner.position_sensor, scanner.laser, scanner.receiver
-        self._grain = (
-            Grain.of(laser.wavelength, receiver, sensor.pitch, sensor.height) if laser.speckle else None
-        )
+        self._scenario = scenario
 
     def sigma(self, layers: dict[str, NDArray[Any]], motion: PatternMotion, expected_range: float) -> Array:
         """Return the standard deviations of the signals of a pattern, shape (points,), in their own unit.
 
         Line sensor: σ² = 9 (κ N/q)² + (c N)². N is the charge of nine pixels, κ the share of the brightest one for a
         spot that faces the scanner at the expected range, q the height over the noise of that pixel, which is that of
-        all but the speckle. c is the contrast of speckle that a whole spot keeps: for an image of the variances
-        σ_x², σ_y² and Gaussian grain of length s, c² = C² s²/√((s² + 2σ_x²)(s² + 2σ_y²))/M (see
-        :mod:`scanner_sim.optics.speckle`) with the M patterns that the dwell averages. Photodiode: N/q and 1 % of N,
-        for its noise is below what surfaces and light are uneven by.
+        all but the speckle. c is the contrast of the whole spot's speckle, c² = C² A/M of the beam's image
+        (:mod:`scanner_sim.optics.speckle`) with what the dwell leaves of its variance, A. Photodiode: N/q, 1 % of N,
+        for its noise is below what surfaces and light are uneven by, and the same c without a dwell.
         """
         signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
         timed = self._scenario.ranging == "tof"
         ratio = np.asarray(layers["tof.snr_detection" if timed else "snr_detection"], dtype=np.float64)
         noise = signal / np.maximum(np.nan_to_num(ratio), 1.0)
+        scanner, speckle = self._scenario.scanner, self._relative(motion, expected_range, timed)
         if timed:
-            return np.hypot(noise, _UNEVEN * signal)
+            return np.asarray(np.sqrt(noise**2 + (_UNEVEN**2 + speckle) * signal**2))
+        brightest = math.erf(0.5 / math.sqrt(2.0 * image_variance(scanner, expected_range)))
+        return np.asarray(np.sqrt(_SUMMED * (brightest * noise) ** 2 + speckle * signal**2))
+
+    def _relative(self, motion: PatternMotion, distance: float, timed: bool) -> Array | float:
+        """Return the relative variance of the light of spots at a range [m] by speckle; a pulse lasts no dwell."""
         scanner = self._scenario.scanner
-        sensor, along = scanner.position_sensor, image_variance(scanner, expected_range)
-        radius = float(scanner.laser.radius(expected_range))
-        brightest = math.erf(0.5 / math.sqrt(2.0 * along))
-        relative: Array | float = 0.0
-        if self._grain is not None:
-            across = min(along, (sensor.height / sensor.pitch) ** 2 / 12.0)
-            square = self._grain.length**2
-            even = square / math.sqrt((square + 2.0 * along) * (square + 2.0 * across))
-            shining = scanner.exposure / scanner.dwell
-            sweep = shining * np.hypot(motion.travel_theta, np.cos(motion.true_theta) * motion.travel_phi)
-            contrast = self._scenario.processing.speckle_contrast
-            relative = contrast**2 * even / patterns(sweep, expected_range / radius)
-        return np.asarray(np.sqrt(_SUMMED * (brightest * noise) ** 2 + relative * signal**2))
+        laser, receiver = scanner.laser, scanner.receiver
+        if not laser.speckle:
+            return 0.0
+        radius = float(laser.radius(distance))
+        # σ_b/(λN) with σ_b = (w/2) f/R: the focal length goes.
+        energy = 1.0 / packets(0.5 * radius * receiver.aperture / (laser.wavelength * distance))
+        shining = 0.0 if timed else scanner.exposure / scanner.dwell * distance
+        left, _ = averaged(
+            shining * motion.travel_theta, shining * np.cos(motion.true_theta) * motion.travel_phi, radius
+        )
+        return np.asarray(self._scenario.processing.speckle_contrast**2 * energy * left)
 
 
 def samples_of(
@@ -301,6 +301,6 @@ def common_range_variance(scanner: Scanner, distance: float, signal: float) -> f
 
 def image_variance(scanner: Scanner, distance: float) -> float:
     """Return the variance [pixel²] of the spot on the line, on a surface that faces the scanner at a range [m]."""
-    receiver, pitch = scanner.receiver, scanner.position_sensor.pitch
-    beam = 0.5 * float(scanner.laser.radius(distance)) * receiver.focal_length / distance
-    return (receiver.point_spread**2 + beam**2) / pitch**2
+    pitch = scanner.position_sensor.pitch
+    beam = 0.5 * float(scanner.laser.radius(distance)) * scanner.receiver.focal_length / distance
+    return (scanner.point_spread**2 + beam**2) / pitch**2

@@ -107,7 +107,7 @@ class Closed:
         beam = laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared
         image = spot.spot_image(
             theta, phi, self.f, self.d, self.D, point, normal,
-            0.5 * float(beam_radius(R, *beam)), float(spread_rate(R, *beam)), receiver.point_spread,
+            0.5 * float(beam_radius(R, *beam)), float(spread_rate(R, *beam)), scanner.point_spread,
         )  # fmt: skip
         u = geometry.scanner_axes(theta, phi)[0]
         seen = geometry.laser_origin(phi, self.D) + R * u - geometry.lens_node(phi, self.D, self.d)

@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from typing import Final
 
-from scanner_sim.compare import constant_error, coverage, field, light, noise, pulses, shape, targets, walk
+from scanner_sim.compare import (
+    constant_error,
+    coverage,
+    field,
+    light,
+    noise,
+    pulses,
+    shape,
+    speckle,
+    targets,
+    walk,
+)
 from scanner_sim.compare.law import Law
 
 LAWS: Final[tuple[Law, ...]] = (
@@ -16,7 +27,8 @@ LAWS: Final[tuple[Law, ...]] = (
     light.SATURATION,
     field.POINTS,
     constant_error.SYNCHRONISATION,
-    constant_error.SPECKLE,
+    speckle.CONTRAST,
+    speckle.LIMIT,
     noise.SHOT,
     noise.READ,
     noise.BOUND,

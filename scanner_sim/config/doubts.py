@@ -146,13 +146,14 @@ def _estimator(scenario: Scenario) -> Iterator[str]:
     def width(distance: float) -> float:
         """Return the standard deviation of the spot [pixel] at a range on the axis."""
         image = 0.5 * scanner.laser.radius(distance) * receiver.focal_length / distance
-        return math.hypot(image, receiver.point_spread) / sensor.pitch
+        return math.hypot(image, scanner.point_spread) / sensor.pitch
 
     for distance in (scanner.nearest_range, farthest):
         if width(distance) < _NARROWEST:
             yield (
-                f"scanner.receiver.point_spread: at {distance:.3g} m the spot is narrower than a pixel, its standard "
-                f"deviation {width(distance):.2g}; below {_NARROWEST:g} no estimator interpolates, not {peak} either"
+                f"scanner.position_sensor.diffusion: at {distance:.3g} m the spot is narrower than a pixel, its "
+                f"standard deviation {width(distance):.2g}; below {_NARROWEST:g} no estimator interpolates, "
+                f"not {peak} either"
             )
             break
     window = MARGIN["centre_of_mass"]

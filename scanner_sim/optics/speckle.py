@@ -1,167 +1,143 @@
-"""Speckle: how coarse the laser's light is on the sensor, and how strong.
+"""Speckle: how strong it is behind a lens, and how it is spread over the image of the laser's spot.
 
-A rough surface in coherent light sends waves of random phases. Behind a lens with a circular pupil of f-number N the
-intensity I = Ī s has a mean Ī, the image as it would be in incoherent light, and a speckle s of mean 1 and of the
-covariance
+A rough surface in coherent light sends waves of random phases. What the lens collects is made of independent
+*packets*: a packet comes from one place of the surface and passes one place of the pupil, as well as diffraction lets
+both be told, and its energy is random. In the phase space of image (s) and pupil (ξ) the beam's geometric image
+e(s) and the pupil of area A give the density W = e/A; two weighted sums of the light have the covariance
 
-    C² |μ|²(Δ),   |μ|² = (2 J₁(v)/v)²,  v = π Δ/(λ N),   ∬|μ|² = S_c = (4/π) (λ N)²
+    C² (λf)² ∬ W² g g' ds dξ
 
-(Goodman, *Speckle phenomena in optics*, 2007, secs 4.4 and 4.5; the image lies at about the focal length). Its Fourier
-transform is S_c times the modulation transfer function of the pupil, which ends at 1/(λ N). Aberrations blur Ī but not
-the speckle: |μ|² knows the pupil's transmission only.
+(circular Gaussian fields: Goodman, *Speckle phenomena in optics*, 2007, sec 3.1 and ch. 4; the Wigner function of such
+a field, Bastiaans, *J. Opt. Soc. Am. A* 3, 1986). The total has the contrast C/√M, M = A/((λf)² ∫e²) =
+π² σ_x σ_y/(λN)² for a beam whose image has the standard deviations σ_x, σ_y. A phase in the pupil cannot change it
+(Parseval), nor can what the detector blurs.
 
-A pixel collects many cells. On a line of Gaussian profile across it, of standard deviation σ_y, the charges under an
-even light have the relative covariance, k pixels of pitch D apart,
+A packet lands at p = s + a(ξ), a the aberration of its ray, and is spread by the detector's diffusion. Along the line
+the packets lie as the *square* of W has it: s with the variance σ_x²/2, a with σ_a² since the pupil is evenly lit.
+Charges of pixels with the response K (diffusion and width) are hence covariant as
 
-    ρ_k = C² ∫∫ S_c MTF exp(−4π² σ_y² f_y²) sinc²(f_x D) cos(2π k f_x D) df_x df_y.
+    C²/M E[K_i(p) K_j(p)],   p Gaussian about the spot's middle with the variance σ_x²/2 + σ_a².
 
-C is that of the surface (:func:`~scanner_sim.scene.polarisation.speckle_contrast`).
+Where packets are not small against the pupil or the image, those at the ends count in part (:func:`packets`,
+:func:`slope_packets`), and each has a size of its own, (λN/π) √(1 + σ_a²/σ_x²), as the degree of coherence of such a
+beam stays on its way (Goodman, sec 5.7; Starikov, Wolf, *J. Opt. Soc. Am.* 72, 1982). All of this is judged by
+:mod:`scanner_sim.analytic.wave_optics`.
 
-Not modelled: lines so broad that they lose coherence over the depth of the surface, speckle that is not fully
-developed on polished surfaces, and the motion of the pattern over the pixels as the beam moves.
+The pattern belongs to the surface. A beam of 1/e² radius w that moves by δ keeps exp(−δ²/w²) of the energy's
+fluctuation and, along the line, (1 − 2δ²/w²) exp(−δ²/w²) of the centroid's: the centroid is Σ (x − x₀) e, and where the
+beam moves by w a grain goes from one side to the other. What a dwell averages follows
+(:func:`~scanner_sim.detector.packets.averaged`).
+
+Not modelled: laser lines so broad that they lose coherence over the depth of the surface, speckle that is not fully
+developed on polished surfaces, a surface that turns under the beam, and fine errors of the wavefront whose slope
+changes within a packet: they act as diffusion does.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from functools import lru_cache
+from dataclasses import dataclass, replace
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from scanner_sim.optics.receiver import Receiver
-
-_LEFT_OUT = 1e-4
-"""Share of the taps' squares that may be left out."""
-_ORDERS = 64
-"""Aliases of the pixels' sampling that are summed."""
-_ACROSS = 101
-"""Points of the integral across the line."""
+_LEFT_OUT = 0.01
+"""Share of the variance of a point of the image that the modes may leave out."""
+_FEWEST, _MOST = 4, 16
 
 
-def cell_area(wavelength: float, f_number: float) -> float:
-    """Return S_c = (4/π)(λN)² [m²], the area of a cell behind a circular pupil (Goodman, sec 4.4)."""
-    return 4.0 / math.pi * (wavelength * f_number) ** 2
-
-
-@dataclass(frozen=True)
-class Grain:
-    """The speckle's grain on a line of pixels, in pixels.
-
-    Attributes
-    ----------
-    length
-        Standard deviation s of the Gaussian exp(−Δ²/2s²) of the same cell area, 2π s² = S_c.
-    taps
-        Weights of the filter, 2 T + 1 of them, their squares' sum 1, that gives white noise the pixels' covariance.
-    variance
-        ρ_0 for C = 1 and the profile ``across``.
-    across
-        Standard deviation σ_y across the line for which ``taps`` and ``variance`` hold.
-    loss
-        Share of a pixel's variance that goes to its neighbours' covariance, 1 − ρ_0/Σ_k ρ_k over all k.
-    """
-
-    length: float
-    taps: tuple[float, ...]
-    variance: float
-    across: float
-    loss: float
-
-    @property
-    def reach(self) -> int:
-        """Number T of neighbours to each side that a filtered pixel takes in."""
-        return len(self.taps) // 2
-
-    @property
-    def correlations(self) -> tuple[float, ...]:
-        """Correlation of pixels 0, 1, … 2T apart."""
-        both = np.correlate(self.taps, self.taps, mode="full")
-        return tuple(both[len(self.taps) - 1 :].tolist())
-
-    @classmethod
-    def of(cls, wavelength: float, receiver: Receiver, pitch: float, height: float) -> Grain:
-        """Return the grain behind a receiver on pixels of a pitch and a height [m].
-
-        The profile across the line is that of the point spread, at most the pixels' height, evenly lit: the beam's own
-        image widens it by up to a third, which :func:`~scanner_sim.detector.speckle.pixel_variance` allows for.
-        """
-        f_number = receiver.focal_length / receiver.aperture
-        across = min(receiver.point_spread, height / math.sqrt(12.0))
-        return _grain(wavelength * f_number / pitch, across / pitch)
-
-
-@lru_cache(maxsize=64)
-def _grain(cell: float, across: float) -> Grain:
-    """Return the grain for λN and σ_y in pixels."""
-    spectrum = pixel_spectrum(cell, across)
-    taps = np.fft.irfft(np.sqrt(np.maximum(spectrum, 0.0)))
-    square = taps**2
-    total = float(square.sum())
-    half = len(taps) // 2
-    # What lies beyond k on both sides, for k = 0, 1, ...
-    beyond = total - square[0] - 2.0 * np.concatenate([[0.0], np.cumsum(square[1:half])])
-    reach = max(1, int(np.argmax(beyond < _LEFT_OUT * total)))
-    kept = np.concatenate([taps[reach:0:-1], taps[: reach + 1]])
-    kept = kept / math.sqrt(float(np.sum(kept**2)))
-    length = math.sqrt(cell_area(cell, 1.0) / (2.0 * math.pi))
-    return Grain(length, tuple(kept.tolist()), total, across, 1.0 - total / float(spectrum[0]))
-
-
-def pixel_spectrum(cell: float, across: float) -> NDArray[np.float64]:
-    """Return the spectrum of the pixels' charges, whose cosine transform is ρ_k for C = 1.
+def packets(ratio: Any) -> Any:
+    """Return how many independent packets the light of a spot has, 1/contrast² for C = 1.
 
     Parameters
     ----------
-    cell
-        λN [pixel].
-    across
-        σ_y [pixel].
-
-    Returns
-    -------
-    numpy.ndarray
-        At n/2 + 1 frequencies from 0 to 1/2 per pixel, as ``numpy.fft.irfft`` takes it.
-    """
-    end = 1.0 / cell
-    count = max(256, 2 ** math.ceil(math.log2(64.0 / min(end, 1.0))))
-    base = np.arange(count // 2 + 1) / count
-    most = min(math.ceil(end + 0.5), _ORDERS)
-    along = base[:, None] + np.arange(-most, most + 1)[None, :]
-    # The profile's own spectrum ends after five of its standard deviations, or with the pupil's.
-    last = min(5.0 / (2.0 * math.sqrt(2.0) * math.pi * across), end)
-    height = np.linspace(0.0, last, _ACROSS)
-    found = np.zeros_like(along)
-    for number, frequency in enumerate(height):
-        share = (0.5 if number in (0, _ACROSS - 1) else 1.0) * math.exp(
-            -((2.0 * math.pi * across * frequency) ** 2)
-        )
-        found += share * _transfer(np.hypot(along, frequency) * cell)
-    found *= 2.0 * last / (_ACROSS - 1) * cell_area(cell, 1.0)
-    return np.asarray(np.sum(found * np.sinc(along) ** 2, axis=1))
-
-
-def _transfer(frequency: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the modulation transfer function of a circular pupil, of the frequency in units of its end."""
-    u = np.minimum(frequency, 1.0)
-    return np.asarray(2.0 / math.pi * (np.arccos(u) - u * np.sqrt(1.0 - u * u)))
-
-
-def patterns(sweep: Any, slimness: Any) -> Any:
-    """Return how many independent patterns a dwell averages, M = 1 + travel/(spot's diameter).
-
-    Parameters
-    ----------
-    sweep
-        Angle by which the beam moves in the dwell [rad]; numbers or any arrays.
-    slimness
-        Range over the beam's 1/e² radius there, R/w.
+    ratio
+        x = σ_b/(λN), the beam's geometric image over the lens's λN.
 
     Notes
     -----
-    The diameter is 2w (Baribeau, Rioux, *Appl. Opt.* 30, 1991). The average over a straight path of length L of
-    patterns with the correlation exp(−δ²/w²) has M → L/(√π w) where L is long: 13 % more.
+    ∬|γ(ξ − ξ')|² over the pupil, |γ|² = exp(−(2π σ_b Δξ/λf)²): π²x² for a pupil that is large against the grains of
+    light in it, √π x more for the grains that its edge cuts, and 1 for the last one. Good to 2 % from x = 1.
     """
-    return 1.0 + 0.5 * sweep * slimness
+    return 1.0 + math.sqrt(math.pi) * ratio + math.pi**2 * ratio * ratio
+
+
+def slope_packets(ratio: Any) -> Any:
+    """Return how many packets average the wavefront's slope: σ_a²/this is the variance of its mean over the light.
+
+    The edge of the pupil counts twice as much as in :func:`packets`, for there the slope is largest (of a lens out of
+    focus, ∮u² ds/∫u² dA = 4 against ∮ds/∫dA = 2). Good to 2 % from x = 1, for any smooth wavefront.
+    """
+    return 2.0 + 2.0 * math.sqrt(math.pi) * ratio + math.pi**2 * ratio * ratio
+
+
+@dataclass(frozen=True)
+class Optics:
+    """What speckle on a line of pixels depends on, in pixels.
+
+    Attributes
+    ----------
+    cell
+        λN.
+    aberration, diffusion
+        Standard deviations σ_a of the lens's rays and σ_d of the sensor's blur.
+    modes
+        Number of modes of the line that fluctuate (:class:`Packets`).
+    """
+
+    cell: float
+    aberration: float
+    diffusion: float
+    modes: int
+
+    @classmethod
+    def of(cls, cell: float, aberration: float, diffusion: float, pitch: float, widest: float) -> Optics:
+        """Return the numbers of a lens and a sensor [m]; ``widest`` is the largest σ_x on the line [m]."""
+        whole = cls(cell / pitch, aberration / pitch, diffusion / pitch, _MOST)
+        variance = (widest / pitch) ** 2
+        ratio = float(packets_of(whole, variance, variance).ratio)
+        needed = math.ceil(math.log(_LEFT_OUT) / (2.0 * math.log(min(ratio, 0.99)))) + 1
+        return replace(whole, modes=min(max(needed, _FEWEST), _MOST))
+
+
+@dataclass(frozen=True)
+class Packets:
+    """The packets of a spot's light along the line; numbers, NumPy or Dr.Jit arrays.
+
+    With K̄ the pixel under the spread of all packets, a Gaussian of σ, and r = σ_p/σ that of the packets' places over
+    it, Mehler's formula makes the covariance of the pixels a sum over modes,
+
+        C² E[K_i K_j]/M = C²/M Σ_n (r σ)²ⁿ/n! ∂ⁿK̄_i/∂µⁿ ∂ⁿK̄_j/∂µⁿ:
+
+    n = 0 is the energy, n = 1 the place, n = 2 the width, and so on.
+
+    Attributes
+    ----------
+    energy
+        Relative variance 1/M of the energy for C = 1.
+    sigma
+        σ [pixel].
+    ratio
+        r.
+    on_surface
+        Share of the variance of the packets' places that comes from the surface, σ_x²/2; the rest is aberration.
+    """
+
+    energy: Any
+    sigma: Any
+    ratio: Any
+    on_surface: Any
+
+    def moving(self, energy: Any, place: Any) -> tuple[Any, Any]:
+        """Return what a dwell leaves of the variance of the first mode and of all others (:func:`averaged`)."""
+        return energy, self.on_surface * place + (1.0 - self.on_surface) * energy
+
+
+def packets_of(optics: Optics, along: Any, across: Any) -> Packets:
+    """Return the packets of a spot whose geometric image has variances along and across the line [pixel²]."""
+    ratio = (along * across) ** 0.25 / optics.cell
+    energy = 1.0 / packets(ratio)
+    surface = 0.5 * along
+    aberrant = optics.aberration**2 / (energy * slope_packets(ratio))
+    places = surface + aberrant
+    own = (optics.cell / math.pi) ** 2 * (1.0 + optics.aberration**2 / (along + optics.cell**2))
+    whole = places + optics.diffusion**2 + own
+    return Packets(energy, whole**0.5, (places / whole) ** 0.5, surface / places)

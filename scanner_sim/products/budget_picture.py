@@ -21,6 +21,8 @@ COLOURS = {
     "quantisation": "#6fa8c9",
     "response": "#7a5195",
     "speckle": "#b4331a",
+    "speckle_all_diffusion": "#e6a494",
+    "speckle_all_aberration": "#d98270",
     "jitter": "#4b7f52",
     "wobble": "#8fb35a",
     "synchronisation": "#2a8c8c",

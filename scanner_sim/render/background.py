@@ -172,7 +172,7 @@ def _sharp_by_contrast(
 def _assembled(view: View | Window, bench: Bench, halves: list[Any]) -> Panorama:
     """Blur both halves, and take the error of a window from their difference."""
     # A bin's own width, and the interpolation between bins, blur as well.
-    spread = math.sqrt(max((bench.receiver.point_spread / bench.pitch) ** 2 - 1.0 / 6.0, 0.0))
+    spread = math.sqrt(max((bench.point_spread / bench.pitch) ** 2 - 1.0 / 6.0, 0.0))
     steps = np.arange(-math.ceil(3.5 * spread), math.ceil(3.5 * spread) + 1)
     blur = np.exp(-0.5 * (steps / spread) ** 2) if spread > 0.0 else np.ones(1)
     halves = convolved(halves, view.bins, blur / blur.sum())

@@ -29,23 +29,19 @@ from scanner_sim.render.transport import (
 )
 from scanner_sim.render.walks import Vertex, walk
 from scanner_sim.scene.loader import LoadedScene
-from scanner_sim.scene.polarisation import speckle_contrast
-
-_COHERENCE = speckle_contrast(1.0) ** 2
 
 
 @dataclass
 class BounceSpots:
     """Where light is seen that met several surfaces, Dr.Jit arrays: power [W], position and sigma [pixel].
 
-    ``across`` mean square distance from the line's middle [pixel²]; ``coherence`` squared contrast of its speckle:
-    several surfaces depolarise.
+    ``coherence`` squared contrast of its speckle, which is 0: this light comes from so large a part of the scene that
+    little of its speckle is left.
     """
 
     power: Any
     position: Any
     sigma: Any
-    across: Any
     coherence: Any
 
 
@@ -84,9 +80,8 @@ def trace_bounces(
     si = meet(loaded, beam.origin, beam.direction)
     power = lane.weight * dr.opaque(mi.Float, bench.laser.power)
     vertices, paths = bounces - 1, dr.width(lane.shot)
-    power_seen, position, sigma, across = (dr.empty(mi.Float, paths * vertices) for _ in range(4))
-    coherence = dr.full(mi.Float, _COHERENCE, paths * vertices)
-    found = BounceSpots(power_seen, position, sigma, across, coherence)
+    power_seen, position, sigma = (dr.empty(mi.Float, paths * vertices) for _ in range(3))
+    found = BounceSpots(power_seen, position, sigma, dr.zeros(mi.Float, paths * vertices))
     for number, vertex in enumerate(walk(loaded, lane, si, power, bounces, seed)):
         spots = _seen(loaded, bench, lane.own, frame, lane.stop, vertex)
         dr.eval(vertex, spots)
@@ -94,7 +89,6 @@ def trace_bounces(
         dr.scatter(found.power, spots.power, at)
         dr.scatter(found.position, spots.position, at)
         dr.scatter(found.sigma, spots.sigma, at)
-        dr.scatter(found.across, spots.across, at)
     return found
 
 
@@ -105,15 +99,14 @@ def _seen(
     strength, seen = connect(loaded, bench, frame, vertex.si, stop, vertex.alive, coherent=False)
     p, q, depth = image(bench, frame, vertex.si.p)
     p = out_of_step(bench, p, shots.synchronisation)
-    blur = dr.opaque(mi.Float, bench.receiver.point_spread**2)
+    blur = dr.opaque(mi.Float, bench.point_spread**2)
     height = dr.opaque(mi.Float, bench.height)
-    inside, p, variance, across = cut_by_height(p, q, blur, blur, mi.Float(0.0), height)
+    inside, p, variance = cut_by_height(p, q, blur, blur, mi.Float(0.0), height)
     position, pitch = to_pixels(bench, p), dr.opaque(mi.Float, bench.pitch)
     good = seen & (depth > 0.0) & dr.isfinite(position)
     return BounceSpots(
         dr.select(good, vertex.power * strength * inside, 0.0),
         dr.select(good, position, 0.0),
         dr.sqrt(variance) / pitch + dr.zeros(mi.Float, dr.width(position)),
-        dr.select(good, across / dr.square(pitch), 0.0),
-        mi.Float(_COHERENCE),
+        mi.Float(0.0),
     )

@@ -25,13 +25,8 @@ class SpotsOfLight(Protocol):
 
 @runtime_checkable
 class CoherentSpots(SpotsOfLight, Protocol):
-    """Spots of coherent light: speckle depends on their extent across the line.
+    """Spots of coherent light; ``coherence`` is the squared contrast of their speckle."""
 
-    ``across`` is their mean square distance from the line's middle [pixel²], ``coherence`` the squared contrast of the
-    speckle.
-    """
-
-    across: Any
     coherence: Any
 
 
@@ -39,14 +34,12 @@ class CoherentSpots(SpotsOfLight, Protocol):
 class Clusters:
     """Gaussian clusters of light of m shots, Dr.Jit arrays of shape (c · m,): k · m + j is cluster k of shot j.
 
-    ``amount`` [W], ``position`` and ``sigma`` [pixel] along the line, ``across`` [pixel²] and ``coherence``, which
-    speckle depends on, as those of the spots.
+    ``amount`` [W], ``position`` and ``sigma`` [pixel] along the line, ``coherence`` squared contrast of the speckle.
     """
 
     amount: Any
     position: Any
     sigma: Any
-    across: Any
     coherence: Any
     shots: int
     _found_ends: tuple[Any, Any] | None = field(default=None, init=False, repr=False, compare=False)
@@ -61,21 +54,19 @@ class Clusters:
         some = dr.width(places)
         lane = dr.arange(mi.UInt32, self.count * some)
         at = (lane // some) * self.shots + dr.gather(mi.UInt32, places, lane % some)
-        amount, position, sigma, across, coherence = (
-            dr.gather(mi.Float, values, at) for values in self._arrays()
-        )
-        dr.eval(amount, position, sigma, across, coherence)
-        return Clusters(amount, position, sigma, across, coherence, some)
+        amount, position, sigma, coherence = (dr.gather(mi.Float, values, at) for values in self._arrays())
+        dr.eval(amount, position, sigma, coherence)
+        return Clusters(amount, position, sigma, coherence, some)
 
     def joined(self, other: Clusters) -> Clusters:
         """Return the clusters of both, which must be of the same shots."""
-        amount, position, sigma, across, coherence = (
+        amount, position, sigma, coherence = (
             dr.concat(pair) for pair in zip(self._arrays(), other._arrays(), strict=True)
         )
-        return Clusters(amount, position, sigma, across, coherence, self.shots)
+        return Clusters(amount, position, sigma, coherence, self.shots)
 
-    def _arrays(self) -> tuple[Any, Any, Any, Any, Any]:
-        return self.amount, self.position, self.sigma, self.across, self.coherence
+    def _arrays(self) -> tuple[Any, Any, Any, Any]:
+        return self.amount, self.position, self.sigma, self.coherence
 
     def power(self, pixel: Any, place: Any) -> Any:
         """Return the power [W] on pixels of the shots at some places: each cluster integrated in closed form.
@@ -139,8 +130,8 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
     Returns
     -------
     Clusters
-        Power, mean and variance of the spots in each cluster are kept exactly, and the means of the rest, which is 0
-        for light that is not coherent.
+        Power, mean and variance of the spots in each cluster are kept exactly, and the mean coherence, which is 0 for
+        light that is not coherent.
     """
     m, first_spot = dr.width(shot), shot * count
 
@@ -152,19 +143,17 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
             dr.gather(mi.Float, spots.sigma, place),
         )
 
-    def other(number: Any) -> tuple[Any, Any]:
+    def contrast(number: Any) -> Any:
         if not isinstance(spots, CoherentSpots):
-            return mi.Float(0.0), mi.Float(0.0)
-        place = first_spot + number
-        return dr.gather(mi.Float, spots.across, place), dr.gather(mi.Float, spots.coherence, place)
+            return mi.Float(0.0)
+        return dr.gather(mi.Float, spots.coherence, first_spot + number)
 
     origin, extent = lit_extent(spot, m, count) if clusters > 1 else (spot(0)[1], mi.Float(0.0))
     width = dr.maximum(extent / clusters, 1e-6)
-    totals = [dr.alloc_local(mi.Float, clusters, mi.Float(0.0)) for _ in range(5)]
+    totals = [dr.alloc_local(mi.Float, clusters, mi.Float(0.0)) for _ in range(4)]
 
-    def add(number: Any, power: Any, first: Any, second: Any, across: Any, coherence: Any) -> Any:
+    def add(number: Any, power: Any, first: Any, second: Any, coherence: Any) -> Any:
         amount, position, sigma = spot(number)
-        wide, contrast = other(number)
         slot = mi.UInt32(dr.clip((position - origin) / width, 0.0, clusters - 1.0))
         lit = amount > 0.0
         # Moments about a point in the cluster: about pixel 0 the variance would drown in rounding.
@@ -173,16 +162,14 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
             (power, amount),
             (first, amount * apart),
             (second, amount * (dr.square(apart) + dr.square(sigma))),
-            (across, amount * wide),
-            (coherence, amount * contrast),
+            (coherence, amount * contrast(number)),
         ):
             total.write(total.read(slot) + dr.select(lit, value, 0.0), slot)
-        return number + 1, power, first, second, across, coherence
+        return number + 1, power, first, second, coherence
 
     sums: Any = dr.while_loop((mi.UInt32(0), *totals), lambda number, *sums: number < count, add)
-    _, power, first, second, *rest = sums
+    _, power, first, second, contrasts = sums
     amounts, positions, sigmas = [], [], []
-    across: list[Any] = []
     coherence: list[Any] = []
     for slot in range(clusters):
         total = power.read(mi.UInt32(slot))
@@ -192,17 +179,9 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
         amounts.append(total)
         positions.append(origin + slot * width + mean)
         sigmas.append(dr.sqrt(dr.maximum(variance, _LEAST_VARIANCE)))
-        for found, summed in zip((across, coherence), rest, strict=True):
-            found.append(dr.select(lit, summed.read(mi.UInt32(slot)) / total, 0.0))
-    dr.eval(amounts, positions, sigmas, across, coherence)
-    return Clusters(
-        dr.concat(amounts),
-        dr.concat(positions),
-        dr.concat(sigmas),
-        dr.concat(across),
-        dr.concat(coherence),
-        m,
-    )
+        coherence.append(dr.select(lit, contrasts.read(mi.UInt32(slot)) / total, 0.0))
+    dr.eval(amounts, positions, sigmas, coherence)
+    return Clusters(dr.concat(amounts), dr.concat(positions), dr.concat(sigmas), dr.concat(coherence), m)
 
 
 def lit_extent(spot: Any, shots: int, count: int) -> tuple[Any, Any]:

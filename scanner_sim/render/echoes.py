@@ -11,8 +11,9 @@ lens's point spread at the edge of the photodiode's field, which cuts sharply.
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -119,6 +120,10 @@ class Echoes:
         return part
 
 
+Speckle = Callable[["Echoes", Shots, Truth], Any]
+"""What multiplies the shares of echoes by speckle, of the echoes, their shots and what their chief rays meet."""
+
+
 @dataclass
 class Returns:
     """What each beamlet brings back, Dr.Jit arrays of n · k entries.
@@ -141,7 +146,13 @@ class Returns:
 
 
 def render_echoes(
-    loaded: LoadedScene, bench: Bench, view: View, settings: Transport, shots: Shots, seed: int
+    loaded: LoadedScene,
+    bench: Bench,
+    view: View,
+    settings: Transport,
+    shots: Shots,
+    seed: int,
+    speckle: Speckle | None = None,
 ) -> tuple[Truth, Iterator[Echoes]]:
     """Follow the pulses of a batch of shots to the photodiode.
 
@@ -153,6 +164,8 @@ def render_echoes(
         The n shots with their true deflections.
     seed
         Seed of the random paths of several bounces.
+    speckle
+        Of light that met one surface; without it there is none.
 
     Returns
     -------
@@ -175,7 +188,9 @@ def render_echoes(
         smooth: Any = dr.compress(ground == _SMOOTH)
         if dr.width(smooth):
             own = dr.gather(mi.Float, reference, smooth)
-            direct = _gathered(returns, smooth, len(beamlets.weights), 1, smooth, shots.some(smooth), own)
+            some = shots.some(smooth)
+            direct = _gathered(returns, smooth, len(beamlets.weights), 1, smooth, some, own)
+            direct = _grainy(direct, some, truth.some(smooth), speckle)
             yield from with_bounces(loaded, bench, view, settings, shots, seed, direct)
         for kind, fine in ((_UNEVEN, settings.uneven_beamlets), (_EDGE, settings.edge_beamlets)):
             for index in in_parts(dr.compress(ground == kind), fine):
@@ -183,6 +198,7 @@ def render_echoes(
                 many, own = trace_returns(loaded, bench, view, edge_beamlets(fine), own_shots)
                 every = dr.arange(mi.UInt32, dr.width(index))
                 direct = _gathered(many, every, fine, CLUSTERS, index, own_shots, own)
+                direct = _grainy(direct, own_shots, truth.some(index), speckle)
                 yield from with_bounces(loaded, bench, view, settings, shots, seed, direct)
 
     return truth, groups()
@@ -246,6 +262,15 @@ def _gathered(
     """Gather the returns of the shots at some places into a few echoes."""
     found = gather_echoes(returns.share, returns.path, returns.spread, places, count, clusters)
     return Echoes(index, shots.number, *found, reference)
+
+
+def _grainy(echoes: Echoes, shots: Shots, truth: Truth, speckle: Speckle | None) -> Echoes:
+    """Return echoes with their speckle."""
+    if speckle is None:
+        return echoes
+    share = echoes.share * speckle(echoes, shots, truth)
+    dr.eval(share)
+    return dataclasses.replace(echoes, share=share)
 
 
 def _ground(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, returns: Returns, chief: Any) -> Any:

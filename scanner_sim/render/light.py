@@ -91,9 +91,13 @@ class Truth:
     object: Any
     material: Any
 
-    def distance_of(self, index: Any) -> Any:
-        """Return the distances [m] of the shots at some places."""
-        return dr.gather(mi.Float, self.distance, index)
+    def some(self, index: Any) -> Truth:
+        """Return what the chief rays of the shots at some places meet."""
+        return Truth(
+            dr.gather(mi.Float, self.distance, index),
+            dr.gather(mi.UInt32, self.object, index),
+            dr.gather(mi.UInt32, self.material, index),
+        )
 
 
 def chief_truth(loaded: LoadedScene, distance: Any, shape: Any, chief: Any) -> Truth:
@@ -167,7 +171,7 @@ def render_light(
 def _finely(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, shots: Shots) -> Clusters:
     """Trace shots again with many beamlets, and keep the shape of their light."""
     spots = trace_spots(loaded, bench, beamlets, shots)
-    dr.eval(spots.power, spots.position, spots.sigma, spots.across, spots.coherence)
+    dr.eval(spots.power, spots.position, spots.sigma, spots.coherence)
     return cluster(spots, dr.arange(mi.UInt32, dr.width(shots.number)), len(beamlets.weights), _CLUSTERS)
 
 

@@ -60,6 +60,6 @@ def pattern_light(
     beamlets = SweptBeamlets.of(tables, bench, shots, truth.distance)
     dr.eval(beamlets.length, beamlets.cosine, beamlets.sine)
     spots = trace_spots(loaded, bench, beamlets, shots)
-    dr.eval(spots.power, spots.position, spots.sigma, spots.across, spots.coherence)
+    dr.eval(spots.power, spots.position, spots.sigma, spots.coherence)
     clusters: Any = cluster(spots, index, beamlets.count, CLUSTERS)
     return truth, Light(index, shots.number, clusters)

@@ -132,8 +132,8 @@ def reference_background(
     blur = generator(
         seed, Stream.REFERENCE, mi.UInt32(shot + (1 << 31)), number * 64 + 63
     ).next_float32x4_normal()
-    p = bench.offset + (pixel + place[0]) * bench.pitch + blur[0] * receiver.point_spread
-    q = (place[1] - 0.5) * bench.height + blur[1] * receiver.point_spread
+    p = bench.offset + (pixel + place[0]) * bench.pitch + blur[0] * bench.point_spread
+    q = (place[1] - 0.5) * bench.height + blur[1] * bench.point_spread
     along, across, normal, _, lens = _optics(bench, theta, phi)
     direction = dr.normalize(along * receiver.focal_length - across * p + normal * q)
     origin = mi.Point3f(lens) + dr.zeros(mi.Point3f, dr.width(number))
@@ -197,8 +197,8 @@ def _land(
     along, across = along * cosine + across * sine, across * cosine - along * sine
     place = mi.Vector3f(si.p - lens)
     scale = receiver.focal_length / dr.dot(place, along)
-    p = -scale * dr.dot(place, across) + receiver.point_spread * blur[0]
-    q = scale * dr.dot(place, normal) + receiver.point_spread * blur[1]
+    p = -scale * dr.dot(place, across) + bench.point_spread * blur[0]
+    q = scale * dr.dot(place, normal) + bench.point_spread * blur[1]
     seen &= dr.abs(q) < 0.5 * bench.height
     pixel = dr.floor((p - bench.offset) / bench.pitch)
     return dr.select(seen, pixel, -1.0).numpy(), dr.select(seen, power, 0.0).numpy()

@@ -50,9 +50,9 @@ class Shots:
                 setattr(self, name, dr.zeros(mi.Float, dr.width(self.theta)))
 
     @property
-    def sweep(self) -> Any:
-        """Angle by which each beam moves over the surface while the laser shines [rad]: √(δΘ² + (cosΘ δφ)²)."""
-        return dr.sqrt(dr.square(self.travel_theta) + dr.square(dr.cos(self.theta) * self.travel_phi))
+    def ways(self) -> tuple[Any, Any]:
+        """Angles by which each beam moves while the laser shines, along the line and across it: δΘ, cosΘ δφ [rad]."""
+        return self.travel_theta, dr.cos(self.theta) * self.travel_phi
 
     def some(self, index: Any) -> Shots:
         """Return the shots at some places."""

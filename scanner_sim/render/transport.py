@@ -44,6 +44,12 @@ class Bench:
     pitch: float
     height: float
     offset: float
+    diffusion: float
+
+    @property
+    def point_spread(self) -> float:
+        """Standard deviation of the image of a point on the line [m], per axis."""
+        return math.hypot(self.receiver.aberration, self.diffusion)
 
 
 @dataclass
@@ -55,8 +61,7 @@ class Spots:
     beamlet; ``slope_a``, ``slope_b`` the derivatives of the position along the beam's two axes, per standard
     deviation of the beam [pixel], ``slope_time`` that along the dwell, per dwell [pixel]; ``distance`` along
     the beamlet [m], ``seen`` 1 where the lens sees it; ``shape`` registry index of the surface, 0 for none;
-    ``across`` mean square distance of the light from the line's middle [pixel²], ``coherence`` squared contrast of
-    its speckle.
+    ``coherence`` squared contrast of its speckle.
     """
 
     position: Any
@@ -69,7 +74,6 @@ class Spots:
     distance: Any
     seen: Any
     shape: Any
-    across: Any
     coherence: Any
 
 
@@ -324,13 +328,13 @@ def _spots(
         pb * reach / spread
     )
     residual = dr.opaque(mi.Float, width**2)
-    blur = dr.opaque(mi.Float, receiver.point_spread**2)
+    blur = dr.opaque(mi.Float, bench.point_spread**2)
     var_p = residual * (dr.square(pa) + dr.square(pb)) + blur
     var_q = residual * (dr.square(qa) + dr.square(qb)) + blur
     covariance = residual * (pa * qa + pb * qb)
     height = dr.opaque(mi.Float, bench.height)
     p = out_of_step(bench, p, shots.synchronisation)
-    inside, p, var_p, across = cut_by_height(p, q, var_p, var_q, covariance, height)
+    inside, p, var_p = cut_by_height(p, q, var_p, var_q, covariance, height)
     shape: Any = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
 
     pitch = dr.opaque(mi.Float, bench.pitch)
@@ -345,15 +349,14 @@ def _spots(
         distance=dr.select(hit, si.t, dr.nan),
         seen=dr.select(seen, mi.UInt32(1), 0),
         shape=shape,
-        across=across / dr.square(pitch),
         coherence=dr.gather(mi.Float, loaded.coherence, dr.gather(mi.UInt32, loaded.material_of, shape)),
     )
 
 
 def cut_by_height(
     p: Any, q: Any, var_p: Any, var_q: Any, covariance: Any, height: Any
-) -> tuple[Any, Any, Any, Any]:
-    """Return the share of a two-dimensional Gaussian within |q| < height/2, mean and variance of p and mean q² there.
+) -> tuple[Any, Any, Any]:
+    """Return the share of a two-dimensional Gaussian within |q| < height/2, and mean and variance of p there.
 
     Moments of the truncated normal distribution (Johnson, Kotz, Balakrishnan, *Continuous univariate
     distributions* 1, 1994, ch. 13), carried over to p by the regression of p on q.
@@ -371,8 +374,4 @@ def cut_by_height(
         share,
         p + dr.select(share > 0.0, regression * sigma_q * shift, 0.0),
         dr.maximum(var_p + dr.select(share > 0.0, regression * covariance * narrowing, 0.0), 0.1 * var_p),
-        # Rounding at the end of the distribution must not lead out of the height.
-        dr.clip(
-            var_q * (1.0 + narrowing) + dr.square(q + sigma_q * shift), 1e-4 * var_q, 0.25 * dr.square(height)
-        ),
     )

@@ -60,7 +60,7 @@ class View:
 
     def tables(self, bench: Bench) -> tuple[Any, Any]:
         """Return φ of the rows [rad] and the quantiles of the pixels' height [m], Dr.Jit."""
-        heights = height_quantiles(bench.height, bench.receiver.point_spread)
+        heights = height_quantiles(bench.height, bench.point_spread)
         return mi.Float(self.phi.astype(np.float32)), mi.Float(heights.astype(np.float32))
 
     def row(self, shots: Shots, place: Any, columns: int) -> Any:
@@ -124,7 +124,7 @@ def window_heights(bench: Bench, row_step: float) -> Any:
     """
     spread = (bench.receiver.focal_length * row_step) ** 2
     height = math.sqrt(max(bench.height**2 - 2.0 * spread, 0.0))
-    return mi.Float(height_quantiles(height, bench.receiver.point_spread).astype(np.float32))
+    return mi.Float(height_quantiles(height, bench.point_spread).astype(np.float32))
 
 
 def panorama_view(

@@ -20,6 +20,15 @@ _APART = 0.1
 """Time between two shots [s]: twice that in which a mirror's wobble changes."""
 _NEAR, _FAR = 2.0, 30.0
 """Ranges between which laws are fitted [m]."""
+_BLUR = 40e-6
+"""Spread of a point on the sensor [m] that the lens's aberration and the sensor's diffusion share."""
+_ENDS = {
+    "all of it diffusion": {"receiver": {"aberration": 0.0}, "position_sensor": {"diffusion": _BLUR}},
+    "all of it aberration": {"receiver": {"aberration": _BLUR}, "position_sensor": {"diffusion": 0.0}},
+}
+"""The two ends of how the spot's blur is shared out, which speckle tells apart."""
+_FEW = 9
+"""Voxels along each side that tell the stated σ of these ends."""
 _WAYS = {"": "triangulation", "tof.": "time of flight", "fused.": "both, by their σ"}
 
 
@@ -29,6 +38,7 @@ def figure_12(task: Task) -> Outcome:
     side = task.choose(24, 16)
     scatter = {way: np.empty(len(distances)) for way in _WAYS}
     stated = {way: np.empty(len(distances)) for way in _WAYS}
+    ends = {name: np.empty(len(distances)) for name in _ENDS}
     for row, distance in enumerate(distances.tolist()):
         unit = {"lidar": {"digitiser": {"gate": (0.5, 60.0)}}}
         made = bench(task, [plate(distance, _HALF)], unit, ranging="both", step=row)
@@ -37,6 +47,11 @@ def figure_12(task: Task) -> Outcome:
             error = layers[f"{way}range_m"] - layers["truth.range_m"]
             scatter[way][row] = np.sqrt(np.nanmean(error**2))
             stated[way][row] = np.nanmedian(layers[f"{way}sigma_range_m"])
+        for name, parts in _ENDS.items():
+            other = layers_of(
+                bench(task, [plate(distance, _HALF)], parts, step=row), aim(*grid(_HALF, _FEW), _APART)
+            )
+            ends[name][row] = np.nanmedian(other["sigma_range_m"])
     fitted = (distances >= _NEAR) & (distances <= _FAR)
     exponent = slope(distances[fitted], scatter[""][fitted])
     flat = scatter["tof."][fitted]
@@ -45,6 +60,10 @@ def figure_12(task: Task) -> Outcome:
     place = int(np.abs(distances - crossing).argmin())
     error_of_p = scatter[""][place] * FOCAL * BASE / distances[place] ** 2
     expected = crossing_range(float(scatter["tof."][place]), FOCAL, BASE, float(error_of_p))
+    meetings = [
+        float(np.exp(np.interp(0.0, np.log(values / stated["tof."]), np.log(distances))))
+        for values in ends.values()
+    ]
     worst = max(float(np.abs(np.log(scatter[way] / stated[way])).max()) for way in _WAYS)
     better = scatter["fused."] / np.minimum(scatter[""], scatter["tof."])
     at_ten = [float(np.interp(10.0, distances, values[""])) for values in (scatter, stated)]
@@ -69,6 +88,13 @@ def figure_12(task: Task) -> Outcome:
             f"{expected:.1f} m",
             f"{crossing:.1f} m",
             within(crossing, expected, 0.1) and crossing < 10.0,
+        ),
+        judged(
+            "the same, were all of the spot's blur the sensor's diffusion, or the lens's aberration",
+            "",
+            f"{crossing:.1f} m between them",
+            f"{meetings[0]:.1f} m and {meetings[1]:.1f} m",
+            meetings[1] < crossing < meetings[0],
         ),
         judged(
             "σ_R of triangulation at 10 m",
@@ -108,6 +134,8 @@ def figure_12(task: Task) -> Outcome:
                 color=colour,
                 label=name,
             )
+        for (name, values), style in zip(ends.items(), ("--", "-."), strict=True):
+            axes[0].plot(distances, 1e3 * values, color=BLUE, lw=0.9, ls=style, label=f"blur: {name}")
         guide = 1e3 * scatter[""][place] * (distances / distances[place]) ** 2
         axes[0].plot(distances, guide, color="black", lw=0.8, ls=":", label="R²")
         axes[0].set(yscale="log", ylabel="σ of the range [mm]")

@@ -79,7 +79,7 @@ def estimate(
     apart, settled = auto.Float(0.0), auto.Bool(True)
     limit: Any = MARGIN[method]
     if method == "maximum_likelihood":
-        grainy = None if speckle is None else speckle.relative
+        grainy = None if speckle is None else speckle.energy
         fit = fit_spot(around, known, dr.clip(_gaussian(around)[0], -0.6, 0.6), grainy)
         shift, slopes, apart, settled = fit.shift, fit.slopes, fit.prior_variance, fit.settled
         limit = auto.Float(known.guard)
@@ -151,12 +151,13 @@ def _jumps(around: Pixels, shift: Any, corrected: Callable[[Any], Any], speckle:
     """
     added = auto.Float(0.0)
     charge, noise = around(0)
-    if speckle is not None:
-        # The two pixels' speckle is taken to be independent: its correlation is a few per cent.
-        noise += 2.0 * speckle.variance * dr.square(charge)
     for side in (-1, 1):
         beside, noise_beside = around(side)
-        deviate = (charge - beside) * dr.rsqrt(dr.maximum(noise + noise_beside, 1e-12))
+        both = noise + noise_beside
+        if speckle is not None:
+            apart = {0: auto.Float(1.0), side: auto.Float(-1.0)}
+            both += speckle.carried(apart, {0: charge, side: beside}, shift)
+        deviate = (charge - beside) * dr.rsqrt(dr.maximum(both, 1e-12))
         other = 0.5 * (1.0 - dr.erf(dr.maximum(deviate, 0.0) * math.sqrt(0.5)))
         moved = side + corrected(_mass(around, side)[0]) - shift
         possible = around.inside(side * (MARGIN["centre_of_mass"] + 1))

@@ -28,7 +28,7 @@ class ExpectedSpot:
     waist_radius, waist_distance, rayleigh_length
         The beam: 1/e² radius at the waist, place of the waist, Rayleigh length [m].
     point_spread
-        Standard deviation of the lens's point spread [m].
+        Standard deviation of the image of a point on the line [m].
     pitch, offset
         Pixel i of the line lies at p = offset + (i + 1/2) pitch.
     pixels
@@ -63,7 +63,7 @@ class ExpectedSpot:
             waist_radius=laser.waist_radius,
             waist_distance=laser.waist_distance,
             rayleigh_length=laser.rayleigh_length,
-            point_spread=receiver.point_spread,
+            point_spread=math.hypot(receiver.aberration, sensor.diffusion),
             pitch=sensor.pitch,
             offset=sensor.offset,
             pixels=sensor.pixels,

@@ -27,7 +27,6 @@ Not modelled: spots that are not Gaussian. What does not fit is the business of 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -166,7 +165,7 @@ class Fit:
     variance: Any
 
 
-def fit_spot(around: Pixels, width: Width, first: Any, speckle: Callable[[Any], Any] | None = None) -> Fit:
+def fit_spot(around: Pixels, width: Width, first: Any, speckle: Any = None) -> Fit:
     """Fit charge, place and width of the spot.
 
     Parameters
@@ -178,8 +177,9 @@ def fit_spot(around: Pixels, width: Width, first: Any, speckle: Callable[[Any], 
     first
         A first guess of the shift from the brightest pixel [pixel], shape (m,).
     speckle
-        Relative variance of a pixel's charge by speckle, of the distance from the spot's middle [pixel]; without it
-        there is none. It enters the weights; that neighbours share some of it does not.
+        Relative variance of the spot's charge by speckle, shape (m,); without it there is none. It enters the weights
+        as that of packets which each fall on one pixel, V N m_i: what all pixels have in common of them moves charge,
+        place and width alone, whatever the weights.
 
     Returns
     -------
@@ -188,7 +188,7 @@ def fit_spot(around: Pixels, width: Width, first: Any, speckle: Callable[[Any], 
     steps = range(-width.reach, width.reach + 1)
     charges = [around(step)[0] for step in steps]
     counts = [around.inside(step) & (dr.abs(auto.Int32(step)) <= width.guard) for step in steps]
-    grainy = [auto.Float(0.0) if speckle is None else speckle(step - first) for step in steps]
+    grain = auto.Float(0.0) if speckle is None else speckle
     known = dr.rcp(dr.square(width.spread))
     logarithm = dr.log(width.variance)
     middle = charges[width.reach]
@@ -216,7 +216,7 @@ def fit_spot(around: Pixels, width: Width, first: Any, speckle: Callable[[Any], 
             edge, below, density = edge_next, below_next, density_next
             whole = model + around.baseline.level + step * around.baseline.slope
             variance = dr.maximum(around.line.variance(around.pixel(step), whole), _LEAST_VARIANCE)
-            variance += grainy[number] * dr.square(model) + uneven
+            variance += grain * charge * model + uneven
             weight = dr.select(counts[number], dr.rcp(variance), 0.0)
             residual = weight * (charges[number] - model)
             slopes = [model, moved, widened]

@@ -1,16 +1,9 @@
 """What is known of the speckle on a line before it is seen: the covariance that it gives the charges of the spot.
 
-The pixels i, j of a spot of charges q have the covariance
-
-    q_i q_j √(κ_i κ_j) ρ C²/M r_|i−j|
-
-with the pixel's variance ρ under an even light and the correlation r of :class:`~scanner_sim.optics.speckle.Grain`, the
-concentration κ of the spot within a pixel and the number M of
-patterns that the dwell averages. The contrast C is a value of the calibration: the instrument does not know its
-target. σ is too small by as much as C is, on surfaces that keep the laser's polarisation by √2.
-
-The spot is taken to be that of a surface which faces the scanner; a narrower or wider one has the same error of its
-centroid, C √(S_c/8π), whatever its size.
+The pixels of a spot of the charge q have the covariance q² C²/M Σ_n A_n (rσ)²ⁿ/n! ∂ⁿK̄_i ∂ⁿK̄_j of
+:class:`~scanner_sim.optics.speckle.Packets`, with what the dwell leaves of each mode, A_n. The contrast C is a value of
+the calibration: the instrument does not know its target. σ is too small by as much as C is, on surfaces that keep the
+laser's polarisation by √2. The spot is taken to be that of a surface which faces the scanner.
 """
 
 from __future__ import annotations
@@ -22,8 +15,8 @@ from typing import Any
 import drjit as dr
 import drjit.auto.ad as auto
 
-from scanner_sim.detector.speckle import pixel_variance, quick_concentration
-from scanner_sim.optics.speckle import Grain, patterns
+from scanner_sim.detector.packets import averaged, mode_edges
+from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.signals.expected import ExpectedSpot
 
 
@@ -33,20 +26,18 @@ class ExpectedSpeckle:
 
     Attributes
     ----------
-    grain
-        The grain on the line.
+    optics
+        Lens and sensor.
     contrast
         Contrast C that surfaces are assumed to give.
-    sweep
-        Angle by which the beam moves in a dwell [rad], a number or a Dr.Jit array of shape (m,).
-    height
-        Height of the pixels, in pixels of the line's pitch.
+    travel
+        Angles by which the beam moves in a dwell, along the line and across it [rad]: numbers or Dr.Jit arrays of
+        shape (m,).
     """
 
-    grain: Grain
+    optics: Optics
     contrast: float
-    sweep: Any
-    height: float
+    travel: tuple[Any, Any]
 
     def about(self, spot: ExpectedSpot, centre: Any, sine: Any, cosine: Any) -> SpotSpeckle:
         """Return the speckle of spots about pixels (Dr.Jit, shape (m,)) at deflections Θ given as sine and cosine."""
@@ -57,27 +48,39 @@ class ExpectedSpeckle:
             auto.Float, spot.rayleigh_length
         )
         radius = dr.opaque(auto.Float, spot.waist_radius) * dr.sqrt(1.0 + dr.square(away))
-        sweep = dr.opaque(auto.Float, self.sweep) if isinstance(self.sweep, float) else self.sweep
-        averaged = patterns(sweep, distance / radius)
-        across = within_height(beam + spread, dr.opaque(auto.Float, self.height))
-        even = dr.opaque(auto.Float, self.contrast**2) * pixel_variance(self.grain, beam + spread, across)
-        return SpotSpeckle(self.grain, even / averaged, dr.sqrt(beam + spread))
+        along, across = (
+            (dr.opaque(auto.Float, way) if isinstance(way, float) else way) * distance for way in self.travel
+        )
+        packets = packets_of(self.optics, beam, beam)
+        energy, others = packets.moving(*averaged(along, across, radius))
+        whole = dr.opaque(auto.Float, self.contrast**2) * packets.energy
+        return SpotSpeckle(self.optics, packets, whole * energy, whole * others, dr.sqrt(beam + spread))
 
 
 @dataclass
 class SpotSpeckle:
     """The speckle of the spots of m shots, Dr.Jit arrays of shape (m,).
 
-    ``variance`` relative variance of a pixel under an even light, ``sigma`` standard deviation of the spot [pixel].
+    ``energy`` relative variance of the charge; ``others`` the same scale of all other modes; ``sigma`` standard
+    deviation of the whole spot [pixel].
     """
 
-    grain: Grain
-    variance: Any
+    optics: Optics
+    packets: Packets
+    energy: Any
+    others: Any
     sigma: Any
 
-    def relative(self, apart: Any) -> Any:
-        """Return the relative variance of pixels whose centres are ``apart`` from the spot's middle [pixel]."""
-        return self.variance * quick_concentration(apart, self.sigma, self.grain)
+    def bend(self, apart: Any) -> Any:
+        """Return the variance of pixels ``apart`` from the spot's middle [pixel] by modes beyond energy and place.
+
+        Relative to the square of the spot's charge.
+        """
+        edges = self._edges(apart + 0.5), self._edges(apart - 0.5)
+        high, low = (modes[2:] for modes in edges)
+        return self.others * sum(
+            (dr.square(one - other) for one, other in zip(high, low, strict=True)), auto.Float(0.0)
+        )
 
     def carried(self, slopes: dict[int, Any], charges: dict[int, Any], shift: Any) -> Any:
         """Return the variance that the speckle gives a quantity.
@@ -85,33 +88,28 @@ class SpotSpeckle:
         Parameters
         ----------
         slopes
-            Derivative of the quantity by the charge of the pixel at each step from the brightest one.
+            Derivative of the quantity by the charge of the pixel at each step from the brightest one, of all from the
+            first to the last.
         charges
             The spot's charges there [electron].
         shift
             Place of the spot from the brightest pixel's centre [pixel].
         """
-        moved = {
-            step: slope * charges[step] * dr.sqrt(quick_concentration(step - shift, self.sigma, self.grain))
-            for step, slope in slopes.items()
-        }
-        total = auto.Float(0.0)
-        for lag, correlation in enumerate(self.grain.correlations):
-            weight: Any = dr.opaque(auto.Float, correlation if lag == 0 else 2.0 * correlation)
-            pairs = [moved[step] * moved[step + lag] for step in moved if step + lag in moved]
-            total += weight * sum(pairs, auto.Float(0.0))
-        return self.variance * total
+        steps = sorted(slopes)
+        scale = math.sqrt(0.5) / self.sigma
+        share = dr.erf((steps[-1] + 0.5 - shift) * scale) - dr.erf((steps[0] - 0.5 - shift) * scale)
+        whole = sum(charges.values(), auto.Float(0.0)) / dr.maximum(0.5 * share, 0.05)
+        moved = [auto.Float(0.0) for _ in range(self.optics.modes)]
+        before = self._edges(steps[0] - 0.5 - shift)
+        for step in steps:
+            after = self._edges(step + 0.5 - shift)
+            moved = [
+                dr.fma(slopes[step], high - low, total)
+                for total, high, low in zip(moved, after, before, strict=True)
+            ]
+            before = after
+        others = sum((dr.square(total) for total in moved[1:]), auto.Float(0.0))
+        return dr.square(whole) * (self.energy * dr.square(moved[0]) + self.others * others)
 
-
-def within_height(variance: Any, height: Any) -> Any:
-    """Return the variance of what a height, centred on it, lets through of a Gaussian.
-
-    Johnson, Kotz, Balakrishnan, *Continuous univariate distributions* 1, 1994, ch. 13.
-    """
-    half = 0.5 * height * dr.rsqrt(variance)
-    share = dr.erf(half * math.sqrt(0.5))
-    density = dr.exp(-0.5 * dr.square(half)) / math.sqrt(2.0 * math.pi)
-    # Far narrower than the Gaussian the height is evenly lit.
-    narrow = half < 0.1
-    kept = dr.select(narrow, dr.square(half) / 3.0, 1.0 - 2.0 * half * density / dr.maximum(share, 1e-3))
-    return variance * kept
+    def _edges(self, apart: Any) -> list[Any]:
+        return mode_edges(self.optics, self.packets.ratio, apart / self.packets.sigma)

@@ -113,8 +113,11 @@ def judge_shape(
     for weight, charge, (_, variance) in zip((1.0, 2.0, 1.0), charges, three, strict=True):
         noise += dr.square(weight / charge) * variance
     if speckle is not None:
-        # The middle one counts for 2² and the outer ones for 1 each.
-        noise += 6.0 * speckle.variance
+        slopes = {
+            step: weight / charge
+            for step, weight, charge in zip((-1, 0, 1), (-1.0, 2.0, -1.0), charges, strict=True)
+        }
+        noise += speckle.carried(slopes, dict(zip((-1, 0, 1), charges, strict=True)), auto.Float(0.0))
     slack = dr.opaque(auto.Float, deviate) * dr.sqrt(noise)
     slack += dr.abs(2.0 / charges[1] - 1.0 / charges[0] - 1.0 / charges[2]) * around.baseline.doubt
     fits = curvature - slack <= (1.0 + _CURVATURE) / (low + _PIXEL)
@@ -148,6 +151,8 @@ def _fit(
     reach = farthest_pixel(spot)
     allowed = dr.square(tolerance * around(0)[0])
     scale = math.sqrt(0.5) / sigma
+    middle = 0.5 * (dr.erf((0.5 - place) * scale) + dr.erf((0.5 + place) * scale))
+    whole = around(0)[0] / dr.maximum(middle, 0.05)
     pixels = []
     aa, ab, bb, fa, fb = (auto.Float(0.0) for _ in range(5))
     saturated = auto.Bool(False)
@@ -162,7 +167,7 @@ def _fit(
         charge, variance = around(step)
         variance += around.baseline.level_variance
         if speckle is not None:
-            variance += speckle.relative(step - place) * dr.square(charge)
+            variance += speckle.bend(step - place) * dr.square(whole)
         counts = around.inside(step) & (dr.abs(auto.Int32(step)) <= guard)
         weight = dr.select(counts, dr.rcp(variance + allowed), 0.0)
         saturated |= counts & around.full(step)

@@ -81,6 +81,6 @@ def test_a_receiver_that_looks_further_right_sees_the_spot_nearer(device: Device
     from scanner_sim.scanner import Scanner
 
     scanner = Scanner()
-    bench = Bench(scanner.laser, scanner.receiver, 0.05, 1.0, 50e-6, 250e-6, 0.0)
+    bench = Bench(scanner.laser, scanner.receiver, 0.05, 1.0, 50e-6, 250e-6, 0.0, 40e-6)
     moved = out_of_step(bench, mi.Float(0.0), mi.Float(1e-5))
     np.testing.assert_allclose(moved.numpy(), 1e-6, rtol=1e-5)

@@ -123,6 +123,7 @@ def _line_of(theta: float, phi: float, about_y: float, about_x: float, z: float)
         pitch=scanner.position_sensor.pitch,
         height=scanner.position_sensor.height,
         offset=scanner.position_sensor.offset,
+        diffusion=scanner.position_sensor.diffusion,
     )
     loaded = load_scene(Scene(objects=(wall,)))
     shot = Shots(number=mi.UInt32(0), theta=mi.Float(theta), phi=mi.Float(phi))

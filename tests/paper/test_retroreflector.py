@@ -99,7 +99,14 @@ def bench(coaxial: bool) -> Any:
 
     sensor = SCANNER.position_sensor
     beside = Bench(
-        SCANNER.laser, SCANNER.receiver, SCANNER.mirrors.axis_separation, 1.0, sensor.pitch, 1e-3, 0.0
+        SCANNER.laser,
+        SCANNER.receiver,
+        SCANNER.mirrors.axis_separation,
+        1.0,
+        sensor.pitch,
+        1e-3,
+        0.0,
+        sensor.diffusion,
     )
     if not coaxial:
         return beside

@@ -36,7 +36,8 @@ def bench() -> Any:
 
     sensor = SCANNER.position_sensor
     separation = SCANNER.mirrors.axis_separation
-    return Bench(SCANNER.laser, SCANNER.receiver, separation, 1.0, sensor.pitch, sensor.height, sensor.offset)
+    place = sensor.pitch, sensor.height, sensor.offset, sensor.diffusion
+    return Bench(SCANNER.laser, SCANNER.receiver, separation, 1.0, *place)
 
 
 def panorama_lines(

@@ -42,6 +42,7 @@ def lines(objects: list[dict[str, Any]], bounces: int, paths: int, count: int) -
         sensor.pitch,
         sensor.height,
         sensor.offset,
+        sensor.diffusion,
     )
     loaded = load_scene(Scene(objects=tuple(objects)))
     shots = Shots(dr.arange(mi.UInt32, count), dr.zeros(mi.Float, count), dr.zeros(mi.Float, count))
@@ -77,7 +78,7 @@ def test_a_mirror_throws_a_false_spot(tmp_path: Path) -> None:
     power = SCANNER.laser.power * 0.5 / np.pi * (across / distance) * (along / distance) / distance**2
     power *= receiver.aperture_area * receiver.transmission
     image = receiver.focal_length * 0.5 * SCANNER.laser.radius(3.15) / along
-    power *= erf(0.5 * SCANNER.position_sensor.height / np.hypot(image, receiver.point_spread) / np.sqrt(2.0))
+    power *= erf(0.5 * SCANNER.position_sensor.height / np.hypot(image, SCANNER.point_spread) / np.sqrt(2.0))
     assert line.sum() == pytest.approx(power, rel=0.01)
 
 
@@ -170,7 +171,7 @@ def veil_by_quadrature(first: float, second: float, depth: float, side: float) -
     to_lens = np.sqrt(across**2 + y**2 + z**2)
     seen = second / np.pi * (across / to_lens) * (z / to_lens) / to_lens**2
     p, q = receiver.focal_length * across / z, receiver.focal_length * y / z
-    blur, length = receiver.point_spread, sensor.length
+    blur, length = SCANNER.point_spread, sensor.length
     inside = norm.cdf((0.5 * sensor.height - q) / blur) - norm.cdf((-0.5 * sensor.height - q) / blur)
     inside = inside * (norm.cdf((length - p) / blur) - norm.cdf(-p / blur))
     area = (z[1, 0] - z[0, 0]) * (y[0, 1] - y[0, 0])

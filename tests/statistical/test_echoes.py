@@ -50,6 +50,7 @@ def bench(laser: Laser | None = None) -> Any:
         sensor.pitch,
         sensor.height,
         sensor.offset,
+        sensor.diffusion,
     )
 
 

@@ -85,7 +85,7 @@ def by_beamlets(shots: int, paths: int) -> np.ndarray:
     sensor, receiver = scanner.position_sensor, scanner.receiver
     # No distance between the axes: all beams leave one point, as the other program's spot light does.
     laser = Laser(waist_radius=0.2e-3, wavelength=0.3e-6)
-    bench = Bench(laser, receiver, 0.0, 1.0, sensor.pitch, sensor.height, sensor.offset)
+    bench = Bench(laser, receiver, 0.0, 1.0, sensor.pitch, sensor.height, sensor.offset, sensor.diffusion)
     common = {"shape": "rectangle", "size": (400.0, 400.0), "material": {"reflectance": 0.5}}
     turned = {"axis": "y", "angle": -0.5 * np.pi}
     walls = (

@@ -169,6 +169,30 @@ def polarisation(patch: Patch) -> None:
     wrapped(patch, loader, "load_scene", changed)
 
 
+def envelope(patch: Patch) -> None:
+    """Let speckle average over the whole spot, as if its blur held packets of its own."""
+    from scanner_sim.detector import speckle
+
+    def changed(original: Any, optics: Any, along: Any, across: Any) -> Any:
+        blur = optics.aberration**2 + optics.diffusion**2
+        return original(optics, along + blur, across + blur)
+
+    wrapped(patch, speckle, "packets_of", changed)
+
+
+def wavefront(patch: Patch) -> None:
+    """Let the lens's aberration blur the light as diffusion does."""
+    from scanner_sim.detector import speckle
+
+    def changed(original: Any, light: Any, places: Any, optics: Any, *rest: Any, **more: Any) -> Any:
+        blur = (optics.aberration**2 + optics.diffusion**2) ** 0.5
+        return original(
+            light, places, dataclasses.replace(optics, aberration=0.0, diffusion=blur), *rest, **more
+        )
+
+    wrapped(patch, speckle, "line_speckle", changed)
+
+
 def synchronisation(patch: Patch) -> None:
     mirrors(patch, synchronisation=2.0)
 
@@ -270,6 +294,10 @@ FAULTS: list[tuple[Callable[[Patch], None], str]] = [
     (separation, "points"),
     (synchronisation, "sigma_synchronisation"),
     (polarisation, "speckle_limit"),
+    (polarisation, "speckle_contrast"),
+    (envelope, "speckle_contrast"),
+    (envelope, "speckle_limit"),
+    (wavefront, "speckle_limit"),
     (photons, "sigma_shot"),
     (read_out, "sigma_read"),
     (read_out, "cramer_rao"),

@@ -41,6 +41,7 @@ def bench() -> Any:
         sensor.pitch,
         sensor.height,
         sensor.offset,
+        sensor.diffusion,
     )
 
 

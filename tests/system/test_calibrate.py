@@ -164,9 +164,9 @@ def test_estimators_that_find_no_room_are_refused(config: Path) -> None:
 @pytest.mark.parametrize(
     ("peak", "scanner", "words"),
     [
-        ("gaussian", {"receiver": {"point_spread": 5e-6}}, "below 0.35 no estimator interpolates, not gaussian either"),
+        ("gaussian", {"position_sensor": {"diffusion": 1e-6}}, "below 0.35 no estimator interpolates, not gaussian"),
         ("centre_of_mass", {}, "centre_of_mass reads 7 pixels and cuts the spot"),
-        ("gaussian", {"receiver": {"point_spread": 600e-6}}, "see its core only"),
+        ("gaussian", {"position_sensor": {"diffusion": 600e-6}}, "see its core only"),
     ],
 )  # fmt: skip
 def test_estimators_that_work_badly_are_named(peak: str, scanner: dict[str, Any], words: str) -> None:

@@ -160,7 +160,8 @@ def test_laws_hold_for_other_instruments(config: Path) -> None:
     Expected: all laws hold. Tolerance: level 10⁻³, seed fixed.
     """
     changes = [
-        "scanner.receiver={focal_length: 150 mm, baseline: 0.3 m, aperture: 30 mm, point_spread: 60 um}",
+        "scanner.receiver={focal_length: 150 mm, baseline: 0.3 m, aperture: 30 mm, aberration: 30 um}",
+        "scanner.position_sensor.diffusion=52 um",
         "scanner.laser={wavelength: 1.3 um, waist_radius: 3 mm, power: 8 mW}",
         "scanner.filter={bandwidth: 20 nm, shape: cavities}",
         "scanner.position_sensor={pixels: 320, pitch: 60 um, height: 400 um, read_noise: 2000 electron}",

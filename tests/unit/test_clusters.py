@@ -19,7 +19,6 @@ class Spots:
     power: Any
     position: Any
     sigma: Any
-    across: Any
     coherence: Any
 
 
@@ -32,8 +31,7 @@ def spots(device: Device) -> Spots:
     power = random.uniform(0.0, 1.0, (COUNT, SHOTS)) * (random.uniform(size=(COUNT, SHOTS)) > 0.33)
     position = random.uniform(20.0, 60.0, (COUNT, SHOTS))
     sigma = random.uniform(0.8, 1.2, (COUNT, SHOTS))
-    across, coherence = random.uniform(0.5, 2.0, (COUNT, SHOTS)), random.uniform(0.5, 1.0, (COUNT, SHOTS))
-    parts = (power, position, sigma, across, coherence)
+    parts = (power, position, sigma, random.uniform(0.5, 1.0, (COUNT, SHOTS)))
     return Spots(*(mi.Float(part.astype(np.float32).T.ravel()) for part in parts))
 
 
@@ -59,10 +57,11 @@ def test_moments_are_kept(spots: Spots, clusters: int) -> None:
     assert found.count == clusters
     np.testing.assert_allclose(actual, expected, rtol=2e-6)
     power = spots.power.numpy().astype(np.float64).reshape(SHOTS, -1)
-    for kept, given in ((found.across, spots.across), (found.coherence, spots.coherence)):
-        mean = (power * given.numpy().reshape(SHOTS, -1)).sum(axis=1) / power.sum(axis=1)
-        amount, values = (part.numpy().astype(np.float64).reshape(-1, SHOTS) for part in (found.amount, kept))
-        np.testing.assert_allclose((amount * values).sum(axis=0) / amount.sum(axis=0), mean, rtol=2e-6)
+    mean = (power * spots.coherence.numpy().reshape(SHOTS, -1)).sum(axis=1) / power.sum(axis=1)
+    amount, values = (
+        part.numpy().astype(np.float64).reshape(-1, SHOTS) for part in (found.amount, found.coherence)
+    )
+    np.testing.assert_allclose((amount * values).sum(axis=0) / amount.sum(axis=0), mean, rtol=2e-6)
 
 
 def test_pixels_share_all_the_light(spots: Spots) -> None:

@@ -114,7 +114,10 @@ def test_tiled_order_visits_every_voxel_once() -> None:
         ("scene.objects=[]", "empty"),
         ("processing.threshold=1", "noise alone"),
         ("processing.range_gate=[0.1 m, 5 m]", "reaches beyond"),
-        ("scanner.receiver.point_spread=1 um", "narrower than a pixel"),
+        (
+            "scanner={receiver: {aberration: 0 um}, position_sensor: {diffusion: 1 um}}",
+            "narrower than a pixel",
+        ),
         ("scene.objects.t.position=[0 m, 0 m, -3 m]", "behind the scanner"),
         ("scene.objects.t.position=[0 m, 0 m, 1 m]", "nearer than"),
         ("scene.objects.t.position=[0 m, 0 m, 0 m]", "stands at the scanner"),

@@ -98,6 +98,7 @@ def test_they_turn_with_the_travel_and_the_beam(device: Device) -> None:
         sensor.pitch,
         sensor.height,
         sensor.offset,
+        sensor.diffusion,
     )
     count, distance = 64, 10.0
     right, down = np.array([8e-4, -3e-4, 0.0, 0.0]), np.array([0.0, 5e-4, -6e-4, 0.0])

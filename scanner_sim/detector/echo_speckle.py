@@ -1,0 +1,59 @@
+"""Speckle of echoes: how the energy of a pulse departs from its mean."""
+
+from __future__ import annotations
+
+from typing import Any, Protocol
+
+import drjit as dr
+import drjit.auto.ad as auto
+
+from scanner_sim.detector.packets import gamma_like
+from scanner_sim.detector.surface_noise import LatticePlaces, Places, coarse_numbers, fine_numbers
+from scanner_sim.optics.speckle import packets
+
+
+class PulseLight(Protocol):
+    """Shares of the pulse's power that come back, Dr.Jit, shape (c · m,): entry k · m + j is echo k of shot j."""
+
+    share: Any
+    reference: Any
+
+
+def echo_speckle(light: PulseLight, places: Places, coherence: Any, aperture: float, seed: int) -> Any:
+    """Return what multiplies the echoes of m shots, shape (c · m,).
+
+    Parameters
+    ----------
+    light
+        Their light as it is on the average.
+    places
+        Where their beams are.
+    coherence
+        C² of the light, shape (m,).
+    aperture
+        Of the lens, in wavelengths.
+    seed
+        Seed of the patterns.
+
+    Notes
+    -----
+    The light of a shot has M packets, M = (π w D/2λR)² for a large beam; an echo with a share of the light has as
+    large a share of them, and its energy the variance C²/(M share), at most C². The pattern of a lone echo is that of
+    the energy on the line: the beam and the lens are the same.
+    """
+    m = dr.width(light.reference)
+    count = dr.width(light.share) // m
+    shot = dr.arange(auto.UInt32, m)
+    ratio = 0.5 * dr.opaque(auto.Float, aperture) * places.radius / places.distance
+    energy = coherence / packets(ratio)
+    lattice = LatticePlaces.of(places)
+    if count == 1:
+        return gamma_like(dr.sqrt(energy), fine_numbers(lattice, seed)[0])
+    shares = [dr.gather(auto.Float, light.share, shot + number * m) for number in range(count)]
+    whole = sum(shares, auto.Float(0.0))
+    return dr.concat(
+        [
+            gamma_like(dr.sqrt(dr.minimum(energy * whole / dr.maximum(share, 1e-30), coherence)), normal)
+            for share, normal in zip(shares, coarse_numbers(lattice, count, 3, seed), strict=True)
+        ]
+    )

@@ -1,0 +1,86 @@
+"""Packets of speckle on pixels and in time: the modes of a line of pixels, and what a dwell averages.
+
+The laws are those of :mod:`scanner_sim.optics.speckle`; they need functions that Dr.Jit and NumPy each have their own
+of.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import numpy as np
+from scipy.special import erf
+
+from scanner_sim.optics.speckle import Optics
+
+_SHORT = 0.1
+"""Travel in radii of the beam below which averages follow their series: their differences drown in rounding."""
+
+
+def averaged(along: Any, across: Any, radius: Any) -> tuple[Any, Any]:
+    """Return what a dwell leaves of the variance of energy and of centroid: 1 for a beam at rest.
+
+    Parameters
+    ----------
+    along, across
+        Travel of the beam over the surface in the dwell, along the line's direction and across it.
+    radius
+        1/e² radius w of the beam there. Numbers, NumPy or Dr.Jit arrays.
+
+    Notes
+    -----
+    (2/L²) ∫₀^L (L − δ) ρ(δ) dδ of ρ = exp(−δ²/w²) and (1 − 2 (δ cosα)²/w²) exp(−δ²/w²), with t = L/w and
+    c = cosα = along/L: A = √π erf(t)/t − (1 − exp(−t²))/t² and A (1 − c²) + c² (1 − exp(−t²))/t².
+    """
+    squared: Any = (along * along + across * across) / (radius * radius)
+    short = squared < _SHORT**2
+    device = dr.is_jit_v(squared)
+    library: Any = dr if device else np
+    select: Any = dr.select if device else np.where
+    safe = select(short, _SHORT**2, squared)
+    t = library.sqrt(safe)
+    by_slope = (1.0 - library.exp(-safe)) / safe
+    energy = math.sqrt(math.pi) * (library.erf(t) if device else erf(t)) / t - by_slope
+    energy = select(short, 1.0 - squared / 6.0, energy)
+    by_slope = select(short, 1.0 - 0.5 * squared, by_slope)
+    share = along * along / (radius * radius) / select(squared > 0.0, squared, 1.0)
+    return energy, energy + share * (by_slope - energy)
+
+
+def mode_edges(optics: Optics, ratio: Any, place: Any) -> list[Any]:
+    """Return the integrals of the modes up to a place: what a pixel has of them are differences.
+
+    Parameters
+    ----------
+    optics
+        Says how many modes there are.
+    ratio
+        r.
+    place
+        Distance of an edge from the spot's middle over σ, Dr.Jit.
+
+    Notes
+    -----
+    Φ(x) for n = 0; then −rⁿ He_{n−1}(x) φ(x)/√n!, by the recurrence of normalised Hermite polynomials.
+    """
+    found = [0.5 * dr.erf(place * math.sqrt(0.5))]
+    density = dr.exp(-0.5 * dr.square(place)) * (1.0 / math.sqrt(2.0 * math.pi))
+    power, before, now = -ratio * density, 0.0 * place, 0.0 * place + 1.0
+    for order in range(1, optics.modes):
+        # now is He_{n−1}/√(n−1)!
+        found.append(power * now * (1.0 / math.sqrt(order)))
+        after = (place * now - math.sqrt(order - 1.0) * before) * (1.0 / math.sqrt(order))
+        before, now = now, after
+        power = power * ratio
+    return found
+
+
+def gamma_like(deviation: Any, normal: Any) -> Any:
+    """Return numbers of mean 1 and a standard deviation, nearly gamma distributed, from standard normal ones.
+
+    (1 − v/9 + √v z/3)³ with the variance v (Wilson and Hilferty, *PNAS* 17, 1931), not below 0.
+    """
+    root = dr.maximum(1.0 + deviation * (normal * (1.0 / 3.0) - deviation * (1.0 / 9.0)), 0.0)
+    return root * dr.square(root)
