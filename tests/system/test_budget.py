@@ -16,7 +16,7 @@ from scanner_sim import load_scenario
 from scanner_sim.analytic.budget import range_budget
 from scanner_sim.analytic.time_of_flight import crossing_range
 from scanner_sim.cli import app
-from scanner_sim.compare.instrument import instrument_of, with_closed_forms
+from scanner_sim.compare.instrument import closed_crossing, instrument_of, with_closed_forms
 from scanner_sim.constants import SPEED_OF_LIGHT
 from scanner_sim.products.budget import crossing
 from scanner_sim.studies.budget import HALF, measure_budget, sources_of, swept
