@@ -211,7 +211,7 @@ def figure_18(task: Task) -> Outcome:
             f"{100.0 * moved['filter']:.2f} %, {100.0 * moved['no filter']:.2f} %",
             max(moved["filter"], moved["no filter"]) < 0.01,
         ),
-        alike(
+        judged(
             "without filter, but half of the dwell without the laser",
             "",
             "more than without",
