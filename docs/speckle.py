@@ -116,8 +116,8 @@ def tables() -> str:
         "One frozen pattern of the preset's beam at f/4, C = 1/√2; the spot of a point is 40 µm in all, shared out in "
         "three ways:",
         by_range(),
-        "Estimators differ, because each reads another part of the spot. One frozen pattern, in units of C λN, to first "
-        "order:",
+        "Estimators differ, because each reads another part of the spot. One frozen pattern, in units of C λN, to "
+        "first order:",
         by_estimator(),
         "What a dwell leaves of the variances:",
         by_travel(),

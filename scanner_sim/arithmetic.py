@@ -18,6 +18,8 @@ Array = NDArray[np.float64]
 
 _SWEEPS = 12
 """Jacobi's method needs about six sweeps for 6 × 6 in float64."""
+_POLISH = 3
+"""Steps of Newton's method on roots that are known to half the digits."""
 _HIDDEN = 1e-17
 """Size of an entry over the geometric mean of its diagonal ones that float64 does not notice."""
 
@@ -39,13 +41,13 @@ def applied(matrix: ArrayLike, vector: ArrayLike) -> Array:
     )
 
 
-def solve(matrix: Array, right: Array) -> Array:
+def solve_linear(matrix: Array, right: Array) -> Array:
     """Return X of A X = B for symmetric positive definite A.
 
     Parameters
     ----------
     matrix
-        A, shape (..., n, n).
+        A, shape (..., n, n). Others will do whose leading minors are not small, as triangular ones.
     right
         B, shape (..., n, m).
 
@@ -60,20 +62,46 @@ def solve(matrix: Array, right: Array) -> Array:
     2013, section 4.2; Higham, *Accuracy and Stability of Numerical Algorithms*, 2002, section 14.4).
     """
     size = matrix.shape[-1]
-    stack = np.broadcast_shapes(matrix.shape[:-2], right.shape[:-2])
-    both = np.empty((*stack, size, size + right.shape[-1]))
-    both[..., :size], both[..., size:] = matrix, right
+    stack = matrix.shape[:-2]
+    if right.shape[:-2] not in ((), stack):
+        stack = np.broadcast_shapes(stack, right.shape[:-2])
+    both = np.empty((size, size + right.shape[-1], *stack))
+    both[:, :size], both[:, size:] = _leading(matrix, len(stack)), _leading(right, len(stack))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for step in range(size):
-            row = both[..., step, step + 1 :] / both[..., step, step, None]
-            both[..., step + 1 :] -= both[..., step, None] * row[..., None, :]
-            both[..., step, step + 1 :] = row
-    return both[..., size:]
+            row = both[step, step + 1 :] / both[step, step]
+            both[:, step + 1 :] -= both[:, step, None] * row
+            both[step, step + 1 :] = row
+    return _trailing(both[:, size:])
 
 
 def inverse(matrix: Array) -> Array:
-    """Return the inverse of symmetric positive definite matrices, shape (..., n, n), as :func:`solve` does."""
-    return solve(matrix, np.eye(matrix.shape[-1]))
+    """Return the inverse of matrices (..., n, n) of the kind that :func:`solve_linear` takes."""
+    return solve_linear(matrix, np.eye(matrix.shape[-1]))
+
+
+def pseudo_inverse(matrix: ArrayLike) -> Array:
+    """Return the inverse of symmetric matrices (..., n, n) in the space that they span (Moore and Penrose).
+
+    What is less than n ε of the largest eigenvalue counts as none.
+    """
+    values, vectors = eigen(matrix)
+    size = np.abs(values)
+    spanned = size > values.shape[-1] * np.finfo(np.float64).eps * size.max(axis=-1, keepdims=True)
+    inverted = np.where(spanned, 1.0 / np.where(spanned, values, 1.0), 0.0)
+    return product(vectors * inverted[..., None, :], np.swapaxes(vectors, -1, -2))
+
+
+def cholesky(matrix: ArrayLike) -> Array:
+    """Return lower triangular L with L Lᵀ the symmetric positive definite matrices (..., n, n); NaN for others."""
+    given = _leading(np.asarray(matrix, dtype=np.float64))
+    lower = np.zeros_like(given)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for step in range(len(given)):
+            known = lower[step, :step]
+            rest = given[step:, step] - np.sum(lower[step:, :step] * known, axis=1)
+            lower[step:, step] = rest / np.sqrt(rest[0])
+    return _trailing(lower)
 
 
 def eigen(matrix: ArrayLike) -> tuple[Array, Array]:
@@ -93,41 +121,121 @@ def eigen(matrix: ArrayLike) -> tuple[Array, Array]:
     -----
     Jacobi's method, cyclic by rows (Golub, Van Loan, *Matrix Computations*, 2013, section 8.5).
     """
-    here = np.array(matrix, dtype=np.float64)
-    size = here.shape[-1]
-    vectors = np.zeros_like(here) + np.eye(size)
+    here = _leading(np.asarray(matrix, dtype=np.float64)).copy()
+    size = len(here)
+    vectors = np.zeros_like(here)
+    vectors[np.arange(size), np.arange(size)] = 1.0
     pairs = [(p, q) for p in range(size) for q in range(p + 1, size)]
     for _ in range(_SWEEPS):
         turned = [_turned(here, vectors, p, q) for p, q in pairs]
         if not any(turned):
             break
-    values = np.diagonal(here, axis1=-2, axis2=-1)
+    values = np.moveaxis(here[np.arange(size), np.arange(size)], 0, -1)
     order = np.argsort(values, axis=-1, kind="stable")
-    return np.take_along_axis(values, order, -1), np.take_along_axis(vectors, order[..., None, :], -1)
+    return np.take_along_axis(values, order, -1), np.take_along_axis(
+        _trailing(vectors), order[..., None, :], -1
+    )
 
 
 def _turned(matrix: Array, vectors: Array, p: int, q: int) -> bool:
-    """Bring entry (p, q) of matrices to zero by a plane rotation, in place; their vectors turn with them.
+    """Bring entry (p, q) of matrices (n, n, ...) to zero by a plane rotation, in place; their vectors turn with them.
 
     Return whether there was anything to do: what rounding hides beside the diagonal stays.
     """
-    off, first, second = matrix[..., p, q], matrix[..., p, p], matrix[..., q, q]
+    off, first, second = matrix[p, q], matrix[p, p], matrix[q, q]
     small = np.abs(off) <= _HIDDEN * np.sqrt(np.abs(first * second))
     if small.all():
         return False
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         ratio = (second - first) / (2.0 * off)
         tangent = np.copysign(1.0, ratio) / (np.abs(ratio) + np.sqrt(1.0 + ratio * ratio))
-    tangent = np.where(small, 0.0, tangent)[..., None]
+    tangent = np.where(small, 0.0, tangent)
     cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
     sine = tangent * cosine
-    for array in (matrix, vectors):
-        along, across = array[..., p].copy(), array[..., q].copy()
-        array[..., p], array[..., q] = cosine * along - sine * across, sine * along + cosine * across
-    along, across = matrix[..., p, :].copy(), matrix[..., q, :].copy()
-    matrix[..., p, :], matrix[..., q, :] = cosine * along - sine * across, sine * along + cosine * across
-    matrix[..., p, q] = matrix[..., q, p] = 0.0
+    for array in (matrix, vectors, np.swapaxes(matrix, 0, 1)):
+        along, across = array[:, p].copy(), array[:, q].copy()
+        array[:, p], array[:, q] = cosine * along - sine * across, sine * along + cosine * across
+    matrix[p, q] = matrix[q, p] = 0.0
     return True
+
+
+def quartic_roots(coefficients: ArrayLike) -> tuple[Array, Array]:
+    """Return the roots of x⁴ + b x³ + c x² + d x + e.
+
+    Parameters
+    ----------
+    coefficients
+        b, c, d, e, shape (4, ...).
+
+    Returns
+    -------
+    real, imaginary
+        Shapes (4, ...); a pair of complex roots has opposite imaginary parts.
+
+    Notes
+    -----
+    Ferrari's way: y = x + b/4 obeys y⁴ + p y² + q y + r = 0, which is the product of y² ± s y + ½(p + s² ∓ q/s) with
+    s² the largest root of z³ + 2p z² + (p² − 4r) z − q² (Abramowitz, Stegun, *Handbook of Mathematical Functions*,
+    1964, section 3.8.3). Real roots are then polished by Newton's method.
+    """
+    b, c, d, e = np.asarray(coefficients, dtype=np.float64)
+    shift = 0.25 * b
+    p = c - 6.0 * shift * shift
+    q = d - 2.0 * c * shift + 8.0 * shift * shift * shift
+    r = e - d * shift + c * shift * shift - 3.0 * (shift * shift) * (shift * shift)
+    z = np.maximum(_largest_root(2.0 * p, p * p - 4.0 * r, -q * q), 0.0)
+    s, between = np.sqrt(z), p + z
+    apart = np.copysign(np.sqrt(np.maximum(between * between - 4.0 * r, 0.0)), q)
+    real, imaginary = np.empty((4, *b.shape)), np.zeros((4, *b.shape))
+    for pair, sign in enumerate((1.0, -1.0)):
+        square = 0.25 * z - 0.5 * (between - sign * apart)
+        reach = np.sqrt(np.abs(square))
+        for number, side in enumerate((1.0, -1.0)):
+            at = 2 * pair + number
+            real[at] = -0.5 * sign * s + np.where(square > 0.0, side * reach, 0.0) - shift
+            imaginary[at] = np.where(square > 0.0, 0.0, side * reach)
+    for _ in range(_POLISH):
+        value = (((real + b) * real + c) * real + d) * real + e
+        slope = ((4.0 * real + 3.0 * b) * real + 2.0 * c) * real + d
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+            better = real - value / slope
+            ahead = (((better + b) * better + c) * better + d) * better + e
+            # A step that gains nothing is rounding, or leaves a pair of near roots.
+            taken = (imaginary == 0.0) & (np.abs(ahead) < np.abs(value))
+        real = np.where(taken, better, real)
+    return real, imaginary
+
+
+def _largest_root(a: Array, b: Array, c: Array) -> Array:
+    """Return the largest real root of z³ + a z² + b z + c (Abramowitz, Stegun 1964, section 3.8.2)."""
+    third = a / 3.0
+    m, n = third * third - b / 3.0, third * third * third - 0.5 * third * b + 0.5 * c
+    # With z = y − a/3: y³ − 3 m y + 2 n = 0.
+    inside = n * n - m * m * m
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        root = np.sqrt(np.maximum(m, 0.0))
+        cosine = np.clip(-n / (root * root * root), -1.0, 1.0)
+        three = 2.0 * root * np.cos(arctan2(np.sqrt(1.0 - cosine * cosine), cosine) / 3.0)
+        far = -np.copysign(np.cbrt(np.abs(n) + np.sqrt(np.maximum(inside, 0.0)), dtype=np.longdouble), n)
+        one = far.astype(np.float64)
+        one = one + np.where(one == 0.0, 0.0, m / one)
+    return np.where(inside > 0.0, one, np.where(m > 0.0, three, 0.0)) - third
+
+
+def _leading(matrix: Array, axes: int | None = None) -> Array:
+    """Return matrices (..., n, m) as (n, m, ...): what is done to all of a stack is then done in one go.
+
+    A stack of fewer axes than asked for gets more in front, as in any broadcast.
+    """
+    stack = matrix.ndim - 2
+    turned = matrix.transpose(stack, stack + 1, *range(stack))
+    if axes is None or axes == stack:
+        return turned
+    return turned.reshape(*turned.shape[:2], *[1] * (axes - stack), *turned.shape[2:])
+
+
+def _trailing(matrix: Array) -> Array:
+    return np.ascontiguousarray(matrix.transpose(*range(2, matrix.ndim), 0, 1))
 
 
 def exp(x: ArrayLike) -> Array:

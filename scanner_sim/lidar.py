@@ -109,7 +109,8 @@ class EchoBench:
         from scanner_sim.signals.pulse_detection import PulseDetector
 
         unit = self.unit
-        return PulseDetector(unit.pulse, unit.photodiode, unit.digitiser, self.scenario.processing.pulse)
+        processing, laser = self.scenario.processing, self.scenario.scanner.laser
+        return PulseDetector(unit.pulse, unit.photodiode, unit.digitiser, processing.pulse, laser)
 
     @cached_property
     def amperes_per_electron(self) -> float:

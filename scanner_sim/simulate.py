@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.config import resolved_yaml
 from scanner_sim.errors import InputError
+from scanner_sim.neighbourhood import judge_neighbours
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.products.waveforms import WaveformSet, joined
@@ -17,7 +18,7 @@ from scanner_sim.render.guest import guest
 from scanner_sim.scan.raster import raster_aim, tiled_order
 from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
-from scanner_sim.voxel_records import refuse_isolated, voxel_record
+from scanner_sim.voxel_records import voxel_record
 from scanner_sim.workbench import Workbench
 
 BATCH = 65536
@@ -78,7 +79,7 @@ def simulate(
             progress(start + len(shots), scan.shots)
     theta, phi = scan.angles()
     channels = {name: values.reshape(scan.rows, scan.columns) for name, values in layers.items()}
-    refuse_isolated(scenario, channels, theta, phi)
+    judge_neighbours(scenario, channels, np.arange(scan.rows), np.arange(scan.columns))
     return RangeImage(
         channels=channels,
         theta=theta,
@@ -87,7 +88,7 @@ def simulate(
         materials=bench.loaded.materials,
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
-        warnings=_warnings(layers),
+        warnings=_warnings(channels),
     )
 
 

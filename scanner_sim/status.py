@@ -22,6 +22,8 @@ class Status(IntEnum):
     BAD_AMPLITUDE = 7
     ISOLATED = 8
     INCONSISTENT = 9
+    MIXED = 10
+    OVERLAP = 11
 
     @property
     def sentence(self) -> str:
@@ -40,6 +42,8 @@ _SENTENCES = {
     Status.BAD_AMPLITUDE: "the peak is brighter than any surface at its range could be",
     Status.ISOLATED: "the range agrees with none of its neighbours",
     Status.INCONSISTENT: "triangulation and time of flight disagree beyond chance, and this is the less precise",
+    Status.MIXED: "the spot lies on an edge: its light comes from more than one surface",
+    Status.OVERLAP: "the pulse is wider than a surface makes it: echoes of more than one overlap",
 }
 
 

@@ -1,4 +1,4 @@
-"""Voxels among their neighbours; and one voxel in full: line, what the estimator made of it, and the truth."""
+"""One voxel in full: line, what the estimator made of it, and the truth."""
 
 from __future__ import annotations
 
@@ -7,56 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.products.image import MEASURED, MEASURED_BY
+from scanner_sim.neighbourhood import judge_neighbours, reach
 from scanner_sim.products.voxel import VoxelRecord
-from scanner_sim.ranging.neighbours import isolated
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.raster import raster_aim
-from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
 from scanner_sim.workbench import Workbench
-
-
-def refuse_isolated(
-    scenario: Scenario,
-    layers: dict[str, NDArray[Any]],
-    theta: NDArray[np.float64],
-    phi: NDArray[np.float64],
-) -> None:
-    """Refuse the voxels of an image that agree with none of their neighbours; ``layers`` change in place.
-
-    This is for the triangulation: time of flight knows no background that moves a peak. What was fused with a
-    refused range is then the time of flight's alone.
-
-    Parameters
-    ----------
-    scenario
-        What was measured, and how it is processed.
-    layers
-        Layers of shape (rows, columns).
-    theta, phi
-        Deflections of the columns and of the rows [rad].
-    """
-    settings = scenario.processing.validation
-    if settings.isolated is None or scenario.ranging == "tof":
-        return
-    alone = isolated(
-        layers["range_m"],
-        layers["sigma_range_m"],
-        layers["status"].astype(np.uint32),
-        theta,
-        phi,
-        settings.isolated,
-        settings.steepest,
-    )
-    layers["status"][alone] = Status.ISOLATED
-    for name in MEASURED:
-        layers[name][alone] = np.nan
-    if scenario.ranging == "both":
-        for name in MEASURED_BY["fused.status"]:
-            layers[name][alone] = layers[name.replace("fused.", "tof.")][alone]
-        timed = layers["tof.status"][alone] == Status.VALID
-        layers["fused.status"][alone] = np.where(timed, Status.VALID, Status.ISOLATED)
 
 
 def voxel_record(bench: Workbench, row: int, column: int) -> VoxelRecord:
@@ -94,6 +50,7 @@ def voxel_record(bench: Workbench, row: int, column: int) -> VoxelRecord:
         sigma_peak_px=values["sigma_peak_px"],
         range_m=values["range_m"],
         sigma_range_m=values["sigma_range_m"],
+        sigma_texture_m=values["sigma_texture_m"],
         truth_peak_px=float(bench.geometry.pixel(true_position)),
         truth_range_m=values["truth.range_m"],
         method=processing.peak,
@@ -102,15 +59,15 @@ def voxel_record(bench: Workbench, row: int, column: int) -> VoxelRecord:
 
 
 def _among_neighbours(bench: Workbench, row: int, column: int) -> dict[str, float]:
-    """Measure a voxel with those around it, which have a say in its status."""
-    scan = bench.scenario.raster
-    rows = np.arange(max(row - 1, 0), min(row + 2, scan.rows))
-    columns = np.arange(max(column - 1, 0), min(column + 2, scan.columns))
+    """Measure a voxel with those around it, which have a say in its status and its σ."""
+    scan, away = bench.scenario.raster, reach(bench.scenario)
+    rows = np.arange(max(row - away, 0), min(row + away + 1, scan.rows))
+    columns = np.arange(max(column - away, 0), min(column + away + 1, scan.columns))
     shots = (rows[:, None] * scan.columns + columns[None, :]).astype(np.uint32)
     measured = bench.measure(raster_aim(scan, shots.ravel(), bench.scenario.scanner.dwell))
-    layers = {name: values.astype(np.float64).reshape(shots.shape) for name, values in measured.items()}
-    theta, phi = scan.angles()
-    refuse_isolated(bench.scenario, layers, theta[columns], phi[rows])
+    # Single precision as in an image, so that neighbours are judged by the same numbers.
+    layers = {name: values.astype(np.float32).reshape(shots.shape) for name, values in measured.items()}
+    judge_neighbours(bench.scenario, layers, rows, columns)
     here = int(np.flatnonzero(rows == row)[0]), int(np.flatnonzero(columns == column)[0])
     return {name: float(values[here]) for name, values in layers.items()}
 

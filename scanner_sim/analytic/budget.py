@@ -126,8 +126,7 @@ def range_budget(bench: Instrument, distance: float) -> dict[str, float]:
         }
         variance = np.maximum(sum(parts.values(), np.zeros(_LINE)), 1.0)
         if bench.contrast > 0.0:
-            # The fit weighs packets as if each fell on one pixel.
-            variance = variance + bench.contrast**2 * left[0] * grainy.energy_variance * charge * m
+            variance = variance + bench.contrast**2 * grainy.single_variance(left) * charge * m
         slopes = _slopes(bench.estimator, m, centre, along, charge, variance)
         for name, values in parts.items():
             squares[name].append(float(slopes**2 @ values))

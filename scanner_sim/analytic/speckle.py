@@ -119,6 +119,22 @@ class Spot:
         return pupil_averages(self.image / self.cell)[0]
 
     @property
+    def packets(self) -> tuple[float, float, float]:
+        """Variances [m²] of the packets' places from the surface and from aberration, and of what blurs each."""
+        energy, slope = pupil_averages(self.image / self.cell)
+        own = (self.cell / math.pi) ** 2 * (1.0 + (self.aberration / self.image) ** 2)
+        return 0.5 * self.image**2, self.aberration**2 * slope / energy, self.diffusion**2 + own
+
+    def single_variance(self, left: tuple[float, float]) -> float:
+        """Return the relative variance for C = 1 that the program's fit takes as one of single pixels.
+
+        Places to the fourth power over the whole spread: its weights leave out what pixels have in common.
+        """
+        surface, aberrant, blur = self.packets
+        places = (surface * left[1] + aberrant * left[0]) / (surface + aberrant)
+        return self.energy_variance * places * ((surface + aberrant) / (surface + aberrant + blur)) ** 2
+
+    @property
     def centroid_sigma(self) -> float:
         """Standard deviation of the centroid for C = 1 [m]."""
         energy, slope = pupil_averages(self.image / self.cell)
@@ -147,15 +163,14 @@ def pixel_covariance(
     as their own averages over the pupil have it; K is the pixel blurred by diffusion and by the packets' own size,
     (λN/π) √(1 + σ_a²/σ²). What all pixels have in common averages as the energy does, the rest as the places do.
     """
-    energy, slope = pupil_averages(spot.image / spot.cell)
-    surface, aberrant = 0.5 * spot.image**2, spot.aberration**2 * slope / energy
-    own = (spot.cell / math.pi) ** 2 * (1.0 + (spot.aberration / spot.image) ** 2)
+    energy = spot.energy_variance
+    surface, aberrant, blur = spot.packets
     place = (np.arange(800) + 0.5) / 100.0 - 4.0
     weight = np.exp(-0.5 * place**2)
     weight /= weight.sum()
     at = centre * spot.pitch + math.sqrt(surface + aberrant) * place
     edges = (np.arange(pixels + 1) - 0.5) * spot.pitch
-    seen = np.diff(ndtr((edges - at[:, None]) / math.hypot(spot.diffusion, math.sqrt(own))), axis=1)
+    seen = np.diff(ndtr((edges - at[:, None]) / math.sqrt(blur)), axis=1)
     mean = weight @ seen
     share = surface / (surface + aberrant)
     places = share * left[1] + (1.0 - share) * left[0]

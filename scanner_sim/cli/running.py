@@ -16,6 +16,7 @@ from scanner_sim.cli.tracking import run_tracking
 from scanner_sim.products.folder import check_target, claimed
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.run_folder import RUN, write_run
+from scanner_sim.products.summary import beyond
 from scanner_sim.products.track import TRACK
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scenario import Scenario
@@ -93,10 +94,17 @@ def closing(image: RangeImage, paths: Sequence[Path]) -> dict[str, str]:
         ranges, sigmas = image["range_m"][valid], image["sigma_range_m"][valid]
         rows["range"] = f"{np.median(ranges):.4g} m median, {ranges.min():.4g} m to {ranges.max():.4g} m"
         rows["σ of the range"] = f"{1e3 * float(np.median(sigmas)):.3g} mm median"
+        if "sigma_texture_m" in image:
+            uneven = image["sigma_texture_m"][valid] > np.sqrt(0.5) * sigmas
+            rows["σ by uneven light"] = f"more than noise in {100.0 * uneven.mean():.2g} % of the ranges"
     for way, name in (("time of flight", "tof."), ("both together", "fused.")):
         if "fused.range_m" in image and (image[f"{name}status"] == 0).any():
             sigma = np.nanmedian(image[f"{name}sigma_range_m"])
             rows[f"σ of {way}"] = f"{1e3 * float(sigma):.3g} mm median"
+    for way, of in (("", ""), ("fused.", " of both together")):
+        share = beyond(image, 5.0, way)
+        if share is not None:
+            rows[f"beyond 5 σ{of}"] = f"{100.0 * share:.2g} % of the ranges whose truth is known"
     for code in Status:
         count = np.count_nonzero(image["status"] == code)
         if count and code is not Status.VALID:

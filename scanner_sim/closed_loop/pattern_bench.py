@@ -117,6 +117,7 @@ class PatternBench:
             loaded.object_of,
             loaded.material_of,
             loaded.coherence,
+            loaded.frames,
             self._beamlets,
             throughput.laser,
             throughput.angle,

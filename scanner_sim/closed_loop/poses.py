@@ -8,6 +8,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import exp, product
 from scanner_sim.config import scenario_from_text
 from scanner_sim.pose.carried import carried, rounds_of
 from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
@@ -123,7 +124,7 @@ def rims_of(track: Track) -> Callable[[PatternRecord], Array]:
             return seen
         (pose,) = item.pose_at(record.time)
         points = target.centre + radius * np.concatenate([round_, np.zeros((len(_TURN), 1))], axis=1)
-        x, y, z = (points @ pose[:3, :3].T + pose[:3, 3]).T
+        x, y, z = (product(points, pose[:3, :3].T) + pose[:3, 3]).T
         _, theta, phi = angles_and_range(x, y, z, separation)
         return np.stack([theta, phi], axis=1)
 
@@ -193,5 +194,5 @@ def _between(scanner: Scanner, place: Array, lasting: Array) -> Array:
     known = reach[np.isfinite(reach)]
     width = image_variance(scanner, float(np.median(known))) if known.size else 1.0
     squared = (pixel[:, :, None] - pixel[:, None, :]) ** 2 / width
-    correlation = (1.0 - 0.5 * squared) * np.exp(-0.25 * squared)
+    correlation = (1.0 - 0.5 * squared) * exp(-0.25 * squared)
     return np.asarray(correlation * np.sqrt(lasting[:, :, None] * lasting[:, None, :]))

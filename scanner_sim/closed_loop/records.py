@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import applied, product
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.scenario import Scenario
 from scanner_sim.tracking.measurement import Measurement
@@ -104,7 +105,7 @@ class Recorder:
             place=place,
             covariance=covariance,
             point=point,
-            point_covariance=by_place @ covariance @ by_place.T,
+            point_covariance=product(by_place, covariance, by_place.T),
             truth=truth,
             truth_point=truth_point,
             samples=samples,
@@ -121,7 +122,7 @@ class Recorder:
     def truth(self, target: TrackTarget, time: float) -> tuple[Array, Array]:
         """Return the true (Θ, φ, R) of a target's centre at a time [s], and its x, y, z [m], each of shape (3,)."""
         pose = self._items[target.object].pose_at(time)[0]
-        point = pose[:3, :3] @ target.centre + pose[:3, 3]
+        point = applied(pose[:3, :3], target.centre) + pose[:3, 3]
         distance, theta, phi = angles_and_range(point[0], point[1], point[2], self._separation)
         return np.array([theta, phi, distance]), point
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from scanner_sim.arithmetic import exp
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import averaged
 from scanner_sim.optics.deflection import Mirrors
@@ -29,6 +30,9 @@ _SUMMED = 9
 """Pixels whose charge is a peak's signal."""
 _UNEVEN = 0.01
 """Relative differences of the light from a surface that no noise explains, on a photodiode that sees the whole spot."""
+_MODEL = 5e-3
+"""Relative differences between a target's response and its model, a straight edge and a round spot, without any noise:
+the scatter of 128 voxels on discs at 4 to 12 m, tilted by up to 20°: 0.3 to 1 %."""
 _BETWEEN = 0.75
 """Place of a typical spot between the edges of its pixel, from the lower one."""
 _TOGETHER = 8192
@@ -106,7 +110,8 @@ class SignalNoise:
     def sigma(self, layers: dict[str, NDArray[Any]], motion: PatternMotion, expected_range: float) -> Array:
         """Return the standard deviations of the signals of a pattern, shape (points,), in their own unit.
 
-        Line sensor: σ² = 9 (κ N/q)² + (c N)². N is the charge of nine pixels, κ the share of the brightest one for a
+        Line sensor: σ² = 9 (κ N/q)² + (c N)² + (0.005 N)², the last for what the model of a target
+        leaves. N is the charge of nine pixels, κ the share of the brightest one for a
         spot that faces the scanner at the expected range, q the height over the noise of that pixel, which is that of
         all but the speckle. c is the contrast of the whole spot's speckle, c² = C² A/M of the beam's image
         (:mod:`scanner_sim.optics.speckle`) with what the dwell leaves of its variance, A. Photodiode: N/q, 1 % of N,
@@ -120,7 +125,7 @@ class SignalNoise:
         if timed:
             return np.asarray(np.sqrt(noise**2 + (_UNEVEN**2 + speckle) * signal**2))
         brightest = math.erf(0.5 / math.sqrt(2.0 * image_variance(scanner, expected_range)))
-        return np.asarray(np.sqrt(_SUMMED * (brightest * noise) ** 2 + speckle * signal**2))
+        return np.asarray(np.sqrt(_SUMMED * (brightest * noise) ** 2 + (speckle + _MODEL**2) * signal**2))
 
     def _relative(self, motion: PatternMotion, distance: float, timed: bool) -> Array | float:
         """Return the relative variance of the light of spots at a range [m] by speckle; a pulse lasts no dwell."""
@@ -290,7 +295,7 @@ def common_range_variance(scanner: Scanner, distance: float, signal: float) -> f
         return 0.0
     width = math.sqrt(image_variance(scanner, distance))
     edge = (np.arange(-8.0, 9.0) - _BETWEEN) / width
-    density = np.exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
+    density = exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
     charge, slope = signal * np.diff(ndtr(edge)), -signal * np.diff(density) / width
     variance = sensor.read_noise**2 + charge + (sensor.prnu * charge) ** 2
     weight = slope / variance / float((slope**2 / variance).sum())

@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import product
 from scanner_sim.scan.raster import Aim
 from scanner_sim.workbench import Workbench
 
@@ -143,7 +144,7 @@ class Windows:
             box = body.mitsuba.bbox()
             corners = np.array([np.asarray(box.corner(number)).ravel() for number in range(8)])
             before, after = (
-                pose[:, :3, :3] @ corners.T + pose[:, :3, 3:]
+                product(pose[:, :3, :3], corners.T) + pose[:, :3, 3:]
                 for pose in (body.item.pose_at(time - apart), body.item.pose_at(time + apart))
             )
             speed = np.linalg.norm(after - before, axis=1) / (2.0 * apart)

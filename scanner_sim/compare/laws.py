@@ -14,6 +14,7 @@ from scanner_sim.compare import (
     shape,
     speckle,
     targets,
+    uneven,
     walk,
 )
 from scanner_sim.compare.law import Law
@@ -34,6 +35,7 @@ LAWS: Final[tuple[Law, ...]] = (
     noise.BOUND,
     field.COVARIANCE,
     coverage.COVERAGE,
+    uneven.UNEVEN,
     pulses.TOF_RANGE,
     pulses.TOF_BOUND,
     pulses.TOF_SIGMA,

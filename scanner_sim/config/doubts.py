@@ -30,6 +30,8 @@ _MOMENTS = 257
 """Instants of a scan at which motions are looked at."""
 _BLUR = 0.3
 """Motion during a dwell, in radii of the beam, beyond which it could be seen in the spot."""
+_SWEPT = 8.0
+"""Spot diameters that a sweep may cover in a dwell before the mean over it says little of any one place."""
 _STRAY = 3.0
 """Error of a shadow's place in pixels that could be seen in the background."""
 
@@ -39,6 +41,7 @@ def doubts(scenario: Scenario) -> tuple[str, ...]:
     return (
         *_scene(scenario),
         *_motions(scenario),
+        *_sweep(scenario),
         *_ranges(scenario),
         *(() if scenario.ranging == "tof" else _instrument(scenario)),
         *(() if scenario.ranging == "triangulation" else _time_of_flight(scenario)),
@@ -96,6 +99,26 @@ def _motions(scenario: Scenario) -> Iterator[str]:
                 f"{place} moves by up to {1e3 * way.max() * scan.columns:.2g} mm during a row: the background is that "
                 "of the row's middle, and lags or leads by half of it at the ends"
             )
+
+
+def _sweep(scenario: Scenario) -> Iterator[str]:
+    """Doubt a raster so coarse that each voxel is the mean over a long stripe of the surface."""
+    scan, laser = scenario.scan, scenario.scanner.laser
+    if not isinstance(scan, RasterScan) or scenario.ranging == "tof":
+        return
+    shining = scan.travel * scenario.scanner.exposure / scenario.scanner.dwell
+    widest, name, far = 0.0, "", 0.0
+    for item in scenario.scene.objects:
+        distance = math.hypot(*item.pose_at(0.0)[0, :3, 3])
+        diameters = shining * distance / (2.0 * laser.radius(distance))
+        if diameters > widest:
+            widest, name, far = diameters, item.name, distance
+    if widest > _SWEPT:
+        yield (
+            f"scan.columns: at the {far:.3g} m of '{name}' the spot sweeps {widest:.2g} of its diameters while a voxel "
+            "is measured; edges and texture finer than that stay unseen and move ranges; use more columns, or "
+            "motion: stepped"
+        )
 
 
 def _ranges(scenario: Scenario) -> Iterator[str]:

@@ -13,6 +13,7 @@ import drjit as dr
 import numpy as np
 from scipy.special import erf
 
+from scanner_sim.arithmetic import exp
 from scanner_sim.optics.speckle import Optics
 
 _SHORT = 0.1
@@ -39,9 +40,10 @@ def averaged(along: Any, across: Any, radius: Any) -> tuple[Any, Any]:
     device = dr.is_jit_v(squared)
     library: Any = dr if device else np
     select: Any = dr.select if device else np.where
+    decay: Any = dr.exp if device else exp
     safe = select(short, _SHORT**2, squared)
     t = library.sqrt(safe)
-    by_slope = (1.0 - library.exp(-safe)) / safe
+    by_slope = (1.0 - decay(-safe)) / safe
     energy = math.sqrt(math.pi) * (library.erf(t) if device else erf(t)) / t - by_slope
     energy = select(short, 1.0 - squared / 6.0, energy)
     by_slope = select(short, 1.0 - 0.5 * squared, by_slope)

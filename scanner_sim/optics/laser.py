@@ -17,7 +17,7 @@ class Laser(Part):
     length z_R = π w₀² / (M² λ) (Siegman, *Lasers*, 1986, ch. 17; M²: ISO 11146-1:2021).
     """
 
-    power: Power = Field(default=15e-3, gt=0.0, le=1e6)
+    power: Power = Field(default=15e-3, ge=1e-12, le=1e6)
     """Power of the beam as it leaves the scanner."""
     wavelength: Length = Field(default=1.5e-6, ge=0.3e-6, le=20e-6)
     """Nominal wavelength in vacuum."""

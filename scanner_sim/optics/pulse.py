@@ -45,9 +45,9 @@ class Pulse(Part):
     CSV file with lines of time [s] and power (in any unit) of a measured pulse.
     """
 
-    peak_power: Power | None = Field(default=None, gt=0.0, le=1e9)
+    peak_power: Power | None = Field(default=None, ge=1e-12, le=1e9)
     """Highest power; 100 W where neither this nor ``energy`` is given."""
-    energy: Energy | None = Field(default=None, gt=0.0, le=1e3)
+    energy: Energy | None = Field(default=None, ge=1e-24, le=1e3)
     """Energy of a pulse, instead of ``peak_power``."""
     width: Time = Field(default=2e-9, ge=1e-12, le=1e-3)
     """Full width at half maximum of the named shapes; a file has its own."""

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import applied, product, pseudo_inverse, solve_linear
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.sightings import Flags, Prior, several, some
 from scanner_sim.pose.transforms import cayley, cross_matrix, vector_from_rotation
@@ -28,7 +29,7 @@ COARSE = 1e-3
 """Fall of χ² that a step promises below which a pose is good enough to be compared with others."""
 IMMATERIAL = 1e-10
 """The same for a final pose: 1e-5 standard deviations."""
-_MOST_STEPS, _MOST_COARSE_STEPS, _MOST_HUBER_STEPS = 100, 20, 300
+_MOST_STEPS, _MOST_COARSE_STEPS, _MOST_HUBER_STEPS = 100, 40, 300
 _SHARE_CLOSED = 0.15
 FIRST_DAMPING, _LAST_DAMPING = 1e-3, 1e9
 _RIDGE = 1e-14
@@ -195,7 +196,7 @@ def prior_residual(prior: Prior, centre: Array, rotation: Array, position: Array
     angle = np.maximum(np.linalg.norm(rho, axis=-1), 1e-4)
     cross = cross_matrix(rho)
     factor = 1.0 / angle**2 - (1.0 + np.cos(angle)) / (2.0 * angle * np.sin(angle))
-    by_turn = np.eye(3) - 0.5 * cross + factor[:, None, None] * (cross @ cross)
+    by_turn = np.eye(3) - 0.5 * cross + factor[:, None, None] * product(cross, cross)
     change = np.zeros((len(rho), 6, 6))
     change[:, :3, :3] = np.eye(3)
     change[:, :3, 3:] = cross_matrix(arm.T)
@@ -232,7 +233,7 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
     Returns
     -------
     Fit
-        Not settled are those that need more than 100 steps (20 for a coarse adjustment, 300 with
+        Not settled are those that need more than 100 steps (40 for a coarse adjustment, 300 with
         Huber's weights, which settle by equal shares), or that no damping brings down.
         A pose does not depend on the others of its batch.
     """
@@ -307,8 +308,8 @@ def _store(fit: Fit, into: Fit, index: NDArray[np.intp]) -> None:
 def _solve(matrix: Array, right: Array) -> Array:
     """Return the solutions (6, B) of matrix (6, 6, B) · x = right (6, B)."""
     stacked = matrix.transpose(2, 0, 1)
-    try:
-        solved = np.linalg.solve(stacked, right.T[..., None])[..., 0]
-    except np.linalg.LinAlgError:  # one exactly singular matrix stops them all: least-norm steps instead
-        solved = np.einsum("bij,jb->bi", np.linalg.pinv(stacked, hermitian=True), right)
+    solved = solve_linear(stacked, right.T[..., None])[..., 0]
+    singular = ~np.isfinite(solved).all(axis=1) & np.isfinite(stacked).all(axis=(1, 2))
+    if singular.any():  # least-norm steps instead
+        solved[singular] = applied(pseudo_inverse(stacked[singular]), right.T[singular])
     return np.ascontiguousarray(solved.T)

@@ -13,6 +13,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import arctan2
+
 Array = NDArray[np.float64]
 
 
@@ -43,8 +45,7 @@ def project(points: Array, axis_separation: float, *, with_range: bool) -> tuple
     channels = 3 if with_range else 2
     values = np.empty((channels, *x.shape))
     gradients = np.empty((3, channels, *x.shape))
-    np.arctan2(x, w, out=values[0])
-    np.arctan2(y, ahead, out=values[1])
+    values[0], values[1] = arctan2(x, w), arctan2(y, ahead)
     # ∂Θ/∂q = −x/R², and ∂q/∂(y, z) = (y, z − D_g)/q.
     by_q = x / (r_squared * q)
     gradients[0, 0] = w / r_squared

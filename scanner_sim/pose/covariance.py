@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.arithmetic import applied, eigen, product
 from scanner_sim.pose.transforms import cross_matrix
 
 Array = NDArray[np.float64]
@@ -67,7 +68,7 @@ def point_on_object(pose: UncertainPose, point: ArrayLike) -> tuple[Array, Array
     """
     arm = np.einsum("...ij,...j->...i", pose.rotation, np.asarray(point, dtype=np.float64))
     change = np.concatenate([np.broadcast_to(np.eye(3), (*arm.shape, 3)), -cross_matrix(arm)], axis=-1)
-    covariance: Array = change @ pose.covariance @ np.swapaxes(change, -1, -2)
+    covariance: Array = product(change, pose.covariance, np.swapaxes(change, -1, -2))
     return pose.position + arm, covariance
 
 
@@ -87,7 +88,7 @@ def error_ellipsoid(covariance: ArrayLike) -> tuple[Array, Array]:
     """
     matrices = np.asarray(covariance, dtype=np.float64)
     known = np.asarray(np.isfinite(matrices).all(axis=(-2, -1)))[..., None, None]
-    squares, axes = np.linalg.eigh(np.where(known, matrices, np.eye(3)))
+    squares, axes = eigen(np.where(known, matrices, np.eye(3)))
     lengths = np.where(known[..., 0], np.sqrt(np.maximum(squares, 0.0)), np.nan)
     return lengths[..., ::-1], np.where(known, axes, np.nan)[..., ::-1]
 
@@ -113,7 +114,7 @@ def relative_pose(a: UncertainPose, b: UncertainPose) -> RelativePose:
     by_a, by_b = np.zeros((*shape, 6, 6)), np.zeros((*shape, 6, 6))
     by_b[..., :3, :3] = by_b[..., 3:, 3:] = back
     by_a[..., :3, :3] = by_a[..., 3:, 3:] = -back
-    by_a[..., :3, 3:] = back @ cross_matrix(apart)
-    covariance: Array = by_a @ a.covariance @ np.swapaxes(by_a, -1, -2)
-    covariance = covariance + by_b @ b.covariance @ np.swapaxes(by_b, -1, -2)
-    return RelativePose(np.einsum("...ij,...j->...i", back, apart), back @ b.rotation, covariance)
+    by_a[..., :3, 3:] = product(back, cross_matrix(apart))
+    covariance: Array = product(by_a, a.covariance, np.swapaxes(by_a, -1, -2))
+    covariance = covariance + product(by_b, b.covariance, np.swapaxes(by_b, -1, -2))
+    return RelativePose(applied(back, apart), product(back, b.rotation), covariance)

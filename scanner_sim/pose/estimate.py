@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.errors import InputError
 from scanner_sim.pose.inputs import PosePrior, Values, sightings_from
-from scanner_sim.pose.lone_estimate import lone_estimate
 from scanner_sim.pose.result import PoseEstimate, empty_result, fill_result, joined_results
 from scanner_sim.pose.robust import agreeing
 from scanner_sim.pose.sightings import Sightings, several, shared
@@ -85,7 +84,8 @@ def estimate_pose(
     -------
     PoseEstimate
         One pose, or a batch with the leading axes of the arguments. Poses that could not be estimated are NaN and their
-        ``status`` says why; one that did not settle is given as it was last.
+        ``status`` says why; one that did not settle is given as it was last. What fits worse than chance allows once
+        in 10⁴ is IMPLAUSIBLE, but for ``huber`` and equal weights, whose χ² follow other laws.
 
     Raises
     ------
@@ -95,9 +95,7 @@ def estimate_pose(
 
     Notes
     -----
-    A pose does not depend on the others of its batch, to the last bit. One set of angles without leading axes goes a
-    quicker way where it can (:mod:`scanner_sim.pose.alone`), whose last bits are others: give it a leading axis of 1
-    where they matter.
+    A pose does not depend on the others of its batch, to the last bit.
 
     Minimised is Σ eᵀ C⁻¹ e over the six degrees of freedom, e the difference of measured and predicted quantities by
     the exact inverse of eq 3, C their covariance with the share of the surveyed points; the covariance of the pose is
@@ -116,20 +114,6 @@ def estimate_pose(
         )
     if method != "uv" and (ranges is None or sigma_range is None):
         raise InputError(f"Method {method} needs ranges and sigma_range.", remedy="Give both, or take uv.")
-    plain = robust is None and prior is None and sigma_object is None and covariance_theta_range is None
-    if method == "uv" and plain:
-        alone = lone_estimate(
-            object_points,
-            theta,
-            phi,
-            ranges,
-            sigma_theta=sigma_theta,
-            sigma_phi=sigma_phi,
-            sigma_range=sigma_range,
-            axis_separation=axis_separation,
-        )
-        if alone is not None:
-            return alone
     sightings, leading = sightings_from(
         object_points,
         theta,

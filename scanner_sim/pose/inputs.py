@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.arithmetic import cholesky, inverse, product
 from scanner_sim.errors import InputError
 from scanner_sim.pose.sightings import Prior, Sightings
 
@@ -254,7 +255,7 @@ def _prior_arrays(prior: PosePrior) -> tuple[Array, Array, Array]:
         )
     if not all(np.isfinite(values).all() for values in (position, rotation, covariance)):
         raise InputError("The prior holds numbers that are not finite.")
-    apart = rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)
+    apart = product(rotation, np.swapaxes(rotation, -1, -2)) - np.eye(3)
     if np.abs(apart).max() > 1e-6 or (np.linalg.det(rotation) < 0.0).any():
         raise InputError(
             "prior.rotation is not a rotation.", remedy="Its columns are right-handed unit vectors."
@@ -267,8 +268,7 @@ def _prior(arrays: tuple[Array, ...], leading: tuple[int, ...]) -> Prior:
         np.broadcast_to(values, (*leading, *values.shape[-2:])).reshape(-1, *values.shape[-2:])
         for values in arrays
     )
-    try:
-        root = np.linalg.inv(np.linalg.cholesky(covariance))
-    except np.linalg.LinAlgError as error:
-        raise InputError("prior.covariance is not positive definite.") from error
+    root = inverse(cholesky(covariance))
+    if not np.isfinite(root).all():
+        raise InputError("prior.covariance is not positive definite.")
     return Prior(*(np.ascontiguousarray(np.moveaxis(v, 0, -1)) for v in (rotation, position[..., 0], root)))

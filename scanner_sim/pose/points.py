@@ -1,6 +1,7 @@
-"""Pose from points: the closed form of eq 11 by singular values.
+"""Pose from points: the closed form of eq 11 by quaternions.
 
-Kabsch, *Acta Cryst.* A32 (1976) 922; Umeyama, *IEEE PAMI* 13 (1991) 376, for the sign that keeps a reflection out.
+Horn, *J. Opt. Soc. Am. A* 4 (1987) 629: a quaternion cannot be a reflection, so that flat arrays need no
+case of their own.
 """
 
 from __future__ import annotations
@@ -8,7 +9,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import eigen
 from scanner_sim.pose.sightings import Flags
+from scanner_sim.pose.transforms import rotation_from_quaternion
 
 Array = NDArray[np.float64]
 
@@ -28,13 +31,31 @@ def point_fit(points: Array, measured: Array, used: Flags) -> tuple[Array, Array
     Returns
     -------
     tuple
-        R (3, 3, B) = U diag(1, 1, det UVᵀ) Vᵀ with U, V those of Σ (X − X̄)(r − r̄)ᵀ, and c = X̄ − R r̄ (3, B).
+        R (3, 3, B), of the quaternion that is the eigenvector of the largest eigenvalue of Horn's matrix of
+        S = Σ (X − X̄)(r − r̄)ᵀ, and c = X̄ − R r̄ (3, B).
     """
     share = used / np.maximum(used.sum(axis=0), 1)
     middle = np.einsum("inb,nb->ib", points, share)
     mean = np.einsum("inb,nb->ib", measured, share)
     spread = np.einsum("inb,jnb->bij", (measured - mean[:, None]) * share, points - middle[:, None])
-    left, _, right = np.linalg.svd(spread)
-    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
-    rotation = np.ascontiguousarray(np.moveaxis(left @ right, 0, -1))
+    _, quaternions = eigen(_horn(spread))
+    turned = rotation_from_quaternion(quaternions[:, :, 3])
+    rotation = np.ascontiguousarray(np.moveaxis(turned, 0, -1))
     return rotation, mean - np.einsum("ijb,jb->ib", rotation, middle)
+
+
+def _horn(spread: Array) -> Array:
+    """Return the symmetric matrices (B, 4, 4) whose form qᵀNq is the agreement of points turned by a quaternion."""
+    s = spread
+    matrix = np.empty((len(s), 4, 4))
+    matrix[:, 0, 0] = s[:, 0, 0] + s[:, 1, 1] + s[:, 2, 2]
+    matrix[:, 1, 1] = s[:, 0, 0] - s[:, 1, 1] - s[:, 2, 2]
+    matrix[:, 2, 2] = s[:, 1, 1] - s[:, 0, 0] - s[:, 2, 2]
+    matrix[:, 3, 3] = s[:, 2, 2] - s[:, 0, 0] - s[:, 1, 1]
+    matrix[:, 0, 1] = matrix[:, 1, 0] = s[:, 2, 1] - s[:, 1, 2]
+    matrix[:, 0, 2] = matrix[:, 2, 0] = s[:, 0, 2] - s[:, 2, 0]
+    matrix[:, 0, 3] = matrix[:, 3, 0] = s[:, 1, 0] - s[:, 0, 1]
+    matrix[:, 1, 2] = matrix[:, 2, 1] = s[:, 0, 1] + s[:, 1, 0]
+    matrix[:, 1, 3] = matrix[:, 3, 1] = s[:, 0, 2] + s[:, 2, 0]
+    matrix[:, 2, 3] = matrix[:, 3, 2] = s[:, 1, 2] + s[:, 2, 1]
+    return matrix

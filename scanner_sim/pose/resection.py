@@ -1,17 +1,21 @@
 """Where resection starts: poses from angles alone, for planar arrays and for any three targets.
 
-Both take the beams as if they met in one point, the virtual origin at the mean φ, which the exact adjustment that
-follows does not. A plane has two such poses, because a small tilt to one side looks nearly as one to the other: from
-the homography to its tangent and from there in closed form (Collins and Bartoli, *Int. J. Comput. Vision* 109 (2014)
-252). Three points have up to four (Grunert 1841, in the form of Haralick et al., *Int. J. Comput. Vision* 13 (1994)
-331).
+Both take the beams as if they met in one point, which the exact adjustment that follows does not: planes in the virtual
+origin at the mean φ; three points in the centre of the second axis, (0, 0, D_g), from which the point at Θ, φ and a
+distance ρ is seen along ((1 + D_g/ρ) tanΘ, sinφ, cosφ). A plane has two such poses, because a small tilt to one side
+looks nearly as one to the other: from the homography to its tangent and from there in closed form (Collins and Bartoli,
+*Int. J. Comput. Vision* 109 (2014) 252). Three points have up to four (Grunert 1841, in the form of Haralick et al.,
+*Int. J. Comput. Vision* 13 (1994) 331).
 """
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import quartic_roots, tan
 from scanner_sim.pose.collinearity import bearings, virtual_origin
 from scanner_sim.pose.sightings import Flags, Sightings, shared
 
@@ -19,6 +23,10 @@ Array = NDArray[np.float64]
 
 PLANAR = 0.05
 """Thickness of an array over its lesser width below which it starts as a plane."""
+MOST_THREES = 84
+"""Threes of targets that are looked at; of more every so many-th is."""
+_TRIED_THREES = 10
+"""The widest of them, from which a doubtful pose starts again: all of five targets."""
 
 
 def planar_starts(sightings: Sightings) -> tuple[Array, Array]:
@@ -45,7 +53,7 @@ def planar_starts(sightings: Sightings) -> tuple[Array, Array]:
     image = np.where(sightings.seen, rays[:2] / rays[2], 0.0)
 
     design = np.stack([np.ones_like(plane[0]), *plane]) * np.broadcast_to(seen, plane[0].shape)
-    inverse = np.linalg.pinv(design.transpose(2, 0, 1)).transpose(2, 1, 0)  # (3, n, B or 1)
+    inverse = _inverse_of_apart(design)
     products = np.einsum("inb,jnb->ijnb", image, plane)  # u X, u Y; v X, v Y
     linear = np.einsum("knb,ijnb->kijb", inverse, products)
     rest = products - np.einsum("knb,kijb->ijnb", design, linear)
@@ -110,6 +118,55 @@ def widest_three(points: Array, used: Flags) -> NDArray[np.intp]:
     return np.stack([first, second, third])
 
 
+def _inverse_of_apart(design: Array) -> Array:
+    """Return the pseudo-inverses, transposed, of rows 1, X, Y at right angles to each other, shape (3, n, B or 1).
+
+    Coordinates along principal axes about the middle are; a row of nothing, of targets on a line, has none.
+    """
+    squares = np.sum(design * design, axis=1, keepdims=True)
+    told = squares > 1e-30 * squares.max(axis=0, keepdims=True)
+    return np.where(told, design / np.where(told, squares, 1.0), 0.0)
+
+
+def plane_strength(sightings: Sightings) -> Array:
+    """Return how well a plane's homography tells its attitude (B,): 1 for a square, 0 with all but one on a line.
+
+    The parts of X², XY and Y² that no linear function of (X, Y) explains, as columns of two symmetric rows, are what
+    the two equations for g of :func:`planar_starts` rest on: the least singular value of their stack, for coordinates
+    of unit root mean square, over √n. It is small where of four targets three nearly stand on a line.
+    """
+    seen = shared(sightings.seen)
+    middle, widths, axes = sightings.principal
+    x, y = (
+        np.einsum("inb,ib->nb", sightings.points - middle[:, None], axes[:, k]) / widths[k] * seen
+        for k in (1, 2)
+    )
+    design = np.stack([np.broadcast_to(seen, x.shape), x, y])
+    products = np.stack([x * x, x * y, y * y])
+    explained = np.einsum("knb,jnb->kjb", _inverse_of_apart(design), products)
+    xx, xy, yy = products - np.einsum("knb,kjb->jnb", design, explained)
+    first, second = np.sum(xx * xx + xy * xy, axis=0), np.sum(xy * xy + yy * yy, axis=0)
+    between = np.sum(xy * (xx + yy), axis=0)
+    least = 0.5 * (first + second - np.hypot(first - second, 2.0 * between))
+    return np.broadcast_to(np.sqrt(np.maximum(least, 0.0) / seen.sum(axis=0)), (sightings.count,))
+
+
+def wide_threes(sightings: Sightings) -> NDArray[np.intp]:
+    """Return the threes of targets with the largest triangles, shape (k ≤ 10, 3, B), of those that were measured."""
+    threes, area = _triangles(sightings)
+    widest = np.argsort(-area, axis=0, kind="stable")[:_TRIED_THREES]
+    return np.moveaxis(threes[widest], 2, 1)
+
+
+def _triangles(sightings: Sightings) -> tuple[NDArray[np.intp], Array]:
+    """Return threes of targets (k, 3) and twice the areas of their triangles [m²] (k, B); −1 where one is hidden."""
+    threes = np.array(list(combinations(range(len(sightings.seen)), 3)))
+    threes = threes[:: -(-len(threes) // MOST_THREES)]
+    first, second, third = (sightings.points[:, threes[:, corner]] for corner in range(3))
+    area = np.sqrt(np.sum(_cross(second - first, third - first) ** 2, axis=0))
+    return threes, np.where(sightings.seen[threes].all(axis=1), area, -1.0)
+
+
 def three_point_starts(sightings: Sightings, three: NDArray[np.intp]) -> tuple[Array, Array]:
     """Return the poses that three targets of each case allow.
 
@@ -124,14 +181,34 @@ def three_point_starts(sightings: Sightings, three: NDArray[np.intp]) -> tuple[A
     -------
     tuple
         R (3, 3, 8, B) and c [m] (3, 8, B). The law of cosines in the three triangles of sight gives a quartic for
-        v = s₃/s₁; each of its roots (real parts: noise makes a pair of equal roots complex) has two s₂, of which one
-        belongs to the third side; both are given, so that the adjustment chooses. NaN where there is no such root.
+        v = s₃/s₁; each of its roots has two s₂, of which one belongs to the third side; both are given, so that the
+        adjustment chooses. NaN where there is no such root. Noise and the common origin of the beams make a pair of
+        near roots complex, a ± ib: a + b and a − b stand for them, about as far apart as the pair was.
     """
     poses = np.arange(sightings.count)
     corners = np.broadcast_to(sightings.points, (3, *sightings.seen.shape))[:, three, poses]  # (3, 3, B)
     theta, phi = sightings.values[:2, three, poses]
-    rays = bearings(theta, phi)
-    origin = virtual_origin(phi.mean(axis=0), sightings.axis_separation)
+    separation = sightings.axis_separation
+    lateral = tan(theta)
+    # By the distances of the poses found first the second look has nearly the exact beams.
+    for _ in range(2 if separation else 1):
+        rays = np.stack([lateral, np.sin(phi), np.cos(phi)])
+        rays /= np.sqrt(np.sum(rays * rays, axis=0))
+        placed = _three_sides(rays, corners)
+        away = np.sqrt(np.sum(placed[1:] ** 2, axis=0))  # (3, 8, B)
+        known = np.isfinite(away)
+        mean = np.where(known, away, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+        lateral = tan(theta) * (1.0 + np.where(mean > 0.0, separation / mean, 0.0))
+    in_scanner, in_object = _triad(placed), _triad(corners)
+    rotation = np.einsum("ikab,jkb->ijab", in_scanner, in_object)
+    away = np.einsum("ijab,jb->iab", rotation, corners.mean(axis=1))
+    position = placed.mean(axis=1) - away
+    position[2] += separation
+    return rotation, position
+
+
+def _three_sides(rays: Array, corners: Array) -> Array:
+    """Return where on their rays (3, 3, B) the corners (3, 3, B) of a triangle may be, shape (3, 3, 8, B)."""
     aa, bb, cc = (np.sum((corners[:, i] - corners[:, j]) ** 2, axis=0) for i, j in ((1, 2), (0, 2), (0, 1)))
     ca, cb, cg = (np.sum(rays[:, i] * rays[:, j], axis=0) for i, j in ((1, 2), (0, 2), (0, 1)))
     d, s, k, m = (aa - cc) / bb, (aa + cc) / bb, cc / bb, aa / bb
@@ -151,20 +228,15 @@ def three_point_starts(sightings: Sightings, three: NDArray[np.intp]) -> tuple[A
         (1.0 + d) ** 2 - 4.0 * m * cg**2,
     )
     leading = np.where(np.abs(quartic[0]) < 1e-12, 1e-12, quartic[0])
-    companion = np.zeros((len(poses), 4, 4))
-    companion[:, 0] = -np.stack(quartic[1:], axis=-1) / leading[:, None]
-    companion[:, [1, 2, 3], [0, 1, 2]] = 1.0
-    v = np.linalg.eigvals(np.nan_to_num(companion, posinf=0.0, neginf=0.0)).real.T  # (4, B)
+    real, imaginary = quartic_roots(np.nan_to_num(np.stack(quartic[1:]) / leading, posinf=0.0, neginf=0.0))
+    v = real + imaginary
     v = np.where(v > 0.0, v, np.nan)
     s1 = np.sqrt(bb / (1.0 + v * v - 2.0 * v * cb))
     root = np.sqrt(np.maximum(cg**2 - 1.0 + cc / s1**2, 0.0))
     s1, v = np.concatenate([s1, s1]), np.concatenate([v, v])
     s2 = s1 * np.concatenate([cg + root, cg - root])
-    placed = rays[:, :, None] * np.stack([s1, np.where(s2 > 0.0, s2, np.nan), s1 * v])  # (3, 3, 8, B)
-    in_scanner, in_object = _triad(placed), _triad(corners)
-    rotation = np.einsum("ikab,jkb->ijab", in_scanner, in_object)
-    away = np.einsum("ijab,jb->iab", rotation, corners.mean(axis=1))
-    return rotation, placed.mean(axis=1) - away + origin[:, None]
+    placed: Array = rays[:, :, None] * np.stack([s1, np.where(s2 > 0.0, s2, np.nan), s1 * v])
+    return placed
 
 
 def _mean_phi(sightings: Sightings) -> Array:

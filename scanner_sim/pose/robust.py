@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
+from scanner_sim.arithmetic import inverse, solve_linear
 from scanner_sim.pose.adjustment import (
     COARSE,
     Problem,
@@ -24,14 +25,13 @@ from scanner_sim.pose.adjustment import (
     whiten,
 )
 from scanner_sim.pose.points import point_fit
-from scanner_sim.pose.resection import three_point_starts
+from scanner_sim.pose.resection import MOST_THREES, three_point_starts
 from scanner_sim.pose.sightings import Flags, Sightings, several
 from scanner_sim.pose.solution import solve
 from scanner_sim.pose.weights import Method, measured_points, problem_of
 
 Array = NDArray[np.float64]
 
-MOST_THREES = 84
 _CHANCE = 1e-3
 """Probability with which a good target is left out."""
 _GATE = 4.0
@@ -132,11 +132,11 @@ def _distances(problem: Problem, rotation: Array, position: Array, three: tuple[
     normal = np.einsum("akb,ckb->bac", own, own)
     size = np.einsum("baa->ba", normal)[:, :, None] * np.eye(6)
     # The ridge keeps the poses of three targets nearly on a line, or hidden, from being singular.
-    covariance = np.linalg.inv(normal + 1e-12 * size + 1e-12 * np.eye(6))
-    spread = np.einsum("acnb,bad,denb->nbce", rows, covariance, rows, optimize=True)
+    covariance = inverse(normal + 1e-12 * size + 1e-12 * np.eye(6))
+    spread = np.einsum("dcnb,denb->nbce", np.einsum("acnb,bad->dcnb", rows, covariance), rows)
     spread = spread + np.eye(len(whitened))
     errors = np.nan_to_num(np.moveaxis(whitened, 0, -1))[..., None]
-    return np.asarray((errors * np.linalg.solve(spread, errors)).sum(axis=(-2, -1)))
+    return np.asarray((errors * solve_linear(spread, errors)).sum(axis=(-2, -1)))
 
 
 def _poses_of(sightings: Sightings, three: tuple[int, ...], method: Method) -> list[tuple[Array, Array]]:

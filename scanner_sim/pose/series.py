@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import inverse, product, pseudo_inverse
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.covariance import relative_pose
 from scanner_sim.pose.estimate import Robust, estimate_pose
@@ -79,7 +80,7 @@ class PoseSeries:
     @property
     def error(self) -> Array:
         """Measured less true (δt, δω) [m, rad], shape (n, 6): exp([δω]×) true rotation = rotation."""
-        turned = self.rotation @ np.swapaxes(self.truth_rotation, 1, 2)
+        turned = product(self.rotation, np.swapaxes(self.truth_rotation, 1, 2))
         return np.concatenate([self.position - self.truth_position, vector_from_rotation(turned)], axis=1)
 
 
@@ -180,10 +181,10 @@ def _range_gains(
         (found.weights > 0.0) & np.isfinite(rows).all(axis=(2, 3)) & np.isfinite(covariance).all(axis=(2, 3))
     )
     rows = np.where(counted[..., None, None], rows, 0.0)
-    inverse = np.linalg.inv(np.where(counted[..., None, None], covariance, np.eye(3)))
-    weighted = found.weights[..., None, None] * (np.swapaxes(rows, -1, -2) @ inverse)
-    normal = (weighted @ rows).sum(axis=1)
-    solved = np.linalg.pinv(normal, hermitian=True)[:, None] @ weighted
+    weight = inverse(np.where(counted[..., None, None], covariance, np.eye(3)))
+    weighted = found.weights[..., None, None] * product(np.swapaxes(rows, -1, -2), weight)
+    normal = product(weighted, rows).sum(axis=1)
+    solved = product(pseudo_inverse(normal)[:, None], weighted)
     return np.asarray(solved[..., 2])
 
 
@@ -217,6 +218,6 @@ def relative_series(reference: PoseSeries, other: PoseSeries) -> PoseSeries:
         dof=reference.dof + other.dof,
         targets=reference.targets + other.targets,
         status=status,
-        truth_position=(true @ apart)[..., 0],
-        truth_rotation=true @ other.truth_rotation,
+        truth_position=product(true, apart)[..., 0],
+        truth_rotation=product(true, other.truth_rotation),
     )

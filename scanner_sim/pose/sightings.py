@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import eigen
+
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
@@ -54,8 +56,9 @@ def principal_axes(points: Array, used: Flags) -> tuple[Array, Array, Array]:
     share = used / np.maximum(used.sum(axis=0), 1)
     middle = np.einsum("inb,nb->ib", points, share)
     about = points - middle[:, None]
-    squares, axes = np.linalg.eigh(np.einsum("inb,jnb->bij", about * share, about))
-    axes[:, :, 0] *= np.sign(np.linalg.det(axes))[:, None]
+    squares, axes = eigen(np.einsum("inb,jnb->bij", about * share, about))
+    # The first as the vector product of the others, so that they are right-handed.
+    axes[:, :, 0] = np.cross(axes[:, :, 1], axes[:, :, 2])
     return middle, np.sqrt(np.maximum(squares, 0.0)).T, axes.transpose(1, 2, 0)
 
 

@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
+from scanner_sim.arithmetic import inverse as invert
+from scanner_sim.arithmetic import pseudo_inverse
 from scanner_sim.pose.adjustment import (
     FINE,
     Fit,
@@ -19,6 +21,7 @@ from scanner_sim.pose.adjustment import (
     predict,
     whiten,
 )
+from scanner_sim.pose.resection import PLANAR, plane_strength
 from scanner_sim.pose.sightings import Sightings, several
 from scanner_sim.pose.starts import ALTERNATIVES, ranked_fits
 from scanner_sim.pose.status import PoseStatus
@@ -32,8 +35,15 @@ DOUBTFUL = 9.0
 """Difference of χ² to the next pose below which the best one is ambiguous: odds of 1 in 90."""
 APART = float(chdtri(6, 0.01))
 """Squared Mahalanobis distance beyond which another pose is not covered by the covariance (99 %)."""
-MISFIT = 1e-6
-"""Probability of χ² below which a fit is looked at again, from another start and in a mirror."""
+IMPLAUSIBLE = 1e-4
+"""Probability of χ² below which a pose is not valid."""
+_SUSPECT = 0.01
+"""Probability of χ² below which other poses are looked for from all starts: a wrong one may fit as badly as this."""
+_WEAK, _THICK, _SOLID = 0.15, 1e-3, 0.2
+"""Strength of a plane's homography, and thickness of few targets over their lesser width from which they are no plane
+and up to which they are nearly one: there other poses are looked for from all starts."""
+_MIRRORED = 1e-6
+"""Probability of χ² below which a fit is looked at in a mirror."""
 
 
 @dataclass
@@ -72,7 +82,7 @@ def solve(
     point_weights: PointWeights,
     huber: float,
     *,
-    by_three: bool = False,
+    thorough: bool = False,
 ) -> Solution:
     """Return the poses of sightings with at least three targets that are not on a line.
 
@@ -84,15 +94,15 @@ def solve(
         See :func:`~scanner_sim.pose.weights.problem_of`.
     huber
         Standard deviations beyond which a target counts linearly; 0 for plain least squares.
-    by_three
-        Start resection from three targets, whatever the array.
+    thorough
+        Start resection from the plane and from many threes of targets, whatever the array.
 
     Returns
     -------
     Solution
-        Status VALID, AMBIGUOUS or NOT_CONVERGED.
+        Status VALID, AMBIGUOUS, NOT_CONVERGED or IMPLAUSIBLE.
     """
-    ranked = ranked_fits(sightings, method, point_weights, by_three=by_three)
+    ranked = ranked_fits(sightings, method, point_weights, thorough=thorough)
     best = Fit(*(getattr(ranked, name)[..., 0, :].copy() for name in ranked.__dataclass_fields__))
     carried = sightings.object_variances is not None
     for _ in range(2 if carried else 1):
@@ -109,10 +119,18 @@ def solve(
         covariance = _sandwich(sightings, pose, covariance)
         full = problem_of(sightings, method, "covariance", pose=pose if carried else None)
         chi2 = linearise(full, *pose)[0]
-    solution = _with_others(ranked, best, covariance, chi2, dof)
-    if not by_three and method != "xyz":
-        bad = ~best.settled | (_probability(chi2, dof) < MISFIT) if not huber else ~best.settled
+    # Of poses that need all starts the first-order covariance does not tell which others it covers.
+    solution = _with_others(ranked, best, covariance, chi2, dof, SAME if thorough else APART)
+    if not thorough and method != "xyz":
+        bad = ~best.settled
+        if not huber:
+            bad |= _probability(chi2, dof) < _SUSPECT
+        if method == "uv":
+            bad |= _few(sightings)
         _try_again(solution, np.flatnonzero(bad), sightings, method, point_weights, huber)
+    if not huber and point_weights != "equal":  # whose χ² is no least one, and follows another law
+        misfit = (_probability(solution.chi2, dof) < IMPLAUSIBLE) & (solution.status <= PoseStatus.AMBIGUOUS)
+        solution.status[misfit] = PoseStatus.IMPLAUSIBLE
     return solution
 
 
@@ -124,10 +142,12 @@ def fits_mirrored(
     A planar array has no handedness that angles and ranges could show: it looks like itself from behind.
     """
     mirrored = np.zeros(sightings.count, dtype=bool)
-    bad = np.flatnonzero((_probability(solution.chi2, solution.dof) < MISFIT) | ~np.isfinite(solution.chi2))
+    bad = np.flatnonzero(
+        (_probability(solution.chi2, solution.dof) < _MIRRORED) | ~np.isfinite(solution.chi2)
+    )
     bad = several(bad)
     if bad.size:
-        other = solve(sightings.some(bad).mirrored(), method, point_weights, 0.0, by_three=True)
+        other = solve(sightings.some(bad).mirrored(), method, point_weights, 0.0, thorough=True)
         with np.errstate(invalid="ignore"):
             mirrored[bad] = 100.0 * other.chi2 < np.nan_to_num(solution.chi2[bad], nan=np.inf)
         mirrored[bad] &= other.status != PoseStatus.NOT_CONVERGED
@@ -154,8 +174,10 @@ def squared_lengths(sightings: Sightings, method: Method, rotation: Array, posit
     return result
 
 
-def _with_others(ranked: Fit, best: Fit, covariance: Array, chi2: Array, dof: NDArray[np.int64]) -> Solution:
-    """Return the best poses with the other ones that are different, the ambiguous marked."""
+def _with_others(
+    ranked: Fit, best: Fit, covariance: Array, chi2: Array, dof: NDArray[np.int64], apart: float
+) -> Solution:
+    """Return the best poses with the other ones that are different; those ``apart`` that fit as well mark doubt."""
     batch = len(chi2)
     solution = Solution(
         best.rotation,
@@ -168,25 +190,27 @@ def _with_others(ranked: Fit, best: Fit, covariance: Array, chi2: Array, dof: ND
         np.full((3, ALTERNATIVES, batch), np.nan),
         np.full((ALTERNATIVES, batch), np.nan),
     )
-    known = [(best.rotation, best.position)]
     filled = np.zeros(batch, dtype=np.intp)
     poses = np.arange(batch)
     for s in range(1, ranked.cost.shape[0]):
         rotation, position = ranked.rotation[..., s, :], ranked.position[..., s, :]
-        new = ranked.settled[s].copy()
-        far = np.full(batch, np.inf)
-        for number, earlier in enumerate(known):
-            distance = _distance(rotation, position, *earlier, best.normal)
-            far = distance if number == 0 else far
-            new &= ~(distance < SAME)
-        known.append((rotation, position))
+        far = _distance(rotation, position, best.rotation, best.position, best.normal)
+        new = ranked.settled[s] & ~(far < SAME) & (filled < ALTERNATIVES)
+        for k in range(int(filled.max())):  # an empty place is NaN, and nearer to nothing
+            other = solution.other_rotation[:, :, k], solution.other_position[:, k]
+            new &= ~(_distance(rotation, position, *other, best.normal) < SAME)
         place, index = filled[new], poses[new]
         solution.other_rotation[:, :, place, index] = rotation[..., new]
         solution.other_position[:, place, index] = position[..., new]
         solution.other_chi2[place, index] = ranked.cost[s, new]
         filled += new
-        doubtful = new & (ranked.cost[s] - best.cost < DOUBTFUL) & (far > APART)
+        doubtful = new & (ranked.cost[s] - best.cost < DOUBTFUL) & (far > apart)
         solution.status[doubtful & (solution.status == PoseStatus.VALID)] = PoseStatus.AMBIGUOUS
+        # What fits nearly as well and has not settled may lead to what fits better.
+        going = ~ranked.settled[s] & (ranked.cost[s] - best.cost < DOUBTFUL)
+        solution.status[going & (solution.status == PoseStatus.VALID)] = PoseStatus.AMBIGUOUS
+    # Nothing checks an exact fit, of which there are two nearly always, at times too near to one another to be told.
+    solution.status[(dof == 0) & (solution.status == PoseStatus.VALID)] = PoseStatus.AMBIGUOUS
     return solution
 
 
@@ -207,19 +231,32 @@ def _try_again(
     point_weights: PointWeights,
     huber: float,
 ) -> None:
-    """Solve the poses ``index`` once more from three targets, and keep what fits better."""
+    """Solve the poses ``index`` from all starts, and keep what fits as well or better: it knows more others."""
     if not index.size:
         return
     index = several(index)
-    other = solve(sightings.some(index), method, point_weights, huber, by_three=True)
+    other = solve(sightings.some(index), method, point_weights, huber, thorough=True)
     before = np.where(
         solution.status[index] == PoseStatus.NOT_CONVERGED,
         np.inf,
         np.nan_to_num(solution.chi2[index], nan=np.inf),
     )
-    better = (other.status != PoseStatus.NOT_CONVERGED) & (other.chi2 < before - 1e-3)
+    better = (other.status != PoseStatus.NOT_CONVERGED) & ~(other.chi2 > before + 1e-3)
     for name in solution.__dataclass_fields__:
         getattr(solution, name)[..., index[better]] = getattr(other, name)[..., better]
+
+
+def _few(sightings: Sightings) -> NDArray[np.bool_]:
+    """Return which poses (B,) rest on so few targets that two starts may miss the best pose.
+
+    Planes with a weak homography, and four targets, or five nearly in a plane, that are not a plane: to them both poses
+    of the plane are strangers.
+    """
+    widths, count = sightings.principal[1], sightings.seen.sum(axis=0)
+    thickness = widths[0] / widths[1]
+    solid = (count == 4) & (thickness > _THICK) | (count == 5) & (thickness > _THICK) & (thickness < _SOLID)
+    weak = (plane_strength(sightings) < _WEAK) & (thickness < PLANAR)
+    return np.asarray((count > 3) & (weak | solid))
 
 
 def _dof(sightings: Sightings, method: Method) -> NDArray[np.int64]:
@@ -237,12 +274,12 @@ def _probability(chi2: Array, dof: NDArray[np.int64]) -> Array:
 
 
 def _inverse(normal: Array) -> Array:
-    """Return the inverse of normal matrices (6, 6, B); the pseudo-inverse where one of them is exactly singular."""
+    """Return the inverse of normal matrices (6, 6, B); the pseudo-inverse of those that are exactly singular."""
     stacked = np.moveaxis(normal, -1, 0)
-    try:
-        inverse = np.linalg.inv(stacked)
-    except np.linalg.LinAlgError:
-        inverse = np.linalg.pinv(stacked, hermitian=True)
+    inverse = invert(stacked)
+    singular = ~np.isfinite(inverse).all(axis=(1, 2)) & np.isfinite(stacked).all(axis=(1, 2))
+    if singular.any():
+        inverse[singular] = pseudo_inverse(stacked[singular])
     inverse = 0.5 * (inverse + np.swapaxes(inverse, 1, 2))
     return np.ascontiguousarray(np.moveaxis(inverse, 0, -1))
 

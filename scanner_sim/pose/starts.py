@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from scanner_sim.pose.adjustment import COARSE, Fit, adjust, begin, linearise
 from scanner_sim.pose.points import point_fit
-from scanner_sim.pose.resection import PLANAR, planar_starts, three_point_starts, widest_three
+from scanner_sim.pose.resection import PLANAR, planar_starts, three_point_starts, wide_threes, widest_three
 from scanner_sim.pose.sightings import Sightings
+from scanner_sim.pose.transforms import exponential
 from scanner_sim.pose.weights import Method, PointWeights, measured_points, problem_of
 
 Array = NDArray[np.float64]
@@ -17,8 +18,8 @@ ALTERNATIVES = 3
 """Further poses that are kept: three points have up to four in all, a plane two."""
 
 
-def ranked_fits(sightings: Sightings, method: Method, point_weights: PointWeights, *, by_three: bool) -> Fit:
-    """Return the best poses by their cost, up to four, with an axis (S,) before the batch.
+def ranked_fits(sightings: Sightings, method: Method, point_weights: PointWeights, *, thorough: bool) -> Fit:
+    """Return poses by their cost, the best first, with an axis (S,) before the batch; some may be the same.
 
     Parameters
     ----------
@@ -26,14 +27,24 @@ def ranked_fits(sightings: Sightings, method: Method, point_weights: PointWeight
         B poses.
     method, point_weights
         See :func:`~scanner_sim.pose.weights.problem_of`.
-    by_three
-        Start resection from three targets, whatever the array.
+    thorough
+        Start resection from the plane and from many threes of targets, whatever the array.
     """
-    rotations, positions = _starts(sightings, method, by_three)
-    return _ranked(sightings, method, point_weights, rotations, positions)
+    rotations, positions = _starts(sightings, method, thorough)
+    fits = _adjusted(sightings, method, point_weights, rotations, positions)
+    if thorough:
+        best = _by_cost(fits)
+        again = _adjusted(sightings, method, point_weights, *_beside(sightings, best))
+        fits = Fit(
+            *(
+                np.concatenate([getattr(fits, name), getattr(again, name)], axis=-2)
+                for name in fits.__dataclass_fields__
+            )
+        )
+    return _by_cost(fits)
 
 
-def _starts(sightings: Sightings, method: Method, by_three: bool) -> tuple[Array, Array]:
+def _starts(sightings: Sightings, method: Method, thorough: bool) -> tuple[Array, Array]:
     """Return poses to start from: R (3, 3, S, B) and c (3, S, B), NaN where there is none."""
     rotations, positions = [], []
     if method != "uv":
@@ -43,7 +54,7 @@ def _starts(sightings: Sightings, method: Method, by_three: bool) -> tuple[Array
         rotations.append(np.where(lacking, np.nan, rotation)[:, :, None])
         positions.append(np.where(lacking, np.nan, position)[:, None])
     if method != "xyz":
-        rotation, position = _resection_starts(sightings, by_three)
+        rotation, position = _resection_starts(sightings, thorough)
         rotations.append(rotation)
         positions.append(position)
     if sightings.prior is not None:
@@ -55,13 +66,17 @@ def _starts(sightings: Sightings, method: Method, by_three: bool) -> tuple[Array
     return np.concatenate(rotations, axis=2), np.concatenate(positions, axis=1)
 
 
-def _resection_starts(sightings: Sightings, by_three: bool) -> tuple[Array, Array]:
+def _resection_starts(sightings: Sightings, thorough: bool) -> tuple[Array, Array]:
     """Return two starts of planar arrays of four targets and more, four of any three targets of all others."""
     used = sightings.seen
-    flat = np.zeros(sightings.count, dtype=bool)
-    if not by_three:
-        widths = sightings.principal[1]
-        flat = np.broadcast_to(widths[0] < PLANAR * widths[1], flat.shape) & (used.sum(axis=0) > 3)
+    widths = sightings.principal[1]
+    flat = np.broadcast_to(widths[0] < PLANAR * widths[1], (sightings.count,)) & (used.sum(axis=0) > 3)
+    if thorough:
+        by_plane, by_threes = planar_starts(sightings), _three_starts(sightings, wide_threes(sightings), 4)
+        return (
+            np.concatenate([by_plane[0], by_threes[0]], axis=2),
+            np.concatenate([by_plane[1], by_threes[1]], axis=1),
+        )
     if flat.all():
         return planar_starts(sightings)
     rotations = np.full((3, 3, 4, sightings.count), np.nan)
@@ -71,24 +86,47 @@ def _resection_starts(sightings: Sightings, by_three: bool) -> tuple[Array, Arra
         rotations[:, :, :2, index], positions[:, :2, index] = planar_starts(sightings.some(index))
     index = np.flatnonzero(~flat)
     chosen = sightings.some(index)
-    candidates = three_point_starts(chosen, widest_three(chosen.points, chosen.seen))
-    problem = problem_of(chosen, "uv", "covariance")
-    costs = np.stack(
-        [
-            linearise(problem, candidates[0][:, :, s], candidates[1][:, s])[0]
-            for s in range(candidates[0].shape[2])
-        ]
-    )
-    order = np.argsort(np.nan_to_num(costs, nan=np.inf), axis=0)[:4]
-    rotations[..., index] = np.take_along_axis(candidates[0], order[None, None], axis=2)
-    positions[..., index] = np.take_along_axis(candidates[1], order[None], axis=1)
+    widest = widest_three(chosen.points, chosen.seen)
+    rotations[..., index], positions[..., index] = _three_starts(chosen, widest[None], 4)
     return rotations, positions
 
 
-def _ranked(
+def _three_starts(sightings: Sightings, threes: NDArray[np.intp], most: int) -> tuple[Array, Array]:
+    """Return the poses of threes (k, 3, B) that fit all targets best, ``most`` of each, with an axis for them."""
+    problem = problem_of(sightings, "uv", "covariance")
+    rotations, positions = [], []
+    for three in threes:
+        turned, placed = three_point_starts(sightings, three)
+        costs = np.stack(
+            [linearise(problem, turned[:, :, s], placed[:, s])[0] for s in range(placed.shape[1])]
+        )
+        order = np.argsort(np.nan_to_num(costs, nan=np.inf), axis=0)[:most]
+        rotations.append(np.take_along_axis(turned, order[None, None], axis=2))
+        positions.append(np.take_along_axis(placed, order[None], axis=1))
+    return np.concatenate(rotations, axis=2), np.concatenate(positions, axis=1)
+
+
+def _beside(sightings: Sightings, fits: Fit) -> tuple[Array, Array]:
+    """Return starts R (3, 3, 8, B) and c (3, 8, B) that see the array much as the best of the fits does.
+
+    The plane of the array tilted to the other side of the sight s, (1 − 2 s sᵀ) R (1 − 2 m mᵀ) with m its normal: from
+    afar it looks the same. And the array turned about its length in steps of an eighth: all targets but one on a line
+    say little of that turn.
+    """
+    rotation, position = fits.rotation[..., 0, :], fits.position[:, 0]
+    sight = position / np.sqrt(np.sum(position * position, axis=0))
+    normal, length = (np.broadcast_to(sightings.principal[2][:, k], sight.shape) for k in (0, 2))
+    seen, away = (np.eye(3)[:, :, None] - 2.0 * np.einsum("ib,jb->ijb", v, v) for v in (sight, normal))
+    rotations = [np.einsum("ijb,jkb,klb->ilb", seen, rotation, away)]
+    for part in range(1, 8):
+        rotations.append(np.einsum("ijb,jkb->ikb", rotation, exponential(0.25 * np.pi * part * length)))
+    return np.stack(rotations, axis=2), np.repeat(position[:, None], 8, axis=1)
+
+
+def _adjusted(
     sightings: Sightings, method: Method, point_weights: PointWeights, rotations: Array, positions: Array
 ) -> Fit:
-    """Adjust all starts far enough to compare them, and return them by their cost, an axis (S,) before the batch."""
+    """Adjust all starts far enough to compare them, an axis (S,) before the batch."""
     count = positions.shape[1]
     every = np.tile(np.arange(sightings.count), count)
     many = sightings.some(every) if count > 1 else sightings
@@ -99,15 +137,21 @@ def _ranked(
     if sightings.object_variances is not None:
         problem = problem_of(many, method, point_weights, pose=(flat.rotation, flat.position))
         flat = adjust(problem, begin(problem, flat.rotation, flat.position), until=COARSE)
-    fits = {
-        name: getattr(flat, name).reshape(*getattr(flat, name).shape[:-1], count, sightings.count)
-        for name in flat.__dataclass_fields__
-    }
-    worth = np.where(np.isfinite(fits["cost"]), fits["cost"], np.inf) + np.where(fits["settled"], 0.0, 1e200)
-    order = np.argsort(worth, axis=0, kind="stable")[: ALTERNATIVES + 1]
+    return Fit(
+        *(
+            getattr(flat, name).reshape(*getattr(flat, name).shape[:-1], count, sightings.count)
+            for name in flat.__dataclass_fields__
+        )
+    )
+
+
+def _by_cost(fits: Fit) -> Fit:
+    """Return fits by their cost, the settled ones first."""
+    worth = np.where(np.isfinite(fits.cost), fits.cost, np.inf) + np.where(fits.settled, 0.0, 1e200)
+    order = np.argsort(worth, axis=0, kind="stable")
     return Fit(
         *(
             np.take_along_axis(values, order.reshape((1,) * (values.ndim - 2) + order.shape), axis=-2)
-            for values in fits.values()
+            for values in (getattr(fits, name) for name in fits.__dataclass_fields__)
         )
     )

@@ -16,6 +16,7 @@ class PoseStatus(IntEnum):
     NOT_CONVERGED = 5
     MIRRORED = 6
     NO_CONSENSUS = 7
+    IMPLAUSIBLE = 8
 
     @property
     def sentence(self) -> str:
@@ -25,18 +26,20 @@ class PoseStatus(IntEnum):
     @property
     def has_pose(self) -> bool:
         """Whether a pose stands beside the code, rather than NaN."""
-        return self in (PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.NOT_CONVERGED)
+        return self in _WITH_POSE
 
 
+_WITH_POSE = (PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.NOT_CONVERGED, PoseStatus.IMPLAUSIBLE)
 _SENTENCES = {
     PoseStatus.VALID: "a pose was found",
-    PoseStatus.AMBIGUOUS: "a pose was found, but another, listed beside it, fits nearly as well",
+    PoseStatus.AMBIGUOUS: "a pose was found, but another, listed beside it, fits nearly as well, or nothing checks it",
     PoseStatus.HIDDEN: "no target was measured",
     PoseStatus.TOO_FEW: "fewer than three targets were measured",
     PoseStatus.COLLINEAR: "the measured targets lie on one line: the turn about it is open",
     PoseStatus.NOT_CONVERGED: "the adjustment did not settle; the pose is its last",
     PoseStatus.MIRRORED: "the targets fit their mirror image: check the signs of the surveyed points",
     PoseStatus.NO_CONSENSUS: "too few targets agree on one pose",
+    PoseStatus.IMPLAUSIBLE: "the residuals are larger than their standard deviations allow: a wrong target or pose",
 }
 
 

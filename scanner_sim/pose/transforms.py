@@ -20,6 +20,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
+from scanner_sim.arithmetic import arcsin, arctan2, product
+
 Array = NDArray[np.float64]
 
 
@@ -69,8 +71,8 @@ def yaw_pitch_roll_from_rotation(rotation: ArrayLike) -> Array:
     yaw = atan2(r₀₂, r₂₂), pitch = −asin r₁₂, roll = atan2(r₁₀, r₁₁).
     """
     r = np.asarray(rotation, dtype=np.float64)
-    pitch = -np.arcsin(np.clip(r[..., 1, 2], -1.0, 1.0))
-    yaw, roll = np.arctan2(r[..., 0, 2], r[..., 2, 2]), np.arctan2(r[..., 1, 0], r[..., 1, 1])
+    pitch = -arcsin(np.clip(r[..., 1, 2], -1.0, 1.0))
+    yaw, roll = arctan2(r[..., 0, 2], r[..., 2, 2]), arctan2(r[..., 1, 0], r[..., 1, 1])
     return np.stack([yaw, pitch, roll], axis=-1)
 
 
@@ -82,7 +84,7 @@ def rotation_from_yaw_pitch_roll(angles: ArrayLike) -> Array:
         rotation_from_vector(np.stack(vector, axis=-1))
         for vector in ((zero, yaw, zero), (pitch, zero, zero), (zero, zero, roll))
     ]
-    result: Array = turned[0] @ turned[1] @ turned[2]
+    result: Array = product(*turned)
     return result
 
 

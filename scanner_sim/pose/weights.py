@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import inverse
 from scanner_sim.pose.adjustment import Problem
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.sightings import Sightings
@@ -99,7 +100,7 @@ def point_covariances(sightings: Sightings, pose: tuple[Array, Array]) -> Array:
     covariance = _covariance(
         sightings, 3, gradients, pose if sightings.object_variances is not None else None
     )
-    back = np.linalg.inv(np.moveaxis(gradients, (0, 1), (-1, -2)))  # ∂(x, y, z)/∂(Θ, φ, R)
+    back = inverse(np.moveaxis(gradients, (0, 1), (-1, -2)))  # ∂(x, y, z)/∂(Θ, φ, R)
     result: Array = np.einsum("nbij,jknb,nblk->ilnb", back, covariance, back)
     return result
 

@@ -75,6 +75,11 @@ CHANNELS: tuple[Channel, ...] = (
     ),
     Channel("peak_px", "pixel", "detected position on the line sensor; the centre of pixel i is at i"),
     Channel("sigma_peak_px", "pixel", "standard deviation of peak_px that the instrument states"),
+    Channel(
+        "sigma_texture_m",
+        "m",
+        "part of sigma_range_m: what light that is uneven over the spot may move the range by, seen in the neighbours",
+    ),
     Channel("status", "1", "0 where a range was measured, otherwise why there is none"),
     *_point_by("tof.", "by time of flight"),
     Channel(
@@ -102,7 +107,7 @@ SIGMAS = ("sigma_x_m", "sigma_y_m", "sigma_z_m", "cov_xy_m2", "cov_xz_m2", "cov_
 
 _RANGED = tuple(channel.name for channel in _POINT)
 
-MEASURED = (*_RANGED, "peak_px", "sigma_peak_px")
+MEASURED = (*_RANGED, "peak_px", "sigma_peak_px", "sigma_texture_m")
 """Layers that are NaN wherever ``status`` is not 0."""
 
 MEASURED_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(

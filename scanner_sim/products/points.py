@@ -15,6 +15,7 @@ _FROM_CHANNEL = (
     ("z", "P.Z", "<f4"),
     ("intensity", "Y", "<f4"),
     ("sigma_range_m", "sigma_range_m", "<f4"),
+    ("sigma_texture_m", "sigma_texture_m", "<f4"),
     ("truth_object", "truth.object", "<i4"),
     ("truth_material", "truth.material", "<i4"),
 )
@@ -24,9 +25,9 @@ _PLY_TYPE = {"<f4": "float", "<i4": "int"}
 def write_ply(path: str | Path, image: RangeImage) -> None:
     """Write the measured points, row by row; an existing file is overwritten.
 
-    Every vertex has ``x y z`` [m] in the scanner frame, ``intensity`` [electron], ``sigma_range_m`` and the
-    truth numbers where the image has them, and its ``row`` and ``column`` in the image. Voxels without a
-    range are left out, so a file may hold no vertex at all.
+    Every vertex has ``x y z`` [m] in the scanner frame, ``intensity`` [electron], ``sigma_range_m``,
+    ``sigma_texture_m`` and the truth numbers where the image has them, and its ``row`` and ``column`` in the image.
+    Voxels without a range are left out, so a file may hold no vertex at all.
 
     Raises
     ------

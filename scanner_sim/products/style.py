@@ -34,6 +34,8 @@ STATUS_COLOUR: dict[Status, str] = {
     Status.BAD_AMPLITUDE: "#c9c28b",
     Status.ISOLATED: "#6f8f74",
     Status.INCONSISTENT: "#5d6a8c",
+    Status.MIXED: "#b9a7a0",
+    Status.OVERLAP: "#7f8f6a",
 }
 """Muted colours of voxels without a range. They differ in lightness too, and none lies on a colour map in use."""
 

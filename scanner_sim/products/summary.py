@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from scanner_sim.products.image import CHANNEL, RangeImage
 from scanner_sim.status import Status
 
+_BEYOND = (3, 5, 6)
+"""Standard deviations beyond which errors are counted."""
 _QUANTILES = {"min": 0.0, "5%": 0.05, "25%": 0.25, "median": 0.5, "75%": 0.75, "95%": 0.95, "max": 1.0}
 
 
@@ -35,7 +37,7 @@ def summary(image: RangeImage) -> dict[str, Any]:
             for code, number in counts.items()
         ],
     }
-    for name in ("range_m", "sigma_range_m", "Y", "snr", "peak_px", "sigma_peak_px"):
+    for name in ("range_m", "sigma_range_m", "sigma_texture_m", "Y", "snr", "peak_px", "sigma_peak_px"):
         if name in image:
             result[name] = {"unit": CHANNEL[name].unit, **_quantiles(image[name][valid])}
     for name in ("tof.range_m", "tof.sigma_range_m", "fused.range_m", "fused.sigma_range_m"):
@@ -48,6 +50,27 @@ def summary(image: RangeImage) -> dict[str, Any]:
     result["versions"] = dict(image.made_by)
     result["warnings"] = list(image.warnings)
     return result
+
+
+def beyond(image: RangeImage, sigmas: float, way: str = "") -> float | None:
+    """Return the share of ranges whose error is larger than some σ; None where there is no truth to tell.
+
+    Parameters
+    ----------
+    image
+        The image.
+    sigmas
+        How many σ.
+    way
+        Prefix of the way of ranging: ``tof.``, ``fused.`` or none.
+    """
+    names = [f"{way}range_m", f"{way}sigma_range_m", "truth.range_m"]
+    if not all(name in image for name in names):
+        return None
+    measured, sigma, truth = (image[name].astype(np.float64) for name in names)
+    error = np.abs(measured - truth)
+    known = np.isfinite(error) & (sigma > 0.0)
+    return float(np.mean(error[known] > sigmas * sigma[known])) if known.any() else None
 
 
 def summary_json(image: RangeImage) -> str:
@@ -72,6 +95,10 @@ def _truth(image: RangeImage) -> dict[str, Any]:
             stated = sigma > 0.0
             pull = error[stated] / sigma[stated]
             result["error_over_sigma"] = {"rms": _finite(_rms, pull), **_quantiles(pull)}
+            result["share_beyond"] = {
+                f"{sigmas} sigma": _finite(np.mean, (np.abs(pull) > sigmas).astype(np.float64))
+                for sigmas in _BEYOND
+            }
     for way in ("tof", "fused"):
         if {f"{way}.range_m", "truth.range_m"} <= image.channels.keys():
             error = image[f"{way}.range_m"].astype(np.float64) - image["truth.range_m"]

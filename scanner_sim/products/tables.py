@@ -112,6 +112,9 @@ def _array(values: NDArray[Any]) -> Any:
 
     if values.dtype == object:
         return pyarrow.array(values.tolist(), pyarrow.string())
+    if values.dtype.kind == "f":
+        # One NaN for all: its sign depends on the processor.
+        values = np.where(np.isnan(values), np.asarray(np.nan, dtype=values.dtype), values)
     return pyarrow.array(np.ascontiguousarray(values))
 
 

@@ -35,8 +35,8 @@ class VoxelRecord:
         Why there is a range, or why not.
     peak_px, sigma_peak_px
         Detected position [pixel] and its standard deviation; the centre of pixel i is at i.
-    range_m, sigma_range_m
-        Range [m] and its standard deviation.
+    range_m, sigma_range_m, sigma_texture_m
+        Range [m], its standard deviation, and the part of that which comes from light that is uneven over the spot.
     truth_peak_px, truth_range_m
         Position of the chief ray's image [pixel] and its range [m].
     method
@@ -64,6 +64,7 @@ class VoxelRecord:
     sigma_peak_px: float
     range_m: float
     sigma_range_m: float
+    sigma_texture_m: float
     truth_peak_px: float
     truth_range_m: float
     method: str

@@ -68,6 +68,17 @@ def isolated(
     return alone
 
 
+def beside(values: NDArray[np.float64], down: int, right: int) -> NDArray[np.float64]:
+    """Return the values some rows further down and columns further right, NaN beyond the image; same shape."""
+    rows, columns = values.shape
+    shifted = np.full(values.shape, np.nan)
+    if abs(down) < rows and abs(right) < columns:
+        to = (slice(max(0, -down), rows - max(0, down)), slice(max(0, -right), columns - max(0, right)))
+        at = (slice(max(0, down), rows - max(0, -down)), slice(max(0, right), columns - max(0, -right)))
+        shifted[to] = values[at]
+    return shifted
+
+
 def _pair(shape: tuple[int, ...], down: int, right: int) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
     """Return the slices of an image and of its neighbours some rows further down and columns further right."""
     rows, columns = shape

@@ -14,7 +14,7 @@ class Transport(Part):
 
     beamlets: Literal[7, 19, 37] = 19
     """Beamlets of a shot on smooth surfaces."""
-    uneven_beamlets: Count = Field(default=64, ge=19, le=2048)
+    uneven_beamlets: Count = Field(default=256, ge=19, le=2048)
     """Beamlets of a shot on a crease, a strong curve or a gloss that changes within the spot."""
     edge_beamlets: Count = Field(default=256, ge=19, le=2048)
     """Beamlets of a shot that meets an edge of shape, material or shadow."""

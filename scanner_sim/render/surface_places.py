@@ -11,7 +11,7 @@ import mitsuba as mi
 from scanner_sim.render.light import Truth
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Bench, device_frame
-from scanner_sim.scene.loader import LoadedScene
+from scanner_sim.scene.loader import LoadedScene, Pose
 
 
 @dataclass
@@ -45,12 +45,15 @@ def surface_places(loaded: LoadedScene, bench: Bench, shots: Shots, truth: Truth
     radius = dr.opaque(mi.Float, laser.waist_radius) * dr.sqrt(1.0 + dr.square(twist))
     point = mi.Vector3f(frame.laser) + frame.along * distance
     vectors: list[Any] = [point, *(mi.Vector3f(axis) for axis in (frame.along, frame.across, frame.normal))]
+    frame_of = loaded.frames_of(truth.object)
     poses = loaded.poses if shots.poses is None else shots.poses
     for body, pose in zip(loaded.bodies, poses, strict=True):
         own = truth.object == dr.opaque(mi.UInt32, loaded.objects.index(body.item.name) + 1)
-        back = pose.rotation.T
-        carried = [back @ (vectors[0] - pose.place), *(back @ axis for axis in vectors[1:])]
-        vectors = [dr.select(own, new, old) for new, old in zip(carried, vectors, strict=True)]
+        frame_of = Pose(
+            dr.select(own, pose.rotation, frame_of.rotation), dr.select(own, pose.place, frame_of.place)
+        )
+    back = frame_of.rotation.T
+    vectors = [back @ (vectors[0] - frame_of.place), *(back @ axis for axis in vectors[1:])]
     point, along, across, normal = vectors
     return SurfacePlaces(point, along, across, normal, truth.object, radius, distance)
 

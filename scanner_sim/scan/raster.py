@@ -16,7 +16,7 @@ from scanner_sim.units import Angle
 
 MOST_SHOTS = 2**26
 """Largest raster: its layers alone take 7 GB."""
-LAYERS = 26
+LAYERS = 27
 """Layers of an image, four bytes a voxel each."""
 
 

@@ -62,6 +62,8 @@ class LoadedScene:
     coherence
         Dr.Jit table from a material's number to the squared contrast of its speckle: 1 where the surface keeps the
         laser's polarisation, 1/2 where it does not and for other people's materials.
+    frames
+        Dr.Jit table from an object's number to its pose at time 0: 12 numbers each, the upper rows of a matrix.
     bodies
         The objects that move.
     poses
@@ -75,6 +77,7 @@ class LoadedScene:
     material_of: Any
     out_of_band_ratio: Any
     coherence: Any
+    frames: Any
     bodies: tuple[Body, ...] = ()
     poses: tuple[Pose, ...] = ()
 
@@ -91,6 +94,12 @@ class LoadedScene:
     def triangles(self) -> int:
         """Number of triangles of all meshes."""
         return sum(shape.face_count() for shape in self.shapes if shape.is_mesh())
+
+    def frames_of(self, number: Any) -> Pose:
+        """Return the poses at time 0 of the objects of some numbers, one for each."""
+        entries = [dr.gather(mi.Float, self.frames, 12 * number + place) for place in range(12)]
+        rotation = mi.Matrix3f(*(entry for row in range(3) for entry in entries[4 * row : 4 * row + 3]))
+        return Pose(rotation, mi.Vector3f(*entries[3::4]))
 
     def poses_at(self, time: ArrayLike) -> tuple[Pose, ...]:
         """Return the poses of the moving objects at times [s], shape (n,), computed in float64."""
@@ -199,9 +208,20 @@ def _assemble(loaded: list[_Loaded], surfaces: Surfaces) -> LoadedScene:
         mi.UInt32(material_of),
         mi.Float([1.0, *(surfaces.out_of_band_ratio(name) for name in materials)]),
         mi.Float([0.5, *(surfaces.coherence(name) for name in materials)]),
+        _frames(loaded, objects),
         bodies,
         device_poses([body.item.pose_at(0.0) for body in bodies]),
     )
+
+
+def _frames(loaded: list[_Loaded], objects: tuple[str, ...]) -> Any:
+    """Return the table of the objects' poses at time 0."""
+    poses = np.broadcast_to(np.eye(4)[:3], (len(objects) + 1, 3, 4)).copy()
+    for one in loaded:
+        # An object without shapes has no number.
+        if one.shapes:
+            poses[objects.index(one.name) + 1] = one.item.pose_at(0.0)[0, :3]
+    return mi.Float(poses.astype(np.float32).ravel())
 
 
 def _scene(shapes: list[Any]) -> Any:

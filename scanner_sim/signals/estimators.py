@@ -79,7 +79,7 @@ def estimate(
     apart, settled = auto.Float(0.0), auto.Bool(True)
     limit: Any = MARGIN[method]
     if method == "maximum_likelihood":
-        grainy = None if speckle is None else speckle.energy
+        grainy = None if speckle is None else speckle.single
         fit = fit_spot(around, known, dr.clip(_gaussian(around)[0], -0.6, 0.6), grainy)
         shift, slopes, apart, settled = fit.shift, fit.slopes, fit.prior_variance, fit.settled
         limit = auto.Float(known.guard)

@@ -177,9 +177,8 @@ def fit_spot(around: Pixels, width: Width, first: Any, speckle: Any = None) -> F
     first
         A first guess of the shift from the brightest pixel [pixel], shape (m,).
     speckle
-        Relative variance of the spot's charge by speckle, shape (m,); without it there is none. It enters the weights
-        as that of packets which each fall on one pixel, V N m_i: what all pixels have in common of them moves charge,
-        place and width alone, whatever the weights.
+        Relative variance V of the spot's charge by speckle of single pixels, shape (m,); without it there is none. It
+        enters the weights as V N m_i (:attr:`~scanner_sim.signals.speckle.SpotSpeckle.single`).
 
     Returns
     -------

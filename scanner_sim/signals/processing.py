@@ -75,6 +75,12 @@ class Validation(Part):
     steepest surface; a voxel that differs from all its neighbours is refused. ``null`` keeps it."""
     steepest: Angle = Field(default=math.radians(80.0), ge=0.0, le=1.57)
     """Inclination of the steepest surface whose voxels still count as neighbours."""
+    mixed: Angle | None = Field(default=math.radians(70.0), ge=0.0, le=1.57)
+    """Inclination from which the way to a neighbour's range, or to a neighbour without one, is an edge: a spot that
+    reaches it holds light of more than one surface and is refused. ``null`` keeps it."""
+    uneven: Switch = True
+    """Whether σ of a range holds what reflectance and relief that change over the spot may move it by, as far as the
+    neighbours in the raster show it: ``sigma_texture_m``."""
 
     def contradictions(self) -> Iterator[Fault]:
         """Yield widths that do not ascend."""

@@ -22,12 +22,14 @@ from scanner_sim.detector.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.pulse_response import PulseResponse
 from scanner_sim.detector.waveform import Waveforms, quantisation_variance
 from scanner_sim.errors import InputError
+from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.signals.pulse_calibration import send_all_phases
 from scanner_sim.signals.pulse_edge_timing import EdgeTiming, vertex
 from scanner_sim.signals.pulse_edges import EdgeTable, cross
 from scanner_sim.signals.pulse_filter import MatchedFilter, Moments, Noise, Shape, moments_of, threshold_for
 from scanner_sim.signals.pulse_fit import Fit, TimingFilter, fit_gaussian, fit_weights
+from scanner_sim.signals.pulse_overlap import OverlapTest
 from scanner_sim.signals.pulse_search import Found, filtered, find_echoes
 from scanner_sim.signals.pulse_settings import PulseDetection
 from scanner_sim.status import Status
@@ -85,6 +87,8 @@ class PulseDetector:
         The instrument as it knows itself.
     settings
         How echoes are found and timed.
+    laser
+        The beam, which tells how far a surface can stretch a pulse; without it overlapping echoes are not looked for.
 
     Raises
     ------
@@ -93,7 +97,12 @@ class PulseDetector:
     """
 
     def __init__(
-        self, pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, settings: PulseDetection
+        self,
+        pulse: Pulse,
+        photodiode: Photodiode,
+        digitiser: Digitiser,
+        settings: PulseDetection,
+        laser: Laser | None = None,
     ) -> None:
         self.pulse, self.photodiode, self.digitiser, self.settings = pulse, photodiode, digitiser, settings
         self.step = digitiser.step(photodiode.saturation)
@@ -106,6 +115,9 @@ class PulseDetector:
         response = PulseResponse.of(pulse, digitiser.rate)
         self.shape = Shape(response, self.noise.sigma)
         self.filter = MatchedFilter.of(response, self.noise)
+        self.overlap: OverlapTest | None = None
+        if laser is not None and settings.overlap:
+            self.overlap = OverlapTest.of(response, self.noise, laser, digitiser)
         self.half = self.filter.half
         searched = digitiser.samples - 2 * self.half
         if searched < 4:
@@ -152,6 +164,7 @@ class PulseDetector:
             highest = dr.maximum(highest, value)
         clipped = good & (highest >= dr.opaque(auto.Float, self.full - 0.5))
         sample, shift, variance, amplitude, whole = self._timed(waveforms, found, samples, coloured, good)
+        wide = good & ~clipped & self._overlapping(found, samples, coloured)
         if math.isfinite(self.full):
             level = _CLIPPED_LEVEL * self.full
             edges = cross(waveforms, found.sample, dr.full(auto.Float, level, waveforms.shots), clipped)
@@ -163,6 +176,7 @@ class PulseDetector:
             amplitude = dr.select(clipped, highest, amplitude)
         status = auto.UInt32(Status.VALID)
         for failed, code in (
+            (wide, Status.OVERLAP),
             (clipped & ~whole, Status.SATURATED),
             (~clipped & ~whole, Status.BAD_SHAPE),
             (~inside, Status.OUT_OF_GATE),
@@ -239,6 +253,16 @@ class PulseDetector:
             shift, variance = self.edges.leading(edges, table, coloured, self.level)
             return edges.sample, shift, variance, height, edges.whole
         return self.edges.fraction_of(waveforms, found.sample, coloured, good)
+
+    def _overlapping(self, found: Found, samples: list[Any], coloured: Any) -> Any:
+        """Tell which pulses are wider than a surface makes them."""
+        if self.overlap is None:
+            return auto.Bool(False)
+        place, _ = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
+        fit = self.timing.fit(samples, dr.clip(place - self.shape.summit, -1.0, 1.0))
+        current = dr.maximum(fit.amplitude, _LEAST_WHITE) * dr.opaque(auto.Float, self.step)
+        noise = coloured, auto.Float(self.noise.white), auto.Float(self.noise.per_current)
+        return self.overlap(samples, fit, auto.Float(found.sample) + fit.shift, current, noise)
 
     @cached_property
     def timing(self) -> TimingFilter:

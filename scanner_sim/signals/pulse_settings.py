@@ -27,3 +27,6 @@ class PulseDetection(Part):
     """Correct ``leading_edge`` for the amplitude, by a table over the time above the level."""
     fraction: Ratio = Field(default=0.5, ge=0.05, le=0.95)
     """Fraction of the peak whose crossing ``constant_fraction`` times."""
+    overlap: Switch = True
+    """Refuse pulses that are wider than any one surface makes them: echoes of two overlap, and their delay is of
+    neither."""

@@ -71,6 +71,16 @@ class SpotSpeckle:
     others: Any
     sigma: Any
 
+    @property
+    def single(self) -> Any:
+        """Relative variance V of the spot's charge that weights take as one of single pixels, V q m_i.
+
+        What pixels have in common, energy, place and width to first order, moves the fit's own parameters whatever its
+        weights. The modes beyond are r⁴ and less of the whole; where nothing blurs a packet (r = 1) each falls on one
+        pixel.
+        """
+        return self.others * dr.square(dr.square(self.packets.ratio))
+
     def bend(self, apart: Any) -> Any:
         """Return the variance of pixels ``apart`` from the spot's middle [pixel] by modes beyond energy and place.
 

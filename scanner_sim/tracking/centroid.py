@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.arithmetic import inverse, product, solve_linear
 from scanner_sim.tracking.response import Response
 from scanner_sim.tracking.samples import PatternSamples
 
@@ -94,7 +95,7 @@ def hit_centroid(samples: PatternSamples, response: Response) -> Centroid:
     radius = np.sqrt(2.0 * (hit * (away[:, 0] ** 2 + away[:, 1] ** 2)).sum(axis=1) / n)
     crossing = response.hit[:, 1:] != response.hit[:, :-1]
     edge = 0.5 * (away[..., 1:] + away[..., :-1]) * crossing[:, None]
-    spread = edge @ edge.transpose(0, 2, 1) / (12.0 * n**2)[:, None, None]
+    spread = product(edge, edge.transpose(0, 2, 1)) / (12.0 * n**2)[:, None, None]
     covariance = spread + (_UNEVEN * radius)[:, None, None] ** 2 * np.eye(2)
     nothing = np.full(len(n), np.nan)
     return centroid_of(centre, covariance, radius, 0.1 * radius, nothing, response.clear & (count > 0))
@@ -131,7 +132,7 @@ def circle_fit(
     count = weight.sum(axis=1)
     enough = response.clear & (count >= _FEWEST_EDGES)
     n = np.maximum(count, 1.0)
-    middle = (weight[:, None] @ points)[:, 0] / n[:, None]
+    middle = product(weight[:, None], points)[:, 0] / n[:, None]
     x = points - middle[:, None]
     square = x[..., 0] ** 2 + x[..., 1] ** 2
     size = np.sqrt((weight * square).sum(axis=1) / n)
@@ -140,8 +141,8 @@ def circle_fit(
     columns = np.ones((len(x), 3, x.shape[1]))
     columns[:, 0], columns[:, 1] = across, down
     weighted = columns * weight[:, None]
-    normal = weighted @ columns.transpose(0, 2, 1) + _LEAST
-    linear = np.linalg.solve(normal, weighted @ (square / size[:, None] ** 2)[..., None])[..., 0]
+    normal = product(weighted, columns.transpose(0, 2, 1)) + _LEAST
+    linear = solve_linear(normal, product(weighted, (square / size[:, None] ** 2)[..., None]))[..., 0]
     centre = 0.5 * linear[:, :2]
     radius = np.sqrt(np.maximum(linear[:, 2] + (centre**2).sum(axis=1), 1e-12))
     # A row that has come to rest stays as it is: no result depends on the batch.
@@ -155,12 +156,12 @@ def circle_fit(
         tame = weight * np.minimum(1.0, 2.0 * spread[:, None] / np.maximum(np.abs(residual), 1e-12))
         columns[:, 0], columns[:, 1] = -away[0] / distance, -away[1] / distance
         weighted = columns * tame[:, None]
-        found = weighted @ columns.transpose(0, 2, 1) + _LEAST
+        found = product(weighted, columns.transpose(0, 2, 1)) + _LEAST
         if moving.all():
             normal, scale = found, spread
         else:
             normal, scale = np.where(moving[:, None, None], found, normal), np.where(moving, spread, scale)
-        change = np.linalg.solve(found, weighted @ -residual[..., None])[..., 0]
+        change = solve_linear(found, product(weighted, -residual[..., None]))[..., 0]
         # A circle through an arc that hardly bends may run away; half its radius a step is enough for any other.
         change = np.where(moving[:, None], np.clip(change, -0.5, 0.5), 0.0)
         moving = moving & (np.abs(change).max(axis=1) > _AT_REST)
@@ -170,7 +171,7 @@ def circle_fit(
     # Four edges leave one residual, which may be small by chance: no edge is better than the interpolation.
     apart = np.diff(samples.theta, axis=1) ** 2 + np.diff(samples.phi, axis=1) ** 2
     least = (_EDGE if blurred else _SHARP_EDGE) * np.sqrt((weight * apart).sum(axis=1) / n)
-    covariance = np.linalg.inv(normal) * np.maximum(scale * size, least)[:, None, None] ** 2
+    covariance = inverse(normal) * np.maximum(scale * size, least)[:, None, None] ** 2
     return centroid_of(
         middle + centre * size[:, None],
         covariance[:, :2, :2],

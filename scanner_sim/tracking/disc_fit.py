@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
+from scanner_sim.arithmetic import applied, exp, inverse, product, solve_linear
 from scanner_sim.tracking.centroid import Centroid, centroid_of
 from scanner_sim.tracking.response import Response
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
@@ -45,7 +46,8 @@ def disc_fit(
         Where the search begins: :func:`~scanner_sim.tracking.centroid.circle_fit`, or the mean of hits where that has
         none (:func:`~scanner_sim.tracking.centroid.better_of`).
     spot
-        Standard deviation of the spot's irradiance across the beam, as an angle: w/(2 R) [rad], () or (patterns,).
+        Standard deviation of the spot's irradiance across the rim, as an angle: w/(2 R) [rad], (), (patterns,) or
+        (patterns, points).
     shining
         Share of the dwell in which the laser shines.
     pointing
@@ -72,7 +74,8 @@ def disc_fit(
     if not usable.all():
         middle = np.stack([theta.mean(axis=1), phi.mean(axis=1)], axis=1)
         centre, size = np.where(usable[:, None], centre, middle), np.where(usable, size, 1.0)
-    blur = np.zeros(rows) + np.asarray(spot, dtype=np.float64)
+    wide = np.asarray(spot, dtype=np.float64)
+    blur = np.zeros((rows, 1)) + (wide if wide.ndim == 2 else wide.reshape(-1, 1))
     weight = np.where(response.used, 1.0 / response.sigma**2, 0.0)
     prior = np.zeros(rows)
     known = size
@@ -99,8 +102,8 @@ def disc_fit(
         jacobian[:, 0], jacobian[:, 1] = jacobian[:, 2] * direction[0], jacobian[:, 2] * direction[1]
         jacobian[:, 3], jacobian[:, 4] = unit[:, 3:4] * share, unit[:, 4:]
         weighted = jacobian * weight[:, None]
-        normal = weighted @ jacobian.transpose(0, 2, 1)
-        right = (weighted @ residual[..., None])[..., 0]
+        normal = product(weighted, jacobian.transpose(0, 2, 1))
+        right = applied(weighted, residual)
         if radius is not None:
             normal[:, 2, 2] += prior * size**2
             right[:, 2] += prior * size * (known - size)
@@ -108,7 +111,7 @@ def disc_fit(
         normal.reshape(rows, 25)[:, ::6] *= 1.0 + 1e-12
         normal.reshape(rows, 25)[:, ::6] += 1e-300
         kept = _newer(moving, (normal, residual, weighted, steep), kept)
-        change = np.linalg.solve(normal, right[..., None])[..., 0]
+        change = solve_linear(normal, right[..., None])[..., 0]
         np.clip(change, -_MOST, _MOST, out=change)
         change[~moving] = 0.0
         moving = moving & (np.abs(change).max(axis=1) > _AT_REST)
@@ -126,9 +129,9 @@ def disc_fit(
     misfit = chi / freedom
     # What the values do not tell at all has a variance beyond all numbers, and is not found.
     with np.errstate(over="ignore", invalid="ignore"):
-        inverse = np.linalg.inv(normal)
-        of_pointing = inverse @ (turned @ turned.transpose(0, 2, 1)) @ inverse
-        covariance = inverse * np.maximum(misfit, 1.0)[:, None, None] + of_pointing
+        inverted = inverse(normal)
+        of_pointing = product(inverted, product(turned, turned.transpose(0, 2, 1)), inverted)
+        covariance = inverted * np.maximum(misfit, 1.0)[:, None, None] + of_pointing
         covariance = covariance[:, :3, :3] * (size**2)[:, None, None]
     usable &= np.isfinite(covariance).all(axis=(1, 2))
     reach = np.maximum(np.abs(theta - centre[:, :1]).min(axis=1), np.abs(phi - centre[:, 1:]).min(axis=1))
@@ -173,7 +176,7 @@ def blurred_edge(inside: Array, travel: Array, spot: Array) -> tuple[Array, Arra
     first, last = u - half, u + half
     normal_first, normal_last = ndtr(first), ndtr(last)
     over = 0.5 / half
-    density = (np.exp(-0.5 * last**2) - np.exp(-0.5 * first**2)) / _ROOT_PI
+    density = (exp(-0.5 * last**2) - exp(-0.5 * first**2)) / _ROOT_PI
     share = (last * normal_last - first * normal_first + density) * over
     return share, (normal_last - normal_first) * over / spot
 
@@ -190,7 +193,7 @@ def _share(
     direction = away[0] / distance, away[1] / distance
     across = travel[0] * direction[0] + travel[1] * direction[1]
     along = travel[0] ** 2 + travel[1] ** 2 - across**2
-    r, s = radius[:, None], spot[:, None]
+    r, s = radius[:, None], spot
     mean = distance + along / (24.0 * np.maximum(distance, 0.5 * r))
     share, slope = blurred_edge(r - 0.5 * s**2 / r - mean, across, s)
     return share, -slope, direction

@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import chi2
 
+from scanner_sim.arithmetic import solve_linear
+
 Array = NDArray[np.float64]
 
 
@@ -53,7 +55,7 @@ def identify(
     spread = (
         np.asarray(covariance)[:, None] + np.broadcast_to(expected_covariance, (len(targets), 3, 3))[None]
     )
-    distance = np.einsum("kni,kni->kn", away, np.linalg.solve(spread, away[..., None])[..., 0])
+    distance = np.einsum("kni,kni->kn", away, solve_linear(spread, away[..., None])[..., 0])
     distance = np.where(np.isfinite(distance), distance, np.inf)
     gate = float(chi2.isf(chance, 3))
     # A column of its own for each measured target: to be none of them costs as much as the gate.

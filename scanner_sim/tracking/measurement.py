@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
+from scanner_sim.arithmetic import cholesky, inverse, product, solve_linear
 from scanner_sim.parts import Part
 from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import disc_fit
@@ -117,48 +118,24 @@ def measure_target(
         samples, looks.kind, np.stack([middle - looks.depth, middle + looks.depth], axis=1)
     )
     hits = hit_centroid(samples, response)
-    plane, shown, ranged = None, samples, response
-    if axis_separation is not None and looks.surface == "flat":
-        plane = _plane_of(samples, response, looks, hits, middle, axis_separation)
-        shown, light = plane.flattened(samples)
-        if not looks.kind.by_range:
-            response = replace(response, value=response.value / light)
-    graded = not looks.kind.by_range and looks.kind is not TargetKind.RETRO
-    fits = graded and shining == 1.0
-    # Where the disc is fitted, its fit only begins at the circle.
-    centre = circle_fit(shown, response, blurred=fits, rounds=1 if fits else None)
-    if not centre.found.all():
-        hits = hits if plane is None else hit_centroid(shown, response)
-        centre = better_of(centre, hits)
-    if graded:
-        wider = 1.0 if plane is None else plane.stretch
-        error = np.asarray(pointing) * np.reshape(wider, (-1, 1))
-        fitted = disc_fit(
-            shown, response, centre, spot=np.asarray(spot) * wider, shining=shining, pointing=error
-        )
-        if not fitted.found.all():
-            fitted = better_of(fitted, hits if plane is None else hit_centroid(shown, response))
-        if shining < 1.0:
-            # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
-            away = np.abs(response.value - response.threshold[:, None])
-            partly = away < _PARTLY * np.abs(response.target - response.ground)[:, None]
-            told = (partly & response.used).sum(axis=1) >= _FEWEST_PARTLY
-            fitted = better_of(replace(fitted, found=fitted.found & told), centre)
-        centre = fitted
-        whole = _away_from_rim(shown, centre, 3.0 * np.reshape(spot, (-1, 1)), shining)
-        inside = response.used & whole
-        if (inside.sum(axis=1) >= _FEWEST_WHOLE).all():
-            ranged = replace(response, used=inside, hit=response.hit & whole)
-    if plane is not None:
-        centre = plane.seen(centre)
-    distance, variance = _range_at(samples, ranged, looks, centre)
+    stamp = _stamp(samples, response)
+    see = _Seeing(samples, response, looks, hits, spot, shining, pointing)
+    if axis_separation is None or looks.surface != "flat":
+        centre, ranged = see.directly()
+    else:
+        first, _ = _plane_of(samples, response, looks, hits, middle, stamp, axis_separation)
+        centre, ranged = see.on(first)
+        # Voxels at the rim would tilt the plane: the light's middle is not the spot's. Those away from it tell better.
+        second, slope = _plane_of(samples, ranged, looks, centre, middle, stamp, axis_separation)
+        centre, ranged = see.on(second, centre)
+        if see.fits:
+            centre = replace(centre, covariance=centre.covariance + see.by_slope(second, slope, centre))
+    distance, variance = _range_at(samples, ranged, looks, centre, stamp)
     place = np.concatenate([centre.centre, distance[:, None]], axis=1)
     covariance = np.zeros((len(place), 3, 3))
     covariance[:, :2, :2], covariance[:, 2, 2] = centre.covariance, variance
-    count = np.maximum(response.hit.sum(axis=1), 1)
     return Measurement(
-        time=np.where(response.hit, samples.time, 0.0).sum(axis=1) / count
-        + np.where(centre.found, 0.0, np.nan),
+        time=stamp + np.where(centre.found, 0.0, np.nan),
         place=place,
         covariance=covariance,
         radius=centre.radius,
@@ -169,33 +146,143 @@ def measure_target(
     )
 
 
+@dataclass(frozen=True)
+class _Seeing:
+    """What a centre is found from: see :func:`measure_target`; ``hits`` is where the search begins."""
+
+    samples: PatternSamples
+    response: Response
+    looks: TargetLooks
+    hits: Centroid
+    spot: ArrayLike
+    shining: float
+    pointing: ArrayLike
+
+    @property
+    def graded(self) -> bool:
+        """Whether values at the edge say how much of the spot is on the target."""
+        return not self.looks.kind.by_range and self.looks.kind is not TargetKind.RETRO
+
+    @property
+    def fits(self) -> bool:
+        """Whether a disc is fitted, and light has no gaps."""
+        return self.graded and self.shining == 1.0
+
+    def directly(self) -> tuple[Centroid, Response]:
+        """Return centres of targets that are round in the angles, and what of the response tells their range."""
+        start = circle_fit(self.samples, self.response, blurred=self.fits, rounds=1 if self.fits else None)
+        return self._fitted(self.samples, self.response, start, self.hits, None)
+
+    def on(self, plane: TargetPlane, known: Centroid | None = None) -> tuple[Centroid, Response]:
+        """Return centres (Θ, φ) of targets on planes; ``known`` is the centre about which these stand, from before."""
+        shown, response = self._laid(plane)
+        if known is None or not self.fits:
+            # Where the disc is fitted, its fit only begins at the circle.
+            start = circle_fit(shown, response, blurred=self.fits, rounds=1 if self.fits else None)
+        else:
+            start = replace(known, centre=0.0 * known.centre)
+        hits = self.hits if start.found.all() else hit_centroid(shown, response)
+        centre, ranged = self._fitted(shown, response, start, hits, plane)
+        return plane.seen(centre), ranged
+
+    def by_slope(self, plane: TargetPlane, slope: Array, known: Centroid) -> Array:
+        """Return the covariance of centres (patterns, 2, 2) that comes with that of the planes' slopes.
+
+        ``slope`` is that covariance, of ∂R/∂(Θ, φ) [m²/rad²], shape (patterns, 2, 2). The disc is fitted on planes that
+        are wrong by each column of its root.
+        """
+        root = cholesky(slope)
+        spread = np.zeros((len(slope), 2, 2))
+        for column in (0, 1):
+            other = plane.steeper(root[:, :, column])
+            shown, response = self._laid(other)
+            start = replace(known, centre=0.0 * known.centre)
+            moved = other.seen(self._disc(shown, response, start, other)).centre - known.centre
+            moved = np.where(np.isfinite(moved), moved, 0.0)
+            spread += moved[:, :, None] * moved[:, None]
+        return spread
+
+    def _laid(self, plane: TargetPlane) -> tuple[PatternSamples, Response]:
+        """Return samples and response on planes, their light divided by that of the plane's tilt and range."""
+        shown, light = plane.flattened(self.samples)
+        if self.looks.kind.by_range:
+            return shown, self.response
+        return shown, replace(self.response, value=self.response.value / light)
+
+    def _disc(
+        self, shown: PatternSamples, response: Response, start: Centroid, plane: TargetPlane | None
+    ) -> Centroid:
+        spot, error = np.asarray(self.spot, dtype=np.float64), np.asarray(self.pointing, dtype=np.float64)
+        if plane is not None:
+            spot = plane.spot(spot, shown, np.where(start.found[:, None], start.centre, 0.0))
+            error = error * plane.stretch[:, None]
+        return disc_fit(shown, response, start, spot=spot, shining=self.shining, pointing=error)
+
+    def _fitted(
+        self,
+        shown: PatternSamples,
+        response: Response,
+        start: Centroid,
+        hits: Centroid,
+        plane: TargetPlane | None,
+    ) -> tuple[Centroid, Response]:
+        """Return the best centres that the samples tell, and what of the response tells the range."""
+        centre = better_of(start, hits)
+        if not self.graded:
+            return centre, self.response
+        fitted = better_of(self._disc(shown, response, centre, plane), hits)
+        if self.shining < 1.0:
+            # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
+            away = np.abs(response.value - response.threshold[:, None])
+            partly = away < _PARTLY * np.abs(response.target - response.ground)[:, None]
+            told = (partly & response.used).sum(axis=1) >= _FEWEST_PARTLY
+            fitted = better_of(replace(fitted, found=fitted.found & told), centre)
+        whole = _away_from_rim(shown, fitted, 3.0 * np.reshape(self.spot, (-1, 1)), self.shining)
+        inside = response.used & whole
+        if (inside.sum(axis=1) >= _FEWEST_WHOLE).all():
+            return fitted, replace(self.response, used=inside, hit=response.hit & whole)
+        return fitted, self.response
+
+
+def _stamp(samples: PatternSamples, response: Response) -> Array:
+    """Return the time to which places belong [s], shape (patterns,): the mean over the hits."""
+    count = np.maximum(response.hit.sum(axis=1), 1)
+    return np.asarray(np.where(response.hit, samples.time, 0.0).sum(axis=1) / count)
+
+
 def _range_at(
-    samples: PatternSamples, response: Response, looks: TargetLooks, centre: Centroid
+    samples: PatternSamples, response: Response, looks: TargetLooks, centre: Centroid, stamp: Array
 ) -> tuple[Array, Array]:
     """Return range [m] and variance at the centres, shape (patterns,); NaN where too few voxels tell it."""
-    plane, variance, enough = _ranges(samples, response, looks, centre)
-    return np.where(enough, plane[:, 0], np.nan), np.where(enough, variance, np.nan)
+    plane, covariance, enough = _ranges(samples, response, looks, centre, stamp)
+    return np.where(enough, plane[:, 0], np.nan), np.where(enough, covariance[:, 0, 0], np.nan)
 
 
 def _plane_of(
     samples: PatternSamples,
     response: Response,
     looks: TargetLooks,
-    hits: Centroid,
+    centre: Centroid,
     middle: Array,
+    stamp: Array,
     axis_separation: float,
-) -> TargetPlane:
-    """Return the planes on which targets lie, about the means of their hits; where nothing was hit they face."""
-    ranges, _, enough = _ranges(samples, response, looks, hits)
-    known = enough & hits.found
+) -> tuple[TargetPlane, Array]:
+    """Return the planes on which targets lie, about their centres, and the covariance of their slopes [m²/rad²].
+
+    Where nothing was hit they face the scanner.
+    """
+    ranges, covariance, enough = _ranges(samples, response, looks, centre, stamp)
+    known = enough & centre.found
     about = np.stack([samples.theta.mean(axis=1), samples.phi.mean(axis=1)], axis=1)
-    radius = np.where(hits.found & (hits.radius > 0.0), hits.radius, 1.0)
-    return target_plane(
-        np.where(known[:, None], hits.centre, about),
+    radius = np.where(centre.found & (centre.radius > 0.0), centre.radius, 1.0)
+    plane = target_plane(
+        np.where(known[:, None], centre.centre, about),
         np.where(known & (ranges[:, 0] > axis_separation), ranges[:, 0], middle),
-        np.where(known[:, None], ranges[:, 1:] / radius[:, None], 0.0),
+        np.where(known[:, None], ranges[:, 1:3] / radius[:, None], 0.0),
         axis_separation,
     )
+    spread = covariance[:, 1:3, 1:3] / (radius**2)[:, None, None]
+    return plane, np.where(known[:, None, None], spread, 1e-12 * np.eye(2))
 
 
 def _away_from_rim(samples: PatternSamples, centre: Centroid, blur: Array, shining: float) -> Mask:
@@ -220,11 +307,13 @@ def _plain(response: Response) -> Mask:
 
 
 def _ranges(
-    samples: PatternSamples, response: Response, looks: TargetLooks, centre: Centroid
+    samples: PatternSamples, response: Response, looks: TargetLooks, centre: Centroid, stamp: Array
 ) -> tuple[Array, Array, Mask]:
-    """Return range [m] at the centres with its rises, its variance, and whether there are voxels enough.
+    """Return range [m] at the centres with its rises, their covariance, and whether there are voxels enough.
 
-    Shapes (patterns, 3), of which the second and third are per radius along Θ and φ, (patterns,) and (patterns,).
+    Shapes (patterns, 4), of which the second and third are per radius along Θ and φ and the fourth per pattern's length
+    in time, (patterns, 4, 4) and (patterns,). The rise in time lets the range belong to the ``stamp`` [s], whenever the
+    voxels that tell it were measured.
     """
     part = {TargetKind.BLACK: response.used, TargetKind.HOLE: response.used & ~response.hit}
     if looks.kind is TargetKind.RETRO:
@@ -244,13 +333,14 @@ def _ranges(
     weight = np.where(chosen, 1.0 / sigma**2, 0.0)
     # In radii, so that the plane's columns are of like size.
     size = np.where(centre.found, centre.radius, 1.0)[:, None]
-    design = np.ones((len(size), 3, square.shape[1]))
+    design = np.ones((len(size), 4, square.shape[1]))
     design[:, 1], design[:, 2] = angles[0] / size, angles[1] / size
+    design[:, 3] = (samples.time - stamp[:, None]) / np.ptp(samples.time, axis=1)[:, None]
     weighted = design * weight[:, None]
-    normal = weighted @ design.transpose(0, 2, 1)
-    enough: Mask = np.asarray(chosen.sum(axis=1) >= 4)
-    normal = np.where(enough[:, None, None], normal, np.eye(3))
-    normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+    normal = product(weighted, design.transpose(0, 2, 1))
+    enough: Mask = np.asarray(chosen.sum(axis=1) >= 5)
+    normal = np.where(enough[:, None, None], normal, np.eye(4))
+    normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(4)
     value = np.where(chosen, value, 0.0)
-    plane = np.linalg.solve(normal, weighted @ value[..., None])[..., 0]
-    return np.asarray(plane), np.asarray(np.linalg.inv(normal)[:, 0, 0]), enough
+    plane = solve_linear(normal, product(weighted, value[..., None]))[..., 0]
+    return np.asarray(plane), np.asarray(inverse(normal)), enough

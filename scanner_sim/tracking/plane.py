@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.arithmetic import inverse, product
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.tracking.centroid import Centroid, centroid_of
 from scanner_sim.tracking.samples import PatternSamples
@@ -33,6 +34,10 @@ class TargetPlane:
         ∂(u, v)/∂(Θ, φ) at the foot, shape (patterns, 2, 2).
     stretch
         1/√cos of the tilt: what it adds to a spot's width in the geometric mean of both directions, (patterns,).
+    lean
+        Tangent of the tilt times its direction on the plane, along which a round beam's spot is longer, (patterns, 2).
+    centre, slope
+        (Θ, φ) of the foot [rad], and ∂R/∂(Θ, φ) there [m/rad], shape (patterns, 2).
     axis_separation
         D_g [m].
     """
@@ -43,6 +48,9 @@ class TargetPlane:
     distance: Array
     change: Array
     stretch: Array
+    lean: Array
+    centre: Array
+    slope: Array
     axis_separation: float
 
     def flattened(self, samples: PatternSamples) -> tuple[PatternSamples, Array]:
@@ -64,15 +72,30 @@ class TargetPlane:
         light = np.abs(rise) * (self.stretch * self.distance)[:, None] ** 2 / reach**2
         return replace(samples, theta=u, phi=v), light
 
+    def steeper(self, change: Array) -> TargetPlane:
+        """Return the planes through the same feet with other slopes, by ``change`` [m/rad], shape (patterns, 2)."""
+        return target_plane(self.centre, self.distance, self.slope + change, self.axis_separation)
+
+    def spot(self, beam: ArrayLike, shown: PatternSamples, centre: Array) -> Array:
+        """Return the standard deviation of a spot on the plane away from a centre, shape (patterns, points).
+
+        s √(1 + (n·l)²) of a round beam s, () or (patterns,), with n the direction from ``centre`` (patterns, 2) to a
+        voxel and l the plane's ``lean``: across a tilted disc's rim the spot is longer where this faces the tilt.
+        """
+        u, v = shown.theta - centre[:, :1], shown.phi - centre[:, 1:]
+        along = (u * self.lean[:, :1] + v * self.lean[:, 1:]) ** 2 / np.maximum(u**2 + v**2, 1e-300)
+        spot: Array = np.reshape(np.asarray(beam, dtype=np.float64), (-1, 1)) * np.sqrt(1.0 + along)
+        return spot
+
     def seen(self, centroid: Centroid) -> Centroid:
         """Return centres on the plane as (Θ, φ) [rad]; the radius stays, an angle at the range of the foot."""
         moved = centroid.centre[:, :1] * self.across + centroid.centre[:, 1:] * self.down
         x, y, z = (self.point + self.distance[:, None] * moved).T
         _, theta, phi = angles_and_range(x, y, z, self.axis_separation)
-        back = np.linalg.inv(self.change)
+        back = inverse(self.change)
         return centroid_of(
             np.stack([theta, phi], axis=1),
-            back @ centroid.covariance @ back.transpose(0, 2, 1),
+            product(back, centroid.covariance, back.transpose(0, 2, 1)),
             centroid.radius,
             centroid.sigma_radius,
             centroid.misfit,
@@ -123,7 +146,7 @@ def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: 
     change = np.zeros((len(centre), 2, 2))
     change[:, 0, 0], change[:, 0, 1] = side / distance, g * h / (side * distance)
     change[:, 1, 1] = (reach * down[1] + h * down[2]) / distance
-    spanned = edges @ axes
+    spanned = product(edges, axes)
     return TargetPlane(
         point=point,
         across=spanned[:, 0],
@@ -131,6 +154,9 @@ def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: 
         distance=distance,
         change=change,
         stretch=1.0 / np.sqrt(normal[2]),
+        lean=np.stack([forth, down[2]], axis=1) / normal[2][:, None],
+        centre=centre,
+        slope=np.stack([g, h], axis=1),
         axis_separation=axis_separation,
     )
 

@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.arithmetic import applied, product, solve_linear
+
 Array = NDArray[np.float64]
 
 AXES = 3
@@ -76,11 +78,11 @@ def predicted(motion: Motion, time: ArrayLike, unrest: ArrayLike) -> Motion:
     onward[..., _PLACE, _RATE] = step[..., None]
     size = np.abs(step)[..., None]
     density = np.asarray(unrest, dtype=np.float64)
-    noise[..., _PLACE, _PLACE] = density * size**3 / 3.0
+    noise[..., _PLACE, _PLACE] = density * size**2 * size / 3.0
     noise[..., _RATE, _RATE] = density * size
     noise[..., _PLACE, _RATE] = noise[..., _RATE, _PLACE] = density * size**2 / 2.0
-    mean = (onward @ motion.mean[..., None])[..., 0]
-    return Motion(mean, onward @ motion.covariance @ np.swapaxes(onward, -1, -2) + noise, when)
+    mean = applied(onward, motion.mean)
+    return Motion(mean, product(onward, motion.covariance, np.swapaxes(onward, -1, -2)) + noise, when)
 
 
 def surprise(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Array:
@@ -90,7 +92,7 @@ def surprise(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Array:
     """
     away = np.asarray(place, dtype=np.float64) - motion.mean[..., :AXES]
     spread = motion.covariance[..., :AXES, :AXES] + np.asarray(covariance, dtype=np.float64)
-    return np.asarray((away * np.linalg.solve(spread, away[..., None])[..., 0]).sum(axis=-1))
+    return np.asarray((away * solve_linear(spread, away[..., None])[..., 0]).sum(axis=-1))
 
 
 def updated(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Motion:
@@ -101,9 +103,10 @@ def updated(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Motion:
     noise = np.asarray(covariance, dtype=np.float64)
     seen = motion.covariance[..., :, :AXES]
     spread = motion.covariance[..., :AXES, :AXES] + noise
-    gain = np.swapaxes(np.linalg.solve(spread, np.swapaxes(seen, -1, -2)), -1, -2)
+    gain = np.swapaxes(solve_linear(spread, np.swapaxes(seen, -1, -2)), -1, -2)
     away = np.asarray(place, dtype=np.float64) - motion.mean[..., :AXES]
     keep = np.zeros_like(motion.covariance) + _WHOLE
     keep[..., :AXES] -= gain
-    whole = keep @ motion.covariance @ np.swapaxes(keep, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
-    return Motion(motion.mean + (gain @ away[..., None])[..., 0], whole, motion.time)
+    whole = product(keep, motion.covariance, np.swapaxes(keep, -1, -2))
+    whole = whole + product(gain, noise, np.swapaxes(gain, -1, -2))
+    return Motion(motion.mean + applied(gain, away), whole, motion.time)

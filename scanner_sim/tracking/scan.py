@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
+from scanner_sim.arithmetic import applied
 from scanner_sim.errors import Fault
 from scanner_sim.parts import Part, Switch
 from scanner_sim.ranging.coordinates import angles_and_range
@@ -199,7 +200,7 @@ def _members(
     pose = item.pose_at(0.0)[0]
     for number in chosen:
         label = f"{name}/{number + 1}" if isinstance(item, TargetArray) else name
-        here = pose[:3, :3] @ centres[number] + pose[:3, 3]
+        here = applied(pose[:3, :3], centres[number]) + pose[:3, 3]
         distance, theta, phi = angles_and_range(here[0], here[1], here[2], axis_separation)
         expected = np.array([theta, phi, distance]) if asked.expected is None else np.array(asked.expected)
         expected = expected + np.array(asked.offset)

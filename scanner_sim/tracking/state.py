@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
@@ -25,7 +26,7 @@ class TrackMode(StrEnum):
     """What the tracker does with a target."""
 
     SEARCH = "search"
-    """It runs larger and larger patterns over the expected place."""
+    """It runs larger and larger patterns where it was seen last and where it was expected, in turns."""
     ACQUIRE = "acquire"
     """It has seen the target and looks whether it stays."""
     TRACK = "track"
@@ -69,7 +70,8 @@ class TrackerSettings(Part):
     patience: Count = Field(default=3, ge=1, le=1000)
     """Patterns in a row without the target after which it is lost."""
     give_up: Count = Field(default=10, ge=1, le=100_000)
-    """Patterns after its loss in which it is looked for where it was going; then where it was expected first."""
+    """Patterns after its loss in which it is looked for where it was going; then, in turns, where it was seen last and
+    where it was expected first."""
     size_tolerance: Ratio = Field(default=0.15, gt=0.0, le=1.0)
     """Largest difference of radius, over the radius expected at the measured range."""
     misfit: Number = Field(default=30.0, gt=1.0, le=1e6)
@@ -141,7 +143,7 @@ def init(expected: ArrayLike, settings: TrackerSettings, time: float = 0.0) -> T
 def command(state: TrackState, settings: TrackerSettings, diameter: float, time: float) -> TrackCommand:
     """Return the pattern to be run around a time [s], for a target of a diameter [m]."""
     if state.mode is TrackMode.SEARCH:
-        place = state.expected
+        place = state.motion.mean[:3]
     else:
         place = predicted(state.motion, time, _unrest(settings)).mean[:3]
     radius = _radius(diameter, float(place[2]))
@@ -152,9 +154,10 @@ def command(state: TrackState, settings: TrackerSettings, diameter: float, time:
         # So many patterns grow until the largest is reached, and then it begins anew.
         steps = 1
         if settings.search_growth > 1.0 and settings.search_most > first:
-            steps += int(
-                np.ceil(np.log(settings.search_most / first) / np.log(settings.search_growth) - 1e-9)
-            )
+            growths = math.log(settings.search_most / first) / math.log(settings.search_growth)
+            steps += math.ceil(growths - 1e-9)
+        if state.mode is TrackMode.SEARCH and state.searched // steps % 2:
+            place = state.expected
         grown = first * settings.search_growth ** (state.searched % steps)
         amplitude = max(min(grown, settings.search_most), settings.track_amplitude * radius)
     return TrackCommand(state.mode, place, amplitude, state.patterns)
@@ -288,7 +291,7 @@ def _missed(state: TrackState, settings: TrackerSettings, measurement_time: floa
     if state.mode is TrackMode.ACQUIRE:
         return replace(kept, mode=TrackMode.LOST, searched=0)
     if state.mode is TrackMode.LOST and state.searched + 1 >= settings.give_up:
-        unknown = _unknown(state.expected, settings, measurement_time)
+        unknown = _unknown(state.motion.mean[:3], settings, measurement_time)
         return replace(kept, mode=TrackMode.SEARCH, motion=unknown, searched=0)
     return replace(kept, searched=state.searched + 1)
 

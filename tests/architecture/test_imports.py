@@ -34,6 +34,7 @@ WHOLE = (
     "conditions",
     "lidar",
     "workbench",
+    "neighbourhood",
     "voxel_records",
     "simulate",
     "photo",

@@ -101,9 +101,10 @@ def test_slope_of_the_range_error(source: str) -> None:
 
     Set-up: one source alone (an angle of 10 µrad between projection and reception; speckle; Poisson noise; read noise);
     48 facing plates from 5 to 35 m, 2304 voxels each, each with a seed of its own; maximum-likelihood fit, for speckle
-    at four places in the pixel. σ_R against R, straight line in logarithms. Expected: ΔR = R²Δp/(f d) (eq 4) with Δp constant, ∝ N^−½ ∝ R or
-    ∝ 1/N ∝ R². Tolerance: 0.02: each logarithm is known to 1.5 %, hence the slope to 0.0036, and the place of the
-    spot in its pixel moves σ by 1 %: 0.004; for speckle 0.006. Power: a slope wrong by 0.04 is found.
+    at four places in the pixel. σ_R against R, straight line in logarithms. Expected: ΔR = R²Δp/(f d) (eq 4) with Δp
+    constant, ∝ N^−½ ∝ R or ∝ 1/N ∝ R². Tolerance: 0.02: each logarithm is known to 1.5 %, hence the slope to 0.0036,
+    and the place of the spot in its pixel moves σ by 1 %: 0.004; for speckle 0.006. Power: a slope wrong by 0.04 is
+    found.
     """
     expected, peak, parts = SOURCES[source]
     phases = 4 if source == "speckle" else 1

@@ -44,6 +44,7 @@ def digests(folder: Path, config: Path, overrides: list[str], kind: dict[str, st
 @pytest.mark.parametrize(
     ("config", "overrides"),
     [
+        ("track_two_objects.yaml", ["scan.duration=150 ms"]),
         ("tof_both.yaml", ["scan.rows=24", "scan.columns=24"]),
         ("lighting_partial_shadow.yaml", ["scan.rows=16", "scan.columns=24"]),
     ],

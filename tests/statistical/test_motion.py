@@ -12,7 +12,7 @@ Expected
 Tolerance
     4 standard errors each, and beyond them 0.015 σ of the mean for the estimator's own bias (10 µm) and 3 % of χ²
     for σ, which is itself estimated: a right program fails once in 10⁴ seeds. A plate at rest would be off by 70 mm at
-    the end, one that is a row's time late by more than a σ.
+    the end, one that is a row's time late by about a σ, which is 15 times what the mean may be off.
 """
 
 from __future__ import annotations
@@ -73,6 +73,6 @@ def test_sigma_is_true_for_a_moving_plate() -> None:
     assert n > 0.98 * len(shots)
     assert abs(error.mean()) < 4.0 / np.sqrt(n) + 0.015
     assert abs(np.mean(error**2) - 1.0) < 4.0 * np.sqrt(2.0 / n) + 0.03
-    # The test could fail: in a row's time the plate moves by more than σ.
+    # The test could fail: in a row's time the plate moves by more than half a σ.
     row = told.raster.columns
-    assert np.median(np.abs(truth[row:] - truth[:-row])) > np.median(layers["sigma_range_m"][valid])
+    assert np.median(np.abs(truth[row:] - truth[:-row])) > 0.5 * np.median(layers["sigma_range_m"][valid])

@@ -20,7 +20,7 @@ from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.schedule import MirrorPair, Visiting, mirrors_at, run_visit
 from scanner_sim.status import Status
 from scanner_sim.tracking.identify import identify
-from scanner_sim.tracking.measurement import TargetLooks, measure_target
+from scanner_sim.tracking.measurement import Measurement, TargetLooks, measure_target
 from scanner_sim.tracking.prediction import begun, predicted, surprise, updated
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.samples import PatternSamples
@@ -274,3 +274,26 @@ def test_targets_of_an_array_are_told_apart() -> None:
     assert np.isnan(found.surprise[3])
     both = identify(expected[[0, 0]], tight[:2], expected, loose)
     assert sorted(both.target.tolist()) == [-1, 0]
+
+
+def test_a_search_also_goes_where_the_target_was_seen_last() -> None:
+    """Claim: a target that was lost far from its first expected place is looked for at both, one cycle after another.
+
+    Set-up: a target followed to 0.1 rad from where it was expected, then hidden for 60 patterns. Expected: searches at
+    the last place first, and as many at the expected one, but for one cycle.
+    """
+    settings = TrackerSettings()
+    expected, last = np.array([0.0, 0.0, 8.0]), np.array([0.1, 0.05, 8.0])
+    state = replace(init(expected, settings), mode=TrackMode.TRACK, motion=init(last, settings).motion)
+    nothing = Measurement(
+        *(np.full(shape, np.nan) for shape in ((1,), (1, 3), (1, 3, 3), (1,), (1,), (1,), (1,))),
+        found=np.zeros(1, dtype=bool),
+    )
+    places = []
+    for number in range(60):
+        state, order = step(state, nothing, settings, 0.1, 0.01 * number)
+        if order.mode is TrackMode.SEARCH:
+            places.append(order.place[0])
+    assert places[0] == 0.1
+    assert abs(places.count(0.1) - places.count(0.0)) <= 5
+    assert places.count(0.1) + places.count(0.0) == len(places) > 40

@@ -26,7 +26,7 @@ def test_solutions_are_backward_stable(size: int) -> None:
     """Claim: |A X − B| ≤ 10 n ε |A| |X|, which bounds the error by the condition number as LAPACK's does."""
     matrix = positive(size, (50, 4))
     right = np.random.default_rng(1).normal(size=(4, size, 3))
-    found = arithmetic.solve(matrix, right)
+    found = arithmetic.solve_linear(matrix, right)
     most = 10 * size * EPSILON * np.abs(matrix).sum((-2, -1)) * np.abs(found).max((-2, -1))
     assert (np.abs(matrix @ found - right).max((-2, -1)) <= most).all()
     np.testing.assert_allclose(

@@ -109,7 +109,7 @@ def test_dark_shots_stay_dark(device: Device) -> None:
     from scanner_sim.render.clusters import cluster
 
     one = dr.ones(mi.Float, 6)
-    dark = Spots(dr.zeros(mi.Float, 6), mi.Float([1, 2, 3, 4, 5, 6]), one, one, one)
+    dark = Spots(dr.zeros(mi.Float, 6), mi.Float([1, 2, 3, 4, 5, 6]), one, one)
     found = cluster(dark, dr.arange(mi.UInt32, 2), 3, 4)
     line = found.power(dr.arange(mi.UInt32, 10), dr.zeros(mi.UInt32, 10)).numpy()
     assert (line == 0.0).all()

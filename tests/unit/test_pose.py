@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any, get_args
 
 import numpy as np
@@ -14,12 +13,9 @@ from scipy.spatial.transform import Rotation
 from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry
 from scanner_sim.errors import InputError
-from scanner_sim.pose import estimate
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.covariance import error_ellipsoid, point_on_object, relative_pose
 from scanner_sim.pose.inputs import PosePrior
-from scanner_sim.pose.lone_estimate import lone_estimate
-from scanner_sim.pose.result import PoseEstimate
 from scanner_sim.pose.status import PoseStatus, legend
 from scanner_sim.pose.transforms import (
     cayley,
@@ -168,42 +164,6 @@ def test_of_two_poses_none_stands_for_the_other(method: Method) -> None:
         rows = slice(first, first + 2)
         pair = estimate_pose(points, theta[rows], phi[rows], r[rows], method=method, **NOISE)
         np.testing.assert_array_equal(pair.position, whole.position[rows])
-
-
-@pytest.mark.parametrize("name", ["square", "thin"])
-def test_one_pose_by_itself_is_that_of_the_batch(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The quick way agrees with the general one: pose, covariance, residuals, second pose and status; and it is taken.
-
-    Distant small tilts are among the cases, whose two poses lie close to one another or are one.
-    """
-    taken: list[PoseEstimate | None] = []
-
-    def quick(*arguments: Any, **named: Any) -> PoseEstimate | None:
-        taken.append(lone_estimate(*arguments, **named))
-        return taken[-1]
-
-    monkeypatch.setattr(estimate, "lone_estimate", quick)
-    points, rng = ARRAYS[name] + [0.2, -0.1, 0.3], np.random.default_rng(12)
-    rotation, position = attitudes(400, 12)
-    rotation[::4] = rotation_from_vector(0.05 * rng.standard_normal((100, 3)))
-    theta, phi, _ = measure(points, rotation, position)
-    theta, phi = (exact + SIGMA * rng.standard_normal(exact.shape) for exact in (theta, phi))
-    whole = estimate_pose(points, theta, phi, **NOISE)
-    for k in range(400):
-        alone = estimate_pose(points, theta[k], phi[k], **NOISE)
-        assert alone.status == whole.status[k]
-        turn = vector_from_rotation(alone.rotation @ whole.rotation[k].T)
-        apart = np.concatenate([alone.position - whole.position[k], turn]) / whole.sigma[k]
-        assert np.abs(apart).max() < 1e-3
-        np.testing.assert_allclose(alone.sigma, whole.sigma[k], rtol=1e-3)
-        np.testing.assert_allclose(alone.residuals, whole.residuals[k], atol=1e-3 * SIGMA)
-        assert alone.chi2 == pytest.approx(whole.chi2[k], abs=1e-6)
-        np.testing.assert_allclose(alone.alternatives.chi2, whole.alternatives.chi2[k], atol=0.02, rtol=1e-3)
-        for field in fields(PoseEstimate):
-            if field.name != "alternatives":
-                one, many = getattr(alone, field.name), getattr(whole, field.name)
-                assert (one.shape, one.dtype) == (many.shape[1:], many.dtype)
-    assert sum(item is not None for item in taken[1:]) > 300
 
 
 def test_hidden_targets_are_left_out_and_too_few_are_a_status() -> None:

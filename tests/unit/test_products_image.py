@@ -123,8 +123,8 @@ class TestImage:
         image = make_image()
         points = image.points()
         assert points.shape == (np.count_nonzero(image.valid), 3)
-        row, column = np.argwhere(image.valid)[4]
-        assert points[4].tolist() == [image[f"P.{axis}"][row, column] for axis in "XYZ"]
+        row, column = np.argwhere(image.valid)[3]
+        assert points[3].tolist() == [image[f"P.{axis}"][row, column] for axis in "XYZ"]
 
     def test_repr_tells_what_it_is(self) -> None:
         text = repr(make_image())

@@ -146,7 +146,8 @@ def make_record(status: Status = Status.VALID, truth: float = 20.2) -> VoxelReco
         row=3, column=4, theta=-0.1, phi=0.2, pixel_signal=light + 300.0, expected_signal=light,
         noise_sigma=np.full(64, 200.0), threshold=1000.0, saturation_level=6e4, status=status,
         peak_px=20.25 * number, sigma_peak_px=0.02 * number, range_m=9.998 * number, sigma_range_m=1e-3 * number,
-        truth_peak_px=truth, truth_range_m=10.0 if np.isfinite(truth) else np.nan, method="gaussian",
+        sigma_texture_m=5e-4 * number, truth_peak_px=truth,
+        truth_range_m=10.0 if np.isfinite(truth) else np.nan, method="gaussian",
         window=(17, 23) if status is Status.VALID else None,
     )  # fmt: skip
 

@@ -1,0 +1,50 @@
+"""Is σ true where a spot falls on more than one surface? The table of docs/theory/ranging.md.
+
+python benchmarks/uneven.py [scenes of each kind] [first seed]
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+
+from scanner_sim import simulate
+from scanner_sim.compare.mixed_scenes import KINDS, Found, MixedScene
+
+SIDE = 96
+PITCHES = ((0.3, 0.7), (1.0, 3.0), (4.0, 8.0))
+"""Least and largest pitch of the raster, in radii of the beam."""
+PLAIN = {"processing": {"validation": {"mixed": None, "uneven": False}}}
+
+
+def row(found: list[Found]) -> str:
+    """Return the pooled shares, in per cent."""
+    size = np.abs(np.concatenate([one.pulls for one in found]))
+    kept = 100.0 * np.mean([one.kept for one in found])
+    shares = [100.0 * np.mean(part) for part in (size < 1.959964, size > 3.0, size > 6.0)]
+    return f"{kept:5.1f} | {shares[0]:5.1f} | {shares[1]:6.2f} | {shares[2]:6.3f}"
+
+
+def main(scenes: int, first: int) -> None:
+    """Print the table."""
+    print("| scene | pitch [w] | | kept | within 1.96 σ | beyond 3 σ | beyond 6 σ |")
+    print("|---|---|---|---|---|---|---|")
+    for least, most in PITCHES:
+        for kind in KINDS:
+            now, before = [], []
+            for number in range(first, first + scenes):
+                drawn = MixedScene.drawn(kind, number, side=SIDE)
+                beam = drawn.scenario().scanner.laser.radius(drawn.distance)
+                pitch = beam * float(np.random.default_rng([number, 7]).uniform(least, most))
+                spaced = drawn.at(pitch=pitch)
+                now.append(Found.of(simulate(spaced.scenario(), device="cpu")))
+                before.append(Found.of(simulate(spaced.scenario(**PLAIN), device="cpu")))
+            about = f"| {kind} | {least:g}–{most:g} |"
+            print(f"{about} without neighbours | {row(before)} |")
+            print(f"{about} as it is | {row(now)} |", flush=True)
+
+
+if __name__ == "__main__":
+    numbers = [int(text) for text in sys.argv[1:]]
+    main(*(numbers + [6, 9000][len(numbers) :]))
