@@ -4,20 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
-from scanner_sim.analytic.budget import Instrument, range_budget
-from scanner_sim.analytic.echo_budget import EchoInstrument, echo_budget, fused_sigma
+from pydantic import TypeAdapter, ValidationError
+
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
+from scanner_sim.errors import InputError
 from scanner_sim.products.budget import BUDGET, BudgetRow, crossing, write_budget
 from scanner_sim.products.folder import claimed
 from scanner_sim.render.device import DeviceChoice
-from scanner_sim.scenario import Scenario
+from scanner_sim.units import FROM_FILE, Angle
 
 
 def budget_scenario(
@@ -27,6 +27,7 @@ def budget_scenario(
     *,
     count: int,
     reflectance: float,
+    sweep: str | None,
     image: bool,
     device: DeviceChoice,
     overwrite: bool,
@@ -40,9 +41,14 @@ def budget_scenario(
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
     scenario = load_and_warn(config, overrides, quiet)
+    chosen = None if sweep is None else _angle(sweep)
     with claimed(folder, overwrite, BUDGET):
-        from scanner_sim.studies.budget import distances_of, measure_budget
+        from scanner_sim.compare.instrument import closed_crossing, with_closed_forms
+        from scanner_sim.studies.budget import distances_of, measure_budget, swept
         from scanner_sim.studies.dominance import dominating
+
+        own, scenario = scenario, swept(scenario, chosen)
+        turn = scenario.raster.travel
 
         distances = distances_of(scenario, count)
         dominance = None
@@ -50,22 +56,29 @@ def budget_scenario(
             rows = measure_budget(scenario, distances, reflectance, device=device, progress=advance)
             if image:
                 say("over the image")
-                dominance = dominating(scenario, device=device, progress=advance)
+                dominance = dominating(own, device=device, progress=advance)
         rows = with_closed_forms(rows, scenario, reflectance)
+        ends = float(distances[0]), float(distances[-1])
+        at_rest = math.nan
+        if scenario.ranging != "triangulation":
+            at_rest = closed_crossing(swept(scenario, 0.0), reflectance, *ends)
         paths = write_budget(
             rows,
             folder,
             reflectance=reflectance,
-            scenario_yaml=resolved_yaml(scenario),
-            light="dark" if scenario.lighting.sky().dark else "lit as the scenario says",
+            scenario_yaml=resolved_yaml(own),
+            light=("dark" if scenario.lighting.sky().dark else "lit as the scenario says")
+            + f", {_turn(turn)}",
+            sweep=turn,
+            at_rest=at_rest,
             dominance=dominance,
             overwrite=overwrite,
         )
     if quiet:
         return
     print_rows(budget_rows(rows))
-    meeting = crossing(rows, "simulated_m")
-    closing = {} if math.isnan(meeting) else {"equally precise at": f"{meeting:.3g} m"}
+    closing = {"the beam in a dwell": _turn(turn) + (" (as the scan's columns)" if chosen is None else "")}
+    closing |= _meeting(rows, turn, at_rest)
     closing |= {"folder": str(folder), "files": ", ".join(path.name for path in paths)}
     if dominance is not None:
         shares = sorted(dominance.shares().items(), key=lambda share: -share[1])
@@ -73,139 +86,36 @@ def budget_scenario(
     print_table(closing)
 
 
-def with_closed_forms(
-    rows: Sequence[BudgetRow], scenario: Scenario, reflectance: float
-) -> tuple[BudgetRow, ...]:
-    """Return a budget with the analytic values of what has a closed form."""
-    from scanner_sim.studies.budget import HALF
+def _angle(text: str) -> float:
+    """Return the angle [rad] that an option names.
 
-    bench, unit = instrument_of(scenario, reflectance, HALF), echo_instrument_of(scenario, reflectance)
-    # The closed form is that of the matched filter on a Gaussian pulse.
-    lidar = scenario.scanner.lidar
-    timed = scenario.processing.pulse.timing == "matched_filter" and lidar.pulse.shape == "gaussian"
-    closed: dict[tuple[str, float], dict[str, float]] = {}
-    for distance in {row.range_m for row in rows}:
-        triangulation = range_budget(bench, distance)
-        echo = echo_budget(unit, distance) if timed else {}
-        both = fused_sigma(triangulation["all"], echo["all"]) if timed else math.nan
-        closed["triangulation", distance] = triangulation
-        closed["tof", distance] = echo
-        closed["fused", distance] = {"all": both}
-    found = [replace(row, analytic_m=closed[row.mode, row.range_m].get(row.source, math.nan)) for row in rows]
-    if bench.contrast > 0.0:
-        found += _ends_of_speckle(bench, list(dict.fromkeys(row.range_m for row in rows)))
-    return tuple(found)
+    Raises
+    ------
+    InputError
+        If it names none.
+    """
+    try:
+        return float(TypeAdapter(Angle).validate_python(text, context=FROM_FILE))
+    except ValidationError as error:
+        raise InputError(
+            f"--sweep: {error.errors()[0]['msg']}.", remedy="Write for example --sweep '2 mrad'."
+        ) from None
 
 
-def _ends_of_speckle(bench: Instrument, distances: Sequence[float]) -> list[BudgetRow]:
-    """Return what speckle would make if all of the spot's blur were the sensor's, or all the lens's."""
-    blur = math.hypot(bench.aberration, bench.diffusion)
-    ends = {
-        "speckle_all_diffusion": replace(bench, aberration=0.0, diffusion=blur),
-        "speckle_all_aberration": replace(bench, aberration=blur, diffusion=0.0),
-    }
-    return [
-        BudgetRow("triangulation", name, x, range_budget(end, x)["speckle"], math.nan, math.nan, math.nan, 0)
-        for name, end in ends.items()
-        for x in distances
-    ]
+def _turn(sweep: float) -> str:
+    """Return in words by how much the beam turns during a dwell."""
+    return "beam at rest" if sweep == 0.0 else f"beam turns by {1e3 * sweep:.3g} mrad"
 
 
-def _sunlight(scenario: Scenario) -> float:
-    """Return the Sun's irradiance [W/m²] that counts behind the filter on a target which faces the scanner."""
-    from scanner_sim.optics.filter import band_irradiance
-
-    scanner, sky = scenario.scanner, scenario.lighting.sky()
-    sun = scenario.lighting.sun
-    if sun == "none" or sky.sun_direction is None:
-        return 0.0
-    bands = band_irradiance(sun, scanner.filter, scanner.position_sensor.response, scanner.laser.wavelength)
-    cosine = max(0.0, -float(sky.sun_direction[2]))
-    return float(sum(float(band) for band in bands)) * sky.sun_visible * cosine
-
-
-def echo_instrument_of(scenario: Scenario, reflectance: float) -> EchoInstrument:
-    """Return the numbers of a scenario's time-of-flight unit before a target, for the closed forms."""
-    from scanner_sim.optics.filter import laser_gain, peak_transmission
-
-    scanner = scenario.scanner
-    unit, receiver = scanner.lidar, scanner.receiver
-    diode, clock, noise = unit.photodiode, unit.digitiser, unit.photodiode.noise
-    peak = peak_transmission(scanner.filter)
-    passed = float(laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response))
-    return EchoInstrument(
-        energy=unit.pulse.pulse_energy,
-        pulse=unit.pulse.sigma,
-        response=diode.response_sigma,
-        aperture=receiver.aperture,
-        transmission=receiver.transmission * peak * passed,
-        reflectance=reflectance,
-        gain=diode.gain,
-        excess=diode.excess_noise,
-        responsivity=diode.responsivity,
-        bulk=diode.bulk_dark_current,
-        surface=diode.surface_dark_current,
-        shot=float(noise.shot),
-        amplifier=diode.amplifier_noise if noise.amplifier else 0.0,
-        saturation=diode.saturation if noise.saturation else math.inf,
-        interval=1.0 / clock.rate,
-        step=clock.step(diode.saturation) if noise.quantisation else 0.0,
-        jitter=clock.jitter if noise.clock else 0.0,
-        drift=clock.drift if noise.clock else 0.0,
-        sunlight=_sunlight(scenario) / passed,
-        field=diode.field_of_view,
-    )
-
-
-def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instrument:
-    """Return the numbers of a scenario's instrument before a target, for the closed forms."""
-    from scanner_sim.optics.filter import laser_gain, peak_transmission
-    from scanner_sim.studies.budget import course_time, kelvins_of
-
-    scanner, processing = scenario.scanner, scenario.processing
-    laser, mirrors, sensor = scanner.laser, scanner.mirrors, scanner.position_sensor
-    noise, receiver = sensor.noise, scanner.receiver
-    passed = peak_transmission(scanner.filter) * float(laser_gain(scanner.filter, laser, sensor.response))
-    # In the dark nothing is subtracted.
-    off = 0.0 if scenario.lighting.sky().dark else scanner.laser_off
-    exposure, subtracted = (1.0 - off) * scanner.dwell, (1.0 - off) / off if off else 0.0
-    return Instrument(
-        estimator=processing.peak,
-        corrected=processing.bias_correction != "none",
-        focal_length=receiver.focal_length,
-        baseline=receiver.baseline,
-        aperture=receiver.aperture,
-        transmission=receiver.transmission * passed,
-        aberration=receiver.aberration,
-        diffusion=sensor.diffusion,
-        wavelength=laser.wavelength,
-        power=laser.power,
-        waist_radius=laser.waist_radius,
-        waist_distance=laser.waist_distance,
-        m_squared=laser.m_squared,
-        pitch=sensor.pitch,
-        efficiency=sensor.quantum_efficiency,
-        dwell=exposure,
-        reflectance=reflectance,
-        shot=float(noise.shot),
-        read=sensor.read_noise if noise.read else 0.0,
-        dark=sensor.dark_current * exposure if noise.dark else 0.0,
-        step=sensor.electrons_per_number if noise.quantisation else 0.0,
-        response=sensor.prnu if noise.prnu else 0.0,
-        contrast=math.sqrt(0.5) if laser.speckle else 0.0,  # a grey Lambertian surface depolarises
-        sweep=scenario.raster.travel * exposure / scanner.dwell,
-        jitter=mirrors.jitter * math.sqrt(1.0 - mirrors.jitter_seen),
-        wobble=mirrors.wobble,
-        synchronisation=mirrors.synchronisation,
-        readout=math.hypot(mirrors.readout_noise, mirrors.readout_step / math.sqrt(12.0)),
-        half=half,
-        subtracted=subtracted,
-        sunlight=_sunlight(scenario) / float(laser_gain(scanner.filter, laser, sensor.response)),
-        height=sensor.height,
-        drift_zero=mirrors.drift_zero,
-        drift_scale=mirrors.drift_scale,
-        kelvins=kelvins_of(mirrors, course_time(scenario)),
-    )
+def _meeting(rows: Sequence[BudgetRow], sweep: float, at_rest: float) -> dict[str, str]:
+    """Return where both ways of ranging are equally precise, in words; nothing where they are nowhere."""
+    found, closed = crossing(rows, "simulated_m"), crossing(rows, "analytic_m")
+    if math.isnan(found):
+        return {}
+    words = f"{found:.3g} m" + ("" if math.isnan(closed) else f" (closed forms {closed:.3g} m)")
+    if sweep > 0.0 and not math.isnan(at_rest):
+        words += f"; with the beam at rest {at_rest:.3g} m, for a sweep averages speckle"
+    return {"equally precise at": words}
 
 
 def budget_rows(rows: Sequence[BudgetRow]) -> list[list[str]]:

@@ -64,15 +64,16 @@ def compare_scenario(
 
 def _print(found: Comparison) -> None:
     """Print the verdict on each law with its worst check, and what differs from the baseline."""
-    from scanner_sim.products.comparison_page import percent, share, short, worst_check
+    from scanner_sim.products.comparison_page import percent, power_of, power_words, share, short, worst_check
 
     rows = [
-        ["law", "verdict", "checks", "worst case", "predicted", "simulated", "deviation", "p", "80 %", "99 %"]
+        ["law", "verdict", "checks", "worst case", "predicted", "simulated", "deviation", "p", "90 %", "99 %"]
     ]
     for finding in found.findings:
         if not finding.checks:
             continue
         check = worst_check(finding)
+        least, most = power_of(finding)
         rows.append(
             [
                 finding.name,
@@ -83,8 +84,8 @@ def _print(found: Comparison) -> None:
                 short(check.simulated),
                 percent(check),
                 short(check.adjusted_p, 2),
-                share(check.detects_80),
-                share(check.detects_99),
+                share(least),
+                share(most),
             ]
         )
     print_rows(rows, left=(0, 1, 3))
@@ -103,5 +104,8 @@ def _print(found: Comparison) -> None:
         typer.echo("\nNothing differs from the baseline.")
     verdict = "All laws that apply hold" if not found.broken else f"{len(found.broken)} of the laws broken"
     typer.echo(
-        f"\n{verdict} (family-wise level {found.level:g}; the last columns say what would have been found)."
+        f"\n{verdict} (family-wise level {found.level:g}; the last columns say which deviation of any of a law's "
+        "checks would have been found with that probability)."
     )
+    if words := power_words(found):
+        typer.echo(words)

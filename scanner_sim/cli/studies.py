@@ -102,6 +102,14 @@ def budget(
     reflectance: Annotated[
         float, typer.Option(metavar="RHO", min=1e-3, max=1.0, help="Reflectance of the facing target.")
     ] = 0.5,
+    sweep: Annotated[
+        str | None,
+        typer.Option(
+            metavar="ANGLE",
+            help="Angle by which the beam turns during a dwell, as '2 mrad'; '0 rad' for mirrors at rest.",
+            show_default="that of the scenario's scan",
+        ),
+    ] = None,
     image: Annotated[
         bool, typer.Option("--image", help="Draw also which source dominates in the scenario's own scan.")
     ] = False,
@@ -127,6 +135,7 @@ def budget(
             overrides_of(override, seed),
             count=distances,
             reflectance=reflectance,
+            sweep=sweep,
             image=image,
             device=device.value,
             overwrite=overwrite,

@@ -22,7 +22,7 @@ from scipy.stats import t as student
 from scanner_sim.compare.law import Measured, Predicted
 from scanner_sim.products.comparison import CONFIDENCE, Check
 
-POWERS = (0.80, 0.99)
+POWERS = (0.90, 0.99)
 """Probabilities of detection for which the smallest deviation is told."""
 
 
@@ -128,7 +128,7 @@ def judged(cases: Sequence[tuple[str, Measured, Predicted]], level: float) -> li
                 relative_to=predicted.relative_to,
                 p=p,
                 adjusted_p=adjusted,
-                detects_80=least,
+                detects_90=least,
                 detects_99=most,
                 broken=adjusted < level,
             )

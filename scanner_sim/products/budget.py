@@ -115,19 +115,28 @@ def crossing(rows: Sequence[BudgetRow], column: Literal["analytic_m", "simulated
     return float(np.exp(x[i] - ratio[i] * (x[i + 1] - x[i]) / (ratio[i + 1] - ratio[i])))
 
 
-def budget_json(rows: Sequence[BudgetRow], reflectance: float, dominance: Dominance | None) -> str:
+def budget_json(
+    rows: Sequence[BudgetRow],
+    reflectance: float,
+    dominance: Dominance | None,
+    sweep: float = math.nan,
+    at_rest: float = math.nan,
+) -> str:
     """Return the budget as JSON, with the reflectance of the target and the shares of an image; null for NaN.
 
-    ``crossing`` is the range from which time of flight is the more precise, where there is one.
+    ``crossing`` is the range from which time of flight is the more precise, where there is one; ``at_rest_m`` the same
+    by the closed forms without the sweep of ``sweep_rad``, which averages speckle.
     """
     plain = [
         {name: None if isinstance(v, float) and math.isnan(v) else v for name, v in asdict(row).items()}
         for row in rows
     ]
     names: tuple[Literal["analytic_m", "simulated_m"], ...] = ("analytic_m", "simulated_m")
-    crossings = {name: crossing(rows, name) for name in names}
+    crossings: dict[str, float] = {name: crossing(rows, name) for name in names}
+    crossings |= {"at_rest_m": at_rest}
     result = {
         "crossing": {name: None if math.isnan(value) else value for name, value in crossings.items()},
+        "sweep_rad": None if math.isnan(sweep) else sweep,
         "reflectance": reflectance,
         "rows": plain,
         "share_of_voxels_dominated": None if dominance is None else dominance.shares(),
@@ -143,13 +152,16 @@ def write_budget(
     reflectance: float,
     scenario_yaml: str,
     light: str = "dark",
+    sweep: float = math.nan,
+    at_rest: float = math.nan,
     dominance: Dominance | None = None,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write JSON, CSV, pictures and scenario, as :func:`scanner_sim.products.folder.write_folder` does.
 
-    ``light`` says in a word or two what shines on the target. With time of flight its sources have a picture of their
-    own, and ``curves.png`` shows both ways and their fusion.
+    ``light`` says in a word or two what shines on the target, ``sweep`` by which angle [rad] the beam turns during a
+    dwell, ``at_rest`` from which range [m] time of flight were the more precise if it did not. With time of flight its
+    sources have a picture of their own, and ``curves.png`` shows both ways and their fusion.
 
     Raises
     ------
@@ -159,7 +171,9 @@ def write_budget(
     from scanner_sim.products.budget_picture import draw_budget, draw_curves, draw_dominance
 
     writers: dict[str, Callable[[Path], None]] = {
-        "budget.json": lambda path: write_text(path, budget_json(rows, reflectance, dominance)),
+        "budget.json": lambda path: write_text(
+            path, budget_json(rows, reflectance, dominance, sweep, at_rest)
+        ),
         "budget.csv": lambda path: write_text(path, records_csv(rows)),
         "budget.png": lambda path: draw_budget(rows, reflectance, path, light=light),
         "scenario.yaml": lambda path: write_text(path, scenario_yaml),

@@ -45,8 +45,8 @@ class Check:
         Probability of a deviation at least as large if the law holds.
     adjusted_p
         The same for the whole family of checks (Holm); below the level the law is broken.
-    detects_80, detects_99
-        Smallest relative deviation that would have broken the law with 80 % and 99 % probability.
+    detects_90, detects_99
+        Smallest relative deviation that would have broken the law with 90 % and 99 % probability.
     broken
         The verdict.
     """
@@ -67,7 +67,7 @@ class Check:
     relative_to: str
     p: float
     adjusted_p: float
-    detects_80: float
+    detects_90: float
     detects_99: float
     broken: bool
 

@@ -24,7 +24,7 @@ _POINT = 2.6
 def draw_comparison(comparison: Comparison, path: str | Path) -> None:
     """Draw for each law the deviation of every check from its prediction, in units of what would have been found.
 
-    1 is the deviation that breaks the law in 80 % of runs; so laws of any kind and unit share one axis.
+    1 is the deviation that breaks the law in 90 % of runs; so laws of any kind and unit share one axis.
     """
     judged = [finding for finding in comparison.findings if finding.checks]
     with house_style():
@@ -45,7 +45,7 @@ def draw_comparison(comparison: Comparison, path: str | Path) -> None:
         axes.set_yticks(range(len(judged)), [finding.title for finding in judged])
         axes.set_ylim(len(judged) - 0.4, -0.6)
         axes.set_xlim(-1.04 * _WIDEST, 1.04 * _WIDEST)
-        axes.set_xlabel("deviation over the smallest that is found in 80 % of runs")
+        axes.set_xlabel("deviation over the smallest that is found in 90 % of runs")
         axes.spines[["top", "right", "left"]].set_visible(False)
         axes.tick_params(axis="y", length=0)
         verdict = "all laws hold" if not comparison.broken else f"{len(comparison.broken)} broken"
@@ -63,8 +63,8 @@ _WIDEST = 2.0
 
 
 def _scaled(check: Check) -> tuple[float, float, float]:
-    """Return deviation and interval in units of what is found in 80 % of runs, no farther than the edge."""
-    unit = check.detects_80 * check.scale
+    """Return deviation and interval in units of what is found in 90 % of runs, no farther than the edge."""
+    unit = check.detects_90 * check.scale
     if unit <= 0.0 or not math.isfinite(unit):
         return (_WIDEST if check.broken else 0.0,) * 3
     ends = ((value - check.predicted) / unit for value in (check.simulated, check.low, check.high))
@@ -141,7 +141,7 @@ def _draw_check(axes: Axes, row: int, check: Check) -> None:
     """Draw the accuracy of the prediction, what would be found, and what was, in per cent."""
     scale = 100.0 / check.scale if check.scale else 100.0
     colour = BROKEN if check.broken else HOLDS
-    found, accuracy = 100.0 * check.detects_80, check.accuracy * scale
+    found, accuracy = 100.0 * check.detects_90, check.accuracy * scale
     axes.barh(row, 2.0 * found, left=-found, height=0.62, color="#f0f2f4", lw=0)
     axes.barh(row, 2.0 * accuracy, left=-accuracy, height=0.62, color=NEUTRAL, lw=0)
     ends = np.array([check.low, check.high]) - check.predicted

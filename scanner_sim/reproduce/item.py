@@ -16,12 +16,19 @@ from scanner_sim.render.device import DeviceChoice
 
 T = TypeVar("T")
 
+_REACH = 3.0
+"""Standard errors that are granted to each side of what is printed."""
+
 
 class Verdict(StrEnum):
     """How what was found stands to what was expected."""
 
     AGREES = "agrees"
     DIFFERS = "differs"
+    ALIKE = "alike in kind"
+    """The paper has words or a picture here; what was found is of that kind, by a bound of our own."""
+    CHOSEN = "by construction"
+    """What was found follows from numbers that were chosen from the paper: no agreement."""
     UNPRINTED = "not printed"
     """The paper has no number here; what was found agrees with the closed form."""
 
@@ -141,9 +148,54 @@ class Item:
 
 
 def judged(what: str, paper: str, expected: str, found: str, holds: bool | np.bool_) -> Row:
-    """Return a row whose verdict follows from whether the claim holds; ``paper`` may be empty."""
+    """Return a row whose verdict follows from whether the claim holds; ``paper`` may be empty.
+
+    A claim about a number bounds it from both sides, unless the paper itself prints a bound: better than printed is no
+    agreement.
+    """
     verdict = (Verdict.AGREES if paper else Verdict.UNPRINTED) if holds else Verdict.DIFFERS
     return Row(what, paper, expected, found, verdict)
+
+
+def alike(what: str, paper: str, expected: str, found: str, holds: bool | np.bool_) -> Row:
+    """Return a row for words of the paper, which bound no number."""
+    return Row(what, paper, expected, found, Verdict.ALIKE if holds else Verdict.DIFFERS)
+
+
+def chosen(what: str, paper: str, expected: str, found: str, holds: bool | np.bool_) -> Row:
+    """Return a row for what was chosen from the paper and hence cannot bear it out; it differs if it does not hold."""
+    return Row(what, paper, expected, found, Verdict.CHOSEN if holds else Verdict.DIFFERS)
+
+
+def against_print(
+    what: str,
+    paper: str,
+    printed: tuple[float, float],
+    found: float,
+    error: float,
+    unit: str,
+    expected: str = "",
+) -> Row:
+    """Return a row for a printed size of an error: found within the print, or by which factor smaller or larger.
+
+    Parameters
+    ----------
+    what, paper, expected
+        As for :class:`Row`.
+    printed
+        Ends of what the digits of the paper leave open.
+    found, error
+        What was found, and its standard error; three of them are allowed beyond each end.
+    unit
+        Of these numbers, in words.
+    """
+    low, high = printed
+    text = f"{found:.2g} {unit}"
+    if found < low - _REACH * error:
+        text += f", {low / found:.2g} times less"
+    elif found > high + _REACH * error:
+        text += f", {found / high:.2g} times more"
+    return judged(what, paper, expected, text, low - _REACH * error <= found <= high + _REACH * error)
 
 
 def within(found: float, expected: float, share: float) -> bool:

@@ -17,8 +17,10 @@ as it is meant, or a closed form of `scanner_sim/analytic`, which shares no phys
 
 | verdict | means |
 |---|---|
-| agrees | what was found bears out the paper, within the noise of the simulation or the digits printed |
-| differs | it does not; the reason stands below the table |
+| agrees | what was found bears out the paper, from both sides, within the simulation's noise or the digits printed |
+| differs | it does not, be it worse or better than printed; the reason stands below the table |
+| alike in kind | the paper has words or a picture here; what was found is of that kind, by a bound of our own |
+| by construction | it follows from numbers that were chosen from the paper, and hence is no agreement |
 | not printed | the paper has no number here; what was found agrees with the closed form |
 
 Base, axis separation, aperture, bandwidth, reflectances, Δp and the time-of-flight unit are printed nowhere, and the
@@ -31,11 +33,11 @@ def page(items: Sequence[Item], results: Mapping[str, Result]) -> str:
     lines = [_INTRODUCTION]
     if results:
         lines += [_provenance(list(results.values())), ""]
-    lines += ["| item | agrees | differs | not printed |", "|---|---|---|---|"]
+    lines += [f"| item | {' | '.join(Verdict)} |", "|---" * (1 + len(Verdict)) + "|"]
     for item in items:
         result = results.get(item.key)
         counts = (
-            ["not made yet", "", ""]
+            ["not made yet", *[""] * (len(Verdict) - 1)]
             if result is None
             else [str(result.count(verdict) or "–") for verdict in Verdict]
         )

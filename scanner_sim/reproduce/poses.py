@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from scanner_sim.analytic import geometry
 from scanner_sim.analytic.pose import facing_errors
@@ -18,7 +19,7 @@ from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.products.pose_study import COMPONENTS, Exponent, PoseRow, PoseStudy
 from scanner_sim.reproduce.bench import SEPARATION
 from scanner_sim.reproduce.drawing import BLUE, RED, sheet
-from scanner_sim.reproduce.item import Item, Outcome, Row, Task, judged
+from scanner_sim.reproduce.item import Item, Outcome, Row, Task, against_print, judged
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -39,6 +40,10 @@ scan: {{type: track, duration: {1}, targets: [array]}}
 """
 _ENOUGH = 0.5
 """Share of the sightings that must have a range for a closed form to be of use."""
+_RUNS = 8
+"""Runs whose random numbers differ."""
+_TAIL = 5e-4
+"""Probability beyond each end between which errors over σ must lie."""
 _WORDS = {
     "t_x": "lateral, x",
     "t_y": "lateral, y",
@@ -49,44 +54,81 @@ _WORDS = {
 }
 
 
-def _poses(task: Task, method: str) -> PoseSeries:
-    """Return poses of four targets on a square of 1 m at 10 m, from a closed loop over them."""
+def _poses(task: Task, method: str) -> tuple[PoseSeries, ...]:
+    """Return poses of four targets on a square of 1 m at 10 m, from closed loops with random numbers of their own.
+
+    Before a scene at rest all rounds of a run see the same speckle: runs are what is independent.
+    """
     from scanner_sim.closed_loop.poses import poses_of
     from scanner_sim.closed_loop.track import track
 
-    text = _SQUARE.format(task.seed, task.choose("4 s", "1 s"))
-    run = track(scenario_from_text(text, name="square of targets"), device=task.device)
-    (series,) = (one for one in poses_of(run) if one.method == method)
-    return series
+    found = []
+    for run in range(task.choose(_RUNS, 3)):
+        text = _SQUARE.format(task.seed + 7919 * run, "0.5 s")
+        made = track(scenario_from_text(text, name="square of targets"), device=task.device)
+        found += [one for one in poses_of(made) if one.method == method]
+    return tuple(found)
 
 
-def _errors(series: PoseSeries) -> Array:
+def _errors(series: Sequence[PoseSeries]) -> Array:
     """Return errors (δt, δω) along the scanner's axes [m, rad], shape (poses, 6)."""
+    return np.concatenate([_own_errors(one) for one in series])
+
+
+def _own_errors(series: PoseSeries) -> Array:
     turned = series.rotation @ np.swapaxes(series.truth_rotation, 1, 2)
     errors = np.concatenate([series.position - series.truth_position, vector_from_rotation(turned)], axis=1)
     return np.asarray(errors[np.isfinite(errors).all(axis=1)])
 
 
-def _concept(series: PoseSeries, title: str, rows: Sequence[Row]) -> Outcome:
+def _bounds(freedom: int, tail: float) -> tuple[float, float]:
+    """Return between what the root mean square of so many normal numbers lies, but for a probability at each end."""
+    low, high = chi2.ppf(tail, freedom), chi2.isf(tail, freedom)
+    return math.sqrt(float(low) / freedom), math.sqrt(float(high) / freedom)
+
+
+def _depth(series: Sequence[PoseSeries], expected: str = "") -> Row:
+    """Return how the error of the depth at 10 m stands to the printed stability; runs are what is independent."""
+    squares = np.array([np.mean(_own_errors(one)[:, 2] ** 2) for one in series])
+    size = 1e3 * math.sqrt(float(squares.mean()))
+    return against_print(
+        f"error of the depth at 10 m (rms), {len(series)} runs",
+        "range stability of 4 mm at 10 m",
+        (3.5, 4.5),
+        size,
+        size / math.sqrt(2.0 * len(series)),
+        "mm",
+        expected,
+    )
+
+
+def _concept(series: Sequence[PoseSeries], title: str, rows: Sequence[Row]) -> Outcome:
     """Return the outcome of one method: its errors beside the σ that are stated, and their picture."""
-    errors, stated = _errors(series), np.nanmean(series.sigma, axis=0)
-    pull = float(np.sqrt(np.mean((errors / stated) ** 2)))
+    errors, runs = _errors(series), len(series)
+    stated = np.sqrt(np.mean([np.nanmean(one.sigma**2, axis=0) for one in series], axis=0))
+    each = np.array(
+        [np.mean((_own_errors(one) / np.nanmean(one.sigma, axis=0)) ** 2, axis=0) for one in series]
+    )
+    pull = float(np.sqrt(each.mean()))
     scatter = np.sqrt(np.mean(errors**2, axis=0))
-    found = ", ".join(f"{1e3 * value:.2f}" for value in scatter)
+    # Errors of a run are one draw at worst: χ² with the runs as degrees of freedom, all components with six for each.
+    ends, whole = _bounds(runs, _TAIL / 6.0), _bounds(6 * runs, _TAIL)
+    ratio = scatter / stated
     more = (
         judged(
             "errors x, y, z [mm] and about x, y, z [mrad], rms",
             "",
-            ", ".join(f"{1e3 * value:.2f}" for value in stated) + " (stated)",
-            found,
-            (scatter / stated).max() < 2.0,
+            ", ".join(f"{1e3 * value:.2f}" for value in stated)
+            + f" (stated; times {ends[0]:.2f} to {ends[1]:.1f})",
+            ", ".join(f"{1e3 * value:.2f}" for value in scatter),
+            bool(((ratio > ends[0]) & (ratio < ends[1])).all()),
         ),
         judged(
-            f"errors over the σ that are stated, {len(errors)} poses (rms)",
+            f"errors over the σ that are stated, {len(errors)} poses of {runs} runs (rms)",
             "",
-            "1",
+            f"1, {whole[0]:.2f} to {whole[1]:.2f} for so few runs",
             f"{pull:.2f}",
-            0.75 < pull < 1.3,
+            whole[0] < pull < whole[1],
         ),
     )
 
@@ -110,16 +152,7 @@ def _concept(series: PoseSeries, title: str, rows: Sequence[Row]) -> Outcome:
 def figure_13(task: Task) -> Outcome:
     """Estimate poses from points: eqs 8 to 14."""
     series = _poses(task, "xyz")
-    errors = _errors(series)
-    rows = [
-        judged(
-            "error of the depth at 10 m (rms)",
-            "range stability of 4 mm at 10 m",
-            "",
-            f"{1e3 * float(np.sqrt(np.mean(errors[:, 2] ** 2))):.2f} mm",
-            float(np.sqrt(np.mean(errors[:, 2] ** 2))) < 4e-3,
-        )
-    ]
+    rows = [_depth(series)]
     return _concept(series, "Pose from points, XYZ (eqs 8 to 14, Figure 13)", rows)
 
 
@@ -134,14 +167,14 @@ def figure_14(task: Task) -> Outcome:
     off = float(np.abs(printed - np.array([x / z, y / z])).max())
     series = _poses(task, "uv")
     rows = [
-        judged("u, v of eq 15 against x/z, y/z over ±0.5 rad, largest", "0", "0", f"{off:.0e}", off < 1e-12),
         judged(
-            "error of the depth from angles alone at 10 m (rms)",
-            "4 mm at 10 m",
-            "σR²/(√2 a): 4.0 mm for 56.6 µrad",
-            f"{1e3 * float(np.sqrt(np.mean(_errors(series)[:, 2] ** 2))):.2f} mm",
-            float(np.sqrt(np.mean(_errors(series)[:, 2] ** 2))) < 7.1e-3,
+            "u, v of eq 15 against x/z, y/z over ±0.5 rad, largest",
+            "0",
+            "0",
+            f"{off:.0e}",
+            off < 1e-12,
         ),
+        _depth(series, "σR²/(√2 a): 4.0 mm for 56.6 µrad"),
     ]
     return _concept(series, "Pose from angles, UV (eqs 15 and 16, Figure 14)", rows)
 
@@ -245,7 +278,10 @@ ITEMS = (
         "points.",
         "Å in eqs 11, 12 and 16 is E; eq 14 is a proportionality, ΔE ≈ R² Δp/(f d). Here each point counts "
         "by its covariance. Before a scene at rest all rounds see the same speckle, so that the errors of "
-        "one run share a part: it is one draw of what σ says.",
+        "one run share a part: runs count. The depth errs far less than the printed 4 mm, which is no agreement: print "
+        "and simulation are of different things. Four centres of a hundred voxels each are averaged here, in the dark, "
+        "on perfect targets, with a calibration without errors; the printed figure is of the whole experiment's range, "
+        "and is near the σ of a single voxel (Figure 12).",
         figure_13,
         ("eq8", "eq9", "eq10", "eq11", "eq12", "eq13", "eq14"),
     ),
@@ -254,9 +290,9 @@ ITEMS = (
         "Equations 15 and 16, Figure 14: pose from angles",
         "u = x/z and v = y/z from Θ and Φ alone but for ψ = D_g/R; the pose minimises E = U − Û.",
         "The same rounds of visits, angles alone, with residuals on Θ and φ through the exact inverse of eq 3.",
-        "None: eq 15 is eq 3 divided by z. Residuals on the angles themselves need no ψ. The paper's 4 mm "
-        "fit 57 µrad for a square of 1 m; the simulated centres are better than that, in the dark and "
-        "without distortion.",
+        "Eq 15 is eq 3 divided by z. Residuals on the angles themselves need no ψ. The paper's 4 mm fit "
+        "57 µrad for a square of 1 m, which is inside its 50 to 100 µrad of angular errors; simulated centres err ten "
+        "times less for the reasons of Figure 4, and the depth with them.",
         figure_14,
         ("eq15", "eq16"),
     ),

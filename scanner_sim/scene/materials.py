@@ -229,8 +229,9 @@ MATERIALS: Mapping[str, Material] = _library(
         alpha=0.35,
         specular_share=0.4,
         source=(
-            "hemispherical reflectance 0.807 at 1.5 µm: literature on weathered aluminium; lobe "
-            f"from {RAKIC}; share and alpha are assumptions, 0.2 to 0.7 and 0.2 to 0.5"
+            "hemispherical reflectance 0.807 at 1.5 µm is an assumption, 0.6 to 0.95: clean metal has 0.98 (Spisz et "
+            "al., NASA TN D-5353, 1969, Table II), and oxide and dirt take from it what nobody has published for this "
+            f"surface; lobe from {RAKIC}; share and alpha are assumptions, 0.2 to 0.7 and 0.2 to 0.5"
             "; out of band: falls as the bare metal does"
         ),
     ),

@@ -6,8 +6,11 @@ add up to the whole in quadrature. What the estimator errs without any noise is 
 and is a source of its own.
 
 Where the scenario has light, all is measured under it but the laser's ``shot`` noise; ``sun`` is by how much the
-light of Sun and Earth raises its variance. ``drift`` is taken over a whole course of the temperature. Sources that
-make less than 10⁻⁶ of the range are at the rounding of single precision.
+light of Sun and Earth raises its variance. ``drift`` is taken over a whole course of the temperature. Jitter and
+wobble, which far away err less than single precision rounds, are enlarged for their own row and their errors divided
+again; other sources that make less than 10⁻⁶ of the range are at that rounding.
+
+The beam turns during a dwell as in the scenario's scan, or as :func:`swept` says: a sweep averages speckle.
 """
 
 from __future__ import annotations
@@ -58,6 +61,10 @@ _FIXED = (_QUIET, "response")
 """Sources that are the same for all shots at one place: one value for each place."""
 _SQUARES = (_ALL, "clock")
 """Sources of which the mean error counts, too."""
+_LIFTED = ("jitter", "wobble")
+"""Sources that move the light, and whose error far away is below the rounding of the spot's place."""
+_LIFT = 32.0
+"""By how much these are enlarged, and their errors, which are linear in them, divided again."""
 
 
 def modes_of(scenario: Scenario) -> tuple[Mode, ...]:
@@ -118,6 +125,32 @@ def kelvins_of(mirrors: Mirrors, time: float) -> float:
     """Return the root mean square of the temperature's difference [K] from the calibration over a time [s]."""
     steps = np.linspace(0.0, time, 1025)[:-1]
     return float(np.sqrt(np.mean(mirrors.temperature.difference(steps) ** 2)))
+
+
+def swept(scenario: Scenario, sweep: float | None) -> Scenario:
+    """Return a scenario whose beam turns by an angle [rad] during a dwell; as it is for None, at rest for 0.
+
+    Only what the budget takes from a scan is meant: its columns are as far apart as the angle.
+
+    Raises
+    ------
+    InputError
+        If the angle is no less than the field over which the budget measures.
+    """
+    if sweep is None:
+        return scenario
+    if not 0.0 <= sweep < 2.0 * HALF:
+        raise InputError(
+            f"a sweep of {sweep:g} rad during a dwell is not between 0 and {2.0 * HALF:g} rad.",
+            remedy="Write for example --sweep '2 mrad', or --sweep '0 rad' for mirrors at rest.",
+        )
+    raster = scenario.raster
+    if sweep == 0.0:
+        return scenario.model_copy(update={"scan": raster.model_copy(update={"motion": "stepped"})})
+    columns = max(2, raster.columns)
+    half = 0.5 * sweep * (columns - 1)
+    scan = {"motion": "continuous", "columns": columns, "horizontal": (-half, half)}
+    return scenario.model_copy(update={"scan": raster.model_copy(update=scan)})
 
 
 @guest()
@@ -262,6 +295,8 @@ class _Target:
         if mode == "fused":
             return self._fused()
         found = self._measured(mode, name).error
+        if name in _LIFTED:
+            return (found - self._measured(mode, _QUIET).error) / _LIFT
         # The bias counts as a source of its own; in the dark, of the laser's shot noise, it is much the same.
         return found if name in (_QUIET, _ALL) else found - self._measured(mode, _QUIET).error
 
@@ -380,10 +415,13 @@ def _quietened(scanner: Scanner, name: str) -> Scanner:
     sensor, diode = scanner.position_sensor, scanner.lidar.photodiode
     switches = sensor.noise.only("dark", "saturation", *([_NOISE[name]] if name in _NOISE else []))
     heard = diode.noise.model_copy(update={source: source == name for source in _ECHO_NOISE})
+    mirrors = scanner.mirrors.still(but=name)
+    if name in _LIFTED:
+        mirrors = mirrors.model_copy(update={key: _LIFT * getattr(mirrors, key) for key in ERRORS[name]})
     return scanner.model_copy(
         update={
             "laser": scanner.laser.model_copy(update={"speckle": name == "speckle"}),
-            "mirrors": scanner.mirrors.still(but=name),
+            "mirrors": mirrors,
             "position_sensor": sensor.model_copy(update={"noise": switches}),
             "lidar": scanner.lidar.model_copy(
                 update={"photodiode": diode.model_copy(update={"noise": heard})}

@@ -59,7 +59,7 @@ def test_compare_writes_its_folder(config: Path) -> None:
         for check in finding["checks"]:
             assert check["low"] <= check["simulated"] <= check["high"]
             assert 0.0 <= check["p"] <= check["adjusted_p"] <= 1.0
-            assert check["detects_80"] <= check["detects_99"]
+            assert check["detects_90"] <= check["detects_99"]
     page = Path("out/compare.html").read_text(encoding="utf-8")
     assert page.count("<img") == 3
     assert "http" not in page.replace("http-equiv", "")  # nothing is fetched

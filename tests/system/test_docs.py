@@ -115,6 +115,16 @@ def test_tables_of_speckle_are_made_by_the_closed_forms(
     assert made in page, "run: python docs/speckle.py"
 
 
+def test_the_table_of_the_budget_is_made_by_the_closed_forms(
+    repo_root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: the numbers on the page about the error budget are those of the judge's closed forms."""
+    monkeypatch.syspath_prepend(str(repo_root / "docs"))
+    made = importlib.import_module("budgets").tables()
+    page = (repo_root / "docs" / "theory" / "budget.md").read_text(encoding="utf-8")
+    assert made in page, "run: python docs/budgets.py"
+
+
 def test_each_room_says_what_it_leaves_out() -> None:
     """Claim: every page of the theory but its index and the judge's tells what is not modelled."""
     rooms = {path.stem: path.read_text(encoding="utf-8") for path in (DOCS / "theory").glob("*.md")}

@@ -15,7 +15,7 @@ from scanner_sim.cli import app
 from scanner_sim.errors import InputError
 from scanner_sim.reproduce import Item, Outcome, Task, Verdict, all_items, reproduce
 from scanner_sim.reproduce import run as flow
-from scanner_sim.reproduce.item import judged
+from scanner_sim.reproduce.item import against_print, alike, chosen, judged
 from scanner_sim.reproduce.results import PAGE, read_result
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,6 +62,31 @@ def test_every_equation_table_and_figure_is_there() -> None:
     assert {key for item in ITEMS for key in (item.key, *item.aliases)} == PARTS
     for item in ITEMS:
         assert all((item.title, item.says, item.how, item.differences)), item.key
+
+
+@pytest.mark.parametrize(
+    ("found", "error", "verdict", "words"),
+    [
+        (4.0, 0.1, Verdict.AGREES, "4 mm"),
+        (3.3, 0.1, Verdict.AGREES, "3.3 mm"),
+        (0.17, 0.01, Verdict.DIFFERS, "0.17 mm, 21 times less"),
+        (45.0, 1.0, Verdict.DIFFERS, "45 mm, 10 times more"),
+    ],
+)
+def test_better_than_printed_differs_as_much_as_worse(
+    found: float, error: float, verdict: Verdict, words: str
+) -> None:
+    """Claim: a printed size is judged from both sides, three standard errors beyond its digits."""
+    row = against_print("depth", "4 mm", (3.5, 4.5), found, error, "mm")
+    assert (row.verdict, row.found) == (verdict, words)
+
+
+def test_what_was_chosen_from_the_paper_counts_apart() -> None:
+    """Claim: neither numbers chosen from the paper nor words of it count as agreement; all of them may fail."""
+    assert chosen("bandwidth", "20 m", "", "20 m", True).verdict is Verdict.CHOSEN
+    assert alike("kind", "immune", "", "yes", True).verdict is Verdict.ALIKE
+    assert chosen("bandwidth", "20 m", "", "5 m", False).verdict is Verdict.DIFFERS
+    assert alike("kind", "immune", "", "no", False).verdict is Verdict.DIFFERS
 
 
 def test_what_is_done_is_kept(two: dict[str, int], tmp_path: Path) -> None:
