@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from pathlib import Path
 
 from scanner_sim.errors import InputError
@@ -29,7 +30,6 @@ def _image(path: Path, pictures: bool) -> None:
     from scanner_sim.cli.showing import show_result, show_voxel
     from scanner_sim.products.exr import read_range_image
     from scanner_sim.products.pictures import about
-    from scanner_sim.simulate import simulate_voxel
 
     image = read_range_image(path)
     repr(image)
@@ -39,7 +39,6 @@ def _image(path: Path, pictures: bool) -> None:
         show_result(path, path.parent / "out", overwrite=True)
         with contextlib.suppress(InputError):
             show_voxel(path, (1, 2), path.parent / "out", device="cpu", overwrite=True)
-    del simulate_voxel
 
 
 def _waveforms(path: Path, pictures: bool) -> None:
@@ -69,17 +68,15 @@ def _comparison(path: Path) -> None:
 
     found = read_baseline(path)
     against(found, found)
-    import dataclasses
-
     against(dataclasses.replace(found, seed=found.seed + 1), found)
 
 
 def _reproduced(path: Path) -> None:
     from scanner_sim.reproduce.page import page
     from scanner_sim.reproduce.results import picture_of, read_result
-    from scanner_sim.reproduce.run import ITEMS
+    from scanner_sim.reproduce.run import all_items
 
-    item = next(item for item in ITEMS if item.key == "fig12")
+    item = next(item for item in all_items() if item.key == "fig12")
     path.with_name(picture_of(item)).write_bytes(b"")
     found = read_result(path.parent, item)
     if found is None:
