@@ -31,11 +31,11 @@ MOST_CELLS = 1 << 28
 """Rows times columns of a table that is read: packed they may be next to nothing."""
 _LARGEST = 1 << 32
 """Bytes of a file."""
-_BEYOND = 1e150
-"""Numbers whose squares leave float64 stand for nothing that was measured."""
+MOST = 1e30
+"""Size of a number that has any sense."""
 
-Kind = Literal["number", "finite", "whole", "text"]
-"""What a column holds: float64 that may be NaN, or not; integers; texts."""
+Kind = Literal["any", "number", "finite", "whole", "text"]
+"""What a column holds: float64 of any size, of some sense or NaN, or without NaN; integers; texts."""
 
 
 def table_csv(columns: Columns) -> str:
@@ -153,8 +153,9 @@ def checked(columns: Columns, kinds: Mapping[str, Kind]) -> dict[str, NDArray[An
         elif kind == "whole":
             good = values.dtype.kind in "iu"
         else:
-            good = values.dtype == np.float64 and not (np.abs(values) > _BEYOND).any()
-            good = good and (kind == "number" or not np.isnan(values).any())
+            good = values.dtype == np.float64
+            good = good and (kind == "any" or not (np.abs(values) > MOST).any())
+            good = good and (kind != "finite" or not np.isnan(values).any())
         if not good:
             raise ValueError(f"the column {name} holds something else than {_MEANT[kind]}")
     return {name: columns[name] for name in kinds}
@@ -177,7 +178,8 @@ def stated(about: Any, form: type[T]) -> T:
 
 
 _MEANT: Mapping[Kind, str] = {
-    "number": "numbers",
+    "any": "numbers",
+    "number": "numbers of any sense",
     "finite": "finite numbers",
     "whole": "whole numbers",
     "text": "texts",

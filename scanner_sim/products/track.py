@@ -13,7 +13,7 @@ from scanner_sim.errors import InputError
 from scanner_sim.products.exchange import recover
 from scanner_sim.products.folder import Kind
 from scanner_sim.products.settings import Output
-from scanner_sim.products.tables import Columns, checked, read_parquet, stated, texts
+from scanner_sim.products.tables import MOST, Columns, checked, read_parquet, stated, texts
 from scanner_sim.products.tables import Kind as ColumnKind
 from scanner_sim.status import Status
 from scanner_sim.tracking.measurement import TargetLooks
@@ -62,15 +62,14 @@ _VOXEL = {
 }
 
 
-_NUMBERS: dict[str, ColumnKind] = {
+_SIGMAS = tuple(f"sigma_{name}" for name in (*_ANGULAR, *_SPATIAL))
+_TABLE_KINDS: dict[str, ColumnKind] = {
     **dict.fromkeys(("time_s", "amplitude_rad", "centre_theta_rad", "centre_phi_rad"), "finite"),
     **dict.fromkeys(
-        (prefix + name for prefix in ("", "sigma_", "truth_") for name in (*_ANGULAR, *_SPATIAL)), "number"
+        (prefix + name for prefix in ("", "truth_") for name in (*_ANGULAR, *_SPATIAL)), "number"
     ),
-}
-_TABLE_KINDS: dict[str, ColumnKind] = {
-    **_NUMBERS,
-    **dict.fromkeys((*_ANGULAR_CROSS, *_SPATIAL_CROSS), "number"),
+    # Of what was refused a fit may state any uncertainty.
+    **dict.fromkeys((*_SIGMAS, *_ANGULAR_CROSS, *_SPATIAL_CROSS), "any"),
     **dict.fromkeys(("target", "state", "next_state", "refusal"), "text"),
     **dict.fromkeys(("visit", "status"), "whole"),
 }
@@ -256,6 +255,9 @@ def _check_order(columns: Columns, voxels: Columns | None, known: set[str]) -> N
         raise ValueError(f"there is no target {min(strangers)!r}")
     if (np.diff(columns["visit"]) <= 0).any() or (columns["visit"][:1] < 0).any():
         raise ValueError("visits are not numbered in order")
+    measured = columns["status"] == TrackStatus.MEASURED
+    if not all((columns[name][measured] < MOST).all() for name in (*_SIGMAS, *_ANGULAR, *_SPATIAL)):
+        raise ValueError("a target was measured, but its place or its uncertainty is no number of any sense")
     if voxels is not None:
         if (np.diff(voxels["visit"]) < 0).any():
             raise ValueError("voxels are not in the order of their visits")
@@ -287,7 +289,8 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
         return np.stack([columns[prefix + name] for name in names], axis=-1)
 
     def matrices(names: tuple[str, ...], cross: tuple[str, ...]) -> Array:
-        result = together(names, "sigma_")[:, :, None] ** 2 * np.eye(3)
+        with np.errstate(over="ignore", invalid="ignore"):
+            result = together(names, "sigma_")[:, :, None] ** 2 * np.eye(3)
         for name, (i, j) in zip(cross, _CORNERS, strict=True):
             result[:, i, j] = result[:, j, i] = columns[name]
         # The unit matrix turns unknown variances into unknown rows but leaves zeros beside them.
