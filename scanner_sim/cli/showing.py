@@ -20,6 +20,9 @@ from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.status import Status
 
+_SHOWN = ("range_m", "sigma_range_m", "Y", "truth.range_m")
+"""Channels of every run, which the pictures and tables need."""
+
 
 def show_result(result: Path, output: Path | None, *, overwrite: bool) -> None:
     """Draw the pictures of a result.
@@ -144,4 +147,9 @@ def _read(result: Path) -> tuple[Path, RangeImage]:
             )
         remedy = "Name the folder of a run, or its range.exr."
         raise InputError(f"There is no result {path}.", remedy=remedy)
-    return path, read_range_image(path)
+    image = read_range_image(path)
+    if missing := [name for name in _SHOWN if name not in image]:
+        raise InputError(
+            f"{path} has no channel {missing[0]}.", remedy="Run its scenario again: channels were taken out."
+        )
+    return path, image

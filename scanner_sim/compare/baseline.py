@@ -10,6 +10,7 @@ from scanner_sim.compare.judge import holm, same
 from scanner_sim.compare.law import Measured
 from scanner_sim.errors import InputError
 from scanner_sim.products.comparison import Change, Check, Comparison, comparison_from_json
+from scanner_sim.scene.named_files import read_text_file
 
 _PREDICTION = 1e-9
 """Relative change of a prediction that is no rounding."""
@@ -24,10 +25,9 @@ def read_baseline(path: str | Path) -> Comparison:
         If the file cannot be read, or is none.
     """
     remedy = "Name the compare.json that scanner-sim compare wrote."
+    text = read_text_file(Path(path))
     try:
-        return comparison_from_json(Path(path).read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read: {error}.", remedy=remedy) from None
+        return comparison_from_json(text)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         raise InputError(f"{path} is no comparison.", remedy=remedy) from None
 

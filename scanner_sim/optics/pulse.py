@@ -14,6 +14,7 @@ from pydantic import Discriminator, Field, Tag
 from scanner_sim.constants import SPEED_OF_LIGHT
 from scanner_sim.errors import Fault, InputError
 from scanner_sim.parts import InputFile, Part
+from scanner_sim.scene.named_files import read_text_file
 from scanner_sim.units import Energy, Frequency, Power, Time
 
 Array = NDArray[np.float64]
@@ -154,10 +155,7 @@ def read_pulse(path: Path) -> tuple[Array, Array]:
         If the file has no such lines, negative powers, times that do not ascend, or no power at all.
     """
     remedy = "Write lines of time in seconds and power, as 1e-9,0.5"
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path.name} cannot be read: {error}.", remedy=remedy) from None
+    lines = read_text_file(path).splitlines()
     lines = [line for line in lines if line.strip() and not line.lstrip().startswith("#")]
     if len(lines) < 3:
         raise InputError(f"{path.name} has {len(lines)} samples; a pulse needs three.", remedy=remedy)

@@ -9,6 +9,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from pydantic import TypeAdapter
+
 from scanner_sim.products.folder import Kind, write_folder, write_text
 
 RESULT = "compare.json"
@@ -17,6 +19,9 @@ COMPARISON = Kind(RESULT, (RESULT, "compare.html", "compare.png", "scenario.yaml
 
 CONFIDENCE = 0.95
 """Confidence of the intervals; verdicts have a level of their own."""
+
+_BEYOND = 1e75
+"""Numbers whose fourth powers leave float64 were not found by a simulation."""
 
 Form = Literal["exact", "mean", "spread"]
 """What is compared: a number without noise, a mean, or a standard deviation."""
@@ -161,17 +166,20 @@ def comparison_from_json(text: str) -> Comparison:
 
     Raises
     ------
-    ValueError, KeyError, TypeError
+    ValueError, KeyError, TypeError, AttributeError, RecursionError
         If the text is not one.
     """
     told: dict[str, Any] = json.loads(text)
     findings = []
     for plain in told["findings"]:
         plain = {name: value for name, value in plain.items() if name != "verdict"}
-        checks = tuple(Check(**_numbers(check)) for check in plain.pop("checks"))
-        findings.append(Finding(**plain, checks=checks))
+        findings.append(plain | {"checks": [_numbers(check) for check in plain["checks"]]})
     rest = {name: told[name] for name in ("seed", "seeds", "level", "quick", "target", "versions")}
-    return Comparison(findings=tuple(findings), **rest)
+    read = TypeAdapter(Comparison).validate_python({"findings": findings, **rest})
+    for check in (check for finding in read.findings for check in finding.checks):
+        if check.error < 0.0 or not check.freedom > 0.0 or max(map(abs, _told(check))) > _BEYOND:
+            raise ValueError(f"{check.case} has numbers that no comparison has")
+    return read
 
 
 def write_comparison(
@@ -203,6 +211,12 @@ def _plain(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_plain(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def _told(check: Check) -> list[float]:
+    """Return the finite numbers that a later comparison computes with."""
+    numbers = (check.predicted, check.accuracy, check.simulated, check.error)
+    return [number for number in numbers if math.isfinite(number)] or [0.0]
 
 
 def _numbers(check: dict[str, Any]) -> dict[str, Any]:

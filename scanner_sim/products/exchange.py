@@ -272,7 +272,7 @@ def _read_plan(path: Path) -> tuple[list[str], dict[str, list[int]]]:
         new, old = list(plan["new"]), dict(plan["old"])
         if not all(isinstance(file, str) and Path(file).name == file for file in (*new, *old)):
             raise ValueError("it names other folders")
-    except (ValueError, TypeError, KeyError) as error:
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
         raise InputError(
             f"{path} is damaged: {error}.", remedy=f"Look at the files in {path.parent}, and move them away."
         ) from None

@@ -18,14 +18,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.errors import InputError
+from scanner_sim.products.exr_form import MAGIC, ForeignError, check_form
 from scanner_sim.products.image import CHANNEL, RangeImage
 from scanner_sim.products.provenance import software
+from scanner_sim.scene.named_files import open_ordinary
 from scanner_sim.status import legend
 
 Compression = Literal["none", "rle", "zips", "zip", "piz"]
 
 PREFIX = "scannerSim."
 """Begin of the names of our own attributes."""
+
+LARGEST = 1 << 36
+"""Bytes of a file: more than the largest raster has in all its layers."""
 
 _THREADS = min(os.cpu_count() or 1, 8)
 
@@ -85,20 +90,12 @@ def read_range_image(path: str | Path) -> RangeImage:
     """
     import OpenEXR
 
-    try:
-        with open(path, "rb") as stream:
-            magic = stream.read(4)
-    except OSError as error:
-        raise InputError(
-            f"{path} cannot be read: {error.strerror}.", remedy="Give the path of a range.exr."
-        ) from None
-    if magic != b"\x76\x2f\x31\x01":
-        raise InputError(f"{path} is not an OpenEXR file.", remedy="Give the range.exr of an output folder.")
+    _check(Path(path))
     try:
         with _all_cores(OpenEXR), _library_is_quiet():
             file = OpenEXR.File(str(path), separate_channels=True)
             header, layers = file.header(), {name: part.pixels for name, part in file.channels().items()}
-    except (RuntimeError, ValueError, MemoryError):
+    except (RuntimeError, ValueError, TypeError, MemoryError):
         raise InputError(
             f"{path} is a broken or incomplete OpenEXR file.", remedy="Run the scenario again."
         ) from None
@@ -109,10 +106,31 @@ def read_range_image(path: str | Path) -> RangeImage:
         )
     try:
         return _image(header, layers)
-    except (KeyError, ValueError, TypeError, AttributeError) as error:
+    except (LookupError, ValueError, TypeError, AttributeError, RecursionError) as error:
         raise InputError(
             f"The header of {path} is damaged ({error}).", remedy="Run the scenario again to replace it."
         ) from None
+
+
+def _check(path: Path) -> None:
+    """Refuse what is not an ordinary file with the form of a range image."""
+    with open_ordinary(path, LARGEST) as (stream, size):
+        if stream.read(len(MAGIC)) != MAGIC:
+            raise InputError(
+                f"{path} is not an OpenEXR file.", remedy="Give the range.exr of an output folder."
+            )
+        stream.seek(0)
+        try:
+            check_form(stream, size)
+        except ForeignError as error:
+            raise InputError(
+                f"{path} is an OpenEXR file, but no range image of this program: {error}.",
+                remedy="Give the range.exr of an output folder.",
+            ) from None
+        except ValueError as error:
+            raise InputError(
+                f"{path} is a broken or incomplete OpenEXR file: {error}.", remedy="Run the scenario again."
+            ) from None
 
 
 def _attributes(image: RangeImage) -> dict[str, Any]:
@@ -148,6 +166,13 @@ def _image(header: Mapping[str, Any], layers: Mapping[str, Any]) -> RangeImage:
     rows, columns = known["status"].shape
     version = f"{PREFIX}version."
     warnings = json.loads(header[f"{PREFIX}warnings"])
+    made_by = {key.removeprefix(version): header[key] for key in header if key.startswith(version)}
+    scenario = header[f"{PREFIX}scenario"]
+    if not (
+        isinstance(warnings, list)
+        and all(isinstance(text, str) for text in (*warnings, *made_by.values(), scenario))
+    ):
+        raise ValueError("warnings, versions or scenario are no texts")
     if unknown:
         warnings.append(f"channels unknown to this version were left out: {', '.join(unknown)}")
     return RangeImage(
@@ -157,9 +182,9 @@ def _image(header: Mapping[str, Any], layers: Mapping[str, Any]) -> RangeImage:
         objects=_names(header["legend.truth.object"]),
         materials=_names(header["legend.truth.material"]),
         seed=int(header[f"{PREFIX}seed"]),
-        scenario_yaml=header[f"{PREFIX}scenario"],
+        scenario_yaml=scenario,
         warnings=tuple(warnings),
-        made_by={key.removeprefix(version): header[key] for key in header if key.startswith(version)},
+        made_by=made_by,
     )
 
 

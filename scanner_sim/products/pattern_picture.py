@@ -186,10 +186,21 @@ def _centre(axes: Axes, record: PatternRecord) -> None:
         axes.text(0.5, 0.6, "not found", transform=axes.transAxes, ha="center", color=FAINT)
         axes.set(xlim=(-1.0, 1.0), ylim=(1.0, -1.0), xticks=[], yticks=[])
         return
-    squares, along = np.linalg.eigh(1e12 * record.covariance[:2, :2])
-    ring = along @ (np.sqrt(np.maximum(squares, 0.0))[:, None] * np.stack([np.cos(_TURN), np.sin(_TURN)]))
     axes.plot(*error, "+", color=_FIT, ms=7.0, mew=1.2)
+    ring = _ellipse(record.covariance[:2, :2])
+    if ring is None:
+        axes.text(0.5, 0.06, "σ not known", transform=axes.transAxes, ha="center", color=FAINT)
+        ring = np.zeros((2, 1))
     for times, shade in ((1.0, 1.0), (2.0, 0.45)):
         axes.plot(error[0] + times * ring[0], error[1] + times * ring[1], color=_FIT, lw=0.9, alpha=shade)
     reach = 1.15 * max(float(np.abs(error).max()) + 2.0 * float(np.abs(ring).max()), 1e-3)
     axes.set(xlim=(-reach, reach), ylim=(reach, -reach))
+
+
+def _ellipse(covariance: Array) -> Array | None:
+    """Return the ellipse of one σ [µrad], shape (2, n); None where it is not known, or wider than half a turn."""
+    if not (np.abs(covariance) < np.pi**2).all():
+        return None
+    squares, along = np.linalg.eigh(1e12 * covariance)
+    axes = np.sqrt(np.maximum(squares, 0.0))[:, None] * np.stack([np.cos(_TURN), np.sin(_TURN)])
+    return np.asarray(along @ axes)

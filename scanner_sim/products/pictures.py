@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,6 +47,8 @@ if TYPE_CHECKING:
 
 _SMALLEST, _LARGEST = 960, 2048
 """Dots of the longer side of an image."""
+_PRESET = re.compile(r"^scanner:\n(?:  .*\n)*?  preset: (.+)$", re.MULTILINE)
+"""Name of the scanner's preset in a resolved scenario."""
 _SLENDEREST = 8.0
 """Longer over shorter side at which an image is stretched to stay readable."""
 
@@ -272,15 +275,12 @@ def _heading(sheet: Canvas, image: RangeImage, title: str) -> None:
 
 def about(image: RangeImage) -> str:
     """Return one line on instrument, scene, raster and outcome."""
-    import yaml
-
-    scenario = yaml.safe_load(image.scenario_yaml) if image.scenario_yaml else None
-    scanner = scenario.get("scanner") if isinstance(scenario, dict) else None
-    preset = scanner.get("preset") if isinstance(scanner, dict) else None
+    # The line itself: a scenario from somebody else's file is no text to be read as YAML for a heading.
+    preset = _PRESET.search(image.scenario_yaml)
     shown = [*image.objects[:3], "…"] if len(image.objects) > 3 else list(image.objects)
     rows, columns = image.shape
     parts = [
-        named(str(preset)) if preset else "",
+        named(preset[1]) if preset else "",
         ", ".join(map(named, shown)),
         f"{rows} × {columns} voxels",
         f"seed {image.seed}",

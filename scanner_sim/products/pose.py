@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ from numpy.typing import NDArray
 
 from scanner_sim.errors import InputError
 from scanner_sim.pose.series import PoseSeries
-from scanner_sim.pose.status import legend
+from scanner_sim.pose.status import PoseStatus, legend
 from scanner_sim.pose.transforms import quaternion_from_rotation, rotation_from_quaternion
-from scanner_sim.products.tables import Columns, read_parquet, texts
+from scanner_sim.pose.weights import Method
+from scanner_sim.products.tables import Columns, Kind, checked, read_parquet, stated, texts
 
 Array = NDArray[np.float64]
 
@@ -29,6 +31,22 @@ _COVARIANCE = tuple(
     for i in range(6)
     for j in range(i, 6)
 )
+_KINDS: dict[str, Kind] = {
+    "time_s": "finite",
+    **dict.fromkeys(
+        (prefix + name for prefix in ("", "truth_") for name in (*_POSITION, *_QUATERNION)), "number"
+    ),
+    **dict.fromkeys((name for name, _ in _COVARIANCE), "number"),
+    "chi2": "number",
+    **dict.fromkeys(("dof", "targets", "status"), "whole"),
+}
+
+
+@dataclass(frozen=True)
+class _About:
+    """What :func:`about_poses` says that is needed again: object, reference, method and rows of each series."""
+
+    series: tuple[tuple[str, str, Method, int], ...]
 
 
 def pose_columns(series: Sequence[PoseSeries]) -> dict[str, NDArray[Any]]:
@@ -86,17 +104,24 @@ def read_poses(path: Path) -> tuple[PoseSeries, ...]:
     InputError
         If the file is missing, broken or not of this version.
     """
-    columns, about = read_parquet(path)
+    columns, said = read_parquet(path)
     try:
+        columns = checked(columns, _KINDS)
+        series = stated(said, _About).series
+        status = columns["status"]
+        if min((one[3] for one in series), default=0) < 0 or sum(one[3] for one in series) != len(status):
+            raise ValueError("the series and the rows differ in number")
+        if ((status < 0) | (status > max(PoseStatus))).any():
+            raise ValueError("poses have a status that there is not")
         found, first = [], 0
-        for name, relative_to, method, count in about["series"]:
+        for name, relative_to, method, count in series:
             part = {key: values[first : first + count] for key, values in columns.items()}
             found.append(_series(name, relative_to, method, part))
             first += count
         return tuple(found)
-    except (KeyError, ValueError, TypeError) as error:
+    except ValueError as error:
         raise InputError(
-            f"{path} is not a table of this version: {type(error).__name__} {error}.",
+            f"{path} is damaged or not a table of this version: {error}.",
             remedy="Run its scenario.yaml again.",
         ) from None
 
@@ -108,7 +133,7 @@ def _placed(prefix: str, positions: Sequence[Array], rotations: Sequence[Array])
     return dict(zip((prefix + name for name in names), (*position.T, *quaternion.T), strict=True))
 
 
-def _series(name: str, relative_to: str, method: Any, columns: Columns) -> PoseSeries:
+def _series(name: str, relative_to: str, method: Method, columns: Columns) -> PoseSeries:
     def together(names: tuple[str, ...], prefix: str = "") -> Array:
         return np.stack([columns[prefix + name] for name in names], axis=-1)
 

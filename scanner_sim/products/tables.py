@@ -9,18 +9,33 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import TypeAdapter, ValidationError
 
 from scanner_sim.errors import InputError
+from scanner_sim.scene.named_files import read_ordinary
+
+T = TypeVar("T")
 
 Columns = Mapping[str, NDArray[Any]]
 """Columns by name, each of shape (rows,): float64, integers or texts (dtype object)."""
 
 _ABOUT = b"scanner_sim"
 """Key of the metadata that hold what the table is about."""
+
+
+MOST_CELLS = 1 << 28
+"""Rows times columns of a table that is read: packed they may be next to nothing."""
+_LARGEST = 1 << 32
+"""Bytes of a file."""
+MOST = 1e30
+"""Size of a number that has any sense."""
+
+Kind = Literal["any", "number", "finite", "whole", "text"]
+"""What a column holds: float64 of any size, of some sense or NaN, or without NaN; integers; texts."""
 
 
 def table_csv(columns: Columns) -> str:
@@ -84,21 +99,91 @@ def read_parquet(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     Raises
     ------
     InputError
-        If the file is missing, broken or not one of ours.
+        If the file is missing, broken, not one of ours, or would take more memory than any run's table.
     """
     import pyarrow
     import pyarrow.parquet
 
+    content = read_ordinary(path, _LARGEST)
     try:
-        table = pyarrow.parquet.read_table(path)
-        about = json.loads((table.schema.metadata or {})[_ABOUT])
-    except (OSError, pyarrow.ArrowException, ValueError) as error:
-        raise InputError(f"{path} cannot be read as Parquet: {error}.") from None
+        # One thread reads in one order: a broken file is then refused for the same reason each time.
+        file = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(content))
+        schema = file.schema_arrow
+        about = json.loads((schema.metadata or {})[_ABOUT])
+        _check_size(file.metadata, schema)
+        table = file.read(use_threads=False)
+        columns = {name: table[name].to_numpy() for name in schema.names}
     except KeyError:
         raise InputError(
             f"{path} was not written by this program.", remedy="Name the folder of a run."
         ) from None
-    return {name: table[name].to_numpy() for name in table.column_names}, about
+    except (OSError, pyarrow.ArrowException, ValueError, TypeError, MemoryError, RecursionError) as error:
+        reason = str(error).partition("\n")[0].rstrip(".")
+        raise InputError(f"{path} cannot be read as Parquet: {reason}.") from None
+    return columns, about
+
+
+def _check_size(metadata: Any, schema: Any) -> None:
+    """Refuse nested columns, two of one name, and more cells than a run has."""
+    import pyarrow
+
+    plain = (pyarrow.types.is_floating, pyarrow.types.is_integer, pyarrow.types.is_string)
+    if len(set(schema.names)) < len(schema.names) or not all(
+        any(fits(field.type) for fits in plain) for field in schema
+    ):
+        raise ValueError("its columns are no plain numbers and texts, each with a name of its own")
+    if metadata.num_rows * max(metadata.num_columns, 1) > MOST_CELLS:
+        raise ValueError(f"{metadata.num_rows} rows of {metadata.num_columns} columns are too many")
+
+
+def checked(columns: Columns, kinds: Mapping[str, Kind]) -> dict[str, NDArray[Any]]:
+    """Return the columns of a table that are wanted, each of its kind.
+
+    Raises
+    ------
+    ValueError
+        If one is missing or of another kind, or has numbers that no run has.
+    """
+    for name, kind in kinds.items():
+        values = columns.get(name)
+        if values is None:
+            raise ValueError(f"the column {name} is missing")
+        if kind == "text":
+            good = values.dtype == object and all(isinstance(value, str) for value in values)
+        elif kind == "whole":
+            good = values.dtype.kind in "iu"
+        else:
+            good = values.dtype == np.float64
+            good = good and (kind == "any" or not (np.abs(values) > MOST).any())
+            good = good and (kind != "finite" or not np.isnan(values).any())
+        if not good:
+            raise ValueError(f"the column {name} holds something else than {_MEANT[kind]}")
+    return {name: columns[name] for name in kinds}
+
+
+def stated(about: Any, form: type[T]) -> T:
+    """Return what is said of a table as a dataclass.
+
+    Raises
+    ------
+    ValueError
+        If something is missing or of another type; the message names the first.
+    """
+    try:
+        return TypeAdapter(form).validate_python(about)
+    except ValidationError as error:
+        first = error.errors()[0]
+        place = ".".join(str(step) for step in first["loc"])
+        raise ValueError(f"{place or 'what is said of it'}: {first['msg']}") from None
+
+
+_MEANT: Mapping[Kind, str] = {
+    "any": "numbers",
+    "number": "numbers of any sense",
+    "finite": "finite numbers",
+    "whole": "whole numbers",
+    "text": "texts",
+}
 
 
 def _spelt(values: NDArray[Any]) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,9 @@ from scanner_sim.errors import InputError
 from scanner_sim.products.exchange import recover
 from scanner_sim.products.folder import Kind
 from scanner_sim.products.settings import Output
-from scanner_sim.products.tables import Columns, read_parquet, texts
+from scanner_sim.products.tables import MOST, Columns, checked, read_parquet, stated, texts
+from scanner_sim.products.tables import Kind as ColumnKind
+from scanner_sim.status import Status
 from scanner_sim.tracking.measurement import TargetLooks
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
@@ -25,6 +27,9 @@ TABLE, VOXELS = "track.parquet", "patterns.parquet"
 
 TABLES = ("track.csv", TABLE, VOXELS, "scenario.yaml", "summary.json")
 """Files of every tracking run."""
+
+MOST_AWAY = 1e9
+"""Distance within which a target of a table lies [m], and its angles [rad]."""
 
 TRACK_PICTURES = ("pattern.png", "track.png", "field.png")
 """Pictures of a tracking run."""
@@ -55,6 +60,48 @@ _VOXEL = {
     "sigma_range": "sigma_range_m",
     "status": "status",
 }
+
+
+_SIGMAS = tuple(f"sigma_{name}" for name in (*_ANGULAR, *_SPATIAL))
+_TABLE_KINDS: dict[str, ColumnKind] = {
+    **dict.fromkeys(("time_s", "amplitude_rad", "centre_theta_rad", "centre_phi_rad"), "finite"),
+    **dict.fromkeys(
+        (prefix + name for prefix in ("", "truth_") for name in (*_ANGULAR, *_SPATIAL)), "number"
+    ),
+    # Of what was refused a fit may state any uncertainty.
+    **dict.fromkeys((*_SIGMAS, *_ANGULAR_CROSS, *_SPATIAL_CROSS), "any"),
+    **dict.fromkeys(("target", "state", "next_state", "refusal"), "text"),
+    **dict.fromkeys(("visit", "status"), "whole"),
+}
+_VOXEL_KINDS: dict[str, ColumnKind] = {
+    "visit": "whole",
+    **dict.fromkeys(_VOXEL.values(), "number"),
+    "status": "whole",
+}
+
+
+@dataclass(frozen=True)
+class _Looks:
+    """What :func:`about_track` says of a target."""
+
+    name: str
+    object: str
+    kind: str
+    diameter_m: float
+    depth_m: float
+    expected_rad_rad_m: tuple[float, float, float]
+    centre_on_object_m: tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class _About:
+    """What :func:`about_track` says of a run."""
+
+    software: str
+    seed: int
+    scenario: str
+    warnings: tuple[str, ...]
+    targets: tuple[_Looks, ...]
 
 
 def planned_track_files(output: Output, carriers: int) -> tuple[str, ...]:
@@ -179,32 +226,62 @@ def read_track(folder: str | Path) -> Track:
     recover(folder)
     if not (folder / TABLE).exists():
         raise InputError(f"There is no {TABLE} in {folder}.", remedy="Name the folder of a tracking run.")
-    columns, about = read_parquet(folder / TABLE)
+    columns, said = read_parquet(folder / TABLE)
     voxels = read_parquet(folder / VOXELS)[0] if (folder / VOXELS).exists() else None
     try:
+        about = stated(said, _About)
+        targets = tuple(_target(one) for one in about.targets)
+        columns = checked(columns, _TABLE_KINDS)
+        voxels = None if voxels is None else checked(voxels, _VOXEL_KINDS)
+        _check_order(columns, voxels, {target.name for target in targets})
         return Track(
             records=tuple(_records(columns, voxels)),
-            targets=tuple(_target(one) for one in about["targets"]),
-            seed=int(about["seed"]),
-            scenario_yaml=str(about["scenario"]),
-            made_by=str(about["software"]),
-            warnings=tuple(about["warnings"]),
+            targets=targets,
+            seed=about.seed,
+            scenario_yaml=about.scenario,
+            made_by=about.software,
+            warnings=about.warnings,
         )
-    except (KeyError, ValueError, TypeError) as error:
+    except ValueError as error:
         raise InputError(
-            f"{folder / TABLE} is not a table of this version: {type(error).__name__} {error}.",
+            f"The tables in {folder} are damaged or not of this version: {error}.",
             remedy="Run its scenario.yaml again.",
         ) from None
 
 
-def _target(stated: Mapping[str, Any]) -> TrackTarget:
+def _check_order(columns: Columns, voxels: Columns | None, known: set[str]) -> None:
+    """Refuse visits to targets that there are not, and numbers of visits that do not ascend."""
+    if strangers := set(columns["target"]) - known:
+        raise ValueError(f"there is no target {min(strangers)!r}")
+    if (np.diff(columns["visit"]) <= 0).any() or (columns["visit"][:1] < 0).any():
+        raise ValueError("visits are not numbered in order")
+    measured = columns["status"] == TrackStatus.MEASURED
+    if not all((columns[name][measured] < MOST).all() for name in (*_SIGMAS, *_ANGULAR, *_SPATIAL)):
+        raise ValueError("a target was measured, but its place or its uncertainty is no number of any sense")
+    if voxels is not None:
+        if (np.diff(voxels["visit"]) < 0).any():
+            raise ValueError("voxels are not in the order of their visits")
+        if ((voxels["status"] < 0) | (voxels["status"] > max(Status))).any():
+            raise ValueError("voxels have a status that there is not")
+
+
+def _target(said: _Looks) -> TrackTarget:
     return TrackTarget(
-        name=stated["name"],
-        object=stated["object"],
-        looks=TargetLooks(kind=stated["kind"], diameter=stated["diameter_m"], depth=stated["depth_m"]),
-        expected=np.array(stated["expected_rad_rad_m"], dtype=np.float64),
-        centre=np.array(stated["centre_on_object_m"], dtype=np.float64),
+        name=said.name,
+        object=said.object,
+        looks=TargetLooks.model_validate(
+            {"kind": said.kind, "diameter": said.diameter_m, "depth": said.depth_m}
+        ),
+        expected=_place(said.expected_rad_rad_m),
+        centre=_place(said.centre_on_object_m),
     )
+
+
+def _place(numbers: tuple[float, float, float]) -> Array:
+    place = np.array(numbers, dtype=np.float64)
+    if not (np.abs(place) < MOST_AWAY).all():
+        raise ValueError("a target lies nowhere")
+    return place
 
 
 def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
@@ -212,7 +289,8 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
         return np.stack([columns[prefix + name] for name in names], axis=-1)
 
     def matrices(names: tuple[str, ...], cross: tuple[str, ...]) -> Array:
-        result = together(names, "sigma_")[:, :, None] ** 2 * np.eye(3)
+        with np.errstate(over="ignore", invalid="ignore"):
+            result = together(names, "sigma_")[:, :, None] ** 2 * np.eye(3)
         for name, (i, j) in zip(cross, _CORNERS, strict=True):
             result[:, i, j] = result[:, j, i] = columns[name]
         # The unit matrix turns unknown variances into unknown rows but leaves zeros beside them.

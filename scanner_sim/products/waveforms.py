@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.errors import InputError
 from scanner_sim.products.provenance import software, versions
-from scanner_sim.status import legend
+from scanner_sim.scene.named_files import open_ordinary
+from scanner_sim.status import Status, legend
 
 if TYPE_CHECKING:
     import xarray
@@ -20,6 +21,19 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 _CONVENTION = "scanner-sim waveforms, 1"
+_LARGEST = 1 << 34
+"""Bytes of a file that is read."""
+_SHAPES = {
+    "row": "i",
+    "column": "i",
+    "number": "if",
+    "delay": "f",
+    "sigma_delay": "f",
+    "echoes": "i",
+    "status": "i",
+}
+"""Variables of a file, and of which kinds of NumPy's they may be."""
+_NUMBERS = ("start_s", "rate_hz", "step_a")
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,23 +154,64 @@ def read_waveforms(path: str | Path) -> WaveformSet:
     InputError
         If the file is none of these.
     """
-    import xarray
-
-    try:
-        data = xarray.load_dataset(path, engine="scipy")
-    except (OSError, ValueError, TypeError, IndexError) as error:
-        raise InputError(f"{path} cannot be read as NetCDF: {error}.") from None
-    if data.attrs.get("title") != _CONVENTION:
+    with open_ordinary(Path(path), _LARGEST) as (stream, _):
+        # What scipy raises on a broken header is anything: it trusts every count in it.
+        try:
+            found = _plain(stream)
+        except MemoryError:
+            raise InputError(f"{path} needs more memory than there is.") from None
+        except Exception as error:
+            reason = str(error) or type(error).__name__
+            raise InputError(f"{path} cannot be read as NetCDF: {reason}.") from None
+    if found is None:
         raise InputError(f"{path} holds no waveforms of this program.", remedy="Write them with a run.")
+    try:
+        return _waveforms(*found)
+    except ValueError as error:
+        raise InputError(f"The waveforms in {path} are damaged: {error}.", remedy="Run it again.") from None
+
+
+def _plain(stream: BinaryIO) -> tuple[dict[str, NDArray[Any]], dict[str, Any]] | None:
+    """Return the variables and numbers of a file; None where it has not our title."""
+    from scipy.io import netcdf_file
+
+    # Mapped, so that a variable of any stated size takes no memory until it is looked at.
+    with netcdf_file(stream, mmap=True) as data:
+        if getattr(data, "title", None) != _CONVENTION.encode():
+            return None
+        variables = {name: np.array(data.variables[name].data) for name in _SHAPES if name in data.variables}
+        numbers = {name: getattr(data, name, None) for name in _NUMBERS}
+        # Nothing may point into the mapping when it is closed.
+        data.variables.clear()
+        return variables, numbers
+
+
+def _waveforms(variables: Mapping[str, NDArray[Any]], numbers: Mapping[str, Any]) -> WaveformSet:
+    if missing := [name for name in _SHAPES if name not in variables]:
+        raise ValueError(f"the variable {missing[0]} is missing")
+    for name, kinds in _SHAPES.items():
+        values = variables[name]
+        if values.dtype.kind not in kinds or values.shape[:1] != variables["row"].shape:
+            raise ValueError(f"the variable {name} has the type {values.dtype} and the shape {values.shape}")
+        if values.ndim != (2 if name == "number" else 1):
+            raise ValueError(f"the variable {name} has {values.ndim} dimensions")
+    for name in ("row", "column", "echoes", "status"):
+        if (variables[name] < 0).any() or (name == "status" and (variables[name] > max(Status)).any()):
+            raise ValueError(f"the variable {name} has numbers that there are not")
+    for name, value in numbers.items():
+        if np.ndim(value) > 0 or not isinstance(value, float | int | np.number) or not np.isfinite(value):
+            raise ValueError(f"{name} is missing or no number")
+    if not (numbers["rate_hz"] > 0.0 and numbers["step_a"] > 0.0):
+        raise ValueError("rate and step must be positive")
     return WaveformSet(
-        row=data["row"].values,
-        column=data["column"].values,
-        number=data["number"].values.astype(np.float32),
-        start=float(data.attrs["start_s"]),
-        rate=float(data.attrs["rate_hz"]),
-        step=float(data.attrs["step_a"]),
-        delay=data["delay"].values,
-        sigma=data["sigma_delay"].values,
-        echoes=data["echoes"].values.astype(np.uint32),
-        status=data["status"].values.astype(np.uint32),
+        row=variables["row"].astype(np.int32),
+        column=variables["column"].astype(np.int32),
+        number=variables["number"].astype(np.float32),
+        start=float(numbers["start_s"]),
+        rate=float(numbers["rate_hz"]),
+        step=float(numbers["step_a"]),
+        delay=variables["delay"].astype(np.float64),
+        sigma=variables["sigma_delay"].astype(np.float64),
+        echoes=variables["echoes"].astype(np.uint32),
+        status=variables["status"].astype(np.uint32),
     )

@@ -9,11 +9,14 @@ from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from pydantic import TypeAdapter
+
 from scanner_sim.errors import InputError
 from scanner_sim.products.exchange import Writers
 from scanner_sim.products.folder import write_text
 from scanner_sim.products.provenance import versions
 from scanner_sim.reproduce.item import Item, Outcome, Row, Task, Verdict
+from scanner_sim.scene.named_files import LARGEST_TEXT, read_ordinary
 
 PAGE = "index.md"
 """The page that holds all of it."""
@@ -54,14 +57,10 @@ def read_result(folder: Path, item: Item) -> Result | None:
     if not path.is_file() or not (folder / picture_of(item)).is_file():
         return None
     try:
-        found = json.loads(path.read_text(encoding="utf-8"))
-        rows = tuple(Row(**{**row, "verdict": Verdict(row["verdict"])}) for row in found.pop("rows"))
-        result = Result(rows=rows, **found)
-        words = [result.key, result.date, *(word for row in rows for word in asdict(row).values())]
-        words += [word for pair in result.made_by.items() for word in pair]
-        return result if all(isinstance(word, str) for word in words) and result.key == item.key else None
-    except (ValueError, TypeError, KeyError, AttributeError):
+        result = TypeAdapter(Result).validate_json(read_ordinary(path, LARGEST_TEXT))
+    except (ValueError, InputError):
         return None
+    return result if result.key == item.key else None
 
 
 def serves(result: Result | None, task: Task) -> bool:

@@ -7,9 +7,11 @@ A motion takes the place of an object's pose where it names one; a twist starts 
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Iterator
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Literal, NamedTuple
 
@@ -22,6 +24,7 @@ from scipy.spatial.transform import RotationSpline, Slerp
 
 from scanner_sim.errors import Fault, InputError
 from scanner_sim.parts import InputFile, Part
+from scanner_sim.scene.named_files import read_text_file
 from scanner_sim.scene.poses import Position, Turns, placed
 from scanner_sim.units import Dimension, Time
 
@@ -35,6 +38,8 @@ COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
 """Columns of a file of poses."""
 MOST_ROWS = 1_000_000
 """Longest file of poses."""
+_LARGEST = 1 << 28
+"""Bytes of a file of poses."""
 
 
 class Poses(NamedTuple):
@@ -185,10 +190,10 @@ def read_poses(file: Path) -> Poses:
         Missing columns, fields that are no finite numbers, quaternions of length zero, times that do not ascend, fewer
         than two rows: with the row's number, which counts the heading as 1.
     """
+    text = read_text_file(file, _LARGEST)
     try:
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            rows = list(csv.reader(stream))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        rows = list(islice(csv.reader(io.StringIO(text, newline="")), MOST_ROWS + 2))
+    except csv.Error as error:
         raise InputError(
             f"{file.name} cannot be read as CSV: {error}.", remedy="Save it as UTF-8 text."
         ) from error

@@ -6,9 +6,12 @@ its folder, so that opening it reads nothing of the user's. Messages never quote
 
 from __future__ import annotations
 
+import contextlib
 import os
 import stat
+from collections.abc import Iterator
 from pathlib import Path
+from typing import BinaryIO
 
 from scanner_sim.errors import InputError
 
@@ -16,10 +19,13 @@ LARGEST_MESH = 1 << 30
 """Bytes of a mesh file: some thirty million triangles."""
 LARGEST_XML = 1 << 26
 """Bytes of an XML scene."""
+LARGEST_TEXT = 1 << 26
+"""Bytes of a table or a result as text."""
 
 
-def read_ordinary(path: Path, most: int) -> bytes:
-    """Return the bytes of an ordinary file.
+@contextlib.contextmanager
+def open_ordinary(path: Path, most: int) -> Iterator[tuple[BinaryIO, int]]:
+    """Open an ordinary file for reading, and tell its size [B].
 
     Parameters
     ----------
@@ -54,13 +60,36 @@ def read_ordinary(path: Path, most: int) -> bytes:
                 f"the file {shown} has {status.st_size / 1e6:.0f} MB; at most {most / 1e6:.0f} MB are read.",
                 remedy="Simplify it, or split it into several.",
             )
-        # No more than its size: a file of the kernel calls itself empty and may never end.
         with os.fdopen(number, "rb", closefd=False) as stream:
-            return stream.read(status.st_size)
+            yield stream, status.st_size
     except OSError as error:
         raise InputError(f"the file {shown} cannot be read: {error.strerror}.") from None
     finally:
         os.close(number)
+
+
+def read_ordinary(path: Path, most: int) -> bytes:
+    """Return the bytes of an ordinary file of at most so many; faults as :func:`open_ordinary`."""
+    with open_ordinary(path, most) as (stream, size):
+        # No more than its size: a file of the kernel calls itself empty and may never end.
+        return stream.read(size)
+
+
+def read_text_file(path: Path, most: int = LARGEST_TEXT) -> str:
+    """Return an ordinary file as text, ends of lines as they are; faults as :func:`open_ordinary`.
+
+    Raises
+    ------
+    InputError
+        If it is not UTF-8; a byte order mark is left out.
+    """
+    try:
+        return read_ordinary(path, most).decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"the file {str(path)!r} is no text in UTF-8: byte {error.start} begins no character.",
+            remedy="Save it as UTF-8 text.",
+        ) from None
 
 
 def file_beside(name: str, folder: Path) -> Path:

@@ -15,11 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.errors import InputError
+from scanner_sim.scene.named_files import read_text_file
 
 HEADING = "# scanner-sim: systematic error of a peak estimator, 1"
 COLUMNS = ("width_px", "shift_px", "bias_px")
 _LARGEST = 10_000
 """Lines of the largest file that is read."""
+_LONGEST = 1000
+"""Bytes of a line, on average."""
 
 Floats = NDArray[np.float64]
 
@@ -103,10 +106,7 @@ def read_bias(path: Path) -> BiasTable:
         If the file is no such table.
     """
     remedy = "Make one: scanner-sim calibrate CONFIG -o bias.csv"
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path} cannot be read: {error}.", remedy=remedy) from None
+    lines = read_text_file(path, _LARGEST * _LONGEST).splitlines()
     name = lines[1].removeprefix("# estimator: ") if len(lines) > 3 else ""
     if len(lines) > _LARGEST or not name or lines[0] != HEADING or lines[2] != ",".join(COLUMNS):
         raise InputError(f"{path} is no table of an estimator's systematic error.", remedy=remedy)

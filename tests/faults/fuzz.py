@@ -1,4 +1,4 @@
-"""A fuzzer that knows the form of its inputs: mutants of the shipped scenarios and of saved tracking runs.
+"""A fuzzer that knows the form of its inputs: mutants of shipped scenarios, saved tracking runs and results.
 
     fuzz.py -n 10000 --states 500 --seed 7      a run, with a table of what became of the mutants
     fuzz.py --one 7/1234                        one of them again, with its traceback
@@ -31,6 +31,7 @@ from pathlib import Path
 from typing import Any
 
 from mutate import REPOSITORY, Mutant, scenario_mutant, state_mutant
+from mutate_results import result_mutant
 
 CORPUS = Path(__file__).with_name("corpus")
 LARGEST = 8_000
@@ -45,6 +46,8 @@ LIFETIME = 300
 """Inputs of a process: what one leaves behind reaches the next ones, but not all."""
 PICTURED = 25
 """Every so many mutants the pictures are drawn too, which take longer than all else."""
+SHOWN = 5
+"""The same for results, for which there is little else to do."""
 
 
 @dataclass
@@ -109,6 +112,7 @@ class Fuzzer:
     findings: dict[str, str] = field(default_factory=dict)
     lock: threading.Lock = field(default_factory=threading.Lock)
     _state: str = ""
+    _results: Path | None = None
 
     def state(self) -> str:
         """Return a saved tracking run, from which those of the fuzzer are made."""
@@ -119,11 +123,24 @@ class Fuzzer:
                 self._state = path.read_text(encoding="utf-8")
         return self._state
 
+    def results(self) -> Path:
+        """Return a folder with a small result of each kind."""
+        with self.lock:
+            if self._results is None:
+                folder = self._empty("originals")
+                maker = Path(__file__).with_name("mutate_results.py")
+                subprocess.run([sys.executable, str(maker), str(folder)], check=True)
+                self._results = folder
+        return self._results
+
     def mutant(self, address: str, keep: frozenset[int] | None = None) -> Mutant | Path:
-        """Return the mutant of an address: ``7/12``, ``state/7/12``; of ``mesh/7/12`` and ``xml/7/12`` the path."""
+        """Return the mutant of an address: ``7/12``, ``state/7/12``; of meshes, scenes and results the path."""
         *kind, seed, number = address.split("/")
         if kind == ["state"]:
             return state_mutant(int(seed), int(number), self.state(), keep)
+        if kind == ["result"]:
+            originals = self.results()
+            return result_mutant(int(seed), int(number), originals, self._empty(str(threading.get_ident())))
         if kind in (["mesh"], ["xml"]):
             import mutate_scene
 
@@ -135,9 +152,9 @@ class Fuzzer:
         """Return what became of a mutant."""
         number = int(address.rpartition("/")[2]) if "/" in address else 1
         job: dict[str, Any] = {
-            "kind": "state" if address.startswith("state") else "scenario",
+            "kind": next((kind for kind in ("state", "result") if address.startswith(kind)), "scenario"),
             "thorough": number % self.every == 0,
-            "pictures": number % PICTURED == 0,
+            "pictures": number % (SHOWN if address.startswith("result") else PICTURED) == 0,
             "seconds": SECONDS,
             "overrides": [],
         }
@@ -260,6 +277,7 @@ def main() -> int:
     parser.add_argument(
         "--scenes", type=int, default=0, help="mutants of meshes and Mitsuba files, if there are any"
     )
+    parser.add_argument("--results", type=int, default=0, help="mutants of results")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
@@ -276,7 +294,13 @@ def main() -> int:
         if asked.corpus:
             replay(fuzzer)
         scenes = asked.scenes if importlib.util.find_spec("mutate_scene") else 0
-        numbers = {"": asked.n, "state/": asked.states, "mesh/": scenes, "xml/": scenes}
+        numbers = {
+            "": asked.n,
+            "state/": asked.states,
+            "mesh/": scenes,
+            "xml/": scenes,
+            "result/": asked.results,
+        }
         run(
             fuzzer,
             [

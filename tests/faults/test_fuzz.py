@@ -1,5 +1,5 @@
-"""Mutants of scenarios, meshes, XML scenes and saved tracking runs end with a result or with one message, and what was
-found once stays mended. `make fuzz` opens as many as there is time for."""
+"""Mutants of scenarios, meshes, XML scenes, saved tracking runs and results end with a result or with one message, and
+what was found once stays mended. `make fuzz` opens as many as there is time for."""
 
 from __future__ import annotations
 
@@ -37,3 +37,8 @@ def test_mutants_of_saved_runs() -> None:
 @pytest.mark.slow
 def test_mutants_of_meshes_and_xml_scenes() -> None:
     fuzz("--scenes", "120", "--seed", "1", "--workers", "1")
+
+
+@pytest.mark.slow
+def test_mutants_of_results() -> None:
+    fuzz("--results", "120", "--seed", "1", "--workers", "1")

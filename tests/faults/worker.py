@@ -19,6 +19,8 @@ import warnings
 from pathlib import Path
 from typing import Any
 
+from open_results import open_result
+
 from scanner_sim.closed_loop.track import finished_track
 from scanner_sim.closed_loop.tracker import Tracker
 from scanner_sim.config import doubts, load_scenario, resolved_yaml, scenario_from_text
@@ -138,6 +140,8 @@ def outcome(job: dict[str, Any]) -> dict[str, str]:
     try:
         if job["kind"] == "state":
             open_state(path)
+        elif job["kind"] == "result":
+            open_result(path, pictures=job["pictures"])
         else:
             open_scenario(path, job["overrides"], thorough=job["thorough"], pictures=job["pictures"])
     except ScannerSimError as error:

@@ -126,7 +126,7 @@ def test_bad_files_are_refused_with_the_row(tmp_path: Path, text: str, message: 
 def test_bytes_are_no_table(tmp_path: Path) -> None:
     file = tmp_path / "bad.csv"
     file.write_bytes(b"\xff\xfe\x00\x9c")
-    with pytest.raises(InputError, match="cannot be read as CSV"):
+    with pytest.raises(InputError, match="no text in UTF-8"):
         read_poses(file)
 
 

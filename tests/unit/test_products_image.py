@@ -230,8 +230,8 @@ class TestExr:
         header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
         OpenEXR.File(header, {"Y": make_image()["Y"].copy()}).write(str(tmp_path / "foreign.exr"))
         for name, words in {
-            "none.exr": "cannot be read: No such file",
-            ".": "cannot be read: Is a directory",
+            "none.exr": "cannot be opened: No such file",
+            ".": "not an ordinary file",
             "text.exr": "is not an OpenEXR file",
             "foreign.exr": "no range image of this program",
         }.items():

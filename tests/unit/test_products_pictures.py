@@ -32,7 +32,7 @@ def make_image(ranges: np.ndarray, step: float = 1e-3) -> RangeImage:
         theta=step * np.arange(columns),
         phi=step * np.arange(rows),
         objects=("node",),
-        scenario_yaml="scanner: {preset: nrc_2000}\n",
+        scenario_yaml="scanner:\n  preset: nrc_2000\n",
     )
 
 

@@ -235,7 +235,7 @@ def test_files_of_others_are_refused(tmp_path: Path, track: Track) -> None:
     with pytest.raises(InputError, match="cannot be read as Parquet"):
         read_track(tmp_path)
     write_parquet(tmp_path / "track.parquet", {"time_s": np.zeros(3)}, {})
-    with pytest.raises(InputError, match="not a table of this version"):
+    with pytest.raises(InputError, match="not of this version"):
         read_track(tmp_path)
 
 

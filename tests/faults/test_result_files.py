@@ -1,0 +1,134 @@
+"""Results that somebody sent are refused with one sentence before a library reads what it should not."""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scanner_sim.errors import InputError
+from scanner_sim.products.exr import read_range_image, write_exr
+from scanner_sim.products.image import RangeImage
+from scanner_sim.products.pattern_picture import _ellipse
+from scanner_sim.products.pictures import about
+from scanner_sim.products.tables import checked, read_parquet, write_parquet
+from scanner_sim.products.waveforms import read_waveforms
+
+
+def image(scenario: str = "schema: 1\n") -> RangeImage:
+    layers = {name: np.ones((4, 3), np.float32) for name in ("Y", "range_m")}
+    return RangeImage(
+        channels={**layers, "status": np.zeros((4, 3), np.float32)},
+        theta=np.linspace(-0.1, 0.1, 3),
+        phi=np.linspace(-0.1, 0.1, 4),
+        scenario_yaml=scenario,
+    )
+
+
+def changed(path: Path, attribute: bytes, value: bytes) -> None:
+    """Put other bytes at the begin of an attribute's value."""
+    data = bytearray(path.read_bytes())
+    at = data.index(attribute + b"\0")
+    at = data.index(b"\0", at + len(attribute) + 1) + 5
+    data[at : at + len(value)] = value
+    path.write_bytes(bytes(data))
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "words"),
+    [
+        (b"dataWindow", struct.pack("<4i", 0, 0, 2**31 - 1, 2**31 - 1), "no raster has"),
+        (b"dataWindow", struct.pack("<4i", 0, 0, 9999, 9999), "cannot hold"),
+        (b"dataWindow", struct.pack("<4i", 5, 5, 0, 0), "no raster has"),
+        (b"compression", b"\x09", "compression"),
+        (b"channels", b"Y\0" + struct.pack("<i", 1), "no float32"),
+    ],
+)
+def test_an_image_that_claims_what_it_is_not(
+    tmp_path: Path, attribute: bytes, value: bytes, words: str
+) -> None:
+    write_exr(tmp_path / "range.exr", image())
+    changed(tmp_path / "range.exr", attribute, value)
+    with pytest.raises(InputError, match=words):
+        read_range_image(tmp_path / "range.exr")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
+@pytest.mark.parametrize("read", [read_range_image, read_waveforms, read_parquet])
+def test_a_pipe_is_no_result(tmp_path: Path, read: object) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    assert callable(read)
+    with pytest.raises(InputError, match=r"no.* ordinary file"):
+        read(tmp_path / "pipe")
+
+
+def test_a_heading_reads_no_yaml() -> None:
+    """Ten aliases of ten aliases, nine deep, are a billion values."""
+    lines = ["a0: &a0 [x]"] + [f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * 10)}]" for i in range(1, 10)]
+    assert "nrc_2000" not in about(image("\n".join([*lines, "scanner: *a9\n"])))
+    assert about(image("schema: 1\nscanner:\n  laser:\n    power: 1 W\n  preset: nrc_2000\n")).startswith(
+        "nrc_2000"
+    )
+
+
+def test_a_table_of_more_cells_than_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A column of one number takes next to nothing on the disk."""
+    monkeypatch.setattr("scanner_sim.products.tables.MOST_CELLS", 1000)
+    write_parquet(tmp_path / "t.parquet", {"a": np.zeros(1001)}, {})
+    with pytest.raises(InputError, match="too many"):
+        read_parquet(tmp_path / "t.parquet")
+
+
+def test_nested_columns_are_refused(tmp_path: Path) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    table = pyarrow.table({"a": [[1.0], [2.0]]}).replace_schema_metadata({b"scanner_sim": b"{}"})
+    pyarrow.parquet.write_table(table, tmp_path / "t.parquet")
+    with pytest.raises(InputError, match="no plain numbers"):
+        read_parquet(tmp_path / "t.parquet")
+
+
+def test_columns_are_of_their_kinds() -> None:
+    columns = {"a": np.array([1.0, np.nan]), "b": np.array([1, 2]), "c": np.array(["x", None], dtype=object)}
+    assert list(checked(columns, {"a": "number", "b": "whole"})) == ["a", "b"]
+    for kinds, words in (
+        ({"a": "finite"}, "column a"),
+        ({"b": "number"}, "column b"),
+        ({"c": "text"}, "column c"),
+        ({"d": "text"}, "d is missing"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            checked(columns, kinds)  # type: ignore[arg-type]
+
+
+def test_waveforms_without_a_variable(tmp_path: Path) -> None:
+    import xarray
+
+    data = xarray.Dataset(
+        {"row": ("voxel", np.zeros(2, np.int32))}, attrs={"title": "scanner-sim waveforms, 1"}
+    )
+    data.to_netcdf(tmp_path / "w.nc", engine="scipy", format="NETCDF3_64BIT")
+    with pytest.raises(InputError, match="the variable column is missing"):
+        read_waveforms(tmp_path / "w.nc")
+
+
+def test_a_comparison_of_other_types(tmp_path: Path) -> None:
+    from scanner_sim.compare.baseline import read_baseline
+
+    for text in ("[" * 100_000, json.dumps({"findings": [], "seed": "many"}), "\xff", "3"):
+        (tmp_path / "compare.json").write_text(text)
+        with pytest.raises(InputError, match="no comparison"):
+            read_baseline(tmp_path / "compare.json")
+
+
+@pytest.mark.parametrize("variance", [7e300, np.inf, np.nan])
+def test_an_ellipse_beyond_half_a_turn_is_not_drawn(variance: float) -> None:
+    assert _ellipse(np.diag([variance, 1e-12])) is None
+    small = _ellipse(np.diag([4e-12, 1e-12]))
+    assert small is not None
+    np.testing.assert_allclose(np.abs(small).max(axis=1), [2.0, 1.0])
