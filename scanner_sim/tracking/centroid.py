@@ -23,6 +23,8 @@ _FEWEST_EDGES = 4
 """Fewest crossings of an edge that make a circle with something to check it by."""
 _EDGE = 0.1
 """Error of an edge between two points, over their distance: the edge is blurred, and not straight between them."""
+_ALL_ANGLES = 100.0
+"""Standard deviation [rad] of a centre of which nothing is known."""
 _SHARP_EDGE = 12.0**-0.5
 """The same where the values on both sides do not tell how near it is: anywhere between the points."""
 _AT_REST = 1e-4
@@ -67,9 +69,9 @@ def centroid_of(
 ) -> Centroid:
     """Return a centroid that is NaN wherever it was not found. Arguments as the attributes.
 
-    A centre whose σ is more than a radian was not found either: the pattern told nothing of it.
+    A centre whose σ is beyond all angles was not found either: the pattern told nothing of it.
     """
-    found = found & (np.maximum(covariance[:, 0, 0], covariance[:, 1, 1]) <= 1.0)
+    found = found & (np.maximum(covariance[:, 0, 0], covariance[:, 1, 1]) < _ALL_ANGLES**2)
     if found.all():
         return Centroid(centre, covariance, radius, sigma_radius, misfit, found)
     blank = np.where(found, 0.0, np.nan)
