@@ -57,7 +57,13 @@ def _walk_reflectance(setting: Setting, ratio: float) -> float:
 
 def _measure_walk(setting: Setting) -> dict[str, Measured]:
     made = silent(
-        setting, "amplifier", timing="leading_edge", level=_walk_level(setting), walk_correction=False
+        setting,
+        "amplifier",
+        timing="leading_edge",
+        level=_walk_level(setting),
+        walk_correction=False,
+        # A pulse that is longer than stated walks more: it shall be measured, not refused.
+        overlap=False,
     )
     means = {}
     for number, ratio in enumerate(_RATIOS):

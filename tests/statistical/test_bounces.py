@@ -148,7 +148,7 @@ def crease_by_quadrature(first: float, second: float, depth: float, side: float,
     squared = across**2 + y**2 + z**2
     facing = np.maximum(across * np.sin(rise) + z * np.cos(rise), 0.0)
     seen = second / np.pi * facing * z / squared**2
-    p, q, blur = receiver.focal_length * across / z, receiver.focal_length * y / z, receiver.point_spread
+    p, q, blur = receiver.focal_length * across / z, receiver.focal_length * y / z, SCANNER.point_spread
     inside = norm.cdf((0.5 * sensor.height - q) / blur) - norm.cdf((-0.5 * sensor.height - q) / blur)
     inside = inside * (norm.cdf((sensor.length - p) / blur) - norm.cdf(-p / blur))
     power = (

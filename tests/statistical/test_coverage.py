@@ -221,9 +221,9 @@ def test_coverage_holds_in_every_part() -> None:
     ("processing", "least", "most"),
     [
         ({"metal": True}, 1.15, 2.0),
-        ({"peak": "blais_rioux_4"}, 1.5, 3.0),
-        ({"peak": "parabola"}, 2.5, 10.0),
-        ({"peak": "centre_of_mass"}, 1.0, 1.2),
+        ({"peak": "blais_rioux_4"}, 2.0, 4.5),
+        ({"peak": "parabola"}, 6.0, 18.0),
+        ({"peak": "centre_of_mass"}, 1.1, 1.6),
     ],
 )
 def test_where_sigma_falls_short(processing: dict[str, Any], least: float, most: float) -> None:
@@ -232,8 +232,8 @@ def test_where_sigma_falls_short(processing: dict[str, Any], least: float, most:
     Set-up: the same planes. On surfaces that keep the laser's polarisation the speckle is √2 times stronger, and the
     instrument is not told: the variance is at most 2, the less the more other noise there is. Estimators without
     correction have systematic errors, up to 0.02 px (``blais_rioux_4``), 0.06 px (``parabola``) and 0.005 px
-    (``centre_of_mass``), which no σ holds. Expected: measured variances of 1.42, 1.98, 4.7 and 1.06. Tolerance: bounds
-    wide enough for other draws of the planes.
+    (``centre_of_mass``), which no σ holds. Expected: measured variances of 1.4, 3.3, 12.1 and 1.34 (near
+    targets weigh most, where speckle is weak beside them). Tolerance: bounds wide enough for other draws of the planes.
     """
     got = pulls(**processing)
     assert least < got.range.var() < most
