@@ -25,7 +25,7 @@ _MOST_GAIN = {0: 1, 1: 128, 2: 1100, 3: 1100, 4: 1100}
 """Bounds of size over packed size; the blocks' own headers are counted with what is packed.
 
 Two bytes of run-length coding stand for 128 at most, and zlib reaches 1032 (its technical details). For piz the number
-is an assumption, four times what constant layers reach.
+is an assumption.
 """
 _SIZES = {
     "box2f": 16,

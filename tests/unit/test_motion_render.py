@@ -331,4 +331,6 @@ def test_motions_that_make_little_sense_are_doubted(
 ) -> None:
     assert any(words in doubt for doubt in doubts(scenario(plate(motion=motion), WALL, **keys)))
     slow = {"type": "twist", "velocity": (0.01, 0.0, 0.0), "turn_rate": (0.0, 0.0, 0.01)}
-    assert not doubts(scenario(plate(motion=slow), WALL, **keys))
+    # The raster is coarse, which is another matter.
+    others = doubts(scenario(plate(motion=slow), WALL, **keys))
+    assert not [doubt for doubt in others if not doubt.startswith("scan.columns")]
