@@ -279,6 +279,7 @@ class TestPoints:
         assert len(vertices) == np.count_nonzero(image.valid)
         pairs = {
             "x": "P.X", "y": "P.Y", "z": "P.Z", "intensity": "Y", "sigma_range_m": "sigma_range_m",
+            "sigma_texture_m": "sigma_texture_m",
             "truth_object": "truth.object", "truth_material": "truth.material",
         }  # fmt: skip
         assert set(names) == {*pairs, "row", "column"}
