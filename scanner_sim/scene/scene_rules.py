@@ -204,7 +204,9 @@ def _check_value(part: Element) -> None:
             return
         case "string":
             value = needed(part, "value")
-            if name not in _STRINGS or not value.isprintable():
+            # A conductor of the material "none" is a perfect mirror.
+            mirror = name == "material" and value == "none"
+            if not mirror and (name not in _STRINGS or not value.isprintable()):
                 part.fault(f"{name!r} cannot be the word {value[:80]!r}.", "Give numbers at 1.5 µm.")
         case "boolean":
             if part.attributes.get("value") not in ("true", "false"):

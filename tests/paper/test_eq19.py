@@ -142,7 +142,7 @@ def test_simulator_follows_eq_19(R: float, device: Device) -> None:
     """
     got = _line_of(0.0, 0.0, 0.0, 0.0, R).sum()
     w = float(beam.beam_radius(R, 2e-3, 0.0, WAVELENGTH))
-    seen = spot.share_within_height(float(np.hypot(w / 2.0 * 0.1 / R, 40e-6)), 250e-6)
+    seen = spot.share_within_height(float(np.hypot(w / 2.0 * 0.1 / R, np.hypot(12e-6, 38.2e-6))), 250e-6)
     power = spot.laser_power_printed(R, P, RHO, B_P) / (1.0 + (0.2 / R) ** 2) ** 2 * seen
     assert got == pytest.approx(float(power), rel=1e-4)
 

@@ -206,7 +206,7 @@ def test_bad_options_are_refused(config: Path) -> None:
         ("--only", "gravity"): "there is no law called gravity",
         ("--level", 2.0): "not between 0 and 1",
         ("--target", "far away"): "--target",
-        ("--baseline", "none.json"): "cannot be read",
+        ("--baseline", "none.json"): "cannot be opened",
         ("--baseline", config): "is no comparison",
     }
     for options, message in cases.items():

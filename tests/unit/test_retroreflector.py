@@ -80,9 +80,10 @@ def test_a_retro_reflector_above_the_brightest_surface_is_doubted() -> None:
     assert any("max_reflectance" in sentence for sentence in doubts(scenario("retro_sheet")))
     assert any("max_reflectance" in sentence for sentence in doubts(scenario(PLAIN)))
     allowed = {"validation": {"max_reflectance": 3000.0}}
-    assert not doubts(scenario("retro_sheet", processing=allowed))
-    assert not doubts(scenario("retro_sheet", processing={"validation": {"max_reflectance": None}}))
-    assert not doubts(scenario("target_white"))
+    for processing in (allowed, {"validation": {"max_reflectance": None}}):
+        found = doubts(scenario("retro_sheet", processing=processing))
+        assert not [sentence for sentence in found if "max_reflectance" in sentence]
+    assert not [sentence for sentence in doubts(scenario("target_white")) if "max_reflectance" in sentence]
 
 
 def test_loader_shares_equal_materials_and_knows_both_bands(device: Any) -> None:

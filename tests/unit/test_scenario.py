@@ -37,7 +37,7 @@ def faults(*overrides: str, **parts: Any) -> str:
         ("scanner.position_sensor.pixels=4096", "scanner.position_sensor.pixels", "nearer than the base"),
         ("scanner.position_sensor.bias=40000", "scanner.position_sensor.bias", "converter"),
         ("scanner.laser.power=.inf", "scanner.laser.power", "not a finite number"),
-        ("scanner.laser.power=0 W", "scanner.laser.power", "more than 0 W"),
+        ("scanner.laser.power=0 W", "scanner.laser.power", "at least 1e-12 W"),
         ("scanner.laser.m_squared=0.5", "scanner.laser.m_squared", "at least 1"),
         ("scan.horizontal=[-40 deg, 40 deg]", "scan.horizontal", "beyond the mirrors"),
         ("scan.vertical=[10 deg, -10 deg]", "scan.vertical", "smaller angle first"),
@@ -125,5 +125,5 @@ def test_tiled_order_visits_every_voxel_once() -> None:
 )
 def test_what_makes_little_sense_is_doubted(override: str, words: str) -> None:
     good = {"objects": [{**TARGETS, "position": (0.0, 0.0, 5.0)}]}
-    assert not doubts(scenario(scene=good))
+    assert not doubts(scenario("scan.motion=stepped", scene=good))
     assert any(words in sentence for sentence in doubts(scenario(override, scene=good)))

@@ -79,7 +79,7 @@ def test_the_spot_is_the_judges(theta: float, distance: float) -> None:
         np.array([np.sin(theta), 0.0, np.cos(theta)]),
         0.5 * float(beam.beam_radius(distance, 2e-3, 0.0, 1.5e-6)),
         0.0,
-        40e-6,
+        np.hypot(12e-6, 38.2e-6),
     )
     pixel = place.chief / 50e-6 - 0.5
     assert SPOT.range(pixel, np.sin(theta), np.cos(theta)) == pytest.approx(distance, rel=1e-9)
