@@ -98,9 +98,11 @@ def test_scatter_is_the_closed_form(method: str) -> None:
         for exact, scale in zip(facing(10.0), (sigma, sigma, sigma_r), strict=True)
     )
     pose = estimate(method, sigma, sigma_r, theta, phi, r)
-    # An implausible χ² has a probability of 1e-4: more than 16 of 40 000, where 4 are expected, comes once in 10⁵.
-    assert np.isin(pose.status, (PoseStatus.VALID, PoseStatus.IMPLAUSIBLE)).all()
-    assert np.count_nonzero(pose.status) <= 16
+    # An implausible χ² has a probability of 1e-4: more than 16 of 40 000, where 4 are expected, comes once in 10⁵. Of
+    # the 400 whose χ² makes other poses worth a look, a few have another one.
+    assert np.isin(pose.status, (PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.IMPLAUSIBLE)).all()
+    assert np.count_nonzero(pose.status == PoseStatus.IMPLAUSIBLE) <= 16
+    assert np.count_nonzero(pose.status == PoseStatus.AMBIGUOUS) <= 40
     found = np.concatenate([pose.position, vector_from_rotation(pose.rotation)], axis=1)
     scatter = found[pose.status == PoseStatus.VALID].std(axis=0)
     np.testing.assert_allclose(scatter, closed_form(method, 10.0, sigma, sigma_r), rtol=0.02)

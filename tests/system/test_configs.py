@@ -54,7 +54,7 @@ def test_it_runs(path: Path, tmp_path: Path) -> None:
         assert not image.valid.any()
         assert "nothing was hit" in result.stderr
         return
-    # Meant to be looked at: much of the picture has a return, edges left out, and the measured ranges are the true ones.
+    # Meant to be looked at: much of the picture has a return, edges left out, and measured ranges are the true ones.
     assert image.valid.mean() > 0.12
     layer = "fused." if scenario.ranging == "both" else ""
     error = np.abs(image[f"{layer}range_m"] - image["truth.range_m"])

@@ -26,16 +26,20 @@ pytestmark = pytest.mark.usefixtures("device")
 
 
 @cache
-def image(name: str, *, lit: bool = True, laser_off: float = 0.5) -> RangeImage:
-    """A scenario of the conditions at a low resolution; ``lit`` False takes Sun and Earth away."""
+def image(name: str, *, lit: bool = True, laser_off: float = 0.5, alone: bool = False) -> RangeImage:
+    """A scenario of the conditions at a low resolution; ``lit`` False takes Sun and Earth away.
+
+    ``alone`` voxels are not refused as mixed for their neighbours, who may be lost in the light.
+    """
     changes = [f"scan.rows={SIZE}", f"scan.columns={SIZE}", f"scanner.laser_off={laser_off}"]
+    changes += ["processing.validation.mixed=null"] if alone else []
     changes += [] if lit else ["lighting.sun=none", "lighting.earth=none"]
     return simulate(load_scenario(CONFIGS / f"lighting_{name}.yaml", changes), device="cpu")
 
 
 def kept(name: str, laser_off: float = 0.5) -> float:
     """Share of the voxels that are valid in the dark and still are in the light."""
-    lit, dark = (image(name, lit=light, laser_off=laser_off) for light in (True, False))
+    lit, dark = (image(name, lit=light, laser_off=laser_off, alone=True) for light in (True, False))
     return float((lit.valid & dark.valid).sum() / dark.valid.sum())
 
 
