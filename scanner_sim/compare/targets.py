@@ -16,6 +16,7 @@ from scanner_sim.compare.closed import FIT, LINE, Closed
 from scanner_sim.compare.law import Law, Measured, Predicted, mean_of, spread_of
 from scanner_sim.compare.setting import Setting
 from scanner_sim.pose.estimate import estimate_pose
+from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
 from scanner_sim.scan.raster import RasterScan
@@ -226,7 +227,8 @@ def _measure_pose(setting: Setting) -> dict[str, Measured]:
         )
         position = 1e3 * (pose.position - [0.0, 0.0, setting.middle])
         found = np.concatenate([position, 1e3 * vector_from_rotation(pose.rotation)], axis=1)
-        found[pose.status != 0] = np.nan
+        # An implausible pose stands beside its status: a law that leaves out what differs finds nothing.
+        found[~np.isin(pose.status, (PoseStatus.VALID, PoseStatus.IMPLAUSIBLE))] = np.nan
         for axis, component in enumerate(_COMPONENTS):
             told[f"{component} by {name}"] = spread_of(found[None, :, axis])
     return told

@@ -394,7 +394,7 @@ def plane(
             "scanner": scanner,
             "scene": {"objects": [target]},
             "scan": scan,
-            "processing": {"peak": peak},
+            "processing": {"peak": peak, "validation": {"uneven": False}},
         }
     )
     return simulate(scenario, device="cpu")

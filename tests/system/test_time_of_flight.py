@@ -178,8 +178,16 @@ def test_the_bench_works_in_parts(
     assert same(simulate(module, device="cpu"), whole)
 
 
-def test_either_way_alone_is_what_it_is_in_both(module: Scenario, whole: RangeImage) -> None:
-    """Truth, and each way's ranges where nothing was refused, do not depend on the other way."""
+def test_either_way_alone_is_what_it_is_in_both(module: Scenario) -> None:
+    """Truth, and each way's ranges where nothing was refused, do not depend on the other way.
+
+    Without the refusal of mixed voxels: those have neighbours, who may be refused because both ways disagree.
+    """
+    lenient = module.processing.validation.model_copy(update={"mixed": None})
+    module = module.model_copy(
+        update={"processing": module.processing.model_copy(update={"validation": lenient})}
+    )
+    whole = simulate(module, device="cpu")
     for ranging, prefix in (("triangulation", ""), ("tof", "tof.")):
         alone = simulate(module.model_copy(update={"ranging": ranging}), device="cpu")
         for name in ("truth.range_m", "truth.theta_rad", "truth.object"):
@@ -266,6 +274,8 @@ def test_the_command_line_writes_waveforms_and_draws_them(repo_root: Path, tmp_p
         "scan.columns=20",
         "--set",
         "output.waveforms=[[3, 4], [9, 11]]",
+        "--set",
+        "processing.validation.mixed=null",
     ]
     for name, pictures in (
         ("tof_both", ["voxel_9_11.png", "waveform_9_11.png"]),

@@ -169,7 +169,7 @@ def test_a_target_outside_of_the_field_waits_and_the_others_go_on() -> None:
 def test_every_kind_of_target_is_followed(target: dict[str, Any], kind: str) -> None:
     """Claim: targets told by light or by range are followed by either way of ranging, and the scene tells their kind.
 
-    Set-up: each at 9 m for 0.15 s, 23 patterns; the range of a sphere is that of its middle. Expected: at least 18
+    Set-up: each at 9 m for 0.15 s, 23 patterns; the range of a sphere is that of its middle. Expected: at least 16
     patterns measured, and none of their angles and ranges farther from the truth than 5 of its σ and 20 µrad, 1 mm.
     A retro-reflector saturates the photodiode, so that it is left to the line.
     """
@@ -179,7 +179,7 @@ def test_every_kind_of_target_is_followed(target: dict[str, Any], kind: str) -> 
     for ranging in ("triangulation",) if kind == "retro" else ("triangulation", "tof"):
         made = track(asked.model_copy(update={"ranging": ranging}))
         good = [record for record in made.records if record.status is TrackStatus.MEASURED]
-        assert len(good) >= 18
+        assert len(good) >= 16
         for record in good:
             sigma = np.sqrt(np.diagonal(record.covariance))
             assert (np.abs(record.place - record.truth) < 5.0 * sigma + (20e-6, 20e-6, 1e-3)).all()
