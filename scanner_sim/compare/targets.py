@@ -227,8 +227,9 @@ def _measure_pose(setting: Setting) -> dict[str, Measured]:
         )
         position = 1e3 * (pose.position - [0.0, 0.0, setting.middle])
         found = np.concatenate([position, 1e3 * vector_from_rotation(pose.rotation)], axis=1)
-        # An implausible pose stands beside its status: a law that leaves out what differs finds nothing.
-        found[~np.isin(pose.status, (PoseStatus.VALID, PoseStatus.IMPLAUSIBLE))] = np.nan
+        # Doubtful poses stand beside their status: a law that leaves out what differs finds nothing.
+        standing = (PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.IMPLAUSIBLE)
+        found[~np.isin(pose.status, standing)] = np.nan
         for axis, component in enumerate(_COMPONENTS):
             told[f"{component} by {name}"] = spread_of(found[None, :, axis])
     return told

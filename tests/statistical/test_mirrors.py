@@ -191,7 +191,7 @@ def quiet(theta: float, phi: float, size: int, errors: Mirrors, distance: float 
                     "position_sensor": {"noise": silent},
                 },
                 "scene": {"objects": [{**wall, "material": {"reflectance": 0.5}}]},
-                "processing": {"validation": {"uneven": False}},
+                "processing": {"validation": {"uneven": False, "mixed": None}},
                 "scan": {
                     "rows": size,
                     "columns": size,

@@ -183,7 +183,9 @@ def test_either_way_alone_is_what_it_is_in_both(module: Scenario) -> None:
 
     Without the refusal of mixed voxels: those have neighbours, who may be refused because both ways disagree.
     """
-    lenient = module.processing.validation.model_copy(update={"mixed": None})
+    lenient = module.processing.validation.model_copy(
+        update={"mixed": None, "uneven": False, "isolated": None}
+    )
     module = module.model_copy(
         update={"processing": module.processing.model_copy(update={"validation": lenient})}
     )
