@@ -10,7 +10,8 @@ from scanner_sim.scenario import Scenario
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
-_MEANINGLESS = ("minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum", "ge", "gt", "le", "lt")
+_NUMERIC = ("minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum")
+_NO_KEYWORDS = ("ge", "gt", "le", "lt")
 
 
 def json_schema() -> dict[str, Any]:
@@ -25,17 +26,26 @@ def json_schema() -> dict[str, Any]:
 
 
 def _tidy(node: Any) -> Any:
-    """Return a schema without what means nothing to an editor: titles, bounds of texts, marks of reST."""
+    """Return a schema without what means nothing to an editor: titles, bounds of texts, marks of reST.
+
+    What releases of pydantic write in different ways is written in one: the same schema has the same bytes.
+    """
     if isinstance(node, list):
         return [_tidy(item) for item in node]
     if not isinstance(node, dict):
         return node
     tidy = {
-        key: _tidy(value) for key, value in node.items() if not (key == "title" and isinstance(value, str))
+        key: _tidy(value)
+        for key, value in node.items()
+        if key not in _NO_KEYWORDS and not (key == "title" and isinstance(value, str))
     }
     if tidy.get("type") == "string":
         # The values inside are numbers, so pydantic bounds them; in a file they are texts with units.
-        tidy = {key: value for key, value in tidy.items() if key not in _MEANINGLESS}
+        tidy = {key: value for key, value in tidy.items() if key not in _NUMERIC}
+    if "const" in tidy:
+        tidy.pop("enum", None)
+    if [*map(set, tidy.get("allOf", ()))] == [{"$ref"}]:
+        tidy = tidy.pop("allOf")[0] | tidy
     if isinstance(tidy.get("description"), str):
         text = re.sub(r":\w+:`~?([^`]*)`", r"\1", tidy["description"]).replace("``", "")
         tidy["description"] = " ".join(text.split())

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
+from scanner_sim.products.image import CHANNELS
 from scanner_sim.units import FROM_FILE, Angle, Electrons, Length, Power, Ratio
 
 
@@ -27,3 +28,20 @@ def test_files_speak_units_and_the_inside_si(kind: object, text: str, value: flo
 
 def test_python_speaks_si() -> None:
     assert TypeAdapter(Length).validate_python(0.2) == 0.2
+
+
+ENDINGS = {"m": "m", "m2": "m2", "rad": "rad", "px": "pixel", "w": "W"}
+COUNTED = ("Y", "tof.Y", "background", "background_error", "background_peak")
+POINTS = ("P.X", "P.Y", "P.Z")
+
+
+def test_the_name_of_a_channel_ends_in_its_unit() -> None:
+    """Claim: the ending of a channel's name is its SI unit; charges are in electrons, and all else has no unit."""
+    for channel in CHANNELS:
+        ending = channel.name.rpartition("_")[2] if "_" in channel.name else ""
+        own = channel.name.rpartition(".")[0].rpartition("P")[0] + channel.name[-3:]
+        wanted = "electron" if channel.name in COUNTED else "m" if own[-3:] in POINTS else ENDINGS.get(ending, "1")
+        assert channel.unit == wanted, channel.name
+    assert sum(channel.unit == "m2" for channel in CHANNELS) == 9
+    assert sum(channel.unit == "rad" for channel in CHANNELS) == 2
+    assert sum(channel.unit == "pixel" for channel in CHANNELS) == 2

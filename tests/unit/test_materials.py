@@ -18,6 +18,7 @@ from scanner_sim.scene.materials import (
     mitsuba_bsdf,
     normal_reflectance,
 )
+from scanner_sim.scene.polarisation import speckle_contrast
 
 # Section "Materials at 1.5 µm" of the physics notes: stated values ± rounding, or stated ranges.
 RANGES = {
@@ -56,6 +57,12 @@ def test_fresnel_of_aluminium_and_nickel():
     assert normal_reflectance(1.45, 16.0) == pytest.approx(0.978, abs=5e-4)
     assert normal_reflectance(3.36, 7.05) == pytest.approx(0.804, abs=5e-4)
     assert normal_reflectance(1.5, 0.0) == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize(("depolarised", "contrast"), [(0.0, 1.0), (0.4, 0.824621), (0.5, 0.790569), (1.0, 0.707107)])
+def test_speckle_of_light_that_is_polarised_in_part(depolarised: float, contrast: float) -> None:
+    """√((1 + P²)/2) with P = 1 − share, by hand: P = 0.6 gives √0.68, P = 0.5 √0.625."""
+    assert speckle_contrast(depolarised) == pytest.approx(contrast, abs=5e-7)
 
 
 def test_albedo_of_the_rough_lobe():

@@ -2,13 +2,35 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import drjit as dr
 import numpy as np
 import pytest
 from scipy import stats
 
+import scanner_sim
 from scanner_sim.render.device import Device
-from scanner_sim.streams import Stream, generator
+from scanner_sim.streams import Stream, generator, host_generator
+
+PINNED = {
+    "MIRRORS": 1,
+    "DETECTOR": 2,
+    "RESPONSE": 3,
+    "BOUNCES": 4,
+    "REFERENCE": 5,
+    "BACKGROUND": 6,
+    "SPECKLE": 7,
+    "SYNCHRONISATION": 8,
+    "AMBIENT": 9,
+    "PHOTODIODE": 10,
+    "CLOCK": 11,
+    "READOUT": 13,
+    "WOBBLE": 14,
+    "POSES": 40,
+}
+"""The numbers of the streams, once more: a change here is a change of all results."""
 
 
 def normals(seed: int, stream: Stream, shots: list[int], samples: list[int]) -> np.ndarray:
@@ -38,6 +60,40 @@ def test_every_part_of_the_address_counts(
     device: Device, seed: int, stream: Stream, shot: int, sample: int
 ) -> None:
     assert (normals(7, Stream.DETECTOR, [2], [9]) != normals(seed, stream, [shot], [sample])).all()
+
+
+def test_streams_keep_their_numbers_and_have_one_consumer_each() -> None:
+    """Claim: the value of a stream never changes, as it is part of every result, and no two streams are one.
+
+    The consumers are the calls of both generators in the package: each stream is drawn from within one room.
+    """
+    assert {stream.name: int(stream) for stream in Stream.__members__.values()} == PINNED
+    assert len(set(PINNED.values())) == len(PINNED) == len(Stream.__members__)
+    package = Path(scanner_sim.__file__).parent
+    rooms: dict[str, set[str]] = {}
+    for path in package.rglob("*.py"):
+        for name in re.findall(r"Stream\.([A-Z]+)\b", path.read_text(encoding="utf-8")):
+            rooms.setdefault(name, set()).add(path.relative_to(package).parts[0])
+    assert set(rooms) == set(PINNED)
+    assert {name: found for name, found in rooms.items() if len(found) > 1} == {}
+
+
+def test_all_pairs_of_streams_are_independent(device: Device) -> None:
+    """Claim: normal numbers of any two streams at equal addresses are independent, those of the host too.
+
+    Set-up: 20 000 addresses of every stream; four draws of the host's generator per stream, 20 000 numbers each.
+    Expected: correlations of independence. Tolerance: level 10⁻⁵ for each pair, so 10⁻³ for all 91, and 10⁻² for
+    the 1540 of the host.
+    """
+    count = 20_000
+    limit = stats.norm.isf(0.5e-5) / np.sqrt(count)
+    drawn = np.stack([normals(11, stream, list(range(count)), [3] * count)[0] for stream in Stream])
+    assert np.abs(np.corrcoef(drawn)[~np.eye(len(drawn), dtype=bool)]).max() < limit
+    host = np.stack(
+        [host_generator(11, stream, number).standard_normal(count) for stream in Stream for number in range(4)]
+    )
+    assert np.abs(np.corrcoef(host)[~np.eye(len(host), dtype=bool)]).max() < limit
+    assert not set(host[0]) & set(host[1])
 
 
 def test_neighbouring_addresses_are_independent_standard_normal_numbers(device: Device) -> None:
