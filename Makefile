@@ -96,7 +96,7 @@ llvm: $(STAMP)
 	  if [ -z "$$DRJIT_LIBLLVM_PATH" ] && command -v apt-get >/dev/null; then \
 	    as_root=; \
 	    if [ "$$(id -u)" -ne 0 ]; then \
-	      command -v sudo >/dev/null || { echo "LLVM is missing: ask root to run apt-get install libllvm$$($(OLDEST_LLVM)) (or a newer one)." >&2; exit 1; }; \
+	      command -v sudo >/dev/null || { echo "LLVM is missing: ask root to run apt-get install libatomic1 libllvm$$($(OLDEST_LLVM)) (or a newer one)." >&2; exit 1; }; \
 	      as_root=sudo; \
 	    fi; \
 	    echo "Installing LLVM through apt-get"; \
@@ -104,7 +104,7 @@ llvm: $(STAMP)
 	    package=$$(apt-cache search --names-only '^libllvm[0-9]+(t64)?$$' | sed -n 's/^libllvm\([0-9]*\)\(t64\)\{0,1\} .*/\1 libllvm\1\2/p' \
 	      | awk -v oldest="$$($(OLDEST_LLVM))" '$$1 >= oldest' | sort -n | tail -n 1 | cut -d ' ' -f 2); \
 	    [ -n "$$package" ] || { echo "apt-get offers no LLVM $$($(OLDEST_LLVM)) or newer: install one by hand and name its library in DRJIT_LIBLLVM_PATH." >&2; exit 1; }; \
-	    $$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$$package" || exit 1; \
+	    $$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$$package" libatomic1 || exit 1; \
 	  fi; \
 	  $(RUN) -m scanner_sim.render.device; \
 	fi

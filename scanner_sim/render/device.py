@@ -121,8 +121,9 @@ def activate(device: DeviceChoice = "auto", threads: int | None = None) -> Devic
     Raises
     ------
     InputError
-        If the device is not there, LLVM is missing or too old, or ``threads`` is not positive.
+        If the device is not there, LLVM or another library is missing or too old, or ``threads`` is not positive.
     """
+    _need_system_libraries()
     if device not in ("auto", "cpu", "cuda"):
         raise InputError(f"There is no device {device!r}.", remedy="Choose auto, cpu or cuda.")
     if threads is not None and threads < 1:
@@ -156,6 +157,18 @@ def activate(device: DeviceChoice = "auto", threads: int | None = None) -> Devic
     if threads is not None and threads != dr.thread_count():
         dr.set_thread_count(threads)
     return Device(variant=variant, llvm=llvm, threads=dr.thread_count(), gpu=gpu)
+
+
+def _need_system_libraries() -> None:
+    """Stop if a library that Dr.Jit is linked against is not there: its import would end in a NameError of its own."""
+    if sys.platform == "linux":
+        try:
+            ctypes.CDLL("libatomic.so.1")
+        except OSError:
+            raise InputError(
+                "The library libatomic.so.1, which Dr.Jit needs, was not found.",
+                remedy="Install it (`apt-get install libatomic1` on Debian or Ubuntu, `dnf install libatomic` on Fedora).",
+            ) from None
 
 
 def _refuse_old_llvm_in_use(version: tuple[int, ...]) -> None:
@@ -288,6 +301,7 @@ def main() -> int:
         sys.stdout.write(f"{OLDEST_LLVM}\n")
         return 0
     try:
+        _need_system_libraries()
         llvm = find_llvm()
     except InputError as error:
         sys.stderr.write(f"{error}\n")

@@ -1,8 +1,8 @@
-"""The centre of a target: mean of the hits, or a circle through its edge; bias by delay, and averages."""
+"""The centre of a target: mean of the hits, or a circle through its edge."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -201,32 +201,3 @@ def better_of(first: Centroid, second: Centroid) -> Centroid:
         for name in ("centre", "covariance", "radius", "sigma_radius", "misfit", "found")
     }
     return Centroid(**chosen)
-
-
-def average_inverted(centroid: Centroid) -> Centroid:
-    """Return the means of each pattern and the inverted one after it, shape (patterns/2, …).
-
-    A delay moves every hit along the path, and the inverted pattern runs it the other way: what is odd in the delay
-    cancels. Both must have been found.
-
-    Raises
-    ------
-    ValueError
-        If the number of patterns is odd.
-    """
-    if len(centroid.centre) % 2:
-        raise ValueError("patterns and inverted patterns come in pairs")
-    first, second = (_some(centroid, slice(start, None, 2)) for start in (0, 1))
-    return centroid_of(
-        0.5 * (first.centre + second.centre),
-        0.25 * (first.covariance + second.covariance),
-        0.5 * (first.radius + second.radius),
-        0.5 * np.hypot(first.sigma_radius, second.sigma_radius),
-        0.5 * (first.misfit + second.misfit),
-        first.found & second.found,
-    )
-
-
-def _some(centroid: Centroid, which: slice) -> Centroid:
-    names = ("centre", "covariance", "radius", "sigma_radius", "misfit", "found")
-    return replace(centroid, **{name: getattr(centroid, name)[which] for name in names})

@@ -120,6 +120,18 @@ def test_no_library_and_no_gpu_stops_with_one_remedy(
         assert "apt-get install libllvm" in caught.value.remedy
 
 
+def test_a_missing_library_of_the_system_is_named_with_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without libatomic the import of Dr.Jit ends in a NameError of its own."""
+
+    def missing(name: str) -> None:
+        raise OSError(f"{name}: cannot open shared object file")
+
+    monkeypatch.setattr(chosen.sys, "platform", "linux")
+    monkeypatch.setattr(chosen.ctypes, "CDLL", missing)
+    with pytest.raises(InputError, match="libatomic.so.1.*apt-get install libatomic1"):
+        activate("cpu")
+
+
 def test_a_gpu_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(chosen, "_gpu_name", lambda: None)
     with pytest.raises(InputError, match="GPU") as caught:
