@@ -15,7 +15,7 @@ SEED ?= 0
 # Said by the interpreter itself, so that a shim without a Python behind it counts as missing.
 NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo test fuzz soak lint format typecheck docs build bench scenes setup llvm clean
+.PHONY: help demo test fuzz soak mutants seeds matrix lint format typecheck docs build bench scenes setup llvm clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -33,6 +33,15 @@ soak: setup ## Run 200 simulations in one process, whose memory must stay where 
 
 fuzz: setup ## Open mutants of scenarios, states, scenes and results: make fuzz N=10000 SEED=7
 	$(RUN) tests/faults/fuzz.py -n $(N) --states $$(($(N) / 20)) --scenes $$(($(N) / 10)) --results $$(($(N) / 10)) --seed $(SEED)
+
+mutants: setup ## Plant faults one by one and write which test notices each (an hour or two): make mutants TENTH=3
+	$(RUN) tests/mutants/plant.py $(if $(TENTH),--tenth $(TENTH))
+
+seeds: setup ## Run the statistical tests with other seeds: make seeds N=20
+	$(RUN) tests/seeds.py -n $(if $(filter file,$(origin N)),20,$(N))
+
+matrix: setup ## Test with the oldest and the newest packages, on every Python there is
+	$(RUN) tests/matrix.py
 
 lint: $(STAMP) ## Check style and format
 	$(RUN) -m ruff check .

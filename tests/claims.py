@@ -1,8 +1,8 @@
 """Statistical claims, with the chance that they fail by accident and what they would have found.
 
-A test says what a figure must be and how it scatters; the bounds follow from the size of the sample and the level. Each
-function returns a :class:`Claim`, which ``assert claim`` holds or breaks with its whole reasoning in the message; a test
-that must be able to see a fault of a certain size asserts ``claim.finds`` besides.
+A test says what a figure must be and how it scatters; the bounds follow from the size of the sample and the level.
+Each function returns a :class:`Claim`, which ``assert claim`` holds or breaks with its whole reasoning in the message;
+a test that must be able to see a fault of a certain size asserts ``claim.finds`` besides.
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ class Claim:
         )
 
 
-def mean_square(z: ArrayLike, *, freedom: float | None = None, slack: float = 0.0, level: float = LEVEL) -> Claim:
+def mean_square(
+    z: ArrayLike, *, freedom: float | None = None, slack: float = 0.0, level: float = LEVEL
+) -> Claim:
     """Claim that the mean square of errors over their σ is 1.
 
     Parameters
@@ -63,7 +65,9 @@ def mean_square(z: ArrayLike, *, freedom: float | None = None, slack: float = 0.
     n = float(squares.size if freedom is None else freedom)
     low, high = stats.chi2.ppf([0.5 * level, 1.0 - 0.5 * level], n) / n
     finds = high * (1.0 + slack) * n / stats.chi2.ppf(1.0 - POWER, n) - 1.0
-    return Claim("mean square", float(squares.mean()), low * (1.0 - slack), high * (1.0 + slack), finds, level)
+    return Claim(
+        "mean square", float(squares.mean()), low * (1.0 - slack), high * (1.0 + slack), finds, level
+    )
 
 
 def scatter_ratio(
@@ -110,4 +114,6 @@ def at_most(count: int, total: int, limit: float, *, level: float = LEVEL) -> Cl
     """Claim that independent cases are hit with a probability of ``limit`` or less."""
     high = float(stats.binom.isf(level, total, limit)) / total
     spread = float(np.sqrt(max(high * (1.0 - high), 1.0 / total) / total))
-    return Claim("share", count / total, 0.0, high, high - limit + float(stats.norm.ppf(POWER)) * spread, level)
+    return Claim(
+        "share", count / total, 0.0, high, high - limit + float(stats.norm.ppf(POWER)) * spread, level
+    )

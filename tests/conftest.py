@@ -1,10 +1,13 @@
-"""What every test may ask for."""
+"""What every test may ask for, and other seeds for all of them."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
+from typing import Any
 
 import hypothesis
+import numpy as np
 import pytest
 
 from scanner_sim.render.device import Device, activate
@@ -12,6 +15,9 @@ from scanner_sim.render.device import Device, activate
 # Derandomised: a red test is red again on the next run. No deadline: the first call compiles a kernel.
 hypothesis.settings.register_profile("deterministic", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("deterministic")
+
+SHIFT = int(os.environ.get("SCANNER_SIM_SEED_SHIFT", "0"))
+"""Added to every seed, of the tests and of the simulator: what ``tests/seeds.py`` varies."""
 
 
 @pytest.fixture(scope="session")
@@ -24,3 +30,20 @@ def device() -> Device:
 def repo_root() -> Path:
     """The folder that holds ``configs``, ``scenes`` and ``tests``."""
     return Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="session", autouse=SHIFT != 0)
+def shifted_seeds(device: Device) -> None:
+    """Draw other random numbers everywhere: the three generators take another key for the same seed."""
+    import drjit.auto.ad as auto
+
+    host, bits, on_device = np.random.default_rng, np.random.Philox, auto.Philox4x32
+
+    def other_host(seed: Any = None) -> np.random.Generator:
+        if seed is None or isinstance(seed, np.random.SeedSequence):
+            return host(seed)
+        return host([SHIFT, *np.atleast_1d(seed).tolist()])
+
+    np.random.default_rng = other_host  # type: ignore[assignment]
+    np.random.Philox = lambda key, counter: bits(key=key + (SHIFT << 96), counter=counter)  # type: ignore[misc,assignment]
+    auto.Philox4x32 = lambda seed, *address: on_device(seed + (SHIFT << 40), *address)

@@ -167,7 +167,7 @@ def _need_system_libraries() -> None:
         except OSError:
             raise InputError(
                 "The library libatomic.so.1, which Dr.Jit needs, was not found.",
-                remedy="Install it (`apt-get install libatomic1` on Debian or Ubuntu, `dnf install libatomic` on Fedora).",
+                remedy="Install it (`apt-get install libatomic1` on Debian, `dnf install libatomic` on Fedora).",
             ) from None
 
 

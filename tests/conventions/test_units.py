@@ -40,7 +40,9 @@ def test_the_name_of_a_channel_ends_in_its_unit() -> None:
     for channel in CHANNELS:
         ending = channel.name.rpartition("_")[2] if "_" in channel.name else ""
         own = channel.name.rpartition(".")[0].rpartition("P")[0] + channel.name[-3:]
-        wanted = "electron" if channel.name in COUNTED else "m" if own[-3:] in POINTS else ENDINGS.get(ending, "1")
+        wanted = (
+            "electron" if channel.name in COUNTED else "m" if own[-3:] in POINTS else ENDINGS.get(ending, "1")
+        )
         assert channel.unit == wanted, channel.name
     assert sum(channel.unit == "m2" for channel in CHANNELS) == 9
     assert sum(channel.unit == "rad" for channel in CHANNELS) == 2

@@ -37,8 +37,8 @@ SECONDS = 1800.0
 class Fault:
     """One planted fault.
 
-    ``room`` the list it stands in; ``file`` relative to the package; ``was`` and ``now`` the text in the file before and
-    after; ``tests`` files, relative to ``tests``, of which one at least notices it.
+    ``room`` the list it stands in; ``file`` relative to the package; ``was`` and ``now`` the text in the file before
+    and after; ``tests`` files, relative to ``tests``, of which one at least notices it.
     """
 
     room: str
@@ -57,7 +57,9 @@ class Fault:
         path = repository / "scanner_sim" / self.file
         text = path.read_text(encoding="utf-8")
         if text.count(self.was) != 1:
-            raise ValueError(f"{self.file} holds {self.was!r} {text.count(self.was)} times: it must stand once")
+            raise ValueError(
+                f"{self.file} holds {self.was!r} {text.count(self.was)} times: it must stand once"
+            )
         path.write_text(text.replace(self.was, self.now), encoding="utf-8")
 
     def remove(self, repository: Path) -> None:
@@ -134,7 +136,10 @@ def plant(chosen: list[Fault], jobs: int) -> list[Outcome]:
         for number, outcome in enumerate(pool.map(one, chosen), 1):
             outcomes.append(outcome)
             what = outcome.killer or "LIVES"
-            print(f"{number}/{len(chosen)}  {outcome.seconds:4.0f} s  {outcome.fault.name}\n      {what}", flush=True)
+            print(
+                f"{number}/{len(chosen)}  {outcome.seconds:4.0f} s  {outcome.fault.name}\n      {what}",
+                flush=True,
+            )
     return outcomes
 
 
@@ -175,9 +180,13 @@ def _cell(text: str) -> str:
 
 def main() -> int:
     """Run as the module says; the exit status is 1 if a fault lives."""
-    arguments = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    arguments = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     arguments.add_argument("--only", default="", help="one list, or a part of a fault's name")
-    arguments.add_argument("--tenth", type=int, help="every tenth fault, from this number on (0 to 9; larger ones wrap)")
+    arguments.add_argument(
+        "--tenth", type=int, help="every tenth fault, from this number on (0 to 9; larger ones wrap)"
+    )
     arguments.add_argument("-j", "--jobs", type=int, default=1, help="faults at a time (1)")
     given = arguments.parse_args()
     chosen = [fault for fault in faults() if given.only in (fault.room, "") or given.only in fault.name]

@@ -72,7 +72,7 @@ def test_rendered_light_is_that_of_the_equations(
 
     Set-up: a Lambertian plane faces scanner and Sun. Expected: the equations, with the share of the laser that the
     pixels' height leaves, and with cos⁴ψ of both (2 % at 2 m, where the spot images 5.7° off the axis; the ratio
-    needs none). Tolerance: 1 %, the issue's; there is no noise in it.
+    needs none). Tolerance: 1 %; there is no noise in it.
     """
     laser, window = light(distance, reflectance, bandwidth)
     expected_laser, expected_window = printed(distance, reflectance, bandwidth)

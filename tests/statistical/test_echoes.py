@@ -103,7 +103,7 @@ def test_planes_are_measured_to_the_micrometre(distance: float, degrees: float) 
     """Claim: noise-free ranges of planes lie within 20 µm of the truth to 20 m, and 2e-6 of it to 200 m.
 
     Set-up: 300 shots over ±0.3 rad at walls square and turned by 30°, through waveform and matched filter. Expected:
-    the chief ray's range. Tolerance: the issue's.
+    the chief ray's range. Tolerance: that.
     """
     theta, phi = np.random.default_rng(1).uniform(-0.3, 0.3, (2, 300))
     truth, groups = echoes([wall(distance, degrees)], theta, phi)
@@ -135,7 +135,7 @@ def test_spheres_are_measured_over_their_footprint(radius: float, distance: floa
     """Claim: on a sphere the range is the footprint's mean, within 20 µm to 20 m and 2e-6 of it to 200 m.
 
     Set-up: spheres hit in the middle, down to one whose mean lies 49 µm behind its nearest point. Expected: the judge's
-    integral over the beam. Tolerance: the issue's; a chief ray alone would miss it on the smallest.
+    integral over the beam. Tolerance: that; a chief ray alone would miss it on the smallest.
     """
     ball = {"name": "ball", "shape": "sphere", "diameter": 2.0 * radius, "material": {"reflectance": 0.5}}
     truth, groups = echoes([{**ball, "position": (0.0, 0.0, distance + radius)}], 0.0, 0.0)
@@ -150,7 +150,7 @@ def test_a_tilted_plane_stretches_the_pulse(degrees: float) -> None:
     """Claim: the waveform's standard deviation from a tilted plane is √(σ_p² + σ_h² + (2 s tanα/c)²), to 1 %.
 
     Set-up: a wide beam (waist 60 mm) at 20 m, tilted up to 80°, where the footprint stretches the pulse to twice its
-    width. Expected: the judge's. Tolerance: 1 %, the issue's; on the part that the plane adds, 3 %.
+    width. Expected: the judge's. Tolerance: 1 %; on the part that the plane adds, 3 %.
     """
     laser = Laser(waist_radius=60e-3)
     _, groups = echoes([wall(20.0, degrees)], 0.0, 0.0, laser=laser)

@@ -215,7 +215,7 @@ def test_coordinates_scatter_as_the_full_jacobian_says(theta: float, phi: float)
     Set-up: 165² shots at a wall at 6 m through light, pixels and estimator without other noise; jitter 60 µrad,
     read-out 40 µrad, synchronisation 50 µrad (0.1 pixel). The true point is (truth.range_m, true deflections) by the
     judge's eq 3. Expected: the judge's standard deviations and covariances for Δp = f (1 + p²/f²) 50 µrad and
-    ΔΘ = Δφ = 72.1 µrad, and the same in the layers. Tolerance: 2 %, the issue's, 4.7 standard errors of a standard
+    ΔΘ = Δφ = 72.1 µrad, and the same in the layers. Tolerance: 2 %, 4.7 standard errors of a standard
     deviation; 3 % for the correlations, 4.9 standard errors. The layers 0.5 %, for the field is 0.2 mrad wide.
     """
     errors = mirrors(jitter=60e-6, readout_noise=40e-6, synchronisation=50e-6)

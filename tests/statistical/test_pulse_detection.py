@@ -109,7 +109,7 @@ def test_the_matched_filter_reaches_the_bound(snr: float, bandwidth: float) -> N
     """Claim: σ_t of the matched filter is at most 1.05 times the Cramér–Rao bound from SNR 10 to 1000.
 
     Set-up: 60 000 pulses at random phases, noise of amplifier and converter. Expected: the judge's bound for an unknown
-    amplitude in noise of that colour. Tolerance: the issue's 5 %; below, 1.8 %, four times the scatter over seeds.
+    amplitude in noise of that colour. Tolerance: 5 %; below, 1.8 %, four times the scatter over seeds.
     """
     diode = Photodiode(bandwidth=bandwidth, noise=PhotodiodeNoise(shot=False, saturation=False))
     noise = noise_sigma(diode, CLOCK, 0.0)
@@ -206,7 +206,7 @@ def test_walk_correction_holds_at_one_sample_per_nanosecond(shape: Any) -> None:
     """Claim: by the table the leading edge stays within 1 mm of the truth from 2 to 200 times the level.
 
     Set-up: the default receiver, 64 phases, 25 amplitudes, no noise, both named shapes. Expected: the truth. Tolerance:
-    1 mm, the issue's, at every phase.
+    1 mm at every phase.
     """
     diode, pulse = Photodiode(noise=SILENT), Pulse(shape=shape)
     ratio, phase = np.meshgrid(np.geomspace(2.0, 200.0, 25), (np.arange(64) + 0.37) / 64.0)
@@ -220,7 +220,7 @@ def test_constant_fraction_keeps_its_place_over_ten_to_one() -> None:
     """Claim: constant fraction moves by no more than ±1 mm over amplitudes of 1:10.
 
     Set-up: the default receiver with its converter, 64 phases, no noise, amplitudes of 30 to 300 µA. Expected: the
-    truth. Tolerance: 1 mm, the issue's.
+    truth. Tolerance: 1 mm.
     """
     noise = PhotodiodeNoise(shot=False, amplifier=False, clock=False)
     diode = Photodiode(noise=noise)

@@ -136,7 +136,7 @@ def test_a_target_is_found_and_held_within_the_papers_accuracy() -> None:
     100 µrad per axis and pattern, with honest σ.
 
     Set-up: 3 % noise, default mirrors, encoders' delay corrected, 6.6 ms a pattern, 80 patterns. Expected: tracking
-    from the fifth pattern at the latest; rms error below 100 µrad (the issue's figure; the fit reaches 20–40); z² per
+    from the fifth pattern at the latest; rms error below 100 µrad (what is asked for; the fit reaches 20–40); z² per
     axis 1 in the mean. Tolerance of z²: 0.7, four times √(2/70) = 0.17.
     """
     _, records = run(begin(still(0.0) + np.array([6e-3, -3e-3, 0.05])), still, 80, 6.6e-3)

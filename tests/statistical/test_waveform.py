@@ -66,7 +66,7 @@ def test_the_receivers_snr_is_the_closed_form(gain: float, background: float, ba
 
     Set-up: a pulse of 400 ns, steady at its middle, of 1 µW at the diode; gain 1 to 50; background from none over a
     white wall in full Sun behind the 30 nm filter (14 nW into 5 mrad) to seventy times that; B 0.1 to 1 GHz; 30 000
-    records of three samples far apart. Expected: the judge's. Tolerance: 2 %, the issue's; the standard error of a
+    records of three samples far apart. Expected: the judge's. Tolerance: 2 %; the standard error of a
     scatter from 90 000 numbers is 0.24 %.
     """
     diode = Photodiode(gain=gain, bandwidth=bandwidth, noise=ANALOGUE)

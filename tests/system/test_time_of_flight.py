@@ -70,7 +70,7 @@ def layers(image: RangeImage, prefix: str) -> dict[str, Any]:
 def test_ranges_without_noise_are_the_true_ones(distance: float, tilt: float, place: str) -> None:
     """Claim: noise-free ranges lie within 20 µm of the truth to 20 m, and 2e-6 of it to 200 m.
 
-    Set-up: walls through the whole scenario, every noise off. Expected: the chief ray's range. Tolerance: the issue's,
+    Set-up: walls through the whole scenario, every noise off. Expected: the chief ray's range. Tolerance: that,
     and half a step of the float32 in which both layers are kept. The offset field is wide enough to see 2.5 m.
     """
     unit = f"digitiser: {{gate: [1 m, {1.2 * distance} m]}}"
@@ -95,7 +95,7 @@ def plane(device: object) -> RangeImage:
 def test_sigma_covers_the_error(plane: RangeImage, prefix: str) -> None:
     """Claim: (estimate − truth)/σ has a standard deviation of 1 and no mean.
 
-    Set-up: 16 384 voxels of a plane. Expected: 1 ± 0.05, the issue's tolerance (its own standard error is 0.0055), and
+    Set-up: 16 384 voxels of a plane. Expected: 1 ± 0.05 (its own standard error is 0.0055), and
     a mean within 0.04, 5 standard errors of 0.0078.
     """
     pull = (plane[prefix + "range_m"] - plane["truth.range_m"]) / plane[prefix + "sigma_range_m"]

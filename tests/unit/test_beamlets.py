@@ -52,7 +52,7 @@ def test_edge_beamlets_follow_a_straight_edge_within_two_per_cent() -> None:
     """Claim: the light on one side of any straight edge is right to 2 % of the beam, and unbiased.
 
     Set-up: edges at 90 directions and 81 distances. Expected: the normal distribution. Tolerance: 0.02 for the
-    worst, 1e-3 for the mean: the issue asks for 2 % of the contrast at edges.
+    worst, 1e-3 for the mean; at edges 2 % of the contrast.
     """
     beamlets = edge_beamlets(256)
     distance = np.linspace(-2.0, 2.0, 81)

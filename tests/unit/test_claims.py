@@ -22,11 +22,16 @@ RIGHT: dict[str, Callable[[np.random.Generator, float], claims.Claim]] = {
         np.sqrt(1.0 + off) * random.standard_normal(50), level=LEVEL
     ),
     "scatter_ratio": lambda random, off: claims.scatter_ratio(
-        (1.0 + off) * random.standard_normal(60).std(ddof=1), random.standard_normal(40).std(ddof=1), (59, 39), level=LEVEL
+        (1.0 + off) * random.standard_normal(60).std(ddof=1),
+        random.standard_normal(40).std(ddof=1),
+        (59, 39),
+        level=LEVEL,
     ),
     "mean": lambda random, off: claims.mean(3.0 + off + random.standard_normal(30), 3.0, level=LEVEL),
     "share": lambda random, off: claims.share(int(random.binomial(400, 0.3 + off)), 400, 0.3, level=LEVEL),
-    "at_most": lambda random, off: claims.at_most(int(random.binomial(400, 0.3 + off)), 400, 0.3, level=LEVEL),
+    "at_most": lambda random, off: claims.at_most(
+        int(random.binomial(400, 0.3 + off)), 400, 0.3, level=LEVEL
+    ),
 }
 
 

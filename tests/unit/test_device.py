@@ -128,7 +128,7 @@ def test_a_missing_library_of_the_system_is_named_with_its_package(monkeypatch: 
 
     monkeypatch.setattr(chosen.sys, "platform", "linux")
     monkeypatch.setattr(chosen.ctypes, "CDLL", missing)
-    with pytest.raises(InputError, match="libatomic.so.1.*apt-get install libatomic1"):
+    with pytest.raises(InputError, match=r"libatomic\.so\.1.*apt-get install libatomic1"):
         activate("cpu")
 
 

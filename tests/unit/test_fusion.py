@@ -91,15 +91,15 @@ def test_the_fused_point_has_the_covariance_of_what_it_is_made_of() -> None:
     sigma = np.stack([np.full(n, 2e-6), np.full(n, 20e-12), np.full(n, 30e-6), np.full(n, 10e-6)])
     status = np.zeros(n, np.uint32)
     deflections = Deflections(theta, phi, sigma[2], sigma[3])
-    triangulated = ranges_from_peaks(geometry.pixel(p), sigma[0] / geometry.pitch, status, deflections, geometry, None)
+    triangulated = ranges_from_peaks(
+        geometry.pixel(p), sigma[0] / geometry.pitch, status, deflections, geometry, None
+    )
     echo = ranges_from_delays(delay, sigma[1], status, theta, 0.0, (0.1, 100.0))
     alike = ranges_with_points(
         echo.range, echo.sigma, echo.status, echo.sigma, np.zeros(n), deflections, geometry.axis_separation
     )
     fused, _, _ = fuse_points(triangulated, alike, deflections, geometry)
-    share = fuse(
-        (triangulated.range, triangulated.sigma, status), (echo.range, echo.sigma, status)
-    ).weight
+    share = fuse((triangulated.range, triangulated.sigma, status), (echo.range, echo.sigma, status)).weight
     assert share.min() < 0.3
     assert share.max() > 0.7
 
@@ -119,7 +119,9 @@ def test_the_fused_point_has_the_covariance_of_what_it_is_made_of() -> None:
     names = ("xx", "yy", "zz", "xy", "xz", "yz")
     scale = expected[:, :3, :3].max()
     for name, (i, j) in zip(names, ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)), strict=True):
-        np.testing.assert_allclose(getattr(fused.covariance, name), expected[:, i, j], atol=1e-5 * scale, err_msg=name)
+        np.testing.assert_allclose(
+            getattr(fused.covariance, name), expected[:, i, j], atol=1e-5 * scale, err_msg=name
+        )
     assert fused.sigma == pytest.approx(np.sqrt(expected[:, 3, 3]), rel=1e-5)
 
 

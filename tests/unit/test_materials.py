@@ -59,7 +59,9 @@ def test_fresnel_of_aluminium_and_nickel():
     assert normal_reflectance(1.5, 0.0) == pytest.approx(0.04)
 
 
-@pytest.mark.parametrize(("depolarised", "contrast"), [(0.0, 1.0), (0.4, 0.824621), (0.5, 0.790569), (1.0, 0.707107)])
+@pytest.mark.parametrize(
+    ("depolarised", "contrast"), [(0.0, 1.0), (0.4, 0.824621), (0.5, 0.790569), (1.0, 0.707107)]
+)
 def test_speckle_of_light_that_is_polarised_in_part(depolarised: float, contrast: float) -> None:
     """√((1 + P²)/2) with P = 1 − share, by hand: P = 0.6 gives √0.68, P = 0.5 √0.625."""
     assert speckle_contrast(depolarised) == pytest.approx(contrast, abs=5e-7)

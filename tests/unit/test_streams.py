@@ -90,7 +90,11 @@ def test_all_pairs_of_streams_are_independent(device: Device) -> None:
     drawn = np.stack([normals(11, stream, list(range(count)), [3] * count)[0] for stream in Stream])
     assert np.abs(np.corrcoef(drawn)[~np.eye(len(drawn), dtype=bool)]).max() < limit
     host = np.stack(
-        [host_generator(11, stream, number).standard_normal(count) for stream in Stream for number in range(4)]
+        [
+            host_generator(11, stream, number).standard_normal(count)
+            for stream in Stream
+            for number in range(4)
+        ]
     )
     assert np.abs(np.corrcoef(host)[~np.eye(len(host), dtype=bool)]).max() < limit
     assert not set(host[0]) & set(host[1])
