@@ -12,8 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
+from scanner_sim import memory
 from scanner_sim.closed_loop.saved_state import first_state, load_state, save_state
+from scanner_sim.closed_loop.track import track
 from scanner_sim.config import load_scenario, resolved_yaml
 from scanner_sim.errors import (
     LONGEST_LINE,
@@ -24,6 +27,8 @@ from scanner_sim.errors import (
     ScenarioError,
     printable,
 )
+from scanner_sim.scenario import Scenario
+from scanner_sim.simulate import simulate, simulate_waveforms
 
 TRACK: dict[str, Any] = {
     "schema": 1,
@@ -212,6 +217,36 @@ def test_arrays_together_are_bounded_too() -> None:
     data["scan"]["targets"] = ["board"]
     data["scene"]["objects"].pop()
     assert "can be followed" in _fault(data)
+
+
+# As if no memory were free: how much is free on the machine of the test does not matter.
+@pytest.mark.parametrize(
+    ("work", "key"),
+    [
+        (lambda raster, _: simulate(raster), "scan.rows"),
+        (lambda raster, _: simulate(raster, batch=10**12), "batch"),
+        (lambda raster, _: simulate_waveforms(raster), "digitiser"),
+        (lambda _, following: track(following), "scan.duration"),
+    ],
+)
+def test_python_users_too_are_told_what_no_memory_holds(
+    work: Callable[[Scenario, Scenario], object], key: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raster = load_scenario({**yaml.safe_load(RASTER), "ranging": "both"})
+    following = load_scenario(TRACK)
+    monkeypatch.setattr(memory, "_free_memory", lambda: 0.0)
+    if key == "scan.rows":
+        monkeypatch.setattr(memory, "SHOT_BYTES", 0.0)
+    with pytest.raises(InputError) as found:
+        work(raster, following)
+    assert "are free" in found.value.message
+    assert key in found.value.remedy
+
+
+@pytest.mark.parametrize("work", [simulate, simulate_waveforms])
+def test_a_raster_is_asked_for_before_its_memory(work: Callable[[Scenario], object]) -> None:
+    with pytest.raises(InputError, match=r"scan.type|triangulation"):
+        work(load_scenario(TRACK))
 
 
 @pytest.mark.parametrize(

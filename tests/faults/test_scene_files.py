@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from scanner_sim.errors import InputError
+from scanner_sim.errors import InputError, printable
 from scanner_sim.scene.scene_rules import renderers_scene
 
 PLY = """\
@@ -219,6 +219,19 @@ def test_parameters_and_materials_do_not_grow_without_end(folder: Path) -> None:
     assert "parts" in refusal(folder, "<shape", bsdfs + "<shape")
     deep = '<bsdf type="twosided">' * 3000
     assert "within one another" in refusal(folder, "<shape", deep + "<shape")
+
+
+@pytest.mark.usefixtures("device")
+@pytest.mark.parametrize("stem", ["a\nb", "\x1b[31mred", "back\u202e", "half \udcff"], ids=ascii)
+def test_a_scene_may_have_any_name(stem: str, folder: Path) -> None:
+    """An object of the XML file is called after it; images and pages hold such names as text."""
+    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.objects import Scene
+
+    path = (folder / "scene.xml").rename(folder / f"{stem}.xml")
+    (name,) = load_scene(Scene(file=path)).objects
+    assert name.isprintable()
+    assert name == printable(stem)
 
 
 @pytest.mark.usefixtures("device")
