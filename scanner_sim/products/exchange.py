@@ -26,6 +26,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from scanner_sim.errors import InputError, RunError
+from scanner_sim.scene.named_files import read_ordinary
 
 Writers = Mapping[str, Callable[[Path], None]]
 """For each file its name, and what writes it to a path."""
@@ -35,6 +36,9 @@ RESULT_NAME = "scanner-sim"
 
 PLAN = "plan.json"
 """The list of a finished exchange: names of new files in their order, and which old files it may delete."""
+
+_LARGEST_PLAN = 1 << 20
+"""Bytes of it."""
 
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
@@ -268,7 +272,7 @@ def _place(folder: Path, complete: Path) -> None:
 
 def _read_plan(path: Path) -> tuple[list[str], dict[str, list[int]]]:
     try:
-        plan = json.loads(path.read_text(encoding="utf-8"))
+        plan = json.loads(read_ordinary(path, _LARGEST_PLAN))
         new, old = list(plan["new"]), dict(plan["old"])
         if not all(isinstance(file, str) and Path(file).name == file for file in (*new, *old)):
             raise ValueError("it names other folders")
@@ -286,9 +290,9 @@ def _identity(path: Path) -> list[int]:
 
 
 def _discard(folder: Path) -> None:
-    """Delete a hidden folder; of a link the link alone."""
-    if folder.is_symlink() or folder.is_file():
-        folder.unlink()
+    """Delete a hidden folder; of a link the link alone, and whatever else was put there, such as a pipe."""
+    if folder.is_symlink() or not folder.is_dir():
+        folder.unlink(missing_ok=True)
     else:
         shutil.rmtree(folder, ignore_errors=True)
 

@@ -154,7 +154,8 @@ class Fuzzer:
         number = int(address.rpartition("/")[2]) if "/" in address else 1
         job: dict[str, Any] = {
             "kind": next((kind for kind in ("state", "result") if address.startswith(kind)), "scenario"),
-            "thorough": number % self.every == 0,
+            # Of scenes all that is to be looked at comes with the simulation.
+            "thorough": address.startswith(("mesh", "xml")) or number % self.every == 0,
             "pictures": number % (SHOWN if address.startswith("result") else PICTURED) == 0,
             "seconds": SECONDS,
             "overrides": [],
@@ -258,8 +259,9 @@ def open_originals(fuzzer: Fuzzer) -> None:
         (config.name, Mutant(config.name, config.read_bytes(), (), ())) for config in CONFIGS
     ]
     originals.append(("state", Mutant("state", fuzzer.state().encode(), (), ())))
-    originals += [(f"result {path}", path) for path in sound_results(fuzzer.results(), folder)]
-    originals += [(str(path), path) for path in sound_scenes(folder)]
+    results = list(sound_results(fuzzer.results(), folder))
+    originals += [(f"result/{path.parent.name}/{path.name}/0", path) for path in results]
+    originals += [(f"scene {path.parent.name}", path) for path in sound_scenes(folder)]
     for name, original in originals:
         found = fuzzer.open(worker, name, original)
         fuzzer.counts[f"originals: {found['outcome']}"] += 1
