@@ -14,6 +14,23 @@ hypothesis.settings.register_profile("deterministic", derandomize=True, deadline
 hypothesis.settings.load_profile("deterministic")
 
 
+SCENARIO = """\
+schema: 1
+seed: 3
+scene:
+  objects:
+    - {name: wall, shape: rectangle, size: [8 m, 8 m], position: [0 m, 0 m, 9 m], material: grey_reference}
+scan: {type: raster, rows: 6, columns: 8, horizontal: [-2 deg, 2 deg], vertical: [-2 deg, 2 deg]}
+output: {pictures: false}
+"""
+
+
+@pytest.fixture(scope="session")
+def small_scenario() -> str:
+    """A scenario of 48 voxels as text."""
+    return SCENARIO
+
+
 @pytest.fixture(scope="session")
 def device() -> Device:
     """The processor, activated: ask for it in every test that needs Mitsuba."""

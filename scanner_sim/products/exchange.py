@@ -41,6 +41,8 @@ _LARGEST_PLAN = 1 << 20
 """Bytes of it."""
 
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_REFUSED = {errno.EACCES, errno.EPERM, errno.EROFS, errno.EEXIST, errno.ENOTDIR, errno.ELOOP}
+"""What the system says of a place that is none for files, as against a disk that fails."""
 
 _PATIENCE = 10.0
 """How long the writer of a single file waits for another one [s]."""
@@ -182,10 +184,8 @@ def write_files(folder: Path, writers: Writers, *, overwrite: bool = False) -> t
         with held(folder, first, wait=_PATIENCE):
             check_files([folder / name for name in writers], overwrite)
             exchange(folder, writers, tuple(writers), name=first)
-    except PermissionError as error:
-        raise unwritable(folder, error) from None
     except OSError as error:
-        raise failure(folder, error) from None
+        raise (unwritable if error.errno in _REFUSED else failure)(folder, error) from None
     return tuple(folder / name for name in writers)
 
 

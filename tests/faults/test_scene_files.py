@@ -13,21 +13,7 @@ import pytest
 from scanner_sim.errors import InputError, printable
 from scanner_sim.scene.scene_rules import renderers_scene
 
-PLY = """\
-ply
-format ascii 1.0
-element vertex 3
-property float x
-property float y
-property float z
-element face 1
-property list uchar int vertex_indices
-end_header
--1 -1 0
-1 -1 0
-0 1 0
-3 0 2 1
-"""
+PLY = (Path(__file__).parents[1] / "triangle.ply").read_text(encoding="utf-8")
 XML = """\
 <scene version="3.0.0">
 <bsdf type="twosided" id="paint"><bsdf type="diffuse"><spectrum name="reflectance" value="0.3"/></bsdf></bsdf>
