@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import os
 import struct
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from scanner_sim.errors import InputError
+from scanner_sim.errors import Fault, InputError, ScenarioError
 from scanner_sim.products.exr import read_range_image, write_exr
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pattern_picture import _ellipse
@@ -132,3 +133,28 @@ def test_an_ellipse_beyond_half_a_turn_is_not_drawn(variance: float) -> None:
     small = _ellipse(np.diag([4e-12, 1e-12]))
     assert small is not None
     np.testing.assert_allclose(np.abs(small).max(axis=1), [2.0, 1.0])
+
+
+def test_texts_that_are_packed_do_not_unfold(tmp_path: Path) -> None:
+    """Claim: a file of some kilobytes that stands for 20 GB of text is refused without unpacking it."""
+    import pyarrow
+    import pyarrow.parquet
+
+    text = pyarrow.array(["x" * 100_000])
+    packed = pyarrow.DictionaryArray.from_arrays(pyarrow.array(np.zeros(200_000, np.int32)), text)
+    table, path = pyarrow.table({"target": packed}), tmp_path / "t.parquet"
+    with pyarrow.parquet.ParquetWriter(path, table.schema, compression="zstd", store_schema=False) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({"scanner_sim": "{}"})
+    assert path.stat().st_size < 100_000
+    with pytest.raises(InputError, match="a text has 100000 bytes"):
+        read_parquet(path)
+
+
+def test_a_fault_that_quotes_a_book_is_said_at_once() -> None:
+    """Claim: the quotation is cut before it is looked at letter by letter."""
+    started = time.process_time()
+    for error in (InputError("\x1b" * 50_000_000), ScenarioError([Fault("a", "\x1b" * 50_000_000)])):
+        assert "\x1b" not in str(error)
+        assert len(error.message) < 20_000
+    assert time.process_time() - started < 5.0  # letter by letter it takes half a minute
