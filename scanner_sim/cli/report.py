@@ -63,7 +63,10 @@ def _report(error: BaseException) -> NoReturn:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         about = f"{error.filename}: " if error.filename else ""
         _end(
-            _unsaid(error, 1), f"{about}{error.strerror or error}.", "Make room on the disk." if full else ""
+            # A name that no system takes is the user's; all else is the disk's.
+            _unsaid(error, 2 if error.errno == errno.ENAMETOOLONG else 1),
+            f"{about}{error.strerror or error}.",
+            "Make room on the disk." if full else "",
         )
     _end(
         1,

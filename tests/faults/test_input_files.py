@@ -13,8 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from typer.testing import CliRunner
 
 from scanner_sim import memory
+from scanner_sim.cli import app
 from scanner_sim.closed_loop.saved_state import first_state, load_state, save_state
 from scanner_sim.closed_loop.track import track
 from scanner_sim.config import load_scenario, resolved_yaml
@@ -27,6 +29,9 @@ from scanner_sim.errors import (
     ScenarioError,
     printable,
 )
+from scanner_sim.products.folder import check_target
+from scanner_sim.products.run_folder import RUN
+from scanner_sim.products.track import read_track
 from scanner_sim.scenario import Scenario
 from scanner_sim.simulate import simulate, simulate_waveforms
 
@@ -150,6 +155,17 @@ def test_names_that_no_system_takes(path: str, tmp_path: Path) -> None:
         load_scenario({**TRACK, "processing": {"bias_correction": f"{path}.csv"}})
     with pytest.raises(InputError):
         load_scenario({**TRACK, "scanner": {"lidar": {"pulse": {"shape": f"{path}.csv"}}}})
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, "a\0b"], ids=["long", "zero"])
+def test_names_of_results_that_no_system_takes(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        read_track(tmp_path / name)
+    with pytest.raises(InputError):
+        check_target(tmp_path / name, False, RUN)
+    if name.isprintable():
+        result = CliRunner().invoke(app, ["show", str(tmp_path / name)])
+        assert result.exit_code == 2
 
 
 @pytest.mark.parametrize(
