@@ -19,6 +19,7 @@ from scanner_sim import memory
 from scanner_sim.cli import app
 from scanner_sim.closed_loop.saved_state import first_state, load_state, save_state
 from scanner_sim.closed_loop.track import track
+from scanner_sim.compare.setting import FlatTarget
 from scanner_sim.config import load_scenario, resolved_yaml
 from scanner_sim.errors import (
     LONGEST_LINE,
@@ -155,6 +156,18 @@ def test_names_that_no_system_takes(path: str, tmp_path: Path) -> None:
         load_scenario({**TRACK, "processing": {"bias_correction": f"{path}.csv"}})
     with pytest.raises(InputError):
         load_scenario({**TRACK, "scanner": {"lidar": {"pulse": {"shape": f"{path}.csv"}}}})
+
+
+@pytest.mark.parametrize("text", ["50 % at 1e300 m", "50 % at 1e-300 m", "0 m", ", ".join(["3 m"] * 50_000)])
+def test_targets_of_comparisons_that_no_bench_holds(text: str) -> None:
+    with pytest.raises(InputError, match="--target"):
+        FlatTarget.parse(text)
+
+
+def test_calibration_needs_a_name_of_a_file(small: Path) -> None:
+    result = CliRunner().invoke(app, ["calibrate", str(small), "-o", ""])
+    assert result.exit_code == 2
+    assert "no name of a table" in result.stderr
 
 
 @pytest.mark.parametrize("name", ["a" * 5000, "a\0b"], ids=["long", "zero"])
