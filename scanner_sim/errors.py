@@ -49,6 +49,11 @@ def _bounded(text: str) -> str:
     return whole if len(whole) <= LONGEST_MESSAGE else whole[: LONGEST_MESSAGE - 1] + "…"
 
 
+def _shown(text: str) -> str:
+    # Cut before it is looked at letter by letter, and again: an escape is longer than what it stands for.
+    return _bounded(printable(_bounded(text), lines=True))
+
+
 def _cut(line: str) -> str:
     half = LONGEST_LINE // 2
     return f"{line[:half]} … {line[-half:]}"
@@ -68,8 +73,7 @@ class ScannerSimError(Exception):
     exit_status = 1
 
     def __init__(self, message: str, *, remedy: str = "") -> None:
-        self.message = _bounded(printable(message, lines=True))
-        self.remedy = _bounded(printable(remedy, lines=True))
+        self.message, self.remedy = _shown(message), _shown(remedy)
         super().__init__(self.message)
 
     def __str__(self) -> str:
@@ -130,7 +134,7 @@ class ScenarioError(InputError):
     def __init__(self, faults: Sequence[Fault], *, source: str = "scenario") -> None:
         count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
         # A fault is one line, whatever it quotes.
-        lines = [f"  {printable(str(fault))}" for fault in faults[:MOST_FAULTS]]
+        lines = [f"  {printable(_bounded(str(fault)))}" for fault in faults[:MOST_FAULTS]]
         if len(faults) > MOST_FAULTS:
             lines.append(f"  … and {len(faults) - MOST_FAULTS} more")
         super().__init__("\n".join([f"{printable(source)}: {count}", *lines]))

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.config import resolved_yaml
 from scanner_sim.errors import InputError
+from scanner_sim.memory import BATCH, check_raster, check_waveforms
 from scanner_sim.neighbourhood import judge_neighbours
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
@@ -20,9 +21,6 @@ from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
 from scanner_sim.voxel_records import voxel_record
 from scanner_sim.workbench import Workbench
-
-BATCH = 65536
-"""Shots that go through the kernels together: about 0.3 GB."""
 
 Progress = Callable[[int, int], None]
 """Called with the shots done and the shots in all."""
@@ -61,10 +59,11 @@ def simulate(
     ScenarioError
         If the scene cannot be loaded.
     InputError
-        If the device cannot be used, or ``batch`` is not positive.
+        If the device cannot be used, ``batch`` is not positive, or the memory that is free does not hold the result.
     """
     if batch < 1:
         raise InputError("a batch needs at least one shot.")
+    check_raster(scenario, batch)
     bench = Workbench(scenario, device=device, threads=threads)
     scan = scenario.raster
     order = tiled_order(scan)
@@ -132,7 +131,7 @@ def simulate_waveforms(
     Raises
     ------
     InputError
-        If the scenario has no time of flight, or the raster no such voxel.
+        If the scenario has no time of flight, the raster no such voxel, or the memory that is free does not hold them.
     """
     if scenario.ranging == "triangulation":
         raise InputError("triangulation has no waveforms.", remedy="Write ranging: tof, or both.")
@@ -143,9 +142,10 @@ def simulate_waveforms(
         for row, column in voxels:
             _check_voxel(scenario, row, column)
         shots = np.array([row * scan.columns + column for row, column in voxels], dtype=np.uint32)
-    bench = Workbench(scenario, device=device, threads=threads)
     if not len(shots):
         raise InputError("no voxel was named.", remedy="Name one as [row, column], or leave them out.")
+    check_waveforms(scenario, len(shots))
+    bench = Workbench(scenario, device=device, threads=threads)
     parts = []
     for start in range(0, len(shots), BATCH):
         some = shots[start : start + BATCH]

@@ -20,6 +20,23 @@ SHIFT = int(os.environ.get("SCANNER_SIM_SEED_SHIFT", "0"))
 """Added to every seed, of the tests and of the simulator: what ``tests/seeds.py`` varies."""
 
 
+SCENARIO = """\
+schema: 1
+seed: 3
+scene:
+  objects:
+    - {name: wall, shape: rectangle, size: [8 m, 8 m], position: [0 m, 0 m, 9 m], material: grey_reference}
+scan: {type: raster, rows: 6, columns: 8, horizontal: [-2 deg, 2 deg], vertical: [-2 deg, 2 deg]}
+output: {pictures: false}
+"""
+
+
+@pytest.fixture(scope="session")
+def small_scenario() -> str:
+    """A scenario of 48 voxels as text."""
+    return SCENARIO
+
+
 @pytest.fixture(scope="session")
 def device() -> Device:
     """The processor, activated: ask for it in every test that needs Mitsuba."""

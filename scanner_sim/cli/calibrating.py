@@ -35,11 +35,11 @@ def calibrate_scenario(
     OSError
         If the disk fails.
     """
-    picture = file.with_suffix(".png")
     if file.suffix.lower() != ".csv":
         raise InputError(f"{file.name} is no name of a table.", remedy="Write one that ends in .csv.")
     if not file.parent.is_dir():
         raise InputError(f"there is no folder {file.parent}.", remedy="Make it, or name another.")
+    picture = file.with_suffix(".png")
     check_files((file, picture), overwrite)
     scenario = load_and_warn(config, overrides, quiet)
     from scanner_sim.studies.calibrate import measure_bias

@@ -44,15 +44,17 @@ def reported() -> Iterator[None]:
 
 def _report(error: BaseException) -> NoReturn:
     """End with the message and the status of an exception."""
+    # The libraries that print help make an exit of a pipe that is closed.
+    lost = error.__context__ if isinstance(error, SystemExit) else error
+    if isinstance(lost, BrokenPipeError):
+        # The reader of our output has gone, as `| head` does: there is nothing left to say.
+        _silence(sys.stdout)
+        raise typer.Exit(_unsaid(lost, 0)) from None
     if isinstance(error, typer.Exit | SystemExit):
         raise error
     if isinstance(error, ScannerSimError):
         several = isinstance(error, ScenarioError)
         _end(error.exit_status, error.message if several else printable(error.message), error.remedy)
-    if isinstance(error, BrokenPipeError):
-        # The reader of our output has gone, as `| head` does: there is nothing left to say.
-        _silence(sys.stdout)
-        raise typer.Exit(0) from None
     if isinstance(error, MemoryError):
         _end(1, "the memory is exhausted.", "Reduce scan.rows or scan.columns.")
     if os.environ.get(DEBUG):
@@ -60,12 +62,23 @@ def _report(error: BaseException) -> NoReturn:
     if isinstance(error, OSError):
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         about = f"{error.filename}: " if error.filename else ""
-        _end(1, f"{about}{error.strerror or error}.", "Make room on the disk." if full else "")
+        _end(
+            # A name that no system takes is the user's; all else is the disk's.
+            _unsaid(error, 2 if error.errno == errno.ENAMETOOLONG else 1),
+            f"{about}{error.strerror or error}.",
+            "Make room on the disk." if full else "",
+        )
     _end(
         1,
         f"unexpected {type(error).__name__}: {error}",
         f"This is a fault of the program. Set {DEBUG}=1 to see where it happened, and report it.",
     )
+
+
+def _unsaid(lost: BaseException, otherwise: int) -> int:
+    """Return the status of the fault of a command line whose message was lost, or another where there was none."""
+    status: int = getattr(lost.__context__, "exit_code", otherwise)
+    return status
 
 
 @contextlib.contextmanager

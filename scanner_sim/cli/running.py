@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from scanner_sim.cli.plan import check_memory, plan, sunlit
+from scanner_sim.cli.plan import plan, sunlit
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_table
 from scanner_sim.cli.tracking import run_tracking
+from scanner_sim.memory import check_memory
 from scanner_sim.products.folder import check_target, claimed
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.run_folder import RUN, write_run

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from scanner_sim.cli.plan import patterns
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.closed_loop.poses import poses_of, rims_of
 from scanner_sim.config import scenario_from_text
 from scanner_sim.errors import InputError
+from scanner_sim.memory import patterns
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.exchange import write_file, write_files

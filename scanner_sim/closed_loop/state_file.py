@@ -15,13 +15,17 @@ from scanner_sim.tracking.state import Refusal, TrackMode
 
 FORMAT = 1
 """Version of the file's form."""
+WIDEST = 10.0
+"""Largest angle of a target or a mirror [rad]."""
+NEAREST, FARTHEST = 1e-6, 1e6
+"""Ends of the ranges of targets [m]."""
 _INDEFINITE = 1e-9
 """Most negative eigenvalue of a matrix of correlations that is rounding."""
 
 _Time = Annotated[Number, Field(ge=0.0, le=1e9)]
-_Angle = Annotated[Number, Field(ge=-10.0, le=10.0)]
+_Angle = Annotated[Number, Field(ge=-WIDEST, le=WIDEST)]
 _Rate = Annotated[Number, Field(ge=-1e7, le=1e7)]
-_Range = Annotated[Number, Field(ge=1e-6, le=1e6)]
+_Range = Annotated[Number, Field(ge=NEAREST, le=FARTHEST)]
 _Covariance = Annotated[Number, Field(ge=-1e12, le=1e12)]
 _Counted = Annotated[Count, Field(ge=0, le=2**31)]
 _Amplitude = Annotated[Number, Field(gt=0.0, lt=1.5)]

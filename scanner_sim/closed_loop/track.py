@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 from scanner_sim.closed_loop.tracker import Tracker, made_by
+from scanner_sim.memory import check_patterns
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.render.guest import guest
 from scanner_sim.scenario import Scenario
@@ -42,8 +43,9 @@ def track(
     ScenarioError
         If the scene cannot be loaded.
     InputError
-        If the device cannot be used, or the scenario scans a raster.
+        If the device cannot be used, the scenario scans a raster, or the memory that is free does not hold the result.
     """
+    check_patterns(scenario)
     tracker = Tracker(scenario, device=device, threads=threads)
     records = []
     for record in tracker:

@@ -12,6 +12,7 @@ import numpy as np
 from scanner_sim.closed_loop.pattern_bench import PatternBench
 from scanner_sim.closed_loop.records import NOTHING, Recorder
 from scanner_sim.closed_loop.saved_state import TrackerState, first_state, load_state, save_state
+from scanner_sim.closed_loop.state_file import FARTHEST, NEAREST, WIDEST
 from scanner_sim.closed_loop.voxels import Eye
 from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.errors import InputError
@@ -129,11 +130,11 @@ class Tracker:
         Raises
         ------
         InputError
-            If these are no finite angles and a positive range, or there is no such target.
+            If these are no angles of a beam or no range of a target, or there is no such target.
         """
         index = self._index(target)
         place = np.array([theta, phi, distance], dtype=np.float64)
-        if not np.isfinite(place).all() or distance <= 0.0:
+        if not (np.abs(place[:2]) <= WIDEST).all() or not NEAREST <= distance <= FARTHEST:
             raise InputError(
                 f"({theta}, {phi}, {distance}) is no place.", remedy="Name two angles and a range."
             )

@@ -24,6 +24,9 @@ _MARGIN = 1.15
 """Nearest range of a target over that which the array sees."""
 _EXAMPLE = "Write for example --target '50 % at 3 m, 10 m, 20 m'."
 
+_NEAREST, _FARTHEST, _MOST_RANGES = 0.01, 1e4, 100
+"""Ranges of targets that the user may ask for [m], and how many."""
+
 
 @dataclass(frozen=True)
 class FlatTarget:
@@ -53,8 +56,11 @@ class FlatTarget:
             raise InputError(f"--target: {error.errors()[0]['msg']}.", remedy=_EXAMPLE) from None
         if not 0.0 < grey <= 1.0:
             raise InputError(f"--target: a reflectance of {grey:g} is not between 0 and 1.", remedy=_EXAMPLE)
-        if found[0] <= 0.0:
-            raise InputError("--target: ranges must be above 0 m.", remedy=_EXAMPLE)
+        if not _NEAREST <= found[0] <= found[-1] <= _FARTHEST or len(found) > _MOST_RANGES:
+            raise InputError(
+                f"--target: ranges are {_NEAREST:g} m to {_FARTHEST:g} m, and at most {_MOST_RANGES} of them.",
+                remedy=_EXAMPLE,
+            )
         return cls(grey, tuple(found))
 
 

@@ -26,6 +26,7 @@ from pathlib import Path
 from filelock import FileLock, Timeout
 
 from scanner_sim.errors import InputError, RunError
+from scanner_sim.scene.named_files import read_ordinary
 
 Writers = Mapping[str, Callable[[Path], None]]
 """For each file its name, and what writes it to a path."""
@@ -36,7 +37,12 @@ RESULT_NAME = "scanner-sim"
 PLAN = "plan.json"
 """The list of a finished exchange: names of new files in their order, and which old files it may delete."""
 
+_LARGEST_PLAN = 1 << 20
+"""Bytes of it."""
+
 _NO_SPACE = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+_REFUSED = {errno.EACCES, errno.EPERM, errno.EROFS, errno.EEXIST, errno.ENOTDIR, errno.ELOOP}
+"""What the system says of a place that is none for files, as against a disk that fails."""
 
 _PATIENCE = 10.0
 """How long the writer of a single file waits for another one [s]."""
@@ -178,10 +184,8 @@ def write_files(folder: Path, writers: Writers, *, overwrite: bool = False) -> t
         with held(folder, first, wait=_PATIENCE):
             check_files([folder / name for name in writers], overwrite)
             exchange(folder, writers, tuple(writers), name=first)
-    except PermissionError as error:
-        raise unwritable(folder, error) from None
     except OSError as error:
-        raise failure(folder, error) from None
+        raise (unwritable if error.errno in _REFUSED else failure)(folder, error) from None
     return tuple(folder / name for name in writers)
 
 
@@ -268,7 +272,7 @@ def _place(folder: Path, complete: Path) -> None:
 
 def _read_plan(path: Path) -> tuple[list[str], dict[str, list[int]]]:
     try:
-        plan = json.loads(path.read_text(encoding="utf-8"))
+        plan = json.loads(read_ordinary(path, _LARGEST_PLAN))
         new, old = list(plan["new"]), dict(plan["old"])
         if not all(isinstance(file, str) and Path(file).name == file for file in (*new, *old)):
             raise ValueError("it names other folders")
@@ -286,9 +290,9 @@ def _identity(path: Path) -> list[int]:
 
 
 def _discard(folder: Path) -> None:
-    """Delete a hidden folder; of a link the link alone."""
-    if folder.is_symlink() or folder.is_file():
-        folder.unlink()
+    """Delete a hidden folder; of a link the link alone, and whatever else was put there, such as a pipe."""
+    if folder.is_symlink() or not folder.is_dir():
+        folder.unlink(missing_ok=True)
     else:
         shutil.rmtree(folder, ignore_errors=True)
 

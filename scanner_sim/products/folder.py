@@ -42,6 +42,8 @@ def check_target(folder: str | Path, overwrite: bool, kind: Kind) -> None:
     """
     folder = Path(folder)
     try:
+        with contextlib.suppress(FileNotFoundError, NotADirectoryError):
+            os.lstat(folder)  # finds names that no system takes
         recover(folder)
         _check_content(folder, overwrite, kind)
         ground = folder
@@ -54,6 +56,10 @@ def check_target(folder: str | Path, overwrite: bool, kind: Kind) -> None:
             pass
     except OSError as error:
         raise unwritable(folder, error) from None
+    except ValueError as error:
+        raise InputError(
+            f"{folder} is no name of a folder: {error}.", remedy="Choose another with -o."
+        ) from None
 
 
 @contextlib.contextmanager

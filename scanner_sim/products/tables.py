@@ -29,6 +29,8 @@ _ABOUT = b"scanner_sim"
 
 MOST_CELLS = 1 << 28
 """Rows times columns of a table that is read: packed they may be next to nothing."""
+MOST_LETTERS = 1000
+"""Bytes of a text in a table."""
 _LARGEST = 1 << 32
 """Bytes of a file."""
 MOST = 1e30
@@ -111,8 +113,11 @@ def read_parquet(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         schema = file.schema_arrow
         about = json.loads((schema.metadata or {})[_ABOUT])
         _check_size(file.metadata, schema)
+        # Texts as they are packed, each once: a hundred kilobytes may stand for twenty gigabytes of them.
+        words = [field.name for field in schema if pyarrow.types.is_string(field.type)]
+        file = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(content), read_dictionary=words)
         table = file.read(use_threads=False)
-        columns = {name: table[name].to_numpy() for name in schema.names}
+        columns = {name: _unpacked(table[name], name in words) for name in schema.names}
     except KeyError:
         raise InputError(
             f"{path} was not written by this program.", remedy="Name the folder of a run."
@@ -134,6 +139,20 @@ def _check_size(metadata: Any, schema: Any) -> None:
         raise ValueError("its columns are no plain numbers and texts, each with a name of its own")
     if metadata.num_rows * max(metadata.num_columns, 1) > MOST_CELLS:
         raise ValueError(f"{metadata.num_rows} rows of {metadata.num_columns} columns are too many")
+
+
+def _unpacked(column: Any, text: bool) -> NDArray[Any]:
+    """Return a column, its texts in full where none is longer than any of ours."""
+    if not text:
+        return np.asarray(column.to_numpy())
+    import pyarrow
+    import pyarrow.compute
+
+    for part in column.chunks:
+        longest = pyarrow.compute.max(pyarrow.compute.binary_length(part.dictionary)).as_py()
+        if longest is not None and longest > MOST_LETTERS:
+            raise ValueError(f"a text has {longest} bytes")
+    return np.asarray(column.cast(pyarrow.string()).to_numpy())
 
 
 def checked(columns: Columns, kinds: Mapping[str, Kind]) -> dict[str, NDArray[Any]]:

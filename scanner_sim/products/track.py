@@ -223,8 +223,12 @@ def read_track(folder: str | Path) -> Track:
         If there is no run, or its files are broken.
     """
     folder = Path(folder)
-    recover(folder)
-    if not (folder / TABLE).exists():
+    try:
+        recover(folder)
+        present = (folder / TABLE).exists()
+    except (OSError, ValueError):  # a name that no system takes
+        present = False
+    if not present:
         raise InputError(f"There is no {TABLE} in {folder}.", remedy="Name the folder of a tracking run.")
     columns, said = read_parquet(folder / TABLE)
     voxels = read_parquet(folder / VOXELS)[0] if (folder / VOXELS).exists() else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 from collections.abc import Iterable
@@ -16,7 +17,7 @@ from scanner_sim.products.exchange import Writers
 from scanner_sim.products.folder import write_text
 from scanner_sim.products.provenance import versions
 from scanner_sim.reproduce.item import Item, Outcome, Row, Task, Verdict
-from scanner_sim.scene.named_files import LARGEST_TEXT, read_ordinary
+from scanner_sim.scene.named_files import LARGEST_TEXT, open_ordinary, read_ordinary
 
 PAGE = "index.md"
 """The page that holds all of it."""
@@ -90,9 +91,10 @@ def refuse_strangers(folder: Path, items: Iterable[Item]) -> None:
     InputError
         If it was not.
     """
-    page = folder / PAGE
-    if page.is_file() and page.read_bytes().startswith(HEADING.encode()):
-        return
+    heading = HEADING.encode()
+    with contextlib.suppress(InputError), open_ordinary(folder / PAGE, LARGEST_TEXT) as (stream, _):
+        if stream.read(len(heading)) == heading:
+            return
     names = (PAGE, *(name for item in items for name in (picture_of(item), file_of(item))))
     strangers = [name for name in names if os.path.lexists(folder / name)]
     if strangers:

@@ -293,7 +293,7 @@ def lighting_doubts(lighting: Lighting) -> tuple[str, ...]:
 
 def _directionless(direction: tuple[float, float, float] | None) -> Iterator[Fault]:
     """Yield a vector that points nowhere."""
-    if direction is not None and not 1e-100 < np.linalg.norm(direction) < 1e100:
+    if direction is not None and not 1e-100 < math.hypot(*direction) < 1e100:
         yield Fault(
             "direction", f"{list(direction)} has no direction.", "Write a vector such as [0.3, -0.8, -0.5]."
         )

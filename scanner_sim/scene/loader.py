@@ -15,7 +15,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.errors import Fault, InputError, ScenarioError
+from scanner_sim.errors import Fault, InputError, ScenarioError, printable
 from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
 from scanner_sim.scene.plugins import installed_plugins_only
 from scanner_sim.scene.shapes import Surfaces, shapes_of
@@ -157,9 +157,9 @@ def _loaded(scene: Scene) -> LoadedScene:
     loaded: list[_Loaded] = []
     faults: list[Fault] = []
     if scene.file is not None:
-        _collect(
-            loaded, faults, "scene.file", scene.file.stem, MitsubaFile(name="file", file=scene.file), surfaces
-        )
+        # Its objects have the name of the file, which may hold anything.
+        name = printable(scene.file.stem)
+        _collect(loaded, faults, "scene.file", name, MitsubaFile(name="file", file=scene.file), surfaces)
     for index, item in enumerate(scene.objects):
         _collect(loaded, faults, f"scene.objects[{index}]", item.name, item, surfaces)
     if faults:

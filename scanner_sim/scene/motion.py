@@ -25,13 +25,21 @@ from scipy.spatial.transform import RotationSpline, Slerp
 from scanner_sim.errors import Fault, InputError
 from scanner_sim.parts import InputFile, Part
 from scanner_sim.scene.named_files import read_text_file
-from scanner_sim.scene.poses import Position, Turns, placed
+from scanner_sim.scene.poses import FARTHEST, Position, Turns, placed
 from scanner_sim.units import Dimension, Time
 
 Array = NDArray[np.float64]
 
-Speed = Annotated[float, Dimension("m/s", ("10 mm/s",), ("m/s", "mm/s"))]
-TurnRate = Annotated[float, Dimension("rad/s", ("1 deg/s",), ("deg/s", "rad/s"))]
+FASTEST = 1e5
+"""Largest speed along an axis [m/s], and rate of turn about it [rad/s]."""
+LEAST_STEP = 1e-9
+"""Shortest time from one pose to the next [s]."""
+LATEST = 1e9
+"""Latest time of a pose [s], and of the earliest in a file the negative."""
+
+_Bounds = Field(ge=-FASTEST, le=FASTEST)
+Speed = Annotated[float, Dimension("m/s", ("10 mm/s",), ("m/s", "mm/s")), _Bounds]
+TurnRate = Annotated[float, Dimension("rad/s", ("1 deg/s",), ("deg/s", "rad/s")), _Bounds]
 PoseTable = Annotated[Path, InputFile((".csv",)), Field(examples=["motions/node.csv"])]
 
 COLUMNS = ("time_s", "x_m", "y_m", "z_m", "qw", "qx", "qy", "qz")
@@ -40,6 +48,8 @@ MOST_ROWS = 1_000_000
 """Longest file of poses."""
 _LARGEST = 1 << 28
 """Bytes of a file of poses."""
+_LONGEST = 1e9
+"""Length of a quaternion whose square is a number still, and the shortest one's reciprocal."""
 
 
 class Poses(NamedTuple):
@@ -74,7 +84,7 @@ class ConstantTwist(Part):
 class Waypoint(Part):
     """A pose at a time."""
 
-    time: Time = Field(ge=0.0, le=1e9)
+    time: Time = Field(ge=0.0, le=LATEST)
     """When, since the start."""
     position: Position
     """Place of the object's origin in the scanner frame."""
@@ -95,10 +105,10 @@ class Waypoints(Part):
     def contradictions(self) -> Iterator[Fault]:
         """Yield times that do not ascend."""
         for index, (first, second) in enumerate(zip(self.points[:-1], self.points[1:], strict=True)):
-            if second.time <= first.time:
+            if second.time - first.time < LEAST_STEP:
                 yield Fault(
                     f"points[{index + 1}].time",
-                    f"{second.time:g} s is not after the {first.time:g} s of the waypoint before.",
+                    f"{second.time:g} s is not after the {first.time:g} s of the waypoint before, not by a nanosecond.",
                     "Write the waypoints in the order of their times.",
                 )
 
@@ -187,8 +197,8 @@ def read_poses(file: Path) -> Poses:
     Raises
     ------
     InputError
-        Missing columns, fields that are no finite numbers, quaternions of length zero, times that do not ascend, fewer
-        than two rows: with the row's number, which counts the heading as 1.
+        Missing columns, fields that are no finite numbers, places beyond 100 km, quaternions of length zero, times that
+        do not ascend, fewer than two rows: with the row's number, which counts the heading as 1.
     """
     text = read_text_file(file, _LARGEST)
     try:
@@ -217,13 +227,22 @@ def read_poses(file: Path) -> Poses:
             raise InputError(f"Row {number} of {file.name} is not a row of numbers.") from None
         if not all(map(math.isfinite, values)):
             raise InputError(f"Row {number} of {file.name} holds a number that is not finite.")
-        if not any(values[4:]):
+        if max(map(abs, values[1:4])) > FARTHEST:
             raise InputError(
-                f"The quaternion in row {number} of {file.name} is zero.", remedy="Not turned is 1, 0, 0, 0."
+                f"Row {number} of {file.name} is {max(map(abs, values[1:4])):.3g} m away; it may be {FARTHEST:g} m."
             )
-        if table and values[0] <= table[-1][0]:
+        length = math.hypot(*values[4:])
+        if not 1.0 / _LONGEST <= length <= _LONGEST:
+            size = "zero" if length == 0.0 else f"{length:.3g} long"
             raise InputError(
-                f"The time in row {number} of {file.name} is not after the one before.",
+                f"The quaternion in row {number} of {file.name} is {size}.",
+                remedy="Not turned is 1, 0, 0, 0.",
+            )
+        if abs(values[0]) > LATEST:
+            raise InputError(f"The time in row {number} of {file.name} is beyond {LATEST:g} s.")
+        if table and values[0] - table[-1][0] < LEAST_STEP:
+            raise InputError(
+                f"The time in row {number} of {file.name} is not after the one before, not by a nanosecond.",
                 remedy="Sort the rows by time, each once.",
             )
         table.append(values)

@@ -27,6 +27,8 @@ KNOWN = {"shape": SHAPES, "bsdf": BSDFS, "texture": TEXTURES}
 """Types that are built, by the element that names them."""
 LEFT_OUT = ("emitter", "integrator", "sensor", "film", "sampler", "rfilter", "medium", "phase", "volume")
 """Elements that say nothing about where light meets a surface: never built, whatever their type."""
+HELD = {"blendbsdf": (2, 2), "twosided": (1, 2), "mask": (1, 1)}
+"""Fewest and most materials within those that are made of others; the renderer dies of some that are not there."""
 MOST_PARTS = 200
 """Parts of a material, those that it shares counted each time: light is computed for all of them."""
 MESHES = {"ply": ".ply", "obj": ".obj"}
@@ -178,6 +180,19 @@ def _check(element: Element, folder: Path, names: _Names) -> None:
             _unknown(part, ("bsdf", "texture", *_ATTRIBUTES))
     if element.tag == "shape":
         _name_mesh(element, kind, folder)
+    elif kind in HELD:
+        _check_held(element, kind, names)
+
+
+def _check_held(element: Element, kind: str, names: _Names) -> None:
+    """Find a material that lacks the materials it is made of, or has too many, and a blend without its weight."""
+    held = [names.of(part, part.attributes["id"]) if part.tag == "ref" else part for part in element.inside]
+    count, (fewest, most) = sum(part.tag == "bsdf" for part in held), HELD[kind]
+    if not fewest <= count <= most:
+        wanted = str(fewest) if fewest == most else f"{fewest} or {most}"
+        element.fault(f"a material of type {kind!r} is made of {wanted} others, and {count} stand in it.")
+    if kind == "blendbsdf" and not any(part.attributes.get("name") == "weight" for part in element.inside):
+        element.fault("a blend lacks its weight.", 'Write <float name="weight" value="0.5"/>.')
 
 
 def _left_out(part: Element, names: _Names) -> bool:

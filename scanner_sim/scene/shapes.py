@@ -6,6 +6,7 @@ this package, and the renderer is given what it wrote anew: nothing else of a fi
 
 from __future__ import annotations
 
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -316,8 +317,11 @@ def _target_array(item: TargetArray, bsdfs: Surfaces) -> list[Any]:
 
 
 def _reason(error: Exception) -> str:
-    """Return the sentence of a renderer's error, without its source position."""
-    return " ".join(str(error).split("] ", 1)[-1].split())
+    """Return the sentence of a renderer's error, without its source position or the lines of a plugin in Python."""
+    said, _, trace = str(error).partition("Traceback (most recent call last):")
+    if raised := re.search(r"^\w+: (.*)", trace, re.MULTILINE | re.DOTALL):
+        said += raised[1]
+    return " ".join(said.split("] ", 1)[-1].split())
 
 
 _SHAPES: dict[type, Any] = {

@@ -21,6 +21,8 @@ _AT_REST = 1e-3
 """Step, over radius and amplitude, with which a fit comes to rest: the next is a tenth of it, far below any σ."""
 _SHORTEST = 1e-3
 """Travel over spot below which the mean along it is taken as the value in its middle."""
+_TOLD = float(np.pi**2)
+"""Largest variance of centre and radius [rad²] that tells anything: beyond it lie all directions."""
 _ROOT_PI = float(np.sqrt(2.0 * np.pi))
 _UNIT = np.eye(5)
 
@@ -127,13 +129,13 @@ def disc_fit(
     normal = np.where(usable[:, None, None], normal, _UNIT)
     freedom = np.maximum(response.used.sum(axis=1) - 5 + (prior > 0.0), 1)
     misfit = chi / freedom
-    # What the values do not tell at all has a variance beyond all numbers, and is not found.
+    # What the values do not tell at all has a variance beyond all angles, or all numbers, and is not found.
     with np.errstate(over="ignore", invalid="ignore"):
         inverted = inverse(normal)
         of_pointing = product(inverted, product(turned, turned.transpose(0, 2, 1)), inverted)
         covariance = inverted * np.maximum(misfit, 1.0)[:, None, None] + of_pointing
         covariance = covariance[:, :3, :3] * (size**2)[:, None, None]
-    usable &= np.isfinite(covariance).all(axis=(1, 2))
+    usable &= (np.diagonal(covariance, axis1=1, axis2=2) <= _TOLD).all(axis=1)  # NaN is not
     reach = np.maximum(np.abs(theta - centre[:, :1]).min(axis=1), np.abs(phi - centre[:, 1:]).min(axis=1))
     found = usable & (reach < 2.0 * size) & (np.sign(amplitude) == np.sign(response.target - response.ground))
     return centroid_of(

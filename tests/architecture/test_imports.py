@@ -35,6 +35,7 @@ WHOLE = (
     "lidar",
     "workbench",
     "neighbourhood",
+    "memory",
     "voxel_records",
     "simulate",
     "photo",

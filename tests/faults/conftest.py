@@ -9,25 +9,15 @@ from pathlib import Path
 
 import pytest
 
-SCENARIO = """\
-schema: 1
-seed: 3
-scene:
-  objects:
-    - {name: wall, shape: rectangle, size: [8 m, 8 m], position: [0 m, 0 m, 9 m], material: grey_reference}
-scan: {type: raster, rows: 6, columns: 8, horizontal: [-2 deg, 2 deg], vertical: [-2 deg, 2 deg]}
-output: {pictures: false}
-"""
-
 Python = Callable[..., subprocess.CompletedProcess[str]]
 
 
 @pytest.fixture
-def small(tmp_path: Path) -> Path:
+def small(tmp_path: Path, small_scenario: str) -> Path:
     """The file of a scenario of 48 voxels, in a folder of its own."""
     path = tmp_path / "scenarios" / "small.yaml"
     path.parent.mkdir()
-    path.write_text(SCENARIO, encoding="utf-8")
+    path.write_text(small_scenario, encoding="utf-8")
     return path
 
 

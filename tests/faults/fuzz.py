@@ -3,6 +3,7 @@
     fuzz.py -n 10000 --states 500 --seed 7      a run, with a table of what became of the mutants
     fuzz.py --one 7/1234                        one of them again, with its traceback
     fuzz.py --corpus                            all that was once found
+    fuzz.py --originals                         what the mutants are made from, which must open
 
 An input may give a result, or be refused with one message. Anything else is a finding: another exception, a signal, a
 kernel that does not end, memory without bound, a message that is endless or holds control characters. Findings are made
@@ -30,8 +31,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mutate import REPOSITORY, Mutant, scenario_mutant, state_mutant
-from mutate_results import result_mutant
+from mutate import CONFIGS, REPOSITORY, Mutant, scenario_mutant, state_mutant
+from mutate_results import result_mutant, sound_results
 
 CORPUS = Path(__file__).with_name("corpus")
 LARGEST = 8_000
@@ -153,7 +154,8 @@ class Fuzzer:
         number = int(address.rpartition("/")[2]) if "/" in address else 1
         job: dict[str, Any] = {
             "kind": next((kind for kind in ("state", "result") if address.startswith(kind)), "scenario"),
-            "thorough": number % self.every == 0,
+            # Of scenes all that is to be looked at comes with the simulation.
+            "thorough": address.startswith(("mesh", "xml")) or number % self.every == 0,
             "pictures": number % (SHOWN if address.startswith("result") else PICTURED) == 0,
             "seconds": SECONDS,
             "overrides": [],
@@ -247,6 +249,28 @@ def replay(fuzzer: Fuzzer) -> None:
     worker.close()
 
 
+def open_originals(fuzzer: Fuzzer) -> None:
+    """Open what the mutants are made from: were it refused, nothing but refusals would be looked at."""
+    from mutate_scene import sound_scenes
+
+    worker, folder = Worker(), fuzzer.folder / "sound"
+    folder.mkdir()
+    originals: list[tuple[str, Mutant | Path]] = [
+        (config.name, Mutant(config.name, config.read_bytes(), (), ())) for config in CONFIGS
+    ]
+    originals.append(("state", Mutant("state", fuzzer.state().encode(), (), ())))
+    results = list(sound_results(fuzzer.results(), folder))
+    originals += [(f"result/{path.parent.name}/{path.name}/0", path) for path in results]
+    originals += [(f"scene {path.parent.name}", path) for path in sound_scenes(folder)]
+    for name, original in originals:
+        found = fuzzer.open(worker, name, original)
+        fuzzer.counts[f"originals: {found['outcome']}"] += 1
+        if found["outcome"] != "result":
+            fuzzer.findings[name] = name
+            print(f"{name}: {found['what']}", flush=True)
+    worker.close()
+
+
 def run(fuzzer: Fuzzer, addresses: list[str], workers: int) -> None:
     """Open mutants in several processes at once."""
     left = iter(addresses)
@@ -285,6 +309,7 @@ def main() -> int:
         "--every", type=int, default=1, help="simulate every so many mutants that are accepted"
     )
     parser.add_argument("--corpus", action="store_true", help="replay what was once found")
+    parser.add_argument("--originals", action="store_true", help="open what the mutants are made from")
     parser.add_argument("--one", metavar="ADDRESS", help="one mutant again: SEED/NUMBER, state/SEED/NUMBER")
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
@@ -293,6 +318,8 @@ def main() -> int:
             return _again(fuzzer, asked.one)
         if asked.corpus:
             replay(fuzzer)
+        if asked.originals:
+            open_originals(fuzzer)
         scenes = asked.scenes if importlib.util.find_spec("mutate_scene") else 0
         numbers = {
             "": asked.n,

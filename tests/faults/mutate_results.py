@@ -11,7 +11,7 @@ import random
 import shutil
 import struct
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -80,6 +80,16 @@ def _write_texts(folder: Path) -> None:
         "made_by": {"a": "1"},
     }
     (folder / "fig12.json").write_text(json.dumps(made))
+
+
+def sound_results(originals: Path, folder: Path) -> Iterator[Path]:
+    """Yield the originals by the names under which they are opened; images in folders of their own."""
+    for image in sorted(originals.glob("*.exr")):
+        path = folder / image.stem / "range.exr"
+        path.parent.mkdir()
+        shutil.copy(image, path)
+        yield path
+    yield from sorted(path for path in originals.iterdir() if path.suffix != ".exr")
 
 
 def result_mutant(seed: int, number: int, originals: Path, folder: Path) -> Path:

@@ -11,6 +11,7 @@ import struct
 from collections.abc import Callable, Iterator
 from itertools import count
 from pathlib import Path
+from typing import Any
 from xml.sax.saxutils import quoteattr
 
 Writer = Callable[[Path], Path]
@@ -37,6 +38,7 @@ TYPES = (
     "char", "uchar", "short", "ushort", "int", "uint", "float", "double", "int8", "uint8", "int16", "float32",
     "float64", "long", "half", "list", "string", "", "float128",
 )  # fmt: skip
+FORMS = ("ascii", "binary_little_endian", "binary_big_endian")
 FORMATS = {
     "char": "b",
     "uchar": "B",
@@ -67,6 +69,40 @@ def mutant(address: str) -> Writer:
     return write
 
 
+class Unchanging(random.Random):
+    """Draws by which nothing is changed: what is rare never happens, and of several things the first is taken."""
+
+    def __init__(self, share: float) -> None:
+        super().__init__(0)
+        self._share = share
+
+    def random(self) -> float:
+        """Return the same number each time."""
+        return self._share
+
+    def choice(self, options: Any) -> Any:
+        """Return the first."""
+        return options[0]
+
+
+def sound_scenes(folder: Path) -> Iterator[Path]:
+    """Yield what mutants are made from: scenarios with a mesh of each form, and with each XML scene, unchanged."""
+    text, binary = Unchanging(0.6), Unchanging(0.35)
+    meshes = [(f"{form}.ply", ply(text, sound=form)) for form in FORMS]
+    meshes += [("part.obj", obj(text)), ("text.stl", stl(text)), ("binary.stl", stl(binary))]
+    for name, content in meshes:
+        home = folder / name.replace(".", "_")
+        home.mkdir()
+        (home / name).write_bytes(content)
+        yield _scenario(home, f"mesh: {name}, material: z93_white")
+    for number in range(8):
+        home = folder / f"xml_{number}"
+        home.mkdir()
+        _beside_xml(home)
+        (home / "scene.xml").write_text(_spelt(_base(random.Random(number))))
+        yield _scenario(home, "file: scene.xml")
+
+
 def _mesh(rng: random.Random, folder: Path) -> Path:
     """Write a mutant of a mesh: PLY twice as often as the others, which have less to go wrong."""
     suffix, content = rng.choice([("ply", ply), ("ply", ply), ("obj", obj), ("stl", stl)])
@@ -77,13 +113,7 @@ def _mesh(rng: random.Random, folder: Path) -> Path:
 
 def _xml(rng: random.Random, folder: Path) -> Path:
     """Write a mutant of an XML scene, with the files that it names."""
-    (folder / "meshes").mkdir()
-    sound = random.Random(0)
-    (folder / "meshes" / "part.ply").write_bytes(ply(sound, sound=True))
-    (folder / "more.xml").write_text('<scene version="3.0.0"><shape type="sphere"/></scene>')
-    (folder / "itself.xml").write_text('<scene version="3.0.0"><include filename="itself.xml"/></scene>')
-    (folder / "plugins").mkdir()
-    (folder / "plugins" / "evil.so").write_bytes(b"no library")
+    _beside_xml(folder)
     content = xml(rng).encode("utf-8", "surrogatepass")
     if rng.random() < 0.1:
         content = b'<?xml version="1.0" encoding="' + rng.choice(ENCODINGS) + b'"?>' + content
@@ -96,6 +126,16 @@ def _xml(rng: random.Random, folder: Path) -> Path:
         (folder / "scenario.yaml").write_text(text)
         return folder / "scenario.yaml"
     return _scenario(folder, "file: scene.xml")
+
+
+def _beside_xml(folder: Path) -> None:
+    """Write the files that an XML scene names."""
+    (folder / "meshes").mkdir()
+    (folder / "meshes" / "part.ply").write_bytes(ply(random.Random(0), sound=FORMS[1]))
+    (folder / "more.xml").write_text('<scene version="3.0.0"><shape type="sphere"/></scene>')
+    (folder / "itself.xml").write_text('<scene version="3.0.0"><include filename="itself.xml"/></scene>')
+    (folder / "plugins").mkdir()
+    (folder / "plugins" / "evil.so").write_bytes(b"no library")
 
 
 WRITERS: dict[str, Callable[[random.Random, Path], Path]] = {"mesh": _mesh, "xml": _xml}
@@ -126,14 +166,10 @@ def spoilt(rng: random.Random, content: bytes, *, rarely: bool = False) -> bytes
     return content.replace(b"\n", rng.choice((b"\r\n", b"\r", b"\n\n", b" ", b"\x00")))
 
 
-def ply(rng: random.Random, *, sound: bool = False) -> bytes:
-    """Return a PLY file whose parts are each wrong with a small chance."""
+def ply(rng: random.Random, *, sound: str = "") -> bytes:
+    """Return a PLY file whose parts are each wrong with a small chance; ``sound`` is the form of one that is right."""
     wrong = (lambda share: False) if sound else (lambda share: rng.random() < share)
-    form = (
-        "binary_little_endian"
-        if sound
-        else rng.choice(["ascii", "binary_little_endian", "binary_big_endian"])
-    )
+    form = sound or rng.choice(FORMS)
     kinds = [rng.choice(["float", "double"]) if wrong(0.2) else "float" for _ in range(3)]
     if wrong(0.1):
         kinds[rng.randrange(3)] = rng.choice(TYPES)

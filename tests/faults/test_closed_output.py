@@ -28,6 +28,12 @@ def shell(line: str, *arguments: object) -> subprocess.CompletedProcess[str]:
         ("scanner_sim schema >&-", 0, ""),
         ("scanner_sim schema >&- 2>&-", 0, ""),
         ("scanner_sim schema | head -1 >/dev/null; exit ${PIPESTATUS[0]}", 0, ""),
+        ("scanner_sim --help | true; exit ${PIPESTATUS[0]}", 0, ""),
+        ("scanner_sim run --help | true; exit ${PIPESTATUS[0]}", 0, ""),
+        ("scanner_sim --version | true; exit ${PIPESTATUS[0]}", 0, ""),
+        ("scanner_sim | true; exit ${PIPESTATUS[0]}", 0, ""),
+        ("scanner_sim nonsense 2>&1 | true; exit ${PIPESTATUS[0]}", 2, ""),
+        pytest.param("scanner_sim nonsense 2>/dev/full", 2, "", marks=FULL),
         pytest.param(
             "scanner_sim schema >/dev/full",
             1,

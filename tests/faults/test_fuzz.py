@@ -23,6 +23,11 @@ def test_what_was_once_found_is_refused_or_gives_a_result() -> None:
     fuzz("--corpus")
 
 
+@pytest.mark.slow
+def test_what_the_mutants_are_made_from_opens() -> None:
+    fuzz("--originals")
+
+
 # Every one must pass: the number says how much is looked at, not how often it may fail.
 @pytest.mark.slow
 def test_mutants_of_scenarios() -> None:

@@ -12,8 +12,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from typer.testing import CliRunner
 
+from scanner_sim import memory
+from scanner_sim.cli import app
 from scanner_sim.closed_loop.saved_state import first_state, load_state, save_state
+from scanner_sim.closed_loop.track import track
+from scanner_sim.compare.setting import FlatTarget
 from scanner_sim.config import load_scenario, resolved_yaml
 from scanner_sim.errors import (
     LONGEST_LINE,
@@ -24,6 +30,11 @@ from scanner_sim.errors import (
     ScenarioError,
     printable,
 )
+from scanner_sim.products.folder import check_target
+from scanner_sim.products.run_folder import RUN
+from scanner_sim.products.track import read_track
+from scanner_sim.scenario import Scenario
+from scanner_sim.simulate import simulate, simulate_waveforms
 
 TRACK: dict[str, Any] = {
     "schema": 1,
@@ -147,6 +158,29 @@ def test_names_that_no_system_takes(path: str, tmp_path: Path) -> None:
         load_scenario({**TRACK, "scanner": {"lidar": {"pulse": {"shape": f"{path}.csv"}}}})
 
 
+@pytest.mark.parametrize("text", ["50 % at 1e300 m", "50 % at 1e-300 m", "0 m", ", ".join(["3 m"] * 50_000)])
+def test_targets_of_comparisons_that_no_bench_holds(text: str) -> None:
+    with pytest.raises(InputError, match="--target"):
+        FlatTarget.parse(text)
+
+
+def test_calibration_needs_a_name_of_a_file(small: Path) -> None:
+    result = CliRunner().invoke(app, ["calibrate", str(small), "-o", ""])
+    assert result.exit_code == 2
+    assert "no name of a table" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["a" * 5000, "a\0b"], ids=["long", "zero"])
+def test_names_of_results_that_no_system_takes(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InputError):
+        read_track(tmp_path / name)
+    with pytest.raises(InputError):
+        check_target(tmp_path / name, False, RUN)
+    if name.isprintable():
+        result = CliRunner().invoke(app, ["show", str(tmp_path / name)])
+        assert result.exit_code == 2
+
+
 @pytest.mark.parametrize(
     "line",
     [
@@ -212,6 +246,36 @@ def test_arrays_together_are_bounded_too() -> None:
     data["scan"]["targets"] = ["board"]
     data["scene"]["objects"].pop()
     assert "can be followed" in _fault(data)
+
+
+# As if no memory were free: how much is free on the machine of the test does not matter.
+@pytest.mark.parametrize(
+    ("work", "key"),
+    [
+        (lambda raster, _: simulate(raster), "scan.rows"),
+        (lambda raster, _: simulate(raster, batch=10**12), "batch"),
+        (lambda raster, _: simulate_waveforms(raster), "digitiser"),
+        (lambda _, following: track(following), "scan.duration"),
+    ],
+)
+def test_python_users_too_are_told_what_no_memory_holds(
+    work: Callable[[Scenario, Scenario], object], key: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    raster = load_scenario({**yaml.safe_load(RASTER), "ranging": "both"})
+    following = load_scenario(TRACK)
+    monkeypatch.setattr(memory, "_free_memory", lambda: 0.0)
+    if key == "scan.rows":
+        monkeypatch.setattr(memory, "SHOT_BYTES", 0.0)
+    with pytest.raises(InputError) as found:
+        work(raster, following)
+    assert "are free" in found.value.message
+    assert key in found.value.remedy
+
+
+@pytest.mark.parametrize("work", [simulate, simulate_waveforms])
+def test_a_raster_is_asked_for_before_its_memory(work: Callable[[Scenario], object]) -> None:
+    with pytest.raises(InputError, match=r"scan.type|triangulation"):
+        work(load_scenario(TRACK))
 
 
 @pytest.mark.parametrize(

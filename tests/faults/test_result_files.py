@@ -5,18 +5,25 @@ from __future__ import annotations
 import json
 import os
 import struct
+import time
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from scanner_sim.errors import InputError
+from scanner_sim.closed_loop.tracker import Tracker
+from scanner_sim.config import load_scenario
+from scanner_sim.errors import Fault, InputError, ScenarioError
 from scanner_sim.products.exr import read_range_image, write_exr
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pattern_picture import _ellipse
 from scanner_sim.products.pictures import about
 from scanner_sim.products.tables import checked, read_parquet, write_parquet
 from scanner_sim.products.waveforms import read_waveforms
+from scanner_sim.tracking.record import TrackStatus
+
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 
 
 def image(scenario: str = "schema: 1\n") -> RangeImage:
@@ -132,3 +139,38 @@ def test_an_ellipse_beyond_half_a_turn_is_not_drawn(variance: float) -> None:
     small = _ellipse(np.diag([4e-12, 1e-12]))
     assert small is not None
     np.testing.assert_allclose(np.abs(small).max(axis=1), [2.0, 1.0])
+
+
+def test_texts_that_are_packed_do_not_unfold(tmp_path: Path) -> None:
+    """Claim: a file of some kilobytes that stands for 20 GB of text is refused without unpacking it."""
+    import pyarrow
+    import pyarrow.parquet
+
+    text = pyarrow.array(["x" * 100_000])
+    packed = pyarrow.DictionaryArray.from_arrays(pyarrow.array(np.zeros(200_000, np.int32)), text)
+    table, path = pyarrow.table({"target": packed}), tmp_path / "t.parquet"
+    with pyarrow.parquet.ParquetWriter(path, table.schema, compression="zstd", store_schema=False) as writer:
+        writer.write_table(table)
+        writer.add_key_value_metadata({"scanner_sim": "{}"})
+    assert path.stat().st_size < 100_000
+    with pytest.raises(InputError, match="a text has 100000 bytes"):
+        read_parquet(path)
+
+
+def test_a_fault_that_quotes_a_book_is_said_at_once() -> None:
+    """Claim: the quotation is cut before it is looked at letter by letter."""
+    started = time.process_time()
+    for error in (InputError("\x1b" * 50_000_000), ScenarioError([Fault("a", "\x1b" * 50_000_000)])):
+        assert "\x1b" not in str(error)
+        assert len(error.message) < 20_000
+    assert time.process_time() - started < 5.0  # letter by letter it takes half a minute
+
+
+@pytest.mark.slow
+def test_a_pattern_that_tells_nothing_states_no_angle_beyond_all_directions() -> None:
+    """Claim: patterns of 32 voxels seldom tell a centre; what is stated of one that was refused is NaN or up to π."""
+    scenario = load_scenario(CONFIGS / "track_moving.yaml", ["scan.pattern.points=32"])
+    records = list(islice(Tracker(scenario, device="cpu"), 40))
+    sigmas = np.sqrt(np.array([np.diag(record.covariance)[:2] for record in records]))
+    assert (np.isnan(sigmas) | (sigmas <= np.pi)).all()
+    assert any(record.status is TrackStatus.REFUSED for record in records)

@@ -10,24 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from scanner_sim.errors import InputError
+from scanner_sim.errors import InputError, printable
 from scanner_sim.scene.scene_rules import renderers_scene
 
-PLY = """\
-ply
-format ascii 1.0
-element vertex 3
-property float x
-property float y
-property float z
-element face 1
-property list uchar int vertex_indices
-end_header
--1 -1 0
-1 -1 0
-0 1 0
-3 0 2 1
-"""
+PLY = (Path(__file__).parents[1] / "triangle.ply").read_text(encoding="utf-8")
 XML = """\
 <scene version="3.0.0">
 <bsdf type="twosided" id="paint"><bsdf type="diffuse"><spectrum name="reflectance" value="0.3"/></bsdf></bsdf>
@@ -35,6 +21,7 @@ XML = """\
 <shape type="ply"><string name="filename" value="part.ply"/></shape>
 </scene>
 """
+BLEND = '<bsdf type="blendbsdf" id="b"><ref id="paint"/><ref id="paint"/></bsdf>'
 SCENARIO = """\
 schema: 1
 scanner: {preset: nrc_2000}
@@ -198,6 +185,9 @@ def test_a_file_that_is_not_ordinary_is_not_opened(kind: str, folder: Path) -> N
         ('id="paint"', 'id="point"', "Did you mean 'point'?"),
         ('<bsdf type="diffuse">', '<ref id="paint"/><bsdf type="diffuse">', "holds itself"),
         ("<scene version", "<scene q='1' version", "has no attribute 'q'"),
+        ('<bsdf type="diffuse">', '<bsdf type="blendbsdf"/><bsdf type="diffuse">', "made of 2 others, and 0 stand"),
+        ("<shape", '<bsdf type="mask" id="m"/><shape', "made of 1 others, and 0 stand"),
+        ("<shape", BLEND + "<shape", "lacks its weight"),
         ("<float", '<transform name="to_world"><scale value="inf"/></transform><float', "not finite"),
     ],
 )  # fmt: skip
@@ -219,6 +209,35 @@ def test_parameters_and_materials_do_not_grow_without_end(folder: Path) -> None:
     assert "parts" in refusal(folder, "<shape", bsdfs + "<shape")
     deep = '<bsdf type="twosided">' * 3000
     assert "within one another" in refusal(folder, "<shape", deep + "<shape")
+
+
+@pytest.mark.usefixtures("device")
+@pytest.mark.parametrize("value", ["1e9", "-1"])
+def test_what_a_plugin_of_ours_refuses_is_said_in_a_sentence(value: str, folder: Path) -> None:
+    """Not with the lines of the program that the renderer adds to it."""
+    from scanner_sim.errors import ScenarioError
+    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.objects import Scene
+
+    tape = f'<bsdf type="retroreflector"><float name="entrance_half_angle" value="{value}"/></bsdf>'
+    (folder / "scene.xml").write_text(XML.replace('<ref id="paint"/>', tape))
+    with pytest.raises(ScenarioError, match="retroreflector: entrance_half_angle is") as found:
+        load_scene(Scene(file=folder / "scene.xml"))
+    assert "Traceback" not in str(found.value)
+    assert ".py" not in str(found.value)
+
+
+@pytest.mark.usefixtures("device")
+@pytest.mark.parametrize("stem", ["a\nb", "\x1b[31mred", "back\u202e", "half \udcff"], ids=ascii)
+def test_a_scene_may_have_any_name(stem: str, folder: Path) -> None:
+    """An object of the XML file is called after it; images and pages hold such names as text."""
+    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.objects import Scene
+
+    path = (folder / "scene.xml").rename(folder / f"{stem}.xml")
+    (name,) = load_scene(Scene(file=path)).objects
+    assert name.isprintable()
+    assert name == printable(stem)
 
 
 @pytest.mark.usefixtures("device")

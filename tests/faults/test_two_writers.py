@@ -113,3 +113,21 @@ def test_a_file_that_is_there_stays_unless_told_otherwise(tmp_path: Path) -> Non
     assert path.read_text() == "mine"
     write_file(path, lambda to: to.write_text("theirs") and None, overwrite=True)
     assert path.read_text() == "theirs"
+
+
+def test_a_file_in_the_place_of_a_folder_is_bad_input(tmp_path: Path) -> None:
+    (tmp_path / "taken").write_text("mine")
+    with pytest.raises(InputError, match="cannot be written to"):
+        write_file(tmp_path / "taken" / "picture.png", lambda path: path.write_text("drawn") and None)
+    assert (tmp_path / "taken").read_text() == "mine"
+
+
+def test_a_link_in_the_place_of_the_lock_leads_nowhere(tmp_path: Path) -> None:
+    """Claim: a folder that was sent cannot have another file of the user's opened, cut or deleted through it."""
+    mine, sent = tmp_path / "mine.txt", tmp_path / "sent"
+    mine.write_text("mine")
+    sent.mkdir()
+    (sent / ".picture.png.lock").symlink_to(mine)
+    with pytest.raises(InputError, match="cannot be written to"):
+        write_file(sent / "picture.png", lambda path: path.write_text("drawn") and None)
+    assert mine.read_text() == "mine"

@@ -75,7 +75,8 @@ def shrunk(scenario: Scenario) -> Scenario:
 
 def open_scenario(path: Path, overrides: list[str], *, thorough: bool, pictures: bool) -> None:
     """Do with a scenario what the verbs do with it: check and plan, and, thoroughly, read back, run small and write."""
-    from scanner_sim.cli.plan import check_memory, plan
+    from scanner_sim.cli.plan import plan
+    from scanner_sim.memory import check_memory
 
     scenario = load_scenario(path, overrides)
     doubts(scenario)

@@ -20,21 +20,7 @@ scene:
     - {name: part, mesh: part.ply, material: z93_white, position: [0 m, 0 m, 5 m]}
 scan: {type: raster, rows: 4, columns: 4, horizontal: [-1 deg, 1 deg], vertical: [-1 deg, 1 deg]}
 """
-PLY = """\
-ply
-format ascii 1.0
-element vertex 3
-property float x
-property float y
-property float z
-element face 1
-property list uchar int vertex_indices
-end_header
--1 -1 0
-1 -1 0
-0 1 0
-3 0 2 1
-"""
+PLY = (Path(__file__).parents[1] / "triangle.ply").read_text(encoding="utf-8")
 XML = """\
 <scene version="3.0.0">
   <shape type="sphere" id="ball"><float name="radius" value="0.5"/></shape>

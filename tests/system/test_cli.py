@@ -22,15 +22,6 @@ from scanner_sim.config import resolved_yaml
 from scanner_sim.products.exr import read_range_image
 from scanner_sim.products.run_folder import FILES
 
-SCENARIO = """\
-schema: 1
-seed: 3
-scene:
-  objects:
-    - {name: wall, shape: rectangle, size: [8 m, 8 m], position: [0 m, 0 m, 9 m], material: grey_reference}
-scan: {type: raster, rows: 6, columns: 8, horizontal: [-2 deg, 2 deg], vertical: [-2 deg, 2 deg]}
-output: {pictures: false}
-"""
 # Says when the first batch is about to be measured.
 BEGUN = """
 from scanner_sim.cli import main
@@ -50,10 +41,10 @@ pytestmark = pytest.mark.usefixtures("device")
 
 
 @pytest.fixture
-def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_scenario: str) -> Path:
     monkeypatch.chdir(tmp_path)
     path = tmp_path / "small.yaml"
-    path.write_text(SCENARIO, encoding="utf-8")
+    path.write_text(small_scenario, encoding="utf-8")
     return path
 
 

@@ -112,6 +112,12 @@ def test_a_file_of_poses_is_read(tmp_path: Path) -> None:
         ),
         (f"{HEAD}\n0,0,0,5,0,0,0,0\n1,0,0,5,1,0,0,0\n", "quaternion in row 2 of bad.csv is zero"),
         (f"{HEAD}\n1,0,0,5,1,0,0,0\n1,0,0,5,1,0,0,0\n", "time in row 3 of bad.csv is not after"),
+        # What is finite may still have no square, and no rate.
+        (f"{HEAD}\n0,0,0,5,1,0,0,0\n1e-200,0,0,5,1,0,0,0\n", "time in row 3 of bad.csv is not after"),
+        (f"{HEAD}\n0,0,0,5,1,0,0,0\n1e300,0,0,5,1,0,0,0\n", "time in row 3 of bad.csv is beyond 1e\\+09 s"),
+        (f"{HEAD}\n0,0,0,5,1e-300,0,0,0\n1,0,0,5,1,0,0,0\n", "quaternion in row 2 of bad.csv is 1e-300 long"),
+        (f"{HEAD}\n0,0,0,5,1,0,0,0\n1,0,0,5,1e300,1e300,0,0\n", "row 3 of bad.csv is 1.41e\\+300 long"),
+        (f"{HEAD}\n0,0,0,5,1,0,0,0\n1,0,-1e300,5,1,0,0,0\n", "Row 3 of bad.csv is 1e\\+300 m away"),
     ],
 )
 def test_bad_files_are_refused_with_the_row(tmp_path: Path, text: str, message: str) -> None:
@@ -133,6 +139,18 @@ def test_bytes_are_no_table(tmp_path: Path) -> None:
 def test_waypoints_in_the_wrong_order_are_refused() -> None:
     with pytest.raises(ValidationError, match=r"points\[1\].time: 1 s is not after the 2 s"):
         motion(type="waypoints", points=[point("2 s", "0 m", "0 deg"), point("1 s", "1 m", "0 deg")])
+
+
+def test_waypoints_that_no_rate_connects_are_refused() -> None:
+    with pytest.raises(ValidationError, match="not by a nanosecond"):
+        motion(type="waypoints", points=[point("0 s", "0 m", "0 deg"), point("5e-324 s", "1 m", "0 deg")])
+
+
+def test_speeds_are_bounded() -> None:
+    with pytest.raises(ValidationError, match="velocity"):
+        motion(type="twist", velocity=["1e300 m/s", "0 m/s", "0 m/s"])
+    with pytest.raises(ValidationError, match="turn_rate"):
+        motion(type="twist", turn_rate=["1e300 deg/s", "0 deg/s", "0 deg/s"])
 
 
 def test_speeds_need_units() -> None:

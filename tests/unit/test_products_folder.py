@@ -242,3 +242,20 @@ def test_a_folder_that_was_sent_cannot_cost_a_file(tmp_path: Path) -> None:
     check_target(out, True, RUN)
     assert sorted(path.name for path in elsewhere.iterdir()) == ["plan.json", "thesis.tex"]
     assert sorted(path.name for path in out.iterdir()) == ["notes.txt"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
+@pytest.mark.parametrize("state", ["partial", "complete"])
+def test_a_pipe_in_the_place_of_leftovers_is_not_waited_for(tmp_path: Path, state: str) -> None:
+    os.mkfifo(tmp_path / f".scanner-sim.{state}")
+    check_target(tmp_path, True, RUN)
+    assert not list(tmp_path.iterdir())
+
+
+def test_an_endless_list_of_leftovers_is_not_read(tmp_path: Path) -> None:
+    waiting = tmp_path / ".scanner-sim.complete"
+    waiting.mkdir()
+    (waiting / "plan.json").touch()
+    os.truncate(waiting / "plan.json", 1 << 40)
+    with pytest.raises(InputError, match="at most 1 MB"):
+        check_target(tmp_path, True, RUN)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -222,3 +224,27 @@ def test_the_emitter_says_what_it_cannot() -> None:
         mi.load_dict({"type": "orbit_sky"})
     with pytest.raises(NotImplementedError, match="sensor"):
         loaded("").environment().sample_ray(0.0, 0.5, [0.5, 0.5], [0.5, 0.5])
+
+
+def test_the_emitter_needs_arrays_of_rays() -> None:
+    """In a process of its own: a plugin stays registered with the variant that it was made in."""
+    code = """
+import mitsuba as mi
+from scanner_sim.errors import InputError
+from scanner_sim.render.sky_emitter import register_orbit_sky
+mi.set_variant("scalar_rgb")
+try:
+    register_orbit_sky()
+except InputError as error:
+    print(error)
+mi.set_variant("llvm_ad_mono")
+print(register_orbit_sky().__name__)
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=240)
+    assert (done.returncode, done.stderr) == (0, "")
+    first, second = done.stdout.splitlines()
+    assert first == (
+        "orbit_sky computes for arrays of rays, and the variant scalar_rgb has none. "
+        "Set llvm_ad_mono or cuda_ad_mono."
+    )
+    assert second == "OrbitSky"

@@ -1,0 +1,120 @@
+"""What memory a run takes, and the refusal of one that does not fit, before its work."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+from scanner_sim.errors import InputError
+from scanner_sim.scan.raster import RasterScan
+from scanner_sim.scenario import Scenario
+
+BATCH = 65536
+"""Shots that go through the kernels together."""
+START_BYTES = 0.55e9
+"""Memory of the program, its kernels and one batch."""
+SHOT_BYTES = 4600.0
+"""Memory of a shot while its batch goes through the kernels."""
+VOXEL_BYTES = 160.0
+"""Memory of a voxel: its layers, and what writing and drawing them takes for a while."""
+WAVEFORM_BYTES = 14.0
+"""Memory of a sample of a waveform that is kept, joined and written."""
+RECORD_BYTES = 64.0
+"""Memory of a voxel of a pattern: its samples."""
+
+
+def period(scenario: Scenario) -> float:
+    """Return the time [s] from one visit to a target to the next."""
+    scan, scanner = scenario.following, scenario.scanner
+    return scan.visiting.period(
+        scan.pattern.points, scanner.dwell, len(scenario.targets), scanner.galvanometers
+    )
+
+
+def patterns(scenario: Scenario) -> int:
+    """Return about how many patterns a run makes."""
+    return math.ceil(scenario.following.duration / period(scenario))
+
+
+def memory(scenario: Scenario) -> float:
+    """Return roughly how much memory a run takes [byte], the program's own included."""
+    if not isinstance(scenario.scan, RasterScan):
+        return START_BYTES + _records(scenario)
+    kept = scenario.raster.shots if scenario.output.waveforms == "all" else 0
+    return START_BYTES + _layers(scenario) + WAVEFORM_BYTES * scenario.scanner.lidar.digitiser.samples * kept
+
+
+def check_memory(scenario: Scenario) -> None:
+    """Check before anything is loaded that a run fits in the memory that is free.
+
+    Raises
+    ------
+    InputError
+        If it does not.
+    """
+    _check(memory(scenario), *_words(scenario))
+
+
+def check_raster(scenario: Scenario, batch: int = BATCH) -> None:
+    """Check that the layers and the batches of a raster fit in the memory that is free.
+
+    The program itself is not counted: in the user's own process it may be there already.
+
+    Raises
+    ------
+    InputError
+        If they do not, or the scenario has no raster.
+    """
+    shots = min(batch, scenario.raster.shots)
+    _check(SHOT_BYTES * shots, f"batches of {shots:,} shots", "Reduce batch.")
+    _check(_layers(scenario), *_words(scenario))
+
+
+def check_patterns(scenario: Scenario) -> None:
+    """Check that the patterns of a tracking run fit in the memory that is free; as :func:`check_raster`."""
+    _check(_records(scenario), *_words(scenario))
+
+
+def check_waveforms(scenario: Scenario, count: int) -> None:
+    """Check that so many waveforms fit in the memory that is free; as :func:`check_raster`."""
+    samples = scenario.scanner.lidar.digitiser.samples
+    remedy = "Name fewer voxels, or shorten scanner.lidar.digitiser."
+    _check(WAVEFORM_BYTES * samples * count, f"{count:,} waveforms of {samples} samples", remedy)
+
+
+def _layers(scenario: Scenario) -> float:
+    return (3.0 if scenario.ranging == "both" else 1.0) * VOXEL_BYTES * scenario.raster.shots
+
+
+def _records(scenario: Scenario) -> float:
+    return RECORD_BYTES * patterns(scenario) * scenario.following.pattern.points
+
+
+def _words(scenario: Scenario) -> tuple[str, str]:
+    """Return what takes the memory of a run, and what to do about it."""
+    if isinstance(scenario.scan, RasterScan):
+        scan = scenario.raster
+        return (
+            f"{scan.rows} × {scan.columns} voxels",
+            "Reduce scan.rows or scan.columns, or scan in several runs.",
+        )
+    return f"{patterns(scenario):,} patterns", "Reduce scan.duration, or scan in several runs."
+
+
+def _check(needed: float, what: str, remedy: str) -> None:
+    free = _free_memory()
+    if free is not None and needed > free:
+        raise InputError(
+            f"{what} take about {needed / 1e9:.1f} GB of memory, and {free / 1e9:.1f} GB are free.",
+            remedy=remedy,
+        )
+
+
+def _free_memory() -> float | None:
+    """Return the memory that is free or can be freed [byte]; None where the system does not tell."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+    except OSError:
+        return None
+    kilobytes = [line.split()[1] for line in lines if line.startswith("MemAvailable:")]
+    return 1024.0 * float(kilobytes[0]) if kilobytes else None
