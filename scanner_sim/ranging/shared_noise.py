@@ -8,6 +8,7 @@ independent ones: for the second difference of rows w/2 apart it is half of σ²
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -39,13 +40,13 @@ class SharedNoise:
 
     def of(self, stencil: Stencil) -> Array:
         """Return the variance of a weighted sum of voxels about each; NaN where one is missing."""
-        total = sum(
-            (weight**2 * beside(self.own, *step) for step, weight in stencil.items()),
-            np.zeros(self.own.shape),
-        )
+        total = np.zeros(self.own.shape)
+        apart: defaultdict[tuple[int, int], float] = defaultdict(float)
         for one, weight in stencil.items():
+            total += weight**2 * beside(self.own, *one)
             for other, more in stencil.items():
-                x = np.square((one[1] - other[1]) * self.across)
-                both = exp(-x - np.square((one[0] - other[0]) * self.down))
-                total = total + weight * more * both * (self.energy + (1.0 - 2.0 * x) * self.place)
+                apart[abs(one[0] - other[0]), abs(one[1] - other[1])] += weight * more
+        for (down, right), weight in apart.items():
+            x, y = np.square(right * self.across), np.square(down * self.down)
+            total += weight * exp(-x - y) * (self.energy + (1.0 - 2.0 * x) * self.place)
         return np.asarray(np.maximum(total, 0.0))
