@@ -223,7 +223,7 @@ def test_other_estimators_err_as_they_say(peak: str, kind: str, distance: float)
     Set-up: as above, each place in the pixel on its own: what they err systematically is no noise. Expected: standard
     deviations of z of 1. Tolerance: 0.85 to 1.15, as above. With 40 µm of aberration, and no diffusion, the image of
     each surface is so coarse that few pixels miss what is between them: only estimators that see most of the spot are
-    right there. `centre_of_mass` is left out: near the edge of a pixel its window jumps, which no place on its own tells.
+    right there. ``centre_of_mass`` is left out: near a pixel's edge its window jumps, and σ is that of the mean place.
     """
     _, z, status = _find(kind, distance, peak)
     for own, valid in zip(z.reshape(3, -1), (status == 0).reshape(3, -1), strict=True):
