@@ -70,7 +70,7 @@ def test_what_a_coarse_raster_does_not_see() -> None:
     """Claim, of a limit: neighbours four to eight radii apart tell nothing of stripes that lie between them.
 
     Set-up: as above, stripes of 4 to 30 mm. Expected: more than 0.5 % beyond 3 σ, where finer rasters have less.
-    Tolerance: none, the limit is ten times as large. If this fails the page on ranging claims too little.
+    Tolerance: none, measured are 2 to 5 %. If this fails the page on ranging claims too little.
     """
     shares, _ = found("stripes", (4.0, 8.0))
     assert shares[:, 1].mean() > 5e-3
