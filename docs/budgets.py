@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from made_tables import marked, rewrite
+
 from scanner_sim import load_scenario
 from scanner_sim.compare.instrument import closed_budget, closed_crossing
 from scanner_sim.studies.budget import distances_of, swept
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "theory" / "budget.md"
-BEGIN, END = "<!-- made by docs/budgets.py -->", "<!-- end of what docs/budgets.py makes -->"
 _RANGES = (2.0, 5.0, 10.0, 20.0, 30.0)
 _SOURCES = (
     "shot",
@@ -51,7 +52,7 @@ def tables() -> str:
         f"Time of flight is the better one from {moving:.1f} m on, and from {still:.1f} m with the beam at rest: a "
         "sweep averages speckle."
     )
-    return "\n\n".join((BEGIN, "\n".join(lines), told, END))
+    return marked("budgets.py", ("\n".join(lines), told))
 
 
 def _line(name: str, values: list[float]) -> str:
@@ -60,9 +61,7 @@ def _line(name: str, values: list[float]) -> str:
 
 def main() -> None:
     """Rewrite the table of the page."""
-    text = PAGE.read_text(encoding="utf-8")
-    before, rest = text.split(BEGIN)
-    PAGE.write_text(before + tables() + rest.split(END)[1], encoding="utf-8")
+    rewrite(PAGE, tables())
 
 
 if __name__ == "__main__":

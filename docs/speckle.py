@@ -9,6 +9,7 @@ import math
 from pathlib import Path
 
 import numpy as np
+from made_tables import marked, rewrite
 
 from scanner_sim.analytic import speckle
 from scanner_sim.analytic.beam import beam_radius
@@ -16,7 +17,6 @@ from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.scanner import Scanner
 
 PAGE = Path(__file__).resolve().parent / "theory" / "light.md"
-BEGIN, END = "<!-- made by docs/speckle.py -->", "<!-- end of what docs/speckle.py makes -->"
 _LINE = 25
 _NAMES = {
     "gaussian": "Gauss 3",
@@ -112,7 +112,6 @@ def by_travel() -> str:
 def tables() -> str:
     """Return what stands on the page between its marks."""
     parts = (
-        BEGIN,
         "One frozen pattern of the preset's beam at f/4, C = 1/√2; the spot of a point is 40 µm in all, shared out in "
         "three ways:",
         by_range(),
@@ -121,16 +120,13 @@ def tables() -> str:
         by_estimator(),
         "What a dwell leaves of the variances:",
         by_travel(),
-        END,
     )
-    return "\n\n".join(parts)
+    return marked("speckle.py", parts)
 
 
 def main() -> None:
     """Rewrite the tables of the page."""
-    text = PAGE.read_text(encoding="utf-8")
-    before, rest = text.split(BEGIN)
-    PAGE.write_text(before + tables() + rest.split(END)[1], encoding="utf-8")
+    rewrite(PAGE, tables())
 
 
 if __name__ == "__main__":

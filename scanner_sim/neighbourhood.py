@@ -12,15 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.detector.packets import averaged
-from scanner_sim.optics.speckle import packets
+from scanner_sim.optics.speckle import Packets, packets_of
 from scanner_sim.products.image import MEASURED, MEASURED_BY
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.covariance import PointCovariance
 from scanner_sim.ranging.fusion import fuse_points
+from scanner_sim.ranging.mixed_voxels import mixed
 from scanner_sim.ranging.neighbours import isolated
 from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, layers_of
-from scanner_sim.ranging.uneven import Raster, mixed, pitch_of, relief, texture, window
+from scanner_sim.ranging.shared_noise import SharedNoise
+from scanner_sim.ranging.uneven import Raster, pitch_of, relief, rugged, texture, window
 from scanner_sim.scan.raster import raster_aim
+from scanner_sim.scanner import speckle_optics
 from scanner_sim.scenario import Scenario
 from scanner_sim.status import Status
 
@@ -107,15 +110,16 @@ def _state_unevenness(
 ) -> None:
     """Add to σ and to the covariance what uneven spots may move ranges by, along the beam."""
     range_m, sigma = (layers[name].astype(np.float64) for name in ("range_m", "sigma_range_m"))
-    raster = _raster(
-        scenario, range_m, scenario.raster.travel * scenario.scanner.exposure / scenario.scanner.dwell
-    )
+    raster = _raster(scenario, range_m, _travel(scenario))
     added = np.where(np.isfinite(range_m), 0.0, np.nan)
     if scenario.processing.validation.uneven:
         lever = range_m / scenario.scanner.receiver.baseline
         signal = np.where(np.isfinite(range_m), layers["Y"].astype(np.float64), np.nan)
-        moved = lever * texture(signal, _signal_variance(scenario, layers, raster), raster)
-        added = np.where(np.isfinite(range_m), np.hypot(moved, relief(range_m, sigma, moved, raster)), np.nan)
+        noise = _range_noise(scenario, range_m, sigma, raster)
+        where = rugged(range_m, noise, raster)
+        moved = lever * texture(signal, _signal_noise(scenario, layers, raster), raster, where)
+        bent = relief(range_m, noise, moved, raster, where)
+        added = np.where(np.isfinite(range_m), np.hypot(moved, bent), np.nan)
     theta, phi = scenario.raster.angles()
     # ∂X/∂R of eq 3.
     beam = coordinates(1.0, theta[columns][None, :], phi[rows][:, None], 0.0)
@@ -130,40 +134,69 @@ def _state_unevenness(
         layers[name] = (layers[name].astype(np.float64) + shared).astype(np.float32)
 
 
-def _signal_variance(scenario: Scenario, layers: Layers, raster: Raster) -> Array:
-    """Return the variance of the returned signal over its square, shape (rows, columns).
+def _signal_noise(scenario: Scenario, layers: Layers, raster: Raster) -> SharedNoise:
+    """Return the variance of the returned signal over its square, by noise and speckle.
 
-    Noise, at most that of the brightest pixel, and the speckle of the whole spot's energy
-    (:mod:`scanner_sim.optics.speckle`), as a sweep leaves it.
+    Noise is at most that of the brightest pixel; the speckle is that of the whole spot's energy.
     """
-    scanner = scenario.scanner
     snr = np.maximum(layers["snr_detection"].astype(np.float64), 1.0)
-    if not scanner.laser.speckle:
-        return np.asarray(1.0 / snr**2)
-    lens = scanner.receiver
-    # s f/R over λN = λ f/D: the focal length cancels.
-    ratio = raster.spot * lens.aperture / (scanner.laser.wavelength * _ranges_of(layers))
-    left, _ = averaged(raster.travel, 0.0 * raster.travel, 2.0 * raster.spot)
-    contrast = scenario.processing.speckle_contrast**2
-    return np.asarray(contrast / packets(ratio) * left + 1.0 / snr**2)
+    packets, (energy, _) = _packets(scenario, layers["range_m"].astype(np.float64), raster)
+    contrast = _contrast(scenario) ** 2
+    return _shared(raster, 1.0 / snr**2, contrast * packets.energy * energy, np.zeros(snr.shape))
 
 
-def _ranges_of(layers: Layers) -> Array:
-    return np.asarray(layers["range_m"].astype(np.float64))
+def _range_noise(scenario: Scenario, range_m: Array, sigma: Array, raster: Raster) -> SharedNoise:
+    """Return the variance of the ranges: speckle's, which moves the centroid, is shared, and the rest is not."""
+    scanner = scenario.scanner
+    packets, (energy, place) = _packets(scenario, range_m, raster)
+    pixel = (
+        range_m**2
+        * scanner.position_sensor.pitch
+        / (scanner.receiver.focal_length * scanner.receiver.baseline)
+    )
+    variance = (_contrast(scenario) * pixel * packets.ratio * packets.sigma) ** 2 * packets.energy
+    even, moved = variance * (1.0 - packets.on_surface) * energy, variance * packets.on_surface * place
+    least = np.fmin(1.0, sigma**2 / np.fmax(even + moved, 1e-30))
+    return _shared(raster, sigma**2 - least * (even + moved), least * even, least * moved)
+
+
+def _contrast(scenario: Scenario) -> float:
+    return scenario.processing.speckle_contrast if scenario.scanner.laser.speckle else 0.0
+
+
+def _packets(scenario: Scenario, range_m: Array, raster: Raster) -> tuple[Packets, tuple[Array, Array]]:
+    """Return the packets of the spots' speckle, and what a dwell leaves of the variances of energy and place."""
+    sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
+    image = np.square(raster.spot * focal / (range_m * sensor.pitch))
+    left = averaged(raster.travel, 0.0 * raster.travel, 2.0 * raster.spot)
+    return packets_of(speckle_optics(scenario.scanner), image, image), left
+
+
+def _shared(raster: Raster, own: Array, energy: Array, place: Array) -> SharedNoise:
+    radius = 2.0 * raster.spot
+    return SharedNoise(own, energy, place, raster.across / radius, raster.down / radius)
 
 
 def _mixed(scenario: Scenario, layers: Layers, way: str, steepest: float) -> NDArray[np.bool_]:
     range_m, sigma = (layers[f"{way}{name}"].astype(np.float64) for name in ("range_m", "sigma_range_m"))
     uneven = np.zeros(range_m.shape) if way else layers["sigma_texture_m"].astype(np.float64)
     noise = np.sqrt(np.maximum(sigma**2 - uneven**2, 0.0))
+    raster = _raster(scenario, range_m, _travel(scenario))
     faintest = _FAINT_ECHO if way else _FAINT * scenario.processing.threshold
     faint = layers[f"{way}snr_detection"] < faintest
     status = layers[f"{way}status"].astype(np.uint32)
-    return mixed(range_m, noise, uneven, status, faint, _raster(scenario, range_m, 0.0), steepest)
+    none = np.zeros(range_m.shape)
+    shared = _shared(raster, noise**2, none, none) if way else _range_noise(scenario, range_m, noise, raster)
+    return mixed(range_m, shared, uneven, status, faint, raster, steepest)
 
 
 def _raster(scenario: Scenario, range_m: Array, travel: float) -> Raster:
     return Raster.of(range_m, _pitch(scenario), _spot(scenario, range_m), travel)
+
+
+def _travel(scenario: Scenario) -> float:
+    """Return the angle by which the beam moves along the row while it is measured [rad]."""
+    return scenario.raster.travel * scenario.scanner.exposure / scenario.scanner.dwell
 
 
 def _pitch(scenario: Scenario) -> tuple[float, float]:

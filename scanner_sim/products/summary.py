@@ -85,6 +85,7 @@ def _truth(image: RangeImage) -> dict[str, Any]:
         known = image.valid & np.isfinite(image["truth.range_m"])
         error = image["range_m"][known].astype(np.float64) - image["truth.range_m"][known]
         result["voxels_compared"] = int(error.size)
+        result["voxels_without_truth"] = int(np.count_nonzero(image.valid & ~known))
         result["error_m"] = {
             "mean": _finite(np.mean, error),
             "rms": _finite(_rms, error),

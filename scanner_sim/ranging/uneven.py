@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,14 +22,14 @@ from scipy.special import ndtri
 
 from scanner_sim.arithmetic import exp, log
 from scanner_sim.ranging.neighbours import beside
-from scanner_sim.status import Status
+from scanner_sim.ranging.shared_noise import SharedNoise, Stencil
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 MOST_STEPS = 8
 """Farthest neighbour that is looked at, in voxels: rasters finer than a seventh of the spot see no farther."""
-_REACH = 2.5
+REACH = 2.5
 """Standard deviations of the spot from its axis within which an edge sends a noticeable share of light, 0.6 %."""
 _STENCIL = 2.0
 """Least distance, in standard deviations of the spot, over which bends are looked for: on finer rasters noise hides
@@ -43,18 +43,30 @@ _INSIDE = 0.6
 _BEND = 0.3
 """Shift of the mean depth, root mean square over where a crease may lie, for a second difference of ranges Δ² at a
 pitch of δ: 0.3 s Δ²/δ. From 1.5 to 6 s it is 0.45 to 0.17 for mirrors at rest, 0.49 to 0.28 for a sweep."""
-_STEP = 0.3
+_STEP = 0.4
 """The same for a step, over the difference of second differences: 0.43 to 0.11, and 0.50 to 0.20."""
-_EVIDENCE = 3.0
-"""Squared second difference of ranges, over its variance, that counts as noise and is taken off."""
-_STEP_EVIDENCE = 6.0
+_WAYS = ((0, 1), (1, 0))
+"""Steps down and right along a row and along a column."""
+_BORROWED = 2
+"""Voxels over which the rim takes the differences of others."""
+_BENDING = ((-1, 1.0), (0, -2.0), (1, 1.0))
+_RISING = ((-2, -1.0), (-1, 2.0), (1, -2.0), (2, 1.0))
+"""Weights of neighbours in a second difference, and in the difference of two."""
+_WIDENED = 1.0
+"""Standard deviations of the spot within which what is found counts too: just on an edge differences pass zero."""
+_TRUST = (6.0, 1.0)
+"""Square of a texture's difference, over its variance, that counts as noise: anywhere, and where surfaces are known
+to bend or to end (:func:`rugged`). There noise is taken off once, which is right on the average."""
+_LINE_TRUST = 4.0
+"""The same of a signal that is above or below both of its neighbours', anywhere."""
+_BEND_TRUST = (4.0, 1.0)
+"""The same of a second difference of ranges."""
+_STEP_TRUST = (8.0, 2.0)
 """The same of a difference of second differences, which has more noise."""
-_LINE_EVIDENCE = 8.0
-"""Squared difference of a signal to its neighbours' logarithms, over the variance of one, that counts as noise."""
-_CHANCE = 4.5
-"""Standard deviations of noise by which two ranges may differ beyond the slope: in 200 comparisons once in 700."""
-_DOUBT = 2.0
-"""The same of what unevenness may move them by."""
+_CERTAIN = 25.0
+"""The same that noise does not make: five standard deviations."""
+_RUGGED = 3.0
+"""Standard deviations of the spot about such a place within which surfaces are taken to be uneven."""
 _ALONE = 1e3
 """Pitch of a raster of one column or row [rad]."""
 
@@ -100,7 +112,8 @@ def pitch_of(angles: Array) -> float:
 def window(slimness: float, pitch: tuple[float, float]) -> int:
     """Return how many voxels to each side have a say in a voxel, for the largest s over range and a pitch [rad]."""
     ratio = slimness / min(pitch)
-    return max(farthest_step(_REACH, ratio) + 1, 2 * farthest_step(_STENCIL, ratio) + 1)
+    steps = [farthest_step(reach, ratio) for reach in (REACH, _WIDENED, _RUGGED, _STENCIL, _STENCIL)]
+    return sum(steps) + _BORROWED + 1
 
 
 def farthest_step(reach: float, ratio: float) -> int:
@@ -108,17 +121,55 @@ def farthest_step(reach: float, ratio: float) -> int:
     return min(MOST_STEPS, max(1, math.ceil(reach * min(ratio, 1e3))))
 
 
-def texture(signal: Array, relative_variance: Array, raster: Raster) -> Array:
+def around(steps: int) -> Iterator[tuple[int, int]]:
+    """Yield the places of all neighbours up to some steps away, down and right."""
+    for down in range(-steps, steps + 1):
+        for right in range(-steps, steps + 1):
+            if (down, right) != (0, 0):
+                yield down, right
+
+
+def rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
+    """Tell which voxels lie near a place where surfaces certainly bend, step or end.
+
+    Parameters
+    ----------
+    range_m
+        Ranges [m], NaN where there is none, shape (rows, columns).
+    noise
+        Variances of their noise [m²].
+    raster
+        Geometry.
+    """
+    missing = (~np.isfinite(range_m)).astype(np.float64)
+    found = np.zeros(range_m.shape)
+    for way, step, _, near in _axes(raster):
+        for weights in (_BENDING, _RISING):
+            stencil = _along(weights, way, step)
+            certain = _sum_of(range_m, stencil) ** 2 > _CERTAIN * noise.of(stencil)
+            found = np.where(near & certain, 1.0, found)
+        if step == 1:
+            found = np.fmax(found, np.nan_to_num(_beside_largest(missing, way)))
+    about = found.copy()
+    for down, right in around(raster.steps(_RUGGED)):
+        near = np.hypot(right * raster.across, down * raster.down) <= _RUGGED * raster.spot
+        about = np.where(near, np.fmax(about, beside(found, down, right)), about)
+    return np.asarray(about > 0.0)
+
+
+def texture(signal: Array, noise: SharedNoise, raster: Raster, rugged: Mask) -> Array:
     """Return the standard deviation of the light's centroid along the row [m], shape (rows, columns).
 
     Parameters
     ----------
     signal
         Returned signal; NaN where there is none.
-    relative_variance
+    noise
         Variance of a signal over its square, by noise and speckle.
     raster
         Geometry.
+    rugged
+        Where surfaces are known to be uneven.
 
     Returns
     -------
@@ -127,118 +178,113 @@ def texture(signal: Array, relative_variance: Array, raster: Raster) -> Array:
         too small: by √(1 + δ²/(δ² + 5 s²)), root mean square over the places of an edge under a sweep of δ. Mirrors at
         rest on such a pitch see an edge only as a share t = Φ(x/s) of the difference D of both neighbours: then
         g = D φ(Φ⁻¹(t))/(s Y), but at least half the central difference. A voxel brighter or darker than both neighbours
-        holds a line; 0.6 of its contrast counts. What noise explains is taken off. 0 without neighbours.
+        holds a line; 0.6 of its contrast counts. What noise explains is taken off. At the rim, which has one neighbour,
+        the gradient next to it counts too. 0 without neighbours.
     """
     logarithm = log(np.where(signal > 0.0, signal, np.nan))
     left, right = beside(logarithm, 0, -1), beside(logarithm, 0, 1)
-    either = np.fmax(np.abs(right - logarithm), np.abs(logarithm - left))
-    middle = 0.5 * np.abs(right - left)
-    change = np.where(np.isfinite(middle), middle, either)
+    trust = np.where(rugged, _TRUST[1], _TRUST[0])
+
+    def contrast(trust: Array | float) -> Array:
+        """Return the squared difference to the neighbours beyond noise."""
+        parts = [
+            _beyond(np.square(other - logarithm), trust * noise.of({(0, 0): -1.0, (0, side): 1.0}))
+            for side, other in ((-1, left), (1, right))
+        ]
+        return np.asarray(np.fmax(*parts))
+
+    middle = _beyond(np.square(0.5 * (right - left)), trust * noise.of({(0, -1): -0.5, (0, 1): 0.5}))
+    inner = np.isfinite(middle)
     coarse = np.square(raster.across / raster.spot)
-    square = _beyond(change**2, relative_variance) * (1.0 + coarse / (coarse + 5.0))
+    square = np.where(inner, middle, contrast(trust)) * (1.0 + coarse / (coarse + 5.0))
     outside = ~((logarithm >= np.fmin(left, right)) & (logarithm <= np.fmax(left, right)))
-    line = _INSIDE**2 * _beyond(either**2, _LINE_EVIDENCE * relative_variance)
+    line = _INSIDE**2 * contrast(_LINE_TRUST)
     gradient = np.sqrt(np.where(outside, np.fmax(square, line), square)) / raster.across
+    gradient = np.where(inner, gradient, np.fmax(gradient, _beside_largest(gradient, (0, 1))))
     unresolved = (raster.travel == 0.0) & (raster.across > _UNRESOLVED * raster.spot)
     if unresolved.any():
-        edge = _beyond(_sharp_edge(signal) ** 2, 2.0 * relative_variance)
+        edge = _beyond(_sharp_edge(signal) ** 2, noise.of({(0, -1): -1.0, (0, 1): 1.0}))
         sharp = np.sqrt(np.where(outside, line, edge)) / raster.spot
         gradient = np.where(unresolved, np.fmax(sharp, 0.5 * gradient), gradient)
-    return np.asarray(np.minimum(raster.spot**2 * np.nan_to_num(gradient), _LARGEST * raster.spot))
+    moved = np.minimum(raster.spot**2 * np.nan_to_num(gradient), _LARGEST * raster.spot)
+    return _widened(moved, raster)
 
 
-def relief(range_m: Array, sigma: Array, sigma_texture: Array, raster: Raster) -> Array:
+def relief(range_m: Array, noise: SharedNoise, sigma_texture: Array, raster: Raster, rugged: Mask) -> Array:
     """Return the standard deviation of the light's mean depth by bends and steps within the spot [m].
 
     Parameters
     ----------
-    range_m, sigma
-        Ranges and the standard deviations of their noise [m], NaN where there is none, shape (rows, columns).
+    range_m
+        Ranges [m], NaN where there is none, shape (rows, columns).
+    noise
+        Variances of their noise [m²].
     sigma_texture
         Standard deviations that textures give the ranges [m]; they make differences that look like steps.
     raster
         Geometry.
+    rugged
+        Where surfaces are known to be uneven.
 
     Returns
     -------
     numpy.ndarray
         From second differences Δ² (a crease) and differences of these (a step) along rows and columns, at distances
         from that of neighbours to two standard deviations of the spot; the largest of each axis. What noise explains
-        is taken off. 0 without neighbours.
+        is taken off. Where one is missing, at the rim, that of the nearest voxel counts. 0 without neighbours.
     """
-    noise, moved = sigma**2, sigma_texture**2
+    moved = replace(noise, own=noise.own + sigma_texture**2)
+    bending, rising = (np.where(rugged, trust[1], trust[0]) for trust in (_BEND_TRUST, _STEP_TRUST))
     wide = np.hypot(raster.spot, raster.travel / math.sqrt(12.0))
+    largest = {way: np.full(range_m.shape, np.nan) for way in _WAYS}
+    for way, step, pitch, near in _axes(raster):
+        bend, rise = (_along(weights, way, step) for weights in (_BENDING, _RISING))
+        bent = np.sqrt(_beyond(_sum_of(range_m, bend) ** 2, bending * noise.of(bend)))
+        stepped = np.sqrt(_beyond(_sum_of(range_m, rise) ** 2, rising * moved.of(rise)))
+        spot = wide if way == (0, 1) else raster.spot
+        found = np.fmax(_BEND * spot / (step * pitch) * bent, _STEP * stepped)
+        largest[way] = np.where(near, np.fmax(largest[way], found), largest[way])
     total = np.zeros(range_m.shape)
-    for pitch, spot, (down, right) in ((raster.across, wide, (0, 1)), (raster.down, raster.spot, (1, 0))):
-        largest = np.zeros(range_m.shape)
+    for way, own in largest.items():
+        for _ in range(_BORROWED):
+            own = np.where(np.isfinite(own), own, _beside_largest(own, way))
+        total += np.nan_to_num(own) ** 2
+    return _widened(np.sqrt(total), raster)
+
+
+def _axes(raster: Raster) -> Iterator[tuple[tuple[int, int], int, Array, Mask]]:
+    """Yield directions, steps of differences, pitches, and where on the raster a step is wanted."""
+    for way, pitch in zip(_WAYS, (raster.across, raster.down), strict=True):
         for step in range(1, raster.steps(_STENCIL) + 1):
-            near = (step == 1) | ((step - 1) * pitch < _STENCIL * raster.spot)
-
-            def at(
-                values: Array, number: int, step: int = step, down: int = down, right: int = right
-            ) -> Array:
-                return beside(values, number * step * down, number * step * right)
-
-            bend = at(range_m, 1) - 2.0 * range_m + at(range_m, -1)
-            chance = at(noise, 1) + 4.0 * noise + at(noise, -1)
-            bent = _BEND * spot / (step * pitch) * np.sqrt(_beyond(bend**2, _EVIDENCE * chance))
-            rise = at(range_m, 2) - 2.0 * at(range_m, 1) + 2.0 * at(range_m, -1) - at(range_m, -2)
-            both = noise + moved
-            chance = at(both, 2) + 4.0 * at(both, 1) + 4.0 * at(both, -1) + at(both, -2)
-            stepped = _STEP * np.sqrt(_beyond(rise**2, _STEP_EVIDENCE * chance))
-            found = np.fmax(np.nan_to_num(bent), np.nan_to_num(stepped))
-            largest = np.where(near, np.fmax(largest, found), largest)
-        total += largest**2
-    return np.asarray(np.sqrt(total))
+            yield way, step, pitch, (step == 1) | ((step - 1) * pitch < _STENCIL * raster.spot)
 
 
-def mixed(
-    range_m: Array,
-    noise: Array,
-    uneven: Array,
-    status: NDArray[np.unsignedinteger],
-    faint: Mask,
-    raster: Raster,
-    steepest: float,
-) -> Mask:
-    """Tell which voxels of a raster image hold light of more than one surface.
+def _along(weights: tuple[tuple[int, float], ...], way: tuple[int, int], step: int) -> Stencil:
+    """Return the stencil of a difference over some steps in a direction."""
+    return {(place * step * way[0], place * step * way[1]): weight for place, weight in weights}
 
-    A voxel is mixed if, within 2.5 standard deviations of the spot or among its eight neighbours, there is a voxel
-    whose range differs by more than a surface inclined by ``steepest`` rises and noise and unevenness explain, or one
-    that has no range, for the surface then ends between them.
 
-    Parameters
-    ----------
-    range_m
-        Ranges [m], shape (rows, columns).
-    noise, uneven
-        Their standard deviations by noise and by what light that is uneven over the spot may do [m].
-    status
-        Status codes.
-    faint
-        Voxels so faint that noise alone may hide their neighbours: of those, neighbours below the threshold say
-        nothing.
-    raster
-        Geometry.
-    steepest
-        Inclination [rad], below π/2.
-    """
-    valid = np.asarray(status) == Status.VALID
-    r = np.where(valid, range_m, np.nan)
-    variance = np.where(valid, (_CHANCE * noise) ** 2 + (_DOUBT * uneven) ** 2, np.nan)
-    missing = (~valid).astype(np.float64)
-    hidden = (np.asarray(status) == Status.BELOW_THRESHOLD).astype(np.float64)
-    rise = math.tan(steepest)
-    found = np.zeros(r.shape, dtype=np.bool_)
-    for down, right in _around(raster.steps(_REACH)):
-        before = np.hypot(max(abs(right) - 1, 0) * raster.across, max(abs(down) - 1, 0) * raster.down)
-        near = (before < _REACH * raster.spot) | (max(abs(down), abs(right)) == 1)
-        there, apart = beside(r, down, right), np.hypot(right * raster.across, down * raster.down)
-        limit = rise * apart * np.fmin(1.0, there / r)
-        limit += np.sqrt(variance + beside(variance, down, right))
-        nothing = (beside(missing, down, right) == 1.0) & ~(faint & (beside(hidden, down, right) == 1.0))
-        found |= near & ((np.abs(there - r) > limit) | nothing)
-    return np.asarray(valid & found)
+def _sum_of(values: Array, stencil: Stencil) -> Array:
+    """Return a weighted sum of voxels about each; NaN where one is missing."""
+    total = np.zeros(values.shape)
+    for (down, right), weight in stencil.items():
+        total += weight * beside(values, down, right)
+    return total
+
+
+def _beside_largest(values: Array, way: tuple[int, int]) -> Array:
+    """Return the larger value of the two neighbours in a direction and against it; NaN where there is none."""
+    return np.asarray(np.fmax(beside(values, way[0], way[1]), beside(values, -way[0], -way[1])))
+
+
+def _widened(values: Array, raster: Raster) -> Array:
+    """Return the largest value at each voxel and within a standard deviation of the spot in its row and column."""
+    widened = values.copy()
+    for step in range(1, raster.steps(_WIDENED) + 1):
+        for way, pitch in zip(_WAYS, (raster.across, raster.down), strict=True):
+            there = _beside_largest(values, (step * way[0], step * way[1]))
+            widened = np.where(step * pitch <= _WIDENED * raster.spot, np.fmax(widened, there), widened)
+    return np.asarray(widened)
 
 
 def _sharp_edge(signal: Array) -> Array:
@@ -248,14 +294,6 @@ def _sharp_edge(signal: Array) -> Array:
     share = np.clip((signal - low) / np.where(whole > 0.0, whole, 1.0), 1e-4, 1.0 - 1e-4)
     slope = whole / signal * exp(-0.5 * ndtri(share) ** 2) / math.sqrt(2.0 * math.pi)
     return np.asarray(slope)
-
-
-def _around(steps: int) -> Iterator[tuple[int, int]]:
-    """Yield the places of all neighbours up to some steps away, down and right."""
-    for down in range(-steps, steps + 1):
-        for right in range(-steps, steps + 1):
-            if (down, right) != (0, 0):
-                yield down, right
 
 
 def _beyond(square: Array, variance: Array) -> Array:

@@ -119,10 +119,17 @@ def convolved(layers: list[Any], columns: int, weights: NDArray[np.float64]) -> 
     lane = dr.arange(mi.UInt32, dr.width(layers[0]))
     column = mi.Int32(lane % columns)
     start = mi.Int32(lane) - column
-    sums = [mi.Float(0.0) for _ in layers]
-    for step, weight in enumerate(weights, -reach):
-        at = mi.UInt32(start + dr.clip(column + step, 0, columns - 1))
-        for number, layer in enumerate(layers):
-            sums[number] += float(weight) * dr.gather(mi.Float, layer, at)
+    shares = mi.Float(weights.astype(np.float32))
+    last = dr.opaque(mi.UInt32, len(weights))
+
+    # A loop of the device: a kernel with each weight written out would take minutes to compile for fine pixels.
+    def add(number: Any, *sums: Any) -> tuple[Any, ...]:
+        share = dr.gather(mi.Float, shares, number)
+        at = mi.UInt32(start + dr.clip(column + mi.Int32(number) - reach, 0, columns - 1))
+        added = (share * dr.gather(mi.Float, layer, at) for layer in layers)
+        return number + 1, *(total + more for total, more in zip(sums, added, strict=True))
+
+    none = [dr.zeros(mi.Float, dr.width(lane)) for _ in layers]
+    _, *sums = dr.while_loop((mi.UInt32(0), *none), lambda number, *sums: number < last, add)
     dr.eval(sums)
-    return sums
+    return list(sums)

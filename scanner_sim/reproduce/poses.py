@@ -281,7 +281,8 @@ ITEMS = (
         "one run share a part: runs count. The depth errs far less than the printed 4 mm, which is no agreement: print "
         "and simulation are of different things. Four centres of a hundred voxels each are averaged here, in the dark, "
         "on perfect targets, with a calibration without errors; the printed figure is of the whole experiment's range, "
-        "and is near the σ of a single voxel (Figure 12).",
+        "of the order of the σ of a single voxel, which is larger with the beam at rest (Figure 12) and smaller in a "
+        "sweep (`budget`).",
         figure_13,
         ("eq8", "eq9", "eq10", "eq11", "eq12", "eq13", "eq14"),
     ),

@@ -27,6 +27,7 @@ from scanner_sim.detector.speckle import LineSpeckle, line_speckle
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.speckle import Optics, packets, slope_packets
 from scanner_sim.products.image import RangeImage
+from scanner_sim.render.surface_places import SurfacePlaces
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.polarisation import speckle_contrast
@@ -91,20 +92,7 @@ class Light:
         return int(dr.width(self.amount)) // self.shots
 
 
-@dataclass
-class Places:
-    """Beams along z before a plane, at places in radii of a beam of 1 mm."""
-
-    point: Any
-    along: Any
-    across: Any
-    normal: Any
-    object: Any
-    radius: Any
-    distance: Any
-
-
-def at(column: Array, row: Array, distance: float) -> Places:
+def at(column: Array, row: Array, distance: float) -> SurfacePlaces:
     """Return beams of 1 mm radius at places [mm] of a plane."""
     shots = len(column)
 
@@ -114,7 +102,7 @@ def at(column: Array, row: Array, distance: float) -> Places:
     x, y = (auto.Float(1e-3 * np.asarray(place, np.float32)) for place in (column, row))
     point = auto.Array3f(x, y, dr.full(auto.Float, distance, shots))
     length = dr.full(auto.Float, distance, shots)
-    return Places(
+    return SurfacePlaces(
         point, axis(2), axis(0), axis(1), dr.full(auto.UInt32, 1, shots), 1e-3 + 0.0 * length, length
     )
 

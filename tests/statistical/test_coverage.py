@@ -218,22 +218,21 @@ def test_coverage_holds_in_every_part() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("processing", "least", "most"),
-    [
-        ({"metal": True}, 1.15, 2.0),
-        ({"peak": "blais_rioux_4"}, 2.0, 4.5),
-        ({"peak": "parabola"}, 6.0, 18.0),
-        ({"peak": "centre_of_mass"}, 1.1, 1.6),
-    ],
+    "processing",
+    [{"metal": True}, {"peak": "blais_rioux_4"}, {"peak": "parabola"}, {"peak": "centre_of_mass"}],
+    ids=["metal", "blais_rioux_4", "parabola", "centre_of_mass"],
 )
-def test_where_sigma_falls_short(processing: dict[str, Any], least: float, most: float) -> None:
+def test_where_sigma_falls_short(processing: dict[str, Any]) -> None:
     """Claim: what σ does not cover is known, and the settings of the tests above mend it.
 
-    Set-up: the same planes. On surfaces that keep the laser's polarisation the speckle is √2 times stronger, and the
-    instrument is not told: the variance is at most 2, the less the more other noise there is. Estimators without
-    correction have systematic errors, up to 0.02 px (``blais_rioux_4``), 0.06 px (``parabola``) and 0.005 px
-    (``centre_of_mass``), which no σ holds. Expected: measured variances of 1.4, 3.3, 12.1 and 1.34 (near
-    targets weigh most, where speckle is weak beside them). Tolerance: bounds wide enough for other draws of the planes.
+    Set-up: the same planes. On surfaces that keep the laser's polarisation the speckle's variance is twice as large,
+    and the instrument is not told. Estimators without correction have systematic errors, up to 0.02 px
+    (``blais_rioux_4``), 0.06 px (``parabola``) and 0.005 px (``centre_of_mass``), which no σ holds. Expected: fewer
+    than 95 % within 1.96 σ; how many follows from where the planes stand, but on metal the variance is below 2, the
+    less the more other noise there is. Tolerance: four standard errors, from the scatter of the planes.
     """
     got = pulls(**processing)
-    assert least < got.range.var() < most
+    within = (np.abs(got.range) < 1.959964).astype(float)
+    assert within.mean() < 0.95 - 4.0 * got.error_of_mean(within)
+    if "metal" in processing:
+        assert got.range.var() < 2.0 + 4.0 * got.error_of_mean(got.range**2)

@@ -18,36 +18,62 @@ pytestmark = pytest.mark.usefixtures("device")
 
 
 @cache
-def found(kind: Kind, *, plain: bool = False) -> tuple[np.ndarray, np.ndarray]:
-    """Return the shares within 1.96 σ, beyond 3 σ and beyond 6 σ of each scene, and the share of hits with a range."""
+def found(
+    kind: Kind, pitch: tuple[float, float] = (1.0, 3.0), *, plain: bool = False
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the shares within 1.96 σ, beyond 3 σ and beyond 6 σ of each scene, and the share of hits with a range.
+
+    ``pitch`` are the least and the largest of the raster, in radii of the beam.
+    """
     changes = {"processing": {"validation": {"mixed": None, "uneven": False}}} if plain else {}
     rows = []
     for number in range(2 if plain else SCENES):
         drawn = MixedScene.drawn(kind, FIRST + number, side=96)
         beam = drawn.scenario().scanner.laser.radius(drawn.distance)
-        spaced = drawn.at(pitch=beam * float(np.random.default_rng([FIRST + number, 7]).uniform(1.0, 3.0)))
+        spaced = drawn.at(pitch=beam * float(np.random.default_rng([FIRST + number, 7]).uniform(*pitch)))
         rows.append(Found.of(simulate(spaced.scenario(**changes), device="cpu")))
     return np.array([row.shares() for row in rows]), np.array([row.kept for row in rows])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("kind", "least"), [("clutter", 0.75), ("stripes", 0.9), ("glossy", 0.6), ("sunlit", 0.6)]
+    ("kind", "pitch", "least"),
+    [
+        ("clutter", (1.0, 3.0), 0.75),
+        ("stripes", (1.0, 3.0), 0.9),
+        ("glossy", (1.0, 3.0), 0.75),
+        ("sunlit", (1.0, 3.0), 0.75),
+        ("clutter", (0.3, 0.7), 0.0),
+        ("stripes", (0.3, 0.7), 0.0),
+        ("clutter", (4.0, 8.0), 0.75),
+    ],
 )
-def test_sigma_holds_where_surfaces_meet(kind: Kind, least: float) -> None:
+def test_sigma_holds_where_surfaces_meet(kind: Kind, pitch: tuple[float, float], least: float) -> None:
     """Claim: σ of the ranges that are kept is true, edges and textures included, and most are kept.
 
-    Set-up: five scenes whose surfaces, range (2.5 to 10 m) and raster (a pitch of one to three radii of the beam, swept
-    or stepped) follow from the seed; all errors on. Expected: at least 94 % within 1.96 σ, at most 0.5 % beyond 3 σ and
-    0.05 % beyond 6 σ; the kept share as given. Tolerance: four standard errors, from the scatter of the scenes. Power:
-    the next test.
+    Set-up: five scenes whose surfaces, range (2.5 to 10 m) and raster (a pitch of so many radii of the beam, swept or
+    stepped) follow from the seed; all errors on. Expected: at least 94 % within 1.96 σ, at most 0.5 % beyond 3 σ and
+    0.02 % beyond 6 σ; three quarters of the hits kept among clutter and nine tenths on a striped board. (In the fields
+    of the finest rasters, 3 to 10 cm wide, most spots meet an edge: no share is claimed.) Tolerance: four standard
+    errors, from the scatter of the scenes. Power: the next test.
     """
-    shares, kept = found(kind)
+    shares, kept = found(kind, pitch)
     mean, error = shares.mean(axis=0), shares.std(axis=0, ddof=1) / np.sqrt(SCENES)
     assert mean[0] > 0.94 - 4.0 * error[0]
     assert mean[1] < 5e-3 + 4.0 * error[1]
-    assert mean[2] < 5e-4 + 4.0 * error[2]
+    assert mean[2] < 2e-4 + 4.0 * error[2]
     assert kept.mean() > least
+
+
+@pytest.mark.slow
+def test_what_a_coarse_raster_does_not_see() -> None:
+    """Claim, of a limit: neighbours four to eight radii apart tell nothing of stripes that lie between them.
+
+    Set-up: as above, stripes of 4 to 30 mm. Expected: more than 0.5 % beyond 3 σ, where finer rasters have less.
+    Tolerance: none, measured are 2 to 5 %. If this fails the page on ranging claims too little.
+    """
+    shares, _ = found("stripes", (4.0, 8.0))
+    assert shares[:, 1].mean() > 5e-3
 
 
 @pytest.mark.slow

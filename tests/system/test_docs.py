@@ -105,24 +105,15 @@ def run_line(line: str) -> None:
     assert result.exit_code == 0, f"{line}\n{result.output}"
 
 
-def test_tables_of_speckle_are_made_by_the_closed_forms(
-    repo_root: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("maker", "page"), [("speckle", "light"), ("budgets", "budget")])
+def test_tables_are_made_by_the_closed_forms(
+    maker: str, page: str, repo_root: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Claim: the numbers of speckle on the page about light are those of the judge's closed forms."""
+    """Claim: the numbers of these tables on the pages of the theory are those of the judge's closed forms."""
     monkeypatch.syspath_prepend(str(repo_root / "docs"))
-    made = importlib.import_module("speckle").tables()
-    page = (repo_root / "docs" / "theory" / "light.md").read_text(encoding="utf-8")
-    assert made in page, "run: python docs/speckle.py"
-
-
-def test_the_table_of_the_budget_is_made_by_the_closed_forms(
-    repo_root: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Claim: the numbers on the page about the error budget are those of the judge's closed forms."""
-    monkeypatch.syspath_prepend(str(repo_root / "docs"))
-    made = importlib.import_module("budgets").tables()
-    page = (repo_root / "docs" / "theory" / "budget.md").read_text(encoding="utf-8")
-    assert made in page, "run: python docs/budgets.py"
+    made = importlib.import_module(maker).tables()
+    text = (repo_root / "docs" / "theory" / f"{page}.md").read_text(encoding="utf-8")
+    assert made in text, f"run: python docs/{maker}.py"
 
 
 def test_each_room_says_what_it_leaves_out() -> None:

@@ -103,8 +103,9 @@ def test_most_voxels_stay(name: str, least: float) -> None:
     Set-up: each scenario with and without its light, the laser always on, 64 × 64. Expected: 0.99 without direct
     sunlight; under the Sun those are lost that reflect a twentieth of their neighbours, or away from the lens:
     black paint, nickel, rims of black discs. Measured are 0.994, 0.953, 0.81 and 0.87. Tolerance: some hundredths
-    below. Of what stays, voxels that are right in the dark to 6 σ and wrong in the light are fewer than 1 in 100:
-    edges bend the spot and the background alike (6 in 1000 at the most are measured).
+    below. Of what stays, voxels that are right in the dark to 6 σ and wrong in the light are 5 in 1000: on gloss,
+    where sunlight takes away the neighbours by which they had a large σ, and on shadows' edges. Of some 1500 voxels
+    these are 7; a rate of 5e-3 gives more than 19 once in 10⁴.
     """
     assert kept(name, 0.0) >= least
     lit, dark = (image(name, lit=light, laser_off=0.0) for light in (True, False))
@@ -113,7 +114,7 @@ def test_most_voxels_stay(name: str, least: float) -> None:
         return np.abs(one["range_m"] - one["truth.range_m"]) < 6.0 * one["sigma_range_m"]
 
     both = lit.valid & dark.valid & right(dark)
-    assert np.mean(~right(lit)[both]) < 1e-2
+    assert np.count_nonzero(~right(lit)[both]) <= stats.binom(both.sum(), 5e-3).isf(1e-4)
 
 
 @pytest.mark.parametrize(

@@ -308,8 +308,20 @@ class TestSummary:
         pulls = error / image["sigma_range_m"][image.valid]
         assert found["truth"]["error_over_sigma"]["rms"] == pytest.approx(np.sqrt(np.mean(pulls**2)))
         assert found["truth"]["error_over_sigma"]["95%"] == pytest.approx(np.quantile(pulls, 0.95))
+        assert found["truth"]["voxels_compared"] == image.valid.sum()
+        assert found["truth"]["voxels_without_truth"] == 0
         hits = {entry["name"]: entry["voxels"] for entry in found["truth"]["voxels_by_object"]}
         assert hits["handrail 2"] == np.count_nonzero(image["truth.object"] == 2)
+
+    def test_ranges_beside_the_axis_are_counted(self) -> None:
+        """Claim: a range whose beam's axis meets nothing has no truth, and is told apart from those compared."""
+        image = make_image()
+        row, column = np.argwhere(image.valid)[0]
+        truth = image["truth.range_m"].copy()
+        truth[row, column] = np.nan
+        found = summary(replace(image, channels={**image.channels, "truth.range_m": truth}))["truth"]
+        assert found["voxels_without_truth"] == 1
+        assert found["voxels_compared"] == image.valid.sum() - 1
 
     def test_truth_stays_in_its_section(self) -> None:
         """Claim: without the truth layers everything outside of the section ``truth`` is the same."""

@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
 from scipy.stats import norm
 
-from scanner_sim.ranging.uneven import Raster, mixed, relief, texture, window
+from scanner_sim.ranging.mixed_voxels import mixed
+from scanner_sim.ranging.shared_noise import SharedNoise
+from scanner_sim.ranging.uneven import Raster, relief, rugged, texture, window
 from scanner_sim.status import Status
 
 Array = NDArray[np.float64]
@@ -22,6 +25,16 @@ def raster(pitch: float, *, travel: bool = False, shape: tuple[int, int] = (ROWS
     return Raster.of(np.full(shape, R), (step, step), np.full(shape, SPOT), step if travel else 0.0)
 
 
+def alone(variance: Array) -> SharedNoise:
+    """Return noise that every voxel has of its own."""
+    none, apart = np.zeros(variance.shape), np.ones(variance.shape)
+    return SharedNoise(variance, none, none, apart, apart)
+
+
+def nowhere(shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    return np.zeros(shape, dtype=np.bool_)
+
+
 def places(pitch: float) -> Array:
     """Return the columns' places across an edge that lies off the middle [s], shape (rows, columns)."""
     return np.tile((np.arange(COLUMNS) - COLUMNS // 2 + 0.3) * pitch, (ROWS, 1))
@@ -31,7 +44,8 @@ def places(pitch: float) -> Array:
 def test_texture_is_the_shift_of_the_light(pitch: float) -> None:
     """Claim: the shift of a Gaussian spot's centroid at an edge of reflectance is found from the signals alone.
 
-    Set-up: an edge from 0.2 to 0.8, mirrors at rest. Expected: s² ∂ln Y/∂x with Y the reflectance smoothed by the spot.
+    Set-up: an edge from 0.2 to 0.8, mirrors at rest. Expected: s² ∂ln Y/∂x with Y the reflectance smoothed by the
+    spot, the largest within s.
     Tolerance: the finite difference's: 12 % of the largest up to a pitch of s. On a coarse one the edge is taken to lie
     sharp between plateaus, as it does: no less than the shift, and no more than 1.6 of it, for the least value, half
     the central difference, lifts the neighbours.
@@ -39,7 +53,8 @@ def test_texture_is_the_shift_of_the_light(pitch: float) -> None:
     at = places(pitch)
     signal = 0.2 + 0.6 * norm.cdf(at)
     shift = SPOT * 0.6 * norm.pdf(at) / signal
-    found = texture(1e6 * signal, np.zeros_like(signal), raster(pitch))
+    shift = maximum_filter1d(shift, 2 * int(1.0 / pitch) + 1, axis=1)
+    found = texture(1e6 * signal, alone(np.zeros_like(signal)), raster(pitch), nowhere(signal.shape))
     inner = np.s_[:, 2:-2]
     if pitch <= 1.0:
         np.testing.assert_allclose(found[inner], shift[inner], rtol=0.1, atol=0.12 * shift.max())
@@ -51,38 +66,94 @@ def test_texture_is_the_shift_of_the_light(pitch: float) -> None:
 def test_noise_is_no_texture() -> None:
     random = np.random.default_rng(1)
     signal = 1e6 * (1.0 + 0.05 * random.normal(size=(200, 200)))
-    moved = texture(signal, np.full(signal.shape, 0.05**2), raster(2.0, shape=signal.shape))
+    about = raster(2.0, shape=signal.shape)
+    moved = texture(signal, alone(np.full(signal.shape, 0.05**2)), about, nowhere(signal.shape))
     # The same speckle moves the spot's own centroid by about its contrast of s.
     assert np.sqrt(np.mean(moved**2)) < 0.4 * SPOT * 0.05
-    assert texture(np.full((5, 5), 3.0), np.zeros((5, 5)), raster(2.0, shape=(5, 5))).max() == 0.0
+    even, about = np.full((5, 5), 3.0), raster(2.0, shape=(5, 5))
+    assert texture(even, alone(np.zeros((5, 5))), about, nowhere((5, 5))).max() == 0.0
 
 
 def test_the_light_shifts_by_no_more_than_half_a_spot() -> None:
     signal = np.where(places(1.0) > 0.0, 1.0, 1e-6)
-    assert texture(signal, np.zeros_like(signal), raster(1.0)).max() == pytest.approx(0.8 * SPOT)
+    found = texture(signal, alone(np.zeros_like(signal)), raster(1.0), nowhere(signal.shape))
+    assert found.max() == pytest.approx(0.8 * SPOT)
 
 
 @pytest.mark.parametrize("pitch", [0.5, 2.0, 4.0])
 def test_a_crease_and_a_step_are_relief_and_a_plane_is_not(pitch: float) -> None:
-    at, noise = SPOT * places(pitch), np.full((ROWS, COLUMNS), 1e-6)
-    none = np.zeros_like(noise)
-    plane = R + 1.5 * at
-    assert relief(plane, noise, none, raster(pitch)).max() == 0.0
-    crease = R + np.abs(at)
-    assert relief(crease, noise, none, raster(pitch)).max() > 0.2 * SPOT
-    step = R + 10.0 * SPOT * norm.cdf(at / SPOT)
-    found = relief(step, noise, none, raster(pitch))
+    at, about = SPOT * places(pitch), raster(pitch)
+
+    def bent(ranges: Array) -> Array:
+        noise, none = alone(np.full(ranges.shape, 1e-12)), np.zeros(ranges.shape)
+        return relief(ranges, noise, none, about, rugged(ranges, noise, about))
+
+    assert bent(R + 1.5 * at).max() == 0.0
+    assert bent(R + np.abs(at)).max() > 0.2 * SPOT
+    found = bent(R + 10.0 * SPOT * norm.cdf(at / SPOT))
     true = np.abs(10.0 * SPOT * (norm.cdf(at / SPOT) - (at > 0.0)))
     assert found[:, 4:-4].max() > 0.5 * true.max()
     assert found[:, 4] == pytest.approx(0.0, abs=1e-3 * SPOT)
 
 
+def test_the_rim_takes_the_differences_of_its_neighbours() -> None:
+    at = SPOT * places(4.0)
+    ranges, about = R + at**2 / SPOT, raster(4.0)
+    noise, none = alone(np.full(ranges.shape, 1e-12)), np.zeros(ranges.shape)
+    found = relief(ranges, noise, none, about, rugged(ranges, noise, about))
+    np.testing.assert_allclose(found[:, 0], found[:, 4], rtol=1e-3)
+
+
 def test_what_noise_explains_is_no_relief() -> None:
     random = np.random.default_rng(2)
-    noise = np.full((200, 200), 5e-4)
-    ranges = R + 5e-4 * random.normal(size=noise.shape)
-    found = relief(ranges, noise, np.zeros_like(noise), raster(2.0, shape=noise.shape))
+    own, none = np.full((200, 200), 5e-4**2), np.zeros((200, 200))
+    ranges = R + 5e-4 * random.normal(size=own.shape)
+    about = raster(2.0, shape=own.shape)
+    where = rugged(ranges, alone(own), about)
+    # Six differences beyond 5 σ: 6 · 6·10⁻⁷, times the 13 voxels about each.
+    assert where.mean() < 1e-3
+    found = relief(ranges, alone(own), none, about, where)
     assert np.sqrt(np.mean(found**2)) < 0.35 * 5e-4
+
+
+def test_surfaces_are_rugged_about_an_edge() -> None:
+    ranges = np.full((9, 41), R)
+    ranges[:, 20:] += 0.1
+    noise = alone(np.full(ranges.shape, 1e-6))
+    where = rugged(ranges, noise, raster(1.0))
+    # The edge shows two voxels away at a pitch of s and four at two, and counts within 3 s.
+    assert np.flatnonzero(where[4]).tolist() == list(range(20 - 7, 20 + 7))
+    assert not rugged(np.full((9, 41), R), noise, raster(1.0)).any()
+
+
+@pytest.mark.parametrize("pitch", [0.35, 1.0, 3.0])
+def test_noise_that_neighbours_share(pitch: float) -> None:
+    """Claim: the variance of differences of neighbours under one speckle pattern is that of the pattern's correlation.
+
+    Set-up: white noise on a fine lattice, summed under exp(−2δ²/w²) for the energy and under its derivative along the
+    row for the place, at a pitch in w. Expected: :meth:`SharedNoise.of`. Tolerance: 4.5 standard errors of a variance
+    from patterns of the size of w: the field has 60 × 60 pitch², at least 80 here, and no more differences that are
+    independent than half of its 3600.
+    """
+    random = np.random.default_rng(6)
+    fine, reach, side = 0.125, 20, 60
+    stride = max(1, round(pitch / fine))
+    white = random.normal(size=(side * stride + 2 * reach, side * stride + 2 * reach))
+    x = fine * np.arange(-reach, reach + 1)
+    weight = np.exp(-2.0 * x**2)
+    down = np.apply_along_axis(lambda line: np.convolve(line, weight, "valid"), 0, white)
+    step = {(0, -1): 1.0, (0, 0): -2.0, (0, 1): 1.0}
+    ones, none, apart = np.ones((side, side)), np.zeros((side, side)), np.full((side, side), stride * fine)
+    for kernel, noise in (
+        (weight, SharedNoise(none, ones, none, apart, apart)),
+        (x * weight, SharedNoise(none, none, ones, apart, apart)),
+    ):
+        sums = np.apply_along_axis(lambda line, k=kernel: np.convolve(line, k, "valid"), 1, down)
+        values = sums[::stride, ::stride][:side, :side] / sums.std()
+        found = np.var(values[:, 2:] - 2.0 * values[:, 1:-1] + values[:, :-2])
+        assert found == pytest.approx(
+            noise.of(step)[30, 30], rel=4.5 * np.sqrt(2.0 / np.clip((side * pitch) ** 2, 80.0, 1800.0))
+        )
 
 
 class TestMixed:
@@ -94,7 +165,7 @@ class TestMixed:
         small, none = np.full(ranges.shape, 1e-4), np.zeros(ranges.shape)
         faints = np.full(ranges.shape, faint)
         about = raster(pitch, shape=(ranges.shape[0], ranges.shape[1]))
-        return mixed(ranges, small, none, codes.astype(np.uint32), faints, about, np.deg2rad(70.0))
+        return mixed(ranges, alone(small**2), none, codes.astype(np.uint32), faints, about, np.deg2rad(70.0))
 
     def test_both_sides_of_a_step(self) -> None:
         ranges = np.full((9, 20), R)
@@ -126,9 +197,10 @@ class TestMixed:
         flat = R + noise * random.normal(size=(200, 200))
         about = raster(0.5, shape=flat.shape)
         code, calm = np.zeros(flat.shape, dtype=np.uint32), np.zeros(flat.shape, dtype=np.bool_)
-        alone = mixed(flat, np.full(flat.shape, noise), np.zeros(flat.shape), code, calm, about, 1.2)
+        own, none = alone(np.full(flat.shape, noise**2)), np.zeros(flat.shape)
+        found = mixed(flat, own, none, code, calm, about, 1.2)
         # 120 neighbours and a normal quantile of 4.5: 8·10⁻⁴ at most, of 40 000 voxels.
-        assert alone.mean() < 2e-3
+        assert found.mean() < 2e-3
 
     def test_a_single_column_or_voxel_has_nothing_to_say(self) -> None:
         for shape in ((1, 1), (5, 1), (1, 5)):
@@ -139,24 +211,22 @@ class TestMixed:
 def test_a_voxel_depends_on_its_window_alone(pitch: float) -> None:
     """What is far away changes nothing, so that one voxel can be explained without its image."""
     random = np.random.default_rng(4)
-    side, step = 61, pitch * SPOT / R
+    side, step = 121, pitch * SPOT / R
+    middle = side // 2
     ranges, signal = R + 5e-3 * random.normal(size=(side, side)), random.uniform(1e5, 1e6, (side, side))
     reach = window(SPOT / R, (step, step))
-    near = np.zeros((side, side), dtype=np.bool_)
-    near[30 - reach : 31 + reach, 30 - reach : 31 + reach] = True
+    inside = slice(middle - reach, middle + reach + 1)
+    near = nowhere((side, side))
+    near[inside, inside] = True
     numbers = []
     for other in (ranges, np.where(near, ranges, np.nan)):
         about = Raster.of(other, (step, step), np.full(other.shape, SPOT), 0.0)
-        moved = 20.0 * texture(np.where(np.isfinite(other), signal, np.nan), np.zeros(other.shape), about)
-        bent = relief(other, np.full(other.shape, 1e-4), moved, about)
-        edge = mixed(
-            other,
-            np.full(other.shape, 1e-4),
-            np.hypot(moved, bent),
-            np.zeros(other.shape, dtype=np.uint32),
-            np.zeros(other.shape, dtype=np.bool_),
-            about,
-            1.3,
-        )
-        numbers.append((moved[30, 30], bent[30, 30], edge[30, 30]))
+        noise = alone(np.full(other.shape, 1e-8))
+        where = rugged(other, noise, about)
+        light = np.where(np.isfinite(other), signal, np.nan)
+        moved = 20.0 * texture(light, alone(np.zeros(other.shape)), about, where)
+        bent = relief(other, noise, moved, about, where)
+        code = np.zeros(other.shape, dtype=np.uint32)
+        edge = mixed(other, noise, np.hypot(moved, bent), code, nowhere(other.shape), about, 1.3)
+        numbers.append((moved[middle, middle], bent[middle, middle], edge[middle, middle]))
     assert numbers[0] == numbers[1]

@@ -1,0 +1,20 @@
+"""Tables that code makes and pages hold between two marks."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+
+def marked(maker: str, parts: Sequence[str]) -> str:
+    """Return what stands on a page from the mark of what ``docs/<maker>`` makes to that of its end."""
+    begin, end = f"<!-- made by docs/{maker} -->", f"<!-- end of what docs/{maker} makes -->"
+    return "\n\n".join((begin, *parts, end))
+
+
+def rewrite(page: Path, made: str) -> None:
+    """Put what was made in the place of what stands between its marks on a page."""
+    begin, *_, end = made.splitlines()
+    text = page.read_text(encoding="utf-8")
+    before, rest = text.split(begin)
+    page.write_text(before + made + rest.split(end)[1], encoding="utf-8")

@@ -1,0 +1,73 @@
+"""Mixed voxels: spots that fall on more than one surface, as the ranges of their neighbours tell."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.ranging.neighbours import beside
+from scanner_sim.ranging.shared_noise import SharedNoise
+from scanner_sim.ranging.uneven import REACH, Raster, around
+from scanner_sim.status import Status
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_CHANCE = 4.5
+"""Standard deviations of noise by which two ranges may differ beyond the slope: in 200 comparisons once in 700."""
+_DOUBT = 2.0
+"""The same of what unevenness may move them by."""
+
+
+def mixed(
+    range_m: Array,
+    noise: SharedNoise,
+    uneven: Array,
+    status: NDArray[np.unsignedinteger],
+    faint: Mask,
+    raster: Raster,
+    steepest: float,
+) -> Mask:
+    """Tell which voxels of a raster image hold light of more than one surface.
+
+    A voxel is mixed if, within 2.5 standard deviations of the spot or among its eight neighbours, there is a voxel
+    whose range differs by more than a surface inclined by ``steepest`` rises and noise and unevenness explain, or one
+    that has no range, for the surface then ends between them.
+
+    Parameters
+    ----------
+    range_m
+        Ranges [m], shape (rows, columns).
+    noise
+        Variances of their noise [m²].
+    uneven
+        Standard deviations by what light that is uneven over the spot may do [m].
+    status
+        Status codes.
+    faint
+        Voxels so faint that noise alone may hide their neighbours: of those, neighbours below the threshold say
+        nothing.
+    raster
+        Geometry.
+    steepest
+        Inclination [rad], below π/2.
+    """
+    valid = np.asarray(status) == Status.VALID
+    r = np.where(valid, range_m, np.nan)
+    doubt = np.where(valid, (_DOUBT * uneven) ** 2, np.nan)
+    missing = (~valid).astype(np.float64)
+    hidden = (np.asarray(status) == Status.BELOW_THRESHOLD).astype(np.float64)
+    rise = math.tan(steepest)
+    found = np.zeros(r.shape, dtype=np.bool_)
+    for down, right in around(raster.steps(REACH)):
+        before = np.hypot(max(abs(right) - 1, 0) * raster.across, max(abs(down) - 1, 0) * raster.down)
+        near = (before < REACH * raster.spot) | (max(abs(down), abs(right)) == 1)
+        there, apart = beside(r, down, right), np.hypot(right * raster.across, down * raster.down)
+        limit = rise * apart * np.fmin(1.0, there / r)
+        chance = noise.of({(0, 0): -1.0, (down, right): 1.0})
+        limit += np.sqrt(_CHANCE**2 * chance + doubt + beside(doubt, down, right))
+        nothing = (beside(missing, down, right) == 1.0) & ~(faint & (beside(hidden, down, right) == 1.0))
+        found |= near & ((np.abs(there - r) > limit) | nothing)
+    return np.asarray(valid & found)

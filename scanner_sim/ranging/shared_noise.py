@@ -1,0 +1,52 @@
+"""Noise that neighbouring voxels of a raster have in common: on rasters finer than the spot they see the same speckle.
+
+Beams that are δ apart on a surface have exp(−δ²/w²) of the energy's fluctuation in common, and along the line
+(1 − 2δ²/w²) exp(−δ²/w²) of the centroid's, of which the part that the lens's aberration makes follows the energy
+(:mod:`~scanner_sim.detector.surface_noise`). The variance of a difference of neighbours is hence not that of
+independent ones: for the second difference of rows w/2 apart it is half of σ², not 6 σ².
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.arithmetic import exp
+from scanner_sim.ranging.neighbours import beside
+
+Array = NDArray[np.float64]
+
+Stencil = Mapping[tuple[int, int], float]
+"""Weights of the voxels some rows further down and columns further right."""
+
+
+@dataclass(frozen=True)
+class SharedNoise:
+    """Variances of what is measured at every voxel, arrays of shape (rows, columns).
+
+    ``own`` of each voxel alone; ``energy`` and ``place`` of speckle that neighbours share as the energy, and as the
+    centroid, do; ``across`` and ``down`` distances of neighbours in 1/e² radii of the beam.
+    """
+
+    own: Array
+    energy: Array
+    place: Array
+    across: Array
+    down: Array
+
+    def of(self, stencil: Stencil) -> Array:
+        """Return the variance of a weighted sum of voxels about each; NaN where one is missing."""
+        total = np.zeros(self.own.shape)
+        apart: defaultdict[tuple[int, int], float] = defaultdict(float)
+        for one, weight in stencil.items():
+            total += weight**2 * beside(self.own, *one)
+            for other, more in stencil.items():
+                apart[abs(one[0] - other[0]), abs(one[1] - other[1])] += weight * more
+        for (down, right), weight in apart.items():
+            x, y = np.square(right * self.across), np.square(down * self.down)
+            total += weight * exp(-x - y) * (self.energy + (1.0 - 2.0 * x) * self.place)
+        return np.asarray(np.maximum(total, 0.0))
