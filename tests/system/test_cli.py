@@ -243,7 +243,7 @@ def test_an_unwritable_folder_is_refused_before_the_work(
 
 
 def test_an_image_larger_than_the_memory_is_refused(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scanner_sim.cli.plan._free_memory", lambda: 1e9)
+    monkeypatch.setattr("scanner_sim.memory._free_memory", lambda: 1e9)
     result = invoke("run", config, "--set", "scan.rows=8192", "--set", "scan.columns=8192")
     assert result.exit_code == 2
     assert "GB are free" in result.stderr
