@@ -13,13 +13,14 @@ from scipy.special import ndtr
 from scanner_sim.arithmetic import exp
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import averaged
-from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.optics.speckle import packets
+from scanner_sim.optics.speckle import packets, packets_of
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
-from scanner_sim.scanner import Scanner
+from scanner_sim.scanner import Scanner, speckle_optics
 from scanner_sim.scenario import Scenario
-from scanner_sim.tracking.measurement import Measurement, measure_target
+from scanner_sim.tracking.errors import ErrorParts
+from scanner_sim.tracking.lasting import SurfaceSpeckle, surface_covariance
+from scanner_sim.tracking.measurement import Measurement, TargetLooks, measure_target
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
 from scanner_sim.tracking.state import TrackCommand
@@ -121,26 +122,32 @@ class SignalNoise:
         timed = self._scenario.ranging == "tof"
         ratio = np.asarray(layers["tof.snr_detection" if timed else "snr_detection"], dtype=np.float64)
         noise = signal / np.maximum(np.nan_to_num(ratio), 1.0)
-        scanner, speckle = self._scenario.scanner, self._relative(motion, expected_range, timed)
+        scanner, speckle = self._scenario.scanner, self.speckle(motion, expected_range)
         if timed:
             return np.asarray(np.sqrt(noise**2 + (_UNEVEN**2 + speckle) * signal**2))
         brightest = math.erf(0.5 / math.sqrt(2.0 * image_variance(scanner, expected_range)))
         return np.asarray(np.sqrt(_SUMMED * (brightest * noise) ** 2 + (speckle + _MODEL**2) * signal**2))
 
-    def _relative(self, motion: PatternMotion, distance: float, timed: bool) -> Array | float:
+    def speckle(self, motion: PatternMotion, distance: float) -> Array:
         """Return the relative variance of the light of spots at a range [m] by speckle; a pulse lasts no dwell."""
         scanner = self._scenario.scanner
         laser, receiver = scanner.laser, scanner.receiver
         if not laser.speckle:
-            return 0.0
+            return np.zeros(len(motion.time))
         radius = float(laser.radius(distance))
         # σ_b/(λN) with σ_b = (w/2) f/R: the focal length goes.
         energy = 1.0 / packets(0.5 * radius * receiver.aperture / (laser.wavelength * distance))
-        shining = 0.0 if timed else scanner.exposure / scanner.dwell * distance
+        shining = shining_share(self._scenario) * distance
         left, _ = averaged(
             shining * motion.travel_theta, shining * np.cos(motion.true_theta) * motion.travel_phi, radius
         )
         return np.asarray(self._scenario.processing.speckle_contrast**2 * energy * left)
+
+
+def shining_share(scenario: Scenario) -> float:
+    """Return the share of a dwell in which there is light; a pulse lasts none."""
+    scanner = scenario.scanner
+    return 0.0 if scenario.ranging == "tof" else scanner.exposure / scanner.dwell
 
 
 def samples_of(
@@ -208,8 +215,8 @@ class Eye:
 
     def see(
         self, target: TrackTarget, order: TrackCommand, motion: PatternMotion, visit: int
-    ) -> tuple[PatternSamples, Measurement]:
-        """Return the voxels of a pattern, and where they show the target.
+    ) -> tuple[PatternSamples, Measurement, ErrorParts]:
+        """Return the voxels of a pattern, where they show the target, and the parts of that place's error.
 
         Parameters
         ----------
@@ -227,22 +234,19 @@ class Eye:
         angles = self._encoders.read(motion, visit)
         samples = samples_of(layers, motion, angles, sigma, delay)
         spot = float(scanner.laser.radius(expected)) / (2.0 * expected)
-        # A pulse lasts no dwell.
-        timed = self._scenario.ranging == "tof"
-        shining = 0.0 if timed else scanner.exposure / scanner.dwell
         seen = measure_target(
             samples,
             target.looks,
             expected,
             spot=spot,
-            shining=shining,
+            shining=shining_share(self._scenario),
             pointing=np.hypot(self._pointing, unevenness(angles))[None],
             axis_separation=scanner.mirrors.axis_separation,
         )
-        shared = common_covariance(scanner.mirrors, motion)
-        if self._scenario.ranging == "triangulation":
-            shared[0, 2, 2] = common_range_variance(scanner, expected, float(np.median(samples.signal)))
-        return samples, replace(seen, covariance=seen.covariance + shared)
+        parts = error_parts(
+            self._scenario, samples, seen, target.looks, motion, self._noise.speckle(motion, expected)
+        )
+        return samples, replace(seen, covariance=parts.whole[None]), parts
 
 
 def unevenness(angles: Array) -> Array:
@@ -263,23 +267,73 @@ def unevenness(angles: Array) -> Array:
     return spread / 12.0
 
 
-def common_covariance(mirrors: Mirrors, motion: PatternMotion) -> Array:
-    """Return the covariance that all voxels of a pattern share, shape (1, 3, 3): wobble, and expected drift."""
+def error_parts(
+    scenario: Scenario,
+    samples: PatternSamples,
+    seen: Measurement,
+    looks: TargetLooks,
+    motion: PatternMotion,
+    light: Array,
+) -> ErrorParts:
+    """Return what the error of a measured place is made of; its covariance as the voxels tell it is ``seen``'s.
+
+    Parameters
+    ----------
+    scenario
+        Instrument.
+    samples, seen
+        A pattern, and where its voxels show a target.
+    looks
+        What is known of the target.
+    motion
+        How the mirrors ran the pattern.
+    light
+        Relative variance of each voxel's light by speckle, shape (points,).
+    """
+    scanner, mirrors = scenario.scanner, scenario.scanner.mirrors
     spread = mirrors.temperature.spread(motion.time[:1])[0]
-    shared = np.zeros((1, 3, 3))
-    for axis, angle in enumerate((motion.commanded_theta, motion.commanded_phi)):
-        drift = spread * (mirrors.drift_zero + mirrors.drift_scale * float(angle.mean()))
-        shared[0, axis, axis] = mirrors.wobble**2 + drift**2
-    return shared
+    commanded = np.array([motion.commanded_theta.mean(), motion.commanded_phi.mean()])
+    white = ErrorParts.all_white(seen.covariance[0])
+    known = bool(seen.found[0])
+    theta, _, distance = seen.place[0] if known else (0.0, 0.0, 1.0)
+    noise, unlike = range_variances(scanner, distance, float(np.median(samples.signal)))
+    by_line = scenario.ranging == "triangulation"
+    surface = np.zeros((3, 3))
+    beam = float(scanner.laser.radius(distance))
+    if known and scanner.laser.speckle and looks.surface == "flat":
+        surface = surface_covariance(
+            samples,
+            seen,
+            SurfaceSpeckle(beam, light, _on_surface(scanner, distance), noise if by_line else math.inf),
+            looks.kind,
+            shining=shining_share(scenario),
+            axis_separation=mirrors.axis_separation,
+        )
+    reach = distance - scanner.receiver.baseline * math.sin(theta)
+    image = scanner.receiver.focal_length * scanner.receiver.baseline * math.cos(theta) / reach
+    return replace(
+        white,
+        white=white.white - surface,
+        surface=surface,
+        turn=np.asarray(beam / (0.5 * looks.diameter)),
+        pixels=np.asarray(unlike if by_line else 0.0),
+        image=np.asarray(image / scanner.position_sensor.pitch),
+        image_width=np.asarray(math.sqrt(image_variance(scanner, distance))),
+        wobble=np.asarray(mirrors.wobble**2),
+        wobble_time=np.asarray(mirrors.wobble_time),
+        wobble_angle=np.asarray(mirrors.wobble_angle),
+        drift=spread * (mirrors.drift_zero + mirrors.drift_scale * commanded),
+    )
 
 
-def common_range_variance(scanner: Scanner, distance: float, signal: float) -> float:
-    """Return the variance of the range [m²] that the voxels of a pattern share in triangulation.
+def range_variances(scanner: Scanner, distance: float, signal: float) -> tuple[float, float]:
+    """Return the variances of a range [m²] in triangulation: of one voxel without speckle, and by unlike pixels.
 
     The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
     estimate of the spot's place each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
     q_i′ and its variance v_i = σ_read² + q_i + (s q_i)² of read noise, shot noise and the response's relative standard
-    deviation s; s adds Σ (w_i s q_i)² to the place's variance, and ∂R/∂p = R²/(f d) makes it the range's.
+    deviation s; s adds Σ (w_i s q_i)² to the place's variance, the rest Σ w_i² (v_i − (s q_i)²), and
+    ∂R/∂p = R²/(f d) makes it the range's.
 
     Parameters
     ----------
@@ -291,17 +345,26 @@ def common_range_variance(scanner: Scanner, distance: float, signal: float) -> f
         Charge of the spot [electron].
     """
     sensor, receiver = scanner.position_sensor, scanner.receiver
-    if not (sensor.noise.prnu and sensor.prnu > 0.0 and signal > 0.0):
-        return 0.0
+    if not signal > 0.0:
+        return 0.0, 0.0
+    spread = sensor.prnu if sensor.noise.prnu else 0.0
     width = math.sqrt(image_variance(scanner, distance))
     edge = (np.arange(-8.0, 9.0) - _BETWEEN) / width
     density = exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
     charge, slope = signal * np.diff(ndtr(edge)), -signal * np.diff(density) / width
-    variance = sensor.read_noise**2 + charge + (sensor.prnu * charge) ** 2
+    random = sensor.read_noise**2 + charge
+    variance = random + (spread * charge) ** 2
     weight = slope / variance / float((slope**2 / variance).sum())
-    moved = float(((weight * sensor.prnu * charge) ** 2).sum())
     by_pixel = distance**2 * sensor.pitch / (receiver.focal_length * receiver.baseline)
-    return moved * by_pixel**2
+    moved = ((weight**2 * random).sum(), ((weight * spread * charge) ** 2).sum())
+    return float(moved[0]) * by_pixel**2, float(moved[1]) * by_pixel**2
+
+
+def _on_surface(scanner: Scanner, distance: float) -> float:
+    """Return the share of the variance of the light's place by speckle that comes from its place on the surface."""
+    optics, pitch = speckle_optics(scanner), scanner.position_sensor.pitch
+    variance = image_variance(scanner, distance) - (scanner.point_spread / pitch) ** 2
+    return float(packets_of(optics, variance, variance).on_surface)
 
 
 def image_variance(scanner: Scanner, distance: float) -> float:
