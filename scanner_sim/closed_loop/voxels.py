@@ -8,19 +8,16 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
-from scanner_sim.arithmetic import exp
+from scanner_sim.closed_loop.visit_errors import error_parts, image_variance, shining_share
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import averaged
-from scanner_sim.optics.speckle import packets, packets_of
+from scanner_sim.optics.speckle import packets
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
-from scanner_sim.scanner import Scanner, speckle_optics
 from scanner_sim.scenario import Scenario
 from scanner_sim.tracking.errors import ErrorParts
-from scanner_sim.tracking.lasting import SurfaceSpeckle, surface_covariance
-from scanner_sim.tracking.measurement import Measurement, TargetLooks, measure_target
+from scanner_sim.tracking.measurement import Measurement, measure_target
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
 from scanner_sim.tracking.state import TrackCommand
@@ -34,8 +31,6 @@ _UNEVEN = 0.01
 _MODEL = 5e-3
 """Relative differences between a target's response and its model, a straight edge and a round spot, without any noise:
 the scatter of 128 voxels on discs at 4 to 12 m, tilted by up to 20°: 0.3 to 1 %."""
-_BETWEEN = 0.75
-"""Place of a typical spot between the edges of its pixel, from the lower one."""
 _TOGETHER = 8192
 """Shots whose encoder noise is drawn together: it depends on their numbers alone."""
 
@@ -142,12 +137,6 @@ class SignalNoise:
             shining * motion.travel_theta, shining * np.cos(motion.true_theta) * motion.travel_phi, radius
         )
         return np.asarray(self._scenario.processing.speckle_contrast**2 * energy * left)
-
-
-def shining_share(scenario: Scenario) -> float:
-    """Return the share of a dwell in which there is light; a pulse lasts none."""
-    scanner = scenario.scanner
-    return 0.0 if scenario.ranging == "tof" else scanner.exposure / scanner.dwell
 
 
 def samples_of(
@@ -265,110 +254,3 @@ def unevenness(angles: Array) -> Array:
     spread = np.concatenate([third[:1], third, third[-1:], third[-1:]])
     spread[1:] = np.maximum(spread[1:], spread[:-1])
     return spread / 12.0
-
-
-def error_parts(
-    scenario: Scenario,
-    samples: PatternSamples,
-    seen: Measurement,
-    looks: TargetLooks,
-    motion: PatternMotion,
-    light: Array,
-) -> ErrorParts:
-    """Return what the error of a measured place is made of; its covariance as the voxels tell it is ``seen``'s.
-
-    Parameters
-    ----------
-    scenario
-        Instrument.
-    samples, seen
-        A pattern, and where its voxels show a target.
-    looks
-        What is known of the target.
-    motion
-        How the mirrors ran the pattern.
-    light
-        Relative variance of each voxel's light by speckle, shape (points,).
-    """
-    scanner, mirrors = scenario.scanner, scenario.scanner.mirrors
-    spread = mirrors.temperature.spread(motion.time[:1])[0]
-    commanded = np.array([motion.commanded_theta.mean(), motion.commanded_phi.mean()])
-    white = ErrorParts.all_white(seen.covariance[0])
-    known = bool(seen.found[0])
-    theta, _, distance = seen.place[0] if known else (0.0, 0.0, 1.0)
-    noise, unlike = range_variances(scanner, distance, float(np.median(samples.signal)))
-    by_line = scenario.ranging == "triangulation"
-    surface = np.zeros((3, 3))
-    beam = float(scanner.laser.radius(distance))
-    if known and scanner.laser.speckle and looks.surface == "flat":
-        surface = surface_covariance(
-            samples,
-            seen,
-            SurfaceSpeckle(beam, light, _on_surface(scanner, distance), noise if by_line else math.inf),
-            looks.kind,
-            shining=shining_share(scenario),
-            axis_separation=mirrors.axis_separation,
-        )
-    reach = distance - scanner.receiver.baseline * math.sin(theta)
-    image = scanner.receiver.focal_length * scanner.receiver.baseline * math.cos(theta) / reach
-    return replace(
-        white,
-        white=white.white - surface,
-        surface=surface,
-        turn=np.asarray(beam / (0.5 * looks.diameter)),
-        pixels=np.asarray(unlike if by_line else 0.0),
-        image=np.asarray(image / scanner.position_sensor.pitch),
-        image_width=np.asarray(math.sqrt(image_variance(scanner, distance))),
-        wobble=np.asarray(mirrors.wobble**2),
-        wobble_time=np.asarray(mirrors.wobble_time),
-        wobble_angle=np.asarray(mirrors.wobble_angle),
-        drift=spread * (mirrors.drift_zero + mirrors.drift_scale * commanded),
-    )
-
-
-def range_variances(scanner: Scanner, distance: float, signal: float) -> tuple[float, float]:
-    """Return the variances of a range [m²] in triangulation: of one voxel without speckle, and by unlike pixels.
-
-    The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
-    estimate of the spot's place each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
-    q_i′ and its variance v_i = σ_read² + q_i + (s q_i)² of read noise, shot noise and the response's relative standard
-    deviation s; s adds Σ (w_i s q_i)² to the place's variance, the rest Σ w_i² (v_i − (s q_i)²), and
-    ∂R/∂p = R²/(f d) makes it the range's.
-
-    Parameters
-    ----------
-    scanner
-        The instrument.
-    distance
-        Range [m].
-    signal
-        Charge of the spot [electron].
-    """
-    sensor, receiver = scanner.position_sensor, scanner.receiver
-    if not signal > 0.0:
-        return 0.0, 0.0
-    spread = sensor.prnu if sensor.noise.prnu else 0.0
-    width = math.sqrt(image_variance(scanner, distance))
-    edge = (np.arange(-8.0, 9.0) - _BETWEEN) / width
-    density = exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
-    charge, slope = signal * np.diff(ndtr(edge)), -signal * np.diff(density) / width
-    random = sensor.read_noise**2 + charge
-    variance = random + (spread * charge) ** 2
-    weight = slope / variance / float((slope**2 / variance).sum())
-    by_pixel = distance**2 * sensor.pitch / (receiver.focal_length * receiver.baseline)
-    moved = ((weight**2 * random).sum(), ((weight * spread * charge) ** 2).sum())
-    return float(moved[0]) * by_pixel**2, float(moved[1]) * by_pixel**2
-
-
-def _on_surface(scanner: Scanner, distance: float) -> float:
-    """Return the share of the variance of the light's place by speckle that comes from its place on the surface."""
-    optics, pitch = speckle_optics(scanner), scanner.position_sensor.pitch
-    variance = image_variance(scanner, distance) - (scanner.point_spread / pitch) ** 2
-    return float(packets_of(optics, variance, variance).on_surface)
-
-
-def image_variance(scanner: Scanner, distance: float) -> float:
-    """Return the variance [pixel²] of the spot on the line, on a surface that faces the scanner at a range [m]."""
-    pitch = scanner.position_sensor.pitch
-    beam = 0.5 * float(scanner.laser.radius(distance)) * scanner.receiver.focal_length / distance
-    return (scanner.point_spread**2 + beam**2) / pitch**2

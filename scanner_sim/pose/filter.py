@@ -57,8 +57,6 @@ class FilterState:
     covariance
         Of all errors, shape (12 m + 6 n + 1, 12 m + 6 n + 1): for each object (δt, δω, δv, δ rate), with position + δt
         and exp([δω]×) rotation, then the biases.
-    image
-        Where the targets' images were last on the line [pixel], shape (n,).
     """
 
     time: float
@@ -68,7 +66,6 @@ class FilterState:
     turn_rate: Array
     bias: Array
     covariance: Array
-    image: Array
 
     def covariance_of(self, number: int = 0) -> Array:
         """Return the covariance of one object's (δt, δω, δv, δ rate) [m, rad, m/s, rad/s], shape (12, 12)."""
@@ -148,20 +145,12 @@ class PoseFilter:
         spread = np.concatenate([np.tile(loose, bodies), np.ones(biases)])
         last = max(seen.values(), key=lambda record: record.time)
         still = np.zeros((bodies, 3))
+        whole, bias = np.diag(spread), RIGID * bodies
         state = FilterState(
-            last.time,
-            np.array(position),
-            np.array(rotation),
-            still,
-            still,
-            np.zeros(biases),
-            np.diag(spread),
-            still[0],
+            last.time, np.array(position), np.array(rotation), still, still, np.zeros(biases), whole
         )
-        _, image, together = self._targets_at(state, last)
-        whole = np.diag(spread)
-        whole[RIGID * bodies :, RIGID * bodies :] = together
-        return replace(state, covariance=whole, image=image)
+        whole[bias:, bias:] = self._targets_at(state, last)[2]
+        return state
 
     def updated(self, state: FilterState, record: PatternRecord) -> FilterState:
         """Return the state after a visit; one that measured nothing, or another target, changes nothing."""
@@ -223,7 +212,9 @@ class PoseFilter:
             rotation=product(turned, state.rotation),
         )
         sight, image, together = self._targets_at(ahead, record)
-        fade = self._fading(ahead, record, step, sight, image)
+        # From the rates alone: what noise does to a place is no motion.
+        moved = image - self._targets_at(state, record)[1]
+        fade = self._fading(ahead, record, step, sight, moved)
         bias = slice(RIGID * len(self.objects), size)
         onward[bias, bias] = np.diag(fade)
         # Fades are alike where processes are correlated, so that no noise has a negative variance.
@@ -232,21 +223,19 @@ class PoseFilter:
             ahead,
             bias=fade * state.bias,
             covariance=product(onward, state.covariance, onward.T) + noise,
-            image=image,
         )
 
     def _fading(
-        self, ahead: FilterState, record: PatternRecord, step: float, sight: Array, image: Array
+        self, ahead: FilterState, record: PatternRecord, step: float, sight: Array, moved: Array
     ) -> Array:
         """Return ρ of each bias, shape (6 n + 1,)."""
         errors = record.errors
-        fade = np.ones((len(image), _OWN))
+        fade = np.ones((len(moved), _OWN))
         for number, (body, _) in enumerate(self.targets.values()):
             roll = abs(float((ahead.turn_rate[body] * sight[number]).sum()))
             fade[number, :3] = exp(-roll * abs(step) / errors.turn)
         fade[:, 3:5] = exp(-abs(step) / (WOBBLE_LASTS * errors.wobble_time))
-        moved = np.sqrt(((image - ahead.image) ** 2).mean())
-        fade[:, 5] = exp(-moved / errors.image_width)
+        fade[:, 5] = exp(-np.sqrt((moved**2).mean()) / errors.image_width)
         return np.concatenate([fade.ravel(), [1.0]])
 
     def _targets_at(self, state: FilterState, record: PatternRecord) -> tuple[Array, Array, Array]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.errors import InputError
+from scanner_sim.products.error_columns import ERRORS, error_columns, errors_from
 from scanner_sim.products.exchange import recover
 from scanner_sim.products.folder import Kind
 from scanner_sim.products.settings import Output
@@ -51,19 +52,6 @@ _ANGULAR, _SPATIAL = ("theta_rad", "phi_rad", "range_m"), ("x_m", "y_m", "z_m")
 _CORNERS = ((0, 1), (0, 2), (1, 2))
 _ANGULAR_CROSS = ("cov_theta_phi_rad2", "cov_theta_range_rad_m", "cov_phi_range_rad_m")
 _SPATIAL_CROSS = ("cov_xy_m2", "cov_xz_m2", "cov_yz_m2")
-_SURFACE = tuple(f"surface_{name}" for name in _ANGULAR)
-_SURFACE_CROSS = "cov_surface_theta_phi_rad2"
-_PART = {
-    "turn": "surface_turn_rad",
-    "image": "image_pixel",
-    "image_width": "image_width_pixel",
-    "wobble_time": "wobble_time_s",
-    "wobble_angle": "wobble_angle_rad",
-}
-"""Columns of fields of :class:`~scanner_sim.tracking.errors.ErrorParts` as they are."""
-_PART_SIGMA = {"pixels": "sigma_pixels_range_m", "wobble": "sigma_wobble_rad"}
-"""Columns of their variances."""
-_DRIFT = ("drift_theta_rad", "drift_phi_rad")
 _VOXEL = {
     "time": "time_s",
     "theta": "theta_rad",
@@ -77,20 +65,13 @@ _VOXEL = {
 
 
 _SIGMAS = tuple(f"sigma_{name}" for name in (*_ANGULAR, *_SPATIAL))
-_PARTS = (
-    *(f"sigma_{name}" for name in _SURFACE),
-    _SURFACE_CROSS,
-    *_PART.values(),
-    *_PART_SIGMA.values(),
-    *_DRIFT,
-)
 _TABLE_KINDS: dict[str, ColumnKind] = {
     **dict.fromkeys(("time_s", "amplitude_rad", "centre_theta_rad", "centre_phi_rad"), "finite"),
     **dict.fromkeys(
         (prefix + name for prefix in ("", "truth_") for name in (*_ANGULAR, *_SPATIAL)), "number"
     ),
     # Of what was refused a fit may state any uncertainty.
-    **dict.fromkeys((*_SIGMAS, *_ANGULAR_CROSS, *_SPATIAL_CROSS, *_PARTS), "any"),
+    **dict.fromkeys((*_SIGMAS, *_ANGULAR_CROSS, *_SPATIAL_CROSS, *ERRORS), "any"),
     **dict.fromkeys(("target", "state", "next_state", "refusal"), "text"),
     **dict.fromkeys(("visit", "status"), "whole"),
 }
@@ -190,34 +171,7 @@ def track_columns(track: Track) -> dict[str, NDArray[Any]]:
     for names, matrices in ((_ANGULAR_CROSS, angular), (_SPATIAL_CROSS, spatial)):
         columns |= {name: matrices[:, i, j] for name, (i, j) in zip(names, _CORNERS, strict=True)}
     none = ErrorParts.all_white(np.zeros((0, 3, 3)))
-    return columns | _part_columns(ErrorParts.stacked([one.errors for one in records]) if records else none)
-
-
-def _part_columns(parts: ErrorParts) -> dict[str, NDArray[Any]]:
-    """Return the columns of the parts of errors."""
-    columns: dict[str, NDArray[Any]] = {}
-    for prefix, matrices in (("white_", parts.white), ("surface_", parts.surface)):
-        sigmas = np.sqrt(np.maximum(np.diagonal(matrices, axis1=1, axis2=2), 0.0))
-        columns |= {f"sigma_{prefix}{name}": row for name, row in zip(_ANGULAR, sigmas.T, strict=True)}
-    columns[_SURFACE_CROSS] = parts.surface[:, 0, 1]
-    columns |= {name: getattr(parts, field) for field, name in _PART.items()}
-    columns |= {name: np.sqrt(getattr(parts, field)) for field, name in _PART_SIGMA.items()}
-    return columns | dict(zip(_DRIFT, parts.drift.T, strict=True))
-
-
-def _parts(columns: Columns, covariance: Array) -> ErrorParts:
-    """Return the parts of errors from their columns; white is what they leave of the covariance."""
-    surface = np.zeros_like(covariance)
-    drift = np.stack([columns[name] for name in _DRIFT], axis=1)
-    plain = {field: columns[name] for field, name in _PART.items()}
-    # Of what was refused a fit may state any uncertainty.
-    with np.errstate(over="ignore", invalid="ignore"):
-        for axis, name in enumerate(_SURFACE):
-            surface[:, axis, axis] = columns[f"sigma_{name}"] ** 2
-        surface[:, 0, 1] = surface[:, 1, 0] = columns[_SURFACE_CROSS]
-        squared = {field: columns[name] ** 2 for field, name in _PART_SIGMA.items()}
-        rest = ErrorParts(white=np.zeros_like(surface), surface=surface, drift=drift, **plain, **squared)
-        return replace(rest, white=covariance - rest.whole)
+    return columns | error_columns(ErrorParts.stacked([one.errors for one in records]) if records else none)
 
 
 def voxel_columns(track: Track) -> dict[str, NDArray[Any]]:
@@ -307,7 +261,7 @@ def _check_order(columns: Columns, voxels: Columns | None, known: set[str]) -> N
     if (np.diff(columns["visit"]) <= 0).any() or (columns["visit"][:1] < 0).any():
         raise ValueError("visits are not numbered in order")
     measured = columns["status"] == TrackStatus.MEASURED
-    if not all((columns[name][measured] < MOST).all() for name in (*_SIGMAS, *_ANGULAR, *_SPATIAL)):
+    if not all((columns[name][measured] < MOST).all() for name in (*_SIGMAS, *_ANGULAR, *_SPATIAL, *ERRORS)):
         raise ValueError("a target was measured, but its place or its uncertainty is no number of any sense")
     if voxels is not None:
         if (np.diff(voxels["visit"]) < 0).any():
@@ -355,7 +309,10 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
     )
     truth, truth_point = together(_ANGULAR, "truth_"), together(_SPATIAL, "truth_")
     angular, spatial = matrices(_ANGULAR, _ANGULAR_CROSS), matrices(_SPATIAL, _SPATIAL_CROSS)
-    samples, errors = _samples(columns["visit"], voxels), _parts(columns, angular)
+    samples, errors = _samples(columns["visit"], voxels), errors_from(columns, angular)
+    measured = columns["status"] == TrackStatus.MEASURED
+    if not (np.diagonal(errors.white, axis1=1, axis2=2)[measured] > 0.0).all():
+        raise ValueError("a part of an uncertainty is larger than the whole")
     return [
         PatternRecord(
             number=int(columns["visit"][row]),

@@ -139,7 +139,7 @@ def _plane_of(samples: PatternSamples, seen: Measurement, axis_separation: float
 def _design(columns: Array, told: Mask, sigma: Array) -> Array:
     """Return (1, columns) of voxels over the variance of their ranges, nothing for those that tell none."""
     weight = np.where(told, 1.0 / np.where(told, sigma, 1.0) ** 2, 0.0)
-    return weight * np.stack([np.ones_like(weight), *columns])
+    return np.asarray(weight * np.stack([np.ones_like(weight), *columns]))
 
 
 def _centre_gains(
