@@ -29,7 +29,7 @@ from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.estimate import estimate_pose
 from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.tracking.errors import pixel_correlation
-from scanner_sim.tracking.record import PatternRecord, TrackStatus
+from scanner_sim.tracking.record import PatternRecord, TrackStatus, TrackTarget
 from scanner_sim.tracking.state import TrackMode
 
 Array = NDArray[np.float64]
@@ -95,6 +95,22 @@ class PoseFilter:
     turn_acceleration: float = 1e-6
     fastest: float = 0.1
     fastest_turn: float = 0.1
+
+    @classmethod
+    def of(
+        cls,
+        targets: Sequence[TrackTarget],
+        axis_separation: float,
+        *,
+        acceleration: float = 1e-6,
+        turn_acceleration: float = 1e-6,
+    ) -> PoseFilter:
+        """Return the filter for all objects that carry at least three of a run's targets; see the attributes."""
+        every: dict[str, dict[str, ArrayLike]] = {}
+        for target in targets:
+            every.setdefault(target.object, {})[target.name] = target.centre
+        carriers = {name: own for name, own in every.items() if len(own) >= 3}
+        return cls(carriers, axis_separation, acceleration, turn_acceleration)
 
     @property
     def targets(self) -> dict[str, tuple[int, Array]]:

@@ -13,8 +13,8 @@ those of an average one have in common
 with t_i the way from voxel to voxel, ρ = exp(−δ²/w²) of the light and (1 − 2δ_x²/w²) exp(−δ²/w²) of its place along the
 line (:mod:`scanner_sim.optics.speckle`). The white part is the rest.
 
-Not modelled, as in :mod:`scanner_sim.detector.speckle`: what overlapping dwells have in common beyond their middles. It
-would make more of the speckle last: near two thirds of what single voxels have instead of a third.
+Not modelled, as in :mod:`scanner_sim.detector.speckle`: what overlapping dwells have in common beyond their middles. Of
+a beam that sweeps three of its radii in a dwell it would make nearly all of the speckle last, instead of half of it.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from scanner_sim.analytic import geometry
-from scanner_sim.closed_loop.poses import carriers_of, true_poses
+from scanner_sim.closed_loop.poses import true_poses
 from scanner_sim.closed_loop.track import track
 from scanner_sim.config import scenario_from_text
 from scanner_sim.errors import InputError
@@ -184,11 +184,8 @@ scan: {{type: track, duration: 1.6 s, targets: [node]}}
 def last_errors(made: Track) -> list[float]:
     """Squared errors after the last visit, by the filter fed with parts and with white noise."""
     scenario = scenario_from_text(made.scenario_yaml, name="scenario")
-    objects = {
-        name: {target.name: target.centre for target in own}
-        for name, own in carriers_of(made.targets).items()
-    }
-    poses = PoseFilter(objects, scenario.scanner.mirrors.axis_separation, UNREST, UNREST)
+    separation = scenario.scanner.mirrors.axis_separation
+    poses = PoseFilter.of(made.targets, separation, acceleration=UNREST, turn_acceleration=UNREST)
     found = []
     for some in (list(made.records), white(list(made.records))):
         state = followed(poses, some, 12)
