@@ -34,11 +34,11 @@ from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_PARTS = 4
+_PARTS = 3
 """Points of the curve for each voxel: the beam is wider than the way between two of them."""
 _REACH = 2.5
 """Radii of the beam beyond which two points have nothing in common, 2e-3."""
-_FAINT = 1e-3
+_FAINT = 0.01
 """Share of the largest error of a voxel that does not count."""
 _RIM = 3.0
 """Standard deviations of the spot from the rim within which voxels tell the centre, and not the range."""
@@ -100,9 +100,35 @@ def surface_covariance(
     ndarray
         Shape (3, 3) [rad, rad, m]; at most nine tenths of the variance that the voxels tell.
     """
+    if not (seen.found[0] and seen.radius[0] > 0.0 and samples.valid[0].sum() >= _FEWEST):
+        return np.zeros((3, 3))
+    # Of patterns that hardly show a target nothing is told.
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        result = _surface(samples, seen, speckle, kind, shining, axis_separation)
+        limited = _limited(result, seen.covariance[0])
+    return limited if np.isfinite(limited).all() else np.zeros((3, 3))
+
+
+def _limited(part: Array, whole: Array) -> Array:
+    """Return a part of a covariance, of (Θ, φ) and of R, that leaves a tenth of the whole in every direction."""
+    ratio = product(inverse(whole[:2, :2]), part[:2, :2])
+    middle = 0.5 * (ratio[0, 0] + ratio[1, 1])
+    spread = middle**2 - ratio[0, 0] * ratio[1, 1] + ratio[0, 1] * ratio[1, 0]
+    largest = np.array([middle + np.sqrt(np.maximum(spread, 0.0)), part[2, 2] / whole[2, 2]])
+    scale = np.minimum(1.0, _MOST / np.maximum(largest, _MOST))[[0, 0, 1]]
+    return np.asarray(part * scale)
+
+
+def _surface(
+    samples: PatternSamples,
+    seen: Measurement,
+    speckle: SurfaceSpeckle,
+    kind: TargetKind,
+    shining: float,
+    axis_separation: float,
+) -> Array:
+    """Return :func:`surface_covariance` as the voxels' gains give it."""
     result, told = np.zeros((3, 3)), samples.valid[0]
-    if not (seen.found[0] and seen.radius[0] > 0.0 and told.sum() >= _FEWEST):
-        return result
     plane = _plane_of(samples, seen, axis_separation)
     shown, _ = plane.flattened(samples)
     reach, spot = float(plane.distance[0]), 0.5 * speckle.radius
@@ -119,10 +145,9 @@ def surface_covariance(
     inside = told & clear & part.get(kind, off < radius)
     inside = inside if inside.sum() >= _FEWEST else told
     moved = _range_gains(samples, place / radius, inside) * _of_speckle(samples, speckle.range_noise)
-    result[2, 2] = _common(place, rise, moved[None], speckle.radius, speckle.on_surface)[0, 0]
-    most = np.diagonal(seen.covariance[0])
-    limit = np.sqrt(np.minimum(1.0, _MOST * most / np.maximum(np.diagonal(result), 1e-300)))
-    return np.asarray(result * limit[:, None] * limit)
+    kept = _common(place, rise, moved[None], speckle.radius, speckle.on_surface)[0, 0]
+    result[2, 2] = np.maximum(kept, 0.0)
+    return result
 
 
 def _plane_of(samples: PatternSamples, seen: Measurement, axis_separation: float) -> TargetPlane:
@@ -160,7 +185,7 @@ def _centre_gains(
         product(levels * weight, levels.T), product(levels * weight, np.nan_to_num(signal)[:, None])
     )[:, 0]
     steep = (high - low) * slope * spot
-    jacobian = np.stack([steep * place[0] / off, steep * place[1] / off, steep, *(levels * high)])
+    jacobian = np.stack([*(steep * place / np.maximum(off, 1e-12)), steep, *(levels * high)])
     weighted = jacobian * weight
     return np.asarray(spot * solve_linear(product(weighted, jacobian.T), weighted)[:2])
 
@@ -187,7 +212,8 @@ def _common(place: Array, rise: Array, errors: Array, radius: float, on_surface:
     half = 0.5 * np.hypot(*way)
     apart = at[:, :, None] - at[:, None]
     # Every pair but once.
-    one, other = np.nonzero(np.triu(np.hypot(*apart) < _REACH + half[:, None] + half))
+    near = apart[0] ** 2 + apart[1] ** 2 < (_REACH + half[:, None] + half) ** 2
+    one, other = np.nonzero(np.triu(near))
     steps = (np.arange(_PARTS) + 0.5) / _PARTS - 0.5
     begun = way[:, one, None, None] * steps[:, None] - way[:, other, None, None] * steps
     across, down = apart[:, one, other, None, None] + begun

@@ -43,6 +43,7 @@ def test_the_surface_keeps_as_much_of_the_error_as_is_stated() -> None:
             assert len(late) >= 6
             error = np.array([record.place - record.truth for record in late])
             stated = np.mean([np.diagonal(record.errors.surface) for record in late], axis=0)
+            assert np.linalg.eigvalsh([record.errors.white for record in late]).min() > 0.0
             count = len(late)
             product = (error.sum(axis=0) ** 2 - (error**2).sum(axis=0)) / (count * (count - 1))
             ratios.append(product / stated)
