@@ -14,10 +14,10 @@ from scanner_sim.arithmetic import exp
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import averaged
 from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.optics.speckle import packets
+from scanner_sim.optics.speckle import packets, packets_of
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
-from scanner_sim.scanner import Scanner
+from scanner_sim.scanner import Scanner, speckle_optics
 from scanner_sim.scenario import Scenario
 from scanner_sim.tracking.measurement import Measurement, measure_target
 from scanner_sim.tracking.record import TrackTarget
@@ -26,8 +26,6 @@ from scanner_sim.tracking.state import TrackCommand
 
 Array = NDArray[np.float64]
 
-_SUMMED = 9
-"""Pixels whose charge is a peak's signal."""
 _UNEVEN = 0.01
 """Relative differences of the light from a surface that no noise explains, on a photodiode that sees the whole spot."""
 _MODEL = 5e-3
@@ -110,22 +108,46 @@ class SignalNoise:
     def sigma(self, layers: dict[str, NDArray[Any]], motion: PatternMotion, expected_range: float) -> Array:
         """Return the standard deviations of the signals of a pattern, shape (points,), in their own unit.
 
-        Line sensor: σ² = 9 (κ N/q)² + (c N)² + (0.005 N)², the last for what the model of a target
-        leaves. N is the charge of nine pixels, κ the share of the brightest one for a
-        spot that faces the scanner at the expected range, q the height over the noise of that pixel, which is that of
-        all but the speckle. c is the contrast of the whole spot's speckle, c² = C² A/M of the beam's image
-        (:mod:`scanner_sim.optics.speckle`) with what the dwell leaves of its variance, A. Photodiode: N/q, 1 % of N,
-        for its noise is below what surfaces and light are uneven by, and the same c without a dwell.
+        Line sensor: σ² = σ_N² + (c N)² + (0.005 N)², the last for what the model of a target leaves. N is the charge of
+        nine pixels, σ_N its standard deviation by noise and by the light beneath it (:mod:`scanner_sim.signals.peaks`).
+        c is the contrast of the whole spot's speckle, c² = C² A/M of the beam's image
+        (:mod:`scanner_sim.optics.speckle`) with what the dwell leaves of its variance, A. Photodiode: N/q with the
+        height q of the echo over the noise, 1 % of N, for its noise is below what surfaces and light are uneven by, and
+        the same c without a dwell.
         """
         signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
         timed = self._scenario.ranging == "tof"
-        ratio = np.asarray(layers["tof.snr_detection" if timed else "snr_detection"], dtype=np.float64)
-        noise = signal / np.maximum(np.nan_to_num(ratio), 1.0)
-        scanner, speckle = self._scenario.scanner, self._relative(motion, expected_range, timed)
+        speckle = self._relative(motion, expected_range, timed)
         if timed:
-            return np.asarray(np.sqrt(noise**2 + (_UNEVEN**2 + speckle) * signal**2))
-        brightest = math.erf(0.5 / math.sqrt(2.0 * image_variance(scanner, expected_range)))
-        return np.asarray(np.sqrt(_SUMMED * (brightest * noise) ** 2 + (speckle + _MODEL**2) * signal**2))
+            ratio = np.asarray(layers["tof.snr_detection"], dtype=np.float64)
+            noise, least = signal / np.maximum(np.nan_to_num(ratio), 1.0), _UNEVEN
+        else:
+            noise, least = np.asarray(layers["sigma_Y"], dtype=np.float64), _MODEL
+        return np.asarray(np.sqrt(noise**2 + (least**2 + speckle) * signal**2))
+
+    def grain(self, motion: PatternMotion, distance: float) -> float:
+        """Return V, the speckle of single pixels by which the ranges' fit weighs them, mean over a pattern.
+
+        See :attr:`~scanner_sim.signals.speckle.SpotSpeckle.single`.
+        """
+        scanner = self._scenario.scanner
+        if not scanner.laser.speckle:
+            return 0.0
+        optics, radius = speckle_optics(scanner), float(scanner.laser.radius(distance))
+        beam = (
+            0.5 * radius * scanner.receiver.focal_length / (distance * scanner.position_sensor.pitch)
+        ) ** 2
+        light = packets_of(optics, beam, beam)
+        _, others = light.moving(*self._averaged(motion, distance, scanner.exposure / scanner.dwell))
+        contrast = self._scenario.processing.speckle_contrast
+        return float(contrast**2 * light.energy * np.mean(others) * light.ratio**4)
+
+    def _averaged(self, motion: PatternMotion, distance: float, shining: float) -> tuple[Array, Array]:
+        """Return what the dwells of a pattern leave of the variance of energies and places, at a range [m]."""
+        way, radius = shining * distance, float(self._scenario.scanner.laser.radius(distance))
+        return averaged(
+            way * motion.travel_theta, way * np.cos(motion.true_theta) * motion.travel_phi, radius
+        )
 
     def _relative(self, motion: PatternMotion, distance: float, timed: bool) -> Array | float:
         """Return the relative variance of the light of spots at a range [m] by speckle; a pulse lasts no dwell."""
@@ -136,10 +158,7 @@ class SignalNoise:
         radius = float(laser.radius(distance))
         # σ_b/(λN) with σ_b = (w/2) f/R: the focal length goes.
         energy = 1.0 / packets(0.5 * radius * receiver.aperture / (laser.wavelength * distance))
-        shining = 0.0 if timed else scanner.exposure / scanner.dwell * distance
-        left, _ = averaged(
-            shining * motion.travel_theta, shining * np.cos(motion.true_theta) * motion.travel_phi, radius
-        )
+        left, _ = self._averaged(motion, distance, 0.0 if timed else scanner.exposure / scanner.dwell)
         return np.asarray(self._scenario.processing.speckle_contrast**2 * energy * left)
 
 
@@ -241,7 +260,9 @@ class Eye:
         )
         shared = common_covariance(scanner.mirrors, motion)
         if self._scenario.ranging == "triangulation":
-            shared[0, 2, 2] = common_range_variance(scanner, expected, float(np.median(samples.signal)))
+            grain = self._noise.grain(motion, expected)
+            unlike = common_range_variance(scanner, expected, float(np.median(samples.signal)), grain)
+            shared[0, 2, 2] = unlike * alike(scanner, samples, expected)
         return samples, replace(seen, covariance=seen.covariance + shared)
 
 
@@ -273,13 +294,14 @@ def common_covariance(mirrors: Mirrors, motion: PatternMotion) -> Array:
     return shared
 
 
-def common_range_variance(scanner: Scanner, distance: float, signal: float) -> float:
-    """Return the variance of the range [m²] that the voxels of a pattern share in triangulation.
+def common_range_variance(scanner: Scanner, distance: float, signal: float, grain: float = 0.0) -> float:
+    """Return the variance of the range [m²] that voxels on the same pixels share in triangulation.
 
     The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
     estimate of the spot's place each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
-    q_i′ and its variance v_i = σ_read² + q_i + (s q_i)² of read noise, shot noise and the response's relative standard
-    deviation s; s adds Σ (w_i s q_i)² to the place's variance, and ∂R/∂p = R²/(f d) makes it the range's.
+    q_i′ and its variance v_i = σ_read² + q_i + (s q_i)² + V N q_i of read noise, shot noise, the response's relative
+    standard deviation s and what the fit's weights know of speckle; s adds Σ (w_i s q_i)² to the place's variance, and
+    ∂R/∂p = R²/(f d) makes it the range's.
 
     Parameters
     ----------
@@ -288,7 +310,9 @@ def common_range_variance(scanner: Scanner, distance: float, signal: float) -> f
     distance
         Range [m].
     signal
-        Charge of the spot [electron].
+        Charge N of the spot [electron].
+    grain
+        V (:meth:`SignalNoise.grain`); 0 for light without speckle.
     """
     sensor, receiver = scanner.position_sensor, scanner.receiver
     if not (sensor.noise.prnu and sensor.prnu > 0.0 and signal > 0.0):
@@ -297,11 +321,30 @@ def common_range_variance(scanner: Scanner, distance: float, signal: float) -> f
     edge = (np.arange(-8.0, 9.0) - _BETWEEN) / width
     density = exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
     charge, slope = signal * np.diff(ndtr(edge)), -signal * np.diff(density) / width
-    variance = sensor.read_noise**2 + charge + (sensor.prnu * charge) ** 2
+    variance = sensor.read_noise**2 + charge + (sensor.prnu * charge) ** 2 + grain * signal * charge
     weight = slope / variance / float((slope**2 / variance).sum())
     moved = float(((weight * sensor.prnu * charge) ** 2).sum())
     by_pixel = distance**2 * sensor.pitch / (receiver.focal_length * receiver.baseline)
     return moved * by_pixel**2
+
+
+def alike(scanner: Scanner, samples: PatternSamples, expected: float) -> float:
+    """Return the share of the variance by unlike pixels that is left in the mean range of a pattern's voxels.
+
+    Spots on a tilted target stand on different pixels. Images Δ pixels apart, of standard deviation s, share
+    (1 − Δ²/2s²) exp(−Δ²/4s²) of what unlike pixels do to them, the correlation of Σ x q(x) ε(x) for two Gaussian images
+    q over white ε; the mean over all pairs of voxels, each weighed by 1/σ_R². Image positions by eq 1.
+    """
+    receiver, valid = scanner.receiver, samples.valid[0]
+    if not valid.any():
+        return 1.0
+    theta, reach = samples.theta[0, valid], samples.range[0, valid]
+    weight = 1.0 / np.maximum(samples.sigma_range[0, valid], 1e-9) ** 2
+    base = receiver.focal_length * receiver.baseline / scanner.position_sensor.pitch
+    pixel = base * np.cos(theta) / (reach - receiver.baseline * np.sin(theta))
+    squared = (pixel[:, None] - pixel) ** 2 / image_variance(scanner, expected)
+    correlation = (1.0 - 0.5 * squared) * exp(-0.25 * squared)
+    return float((weight[:, None] * weight * correlation).sum() / weight.sum() ** 2)
 
 
 def image_variance(scanner: Scanner, distance: float) -> float:
