@@ -130,7 +130,7 @@ def measure_target(
         plane, slope = _plane_of(samples, ranged, looks, centre, middle, stamp, axis_separation, first)
         centre, ranged = see.on(plane, centre)
         if see.fits:
-            centre = replace(centre, covariance=centre.covariance + see.by_slope(plane, slope, centre))
+            centre = centre.worse_by(see.by_slope(plane, slope, centre))
     ranges, spread, enough = _ranges(samples, ranged, looks, centre, stamp, plane)
     distance = np.where(enough, ranges[:, 0], np.nan)
     place = np.concatenate([centre.centre, distance[:, None]], axis=1)
@@ -143,7 +143,8 @@ def measure_target(
         sigma_radius=centre.sigma_radius,
         misfit=centre.misfit,
         fraction=response.fraction,
-        found=centre.found & np.isfinite(distance),
+        # What is as uncertain as it is large has not been measured.
+        found=centre.found & (covariance[:, 2, 2] < distance**2),
     )
 
 
