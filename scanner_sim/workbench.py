@@ -224,11 +224,14 @@ class Workbench:
         like = None if self.like is None else self.like.echoes
         return EchoBench(self.scenario, self.loaded, self.optics, like)
 
-    def measure(self, aim: Aim, *, line: Any = None, field: Any = None) -> dict[str, NDArray[Any]]:
+    def measure(
+        self, aim: Aim, *, line: Any = None, field: Any = None, details: bool = False
+    ) -> dict[str, NDArray[Any]]:
         """Return the layers of the shots of an aim: each of shape (n,).
 
         Layers without a prefix hold the triangulation where there is one, and otherwise time of flight. ``line`` and
-        ``field`` are the panoramas that line sensor and photodiode see, where they are not the raster's.
+        ``field`` are the panoramas that line sensor and photodiode see, where they are not the raster's. ``details``
+        adds what images do not keep: ``sigma_Y``, the standard deviation of the line's ``Y`` by all but speckle.
         """
         shots, pointing = self.fire(aim)
         deflections = self.deflections(aim, pointing)
@@ -236,6 +239,8 @@ class Workbench:
         ranging = self.scenario.ranging
         if ranging != "tof":
             truth, ranges, layers = self._triangulated(aim, shots, deflections, line)
+            if not details:
+                del layers["sigma_Y"]
         if ranging != "triangulation":
             truth, echo, more = self.echoes.measure(shots, deflections, field)
             layers |= more
@@ -254,8 +259,8 @@ class Workbench:
         """Return truth, ranges and the line sensor's own layers."""
         truth, groups = self._exposed(aim, shots, panorama)
         n = len(aim.shot)
-        peak, sigma_peak, signal, snr, laser, window, error, brightest = (
-            np.full(n, np.nan) for _ in range(8)
+        peak, sigma_peak, signal, sigma_signal, snr, laser, window, error, brightest = (
+            np.full(n, np.nan) for _ in range(9)
         )
         status = np.zeros(n, dtype=np.uint32)
         for group in groups:
@@ -263,6 +268,7 @@ class Workbench:
             peak[group.index] = peaks.position.numpy()
             sigma_peak[group.index] = peaks.sigma.numpy()
             signal[group.index] = peaks.signal.numpy()
+            sigma_signal[group.index] = peaks.sigma_signal.numpy()
             snr[group.index] = peaks.snr.numpy()
             budget = group.light.link_budget()
             laser[group.index] = budget.laser.numpy()
@@ -272,7 +278,7 @@ class Workbench:
             status[group.index] = peaks.status.numpy()
         ranges = self.ranges(peak, sigma_peak, status, deflections)
         layers = self.line_layers(peak, sigma_peak, signal, snr, laser, window, error, brightest)
-        return truth, ranges, layers
+        return truth, ranges, layers | {"sigma_Y": sigma_signal}
 
     def line_layers(
         self,

@@ -63,7 +63,7 @@ class PatternBench:
                 None if windows is None else windows.panorama(windows.seen_by(aim))
                 for windows in (self.windows, self.field_windows)
             )
-            return self.bench.measure(aim, line=line, field=field)
+            return self.bench.measure(aim, line=line, field=field, details=True)
         from scanner_sim.render.pattern_shots import packed_shots
         from scanner_sim.render.shots import Pointing
 
@@ -94,6 +94,7 @@ class PatternBench:
             values["seen_theta"],
             values["seen_phi"],
         )
+        layers["sigma_Y"] = values["sigma_signal"]
         return finished_layers(layers, ranges, aim, pointing, truth)
 
     @cached_property
@@ -156,6 +157,7 @@ class PatternBench:
             "peak": peaks.position,
             "sigma_peak": peaks.sigma,
             "signal": peaks.signal,
+            "sigma_signal": peaks.sigma_signal,
             "snr": peaks.snr,
             "laser": budget.laser,
             "window": budget.background,

@@ -14,7 +14,7 @@ from scanner_sim.optics.speckle import packets_of
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.scanner import Scanner, speckle_optics
 from scanner_sim.scenario import Scenario
-from scanner_sim.tracking.errors import ErrorParts
+from scanner_sim.tracking.errors import ErrorParts, pixel_correlation
 from scanner_sim.tracking.lasting import SurfaceSpeckle, surface_covariance
 from scanner_sim.tracking.measurement import Measurement, TargetLooks
 from scanner_sim.tracking.samples import PatternSamples
@@ -32,6 +32,7 @@ def error_parts(
     looks: TargetLooks,
     motion: PatternMotion,
     light: Array,
+    grain: float,
 ) -> ErrorParts:
     """Return what the error of a measured place is made of; its covariance as the voxels tell it is ``seen``'s.
 
@@ -47,6 +48,8 @@ def error_parts(
         How the mirrors ran the pattern.
     light
         Relative variance of each voxel's light by speckle, shape (points,).
+    grain
+        V of the ranges' weights (:attr:`~scanner_sim.signals.speckle.SpotSpeckle.single`).
     """
     scanner, mirrors = scenario.scanner, scenario.scanner.mirrors
     spread = mirrors.temperature.spread(motion.time[:1])[0]
@@ -54,7 +57,7 @@ def error_parts(
     white = ErrorParts.all_white(seen.covariance[0])
     known = bool(seen.found[0])
     theta, _, distance = seen.place[0] if known else (0.0, 0.0, 1.0)
-    noise, unlike = range_variances(scanner, distance, float(np.median(samples.signal)))
+    noise, unlike = range_variances(scanner, distance, float(np.median(samples.signal)), grain)
     by_line = scenario.ranging == "triangulation"
     surface = np.zeros((3, 3))
     beam = float(scanner.laser.radius(distance))
@@ -74,7 +77,7 @@ def error_parts(
         white=white.white - surface,
         surface=surface,
         turn=np.asarray(beam / (0.5 * looks.diameter)),
-        pixels=np.asarray(unlike if by_line else 0.0),
+        pixels=np.asarray(unlike * alike(scanner, samples, distance) if by_line else 0.0),
         image=np.asarray(image / scanner.position_sensor.pitch),
         image_width=np.asarray(math.sqrt(image_variance(scanner, distance))),
         wobble=np.asarray(mirrors.wobble**2),
@@ -84,14 +87,16 @@ def error_parts(
     )
 
 
-def range_variances(scanner: Scanner, distance: float, signal: float) -> tuple[float, float]:
+def range_variances(
+    scanner: Scanner, distance: float, signal: float, grain: float = 0.0
+) -> tuple[float, float]:
     """Return the variances of a range [m²] in triangulation: of one voxel without speckle, and by unlike pixels.
 
     The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
     estimate of the spot's place each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
-    q_i′ and its variance v_i = σ_read² + q_i + (s q_i)² of read noise, shot noise and the response's relative standard
-    deviation s; s adds Σ (w_i s q_i)² to the place's variance, the rest Σ w_i² (v_i − (s q_i)²), and
-    ∂R/∂p = R²/(f d) makes it the range's.
+    q_i′ and its variance v_i = σ_read² + q_i + (s q_i)² + V N q_i of read noise, shot noise, the response's relative
+    standard deviation s and what the fit's weights know of speckle; s adds Σ (w_i s q_i)² to the place's variance, the
+    first two Σ w_i² (σ_read² + q_i), and ∂R/∂p = R²/(f d) makes it the range's.
 
     Parameters
     ----------
@@ -100,7 +105,9 @@ def range_variances(scanner: Scanner, distance: float, signal: float) -> tuple[f
     distance
         Range [m].
     signal
-        Charge of the spot [electron].
+        Charge N of the spot [electron].
+    grain
+        V; 0 for light without speckle.
     """
     sensor, receiver = scanner.position_sensor, scanner.receiver
     if not signal > 0.0:
@@ -111,11 +118,29 @@ def range_variances(scanner: Scanner, distance: float, signal: float) -> tuple[f
     density = exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
     charge, slope = signal * np.diff(ndtr(edge)), -signal * np.diff(density) / width
     random = sensor.read_noise**2 + charge
-    variance = random + (spread * charge) ** 2
+    variance = random + (spread * charge) ** 2 + grain * signal * charge
     weight = slope / variance / float((slope**2 / variance).sum())
     by_pixel = distance**2 * sensor.pitch / (receiver.focal_length * receiver.baseline)
     moved = ((weight**2 * random).sum(), ((weight * spread * charge) ** 2).sum())
     return float(moved[0]) * by_pixel**2, float(moved[1]) * by_pixel**2
+
+
+def alike(scanner: Scanner, samples: PatternSamples, expected: float) -> float:
+    """Return the share of the variance by unlike pixels that is left in the mean range of a pattern's voxels.
+
+    Spots on a tilted target stand on different pixels. Images Δ pixels apart, of standard deviation s, share
+    (1 − Δ²/2s²) exp(−Δ²/4s²) of what unlike pixels do to them, the correlation of Σ x q(x) ε(x) for two Gaussian images
+    q over white ε; the mean over all pairs of voxels, each weighed by 1/σ_R². Image positions by eq 1.
+    """
+    receiver, valid = scanner.receiver, samples.valid[0]
+    if not valid.any():
+        return 1.0
+    theta, reach = samples.theta[0, valid], samples.range[0, valid]
+    weight = 1.0 / np.maximum(samples.sigma_range[0, valid], 1e-9) ** 2
+    base = receiver.focal_length * receiver.baseline / scanner.position_sensor.pitch
+    pixel = base * np.cos(theta) / (reach - receiver.baseline * np.sin(theta))
+    correlation = pixel_correlation((pixel[:, None] - pixel) / math.sqrt(image_variance(scanner, expected)))
+    return float((weight[:, None] * weight * correlation).sum() / weight.sum() ** 2)
 
 
 def _on_surface(scanner: Scanner, distance: float) -> float:

@@ -9,12 +9,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.closed_loop.visit_errors import error_parts, image_variance, shining_share
+from scanner_sim.closed_loop.visit_errors import error_parts, shining_share
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import averaged
-from scanner_sim.optics.speckle import packets
+from scanner_sim.optics.speckle import packets, packets_of
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
+from scanner_sim.scanner import speckle_optics
 from scanner_sim.scenario import Scenario
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import Measurement, measure_target
@@ -24,8 +25,6 @@ from scanner_sim.tracking.state import TrackCommand
 
 Array = NDArray[np.float64]
 
-_SUMMED = 9
-"""Pixels whose charge is a peak's signal."""
 _UNEVEN = 0.01
 """Relative differences of the light from a surface that no noise explains, on a photodiode that sees the whole spot."""
 _MODEL = 5e-3
@@ -106,22 +105,46 @@ class SignalNoise:
     def sigma(self, layers: dict[str, NDArray[Any]], motion: PatternMotion, expected_range: float) -> Array:
         """Return the standard deviations of the signals of a pattern, shape (points,), in their own unit.
 
-        Line sensor: σ² = 9 (κ N/q)² + (c N)² + (0.005 N)², the last for what the model of a target
-        leaves. N is the charge of nine pixels, κ the share of the brightest one for a
-        spot that faces the scanner at the expected range, q the height over the noise of that pixel, which is that of
-        all but the speckle. c is the contrast of the whole spot's speckle, c² = C² A/M of the beam's image
-        (:mod:`scanner_sim.optics.speckle`) with what the dwell leaves of its variance, A. Photodiode: N/q, 1 % of N,
-        for its noise is below what surfaces and light are uneven by, and the same c without a dwell.
+        Line sensor: σ² = σ_N² + (c N)² + (0.005 N)², the last for what the model of a target leaves. N is the charge of
+        nine pixels, σ_N its standard deviation by noise and by the light beneath it (:mod:`scanner_sim.signals.peaks`).
+        c is the contrast of the whole spot's speckle, c² = C² A/M of the beam's image
+        (:mod:`scanner_sim.optics.speckle`) with what the dwell leaves of its variance, A. Photodiode: N/q with the
+        height q of the echo over the noise, 1 % of N, for its noise is below what surfaces and light are uneven by, and
+        the same c without a dwell.
         """
         signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
         timed = self._scenario.ranging == "tof"
-        ratio = np.asarray(layers["tof.snr_detection" if timed else "snr_detection"], dtype=np.float64)
-        noise = signal / np.maximum(np.nan_to_num(ratio), 1.0)
-        scanner, speckle = self._scenario.scanner, self.speckle(motion, expected_range)
+        speckle = self.speckle(motion, expected_range)
         if timed:
-            return np.asarray(np.sqrt(noise**2 + (_UNEVEN**2 + speckle) * signal**2))
-        brightest = math.erf(0.5 / math.sqrt(2.0 * image_variance(scanner, expected_range)))
-        return np.asarray(np.sqrt(_SUMMED * (brightest * noise) ** 2 + (speckle + _MODEL**2) * signal**2))
+            ratio = np.asarray(layers["tof.snr_detection"], dtype=np.float64)
+            noise, least = signal / np.maximum(np.nan_to_num(ratio), 1.0), _UNEVEN
+        else:
+            noise, least = np.asarray(layers["sigma_Y"], dtype=np.float64), _MODEL
+        return np.asarray(np.sqrt(noise**2 + (least**2 + speckle) * signal**2))
+
+    def grain(self, motion: PatternMotion, distance: float) -> float:
+        """Return V, the speckle of single pixels by which the ranges' fit weighs them, mean over a pattern.
+
+        See :attr:`~scanner_sim.signals.speckle.SpotSpeckle.single`.
+        """
+        scanner = self._scenario.scanner
+        if not scanner.laser.speckle:
+            return 0.0
+        optics, radius = speckle_optics(scanner), float(scanner.laser.radius(distance))
+        beam = (
+            0.5 * radius * scanner.receiver.focal_length / (distance * scanner.position_sensor.pitch)
+        ) ** 2
+        light = packets_of(optics, beam, beam)
+        _, others = light.moving(*self._averaged(motion, distance, scanner.exposure / scanner.dwell))
+        contrast = self._scenario.processing.speckle_contrast
+        return float(contrast**2 * light.energy * np.mean(others) * light.ratio**4)
+
+    def _averaged(self, motion: PatternMotion, distance: float, shining: float) -> tuple[Array, Array]:
+        """Return what the dwells of a pattern leave of the variance of energies and places, at a range [m]."""
+        way, radius = shining * distance, float(self._scenario.scanner.laser.radius(distance))
+        return averaged(
+            way * motion.travel_theta, way * np.cos(motion.true_theta) * motion.travel_phi, radius
+        )
 
     def speckle(self, motion: PatternMotion, distance: float) -> Array:
         """Return the relative variance of the light of spots at a range [m] by speckle; a pulse lasts no dwell."""
@@ -132,10 +155,7 @@ class SignalNoise:
         radius = float(laser.radius(distance))
         # σ_b/(λN) with σ_b = (w/2) f/R: the focal length goes.
         energy = 1.0 / packets(0.5 * radius * receiver.aperture / (laser.wavelength * distance))
-        shining = shining_share(self._scenario) * distance
-        left, _ = averaged(
-            shining * motion.travel_theta, shining * np.cos(motion.true_theta) * motion.travel_phi, radius
-        )
+        left, _ = self._averaged(motion, distance, shining_share(self._scenario))
         return np.asarray(self._scenario.processing.speckle_contrast**2 * energy * left)
 
 
@@ -232,9 +252,9 @@ class Eye:
             pointing=np.hypot(self._pointing, unevenness(angles))[None],
             axis_separation=scanner.mirrors.axis_separation,
         )
-        parts = error_parts(
-            self._scenario, samples, seen, target.looks, motion, self._noise.speckle(motion, expected)
-        )
+        noise = self._noise
+        light, grain = noise.speckle(motion, expected), noise.grain(motion, expected)
+        parts = error_parts(self._scenario, samples, seen, target.looks, motion, light, grain)
         return samples, replace(seen, covariance=parts.whole[None]), parts
 
 

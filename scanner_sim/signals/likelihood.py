@@ -34,7 +34,7 @@ import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.signals.expected import ExpectedSpot
-from scanner_sim.signals.line import Baseline
+from scanner_sim.signals.line import EVEN, Baseline
 
 _STEPS = 6
 """Steps of the scoring: at a peak of five times the noise one line in 1000 has then not come to rest, at ten none."""
@@ -49,8 +49,6 @@ _SIDES = 8
 """Pixels to each side that are fitted where nothing is known of the spot."""
 _LEAST, _MOST = 0.02, 400.0
 """Limits of the variance of a spot [pixel²]."""
-_EVEN = 9.0
-"""Squared difference of the baseline's two sides, over its variance, that counts as none: noise hardly exceeds it."""
 _LEAST_VARIANCE = 1.0
 """Least variance of a pixel [electron²]: without any noise all count alike."""
 
@@ -193,7 +191,7 @@ def fit_spot(around: Pixels, width: Width, first: Any, speckle: Any = None) -> F
     middle = charges[width.reach]
     baseline = around.baseline
     # Both sides apart: where between them the light changes is unknown, and each pixel may be wrong by as much.
-    apart = 4.0 * (dr.square(baseline.doubt) - _EVEN * baseline.level_variance)
+    apart = 4.0 * (dr.square(baseline.doubt) - EVEN * baseline.level_variance)
     uneven = dr.maximum(apart, 0.0)
 
     def score(

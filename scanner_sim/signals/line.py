@@ -13,6 +13,8 @@ from scanner_sim.signals.calibration import Calibration
 
 _MEDIAN_VARIANCE = 0.2104
 """Variance of the median of seven standard normal numbers (David, Nagaraja, *Order statistics*, 2003)."""
+EVEN = 9.0
+"""Squared difference of the baseline's two sides, over its variance, that counts as none: noise hardly exceeds it."""
 SIDE = 7
 """Pixels on each side of a peak that tell its background."""
 

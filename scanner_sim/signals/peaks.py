@@ -21,7 +21,7 @@ from scanner_sim.signals.calibration import Calibration
 from scanner_sim.signals.estimators import estimate
 from scanner_sim.signals.expected import ExpectedSpot
 from scanner_sim.signals.likelihood import Width
-from scanner_sim.signals.line import Around, Line, baseline_beside, no_baseline
+from scanner_sim.signals.line import EVEN, Around, Line, baseline_beside, no_baseline
 from scanner_sim.signals.processing import MARGIN, Processing
 from scanner_sim.signals.search import (
     Found,
@@ -55,14 +55,16 @@ _WHITER = 1.5
 class Peaks:
     """Peaks of a group of shots, Dr.Jit arrays of shape (m,).
 
-    ``position`` and ``sigma`` [pixel], NaN where ``status`` is not 0; ``signal`` charge of the peak summed over
-    nine pixels [electron]; ``background`` charge beneath its brightest pixel [electron], 0 where it is not
-    looked for; ``snr`` height of the peak over the standard deviation of its brightest pixel; ``status`` code.
+    ``position`` and ``sigma`` [pixel], NaN where ``status`` is not 0; ``signal`` charge of the peak summed over nine
+    pixels and ``sigma_signal``, its standard deviation by all but speckle [electron]; ``background`` charge beneath its
+    brightest pixel [electron], 0 where it is not looked for; ``snr`` height of the peak over the standard deviation of
+    its brightest pixel; ``status`` code.
     """
 
     position: Any
     sigma: Any
     signal: Any
+    sigma_signal: Any
     background: Any
     snr: Any
     status: Any
@@ -161,10 +163,12 @@ def find_peaks(
     ):
         status = dr.select(failed, auto.UInt32(int(code)), status)
     valid = status == int(Status.VALID)
+    total, total_variance = _summed(top)
     peaks = Peaks(
         position=dr.select(valid, auto.Float(centre) + place.shift, dr.nan),
         sigma=dr.select(valid, dr.sqrt(variance), dr.nan),
-        signal=dr.select(low, 0.0, _summed(top)),
+        signal=dr.select(low, 0.0, total),
+        sigma_signal=dr.sqrt(dr.maximum(total_variance, 1.0)),
         background=dr.select(low, 0.0, baseline.level),
         snr=height / dr.sqrt(dr.maximum(whole_variance, 1.0)),
         status=status,
@@ -201,9 +205,25 @@ def _search(line: Line, spot: ExpectedSpot, processing: Processing, sine: Any, c
     return spot_pixel(line, away, Limits((least, steepness), dimmest, flank, origin), gate)
 
 
-def _summed(around: Around) -> Any:
-    """Return the charge around the brightest pixel."""
-    total = auto.Float(0.0)
+def _summed(around: Around) -> tuple[Any, Any]:
+    """Return the charge around the brightest pixel, and its variance by noise and by the light beneath it.
+
+    An edge of the background beneath or beside the peak bends it away from the straight baseline. The outermost pixels,
+    which the peak itself hardly reaches, tell: by the mean m of both the background beneath is wrong as a whole, though
+    by no more than there is; and where they differ by 2h, an edge lies anywhere between them, which makes the whole
+    wrong by up to h, h/√3 rms.
+    """
+    total, variance, pixels = auto.Float(0.0), auto.Float(0.0), auto.Float(0.0)
     for step in range(-_SUMMED, _SUMMED + 1):
-        total += dr.select(around.inside(step), around(step)[0], 0.0)
-    return total
+        inside, (charge, noise) = around.inside(step), around(step)
+        total += dr.select(inside, charge, 0.0)
+        variance += dr.select(inside, noise, 0.0)
+        pixels += dr.select(inside, 1.0, 0.0)
+    baseline = around.baseline
+    (left, left_noise), (right, right_noise) = (around(step) for step in (-_SUMMED, _SUMMED))
+    chance = 0.25 * (left_noise + right_noise) + baseline.level_variance
+    whole = dr.minimum(0.5 * dr.abs(left + right), dr.abs(baseline.level))
+    apart = 0.5 * (right - left) + _SUMMED * baseline.slope
+    beneath = baseline.level_variance + dr.maximum(dr.square(whole) - EVEN * chance, 0.0)
+    beneath += dr.maximum(dr.square(apart) - EVEN * chance, 0.0) / 3.0
+    return total, variance + dr.square(pixels) * beneath

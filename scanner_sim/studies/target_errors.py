@@ -130,7 +130,9 @@ def measure_targets(
         seed = (scenario.seed + 7919 * place + round(1e6 * distance)) % 2**63
         bench, centres = target_grid(scenario, target, where, seed, device)
         motions = grid_motions(bench.scenario, target, centres, patterns)
-        layers = bench.measure(_whole([aim_of(motion, visit) for visit, motion in enumerate(motions)]))
+        layers = bench.measure(
+            _whole([aim_of(motion, visit) for visit, motion in enumerate(motions)]), details=True
+        )
         truth = np.repeat(centres, patterns, axis=0)
         by_line, by_pulse = (
             _seen(bench.scenario, layers, motions, truth, target, ranging) for ranging in RANGINGS
@@ -171,7 +173,7 @@ def _seen(
     """
     prefix = "tof." if ranging == "tof" else ""
     own = {name: layers[f"{prefix}{name}"] for name in ("range_m", "sigma_range_m", "status")}
-    own |= {name: layers[name] for name in ("Y", "snr_detection")}
+    own |= {name: layers[name] for name in ("Y", "sigma_Y")}
     # With its own light and another's range it is neither of both; of what triangulation's voxels share, time of flight
     # has nothing.
     kind = "triangulation" if ranging == "triangulation" else "both"

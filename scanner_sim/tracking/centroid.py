@@ -58,6 +58,17 @@ class Centroid:
     misfit: Array
     found: Mask
 
+    def worse_by(self, covariance: Array) -> Centroid:
+        """Return the centres with a covariance [rad²] more, shape (patterns, 2, 2); not found where it is absurd."""
+        return centroid_of(
+            self.centre,
+            self.covariance + covariance,
+            self.radius,
+            self.sigma_radius,
+            self.misfit,
+            self.found,
+        )
+
     @property
     def sigma(self) -> Array:
         """Standard deviations of Θ and φ [rad], shape (patterns, 2)."""

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from scanner_sim.arithmetic import cholesky, inverse, product, solve_linear
+from scanner_sim.arithmetic import applied, cholesky, inverse, product, solve_linear
 from scanner_sim.parts import Part
 from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import disc_fit
@@ -120,20 +120,21 @@ def measure_target(
     hits = hit_centroid(samples, response)
     stamp = _stamp(samples, response)
     see = _Seeing(samples, response, looks, hits, spot, shining, pointing)
+    plane: TargetPlane | None = None
     if axis_separation is None or looks.surface != "flat":
         centre, ranged = see.directly()
     else:
         first, _ = _plane_of(samples, response, looks, hits, middle, stamp, axis_separation)
         centre, ranged = see.on(first)
         # Voxels at the rim would tilt the plane: the light's middle is not the spot's. Those away from it tell better.
-        second, slope = _plane_of(samples, ranged, looks, centre, middle, stamp, axis_separation)
-        centre, ranged = see.on(second, centre)
+        plane, slope = _plane_of(samples, ranged, looks, centre, middle, stamp, axis_separation, first)
+        centre, ranged = see.on(plane, centre)
         if see.fits:
-            centre = replace(centre, covariance=centre.covariance + see.by_slope(second, slope, centre))
-    distance, variance = _range_at(samples, ranged, looks, centre, stamp)
+            centre = centre.worse_by(see.by_slope(plane, slope, centre))
+    ranges, spread, enough = _ranges(samples, ranged, looks, centre, stamp, plane)
+    distance = np.where(enough, ranges[:, 0], np.nan)
     place = np.concatenate([centre.centre, distance[:, None]], axis=1)
-    covariance = np.zeros((len(place), 3, 3))
-    covariance[:, :2, :2], covariance[:, 2, 2] = centre.covariance, variance
+    covariance = _covariance(centre, ranges, np.where(enough, spread[:, 0, 0], np.nan), plane)
     return Measurement(
         time=stamp + np.where(centre.found, 0.0, np.nan),
         place=place,
@@ -142,7 +143,8 @@ def measure_target(
         sigma_radius=centre.sigma_radius,
         misfit=centre.misfit,
         fraction=response.fraction,
-        found=centre.found & np.isfinite(distance),
+        # What is as uncertain as it is large has not been measured.
+        found=centre.found & (covariance[:, 2, 2] < distance**2),
     )
 
 
@@ -250,12 +252,19 @@ def _stamp(samples: PatternSamples, response: Response) -> Array:
     return np.asarray(np.where(response.hit, samples.time, 0.0).sum(axis=1) / count)
 
 
-def _range_at(
-    samples: PatternSamples, response: Response, looks: TargetLooks, centre: Centroid, stamp: Array
-) -> tuple[Array, Array]:
-    """Return range [m] and variance at the centres, shape (patterns,); NaN where too few voxels tell it."""
-    plane, covariance, enough = _ranges(samples, response, looks, centre, stamp)
-    return np.where(enough, plane[:, 0], np.nan), np.where(enough, covariance[:, 0, 0], np.nan)
+def _covariance(centre: Centroid, ranges: Array, variance: Array, plane: TargetPlane | None) -> Array:
+    """Return the covariance of places, shape (patterns, 3, 3).
+
+    The range is that of the plane at the centre that was found, so that an error δ of the centre on a target with the
+    slope g = ∂R/∂(Θ, φ) moves it by g·δ; ``variance`` [m²] is that of the plane's range where it was asked for.
+    """
+    whole = np.zeros((len(ranges), 3, 3))
+    whole[:, :2, :2], whole[:, 2, 2] = centre.covariance, variance
+    if plane is not None:
+        shared = applied(centre.covariance, plane.slope)
+        whole[:, :2, 2] = whole[:, 2, :2] = shared
+        whole[:, 2, 2] += (shared * plane.slope).sum(axis=1)
+    return whole
 
 
 def _plane_of(
@@ -266,12 +275,13 @@ def _plane_of(
     middle: Array,
     stamp: Array,
     axis_separation: float,
+    before: TargetPlane | None = None,
 ) -> tuple[TargetPlane, Array]:
     """Return the planes on which targets lie, about their centres, and the covariance of their slopes [m²/rad²].
 
-    Where nothing was hit they face the scanner.
+    Where nothing was hit they face the scanner. ``before`` are planes that are known roughly.
     """
-    ranges, covariance, enough = _ranges(samples, response, looks, centre, stamp)
+    ranges, covariance, enough = _ranges(samples, response, looks, centre, stamp, before)
     known = enough & centre.found
     about = np.stack([samples.theta.mean(axis=1), samples.phi.mean(axis=1)], axis=1)
     radius = np.where(centre.found & (centre.radius > 0.0), centre.radius, 1.0)
@@ -307,7 +317,12 @@ def _plain(response: Response) -> Mask:
 
 
 def _ranges(
-    samples: PatternSamples, response: Response, looks: TargetLooks, centre: Centroid, stamp: Array
+    samples: PatternSamples,
+    response: Response,
+    looks: TargetLooks,
+    centre: Centroid,
+    stamp: Array,
+    plane: TargetPlane | None = None,
 ) -> tuple[Array, Array, Mask]:
     """Return range [m] at the centres with its rises, their covariance, and whether there are voxels enough.
 
@@ -322,8 +337,11 @@ def _ranges(
     about = np.where(centre.found[:, None], centre.centre, 0.0)
     angles = samples.theta - about[:, :1], samples.phi - about[:, 1:]
     square = angles[0] ** 2 + angles[1] ** 2
-    # Off the centre a flat target is farther away by 1/cos: a third of a millimetre at 10 m, many σ when it is near.
-    value = samples.range * np.cos(np.sqrt(square))
+    if plane is None:
+        # Off the centre a flat target is farther away by 1/cos: 0.3 mm at 10 m, many σ when it is near.
+        value = samples.range * np.cos(np.sqrt(square))
+    else:
+        value = samples.range - plane.reach(samples.theta, samples.phi)
     if looks.surface == "sphere":
         # The middle lies behind a point of the surface by √(r² − ρ²), which is steep near the limb.
         radius, off = 0.5 * looks.diameter, square * samples.range**2
@@ -342,5 +360,8 @@ def _ranges(
     normal = np.where(enough[:, None, None], normal, np.eye(4))
     normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(4)
     value = np.where(chosen, value, 0.0)
-    plane = solve_linear(normal, product(weighted, value[..., None]))[..., 0]
-    return np.asarray(plane), np.asarray(inverse(normal)), enough
+    found = solve_linear(normal, product(weighted, value[..., None]))[..., 0]
+    if plane is not None:
+        found[:, 0] += plane.reach(about[:, :1], about[:, 1:])[:, 0]
+        found[:, 1:3] += plane.slope * size
+    return np.asarray(found), np.asarray(inverse(normal)), enough

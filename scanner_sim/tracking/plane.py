@@ -62,15 +62,23 @@ class TargetPlane:
         of the aperture, shape (patterns, points): it changes by a per cent over a disc of 100 mm at 8 m under 15°,
         which moves the middle of its edges by some microradians.
         """
-        origin, along = _beam(samples.theta, samples.phi, self.axis_separation)
-        normal = _cross(self.across, self.down)
-        apart = [self.point[:, axis : axis + 1] - origin[axis] for axis in range(3)]
-        rise = _dot(normal, along)
-        reach = _dot(normal, apart) / rise
+        apart, along, rise, reach = self._met(samples.theta, samples.phi)
         met = [reach * along[axis] - apart[axis] for axis in range(3)]
         u, v = (_dot(axis / self.distance[:, None], met) for axis in (self.across, self.down))
         light = np.abs(rise) * (self.stretch * self.distance)[:, None] ** 2 / reach**2
         return replace(samples, theta=u, phi=v), light
+
+    def reach(self, theta: Array, phi: Array) -> Array:
+        """Return the ranges R [m] at which beams along deflections meet the planes, exactly, (patterns, points)."""
+        return self._met(theta, phi)[3]
+
+    def _met(self, theta: Array, phi: Array) -> tuple[list[Array], list[Array], Array, Array]:
+        """Return way from beams' origins to the feet, directions, their share along the normal, and R of the plane."""
+        origin, along = _beam(theta, phi, self.axis_separation)
+        normal = _cross(self.across, self.down)
+        apart = [self.point[:, axis : axis + 1] - origin[axis] for axis in range(3)]
+        rise = _dot(normal, along)
+        return apart, along, rise, _dot(normal, apart) / rise
 
     def steeper(self, change: Array) -> TargetPlane:
         """Return the planes through the same feet with other slopes, by ``change`` [m/rad], shape (patterns, 2)."""

@@ -149,7 +149,8 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
         Systems, Man, and Cybernetics* 9, 1979), among those that leave four values in each. Before, the three largest
         and the three smallest values are set to the fourth: a few glints cannot make a level of their own. The
         threshold is midway between the parts' medians, which values on the edge hardly move. ``clear`` where these lie
-        apart by five of the larger median deviation (times 1.48) within a part.
+        apart by five median deviations (times 1.48) within the part that holds more values: the other one, where a
+        pattern runs along a rim, is partly what lies between the levels.
     """
     order = np.sort(np.where(used, value, np.inf), axis=1)
     count, points = used.sum(axis=1), value.shape[1]
@@ -171,12 +172,11 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
     second = _median(order, split, np.maximum(count, split + 1))
     part = place <= split[:, None]
     away = np.abs(order - np.where(part, first[:, None], second[:, None]))
-    scatter = np.maximum(
-        *(
-            _median(np.sort(np.where(some, away, np.inf), axis=1), 0 * split, size)
-            for some, size in ((part & inside, split), (inside & ~part, np.maximum(count - split, 1)))
-        )
-    )
+    # The smaller part is mostly rim where a pattern runs along it, and few values may be alike by chance.
+    larger = 2 * split >= count
+    some = np.where(larger[:, None], part & inside, inside & ~part)
+    size = np.where(larger, split, np.maximum(count - split, 1))
+    scatter = _median(np.sort(np.where(some, away, np.inf), axis=1), 0 * split, size)
     clear = possible & (second - first > CLEAR * 1.4826 * scatter) & (second > first)
     return 0.5 * (first + second), first, second, clear
 

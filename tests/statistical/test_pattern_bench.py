@@ -139,7 +139,7 @@ def test_light_and_places_are_the_workbench_s(device: Device) -> None:
         signals, places = [], []
         for number in range(4):
             aim = pattern(number, centre)
-            ours, theirs = fast.measure(aim), bench.measure(aim)
+            ours, theirs = fast.measure(aim), bench.measure(aim, details=True)
             assert ours.keys() == theirs.keys()
             for name in ("truth.range_m", "truth.object", "truth.material", "truth.theta_rad"):
                 assert np.array_equal(ours[name], theirs[name], equal_nan=True), name
