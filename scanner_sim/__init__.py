@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from scanner_sim.closed_loop.tracker import Tracker as Tracker
     from scanner_sim.config import load_scenario as load_scenario
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
+    from scanner_sim.pose.filter import PoseFilter as PoseFilter
     from scanner_sim.products.track import read_track as read_track
     from scanner_sim.scenario import Scenario as Scenario
     from scanner_sim.simulate import simulate as simulate
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
+    "PoseFilter",
     "Scenario",
     "Tracker",
     "__version__",
@@ -37,6 +39,7 @@ __all__ = [
 ]
 
 _HOMES = {
+    "PoseFilter": "scanner_sim.pose.filter",
     "Scenario": "scanner_sim.scenario",
     "Tracker": "scanner_sim.closed_loop.tracker",
     "estimate_pose": "scanner_sim.pose.estimate",

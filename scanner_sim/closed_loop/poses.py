@@ -8,15 +8,15 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.arithmetic import exp, product
+from scanner_sim.arithmetic import product
 from scanner_sim.config import scenario_from_text
 from scanner_sim.pose.carried import carried, rounds_of
 from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.ranging.coordinates import angles_and_range
-from scanner_sim.scanner import Scanner
 from scanner_sim.scenario import Scenario
 from scanner_sim.scene.objects import Disc, TargetArray
+from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 from scanner_sim.tracking.state import TrackMode
 
@@ -44,8 +44,8 @@ def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSe
         M_a⁻¹ M_b. All are at the mean time of each round, to which the sightings are carried
         (:func:`scanner_sim.pose.carried.carried`). What counts is what was measured of a target that the tracker
         follows: the first sightings while it acquires the target, and all refused ones, do not. A last round that was
-        cut short is left out. In triangulation unlike pixels move the ranges of all targets whose images fall on the
-        same ones, visit after visit: the covariances know it, as far as voxels were kept that tell the signal.
+        cut short is left out. The covariances know what targets, neighbouring visits and objects have in common
+        (:class:`~scanner_sim.tracking.errors.ErrorParts`).
 
     Raises
     ------
@@ -58,30 +58,31 @@ def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSe
     if not (chosen.methods and carriers):
         return ()
     followed = [target for targets in carriers.values() for target in targets]
-    visits = _Visits(track, followed, scenario)
+    visits = _Visits(track, followed)
     if not len(visits.at):
         return ()
     robust = None if chosen.robust == "none" else chosen.robust
     found: list[PoseSeries] = []
+    column = {target.name: number for number, target in enumerate(followed)}
+    columns = {name: [column[target.name] for target in targets] for name, targets in carriers.items()}
     for name, targets in carriers.items():
-        place, covariance, shared = visits.carried([target.name for target in targets])
         found += [
             pose_series(
                 name,
                 np.array([target.centre for target in targets], dtype=np.float64),
                 visits.at,
-                place,
-                covariance,
+                visits.sightings.of(columns[name]),
                 axis_separation=scenario.scanner.mirrors.axis_separation,
                 method=method,
                 robust=robust,
-                shared=shared,
                 truth=true_poses(scenario, name, visits.at),
             )
             for method in chosen.methods
         ]
     relative = [
-        relative_series(a, b) for a, b in combinations(found, 2) if a.name != b.name and a.method == b.method
+        relative_series(a, b, visits.sightings.of([*columns[a.name], *columns[b.name]]))
+        for a, b in combinations(found, 2)
+        if a.name != b.name and a.method == b.method
     ]
     return (*found, *relative)
 
@@ -132,9 +133,9 @@ def rims_of(track: Track) -> Callable[[PatternRecord], Array]:
 
 
 class _Visits:
-    """The visits to some targets in rounds, and the common times ``at``."""
+    """The visits to some targets in rounds, carried to the common times ``at``."""
 
-    def __init__(self, track: Track, targets: Sequence[TrackTarget], scenario: Scenario) -> None:
+    def __init__(self, track: Track, targets: Sequence[TrackTarget]) -> None:
         column = {target.name: number for number, target in enumerate(targets)}
         records = [record for record in track.records if record.target in column]
         row = rounds_of([record.target for record in records])
@@ -143,56 +144,18 @@ class _Visits:
         if rounds > 1 and count[-1] < count[-2]:
             rounds -= 1
         shape = (rounds, len(column))
-        self._column, self._scanner = column, scenario.scanner
-        self._time, self._place = np.full(shape, np.nan), np.full((*shape, 3), np.nan)
-        self._covariance, self._lasting = np.full((*shape, 3, 3), np.nan), np.zeros(shape)
-        visited = np.full(shape, np.nan)
+        time, place, visited = np.full(shape, np.nan), np.full((*shape, 3), np.nan), np.full(shape, np.nan)
+        unknown = ErrorParts.all_white(np.full((3, 3), np.nan))
+        errors = [unknown] * (rounds * len(column))
         for record, number in zip(records, row.tolist(), strict=True):
             if number >= rounds:
                 break
             where = number, column[record.target]
             visited[where] = record.time
             if record.status is TrackStatus.MEASURED and record.after is TrackMode.TRACK:
-                self._time[where] = record.time
-                self._place[where], self._covariance[where] = record.place, record.covariance
-                if scenario.ranging == "triangulation":
-                    self._lasting[where] = _lasting_variance(scenario.scanner, record)
+                time[where], place[where] = record.time, record.place
+                errors[number * len(column) + where[1]] = record.errors
         self.at = np.nanmean(visited, axis=1) if rounds else np.zeros(0)
-
-    def carried(self, names: Sequence[str]) -> tuple[Array, Array, Array]:
-        """Return places and covariances of targets at the common times, and the covariance between their ranges."""
-        chosen = [self._column[name] for name in names]
-        lasting = self._lasting[:, chosen]
-        place, covariance = carried(
-            self._time[:, chosen], self._place[:, chosen], self._covariance[:, chosen], self.at, lasting
-        )
-        return place, covariance, _between(self._scanner, place, lasting)
-
-
-def _lasting_variance(scanner: Scanner, record: PatternRecord) -> float:
-    """Return the part of the range's variance that comes from unlike pixels [m²]."""
-    # Here, and not above: what measures voxels comes with the renderer's libraries.
-    from scanner_sim.closed_loop.voxels import common_range_variance
-
-    if not record.samples.signal.size:
-        return 0.0
-    return common_range_variance(scanner, float(record.place[2]), float(np.median(record.samples.signal)))
-
-
-def _between(scanner: Scanner, place: Array, lasting: Array) -> Array:
-    """Return the covariance between ranges of different targets [m²], shape (n, targets, targets).
-
-    Images Δ pixels apart, of standard deviation s, share (1 − Δ²/2s²) exp(−Δ²/4s²) of what unlike pixels do to them:
-    the correlation of Σ x q(x) ε(x) for two Gaussian images q over white ε. Image positions by eq 1.
-    """
-    from scanner_sim.closed_loop.voxels import image_variance
-
-    baseline, receiver = scanner.receiver.baseline, scanner.receiver
-    theta, reach = place[..., 0], place[..., 2]
-    along = receiver.focal_length * baseline * np.cos(theta) / (reach - baseline * np.sin(theta))
-    pixel = along / scanner.position_sensor.pitch
-    known = reach[np.isfinite(reach)]
-    width = image_variance(scanner, float(np.median(known))) if known.size else 1.0
-    squared = (pixel[:, :, None] - pixel[:, None, :]) ** 2 / width
-    correlation = (1.0 - 0.5 * squared) * exp(-0.25 * squared)
-    return np.asarray(correlation * np.sqrt(lasting[:, :, None] * lasting[:, None, :]))
+        if rounds:
+            parts = ErrorParts.stacked(errors).reshaped(shape)
+            self.sightings = carried(time, place, parts, self.at)

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from scanner_sim.arithmetic import applied, product
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.scenario import Scenario
+from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import Measurement
 from scanner_sim.tracking.record import PatternRecord, TrackStatus, TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
@@ -63,6 +64,7 @@ class Recorder:
         after: TrackState,
         samples: PatternSamples,
         seen: Measurement,
+        parts: ErrorParts,
         limited: bool,
     ) -> PatternRecord:
         """Return what is kept of a visit.
@@ -77,6 +79,8 @@ class Recorder:
             What is remembered of it afterwards.
         samples, seen
             The voxels, and what they show.
+        parts
+            What the error of the place is made of.
         limited
             Whether the mirrors were at a limit.
         """
@@ -104,6 +108,7 @@ class Recorder:
             centre=order.place[:2],
             place=place,
             covariance=covariance,
+            errors=parts,
             point=point,
             point_covariance=product(by_place, covariance, by_place.T),
             truth=truth,
@@ -115,8 +120,9 @@ class Recorder:
         self, number: int, target: TrackTarget, order: TrackCommand, after: TrackState, time: float
     ) -> PatternRecord:
         """Return the record of a pattern that was not run, at the time [s] at which it would have been."""
+        unknown = ErrorParts.all_white(NOTHING.covariance[0])
         shown = replace(_NO_SAMPLES, time=np.full((1, 1), time))
-        record = self.record(number, target, order, after, shown, NOTHING, limited=False)
+        record = self.record(number, target, order, after, shown, NOTHING, unknown, limited=False)
         return replace(record, status=TrackStatus.OUT_OF_VIEW, samples=_NO_SAMPLES)
 
     def truth(self, target: TrackTarget, time: float) -> tuple[Array, Array]:

@@ -187,7 +187,7 @@ class Tracker:
             visiting=self.scan.visiting,
         )
         with self._stay.resumed():
-            samples, seen = self._eye.see(target, order, motion, state.visits)
+            samples, seen, parts = self._eye.see(target, order, motion, state.visits)
         others = [
             other.motion
             for place, other in enumerate(state.tracks)
@@ -195,7 +195,7 @@ class Tracker:
         ]
         after = advanced(track, seen, self.scan.tracker, target.looks.diameter, mirrors.time, others=others)
         limited = motion.limited
-        record = self._recorder.record(state.visits, target, order, after, samples, seen, limited)
+        record = self._recorder.record(state.visits, target, order, after, samples, seen, parts, limited)
         # A pattern that began late because the mirrors needed longer moves all that follow.
         clock = max(start + points * dwell, mirrors.time)
         return record, replace(

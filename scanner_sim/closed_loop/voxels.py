@@ -8,17 +8,16 @@ from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
-from scanner_sim.arithmetic import exp
+from scanner_sim.closed_loop.visit_errors import error_parts, shining_share
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import averaged
-from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.speckle import packets, packets_of
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
-from scanner_sim.scanner import Scanner, speckle_optics
+from scanner_sim.scanner import speckle_optics
 from scanner_sim.scenario import Scenario
+from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import Measurement, measure_target
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
@@ -31,8 +30,6 @@ _UNEVEN = 0.01
 _MODEL = 5e-3
 """Relative differences between a target's response and its model, a straight edge and a round spot, without any noise:
 the scatter of 128 voxels on discs at 4 to 12 m, tilted by up to 20°: 0.3 to 1 %."""
-_BETWEEN = 0.75
-"""Place of a typical spot between the edges of its pixel, from the lower one."""
 _TOGETHER = 8192
 """Shots whose encoder noise is drawn together: it depends on their numbers alone."""
 
@@ -117,7 +114,7 @@ class SignalNoise:
         """
         signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
         timed = self._scenario.ranging == "tof"
-        speckle = self._relative(motion, expected_range, timed)
+        speckle = self.speckle(motion, expected_range)
         if timed:
             ratio = np.asarray(layers["tof.snr_detection"], dtype=np.float64)
             noise, least = signal / np.maximum(np.nan_to_num(ratio), 1.0), _UNEVEN
@@ -149,16 +146,16 @@ class SignalNoise:
             way * motion.travel_theta, way * np.cos(motion.true_theta) * motion.travel_phi, radius
         )
 
-    def _relative(self, motion: PatternMotion, distance: float, timed: bool) -> Array | float:
+    def speckle(self, motion: PatternMotion, distance: float) -> Array:
         """Return the relative variance of the light of spots at a range [m] by speckle; a pulse lasts no dwell."""
         scanner = self._scenario.scanner
         laser, receiver = scanner.laser, scanner.receiver
         if not laser.speckle:
-            return 0.0
+            return np.zeros(len(motion.time))
         radius = float(laser.radius(distance))
         # σ_b/(λN) with σ_b = (w/2) f/R: the focal length goes.
         energy = 1.0 / packets(0.5 * radius * receiver.aperture / (laser.wavelength * distance))
-        left, _ = self._averaged(motion, distance, 0.0 if timed else scanner.exposure / scanner.dwell)
+        left, _ = self._averaged(motion, distance, shining_share(self._scenario))
         return np.asarray(self._scenario.processing.speckle_contrast**2 * energy * left)
 
 
@@ -227,8 +224,8 @@ class Eye:
 
     def see(
         self, target: TrackTarget, order: TrackCommand, motion: PatternMotion, visit: int
-    ) -> tuple[PatternSamples, Measurement]:
-        """Return the voxels of a pattern, and where they show the target.
+    ) -> tuple[PatternSamples, Measurement, ErrorParts]:
+        """Return the voxels of a pattern, where they show the target, and the parts of that place's error.
 
         Parameters
         ----------
@@ -246,24 +243,19 @@ class Eye:
         angles = self._encoders.read(motion, visit)
         samples = samples_of(layers, motion, angles, sigma, delay)
         spot = float(scanner.laser.radius(expected)) / (2.0 * expected)
-        # A pulse lasts no dwell.
-        timed = self._scenario.ranging == "tof"
-        shining = 0.0 if timed else scanner.exposure / scanner.dwell
         seen = measure_target(
             samples,
             target.looks,
             expected,
             spot=spot,
-            shining=shining,
+            shining=shining_share(self._scenario),
             pointing=np.hypot(self._pointing, unevenness(angles))[None],
             axis_separation=scanner.mirrors.axis_separation,
         )
-        shared = common_covariance(scanner.mirrors, motion)
-        if self._scenario.ranging == "triangulation":
-            grain = self._noise.grain(motion, expected)
-            unlike = common_range_variance(scanner, expected, float(np.median(samples.signal)), grain)
-            shared[0, 2, 2] = unlike * alike(scanner, samples, expected)
-        return samples, replace(seen, covariance=seen.covariance + shared)
+        noise = self._noise
+        light, grain = noise.speckle(motion, expected), noise.grain(motion, expected)
+        parts = error_parts(self._scenario, samples, seen, target.looks, motion, light, grain)
+        return samples, replace(seen, covariance=parts.whole[None]), parts
 
 
 def unevenness(angles: Array) -> Array:
@@ -282,73 +274,3 @@ def unevenness(angles: Array) -> Array:
     spread = np.concatenate([third[:1], third, third[-1:], third[-1:]])
     spread[1:] = np.maximum(spread[1:], spread[:-1])
     return spread / 12.0
-
-
-def common_covariance(mirrors: Mirrors, motion: PatternMotion) -> Array:
-    """Return the covariance that all voxels of a pattern share, shape (1, 3, 3): wobble, and expected drift."""
-    spread = mirrors.temperature.spread(motion.time[:1])[0]
-    shared = np.zeros((1, 3, 3))
-    for axis, angle in enumerate((motion.commanded_theta, motion.commanded_phi)):
-        drift = spread * (mirrors.drift_zero + mirrors.drift_scale * float(angle.mean()))
-        shared[0, axis, axis] = mirrors.wobble**2 + drift**2
-    return shared
-
-
-def common_range_variance(scanner: Scanner, distance: float, signal: float, grain: float = 0.0) -> float:
-    """Return the variance of the range [m²] that voxels on the same pixels share in triangulation.
-
-    The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
-    estimate of the spot's place each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
-    q_i′ and its variance v_i = σ_read² + q_i + (s q_i)² + V N q_i of read noise, shot noise, the response's relative
-    standard deviation s and what the fit's weights know of speckle; s adds Σ (w_i s q_i)² to the place's variance, and
-    ∂R/∂p = R²/(f d) makes it the range's.
-
-    Parameters
-    ----------
-    scanner
-        The instrument.
-    distance
-        Range [m].
-    signal
-        Charge N of the spot [electron].
-    grain
-        V (:meth:`SignalNoise.grain`); 0 for light without speckle.
-    """
-    sensor, receiver = scanner.position_sensor, scanner.receiver
-    if not (sensor.noise.prnu and sensor.prnu > 0.0 and signal > 0.0):
-        return 0.0
-    width = math.sqrt(image_variance(scanner, distance))
-    edge = (np.arange(-8.0, 9.0) - _BETWEEN) / width
-    density = exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
-    charge, slope = signal * np.diff(ndtr(edge)), -signal * np.diff(density) / width
-    variance = sensor.read_noise**2 + charge + (sensor.prnu * charge) ** 2 + grain * signal * charge
-    weight = slope / variance / float((slope**2 / variance).sum())
-    moved = float(((weight * sensor.prnu * charge) ** 2).sum())
-    by_pixel = distance**2 * sensor.pitch / (receiver.focal_length * receiver.baseline)
-    return moved * by_pixel**2
-
-
-def alike(scanner: Scanner, samples: PatternSamples, expected: float) -> float:
-    """Return the share of the variance by unlike pixels that is left in the mean range of a pattern's voxels.
-
-    Spots on a tilted target stand on different pixels. Images Δ pixels apart, of standard deviation s, share
-    (1 − Δ²/2s²) exp(−Δ²/4s²) of what unlike pixels do to them, the correlation of Σ x q(x) ε(x) for two Gaussian images
-    q over white ε; the mean over all pairs of voxels, each weighed by 1/σ_R². Image positions by eq 1.
-    """
-    receiver, valid = scanner.receiver, samples.valid[0]
-    if not valid.any():
-        return 1.0
-    theta, reach = samples.theta[0, valid], samples.range[0, valid]
-    weight = 1.0 / np.maximum(samples.sigma_range[0, valid], 1e-9) ** 2
-    base = receiver.focal_length * receiver.baseline / scanner.position_sensor.pitch
-    pixel = base * np.cos(theta) / (reach - receiver.baseline * np.sin(theta))
-    squared = (pixel[:, None] - pixel) ** 2 / image_variance(scanner, expected)
-    correlation = (1.0 - 0.5 * squared) * exp(-0.25 * squared)
-    return float((weight[:, None] * weight * correlation).sum() / weight.sum() ** 2)
-
-
-def image_variance(scanner: Scanner, distance: float) -> float:
-    """Return the variance [pixel²] of the spot on the line, on a surface that faces the scanner at a range [m]."""
-    pitch = scanner.position_sensor.pitch
-    beam = 0.5 * float(scanner.laser.radius(distance)) * scanner.receiver.focal_length / distance
-    return (scanner.point_spread**2 + beam**2) / pitch**2

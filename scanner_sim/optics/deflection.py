@@ -12,7 +12,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
 from scanner_sim.parts import Part
@@ -121,6 +121,43 @@ class Mirrors(Part):
         constant += self.readout_noise**2 + self.readout_step**2 / 12.0
         drift = self.temperature.spread(time) * (self.drift_zero + self.drift_scale * deflection)
         return np.sqrt(constant + drift**2)
+
+
+def wobble_correlation(apart: ArrayLike) -> Array:
+    """Return the correlation of a mirror's wobble at two deflections or times, any shape.
+
+    Parameters
+    ----------
+    apart
+        Their distance over ``wobble_angle`` or ``wobble_time``. A wobble at another deflection and another time has the
+        product of both correlations.
+
+    Notes
+    -----
+    Independent numbers at whole places, between which their weights are cos s and sin s, s = ½π u²(3 − 2u), share
+    cos(s(u) − s(u′)) within one cell and sin s(u) cos s(u′) in the next; the mean over u. 0 from two cells on.
+    """
+    return np.interp(np.abs(np.asarray(apart, dtype=np.float64)), _APART, _SHARED, right=0.0)
+
+
+def _step(part: Array) -> Array:
+    return np.asarray(0.5 * math.pi * part**2 * (3.0 - 2.0 * part))
+
+
+def _shared() -> Array:
+    first = (np.arange(64) + 0.5) / 64
+    second = first + _APART[:, None]
+    here, there = _step(first), _step(second - np.floor(second))
+    both = np.where(
+        second < 1.0, np.cos(there - here), np.where(second < 2.0, np.sin(here) * np.cos(there), 0.0)
+    )
+    return np.asarray(both.mean(axis=1))
+
+
+_APART = np.arange(65) / 32.0
+_SHARED = _shared()
+WOBBLE_LASTS = float(_SHARED.sum() - 0.5) / 32.0
+"""Integral of :func:`wobble_correlation`: a wobble that fades by exp(−t/τ) has as much in a long mean."""
 
 
 class Frame(NamedTuple):

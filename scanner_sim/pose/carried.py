@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from scanner_sim.tracking.errors import ErrorParts, common_covariance
 
 Array = NDArray[np.float64]
 
@@ -36,38 +39,89 @@ def rounds_of(targets: Sequence[str]) -> NDArray[np.int64]:
     return numbers
 
 
-def carried(
-    time: Array, place: Array, covariance: Array, at: Array, lasting: Array | None = None
-) -> tuple[Array, Array]:
+@dataclass(frozen=True)
+class Carried:
+    """Sightings at common times; NaN where a target was not measured in the round, or not a second time near it.
+
+    Attributes
+    ----------
+    place
+        (Θ, φ, R) [rad, m], shape (rounds, targets, 3).
+    covariance
+        Between the sightings of a round, shape (rounds, targets, targets, 3, 3).
+    lasting
+        Its part that neighbouring rounds have, too: surfaces, pixels and drift.
+    """
+
+    place: Array
+    covariance: Array
+    lasting: Array
+
+    def of(self, targets: Sequence[int]) -> Carried:
+        """Return the sightings of some of the targets."""
+        chosen = np.asarray(targets)
+        rows, columns = chosen[:, None], chosen
+        return Carried(
+            self.place[:, chosen], self.covariance[:, rows, columns], self.lasting[:, rows, columns]
+        )
+
+
+def carried(time: Array, place: Array, errors: ErrorParts, at: Array) -> Carried:
     """Return where targets were at the time of each round, from the sightings before and after it.
 
     Parameters
     ----------
     time
         When each target was measured in each round [s], shape (rounds, targets); NaN where it was not.
-    place, covariance
-        (Θ, φ, R), shape (rounds, targets, 3), and its covariance (rounds, targets, 3, 3).
+    place
+        (Θ, φ, R), shape (rounds, targets, 3).
+    errors
+        What their errors are made of, leading axes (rounds, targets).
     at
         Common times [s], ascending, shape (rounds,).
-    lasting
-        Part of the range's variance that successive sightings of a target share [m²], shape (rounds, targets); it stays
-        as it is. None: their errors are independent.
 
     Returns
     -------
-    place, covariance
-        Of the same shapes; NaN where the target was not measured in the round, or not a second time within
-        ``FARTHEST`` rounds. On the straight line through the sighting of the round and the nearest one on the other
-        side of the common time, m = (1 − s) m₁ + s m₂ with s = (t − t₁)/(t₂ − t₁), and C = (1 − s)² C₁ + s² C₂ of
-        independent errors. Where there is none on that side the line is that of the side that has one, and C grows.
+    Carried
+        On the straight line through the sighting of the round and the nearest one within ``FARTHEST`` rounds on the
+        other side of the common time, m = (1 − s) m₁ + s m₂ with s = (t − t₁)/(t₂ − t₁). Where there is none on that
+        side the line is that of the side that has one. White parts C add up to (1 − s)² C₁ + s² C₂; of what sightings
+        have in common (:func:`~scanner_sim.tracking.errors.common_covariance`) each pair counts with both its shares.
 
     Notes
     -----
     Steady rates between two sightings: an acceleration a is wrong by a (t₂ − t₁)²/8 at most, 2e-5 m of 0.1 m/s² and
-    40 ms. Neighbouring rounds share sightings, so that their errors are correlated.
+    40 ms. Neighbouring rounds share sightings, so that their errors are correlated by more than what lasts.
     """
     rounds, targets = time.shape
-    seen = np.isfinite(time) & np.isfinite(place).all(axis=2)
+    second = _second(time, np.isfinite(time) & np.isfinite(place).all(axis=2), at)
+    known = second >= 0
+    other = np.where(known, second, 0)
+    own, column = np.arange(rounds)[:, None] + 0 * other, np.arange(targets)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        share = (at[:, None] - time) / (time[other, column] - time)
+    share = np.where(known, share, np.nan)
+    # Both sightings of every target side by side: first all of the round, then all of the others.
+    row = np.concatenate([own, other], axis=1)
+    target = np.concatenate([column, column])
+    weight = np.concatenate([1.0 - share, share], axis=1)
+    pair = errors.at((row, target))
+    own_errors = weight[..., None, None] ** 2 * pair.white
+    white = np.zeros((rounds, targets, targets, 3, 3))
+    white[:, column, column] = own_errors[:, :targets] + own_errors[:, targets:]
+
+    def summed(lasting: bool) -> Array:
+        common = common_covariance(pair, place[row, target], time[row, target], target, lasting=lasting)
+        shares = common * (weight[:, :, None] * weight[:, None, :])[..., None, None]
+        return np.asarray(shares.reshape(rounds, 2, targets, 2, targets, 3, 3).sum(axis=(1, 3)))
+
+    moved = (1.0 - share[..., None]) * place + share[..., None] * place[other, column]
+    return Carried(moved, white + summed(False), summed(True))
+
+
+def _second(time: Array, seen: NDArray[np.bool_], at: Array) -> NDArray[np.int64]:
+    """Return the round of each sighting's partner, the nearest on the other side of the common time; −1 for none."""
+    rounds, targets = time.shape
     second = np.full((rounds, targets), -1, dtype=np.int64)
     after = seen & (time <= at[:, None])
     for towards in (True, False):
@@ -79,20 +133,4 @@ def carried(
                 there = np.zeros((rounds, targets), dtype=bool)
                 there[inside] = seen[row[inside]]
                 second = np.where((second < 0) & wanted & there, row[:, None], second)
-    known = second >= 0
-    other = np.where(known, second, 0)
-    column = np.arange(targets)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        share = (at[:, None] - time) / (time[other, column] - time)
-    share = np.where(known, share, np.nan)[..., None]
-    moved = (1.0 - share) * place + share * place[other, column]
-    own = covariance if lasting is None else covariance - _of_range(lasting)
-    spread = (1.0 - share[..., None]) ** 2 * own + share[..., None] ** 2 * own[other, column]
-    return moved, spread if lasting is None else spread + _of_range(lasting)
-
-
-def _of_range(variance: Array) -> Array:
-    """Return covariances of (Θ, φ, R), shape (..., 3, 3), that have a variance of R alone."""
-    result = np.zeros((*variance.shape, 3, 3))
-    result[..., 2, 2] = variance
-    return result
+    return second

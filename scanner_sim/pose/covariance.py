@@ -93,20 +93,23 @@ def error_ellipsoid(covariance: ArrayLike) -> tuple[Array, Array]:
     return lengths[..., ::-1], np.where(known, axes, np.nan)[..., ::-1]
 
 
-def relative_pose(a: UncertainPose, b: UncertainPose) -> RelativePose:
-    """Return the pose of b in the frame of a, M_a⁻¹ M_b, of two objects measured independently.
+def relative_pose(a: UncertainPose, b: UncertainPose, between: Array | None = None) -> RelativePose:
+    """Return the pose of b in the frame of a, M_a⁻¹ M_b.
 
     Parameters
     ----------
     a, b
         Poses with leading axes that broadcast.
+    between
+        Covariance of the pose of a (rows) with that of b along the scanner's axes, shape (..., 6, 6); None for objects
+        measured independently.
 
     Returns
     -------
     RelativePose
         t = R_aᵀ(t_b − t_a), R = R_aᵀ R_b. With d = t_b − t_a the changes are
         δt = R_aᵀ(δt_b − δt_a + d × δω_a) and δω = R_aᵀ(δω_b − δω_a), and the covariances of both add. An error common
-        to both measurements, as a drift of the mirrors, is not in them; it cancels in part.
+        to both measurements that ``between`` does not know, as a drift of the mirrors, cancels in part.
     """
     back = np.swapaxes(a.rotation, -1, -2)
     apart = b.position - a.position
@@ -117,4 +120,7 @@ def relative_pose(a: UncertainPose, b: UncertainPose) -> RelativePose:
     by_a[..., :3, 3:] = product(back, cross_matrix(apart))
     covariance: Array = product(by_a, a.covariance, np.swapaxes(by_a, -1, -2))
     covariance = covariance + product(by_b, b.covariance, np.swapaxes(by_b, -1, -2))
+    if between is not None:
+        shared = product(by_a, between, np.swapaxes(by_b, -1, -2))
+        covariance = covariance + shared + np.swapaxes(shared, -1, -2)
     return RelativePose(applied(back, apart), product(back, b.rotation), covariance)

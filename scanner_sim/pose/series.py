@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.arithmetic import inverse, product, pseudo_inverse
+from scanner_sim.pose.carried import Carried
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.covariance import relative_pose
 from scanner_sim.pose.estimate import Robust, estimate_pose
@@ -17,6 +18,9 @@ from scanner_sim.pose.transforms import quaternion_from_rotation, vector_from_ro
 from scanner_sim.pose.weights import Method
 
 Array = NDArray[np.float64]
+
+_WEIGHED = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
+"""Entries of the covariance of (Θ, φ, R) that weigh a target."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +50,12 @@ class PoseSeries:
         :class:`~scanner_sim.pose.status.PoseStatus`, shape (n,).
     truth_position, truth_rotation
         True pose, of the shapes of ``position`` and ``rotation``; NaN where nobody knows it.
+    lasting
+        The part of ``covariance`` that neighbouring poses share beyond their common sightings, and that no mean over
+        seconds makes smaller: the surfaces' speckle, unlike pixels and drift, shape (n, 6, 6).
+    gains
+        By how much each sighting (Θ, φ, R) moves the pose, shape (n, targets, 6, 3); None of relative poses, and where
+        a table was read.
     """
 
     name: str
@@ -61,6 +71,8 @@ class PoseSeries:
     status: NDArray[np.int8]
     truth_position: Array
     truth_rotation: Array
+    lasting: Array
+    gains: Array | None = None
 
     @property
     def label(self) -> str:
@@ -88,13 +100,11 @@ def pose_series(
     name: str,
     object_points: Array,
     at: Array,
-    place: Array,
-    covariance: Array,
+    sightings: Carried,
     *,
     axis_separation: float,
     method: Method,
     robust: Robust | None = None,
-    shared: Array | None = None,
     truth: Array | None = None,
 ) -> PoseSeries:
     """Return the poses of an object from sightings of its targets at common times.
@@ -107,18 +117,15 @@ def pose_series(
         Its targets along its own axes [m], shape (targets, 3).
     at
         Times [s], shape (n,).
-    place, covariance
-        (Θ, φ, R) of the targets [rad, rad, m], shape (n, targets, 3), and its covariance (n, targets, 3, 3); NaN where
-        a target was not measured. Covariances with φ, which a symmetrical pattern leaves small, are left out.
+    sightings
+        Of its targets. Each pose is weighed by the covariances of single targets, of them Θ with R but not φ, which a
+        symmetrical pattern leaves small. What targets share is added to the covariance of the pose, Σ K_i C_ij K_jᵀ
+        over i ≠ j with K the pose's rise with each sighting; the weights know nothing of it, and χ² comes out a little
+        too small.
     axis_separation
         D_g [m].
     method, robust
         See :func:`~scanner_sim.pose.estimate.estimate_pose`.
-    shared
-        Covariance between the ranges of different targets [m²], shape (n, targets, targets); the diagonal says nothing
-        that ``covariance`` does not. It is added to the covariance of the poses, Σ K_i c_ij K_jᵀ over i ≠ j with K the
-        pose's rise with each range; the weights know nothing of it, and χ² comes out a little too small.
-        None: independent.
     truth
         True ``scanner_from_object`` at the times, shape (n, 4, 4), for comparison only.
 
@@ -127,7 +134,9 @@ def pose_series(
     InputError
         As :func:`~scanner_sim.pose.estimate.estimate_pose`.
     """
-    sigma = np.sqrt(np.diagonal(covariance, axis1=2, axis2=3))
+    target = np.arange(len(object_points))
+    place, own = sightings.place, sightings.covariance[:, target, target]
+    sigma = np.sqrt(np.diagonal(own, axis1=2, axis2=3))
     found = estimate_pose(
         object_points,
         place[..., 0],
@@ -136,16 +145,13 @@ def pose_series(
         sigma_theta=sigma[..., 0],
         sigma_phi=sigma[..., 1],
         sigma_range=sigma[..., 2],
-        covariance_theta_range=covariance[..., 0, 2],
+        covariance_theta_range=own[..., 0, 2],
         axis_separation=axis_separation,
         method=method,
         robust=robust,
     )
-    spread = found.covariance
-    if shared is not None and method != "uv":
-        gains = _range_gains(found, object_points, covariance, axis_separation)
-        apart = np.where(np.eye(len(object_points), dtype=bool), 0.0, np.nan_to_num(shared))
-        spread = spread + np.einsum("nia,nij,njb->nab", gains, apart, gains)
+    gains = _gains(found, object_points, own, axis_separation, with_range=method != "uv")
+    apart = np.where(np.eye(len(target), dtype=bool)[..., None, None], 0.0, sightings.covariance)
     unknown = np.full((len(at), 4, 4), np.nan)
     true = unknown if truth is None else truth
     return PoseSeries(
@@ -155,22 +161,40 @@ def pose_series(
         time=at,
         position=found.position,
         rotation=found.rotation,
-        covariance=spread,
+        covariance=found.covariance + between_poses(gains, apart, gains),
         chi2=found.chi2,
         dof=found.dof,
         targets=np.count_nonzero(found.weights, axis=1).astype(np.int64),
         status=found.status,
         truth_position=true[:, :3, 3],
         truth_rotation=true[:, :3, :3],
+        lasting=between_poses(gains, sightings.lasting, gains),
+        gains=gains,
     )
 
 
-def _range_gains(
-    found: PoseEstimate, object_points: Array, covariance: Array, axis_separation: float
-) -> Array:
-    """Return by how much each range moves a pose, ∂(δt, δω)/∂R of every target, shape (n, targets, 6).
+def between_poses(one: Array, covariance: Array, other: Array) -> Array:
+    """Return the covariance of two poses from that of their sightings, Σ K_i C_ij K_jᵀ, shape (n, 6, 6).
 
-    N⁻¹ Jᵀ C⁻¹ with J the derivatives of (Θ, φ, R) by (δt, δω), g and R p × g, and N = Σ Jᵀ C⁻¹ J: first order.
+    ``one`` (n, i, 6, 3) and ``other`` (n, j, 6, 3) are their gains, ``covariance`` (n, i, j, 3, 3); what is NaN of it
+    counts as none.
+    """
+    spread = np.einsum("nijab,njdb->niad", np.nan_to_num(covariance), other)
+    return np.asarray(np.einsum("nica,niad->ncd", one, spread))
+
+
+def _gains(
+    found: PoseEstimate,
+    object_points: Array,
+    covariance: Array,
+    axis_separation: float,
+    *,
+    with_range: bool,
+) -> Array:
+    """Return by how much each sighting moves a pose, ∂(δt, δω)/∂(Θ, φ, R) of every target, shape (n, targets, 6, 3).
+
+    N⁻¹ Jᵀ W with J the derivatives of (Θ, φ, R) by (δt, δω), g and R p × g, W the weights of the estimate, and
+    N = Σ Jᵀ W J: first order.
     """
     arm = np.einsum("nij,tj->nti", found.rotation, object_points)
     placed = np.moveaxis(arm + found.position[:, None], -1, 0)
@@ -181,17 +205,20 @@ def _range_gains(
         (found.weights > 0.0) & np.isfinite(rows).all(axis=(2, 3)) & np.isfinite(covariance).all(axis=(2, 3))
     )
     rows = np.where(counted[..., None, None], rows, 0.0)
-    weight = inverse(np.where(counted[..., None, None], covariance, np.eye(3)))
+    used = covariance * _WEIGHED if with_range else covariance * np.eye(3)
+    weight = inverse(np.where(counted[..., None, None], used, np.eye(3)))
+    if not with_range:
+        weight = weight * np.diag([1.0, 1.0, 0.0])
     weighted = found.weights[..., None, None] * product(np.swapaxes(rows, -1, -2), weight)
     normal = product(weighted, rows).sum(axis=1)
-    solved = product(pseudo_inverse(normal)[:, None], weighted)
-    return np.asarray(solved[..., 2])
+    return np.asarray(product(pseudo_inverse(normal)[:, None], weighted))
 
 
-def relative_series(reference: PoseSeries, other: PoseSeries) -> PoseSeries:
+def relative_series(reference: PoseSeries, other: PoseSeries, sightings: Carried | None = None) -> PoseSeries:
     """Return the poses of one object in the frame of another, M_a⁻¹ M_b, of series at the same times.
 
-    Both are taken as measured independently (:func:`~scanner_sim.pose.covariance.relative_pose`); χ² and degrees of
+    ``sightings``, those of the targets of the first and then of the second, say what both have in common; without them
+    they are taken as measured independently (:func:`~scanner_sim.pose.covariance.relative_pose`). χ² and degrees of
     freedom add, and the status is that of the first of them that has no pose, or else is not valid.
 
     Raises
@@ -201,7 +228,11 @@ def relative_series(reference: PoseSeries, other: PoseSeries) -> PoseSeries:
     """
     if reference.method != other.method or not np.array_equal(reference.time, other.time):
         raise ValueError("relative poses need series of one method at the same times")
-    between = relative_pose(reference, other)
+    shared, lasting = _shared_by(reference, other, sightings)
+    between = relative_pose(reference, other, shared)
+    stays = relative_pose(
+        replace(reference, covariance=reference.lasting), replace(other, covariance=other.lasting), lasting
+    )
     true = np.swapaxes(reference.truth_rotation, 1, 2)
     apart = (other.truth_position - reference.truth_position)[..., None]
     without = ~np.isfinite(reference.position).all(axis=1)
@@ -220,4 +251,19 @@ def relative_series(reference: PoseSeries, other: PoseSeries) -> PoseSeries:
         status=status,
         truth_position=product(true, apart)[..., 0],
         truth_rotation=product(true, other.truth_rotation),
+        lasting=stays.covariance,
     )
+
+
+def _shared_by(
+    one: PoseSeries, other: PoseSeries, sightings: Carried | None
+) -> tuple[Array | None, Array | None]:
+    """Return the covariance between poses of two objects, and its lasting part, shape (n, 6, 6)."""
+    if sightings is None or one.gains is None or other.gains is None:
+        return None, None
+    first = one.gains.shape[1]
+    whole, lasting = (
+        between_poses(one.gains, values[:, :first, first:], other.gains)
+        for values in (sightings.covariance, sightings.lasting)
+    )
+    return whole, lasting

@@ -31,12 +31,14 @@ _COVARIANCE = tuple(
     for i in range(6)
     for j in range(i, 6)
 )
+_LASTING = "lasting_"
+"""Before the name of a covariance: its part that neighbouring poses share."""
 _KINDS: dict[str, Kind] = {
     "time_s": "finite",
     **dict.fromkeys(
         (prefix + name for prefix in ("", "truth_") for name in (*_POSITION, *_QUATERNION)), "number"
     ),
-    **dict.fromkeys((name for name, _ in _COVARIANCE), "number"),
+    **dict.fromkeys((prefix + name for prefix in ("", _LASTING) for name, _ in _COVARIANCE), "number"),
     "chi2": "number",
     **dict.fromkeys(("dof", "targets", "status"), "whole"),
 }
@@ -63,7 +65,7 @@ def pose_columns(series: Sequence[PoseSeries]) -> dict[str, NDArray[Any]]:
         ``time_s object method x_m y_m z_m qw qx qy qz``, with ``relative_to`` after the object where they are relative;
         the 21 numbers of the symmetric 6 × 6 covariance of (δt, δω) along the axes of the reference, ``status``
         (:class:`~scanner_sim.pose.status.PoseStatus`), χ², degrees of freedom and number of targets, and the truth as
-        ``truth_x_m`` to ``truth_qz``.
+        ``truth_x_m`` to ``truth_qz``; then ``lasting_cov_``, the part of the covariance that neighbouring poses share.
     """
     columns: dict[str, NDArray[Any]] = {
         "time_s": np.concatenate([one.time for one in series]),
@@ -75,13 +77,15 @@ def pose_columns(series: Sequence[PoseSeries]) -> dict[str, NDArray[Any]]:
     columns |= _placed("", [one.position for one in series], [one.rotation for one in series])
     covariance = np.concatenate([one.covariance for one in series])
     columns |= {name: covariance[:, i, j] for name, (i, j) in _COVARIANCE}
+    lasting = np.concatenate([one.lasting for one in series])
     columns["status"] = np.concatenate([one.status for one in series]).astype(np.int32)
     columns["chi2"] = np.concatenate([one.chi2 for one in series])
     columns["dof"] = np.concatenate([one.dof for one in series])
     columns["targets"] = np.concatenate([one.targets for one in series])
-    return columns | _placed(
+    columns |= _placed(
         "truth_", [one.truth_position for one in series], [one.truth_rotation for one in series]
     )
+    return columns | {_LASTING + name: lasting[:, i, j] for name, (i, j) in _COVARIANCE}
 
 
 def about_poses(series: Sequence[PoseSeries], software: str) -> dict[str, Any]:
@@ -137,9 +141,10 @@ def _series(name: str, relative_to: str, method: Method, columns: Columns) -> Po
     def together(names: tuple[str, ...], prefix: str = "") -> Array:
         return np.stack([columns[prefix + name] for name in names], axis=-1)
 
-    covariance = np.empty((len(columns["time_s"]), 6, 6))
+    covariance, lasting = np.empty((2, len(columns["time_s"]), 6, 6))
     for label, (i, j) in _COVARIANCE:
         covariance[:, i, j] = covariance[:, j, i] = columns[label]
+        lasting[:, i, j] = lasting[:, j, i] = columns[_LASTING + label]
     return PoseSeries(
         name=name,
         relative_to=relative_to,
@@ -154,4 +159,5 @@ def _series(name: str, relative_to: str, method: Method, columns: Columns) -> Po
         status=columns["status"].astype(np.int8),
         truth_position=together(_POSITION, "truth_"),
         truth_rotation=rotation_from_quaternion(together(_QUATERNION, "truth_")),
+        lasting=lasting,
     )

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.errors import InputError
+from scanner_sim.products.error_columns import ERRORS, error_columns, errors_from
 from scanner_sim.products.exchange import recover
 from scanner_sim.products.folder import Kind
 from scanner_sim.products.settings import Output
 from scanner_sim.products.tables import MOST, Columns, checked, read_parquet, stated, texts
 from scanner_sim.products.tables import Kind as ColumnKind
 from scanner_sim.status import Status
+from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import TargetLooks
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
@@ -69,7 +71,7 @@ _TABLE_KINDS: dict[str, ColumnKind] = {
         (prefix + name for prefix in ("", "truth_") for name in (*_ANGULAR, *_SPATIAL)), "number"
     ),
     # Of what was refused a fit may state any uncertainty.
-    **dict.fromkeys((*_SIGMAS, *_ANGULAR_CROSS, *_SPATIAL_CROSS), "any"),
+    **dict.fromkeys((*_SIGMAS, *_ANGULAR_CROSS, *_SPATIAL_CROSS, *ERRORS), "any"),
     **dict.fromkeys(("target", "state", "next_state", "refusal"), "text"),
     **dict.fromkeys(("visit", "status"), "whole"),
 }
@@ -132,7 +134,9 @@ def track_columns(track: Track) -> dict[str, NDArray[Any]]:
     dict
         ``time_s target state``, what was measured with its ``sigma_``, ``status``
         (:class:`~scanner_sim.tracking.record.TrackStatus`) and ``truth_``; then the visit's number, the state after it,
-        why the measurement was refused, the pattern's amplitude and commanded centre, and the covariances. Measured
+        why the measurement was refused, the pattern's amplitude and commanded centre, the covariances, and the parts of
+        the error of (Θ, φ, R): ``sigma_white_``, ``sigma_surface_``, and what :class:`ErrorParts` says of the others
+        (:class:`~scanner_sim.tracking.errors.ErrorParts`). Measured
         numbers are NaN where nothing was found; a refused place stays, beside its status.
     """
     records = track.records
@@ -166,7 +170,8 @@ def track_columns(track: Track) -> dict[str, NDArray[Any]]:
     }
     for names, matrices in ((_ANGULAR_CROSS, angular), (_SPATIAL_CROSS, spatial)):
         columns |= {name: matrices[:, i, j] for name, (i, j) in zip(names, _CORNERS, strict=True)}
-    return columns
+    none = ErrorParts.all_white(np.zeros((0, 3, 3)))
+    return columns | error_columns(ErrorParts.stacked([one.errors for one in records]) if records else none)
 
 
 def voxel_columns(track: Track) -> dict[str, NDArray[Any]]:
@@ -260,7 +265,7 @@ def _check_order(columns: Columns, voxels: Columns | None, known: set[str]) -> N
     if (np.diff(columns["visit"]) <= 0).any() or (columns["visit"][:1] < 0).any():
         raise ValueError("visits are not numbered in order")
     measured = columns["status"] == TrackStatus.MEASURED
-    if not all((columns[name][measured] < MOST).all() for name in (*_SIGMAS, *_ANGULAR, *_SPATIAL)):
+    if not all((columns[name][measured] < MOST).all() for name in (*_SIGMAS, *_ANGULAR, *_SPATIAL, *ERRORS)):
         raise ValueError("a target was measured, but its place or its uncertainty is no number of any sense")
     if voxels is not None:
         if (np.diff(voxels["visit"]) < 0).any():
@@ -308,7 +313,10 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
     )
     truth, truth_point = together(_ANGULAR, "truth_"), together(_SPATIAL, "truth_")
     angular, spatial = matrices(_ANGULAR, _ANGULAR_CROSS), matrices(_SPATIAL, _SPATIAL_CROSS)
-    samples = _samples(columns["visit"], voxels)
+    samples, errors = _samples(columns["visit"], voxels), errors_from(columns, angular)
+    measured = columns["status"] == TrackStatus.MEASURED
+    if not (np.diagonal(errors.white, axis1=1, axis2=2)[measured] > 0.0).all():
+        raise ValueError("a part of an uncertainty is larger than the whole")
     return [
         PatternRecord(
             number=int(columns["visit"][row]),
@@ -322,6 +330,7 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
             centre=centre[row],
             place=place[row],
             covariance=angular[row],
+            errors=errors.at(row),
             point=point[row],
             point_covariance=spatial[row],
             truth=truth[row],

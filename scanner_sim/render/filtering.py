@@ -129,7 +129,8 @@ def convolved(layers: list[Any], columns: int, weights: NDArray[np.float64]) -> 
         added = (share * dr.gather(mi.Float, layer, at) for layer in layers)
         return number + 1, *(total + more for total, more in zip(sums, added, strict=True))
 
-    none = [dr.zeros(mi.Float, dr.width(lane)) for _ in layers]
-    _, *sums = dr.while_loop((mi.UInt32(0), *none), lambda number, *sums: number < last, add)
+    start_at: Any = (mi.UInt32(0), *(dr.zeros(mi.Float, dr.width(lane)) for _ in layers))
+    found: Any = dr.while_loop(start_at, lambda number, *sums: number < last, add)
+    sums = list(found[1:])
     dr.eval(sums)
-    return list(sums)
+    return sums

@@ -182,7 +182,7 @@ def _seen(
     followed = scenario.targets[0]  # all look alike
     for visit, motion in enumerate(motions):
         order = TrackCommand(TrackMode.TRACK, truth[visit], 0.0, visit)
-        _, seen = eye.see(followed, order, motion, visit)
+        _, seen, _ = eye.see(followed, order, motion, visit)
         if _taken(seen, target):
             places[visit] = seen.place[0]
             sigmas[visit] = np.sqrt(np.diagonal(seen.covariance[0]))

@@ -8,6 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import TargetLooks
 from scanner_sim.tracking.samples import PatternSamples
 from scanner_sim.tracking.state import Refusal, TrackMode
@@ -89,6 +90,8 @@ class PatternRecord:
     place, covariance
         Measured (Θ, φ, R), shape (3,), and its covariance (3, 3) [rad, m]; NaN where none was found. A refused place
         stays here, so that what was refused can be seen.
+    errors
+        What the covariance is made of, and what other visits and targets have of it.
     point, point_covariance
         The same as x, y, z [m] in the scanner frame.
     truth
@@ -110,6 +113,7 @@ class PatternRecord:
     centre: Array
     place: Array
     covariance: Array
+    errors: ErrorParts
     point: Array
     point_covariance: Array
     truth: Array

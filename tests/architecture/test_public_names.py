@@ -21,6 +21,7 @@ def python(code: str) -> str:
 
 def test_the_public_names_are_these() -> None:
     assert set(scanner_sim.__all__) == {
+        "PoseFilter",
         "Scenario",
         "Tracker",
         "__version__",
@@ -47,6 +48,7 @@ def test_the_names_are_what_they_say() -> None:
     assert inspect.isclass(scanner_sim.Tracker)
     assert inspect.isfunction(scanner_sim.estimate_pose)
     assert inspect.isfunction(scanner_sim.poses_of)
+    assert inspect.isclass(scanner_sim.PoseFilter)
     assert inspect.isfunction(scanner_sim.read_track)
 
 

@@ -8,87 +8,117 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy import stats
 
 from scanner_sim.closed_loop.poses import poses_of
 from scanner_sim.closed_loop.track import track
-from scanner_sim.config import scenario_from_text
+from scanner_sim.config import load_scenario
 from scanner_sim.pose.series import PoseSeries
+from scanner_sim.scenario import Scenario
 from scanner_sim.tracking.record import TrackStatus
 
 pytestmark = [pytest.mark.usefixtures("device"), pytest.mark.slow]
 
-SCENARIO = """\
-schema: 1
-seed: {seed}
-scene:
-  objects:
-    - name: node
-      array: {{diameter: 100 mm, rows: 2, columns: 2, spacing: [1 m, 1 m], plate: 300 mm}}
-      position: [{x} m, 0 m, 8 m]
-      rotation: [{{axis: y, angle: {yaw} deg}}, {{axis: x, angle: {pitch} deg}}]
-      motion: {{type: twist, velocity: [10 mm/s, -6 mm/s, 8 mm/s], turn_rate: [0.3 deg/s, 0.8 deg/s, -0.5 deg/s]}}
-scan: {{type: track, duration: 2.4 s, targets: [node]}}
-"""
-CASES = ((5, 0.1, 15.0, -10.0), (6, -0.3, -8.0, 6.0), (7, 0.3, 4.0, 20.0))
-"""Seed, place and attitude of each run."""
+Array = NDArray[np.float64]
+
+RUNS, SIDE, ROUNDS = 5, 3, 4
+"""Runs, objects along each side of a field of them, and visits to each target."""
+
+
+def field(seed: int) -> Scenario:
+    """Nine squares of four discs at 7 to 10 m, each tilted, moving and turning in its own way."""
+    rng = np.random.default_rng(1000 + seed)
+    objects = []
+    for number in range(SIDE**2):
+        z = rng.uniform(7.0, 10.0)
+        column, row = number % SIDE - 1, number // SIDE - 1
+        objects.append(
+            {
+                "name": f"node{number}",
+                "array": {"diameter": 0.1, "rows": 2, "columns": 2, "spacing": (0.8, 0.8), "plate": 0.3},
+                "position": (0.2 * z * column, 0.2 * z * row, z),
+                "rotation": [{"axis": axis, "angle": np.radians(rng.uniform(-15.0, 15.0))} for axis in "yx"],
+                "motion": {
+                    "type": "twist",
+                    "velocity": tuple(rng.uniform(-10e-3, 10e-3, 3)),
+                    "turn_rate": tuple(rng.uniform(-12e-3, 12e-3, 3)),
+                },
+            }
+        )
+    scan = {
+        "type": "track",
+        "targets": [item["name"] for item in objects],
+        "duration": 4 * SIDE**2 * ROUNDS * 10.03e-3,
+    }
+    return load_scenario({"schema": 1, "seed": seed, "scene": {"objects": objects}, "scan": scan})
 
 
 @pytest.fixture(scope="module")
-def runs() -> list[dict[str, PoseSeries]]:
-    made = []
-    for seed, x, yaw, pitch in CASES:
-        text = SCENARIO.format(seed=seed, x=x, yaw=yaw, pitch=pitch)
-        run = track(scenario_from_text(text, name="moving.yaml"), device="cpu")
+def series() -> list[PoseSeries]:
+    made: list[PoseSeries] = []
+    for seed in range(RUNS):
+        run = track(field(seed), device="cpu")
         measured = sum(record.status is TrackStatus.MEASURED for record in run.records)
         assert measured >= 0.99 * len(run.records)
-        made.append({series.method: series for series in poses_of(run)})
+        made += poses_of(run)
     return made
 
 
-def pulls(runs: list[dict[str, PoseSeries]], method: str) -> list[NDArray[np.float64]]:
-    """Return errors over σ of every second pose of each run, shapes (n, 6): they share no sighting."""
-    chosen = [run[method] for run in runs]
-    rows = [np.flatnonzero(one.status == 0)[::2] for one in chosen]
-    assert all(len(row) >= 25 for row in rows)
-    return [(one.error / one.sigma)[row] for one, row in zip(chosen, rows, strict=True)]
+def whitened(series: list[PoseSeries], method: str, *, relative: bool = False) -> Array:
+    """Return the last poses' errors by the root of their covariance, shape (poses, 6).
 
-
-def test_resection_of_a_moving_object_is_covered(runs: list[dict[str, PoseSeries]]) -> None:
-    """Claim: uv poses from tracked targets have the errors that their covariance states, in all six components.
-
-    Set-up: an array of four discs, tilted by 8 to 20°, at 8 m, moving by 14 mm/s and turning by 1 deg/s; three runs of
-    2.4 s with all of the instrument's noise. Some
-    27 poses of each run that share no sighting.
-    Expected: errors over σ of mean 0 and variance 1.
-    Tolerance: 80 degrees of freedom, so χ²/80 lies within 0.46 and 1.76 but for 1e-5 on either side. 1.35 more above:
-    the light's own error and the wobble that neighbouring visits share, about 6 and 3 of 11 µrad, are not in σ. A mean
-    lies within 4.6/√80 times the same. Without the discs' planes the variance is above 10; at the wrong instant (half a
-    round) it is above 100.
+    Poses of one object have most of their errors in common, so that one of each counts.
     """
-    every = np.concatenate(pulls(runs, "uv"))
-    variance = np.mean(every**2, axis=0)
-    assert ((variance > 0.46) & (variance < 1.35 * 1.76)).all(), variance
-    assert np.abs(every.mean(axis=0)).max() < 4.6 * np.sqrt(1.35 / len(every))
+    found = []
+    for one in series:
+        if one.method == method and bool(one.relative_to) == relative:
+            last = np.flatnonzero(one.status == 0)[-1:]
+            root = np.linalg.cholesky(one.covariance[last])
+            found.append(np.linalg.solve(root, one.error[last][..., None])[..., 0])
+    return np.concatenate(found)
 
 
-def test_joint_poses_of_a_moving_object_are_covered(runs: list[dict[str, PoseSeries]]) -> None:
-    """Claim: with ranges, too; although unlike pixels move the ranges of a whole run alike.
+@pytest.mark.parametrize("method", ["uv", "joint"])
+def test_poses_of_moving_objects_are_covered(series: list[PoseSeries], method: str) -> None:
+    """Claim: poses from tracked targets have the errors that their covariance states.
 
-    Set-up: as above. Depth and tilt of one run share the pixels' errors: their means over a run are one draw each.
-    Expected: lateral errors and roll as above; the mean of depth and tilts over a run within its σ, and never far off.
-    Tolerance: three runs of three components, |mean| < 4.5 σ; the components' variance over all below 6, to which a
-    common error of 2 σ brings it.
+    Set-up: five runs over nine squares of four discs at 7 to 10 m, tilted by up to 15° about two axes, moving and
+    turning by up to 10 mm/s and 0.7 deg/s along each; four visits to each disc with all of the instrument's noise; the
+    last pose of each object.
+    Expected: squared errors by their covariance of mean 6. Tolerance: 270 degrees of freedom, level 2e-5 on either
+    side: within 0.69 and 1.40 of it. With each target's visits and all targets independent it is above. To find
+    the mean within 0.9 and 1.15 at this level takes 500 objects, a hundred times this test's: 1.0 over 108.
     """
-    separate = pulls(runs, "joint")
-    every = np.concatenate(separate)
-    variance = np.mean(every**2, axis=0)
-    assert (variance[[0, 1, 5]] < 1.35 * 1.76).all(), variance
-    assert (variance[[2, 3, 4]] < 6.0).all(), variance
-    assert max(np.abs(run.mean(axis=0)[[2, 3, 4]]).max() for run in separate) < 4.5
+    errors = whitened(series, method)
+    assert len(errors) == RUNS * SIDE**2
+    low, high = stats.chi2.ppf([2e-5, 1.0 - 2e-5], errors.size) / errors.size
+    assert low < np.mean(errors**2) < high
+    # No component is off by itself: 45 poses each.
+    assert np.abs(errors.mean(axis=0)).max() < 4.6 / np.sqrt(len(errors))
+
+
+@pytest.mark.parametrize("method", ["uv", "joint"])
+def test_relative_poses_are_covered(series: list[PoseSeries], method: str) -> None:
+    """Claim: so have poses of one object seen from another; what both share cancels in part, and is not counted twice.
+
+    Set-up: as above, the 36 pairs of each run, which nine objects make. Tolerance: the mean of pairs has the errors of
+    at least eight objects in each run, 240 degrees of freedom, level 2e-5: within 0.67 and 1.43.
+    """
+    errors = whitened(series, method, relative=True)
+    freedom = RUNS * (SIDE**2 - 1) * 6
+    low, high = stats.chi2.ppf([2e-5, 1.0 - 2e-5], freedom) / freedom
+    assert low < np.mean(errors**2) < high
+
+
+def test_ranges_tell_depth_and_tilt(series: list[PoseSeries]) -> None:
+    """Claim: at 7 to 10 m triangulation tells depth and tilt more surely than angles do, and takes nothing from these.
+
+    Expected: medians of σ of all poses: joint at most as large as uv, below half of it in depth, below 0.8 in tilt.
+    """
     joint, uv = (
-        np.nanmedian(np.concatenate([run[way].sigma for run in runs]), axis=0) for way in ("joint", "uv")
+        np.median(np.concatenate([one.sigma[one.status == 0] for one in series if one.method == way]), axis=0)
+        for way in ("joint", "uv")
     )
     assert (joint < 1.02 * uv).all()
-    # At 8 m triangulation tells depth and tilt more surely than angles do.
     assert joint[2] < 0.5 * uv[2]
     assert (joint[3:5] < 0.8 * uv[3:5]).all()

@@ -18,6 +18,7 @@ from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.pose.weights import Method
+from scanner_sim.tracking.errors import ErrorParts
 
 Array = NDArray[np.float64]
 
@@ -64,9 +65,8 @@ def runs(
         r, theta, phi = geometry.shot_from_point(placed, SEPARATION)
         place = np.stack([theta, phi, r], axis=-1) + SIGMA * rng.standard_normal((rounds, len(POINTS), 3))
         place[..., 2] += common * rng.standard_normal()
-        whole = SIGMA**2 + [0.0, 0.0, common**2]
-        covariance = np.broadcast_to(np.diag(whole), (rounds, len(POINTS), 3, 3))
-        lasting = np.full(time.shape, common**2)
+        white = ErrorParts.all_white(np.broadcast_to(np.diag(SIGMA**2), (rounds, len(POINTS), 3, 3)))
+        errors = replace(white, pixels=np.full(time.shape, common**2))
         truth = np.zeros((rounds, 4, 4))
         truth[:, :3, :3], truth[:, :3, 3] = pose(at)
         made.append(
@@ -74,10 +74,9 @@ def runs(
                 name,
                 POINTS,
                 at,
-                *carried(time, place, covariance, at, lasting),
+                carried(time, place, errors, at),
                 axis_separation=SEPARATION,
                 method=method,
-                shared=np.full((rounds, len(POINTS), len(POINTS)), common**2),
                 truth=truth,
             )
         )
@@ -164,5 +163,5 @@ def test_an_error_that_all_ranges_share_is_in_the_covariance() -> None:
 def first_of(series: PoseSeries) -> PoseSeries:
     """Return a series of its first pose alone."""
     names = ("time", "position", "rotation", "covariance", "chi2", "dof", "targets", "status")
-    names += ("truth_position", "truth_rotation")
+    names += ("truth_position", "truth_rotation", "lasting", "gains")
     return replace(series, **{name: getattr(series, name)[:1] for name in names})

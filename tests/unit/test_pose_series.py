@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from scanner_sim.frames import rotation_about
-from scanner_sim.pose.carried import FARTHEST, carried, rounds_of
+from scanner_sim.pose.carried import FARTHEST, Carried, carried, rounds_of
 from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import vector_from_rotation
+from scanner_sim.pose.weights import Method
 from scanner_sim.ranging.coordinates import angles_and_range
+from scanner_sim.tracking.errors import ErrorParts
 
 SQUARE = 0.5 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
 
@@ -27,9 +29,16 @@ def sightings(rounds: int = 8, targets: int = 4) -> tuple[np.ndarray, np.ndarray
     return time, start + rate * time[..., None], covariance, time.mean(axis=1)
 
 
+def own(found: Carried) -> np.ndarray:
+    """Covariances of single targets, shape (rounds, targets, 3, 3)."""
+    target = np.arange(found.place.shape[1])
+    return found.covariance[:, target, target]
+
+
 def test_even_motion_is_carried_exactly() -> None:
     time, place, covariance, at = sightings()
-    moved, spread = carried(time, place, covariance, at)
+    found = carried(time, place, ErrorParts.all_white(covariance), at)
+    moved, spread = found.place, own(found)
     (later,) = {round(float(value), 12) for value in at - time[:, 0]}
     rate = (place[1] - place[0]) / (time[1] - time[0])[:, None]
     np.testing.assert_allclose(moved, place[:1] + rate * (at[:, None] - time[0])[..., None], rtol=1e-12)
@@ -45,10 +54,12 @@ def test_a_target_that_was_missed_in_a_round_does_not_count_in_it() -> None:
     time, place, covariance, at = sightings()
     time, place = time.copy(), place.copy()
     time[3, 1], place[3, 1] = np.nan, np.nan
-    moved, spread = carried(time, place, covariance, at)
+    found = carried(time, place, ErrorParts.all_white(covariance), at)
+    moved, spread = found.place, own(found)
     assert np.isnan(moved[3, 1]).all()
     assert np.isnan(spread[3, 1]).all()
-    whole, _ = carried(*sightings())
+    time, place, covariance, at = sightings()
+    whole = carried(time, place, ErrorParts.all_white(covariance), at).place
     np.testing.assert_allclose(np.delete(moved, 3, axis=0), np.delete(whole, 3, axis=0), rtol=1e-12)
 
 
@@ -58,15 +69,17 @@ def test_a_lone_sighting_says_nothing_of_the_motion(gap: int) -> None:
     time = time.copy()
     time[: 4 + gap + 1, 0] = np.nan
     time[4, 0] = 0.16
-    moved, _ = carried(time, place, covariance, at)
+    moved = carried(time, place, ErrorParts.all_white(covariance), at).place
     assert np.isfinite(moved[4, 0]).all() == (gap < FARTHEST)
 
 
 def test_no_target_depends_on_another() -> None:
     time, place, covariance, at = sightings()
-    every, _ = carried(time, place, covariance, at)
-    one, _ = carried(time[:, 2:3], place[:, 2:3], covariance[:, 2:3], at)
-    np.testing.assert_array_equal(every[:, 2:3], one)
+    errors = ErrorParts.all_white(covariance)
+    every = carried(time, place, errors, at)
+    one = carried(time[:, 2:3], place[:, 2:3], errors.at((slice(None), slice(2, 3))), at)
+    np.testing.assert_array_equal(every.place[:, 2:3], one.place)
+    np.testing.assert_array_equal(every.of([2]).covariance, one.covariance)
 
 
 def test_rounds_end_where_a_target_comes_again() -> None:
@@ -95,6 +108,7 @@ def series(
         status=np.array([status], dtype=np.int8),
         truth_position=placed,
         truth_rotation=rotation,
+        lasting=np.zeros((1, 6, 6)),
     )
 
 
@@ -142,51 +156,75 @@ def test_a_relative_pose_has_the_status_of_the_worse_one(
     assert relative_series(*pair).status.tolist() == [wanted]
 
 
-def test_covariances_between_ranges_are_carried_to_the_pose() -> None:
-    """Σ over i, j of (∂pose/∂R_i) c_ij (∂pose/∂R_j)ᵀ, i ≠ j, with the derivatives taken by differences."""
+@pytest.mark.parametrize("method", ["uv", "joint"])
+def test_covariances_between_targets_are_carried_to_the_pose(method: Method) -> None:
+    """Σ over i, j of K_i C_ij K_jᵀ, i ≠ j, with K the derivatives of the pose by sightings, taken by differences."""
+    rng = np.random.default_rng(5)
     turned, centre = rotation_about([1.0, 2.0, 0.0], 0.3), np.array([0.4, -0.2, 8.0])
     points = SQUARE + np.outer([0.1, 0.0, 0.0, 0.2], [0.0, 0.0, 1.0])
     r, theta, phi = angles_and_range(*(points @ turned.T + centre).T, 0.05)
     sigma = np.array([20e-6, 30e-6, 1e-3])
-    covariance = np.broadcast_to(np.diag(sigma**2), (1, 4, 3, 3)).copy()
-    covariance[..., 0, 2] = covariance[..., 2, 0] = 0.3 * sigma[0] * sigma[2]
-    shared = 1e-6 * np.array(
-        [[1.0, 0.5, 0.2, -0.1], [0.5, 1.0, 0.3, 0.4], [0.2, 0.3, 1.0, 0.6], [-0.1, 0.4, 0.6, 1.0]]
-    )
+    root = rng.normal(size=(12, 12)) * np.tile(sigma, 4)[:, None] / 4.0
+    shared = (root @ root.T).reshape(4, 3, 4, 3).transpose(0, 2, 1, 3)
+    alone = np.zeros((4, 4, 3, 3))
+    alone[np.arange(4), np.arange(4)] = np.diag(sigma**2)
+    alone[np.arange(4), np.arange(4), 0, 2] = alone[np.arange(4), np.arange(4), 2, 0] = 6e-9
+    shared[np.arange(4), np.arange(4)] = alone[np.arange(4), np.arange(4)]
 
-    def found(moved: np.ndarray, between: np.ndarray | None) -> PoseSeries:
-        place = np.stack([theta, phi, r + moved], axis=-1)[None]
-        return pose_series(
-            "plate",
-            points,
-            np.zeros(1),
-            place,
-            covariance,
-            axis_separation=0.05,
-            method="joint",
-            shared=between,
-        )
+    def found(moved: np.ndarray, between: np.ndarray) -> PoseSeries:
+        place = np.stack([theta, phi, r], axis=-1)[None] + moved
+        sighted = Carried(place, between[None], 0.5 * between[None])
+        return pose_series("plate", points, np.zeros(1), sighted, axis_separation=0.05, method=method)
 
-    base = found(np.zeros(4), None)
-    gains = []
-    for axis in np.eye(4):
-        up, down = found(1e-4 * axis, None), found(-1e-4 * axis, None)
-        turn = vector_from_rotation(up.rotation @ np.swapaxes(down.rotation, 1, 2))[0]
-        gains.append(np.concatenate([up.position[0] - down.position[0], turn]) / 2e-4)
-    off = shared - np.diag(np.diag(shared))
-    wanted = base.covariance[0] + np.array(gains).T @ off @ np.array(gains)
-    got = found(np.zeros(4), shared[None]).covariance[0]
-    np.testing.assert_allclose(got, wanted, atol=1e-3 * np.abs(wanted).max(axis=0).min())
+    base = found(np.zeros((4, 3)), alone)
+    gains = np.zeros((4, 6, 3))
+    for target in range(4):
+        for axis in range(2 if method == "uv" else 3):
+            step = np.zeros((4, 3))
+            step[target, axis] = 0.1 * sigma[axis]
+            up, down = found(step, alone), found(-step, alone)
+            turn = vector_from_rotation(up.rotation @ np.swapaxes(down.rotation, 1, 2))[0]
+            change = np.concatenate([up.position[0] - down.position[0], turn])
+            gains[target, :, axis] = change / (0.2 * sigma[axis])
+    wanted = np.einsum("iax,ijxy,jby->ab", gains, shared, gains)
+    got = found(np.zeros((4, 3)), shared)
+    assert base.gains is not None
+    size = np.abs(gains).max(axis=0)
+    assert (np.abs(base.gains[0] - gains) <= 0.01 * size).all()
+    scale = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose((got.covariance[0] - wanted) / (scale[:, None] * scale), 0.0, atol=0.01)
+    np.testing.assert_allclose(got.lasting, 0.5 * got.covariance, rtol=0.02, atol=1e-3 * got.covariance.max())
 
 
-def test_a_part_of_the_variance_that_lasts_is_not_averaged() -> None:
+def test_what_two_objects_share_cancels_in_their_relative_pose() -> None:
+    """Two objects of equal attitude whose targets have one error of φ: it moves both, not one from the other."""
+    a, b = series("a", [0.0, 0.0, 8.0], 0.0), series("b", [1.0, 0.0, 8.0], 0.0)
+    gains = np.zeros((1, 1, 6, 3))
+    gains[0, 0, 1, 1] = 8.0
+    common = Carried(np.zeros((1, 2, 3)), np.full((1, 2, 2, 3, 3), 1e-8), np.zeros((1, 2, 2, 3, 3)))
+    own = np.zeros((1, 6, 6))
+    own[0, 1, 1] = 64.0 * 1e-8
+    a, b = (replace(one, covariance=own, gains=gains) for one in (a, b))
+    assert relative_series(a, b).covariance[0, 1, 1] == pytest.approx(2.0 * 64.0 * 1e-8)
+    assert relative_series(a, b, common).covariance[0, 1, 1] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_what_lasts_is_not_averaged() -> None:
     time, place, covariance, at = sightings()
-    lasting = np.full(time.shape, 0.4e-6)
-    _, spread = carried(time, place, covariance, at, lasting)
-    _, alone = carried(time, place, covariance, at)
-    own = (alone[..., 2, 2] * 0.6e-6) / 1e-6
-    np.testing.assert_allclose(spread[..., 2, 2], own + lasting, rtol=1e-9)
-    np.testing.assert_allclose(spread[..., :2, :2], alone[..., :2, :2], rtol=1e-12)
+    white = ErrorParts.all_white(0.4 * covariance)
+    stays = replace(white, surface=0.5 * covariance, pixels=0.1 * covariance[..., 2, 2])
+    spread = own(carried(time, place, stays, at))
+    alone = own(carried(time, place, ErrorParts.all_white(covariance), at))
+    wanted = 0.4 * alone + 0.5 * covariance
+    wanted[..., 2, 2] += 0.1 * covariance[..., 2, 2]
+    np.testing.assert_allclose(spread, wanted, rtol=1e-9)
+    np.testing.assert_allclose(own_lasting(carried(time, place, stays, at)), wanted - 0.4 * alone, atol=1e-18)
+
+
+def own_lasting(found: Carried) -> np.ndarray:
+    """What lasts of single targets."""
+    target = np.arange(found.place.shape[1])
+    return found.lasting[:, target, target]
 
 
 def test_a_method_named_twice_is_a_fault() -> None:

@@ -25,6 +25,7 @@ from scanner_sim.products.track_folder import write_track
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.scene.targets import target_positions
+from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import TargetLooks
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 from scanner_sim.tracking.response import TargetKind
@@ -94,6 +95,7 @@ def make_track(seconds: float = 0.4, seed: int = 1, objects: int = 2) -> Track:
                 centre=truth[:2] + 1e-4,
                 place=place + blank,
                 covariance=np.diag(SIGMA**2) + blank,
+                errors=errors_of(blank),
                 point=np.stack(coordinates(place[2], place[0], place[1], DG)) + blank,
                 point_covariance=np.diag([1e-8, 2e-8, 1e-5]) + blank,
                 truth=truth,
@@ -115,6 +117,25 @@ def make_track(seconds: float = 0.4, seed: int = 1, objects: int = 2) -> Track:
         made_by="scanner-sim 0",
         warnings=("A warning.",),
     )
+
+
+def errors_of(blank: float) -> ErrorParts:
+    """Every part, none as large as the next."""
+    surface = np.diag([0.1, 0.2, 0.3]) * SIGMA**2
+    surface[0, 1] = surface[1, 0] = 0.05 * SIGMA[0] * SIGMA[1]
+    rest = replace(
+        ErrorParts.all_white(np.zeros((3, 3))),
+        surface=surface,
+        turn=np.asarray(0.05),
+        pixels=np.asarray(0.4 * SIGMA[2] ** 2),
+        image=np.asarray(44.0),
+        image_width=np.asarray(0.9),
+        wobble=np.asarray(0.01 * SIGMA[0] ** 2),
+        wobble_time=np.asarray(0.05),
+        wobble_angle=np.asarray(0.06),
+        drift=np.array([0.1, 0.2]) * SIGMA[:2],
+    )
+    return replace(rest, white=np.diag(SIGMA**2) - rest.whole + blank)
 
 
 def pattern_of(
@@ -149,6 +170,12 @@ def assert_same(one: object, two: object) -> None:
         a, b = getattr(one, field.name), getattr(two, field.name)
         if isinstance(a, PatternSamples):
             assert_same(a, b)
+        elif isinstance(a, ErrorParts):
+            # White is what the others leave of the covariance.
+            for part in fields(a):
+                first, second = (np.asarray(getattr(errors, part.name)) for errors in (a, b))
+                size = np.nan_to_num(np.abs(first)).max()
+                np.testing.assert_allclose(first, second, rtol=1e-12, atol=1e-12 * size)
         elif isinstance(a, np.ndarray):
             np.testing.assert_allclose(a, b, rtol=1e-15, atol=0.0)
         else:
@@ -265,12 +292,12 @@ def test_poses_are_read_as_they_were_written(track: Track, tmp_path: Path) -> No
         for name in ("time", "position", "chi2", "dof", "targets", "status", "truth_position"):
             np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
         # Quaternions round, and of a covariance the upper half is written.
-        for name in ("rotation", "truth_rotation", "covariance"):
+        for name in ("rotation", "truth_rotation", "covariance", "lasting"):
             np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=1e-12, atol=1e-15)
     text = (tmp_path / "run" / "pose.csv").read_text().splitlines()
     assert text[0].startswith("time_s,object,method,x_m,y_m,z_m,qw,qx,qy,qz,cov_tx_tx_m2,")
     assert "cov_tx_rx_m_rad" in text[0]
-    assert text[0].endswith("truth_qw,truth_qx,truth_qy,truth_qz")
+    assert text[0].endswith("lasting_cov_rz_rz_rad2")
     assert "cov_rz_rz_rad2,status,chi2,dof,targets,truth_x_m" in text[0]
 
 
@@ -294,5 +321,5 @@ def test_turns_of_errors_are_about_the_scanners_axes() -> None:
 
 def test_columns_have_units_in_their_names(track: Track) -> None:
     plain = {"target", "state", "next_state", "status", "visit", "refusal"}
-    ends = ("_s", "_m", "_rad", "_rad2", "_m2", "_rad_m")
+    ends = ("_s", "_m", "_rad", "_rad2", "_m2", "_rad_m", "_pixel")
     assert all(name.endswith(ends) for name in track_columns(track).keys() - plain)

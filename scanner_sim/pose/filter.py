@@ -1,0 +1,293 @@
+"""A filter for poses and their rates, from the visits of a tracker one after another: the reference for users' own.
+
+A Kalman filter that takes every visit's error for new is sure of itself too soon: of the error of a range nine tenths
+are the same in the next visit, and some of it is that of the next target (:mod:`scanner_sim.tracking.errors`). This one
+carries, beside pose and rates, what lasts or is shared: for each target the error of its surface (3), its share of the
+mirrors' wobble (2) and of the unlike pixels (1), and one number for all of the encoders' drift. Each is a Gauss-Markov
+process of variance 1,
+
+    b ← ρ b + √(1 − ρ²) noise,   ρ = exp(−step/length),
+
+whose noise has the correlation that the process has between targets (Bar-Shalom, Li, Kirubarajan, *Estimation with
+Applications to Tracking and Navigation*, 2001, section 8.2 on coloured measurement noise, by state augmentation). Steps
+are of time for wobble, of the turn about the line of sight for surfaces, of the image for pixels; records state the
+lengths. The white part alone is the measurement's noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scanner_sim.arithmetic import applied, cholesky, exp, product, solve_linear
+from scanner_sim.errors import InputError
+from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
+from scanner_sim.pose.collinearity import project
+from scanner_sim.pose.estimate import estimate_pose
+from scanner_sim.pose.transforms import rotation_from_vector
+from scanner_sim.tracking.errors import pixel_correlation
+from scanner_sim.tracking.record import PatternRecord, TrackStatus, TrackTarget
+from scanner_sim.tracking.state import TrackMode
+
+Array = NDArray[np.float64]
+
+RIGID = 12
+"""Numbers of an object: position, attitude, velocity and rate of turn."""
+_OWN = 6
+"""Numbers of a target: three of its surface, two of the wobble, one of the pixels."""
+
+
+@dataclass(frozen=True)
+class FilterState:
+    """What is known of m objects with n targets in all at a time.
+
+    Attributes
+    ----------
+    time
+        When [s].
+    position, rotation
+        Of the objects' origins [m], shape (m, 3), and ``scanner_from_object``, (m, 3, 3).
+    velocity, turn_rate
+        Their rates [m/s] and [rad/s], along the scanner's axes, each (m, 3).
+    bias
+        Estimates of the lasting errors, in their standard deviations, shape (6 n + 1,).
+    covariance
+        Of all errors, shape (12 m + 6 n + 1, 12 m + 6 n + 1): for each object (δt, δω, δv, δ rate), with position + δt
+        and exp([δω]×) rotation, then the biases.
+    """
+
+    time: float
+    position: Array
+    rotation: Array
+    velocity: Array
+    turn_rate: Array
+    bias: Array
+    covariance: Array
+
+    def covariance_of(self, number: int = 0) -> Array:
+        """Return the covariance of one object's (δt, δω, δv, δ rate) [m, rad, m/s, rad/s], shape (12, 12)."""
+        part = slice(RIGID * number, RIGID * (number + 1))
+        return self.covariance[part, part]
+
+
+@dataclass(frozen=True)
+class PoseFilter:
+    """What the filter knows beforehand.
+
+    Attributes
+    ----------
+    objects
+        For each object the targets on it by their names in the records, along its own axes [m], shape (3,).
+    axis_separation
+        D_g [m].
+    acceleration, turn_acceleration
+        Spectral densities of the objects' accelerations, the squared change of a rate in a second [m²/s³, rad²/s³].
+    fastest, fastest_turn
+        Standard deviations of velocity [m/s] and rate of turn [rad/s] before anything is seen.
+    """
+
+    objects: Mapping[str, Mapping[str, ArrayLike]]
+    axis_separation: float
+    acceleration: float = 1e-6
+    turn_acceleration: float = 1e-6
+    fastest: float = 0.1
+    fastest_turn: float = 0.1
+
+    @classmethod
+    def of(
+        cls,
+        targets: Sequence[TrackTarget],
+        axis_separation: float,
+        *,
+        acceleration: float = 1e-6,
+        turn_acceleration: float = 1e-6,
+    ) -> PoseFilter:
+        """Return the filter for all objects that carry at least three of a run's targets; see the attributes."""
+        every: dict[str, dict[str, ArrayLike]] = {}
+        for target in targets:
+            every.setdefault(target.object, {})[target.name] = target.centre
+        carriers = {name: own for name, own in every.items() if len(own) >= 3}
+        return cls(carriers, axis_separation, acceleration, turn_acceleration)
+
+    @property
+    def targets(self) -> dict[str, tuple[int, Array]]:
+        """Number of the object and place on it [m] of each target, in the order of the state."""
+        return {
+            target: (number, np.asarray(point, dtype=np.float64))
+            for number, own in enumerate(self.objects.values())
+            for target, point in own.items()
+        }
+
+    def begin(self, records: Sequence[PatternRecord]) -> FilterState:
+        """Return the state from the first visits, of which the last one to each target counts.
+
+        Where the objects are it says within a decimetre and a tenth of a radian: so much is left to what follows, for
+        these visits have errors in common with it.
+
+        Raises
+        ------
+        InputError
+            If an object has no pose from them.
+        """
+        seen = {record.target: record for record in records if _counts(record)}
+        position, rotation = [], []
+        for name, own in self.objects.items():
+            known = {target: point for target, point in own.items() if target in seen}
+            if len(known) < 3:
+                raise InputError(
+                    f"of '{name}' {len(known)} targets were measured.",
+                    remedy="Begin when three are tracked.",
+                )
+            places = np.array([seen[target].place for target in known])
+            sigmas = np.sqrt([np.diagonal(seen[target].covariance) for target in known])
+            found = estimate_pose(
+                np.array(list(known.values())),
+                *places.T,
+                sigma_theta=sigmas[:, 0],
+                sigma_phi=sigmas[:, 1],
+                sigma_range=sigmas[:, 2],
+                axis_separation=self.axis_separation,
+                method="joint",
+            )
+            if not np.isfinite(found.position).all():
+                raise InputError(f"the first visits give no pose of '{name}'.", remedy="Begin later.")
+            position.append(found.position)
+            rotation.append(found.rotation)
+        bodies, biases = len(position), _OWN * len(self.targets) + 1
+        loose = np.repeat([0.1, 0.1, self.fastest, self.fastest_turn], 3) ** 2
+        spread = np.concatenate([np.tile(loose, bodies), np.ones(biases)])
+        last = max(seen.values(), key=lambda record: record.time)
+        still = np.zeros((bodies, 3))
+        whole, bias = np.diag(spread), RIGID * bodies
+        state = FilterState(
+            last.time, np.array(position), np.array(rotation), still, still, np.zeros(biases), whole
+        )
+        whole[bias:, bias:] = self._targets_at(state, last)[2]
+        return state
+
+    def updated(self, state: FilterState, record: PatternRecord) -> FilterState:
+        """Return the state after a visit; one that measured nothing, or another target, changes nothing."""
+        if not _counts(record) or record.target not in self.targets:
+            return state
+        ahead = self._predicted(state, record)
+        number = list(self.targets).index(record.target)
+        body, point = self.targets[record.target]
+        arm = applied(ahead.rotation[body], point)
+        wanted, gradients = project(
+            (ahead.position[body] + arm)[:, None], self.axis_separation, with_range=True
+        )
+        by_shift = gradients[..., 0].T
+        rigid, own = RIGID * body, RIGID * len(self.objects) + _OWN * number
+        slope = np.zeros((3, len(ahead.covariance)))
+        slope[:, rigid : rigid + 3] = by_shift
+        slope[:, rigid + 3 : rigid + 6] = np.cross(arm, by_shift)
+        slope[:, own : own + _OWN], slope[:2, -1] = _by_bias(record), record.errors.drift
+        known = applied(slope[:, RIGID * len(self.objects) :], ahead.bias)
+        away = record.place - wanted[:, 0] - known
+        noise = record.errors.white
+        crossed = product(slope, ahead.covariance)
+        gain = solve_linear(product(crossed, slope.T) + noise, crossed).T
+        keep = np.eye(len(crossed.T)) - product(gain, slope)
+        whole = product(keep, ahead.covariance, keep.T) + product(gain, noise, gain.T)
+        return self._moved(ahead, applied(gain, away), 0.5 * (whole + whole.T))
+
+    def _moved(self, state: FilterState, change: Array, covariance: Array) -> FilterState:
+        """Return the state with a correction added."""
+        bodies = RIGID * len(self.objects)
+        shift, turn, speed, rate = np.moveaxis(change[:bodies].reshape(-1, 4, 3), 1, 0)
+        return replace(
+            state,
+            position=state.position + shift,
+            rotation=product(rotation_from_vector(turn), state.rotation),
+            velocity=state.velocity + speed,
+            turn_rate=state.turn_rate + rate,
+            bias=state.bias + change[bodies:],
+            covariance=covariance,
+        )
+
+    def _predicted(self, state: FilterState, record: PatternRecord) -> FilterState:
+        """Return the state at the time of a visit: steady rates, and biases that fade."""
+        step, size = record.time - state.time, len(state.covariance)
+        onward, noise = np.eye(size), np.zeros((size, size))
+        turned = rotation_from_vector(step * state.turn_rate)
+        unrest = np.repeat([self.acceleration, self.turn_acceleration], 3)
+        first = np.arange(6)
+        for body in range(len(self.objects)):
+            place, rate = RIGID * body + first, RIGID * body + 6 + first
+            onward[place, rate] = step
+            onward[place[3:, None], place[3:]] = turned[body]
+            noise[place, place], noise[rate, rate] = unrest * abs(step) ** 3 / 3.0, unrest * abs(step)
+            noise[place, rate] = noise[rate, place] = unrest * step * abs(step) / 2.0
+        ahead = replace(
+            state,
+            time=record.time,
+            position=state.position + step * state.velocity,
+            rotation=product(turned, state.rotation),
+        )
+        sight, image, together = self._targets_at(ahead, record)
+        # From the rates alone: what noise does to a place is no motion.
+        moved = image - self._targets_at(state, record)[1]
+        fade = self._fading(ahead, record, step, sight, moved)
+        bias = slice(RIGID * len(self.objects), size)
+        onward[bias, bias] = np.diag(fade)
+        # Fades are alike where processes are correlated, so that no noise has a negative variance.
+        noise[bias, bias] = together * (1.0 - fade[:, None] * fade)
+        return replace(
+            ahead,
+            bias=fade * state.bias,
+            covariance=product(onward, state.covariance, onward.T) + noise,
+        )
+
+    def _fading(
+        self, ahead: FilterState, record: PatternRecord, step: float, sight: Array, moved: Array
+    ) -> Array:
+        """Return ρ of each bias, shape (6 n + 1,)."""
+        errors = record.errors
+        fade = np.ones((len(moved), _OWN))
+        for number, (body, _) in enumerate(self.targets.values()):
+            roll = abs(float((ahead.turn_rate[body] * sight[number]).sum()))
+            fade[number, :3] = exp(-roll * abs(step) / errors.turn)
+        fade[:, 3:5] = exp(-abs(step) / (WOBBLE_LASTS * errors.wobble_time))
+        fade[:, 5] = exp(-np.sqrt((moved**2).mean()) / errors.image_width)
+        return np.concatenate([fade.ravel(), [1.0]])
+
+    def _targets_at(self, state: FilterState, record: PatternRecord) -> tuple[Array, Array, Array]:
+        """Return directions to the targets (n, 3), their images [pixel] (n,) and the biases' correlation.
+
+        Images follow from that of the record by p ∝ cosΘ/R, eq 1 but for d sinΘ beside R: a tenth of a pixel at most.
+        """
+        errors = record.errors
+        points = np.array(
+            [
+                state.position[body] + applied(state.rotation[body], point)
+                for body, point in self.targets.values()
+            ]
+        )
+        (theta, phi, reach), _ = project(points.T, self.axis_separation, with_range=True)
+        depth = float(record.place[2] / np.cos(record.place[0]))
+        image = errors.image * depth * np.cos(theta) / reach
+        count = len(points)
+        together = np.eye(_OWN * count + 1)
+        for axis, angle in ((3, phi), (4, theta)):
+            apart = (angle[:, None] - angle) / errors.wobble_angle
+            together[axis:-1:_OWN, axis:-1:_OWN] = wobble_correlation(apart)
+        together[5:-1:_OWN, 5:-1:_OWN] = pixel_correlation((image[:, None] - image) / errors.image_width)
+        return points / np.sqrt((points**2).sum(axis=1))[:, None], image, together
+
+
+def _counts(record: PatternRecord) -> bool:
+    """Return whether a visit measured a target that is followed."""
+    return record.status is TrackStatus.MEASURED and record.after is TrackMode.TRACK
+
+
+def _by_bias(record: PatternRecord) -> Array:
+    """Return by how much a target's biases move what is measured of it, shape (3, 6)."""
+    errors = record.errors
+    slope = np.zeros((3, _OWN))
+    slope[:, :3] = cholesky(errors.surface + np.diag([1e-18, 1e-18, 1e-14]))
+    slope[0, 3] = slope[1, 4] = np.sqrt(errors.wobble)
+    slope[2, 5] = np.sqrt(errors.pixels)
+    return slope

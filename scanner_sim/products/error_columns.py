@@ -1,0 +1,64 @@
+"""Columns of a track's table that say what the errors of its visits are made of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.products.tables import Columns
+from scanner_sim.tracking.errors import ErrorParts
+
+Array = NDArray[np.float64]
+
+_ANGULAR = ("theta_rad", "phi_rad", "range_m")
+_SURFACE = tuple(f"surface_{name}" for name in _ANGULAR)
+_SURFACE_CROSS = "cov_surface_theta_phi_rad2"
+_PART = {
+    "turn": "surface_turn_rad",
+    "image": "image_pixel",
+    "image_width": "image_width_pixel",
+    "wobble_time": "wobble_time_s",
+    "wobble_angle": "wobble_angle_rad",
+}
+"""Columns of fields of :class:`~scanner_sim.tracking.errors.ErrorParts` as they are."""
+_PART_SIGMA = {"pixels": "sigma_pixels_range_m", "wobble": "sigma_wobble_rad"}
+"""Columns of their variances."""
+_DRIFT = ("drift_theta_rad", "drift_phi_rad")
+ERRORS = (
+    *(f"sigma_{name}" for name in _SURFACE),
+    _SURFACE_CROSS,
+    *_PART.values(),
+    *_PART_SIGMA.values(),
+    *_DRIFT,
+)
+"""Columns from which the parts are read."""
+
+
+def error_columns(parts: ErrorParts) -> dict[str, NDArray[Any]]:
+    """Return the columns of the parts of errors."""
+    columns: dict[str, NDArray[Any]] = {}
+    for prefix, matrices in (("white_", parts.white), ("surface_", parts.surface)):
+        sigmas = np.sqrt(np.maximum(np.diagonal(matrices, axis1=1, axis2=2), 0.0))
+        columns |= {f"sigma_{prefix}{name}": row for name, row in zip(_ANGULAR, sigmas.T, strict=True)}
+    columns[_SURFACE_CROSS] = parts.surface[:, 0, 1]
+    columns |= {name: getattr(parts, field) for field, name in _PART.items()}
+    columns |= {name: np.sqrt(getattr(parts, field)) for field, name in _PART_SIGMA.items()}
+    return columns | dict(zip(_DRIFT, parts.drift.T, strict=True))
+
+
+def errors_from(columns: Columns, covariance: Array) -> ErrorParts:
+    """Return the parts of errors from their columns; white is what they leave of the covariance."""
+    surface = np.zeros_like(covariance)
+    drift = np.stack([columns[name] for name in _DRIFT], axis=1)
+    plain = {field: columns[name] for field, name in _PART.items()}
+    # Of what was refused a fit may state any uncertainty.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for axis, name in enumerate(_SURFACE):
+            surface[:, axis, axis] = columns[f"sigma_{name}"] ** 2
+        surface[:, 0, 1] = surface[:, 1, 0] = columns[_SURFACE_CROSS]
+        squared = {field: columns[name] ** 2 for field, name in _PART_SIGMA.items()}
+        rest = ErrorParts(white=np.zeros_like(surface), surface=surface, drift=drift, **plain, **squared)
+        return replace(rest, white=covariance - rest.whole)

@@ -1,0 +1,163 @@
+"""What the error of a visit is made of, and what it has in common with those of other visits and targets.
+
+A covariance says how large the error of one visit is, but not whether the next visit has another one. Four parts do:
+
+========  ==========================================  ====================================  ======================
+part      from                                        lasts                                 shared by
+========  ==========================================  ====================================  ======================
+white     jitter, encoders, light, read noise, and    not at all                            nobody
+          what the dither changes of the speckle
+surface   speckle of the target's own surface         until the target has turned by        nobody
+          (:mod:`~scanner_sim.tracking.lasting`)      ``turn`` beneath the pattern
+pixels    unlike pixels under the spot's image        until the image has moved by its      targets whose images
+                                                      width                                 lie on the same pixels
+wobble    the mirrors' bearings                       ``wobble_time``                       targets at the same
+                                                                                            φ in Θ, same Θ in φ
+drift     temperature of the encoders                 minutes: for ever                     all
+========  ==========================================  ====================================  ======================
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scanner_sim.arithmetic import exp
+from scanner_sim.optics.deflection import wobble_correlation
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ErrorParts:
+    """Parts of the covariance of measured places (Θ, φ, R), which add up to it; leading axes (...).
+
+    Attributes
+    ----------
+    white
+        Covariance of what no other visit has [rad, m], shape (..., 3, 3).
+    surface
+        Covariance of what the target's surface makes of all its visits, shape (..., 3, 3).
+    turn
+        Turn of the target beneath the pattern with which that goes [rad], (...).
+    pixels
+        Variance of R by unlike pixels [m²], (...).
+    image, image_width
+        Place of the spot's image on the line and its standard deviation [pixel], (...).
+    wobble
+        Variance of Θ and of φ by the mirrors' wobble [rad²], (...).
+    wobble_time, wobble_angle
+        Over which it changes [s, rad], (...).
+    drift
+        Standard deviations of Θ and φ by the encoders' drift, which have the same sign where these have [rad],
+        shape (..., 2).
+    """
+
+    white: Array
+    surface: Array
+    turn: Array
+    pixels: Array
+    image: Array
+    image_width: Array
+    wobble: Array
+    wobble_time: Array
+    wobble_angle: Array
+    drift: Array
+
+    @property
+    def shared(self) -> Array:
+        """Covariance of what targets share: pixels, wobble and drift, shape (..., 3, 3)."""
+        result = np.zeros_like(self.white)
+        result[..., 2, 2] = self.pixels
+        for axis in (0, 1):
+            result[..., axis, axis] = self.wobble
+        result[..., :2, :2] += self.drift[..., :, None] * self.drift[..., None, :]
+        return result
+
+    @property
+    def whole(self) -> Array:
+        """Covariance of the whole error, shape (..., 3, 3)."""
+        return self.white + self.surface + self.shared
+
+    @classmethod
+    def all_white(cls, covariance: ArrayLike) -> ErrorParts:
+        """Return errors of covariances (..., 3, 3) that have nothing in common."""
+        white = np.array(covariance, dtype=np.float64)
+        none = np.zeros(white.shape[:-2])
+        one = none + 1.0
+        still = np.zeros((*none.shape, 2))
+        return cls(white, 0.0 * white, one, none, none, one, none, one, one, still)
+
+    @classmethod
+    def stacked(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
+        """Return the parts of several visits as one, along a new first axis."""
+        return cls(*(np.stack([getattr(one, field.name) for one in parts]) for field in fields(cls)))
+
+    def reshaped(self, shape: tuple[int, ...]) -> ErrorParts:
+        """Return the same with other leading axes."""
+        leading = self.turn.ndim
+        parts = (getattr(self, field.name) for field in fields(self))
+        return ErrorParts(*(part.reshape(*shape, *part.shape[leading:]) for part in parts))
+
+    def at(self, index: Any) -> ErrorParts:
+        """Return some of them by an index into the leading axes."""
+        return ErrorParts(*(getattr(self, field.name)[index] for field in fields(self)))
+
+
+def common_covariance(
+    parts: ErrorParts, place: Array, time: Array, target: ArrayLike, *, lasting: bool = False
+) -> Array:
+    """Return what the errors of several visits have in common.
+
+    Parameters
+    ----------
+    parts
+        Of m visits, leading axes (..., m).
+    place, time
+        Measured (Θ, φ, R) [rad, m], shape (..., m, 3), and when [s], shape (..., m).
+    target
+        Number of the target of each visit, shape (m,).
+    lasting
+        Leave out the wobble, so that only what lasts for seconds remains.
+
+    Returns
+    -------
+    ndarray
+        Covariances between visits, shape (..., m, m, 3, 3), without the white parts. Surfaces: that of the target,
+        wholly (visits that lie close in time). Pixels: images Δ apart, of width s, share (1 − Δ²/2s²) exp(−Δ²/4s²), the
+        correlation of Σ x q(x) ε(x) for two Gaussian images q over white ε. Wobble:
+        :func:`~scanner_sim.optics.deflection.wobble_correlation` of the times and of the other mirror's angles. Drift:
+        all.
+    """
+    number = np.asarray(target)
+    same = number[:, None] == number
+
+    def apart(values: Array) -> Array:
+        return np.asarray(values[..., :, None] - values[..., None, :])
+
+    def geometric(variance: Array) -> Array:
+        return np.asarray(np.sqrt(variance[..., :, None] * variance[..., None, :]))
+
+    result = 0.5 * (parts.surface[..., :, None, :, :] + parts.surface[..., None, :, :, :])
+    result = np.where(same[..., None, None], result, 0.0)
+    result[..., 2, 2] += geometric(parts.pixels) * pixel_correlation(
+        apart(parts.image) / geometric(parts.image_width**2) ** 0.5
+    )
+    drift = parts.drift
+    result[..., :2, :2] += drift[..., :, None, :, None] * drift[..., None, :, None, :]
+    if not lasting:
+        together = geometric(parts.wobble) * wobble_correlation(apart(time) / parts.wobble_time[..., None])
+        for axis in (0, 1):
+            other = apart(place[..., 1 - axis]) / parts.wobble_angle[..., None]
+            result[..., axis, axis] += together * wobble_correlation(other)
+    return result
+
+
+def pixel_correlation(apart: ArrayLike) -> Array:
+    """Return what two images share of the errors of unlike pixels, by their distance over their width."""
+    square = np.asarray(apart, dtype=np.float64) ** 2
+    return np.asarray((1.0 - 0.5 * square) * exp(-0.25 * square))

@@ -1,0 +1,84 @@
+"""What visits have in common of their errors."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
+from scanner_sim.tracking.errors import ErrorParts, common_covariance, pixel_correlation
+
+
+def parts(count: int) -> ErrorParts:
+    """As many equal visits, each with all parts."""
+    white = ErrorParts.all_white(np.broadcast_to(np.diag([4.0, 3.0, 2.0]), (count, 3, 3)))
+    one = np.ones(count)
+    surface = np.array([[1.0, 0.2, 0.0], [0.2, 1.0, 0.0], [0.0, 0.0, 5.0]])
+    return replace(
+        white,
+        surface=np.broadcast_to(surface, (count, 3, 3)),
+        pixels=7.0 * one,
+        image=50.0 * one,
+        wobble=0.5 * one,
+        wobble_time=0.05 * one,
+        wobble_angle=0.05 * one,
+        drift=np.broadcast_to([0.1, -0.2], (count, 2)),
+    )
+
+
+def test_the_parts_make_the_whole() -> None:
+    whole = parts(2).whole[1]
+    drift = np.outer([0.1, -0.2, 0.0], [0.1, -0.2, 0.0])
+    wanted = np.array([[5.5, 0.2, 0.0], [0.2, 4.5, 0.0], [0.0, 0.0, 14.0]]) + drift
+    np.testing.assert_allclose(whole, wanted, rtol=1e-14)
+
+
+def test_a_visit_shares_with_itself_all_but_the_white_part() -> None:
+    made = parts(1)
+    common = common_covariance(made, np.zeros((1, 3)), np.zeros(1), [0])
+    np.testing.assert_allclose(common[0, 0], made.whole[0] - made.white[0], rtol=1e-14)
+
+
+def test_surfaces_belong_to_targets_and_the_rest_to_all() -> None:
+    """Two targets at one φ, 0.2 rad apart in Θ, at one time: they share Θ's wobble and the pixels."""
+    place = np.array([[0.0, 0.1, 8.0], [0.2, 0.1, 8.0]])
+    between = common_covariance(parts(2), place, np.zeros(2), [0, 1])[0, 1]
+    np.testing.assert_allclose(between, [[0.51, -0.02, 0.0], [-0.02, 0.04, 0.0], [0.0, 0.0, 7.0]], atol=1e-14)
+    later = common_covariance(parts(2), place, np.array([0.0, 1.0]), [0, 1])[0, 1]
+    np.testing.assert_allclose(np.diag(later), [0.01, 0.04, 7.0], atol=1e-14)
+    lasting = common_covariance(parts(2), place, np.zeros(2), [0, 0], lasting=True)[0, 1]
+    np.testing.assert_allclose(np.diag(lasting), [1.01, 1.04, 12.0], atol=1e-14)
+
+
+def test_images_apart_share_what_their_weights_do() -> None:
+    """Σ x q(x) ε(x) of Gaussian images q over white ε, by sums on a fine grid."""
+    x = np.linspace(-12.0, 12.0, 4801)
+
+    def weight(middle: float) -> np.ndarray:
+        return (x - middle) * np.exp(-0.5 * (x - middle) ** 2)
+
+    for apart in (0.0, 0.5, 1.0, 2.5):
+        wanted = (weight(0.0) * weight(apart)).sum() / (weight(0.0) ** 2).sum()
+        assert pixel_correlation(apart) == pytest.approx(wanted, abs=1e-9)
+
+
+def test_the_wobble_is_as_alike_as_its_lattice_makes_it() -> None:
+    """4000 lattices of normal numbers, 400 cells each: correlations to 0.01, four σ of a mean of 8000 products."""
+    rng = np.random.default_rng(6)
+    numbers = rng.standard_normal((4000, 12))
+
+    def wobble(at: np.ndarray) -> np.ndarray:
+        cell = np.floor(at).astype(int)
+        step = 0.5 * np.pi * (at - cell) ** 2 * (3.0 - 2.0 * (at - cell))
+        return np.cos(step) * numbers[:, cell] + np.sin(step) * numbers[:, cell + 1]
+
+    at = np.linspace(0.0, 9.0, 361)[:-1]
+    for apart in (0.2, 0.7, 1.3, 1.9):
+        found = float((wobble(at) * wobble(at + apart)).mean())
+        assert wobble_correlation(apart) == pytest.approx(found, abs=0.02)
+    assert wobble_correlation([-0.7, 2.0, 7.0]).tolist() == [wobble_correlation(0.7), 0.0, 0.0]
+    # The mean of many visits has 2 WOBBLE_LASTS times of a wobble's variance over its length.
+    apart = np.linspace(0.0, 3.0, 3001)
+    assert pytest.approx(np.trapezoid(wobble_correlation(apart), apart), abs=1e-3) == WOBBLE_LASTS
