@@ -25,6 +25,8 @@ _LIKE_NORMAL = 0.02
 """Departure of the normals' cosine from 1 at which a neighbour's weight falls to 1/e."""
 _IN_PLANE = 0.05
 """Distance from the tangent plane, as a share of the neighbour's distance, at which it falls to 1/e."""
+_TOGETHER = 64
+"""Weights of a convolution that one kernel takes."""
 
 
 @dataclass
@@ -119,18 +121,13 @@ def convolved(layers: list[Any], columns: int, weights: NDArray[np.float64]) -> 
     lane = dr.arange(mi.UInt32, dr.width(layers[0]))
     column = mi.Int32(lane % columns)
     start = mi.Int32(lane) - column
-    shares = mi.Float(weights.astype(np.float32))
-    last = dr.opaque(mi.UInt32, len(weights))
-
-    # A loop of the device: a kernel with each weight written out would take minutes to compile for fine pixels.
-    def add(number: Any, *sums: Any) -> tuple[Any, ...]:
-        share = dr.gather(mi.Float, shares, number)
-        at = mi.UInt32(start + dr.clip(column + mi.Int32(number) - reach, 0, columns - 1))
-        added = (share * dr.gather(mi.Float, layer, at) for layer in layers)
-        return number + 1, *(total + more for total, more in zip(sums, added, strict=True))
-
-    start_at: Any = (mi.UInt32(0), *(dr.zeros(mi.Float, dr.width(lane)) for _ in layers))
-    found: Any = dr.while_loop(start_at, lambda number, *sums: number < last, add)
-    sums = list(found[1:])
+    sums = [mi.Float(0.0) for _ in layers]
+    for number, weight in enumerate(weights):
+        at = mi.UInt32(start + dr.clip(column + (number - reach), 0, columns - 1))
+        for place, layer in enumerate(layers):
+            sums[place] += float(weight) * dr.gather(mi.Float, layer, at)
+        # Fine pixels have thousands of weights: one kernel of all would take minutes to compile.
+        if number % _TOGETHER == _TOGETHER - 1:
+            dr.eval(sums)
     dr.eval(sums)
     return sums

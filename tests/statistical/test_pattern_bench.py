@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import claims
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -237,7 +238,7 @@ def test_background_is_the_raster_s(device: Device) -> None:
     Set-up: a raster of 24 × 20 voxels over disc, ball and step under Sun and Earth, measured as a raster and as one
     pattern. Expected: the differences over their joint standard errors have a mean square near 1; errors of neighbours
     are correlated over a window of four bins and three rows, and their sizes averaged, so that 480 voxels count as some
-    40. Tolerance: rms between 0.3 and 2, mean within 1.5 %.
+    40. Tolerance: the bounds of χ² with 40 degrees of freedom at 10⁻⁴, mean within 1.5 %.
     """
     scan = {
         "type": "raster",
@@ -253,7 +254,7 @@ def test_background_is_the_raster_s(device: Device) -> None:
     assert theirs["background"].min() > 0.0
     error = np.hypot(ours["background_error"], theirs["background_error"])
     apart = (ours["background"] - theirs["background"]) / error
-    assert 0.3 < np.sqrt(np.mean(apart**2)) < 2.0
+    assert claims.mean_square(apart, freedom=40.0)
     assert abs(ours["background"].mean() / theirs["background"].mean() - 1.0) < 0.015
     assert np.median(error / theirs["background"]) < 0.1
 

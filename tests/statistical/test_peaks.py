@@ -121,10 +121,10 @@ def test_random_error_of_the_table(method: PeakMethod, sigma: float) -> None:
     Set-up: 12 000 lines at 60 places with white noise of 1/50 of the largest pixel (read noise alone): the
     standard deviation about each place's mean, root mean square over the places. Expected and tolerance: the
     judge's σ within 5 %: 4.5 standard errors of a standard deviation from 12 000 values, 2.9 % (24 cases,
-    once in 6000 seeds for all), and 2 % for the neglected second order; the table within 12 %: it does not
+    once in 6000 seeds for all), and 2 % for the neglected second order; the table within 15 %: it does not
     say how it averages over the pixel, and reading its ratio as the centred spot's alone would raise its
-    values by up to 12 %. No estimator without bias is better than the bound by more than its sampling error.
-    Where the centre of mass jumps with its window (from 1.5 px) the first order does not hold and the table
+    values by up to 12 % (the parabola at 0.7 px is 11.4 % below it over many seeds), to which 2.9 % come.
+    No estimator without bias is better than the bound by more than its sampling error. Where the centre of mass jumps with its window (from 1.5 px) the first order does not hold and the table
     stands alone.
     """
     places, each = 60, 200
@@ -133,7 +133,7 @@ def test_random_error_of_the_table(method: PeakMethod, sigma: float) -> None:
     assert (peaks.status.numpy() == Status.VALID).all()
     error = (peaks.position.numpy() - centres).reshape(places, each)
     got = float(np.sqrt(np.mean(np.var(error, axis=1, ddof=1))))
-    assert got == pytest.approx(noise.ESTIMATOR_TABLE[method, sigma].sd, rel=0.12)
+    assert got == pytest.approx(noise.ESTIMATOR_TABLE[method, sigma].sd, rel=0.15)
     if method != "centre_of_mass" or sigma < 1.5:
         assert got == pytest.approx(
             noise.white_noise_performance(method, sigma, noise.TABLE_SNR).sd, rel=0.05

@@ -213,13 +213,17 @@ def test_penumbra(depth: float) -> None:
     area of a circle cut by a straight line (the limb's radius is 260 times the Sun's), share
     (acos q − q √(1 − q²))/π. Tolerance: 4.42 standard errors plus 1e-3 for the limb's curve.
     """
+    import drjit as dr
+
     from scanner_sim.render.sky import pdf_sun, sample_sun, sky_light, sun_radiance
 
     limb = np.arcsin(EARTH_RADIUS / (EARTH_RADIUS + 400e3))
     zenith = 180.0 - np.rad2deg(limb - depth * SUN_RADIUS)
     light = sky_light(sun_at(zenith), SUN_RADIUS, DOWN, 400e3, EARTH_RADIUS)
     direction, _ = sample_sun(light, random_points(100_000, 4))
-    value = (sun_radiance(light, direction) / pdf_sun(light, direction)).numpy()
+    radiance, density = sun_radiance(light, direction), pdf_sun(light, direction)
+    # In single precision a direction at the very rim may lie outside of the disc: neither light nor density there.
+    value = dr.select(density > 0.0, radiance / density, 0.0).numpy()
     q = np.clip(depth, -1.0, 1.0)
     expected = (np.arccos(q) - q * np.sqrt(1.0 - q**2)) / np.pi
     assert abs(value.mean() - expected) < SIGMAS * value.std() / np.sqrt(len(value)) + 1e-3

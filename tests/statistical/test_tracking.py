@@ -10,6 +10,7 @@ import pickle
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import claims
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -137,14 +138,15 @@ def test_a_target_is_found_and_held_within_the_papers_accuracy() -> None:
 
     Set-up: 3 % noise, default mirrors, encoders' delay corrected, 6.6 ms a pattern, 80 patterns. Expected: tracking
     from the fifth pattern at the latest; rms error below 100 µrad (what is asked for; the fit reaches 20–40); z² per
-    axis 1 in the mean. Tolerance of z²: 0.7, four times √(2/70) = 0.17.
+    axis 1 in the mean. Tolerance of z²: the bounds of 70 normal numbers at a level of 10⁻⁴.
     """
     _, records = run(begin(still(0.0) + np.array([6e-3, -3e-3, 0.05])), still, 80, 6.6e-3)
     assert all(record["mode"] is TrackMode.TRACK for record in records[5:])
     errors = np.array([record["error"] for record in records[10:]])
     sigma = np.array([record["sigma"] for record in records[10:]])
     assert np.sqrt((errors[:, :2] ** 2).mean(axis=0)).max() < 100e-6
-    np.testing.assert_allclose(((errors / sigma) ** 2).mean(axis=0), 1.0, atol=0.7)
+    for axis in range(3):
+        assert claims.mean_square((errors / sigma)[:, axis])
 
 
 def test_a_moving_target_of_four_is_not_lost() -> None:
@@ -199,16 +201,18 @@ def test_a_shadow_edge_of_equal_range_does_not_capture(dark: float, direction: f
 def test_glints_do_not_capture() -> None:
     """Claim: three voxels a hundred times as bright, at random places of each pattern, do not disturb.
 
-    Expected: 95 % of the patterns taken, all within 0.3 mrad.
+    Expected: all within 0.3 mrad of those that are taken, and three quarters of 120 patterns taken: a glint on one of
+    the few voxels of the rim makes a wrong size, which is refused. Tolerance: binomial at 10⁻⁴ for a share of 0.9.
     """
 
     def glints(time: Array, theta: Array, phi: Array, signal: Array) -> Array:
         where = np.random.default_rng(int(1e6 * time[0])).choice(signal.size, 3, replace=False)
         return np.where(np.isin(np.arange(signal.size), where), 100.0, signal)
 
-    _, records = run(begin(still(0.0)), still, 40, 6.6e-3, glints)
-    assert np.mean([bool(r["taken"]) for r in records[3:]]) > 0.95
-    assert max(np.abs(r["error"][:2]).max() for r in records if r["taken"]) < 0.3e-3  # type: ignore[index]
+    _, records = run(begin(still(0.0)), still, 123, 6.6e-3, glints)
+    taken = [r for r in records[3:] if r["taken"]]
+    assert claims.at_most(120 - len(taken), 120, 0.1)
+    assert max(np.abs(r["error"][:2]).max() for r in taken) < 0.3e-3  # type: ignore[index]
 
 
 def test_a_run_cut_in_two_equals_the_whole() -> None:
