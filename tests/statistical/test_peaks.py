@@ -124,8 +124,8 @@ def test_random_error_of_the_table(method: PeakMethod, sigma: float) -> None:
     once in 6000 seeds for all), and 2 % for the neglected second order; the table within 15 %: it does not
     say how it averages over the pixel, and reading its ratio as the centred spot's alone would raise its
     values by up to 12 % (the parabola at 0.7 px is 11.4 % below it over many seeds), to which 2.9 % come.
-    No estimator without bias is better than the bound by more than its sampling error. Where the centre of mass jumps with its window (from 1.5 px) the first order does not hold and the table
-    stands alone.
+    No estimator without bias is better than the bound by more than its sampling error. Where the centre of mass
+    jumps with its window (from 1.5 px) the first order does not hold and the table stands alone.
     """
     places, each = 60, 200
     centres = np.repeat(positions(places, pixels=1.0), each)
