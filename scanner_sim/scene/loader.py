@@ -143,13 +143,8 @@ def load_scene(scene: Scene) -> LoadedScene:
         With one fault per object that cannot be loaded: missing, broken or empty meshes and XML files,
         unknown materials.
     """
-    level = mi.log_level()
-    mi.set_log_level(mi.LogLevel.Error)
-    try:
-        with installed_plugins_only():
-            return _loaded(scene)
-    finally:
-        mi.set_log_level(level)
+    with installed_plugins_only():
+        return _loaded(scene)
 
 
 def _loaded(scene: Scene) -> LoadedScene:

@@ -26,17 +26,19 @@ def installed_plugins() -> frozenset[str]:
 
 @contextmanager
 def installed_plugins_only() -> Iterator[None]:
-    """Keep the renderer from every folder but its own while it builds objects."""
+    """Keep the renderer from every folder but its own while it builds objects, and from saying more than errors."""
     renderer: Any = mi  # its type stubs lack the resolver
-    before = renderer.file_resolver()
+    before, level = renderer.file_resolver(), mi.log_level()
     own = renderer.FileResolver()
     own.clear()
     own.append(str(_home()))
     renderer.set_file_resolver(own)
+    mi.set_log_level(mi.LogLevel.Error)
     try:
         yield
     finally:
         renderer.set_file_resolver(before)
+        mi.set_log_level(level)
 
 
 def built(description: Mapping[str, Any]) -> Any:
