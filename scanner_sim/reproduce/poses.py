@@ -143,6 +143,7 @@ def _concept(series: Sequence[PoseSeries], title: str, rows: Sequence[Row]) -> O
             one.plot(*ring, color=RED, lw=1.0, label="2 σ as stated")
             names = [("x", "y", "z", "about x", "about y", "about z")[axis] for axis in pair]
             one.set(xlabel=f"error {names[0]} [{unit}]", ylabel=f"error {names[1]} [{unit}]")
+            one.locator_params(axis="x", nbins=5)
             one.legend()
 
     about = "four discs of 100 mm on a square of 1 m at 10 m, facing; closed loop over simulated pixels; a dot a round"
