@@ -104,6 +104,8 @@ def seen(fault: Fault, repository: Path) -> Outcome:
             timeout=SECONDS,
             check=False,
         )
+        if done.returncode > 2:  # pytest's own: wrong use, or no test
+            raise RuntimeError(f"the tests of {fault.name} did not run:\n{done.stdout}{done.stderr}")
         killer = "" if done.returncode == 0 else _killer(done.stdout)
     except subprocess.TimeoutExpired:
         killer = "no end"
