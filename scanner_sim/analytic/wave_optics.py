@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import fft
 from scipy.ndimage import gaussian_filter1d
 
 Floats = NDArray[np.float64]
@@ -127,27 +128,34 @@ def images(
     step = lens.cell / _FINE
     sides = [
         2
-        * math.ceil((reach * math.hypot(sigma, blur) + 6.0 * lens.cell + np.abs(where[:, axis]).max()) / step)
+        * fft.next_fast_len(
+            math.ceil(
+                (reach * math.hypot(sigma, blur) + 6.0 * lens.cell + np.abs(where[:, axis]).max()) / step
+            )
+        )
         for axis, sigma in enumerate(beam)
     ]
     x, y = ((np.arange(side) - side // 2) * step for side in sides)
     pupil = _pupil(lens, sides, step)
-    random = np.random.default_rng(seed)
-    amplitudes = [
-        np.exp(-(((x[:, None] - p) / (2.0 * beam[0])) ** 2) - ((y[None, :] - q) / (2.0 * beam[1])) ** 2)
-        for p, q in where
-    ]
     # A white surface's light through the pupil, which fills a share of all frequencies.
-    mean = float((amplitudes[0] ** 2).sum() * (np.abs(pupil) ** 2).mean())
+    middle = np.exp(-((x[:, None] / beam[0]) ** 2 + (y[None, :] / beam[1]) ** 2) / 2.0)
+    mean = float(middle.sum() * (np.abs(pupil) ** 2).mean())
+    passed = np.flatnonzero(np.abs(np.fft.fftfreq(sides[1], step)) * 2.0 * lens.cell <= 1.0)
+    pupil = pupil[:, passed]
+    along = [np.exp(-(((x - p) / (2.0 * beam[0])) ** 2)) for p in where[:, 0]]
+    across = {q: np.exp(-(((y - q) / (2.0 * beam[1])) ** 2)) for q in where[:, 1]}
+    random = np.random.default_rng(seed)
     for _ in range(count):
         profile = np.zeros((len(where), sides[0]))
         for _ in range(polarisations):
             surface = (random.normal(size=sides) + 1j * random.normal(size=sides)) / math.sqrt(2.0)
-            for place, amplitude in enumerate(amplitudes):
-                field = np.fft.ifft2(np.fft.fft2(surface * amplitude) * pupil)
-                lines = (field.real**2 + field.imag**2).sum(axis=1)
+            lit = {q: fft.fft(surface * amplitude, axis=1)[:, passed] for q, amplitude in across.items()}
+            for place, (p, q) in enumerate(where):
+                field = fft.ifft(fft.fft(lit[q] * along[place][:, None], axis=0) * pupil, axis=0)
+                # The sum across the line is that over its frequencies (Parseval).
+                lines = (field.real**2 + field.imag**2).sum(axis=1) / sides[1]
                 # The receiver follows the beam.
-                profile[place] += np.roll(lines, -round(where[place, 0] / step))
+                profile[place] += np.roll(lines, -round(p / step))
         yield Image(x, profile / (polarisations * mean))
 
 
