@@ -20,7 +20,7 @@ NAMES = {
     "cv2": "opencv-python-headless",
 }
 """Packages whose modules have another name."""
-ELSEWHERE = {"scanner_sim", "mitransient", "_pytest", "uv"}
+ELSEWHERE = {"scanner_sim", "_pytest", "uv"}
 """Our own, what an extra of its own brings, and what belongs to a package that is named."""
 
 # Citation File Format 1.2.0, sections "Root keys" and "definitions.reference", as far as they are used.

@@ -1,8 +1,4 @@
-"""Late light against mitransient, an independent time-resolved path tracer for Mitsuba (Royo et al., 2025).
-
-It is no dependency of the program but an extra of its own, ``pip install -e '.[transient]'``; without it the judge's
-own tracer in ``test_echoes.py`` stands alone.
-"""
+"""Late light against mitransient, an independent time-resolved path tracer for Mitsuba (Royo et al., 2025)."""
 
 from __future__ import annotations
 
@@ -114,16 +110,15 @@ def test_late_light_agrees_with_mitransient() -> None:
     """Claim: the waveform of light over two surfaces of a corner is that of an independent transient path tracer.
 
     Set-up: a cone of 3° onto a wall at 4 m with a side wall at x = 0.6 m, seen from the light's place within ±1 rad;
-    30 000 thin beams of 128 paths, against 16 renderings. Expected: equal power per bin of the way, ten bins of 0.2 m
+    20 000 thin beams of 128 paths, against 8 renderings. Expected: equal power per bin of the way, ten bins of 0.2 m
     from 8.2 m on, behind the direct light. Tolerance: |z| < 4.5 in each bin, errors (1 % in the fullest) from the
-    scatter of beams and of renderings; 3 % of the sum, which is known to 0.6 %.
+    scatter of beams and of renderings; 3 % of the sum, which is known to 0.7 %.
     """
-    pytest.importorskip(
-        "mitransient", reason="mitransient is a test-only dependency: pip install -e '.[transient]'"
-    )
-    renderings = np.array([by_mitransient(1024, seed) for seed in range(16)])
-    beams = by_beamlets(30_000, 128)
+    renderings = np.array([by_mitransient(1024, seed) for seed in range(8)])
+    beams = by_beamlets(20_000, 128)
     other, own = renderings.mean(axis=0), beams.mean(axis=0)
-    error = np.hypot(renderings.std(axis=0, ddof=1) / 4.0, beams.std(axis=0, ddof=1) / np.sqrt(len(beams)))
+    error = np.hypot(
+        renderings.std(axis=0, ddof=1) / np.sqrt(8.0), beams.std(axis=0, ddof=1) / np.sqrt(len(beams))
+    )
     assert np.abs((own - other) / error).max() < 4.5
     assert own.sum() == pytest.approx(other.sum(), rel=0.03)
