@@ -85,9 +85,7 @@ class PoseEstimate:
     @property
     def sigma(self) -> Array:
         """Standard deviations of (δt, δω) [m, rad], shape (..., 6)."""
-        variance = np.diagonal(self.covariance, axis1=-2, axis2=-1)
-        # Of a pose that its angles hardly tell, rounding may leave a variance below zero: nothing is known of it.
-        result: Array = np.sqrt(np.where(variance >= 0.0, variance, np.nan))
+        result: Array = np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))
         return result
 
     @property

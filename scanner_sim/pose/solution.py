@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
 from scanner_sim.arithmetic import inverse as invert
-from scanner_sim.arithmetic import pseudo_inverse
 from scanner_sim.pose.adjustment import (
     FINE,
     Fit,
@@ -42,8 +41,11 @@ _SUSPECT = 0.01
 _WEAK, _THICK, _SOLID = 0.15, 1e-3, 0.2
 """Strength of a plane's homography, and thickness of few targets over their lesser width from which they are no plane
 and up to which they are nearly one: there other poses are looked for from all starts."""
+_OPEN = 1e13
+"""Growth of a variance by what the other unknowns leave open from which rounding tells it: ε times this is 0.002."""
 _MIRRORED = 1e-6
 """Probability of χ² below which a fit is looked at in a mirror."""
+_UNSETTLED = (PoseStatus.NOT_CONVERGED, PoseStatus.UNDETERMINED)
 
 
 @dataclass
@@ -100,7 +102,7 @@ def solve(
     Returns
     -------
     Solution
-        Status VALID, AMBIGUOUS, NOT_CONVERGED or IMPLAUSIBLE.
+        Status VALID, AMBIGUOUS, NOT_CONVERGED, IMPLAUSIBLE or UNDETERMINED.
     """
     ranked = ranked_fits(sightings, method, point_weights, thorough=thorough)
     best = Fit(*(getattr(ranked, name)[..., 0, :].copy() for name in ranked.__dataclass_fields__))
@@ -111,8 +113,7 @@ def solve(
         if carried or huber:
             best = begin(problem, best.rotation, best.position)
         best = adjust(problem, best, until=FINE)
-    usable = np.isfinite(best.cost)
-    covariance = _inverse(np.where(usable, best.normal, np.eye(6)[:, :, None]))
+    covariance, determined = _inverse(best.normal)
     chi2, dof = best.cost, _dof(sightings, method)
     if method == "xyz" and point_weights == "equal":
         pose = (best.rotation, best.position)
@@ -121,8 +122,9 @@ def solve(
         chi2 = linearise(full, *pose)[0]
     # Of poses that need all starts the first-order covariance does not tell which others it covers.
     solution = _with_others(ranked, best, covariance, chi2, dof, SAME if thorough else APART)
+    solution.status[~determined] = PoseStatus.UNDETERMINED
     if not thorough and method != "xyz":
-        bad = ~best.settled
+        bad = ~best.settled | ~determined
         if not huber:
             bad |= _probability(chi2, dof) < _SUSPECT
         if method == "uv":
@@ -150,7 +152,7 @@ def fits_mirrored(
         other = solve(sightings.some(bad).mirrored(), method, point_weights, 0.0, thorough=True)
         with np.errstate(invalid="ignore"):
             mirrored[bad] = 100.0 * other.chi2 < np.nan_to_num(solution.chi2[bad], nan=np.inf)
-        mirrored[bad] &= other.status != PoseStatus.NOT_CONVERGED
+        mirrored[bad] &= ~np.isin(other.status, _UNSETTLED)
     return mirrored
 
 
@@ -237,11 +239,11 @@ def _try_again(
     index = several(index)
     other = solve(sightings.some(index), method, point_weights, huber, thorough=True)
     before = np.where(
-        solution.status[index] == PoseStatus.NOT_CONVERGED,
+        np.isin(solution.status[index], _UNSETTLED),
         np.inf,
         np.nan_to_num(solution.chi2[index], nan=np.inf),
     )
-    better = (other.status != PoseStatus.NOT_CONVERGED) & ~(other.chi2 > before + 1e-3)
+    better = ~np.isin(other.status, _UNSETTLED) & ~(other.chi2 > before + 1e-3)
     for name in solution.__dataclass_fields__:
         getattr(solution, name)[..., index[better]] = getattr(other, name)[..., better]
 
@@ -273,15 +275,19 @@ def _probability(chi2: Array, dof: NDArray[np.int64]) -> Array:
     return result
 
 
-def _inverse(normal: Array) -> Array:
-    """Return the inverse of normal matrices (6, 6, B); the pseudo-inverse of those that are exactly singular."""
-    stacked = np.moveaxis(normal, -1, 0)
-    inverse = invert(stacked)
-    singular = ~np.isfinite(inverse).all(axis=(1, 2)) & np.isfinite(stacked).all(axis=(1, 2))
-    if singular.any():
-        inverse[singular] = pseudo_inverse(stacked[singular])
+def _inverse(normal: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return the inverses of normal matrices N (6, 6, B), and whether N tells all six unknowns (B,).
+
+    N_ii (N⁻¹)_ii is the growth of variance i by the others' being unknown too: 1 or more in a positive definite N, and
+    beyond 1/ε, or without meaning, where N is singular to rounding (Belsley, Kuh, Welsch, *Regression Diagnostics*,
+    1980, section 3.2).
+    """
+    inverse = invert(np.moveaxis(normal, -1, 0))
     inverse = 0.5 * (inverse + np.swapaxes(inverse, 1, 2))
-    return np.ascontiguousarray(np.moveaxis(inverse, 0, -1))
+    inverse = np.ascontiguousarray(np.moveaxis(inverse, 0, -1))
+    growth = np.einsum("aab,aab->ab", normal, inverse)
+    determined = ((growth > 0.5) & (growth < _OPEN)).all(axis=0) & np.isfinite(inverse).all(axis=(0, 1))
+    return np.where(determined, inverse, np.nan), determined
 
 
 def _sandwich(sightings: Sightings, pose: tuple[Array, Array], inverse: Array) -> Array:

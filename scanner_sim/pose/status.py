@@ -17,6 +17,7 @@ class PoseStatus(IntEnum):
     MIRRORED = 6
     NO_CONSENSUS = 7
     IMPLAUSIBLE = 8
+    UNDETERMINED = 9
 
     @property
     def sentence(self) -> str:
@@ -40,6 +41,7 @@ _SENTENCES = {
     PoseStatus.MIRRORED: "the targets fit their mirror image: check the signs of the surveyed points",
     PoseStatus.NO_CONSENSUS: "too few targets agree on one pose",
     PoseStatus.IMPLAUSIBLE: "the residuals are larger than their standard deviations allow: a wrong target or pose",
+    PoseStatus.UNDETERMINED: "the measurements leave the pose open: no covariance can be stated",
 }
 
 

@@ -194,7 +194,7 @@ def _array_rows(scenario: Scenario, plan: StudyPlan, array: Layout, pool: Target
         errors, stated, ambiguous = np.full((1, 6), np.nan), np.full((1, 6), np.nan), math.nan
         if measured is not None:
             pose = _estimated(array, *measured, method, scenario.scanner.mirrors.axis_separation)
-            known = np.isfinite(pose.sigma).all(axis=-1)
+            known = np.isfinite(pose.covariance).all(axis=(-2, -1))
             moved = pose.position - np.array([0.0, 0.0, pool.distance])
             errors = np.concatenate([moved, vector_from_rotation(pose.rotation)], axis=1)[known]
             stated = pose.sigma[known]

@@ -208,6 +208,38 @@ def test_targets_on_a_line_and_near_a_line() -> None:
 
 
 @pytest.mark.parametrize("method", METHODS)
+def test_what_the_measurements_leave_open_is_a_status(method: Method) -> None:
+    """Angles that err by a radian lead anywhere: a pose is given with a covariance that is positive, or not at all."""
+    rng = np.random.default_rng(9)
+    points = ARRAYS["seven in space"][:3]
+    theta, phi, r = measure(points, np.eye(3), np.array([0.0, 0.0, 10.0]))
+    theta, phi = (angle + rng.standard_normal((400, 3)) for angle in (theta, phi))
+    wide = {"sigma_theta": 1.0, "sigma_phi": 1.0, "sigma_range": 10.0, "axis_separation": SEPARATION}
+    pose = estimate_pose(points, theta, phi, np.tile(r, (400, 1)), method=method, **wide)
+    known = np.isfinite(pose.covariance).all(axis=(-2, -1))
+    sizes = pose.sigma[known]
+    correlation = pose.covariance[known] / (sizes[:, :, None] * sizes[:, None, :])
+    assert known.any()
+    assert np.linalg.eigvalsh(correlation).min() > 0.0
+    given = np.array([PoseStatus(code).has_pose for code in pose.status])
+    np.testing.assert_array_equal(given, known)
+    np.testing.assert_array_equal(np.isfinite(pose.position).all(axis=-1), known)
+    if method == "uv":  # without ranges many run off along their lines of sight
+        assert np.count_nonzero(pose.status == PoseStatus.UNDETERMINED) > 20
+
+
+def test_a_prior_tells_what_the_measurements_leave_open() -> None:
+    """Known to 1 µm and one radian, where turning about the origin moves the targets' centre: a pose, and its σ."""
+    points, rotation, position = ARRAYS["seven in space"][:3], np.eye(3), np.array([0.0, 0.0, 10.0])
+    theta, phi, _ = measure(points, rotation, position)
+    known = PosePrior(position, rotation, np.diag([1e-12] * 3 + [1.0] * 3))
+    wide = {"sigma_theta": 1e6, "sigma_phi": 1e6, "axis_separation": SEPARATION}
+    pose = estimate_pose(points, theta, phi, prior=known, **wide)
+    assert pose.status != PoseStatus.UNDETERMINED
+    np.testing.assert_allclose(pose.sigma, [1e-6] * 3 + [1.0] * 3, rtol=0.02)
+
+
+@pytest.mark.parametrize("method", METHODS)
 def test_a_mirrored_array_is_an_error(method: Method) -> None:
     """Also in a batch; where only some poses are mirrored it is their status."""
     points = ARRAYS["seven in space"]
