@@ -197,6 +197,9 @@ def _ask(repository: Path, tests: tuple[str, ...], marked: str, log: Path) -> No
     os.dup2(output, 2)
     os.chdir(repository)
     os.environ["PYTHONPATH"] = str(repository)
+    # What is compiled once is there for the next fault, too.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
     sys.path.insert(0, str(repository))
     options = ["-x", "-q", "-p", "no:cacheprovider", "--tb=no", "-m", marked]
     sys.exit(pytest.main([*options, *(f"tests/{name}" for name in tests)]))
