@@ -79,7 +79,7 @@ def test_a_family_spends_its_level_once() -> None:
     cases = [
         ("exact", Measured("exact", 0.0), law),
         ("near", Measured("mean", 0.5, 1.0), law),
-        ("spread", Measured("spread", 1.3, 0.0, 50), Predicted("x", "", 1.0)),
+        ("spread", Measured("spread", 1.15, 0.0, 50), Predicted("x", "", 1.0)),
         ("far", Measured("mean", 2.5, 1.0), law),
     ]
     level = 0.02
