@@ -8,7 +8,7 @@ import pytest
 from scanner_sim.optics.deflection import Mirrors, TemperatureCourse
 from scanner_sim.scan.lissajous import LissajousPattern, frequencies, sample_shares
 from scanner_sim.scan.raster import RasterScan, raster_aim
-from scanner_sim.scan.schedule import visits
+from scanner_sim.scan.schedule import raster_time, visits
 
 
 def test_a_row_is_measured_about_its_middle() -> None:
@@ -30,6 +30,10 @@ def test_the_drive_is_told_at_the_ends_of_its_updates() -> None:
     np.testing.assert_allclose(shares, np.arange(1, 9) / 8.0)
     np.testing.assert_allclose(shares[0::2], (np.arange(4) + 0.5) / 4.0)
     assert frequencies(LissajousPattern(ratio="3:2", points=100), 1e-3) == pytest.approx((30.0, 20.0))
+
+
+def test_a_raster_takes_a_dwell_for_each_voxel() -> None:
+    assert raster_time(128 * 128, 50e-6) == pytest.approx(0.8192)
 
 
 def test_visits_end_with_their_patterns() -> None:
