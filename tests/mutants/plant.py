@@ -4,6 +4,7 @@
     plant.py --only ranging         those of one list, or whose name holds the text
     plant.py --tenth 3              every tenth, from the third
     plant.py --minutes 3            as many as three minutes allow
+    plant.py --table                none, but write the table of what is known
 
 A list (``ranging.toml``) names the tests of each file, quick ones first, and the faults: a text that stands once in the
 file, and what stands there instead. A fault lives if all of its tests pass. What cannot be noticed, because the result
@@ -251,21 +252,22 @@ def _copy(repository: Path) -> Path:
     return repository
 
 
-def table(outcomes: list[Outcome]) -> str:
+def table(chosen: list[Fault], outcomes: list[Outcome]) -> str:
     """Return the page that says what noticed each fault."""
+    killers = {outcome.fault.name: _cell(outcome.killer) or "**nothing**" for outcome in outcomes}
     dead = sum(bool(outcome.killer) for outcome in outcomes)
     lines = [
         "# Planted faults, and the tests that notice them",
         "",
-        f"{dead} of {len(outcomes)} are noticed. `make mutants` plants them one by one and writes this page; the lists",
-        "beside it name each fault, and the tests that are asked.",
+        f"Of {len(chosen)} faults {len(outcomes)} were planted, and {dead} of these were noticed. `make mutants`",
+        "plants them one by one and writes this page; the lists beside it name each fault, and the tests asked.",
     ]
-    for room in dict.fromkeys(outcome.fault.room for outcome in outcomes):
+    for room in dict.fromkeys(fault.room for fault in chosen):
         lines += ["", f"## {room}", "", "| file | was | now | noticed by |", "|---|---|---|---|"]
         lines += [
-            f"{_row(outcome.fault)}{_cell(outcome.killer) or '**nothing**'} |"
-            for outcome in outcomes
-            if outcome.fault.room == room
+            f"{_row(fault)}{killers.get(fault.name, 'not planted yet')} |"
+            for fault in chosen
+            if fault.room == room
         ]
     return "\n".join(lines) + "\n"
 
@@ -300,15 +302,18 @@ def main() -> int:
     arguments.add_argument(
         "--minutes", type=float, default=float("inf"), help="plant no more after this time"
     )
+    arguments.add_argument(
+        "--table", action="store_true", help="plant nothing, write the table of what is known"
+    )
     arguments.add_argument("-j", "--jobs", type=int, default=1, help="faults at a time (1)")
     given = arguments.parse_args()
     chosen = [fault for fault in faults() if given.only in (fault.room, "") or given.only in fault.name]
     if given.tenth is not None:
         chosen = chosen[given.tenth % 10 :: 10]
-    outcomes = plant(chosen, given.jobs, given.minutes)
+    outcomes = plant(chosen, given.jobs, 0.0 if given.table else given.minutes)
     alive = [outcome.fault.name for outcome in outcomes if not outcome.killer]
-    if given.tenth is None and not given.only and len(outcomes) == len(chosen):
-        TABLE.write_text(table(outcomes), encoding="utf-8")
+    if given.tenth is None and not given.only and (given.table or len(outcomes) == len(chosen)):
+        TABLE.write_text(table(chosen, outcomes), encoding="utf-8")
     print(f"{len(outcomes)} of {len(chosen)} faults were asked after")
     print(f"{len(outcomes) - len(alive)} of {len(outcomes)} are noticed", *alive, sep="\n  lives: ")
     return bool(alive)
