@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.products.budget import BudgetRow, Dominance, crossing
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.points import write_ply
 from scanner_sim.products.pose import pose_columns
 from scanner_sim.products.summary import beyond, summary
 from scanner_sim.products.tables import table_csv
@@ -216,6 +218,41 @@ def test_a_summary_of_an_image_compares_with_the_truth() -> None:
     shares = {"3 sigma": 3 / 13, "5 sigma": 2 / 13, "6 sigma": 1 / 13}
     assert truth["share_beyond"] == {name: pytest.approx(value) for name, value in shares.items()}
     assert beyond(image(), 5.0) == pytest.approx(2 / 13)
+
+
+def test_a_cloud_names_what_its_numbers_count(tmp_path: Path) -> None:
+    """Claim: number 1 of objects and of materials is the first name, and x, y, z, row and column are in their places."""
+    one = image()
+    names = ("P.X", "P.Y", "P.Z", "truth.object", "truth.material", "Y")
+    layers = dict(one.channels)
+    for number, name in enumerate(names):
+        values = np.where(one.valid, 100.0 * number + np.arange(20.0).reshape(4, 5), np.nan)
+        if name.startswith("truth"):
+            values = np.full((4, 5), float(number - 2))
+        layers[name] = values.astype(np.float32)
+    full = RangeImage(layers, one.theta, one.phi, objects=("wall", "ball"), materials=("grey", "black"))
+    write_ply(tmp_path / "points.ply", full)
+    header, _, body = (tmp_path / "points.ply").read_bytes().partition(b"end_header\n")
+    lines = header.decode().splitlines()
+    for line in (
+        "comment object 1 wall",
+        "comment object 2 ball",
+        "comment material 1 grey",
+        "comment material 2 black",
+    ):
+        assert line in lines
+    fields = [tuple(line.split()[1:]) for line in lines if line.startswith("property")]
+    kinds = {"float": "<f4", "int": "<i4"}
+    points = np.frombuffer(body, dtype=[(name, kinds[kind]) for kind, name in fields])
+    assert points.size == 15
+    np.testing.assert_array_equal(points["row"], np.repeat([0, 1, 2], 5))
+    np.testing.assert_array_equal(points["column"], np.tile(np.arange(5), 3))
+    for number, name in enumerate("xyz"):
+        np.testing.assert_array_equal(points[name], 100.0 * number + np.arange(15))
+    np.testing.assert_array_equal(points["intensity"], 500.0 + np.arange(15))
+    np.testing.assert_array_equal(points["truth_object"], 1)
+    np.testing.assert_array_equal(points["truth_material"], 2)
+    np.testing.assert_allclose(points["sigma_range_m"], 0.045)
 
 
 def row(mode: Any, distance: float, sigma: float) -> BudgetRow:
