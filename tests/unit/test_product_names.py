@@ -221,7 +221,7 @@ def test_a_summary_of_an_image_compares_with_the_truth() -> None:
 
 
 def test_a_cloud_names_what_its_numbers_count(tmp_path: Path) -> None:
-    """Claim: number 1 of objects and of materials is the first name, and x, y, z, row and column are in their places."""
+    """Claim: number 1 of objects and of materials is the first name; the fields are in their places."""
     one = image()
     names = ("P.X", "P.Y", "P.Z", "truth.object", "truth.material", "Y")
     layers = dict(one.channels)
