@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from scanner_sim.products.image import RangeImage
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.pose import pose_columns
 from scanner_sim.products.summary import beyond, summary
-from scanner_sim.products.tables import table_csv
+from scanner_sim.products.tables import six_digits, table_csv
 from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.tracking.errors import ErrorParts
@@ -274,6 +275,10 @@ def test_what_dominates_is_counted_where_all_is_known() -> None:
     found = Dominance(("shot", "read"), parts, np.zeros(3), np.zeros(1))
     np.testing.assert_array_equal(found.largest, [[0, 1, -1]])
     assert found.shares() == {"shot": 0.5, "read": 0.5}
+
+
+def test_numbers_of_studies_keep_six_digits() -> None:
+    assert [six_digits(value) for value in (1.23456789, 1.2e-7, math.nan)] == ["1.23457", "1.2e-07", ""]
 
 
 def test_a_table_for_people_keeps_twelve_digits() -> None:
