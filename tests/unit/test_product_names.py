@@ -18,7 +18,7 @@ from scanner_sim.products.image import RangeImage
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.pose import pose_columns
 from scanner_sim.products.summary import beyond, summary
-from scanner_sim.products.tables import six_digits, table_csv
+from scanner_sim.products.tables import checked, six_digits, table_csv
 from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.tracking.errors import ErrorParts
@@ -279,6 +279,16 @@ def test_what_dominates_is_counted_where_all_is_known() -> None:
 
 def test_numbers_of_studies_keep_six_digits() -> None:
     assert [six_digits(value) for value in (1.23456789, 1.2e-7, math.nan)] == ["1.23457", "1.2e-07", ""]
+
+
+@pytest.mark.parametrize("value", [-1e31, 1e31])
+def test_numbers_of_no_sense_are_refused(value: float) -> None:
+    with pytest.raises(ValueError, match="any sense"):
+        checked({"a": np.array([1.0, value])}, {"a": "number"})
+    assert checked({"a": np.array([1.0, value])}, {"a": "any"})
+    assert checked({"a": np.array([1.0, np.nan])}, {"a": "number"})
+    with pytest.raises(ValueError, match="finite"):
+        checked({"a": np.array([1.0, np.nan])}, {"a": "finite"})
 
 
 def test_a_table_for_people_keeps_twelve_digits() -> None:
