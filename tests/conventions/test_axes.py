@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from scanner_sim.frames import pose_matrix, rotation_about
 from scanner_sim.optics.deflection import Frame, deflected_frame
@@ -71,6 +72,14 @@ def test_rotations_are_right_handed() -> None:
     x, y, z = np.eye(3)
     for axis, before, after in ((x, y, z), (y, z, x), (z, x, y)):
         np.testing.assert_allclose(rotation_about(axis, np.pi / 2) @ before, after, atol=1e-15)
+
+
+def test_axes_may_have_any_length_and_direction() -> None:
+    """Claim: a turn about (1, 2, −2), of whatever length, is that of the rotation vector along it."""
+    axis = np.array([1.0, 2.0, -2.0])
+    for length in (0.1, 1.0, 7.0):
+        turned = rotation_about(length * axis, 0.7)
+        np.testing.assert_allclose(turned, Rotation.from_rotvec(0.7 * axis / 3.0).as_matrix(), atol=1e-15)
 
 
 def test_turn_about_y_swings_the_front_to_the_left() -> None:

@@ -3,23 +3,30 @@
     plant.py                        all of them, and the table that says what noticed each
     plant.py --only ranging         those of one list, or whose name holds the text
     plant.py --tenth 3              every tenth, from the third
+    plant.py --minutes 3            as many as three minutes allow
+    plant.py --table                none, but write the table of what is known
 
 A list (``ranging.toml``) names the tests of each file, quick ones first, and the faults: a text that stands once in the
 file, and what stands there instead. A fault lives if all of its tests pass. What cannot be noticed, because the result
-is the same, is not in the lists.
+is the same, is not in the lists. The test that the table names is asked first, then the quick ones, then the slow. What
+came out is kept in ``build/planted.jsonl`` and holds as long as the file and the tests that were asked stay as they
+are, so a run that was broken off goes on where it was.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
+import json
+import multiprocessing
 import os
 import re
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
 import tomllib
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,9 +35,20 @@ from queue import SimpleQueue
 HERE = Path(__file__).resolve().parent
 REPOSITORY = HERE.parents[1]
 TABLE = HERE / "README.md"
+RECORD = REPOSITORY / "build" / "planted.jsonl"
 COPIED = ("scanner_sim", "tests", "configs", "scenes", "docs", "benchmarks", "pyproject.toml", "README.md")
-SECONDS = 1800.0
+SECONDS = 900.0
 """Time on the clock after which a fault counts as noticed: the right program needs far less."""
+PRELOADED = [
+    "matplotlib.pyplot",
+    "mitsuba",
+    "numpy",
+    "pydantic",
+    "pytest",
+    "scipy.optimize",
+    "scipy.stats",
+]
+"""What the processes that run tests are born with: none of it is of the package."""
 
 
 @dataclass(frozen=True)
@@ -52,19 +70,23 @@ class Fault:
         """What stands in the table, on one line."""
         return " ".join(f"{self.file}: {self.was} → {self.now or 'nothing'}".split())
 
-    def plant(self, repository: Path) -> None:
-        """Change the file in a copy of the repository."""
+    def plant(self, repository: Path) -> str:
+        """Change the file in a copy of the repository; return what stood there."""
         path = repository / "scanner_sim" / self.file
         text = path.read_text(encoding="utf-8")
         if text.count(self.was) != 1:
             raise ValueError(
                 f"{self.file} holds {self.was!r} {text.count(self.was)} times: it must stand once"
             )
-        path.write_text(text.replace(self.was, self.now), encoding="utf-8")
+        self.write(repository, text.replace(self.was, self.now))
+        return text
 
-    def remove(self, repository: Path) -> None:
-        """Put the file back as it was."""
-        shutil.copyfile(REPOSITORY / "scanner_sim" / self.file, repository / "scanner_sim" / self.file)
+    def write(self, repository: Path, text: str) -> None:
+        """Write the file, and forget what Python compiled of it: two faults of one second look alike to it."""
+        path = repository / "scanner_sim" / self.file
+        path.write_text(text, encoding="utf-8")
+        for compiled in path.parent.glob(f"__pycache__/{path.stem}.*"):
+            compiled.unlink()
 
 
 @dataclass(frozen=True)
@@ -88,60 +110,133 @@ def faults() -> list[Fault]:
     return found
 
 
-def seen(fault: Fault, repository: Path) -> Outcome:
-    """Return which test notices a fault."""
-    fault.plant(repository)
+class Record:
+    """What came out before, on this machine and in the table."""
+
+    def __init__(self) -> None:
+        lines = RECORD.read_text(encoding="utf-8").splitlines() if RECORD.exists() else []
+        self.known = {key: (killer, digest) for key, killer, digest in map(json.loads, lines)}
+        self.named = dict(_killers(TABLE.read_text(encoding="utf-8"))) if TABLE.exists() else {}
+
+    def find(self, fault: Fault, repository: Path) -> str | None:
+        """Return what noticed a fault, empty for nothing, or None if that is not known or no longer holds."""
+        killer, digest = self.known.get(_key(fault, repository), (None, ""))
+        return killer if killer is not None and digest == _tests(fault, killer, repository) else None
+
+    def hint(self, fault: Fault, repository: Path) -> str:
+        """Return the test that most likely notices a fault, empty if none is known."""
+        killer, _ = self.known.get(_key(fault, repository), ("", ""))
+        killer = killer or self.named.get(_row(fault), "")
+        return killer if (repository / "tests" / killer.split("::")[0]).is_file() else ""
+
+    def keep(self, fault: Fault, repository: Path, killer: str) -> None:
+        """Add an outcome."""
+        entry = (_key(fault, repository), killer, _tests(fault, killer, repository))
+        self.known[entry[0]] = entry[1:]
+        RECORD.parent.mkdir(exist_ok=True)
+        with RECORD.open("a", encoding="utf-8") as file:
+            file.write(json.dumps(entry) + "\n")
+
+
+def _key(fault: Fault, repository: Path) -> str:
+    source = (repository / "scanner_sim" / fault.file).read_text(encoding="utf-8")
+    return hashlib.sha256("\0".join((fault.file, fault.was, fault.now, source)).encode()).hexdigest()
+
+
+def _tests(fault: Fault, killer: str, repository: Path) -> str:
+    """Return a digest of the tests that an outcome rests on: the one that noticed, or all that did not."""
+    noticed = killer.split("::")[0]
+    asked = [noticed] if noticed.endswith(".py") else fault.tests
+    return hashlib.sha256(
+        b"\0".join((repository / "tests" / name).read_bytes() for name in asked)
+    ).hexdigest()
+
+
+def seen(fault: Fault, repository: Path, hint: str) -> Outcome:
+    """Return which test notices a fault; the likely one is asked first, and slow ones last."""
     before = time.monotonic()
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "", "-p", "no:cacheprovider", "--tb=no"]
-    environment = os.environ | {"PYTHONPATH": str(repository), "PYTHONDONTWRITEBYTECODE": "1"}
+    text = fault.plant(repository)
+    killer = ""
     try:
-        done = subprocess.run(
-            [*command, *(f"tests/{name}" for name in fault.tests)],
-            cwd=repository,
-            env=environment,
-            capture_output=True,
-            text=True,
-            timeout=SECONDS,
-            check=False,
-        )
-        if done.returncode > 2:  # pytest's own: wrong use, or no test
-            raise RuntimeError(f"the tests of {fault.name} did not run:\n{done.stdout}{done.stderr}")
-        killer = "" if done.returncode == 0 else _killer(done.stdout)
-    except subprocess.TimeoutExpired:
-        killer = "no end"
+        for tests, marked in (((hint,), ""), (fault.tests, "not slow"), (fault.tests, "slow")):
+            if any(tests) and not killer:
+                killer = _asked(repository, tests, marked)
     finally:
-        fault.remove(repository)
+        fault.write(repository, text)
     return Outcome(fault, killer, time.monotonic() - before)
 
 
-def _killer(output: str) -> str:
-    """Return the name of the first test that failed."""
-    found = re.search(r"^(?:FAILED|ERROR) tests/(\S+)", output, re.MULTILINE)
-    return found[1] if found else "the process died"
+def _asked(repository: Path, tests: tuple[str, ...], marked: str) -> str:
+    """Return the first of some tests that fails in a process of its own, empty if all pass."""
+    log = repository / "log.txt"
+    process = multiprocessing.get_context("forkserver").Process(
+        target=_ask, args=(repository, tests, marked, log)
+    )
+    process.start()
+    process.join(SECONDS)
+    if process.exitcode is None:
+        process.kill()
+        process.join()
+        return "no end"
+    said = log.read_text(encoding="utf-8", errors="replace")
+    found = re.search(r"^(?:FAILED|ERROR) tests/(\S+)", said, re.MULTILINE)
+    if found:
+        return found[1]
+    if process.exitcode < 0:
+        return "the process died"
+    if process.exitcode not in (0, 4, 5):  # all passed, there is no such test, or none so marked
+        raise RuntimeError(f"{tests} did not run:\n{said}")
+    return ""
 
 
-def plant(chosen: list[Fault], jobs: int) -> list[Outcome]:
-    """Plant faults, so many at a time, each in a copy of its own; say what became of each."""
+def _ask(repository: Path, tests: tuple[str, ...], marked: str, log: Path) -> None:
+    """Run tests in this process, which knows nothing of the package yet."""
+    import pytest
+
+    output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    os.dup2(output, 1)
+    os.dup2(output, 2)
+    os.chdir(repository)
+    os.environ["PYTHONPATH"] = str(repository)
+    # What is compiled once is there for the next fault, too.
+    os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+    sys.dont_write_bytecode = False
+    sys.path.insert(0, str(repository))
+    options = ["-x", "-q", "-p", "no:cacheprovider", "--tb=no", "-m", marked]
+    sys.exit(pytest.main([*options, *(f"tests/{name}" for name in tests)]))
+
+
+def plant(chosen: list[Fault], jobs: int, minutes: float) -> list[Outcome]:
+    """Plant faults, so many at a time, each in a copy of its own, until the time is over; say what became of each."""
     copies: SimpleQueue[Path] = SimpleQueue()
+    record = Record()
+    end = time.monotonic() + 60.0 * minutes
     outcomes = []
 
-    def one(fault: Fault) -> Outcome:
+    def one(fault: Fault) -> Outcome | None:
         repository = copies.get()
         try:
-            return seen(fault, repository)
+            killer = record.find(fault, repository)
+            if killer is not None:
+                return Outcome(fault, killer, 0.0)
+            if time.monotonic() > end:
+                return None
+            outcome = seen(fault, repository, record.hint(fault, repository))
+            record.keep(fault, repository, outcome.killer)
+            return outcome
         finally:
             copies.put(repository)
 
+    multiprocessing.get_context("forkserver").set_forkserver_preload(PRELOADED)
     with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(jobs) as pool:
         for number in range(jobs):
             copies.put(_copy(Path(folder) / str(number)))
         for number, outcome in enumerate(pool.map(one, chosen), 1):
-            outcomes.append(outcome)
-            what = outcome.killer or "LIVES"
-            print(
-                f"{number}/{len(chosen)}  {outcome.seconds:4.0f} s  {outcome.fault.name}\n      {what}",
-                flush=True,
-            )
+            if outcome is not None:
+                outcomes.append(outcome)
+                what = outcome.killer or "LIVES"
+                name = outcome.fault.name
+                print(f"{number}/{len(chosen)}  {outcome.seconds:4.0f} s  {name}\n      {what}", flush=True)
     return outcomes
 
 
@@ -157,23 +252,38 @@ def _copy(repository: Path) -> Path:
     return repository
 
 
-def table(outcomes: list[Outcome]) -> str:
+def table(chosen: list[Fault], outcomes: list[Outcome]) -> str:
     """Return the page that says what noticed each fault."""
+    killers = {outcome.fault.name: _cell(outcome.killer) or "**nothing**" for outcome in outcomes}
     dead = sum(bool(outcome.killer) for outcome in outcomes)
     lines = [
         "# Planted faults, and the tests that notice them",
         "",
-        f"{dead} of {len(outcomes)} are noticed. `make mutants` plants them one by one and writes this page; the lists",
-        "beside it name each fault, and the tests that are asked.",
+        f"Of {len(chosen)} faults {len(outcomes)} were planted, and {dead} of these were noticed. `make mutants`",
+        "plants them one by one and writes this page; the lists beside it name each fault, and the tests asked.",
     ]
-    for room in dict.fromkeys(outcome.fault.room for outcome in outcomes):
+    for room in dict.fromkeys(fault.room for fault in chosen):
         lines += ["", f"## {room}", "", "| file | was | now | noticed by |", "|---|---|---|---|"]
-        for outcome in outcomes:
-            fault = outcome.fault
-            if fault.room == room:
-                was, now = (f"`{_cell(text)}`" if text.strip() else "" for text in (fault.was, fault.now))
-                lines.append(f"| {fault.file} | {was} | {now} | {_cell(outcome.killer) or '**nothing**'} |")
+        lines += [
+            f"{_row(fault)}{killers.get(fault.name, 'not planted yet')} |"
+            for fault in chosen
+            if fault.room == room
+        ]
     return "\n".join(lines) + "\n"
+
+
+def _row(fault: Fault) -> str:
+    """Return a line of the table up to what noticed the fault."""
+    was, now = (f"`{_cell(text)}`" if text.strip() else "" for text in (fault.was, fault.now))
+    return f"| {fault.file} | {was} | {now} | "
+
+
+def _killers(page: str) -> Iterator[tuple[str, str]]:
+    """Yield the beginning of each line of the table, and the test that it names."""
+    for line in page.splitlines():
+        found = re.fullmatch(r"(\| .* \| )(\S+\.py::.*) \|", line)
+        if found:
+            yield found[1], found[2].replace(r"\|", "|")
 
 
 def _cell(text: str) -> str:
@@ -189,16 +299,23 @@ def main() -> int:
     arguments.add_argument(
         "--tenth", type=int, help="every tenth fault, from this number on (0 to 9; larger ones wrap)"
     )
+    arguments.add_argument(
+        "--minutes", type=float, default=float("inf"), help="plant no more after this time"
+    )
+    arguments.add_argument(
+        "--table", action="store_true", help="plant nothing, write the table of what is known"
+    )
     arguments.add_argument("-j", "--jobs", type=int, default=1, help="faults at a time (1)")
     given = arguments.parse_args()
     chosen = [fault for fault in faults() if given.only in (fault.room, "") or given.only in fault.name]
     if given.tenth is not None:
         chosen = chosen[given.tenth % 10 :: 10]
-    outcomes = plant(chosen, given.jobs)
+    outcomes = plant(chosen, given.jobs, 0.0 if given.table else given.minutes)
     alive = [outcome.fault.name for outcome in outcomes if not outcome.killer]
-    if given.tenth is None and not given.only:
-        TABLE.write_text(table(outcomes), encoding="utf-8")
-    print(f"{len(chosen) - len(alive)} of {len(chosen)} faults are noticed", *alive, sep="\n  lives: ")
+    if given.tenth is None and not given.only and (given.table or len(outcomes) == len(chosen)):
+        TABLE.write_text(table(chosen, outcomes), encoding="utf-8")
+    print(f"{len(outcomes)} of {len(chosen)} faults were asked after")
+    print(f"{len(outcomes) - len(alive)} of {len(outcomes)} are noticed", *alive, sep="\n  lives: ")
     return bool(alive)
 
 

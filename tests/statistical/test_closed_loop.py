@@ -8,11 +8,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import claims
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from scanner_sim import Scenario, Tracker, load_scenario, track
+from scanner_sim.tracking.errors import ErrorParts, common_covariance
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
@@ -50,19 +52,30 @@ def test_single_patterns_reach_the_papers_accuracy_with_honest_sigmas() -> None:
     error over σ is standard normal.
 
     Set-up: 36 discs over ±8°, default noise, each with its own speckle; four patterns each while tracking.
-    Expected: rms far below 100 µrad; mean z² 1 and mean z 0 per angle. Patterns over one disc share its speckle, so
-    that the 144 are at least 36 independent ones: tolerance of mean z² 3.9 √(2/72) = 0.65 about 1 (they share half of
-    their variance), of mean z 3.9/√72 = 0.46. The range's σ holds a part that all voxels share: |mean z| < 2.
+    Expected: rms far below 100 µrad; errors over the root of their whole covariance, with what visits have in common
+    (the disc's surface, pixels, wobble and drift: a third to a half of each variance), standard normal in Θ, φ and R.
+    Tolerance: the bounds of as many normal numbers as there are visits. Power: 90 % of the variance.
     """
     made = track(scenario(objects=[GRID], duration=36 * 6 * 10.03e-3))
     late = [record for record in measured(made) if record.mode is TrackMode.TRACK]
     assert len(late) >= 140
-    error, sigma = errors(late)
+    error, _ = errors(late)
     assert np.sqrt((error[:, :2] ** 2).mean(axis=0)).max() < 100e-6
-    z = error / sigma
-    np.testing.assert_allclose((z[:, :2] ** 2).mean(axis=0), 1.0, atol=0.65)
-    np.testing.assert_allclose(z[:, :2].mean(axis=0), 0.0, atol=0.46)
-    assert np.abs(z[:, 2].mean()) < 2.0
+    parts = ErrorParts.stacked([record.errors for record in late])
+    numbers = {target.name: number for number, target in enumerate(made.targets)}
+    covariance = common_covariance(
+        parts,
+        np.array([record.place for record in late]),
+        np.array([record.time for record in late]),
+        [numbers[record.target] for record in late],
+    )
+    visit = np.arange(len(late))
+    covariance[visit, visit] += parts.white
+    for axis in range(3):
+        root = np.linalg.cholesky(covariance[:, :, axis, axis])
+        honest = claims.mean_square(np.linalg.solve(root, error[:, axis]), level=claims.LEVEL / 3.0)
+        assert honest
+        assert honest.finds < 0.9
     # The same for the points in space, whose covariance is another way to say it.
     away = np.array([record.point - record.truth_point for record in late])
     pairs = ((error, "covariance"), (away, "point_covariance"))

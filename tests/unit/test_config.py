@@ -311,6 +311,8 @@ def test_overrides_do_not_change_the_mapping_they_are_put_on() -> None:
         ("scanner.lser.power=3 W", "scanner.lser, set by"),
         ("scene.objects.wal.name=b", "has no entry called 'wal'. Did you mean 'wall'?"),
         ("scene.objects.7.name=b", "scene.objects has 2 entries, counted from 0."),
+        ("scene.objects.2.name=b", "scene.objects has 2 entries, counted from 0."),
+        ("processing.threshold=.inf", "processing.threshold, set by"),
         ("scan.rows.x=3", "scan.rows is 16, which has no keys."),
         ("scan.rows=[", "override 'scan.rows=[': this is not readable as YAML"),
         ("schema=2", "schema, set by 'schema=2': 2 is no version"),

@@ -67,6 +67,21 @@ def test_position_and_phase_dither_stay_within_their_bounds() -> None:
     assert 0.19 < np.abs(figure.phase[:, 0] - pattern.phases[0]).max() <= 0.2
 
 
+def test_dithers_are_even_about_the_figure_without() -> None:
+    """Claim: of 1000 patterns the dithers of phase and sampling cancel in the mean, to a thousandth of their width."""
+    pattern = LissajousPattern(dither_phase=0.2, dither_sampling=False, inversion=False)
+    moved = figures(pattern, np.arange(1000), (0.0, 0.0)).phase - pattern.phases
+    assert abs(moved[:, 0].mean()) < 4e-4
+    assert moved[:, 0].min() < -0.19
+    assert moved[:, 0].max() > 0.19
+    np.testing.assert_array_equal(moved[:, 1], 0.0)
+    pattern = LissajousPattern(inversion=False)
+    along = (figures(pattern, np.arange(1000), (0.0, 0.0)).phase - pattern.phases) / np.array(pattern.cycles)
+    step = 2.0 * np.pi / pattern.points
+    np.testing.assert_allclose(along.mean(axis=0), 0.0, atol=1e-3 * step)
+    assert np.ptp(along, axis=0).min() > 0.99 * step
+
+
 @pytest.mark.parametrize(
     ("wrong", "remedy"), [({"ratio": "4:2"}, "Write 2:1"), ({"ratio": "9:8", "points": 64}, "at least 72")]
 )

@@ -52,8 +52,15 @@ ALL = [
         (dimension(units.ElectronRate), "2.5e7 e-/s", 2.5e7),
         (RATIO, "50 %", 0.5),
         (RATIO, "-60 dB", 1e-6),
+        (RATIO, "60 dB", 1e6),
         (RATIO, "250 ppm", 250e-6),
         (RATIO, "0.25", 0.25),
+        (dimension(units.RatioPerKelvin), "50 ppm/K", 50e-6),
+        (dimension(units.AnglePerKelvin), "15 urad/K", 15e-6),
+        (dimension(units.TemperatureRate), "3.6 K/h", 1e-3),
+        (dimension(units.CurrentNoise), "2 pA/rtHz", 2e-12),
+        (dimension(units.Responsivity), "0.95 A/W", 0.95),
+        (dimension(units.Temperature), "5770 K", 5770.0),
     ],
 )
 def test_a_quantity_is_its_si_value(kind: Dimension, text: str, value: float | None) -> None:
@@ -81,6 +88,9 @@ def test_a_quantity_is_its_si_value(kind: Dimension, text: str, value: float | N
         (ANGLE, "3 m", "not a unit of angle"),
         (RATIO, "3 m", "no unit of a ratio"),
         (RATIO, "9999 dB", "too large"),
+        (dimension(units.Temperature), "20 degC", "not a number of kelvins"),
+        (dimension(units.CurrentNoise), "2 pA/Hz", "cannot be converted"),
+        (dimension(units.RatioPerKelvin), "50 ppm", "cannot be converted"),
     ],
 )
 def test_what_is_no_quantity_is_refused_with_a_sentence(kind: Dimension, text: str, sentence: str) -> None:

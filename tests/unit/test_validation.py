@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from scanner_sim.analytic import beam, spot
+from scanner_sim.analytic.estimators import blais_rioux
 from scanner_sim.detector.line import electrons_per_watt, expose
 from scanner_sim.detector.noise import NoiseSwitches
 from scanner_sim.detector.position_sensor import PositionSensor
@@ -116,6 +117,44 @@ class TestLines:
         found = peaks_of((laser(60.3) + 12345.0)[None])
         assert found.background.numpy() == pytest.approx(12345.0, rel=1e-3)
         assert found.signal.numpy() == pytest.approx(laser(60.3).sum(), rel=1e-3)
+
+    def test_the_line_beneath_adds_the_noise_of_its_slope(self) -> None:
+        """Claim: (Σg)² var(level) + (Σ g k)² var(slope), with the gradient g of the estimator at the pixels k.
+
+        Medians of seven normal numbers have 0.2104 of their variance: the mean of both sides half of it, their
+        difference over its distance twice. Faint light, so that all pixels have the noise of the dark.
+        """
+        line = 1e-3 * laser(60.3, 0.01)
+        plain = {"shape": False, "misfit": 0.0, "max_reflectance": None, "min_reflectance": 0.0}
+        found = [
+            peaks_of(
+                line[None],
+                Processing(
+                    peak="blais_rioux_8",
+                    threshold=1e-4,
+                    validation=Validation(background=background, **plain),
+                ),
+            )
+            for background in (True, False)
+        ]
+        on, off = (float(one.sigma.numpy()[0]) for one in found)
+        step = 1e-4 * line.max()
+        gains = np.array(
+            [
+                (blais_rioux((line + move).tolist(), 4) - blais_rioux((line - move).tolist(), 4))
+                / (2.0 * step)
+                for move in step * np.eye(256)
+            ]
+        )
+        beam, spread = SPOT.variances(60.0, 0.0, 1.0)
+        apart = 2.0 * (np.ceil(4.0 * np.sqrt(beam + spread)) + 4.0)
+        floor = TOLD.read_noise**2 + TOLD.electrons_per_number**2 / 12.0
+        level, slope = 0.5 * 0.2104 * floor, 2.0 * 0.2104 * floor / apart**2
+        beside = (gains.sum() ** 2 * level, (gains @ (np.arange(256) - 60.0)) ** 2 * slope)
+        assert beside[0] == 0.0  # its taps cancel
+        assert beside[1] > 0.05 * off**2
+        assert off**2 == pytest.approx(np.sum(gains**2) * floor, rel=0.02)
+        assert on**2 - off**2 == pytest.approx(sum(beside), rel=0.05)
 
     def test_an_outlier_beside_the_peak_does_not_move_the_baseline(self) -> None:
         line = laser(60.3)

@@ -1,0 +1,168 @@
+"""The judge's budgets against its own bounds, source by source."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scanner_sim.analytic.beam import beam_radius
+from scanner_sim.analytic.budget import Instrument, range_budget
+from scanner_sim.analytic.echo_budget import EchoInstrument, echo_budget, fused_sigma
+from scanner_sim.analytic.edge import sampled_crossing
+from scanner_sim.analytic.geometry import range_error
+from scanner_sim.analytic.noise import cramer_rao
+from scanner_sim.analytic.time_of_flight import coloured_noise_bound
+from scanner_sim.constants import PLANCK, SPEED_OF_LIGHT
+
+R = 9.0
+BENCH = Instrument(
+    estimator="maximum_likelihood", corrected=False, focal_length=0.1, baseline=0.2, aperture=0.025, transmission=0.5,
+    aberration=12e-6, diffusion=38e-6, wavelength=1.5e-6, power=15e-3, waist_radius=2e-3, waist_distance=0.0,
+    m_squared=1.0, pitch=50e-6, efficiency=0.8, dwell=50e-6, reflectance=0.5, shot=1.0, read=0.0, dark=0.0, step=0.0,
+    response=0.0, contrast=0.0, sweep=0.0, jitter=8e-6, wobble=3e-6, synchronisation=1e-6, readout=2e-6, half=0.05,
+)  # fmt: skip
+ECHO = EchoInstrument(
+    energy=0.2e-6, pulse=0.85e-9, response=0.66e-9, aperture=0.025, transmission=0.5, reflectance=0.5, gain=10.0,
+    excess=5.5, responsivity=0.95, bulk=0.0, surface=0.0, shot=0.0, amplifier=2e-12, saturation=math.inf,
+    interval=1e-9, step=0.0, jitter=60e-12, drift=1e-6, sunlight=0.0, field=5e-3,
+)  # fmt: skip
+
+
+def charge() -> float:
+    """Return the electrons of a facing target: P T ρ A/(π R²) · QE t λ/(h c)."""
+    watts = 15e-3 * 0.5 * 0.5 * 0.25 * math.pi * 0.025**2 / (math.pi * R**2)
+    return watts * 50e-6 * 0.8 * 1.5e-6 / (PLANCK * SPEED_OF_LIGHT)
+
+
+def bound(read: float, background: float = 0.0) -> float:
+    """Return the bound on the range of a fit, root mean square over a pixel [m]."""
+    image = 0.5 * float(beam_radius(R, 2e-3, 0.0, 1.5e-6)) * 0.1 / R
+    width = math.sqrt(image**2 + 12e-6**2 + 38e-6**2) / 50e-6
+    phases = (np.arange(40) + 0.5) / 40 - 0.5
+    squares = [cramer_rao(float(phase), width, charge(), background, read) ** 2 for phase in phases]
+    return float(range_error(R, 0.0, 0.1, 0.2, 50e-6)) * math.sqrt(float(np.mean(squares)))
+
+
+@pytest.mark.parametrize(("read", "subtracted"), [(0.0, 0.0), (800.0, 0.0), (800.0, 3.0)])
+def test_photons_and_amplifier_make_the_bound(read: float, subtracted: float) -> None:
+    """Claim: shot and read noise together are the Cramér–Rao bound; what is subtracted k times adds k² of the read."""
+    told = range_budget(replace(BENCH, read=read, subtracted=subtracted), R)
+    wanted = bound(read * math.sqrt(1.0 + subtracted**2))
+    assert math.hypot(told["shot"], told["read"]) == pytest.approx(wanted, rel=2e-3)
+    assert (told["read"] > 0.0) is (read > 0.0)
+
+
+def test_dark_and_steps_are_noise_of_every_pixel() -> None:
+    """Claim: dark charge counts 1 + k times, steps as g²/12 and 1 + k² times: as so much read noise would."""
+    dark = range_budget(replace(BENCH, dark=3e5, subtracted=2.0), R)["shot"]
+    assert dark == pytest.approx(bound(math.sqrt(3e5 * 3.0)), rel=2e-3)
+    steps = range_budget(replace(BENCH, step=2000.0, subtracted=2.0), R)
+    both = math.hypot(steps["shot"], steps["quantisation"])
+    assert both == pytest.approx(bound(math.sqrt(2000.0**2 / 12.0 * 5.0)), rel=2e-3)
+
+
+def test_sunlight_is_noise_of_every_pixel() -> None:
+    """Claim: E ρ/π · A S T/f² in electrons, 1 + k times: as so much background would."""
+    lit = replace(BENCH, sunlight=9.0, height=250e-6, subtracted=1.0)
+    watts = 9.0 * 0.5 / math.pi * 50e-6 * 250e-6 / 0.1**2 * 0.5 * 0.25 * math.pi * 0.025**2
+    ambient = watts * 50e-6 * 0.8 * 1.5e-6 / (PLANCK * SPEED_OF_LIGHT)
+    told = range_budget(lit, R)
+    assert math.hypot(told["shot"], told["sun"]) == pytest.approx(bound(0.0, 2.0 * ambient), rel=2e-3)
+
+
+def test_angles_move_the_range_by_eq_1() -> None:
+    """Claim: ∂R/∂Θ = d − R tanΘ over ±half, and f (1 + p²/f²) of the angle between projection and reception."""
+    told = range_budget(BENCH, R)
+    theta = np.linspace(-0.05, 0.05, 20_001)
+    slope = math.sqrt(float(np.mean((0.2 - R * theta) ** 2)))
+    for name, sigma in (("jitter", 8e-6), ("wobble", 3e-6), ("readout", 2e-6)):
+        assert told[name] == pytest.approx(slope * sigma, rel=1e-3)
+    near = range_budget(BENCH, 1.0)
+    apart = 0.1 * (1.0 + 0.2**2) * 1e-6
+    assert near["synchronisation"] == pytest.approx(apart / (0.1 * 0.2), rel=1e-9)
+    warm = range_budget(replace(BENCH, kelvins=2.0, drift_zero=15e-6, drift_scale=50e-6), R)
+    turned = 2.0 * (15e-6 + 50e-6 * theta)
+    assert warm["drift"] == pytest.approx(
+        math.sqrt(float(np.mean(((0.2 - R * theta) * turned) ** 2))), rel=6e-3
+    )
+    squares = [value**2 for name, value in warm.items() if name != "all"]
+    assert warm["all"] == pytest.approx(math.sqrt(sum(squares)))
+
+
+def test_speckle_counts_by_its_contrast() -> None:
+    weak, strong = (range_budget(replace(BENCH, contrast=c), R)["speckle"] for c in (0.01, 0.02))
+    assert strong == pytest.approx(2.0 * weak, rel=0.02)
+
+
+def test_an_echo_reaches_its_bound() -> None:
+    """Claim: with the amplifier's noise alone σ_R is c/2 times the judge's bound on the delay."""
+    share = 0.25 * math.pi * 0.025**2 * 0.5 * 0.5 / (math.pi * R**2)
+    width = math.hypot(0.85e-9, 0.66e-9)
+    peak = 10.0 * 0.95 * 0.2e-6 * share / (math.sqrt(2.0 * math.pi) * width)
+    noise = 2e-12 / math.sqrt(4.0 * math.sqrt(math.pi) * 0.66e-9)
+    bound_s = coloured_noise_bound(0.85e-9, 0.66e-9, 1e-9, peak / noise, 1e-6)
+    told = echo_budget(ECHO, R)
+    assert told["amplifier"] == pytest.approx(0.5 * SPEED_OF_LIGHT * bound_s, rel=2e-3)
+    assert told["clock"] == pytest.approx(math.hypot(0.5 * SPEED_OF_LIGHT * 60e-12, R * 1e-6))
+    assert told["all"] == pytest.approx(math.hypot(told["amplifier"], told["clock"]))
+    # Bulk dark current has the density 2 q M² F I, like an amplifier of its root; a faint echo has no other noise.
+    like = math.sqrt(2.0 * 1.602176634e-19 * 100.0 * 5.5 * 5e-10)
+    dark = echo_budget(replace(ECHO, amplifier=0.0, bulk=5e-10, shot=1.0, energy=2e-14), R)
+    same = echo_budget(replace(ECHO, amplifier=like, energy=2e-14), R)
+    assert dark["shot"] == pytest.approx(same["amplifier"], rel=0.02)
+
+
+def test_a_clipped_echo_is_timed_by_two_edges() -> None:
+    """Claim: half of the noise over the slope at half of the saturation, squared: V √(2 ln(A/V))/σ."""
+    clipped = replace(ECHO, saturation=1e-7, jitter=0.0, drift=0.0)
+    share = 0.25 * math.pi * 0.025**2 * 0.5 * 0.5 / (math.pi * R**2)
+    width = math.hypot(0.85e-9, 0.66e-9)
+    peak = 10.0 * 0.95 * 0.2e-6 * share / (math.sqrt(2.0 * math.pi) * width)
+    assert peak > 1e-7
+    level = 0.5e-7
+    slope = level * math.sqrt(2.0 * math.log(peak / level)) / width
+    noise = 2e-12 / math.sqrt(4.0 * math.sqrt(math.pi) * 0.66e-9)
+    wanted = 0.5 * SPEED_OF_LIGHT * noise / slope / math.sqrt(2.0)
+    assert echo_budget(clipped, R)["amplifier"] == pytest.approx(wanted, rel=1e-9)
+
+
+def test_shot_noise_follows_its_echo() -> None:
+    """Claim: of the light's own noise σ falls as 1/√E: q M² F R₀ E G, by brute force for a slow pulse.
+
+    A pulse of eight samples in nearly white noise of a fast response: variance of the delay τ²/N_eff with the number
+    of primary electrons over the excess noise, N = R₀ E/(q F).
+    """
+    slow = replace(
+        ECHO,
+        pulse=8e-9,
+        response=0.3e-9,
+        interval=0.25e-9,
+        amplifier=1e-15,
+        shot=1.0,
+        jitter=0.0,
+        drift=0.0,
+        step=0.0,
+    )
+    share = 0.25 * math.pi * 0.025**2 * 0.5 * 0.5 / (math.pi * R**2)
+    electrons = 0.95 * 0.2e-6 * share / (1.602176634e-19 * 5.5)
+    found = echo_budget(slow, R)["shot"]
+    # Weights of white noise, ∝ t G(t), under noise ∝ G(t): ∫t²G³/(∫t²G²)² of a Gaussian is (8/3√3) τ².
+    wanted = 0.5 * SPEED_OF_LIGHT * 8e-9 * math.sqrt(8.0 / (3.0 * math.sqrt(3.0)) / electrons)
+    assert found == pytest.approx(wanted, rel=0.02)
+
+
+def test_two_ranges_fuse_and_chords_cross_early() -> None:
+    """Claim: 1/√(1/9 + 1/16) = 2.4; fine chords cross at σ √(2 ln ratio), coarse ones before."""
+    assert fused_sigma(3.0, 4.0) == pytest.approx(2.4)
+    for ratio in (2.0, 8.0):
+        fine = sampled_crossing(1.0, 0.01, ratio)
+        assert fine == pytest.approx(math.sqrt(2.0 * math.log(ratio)), abs=1e-4)
+        step, places = 0.8, []
+        for phase in (np.arange(64) + 0.5) / 64:
+            time = (np.arange(-40, 41) + phase) * step
+            pulse = ratio * np.exp(-0.5 * time**2)
+            places.append(np.interp(1.0, pulse[: pulse.argmax() + 1], time[: pulse.argmax() + 1]))
+        assert sampled_crossing(1.0, step, ratio) == pytest.approx(-np.mean(places), rel=1e-9)

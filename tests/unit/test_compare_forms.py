@@ -1,0 +1,212 @@
+"""What ``compare`` takes from a scenario, and where it puts its targets, by the plain forms of the literature."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim import Scenario, load_scenario
+from scanner_sim.analytic import geometry as judge
+from scanner_sim.analytic.spot import share_within_height
+from scanner_sim.compare import light, noise, pulses, stand
+from scanner_sim.compare.closed import Closed
+from scanner_sim.compare.setting import FlatTarget, Setting
+from scanner_sim.constants import PLANCK, SPEED_OF_LIGHT
+from scanner_sim.frames import rotation_about
+
+R, GREY = 9.0, 0.4
+
+
+def scenario(**changes: Any) -> Scenario:
+    scan = {"type": "raster", "rows": 4, "columns": 4, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
+    return load_scenario({"schema": 1, "seed": 7, "scan": scan} | changes)
+
+
+def setting(**changes: Any) -> Setting:
+    return Setting(scenario(**changes), FlatTarget(GREY, (3.0, R, 20.0)))
+
+
+@pytest.mark.parametrize(("theta", "phi"), [(0.0, 0.0), (0.3, -0.2), (-0.2, 0.4)])
+def test_a_plate_faces_the_beam_where_the_beam_meets_it(theta: float, phi: float) -> None:
+    """Claim: its middle is the point at (R, Θ, φ), and its normal lies along the beam there."""
+    made = stand.plate(R, GREY, theta=theta, phi=phi, separation=0.05)
+    np.testing.assert_allclose(made["position"], judge.point_from_shot(R, theta, phi, 0.05), atol=1e-12)
+    turned = np.eye(3)
+    for turn in made["rotation"]:
+        axis = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0]}[turn["axis"]]
+        turned = rotation_about(axis, turn["angle"]) @ turned
+    beam = judge.scanner_axes(theta, phi)[0]
+    np.testing.assert_allclose(turned[:, 2], beam, atol=1e-12)
+    assert made["material"] == {"reflectance": GREY}
+
+
+def test_shots_of_the_stand_wobble_apart() -> None:
+    mirrors = scenario().scanner.mirrors
+    aim = stand.directions([0.0, 0.1, 0.2], 0.05, mirrors, 1e-6)
+    np.testing.assert_allclose(aim.time, 2.0 * mirrors.wobble_time * np.arange(3))
+    np.testing.assert_allclose(stand.directions([0.0, 0.1], 0.0, mirrors, 1.0).time, [0.0, 1.0])
+    np.testing.assert_allclose(aim.phi, 0.05)
+
+
+def test_errors_are_measured_less_true(monkeypatch: pytest.MonkeyPatch) -> None:
+    layers = {"range_m": np.array([5.1, 4.8]), "truth.range_m": np.array([5.0, 5.0])}
+    monkeypatch.setattr(stand, "measure", lambda *_: layers)
+    found = stand.range_errors(
+        setting(), scenario(), stand.directions(0.0, 0.0, scenario().scanner.mirrors, 0.0)
+    )
+    np.testing.assert_allclose(found, [0.1, -0.2])
+
+
+def test_settings_share_out_seeds_and_shots() -> None:
+    one = Setting(scenario(), seeds=3)
+    assert one.shots(100) == 100
+    assert Setting(scenario(), quick=True).shots(100) == 25
+    every = [seed for place in ((1,), (2,), (1, 2), (2, 1), (1, 2, 3)) for seed in one.seed(*place)]
+    assert len(set(every)) == 15
+    flat = one.flat.ranges
+    nearest = one.scenario.scanner.nearest_range
+    np.testing.assert_allclose(flat, np.geomspace(1.15 * nearest, 25.0, 5), rtol=5e-3)
+    assert one.middle == flat[2]
+    assert setting().middle == R
+
+
+def test_a_facing_spot_has_the_light_and_width_of_eq_19() -> None:
+    """Claim: N = P ρ A T/(π R²) · cos³ of the base · QE t λ/hc, within the pixels' height; σ by beam and lens."""
+    known = scenario()
+    scanner, closed = known.scanner, Closed(known)
+    laser, receiver, sensor = scanner.laser, scanner.receiver, scanner.position_sensor
+    seen = closed.facing(R, GREY)
+    away = math.hypot(R, receiver.baseline)
+    area = 0.25 * math.pi * receiver.aperture**2
+    transmission = receiver.transmission * scanner.filter.transmission  # type: ignore[union-attr]
+    watts = laser.power * GREY / math.pi * area * transmission * (R / away) ** 2 / away**2
+    electrons = (
+        watts / scanner.rate * sensor.quantum_efficiency * laser.wavelength / (PLANCK * SPEED_OF_LIGHT)
+    )
+    width = 0.5 * laser.radius(R) * receiver.focal_length / R
+    blurred = math.hypot(width, math.hypot(receiver.aberration, sensor.diffusion))
+    assert seen.charge == pytest.approx(
+        electrons * float(share_within_height(blurred, sensor.height)), rel=1e-4
+    )
+    assert seen.sigma == pytest.approx(blurred / sensor.pitch, rel=1e-3)
+    position = receiver.focal_length * receiver.baseline / R
+    assert seen.chief == pytest.approx((position - sensor.offset) / sensor.pitch - 0.5, abs=1e-9)
+    assert closed.range_per_pixel(R) == pytest.approx(
+        R**2 * sensor.pitch / (receiver.focal_length * receiver.baseline)
+    )
+
+
+def test_angles_err_by_what_encoders_do_not_see() -> None:
+    mirrors = {
+        "jitter": 10e-6, "jitter_seen": 0.36, "wobble": 7e-6, "readout_noise": 5e-6, "readout_step": 20e-6,
+        "synchronisation": 4e-6,
+    }  # fmt: skip
+    closed = Closed(scenario(scanner={"mirrors": mirrors}))
+    random = 0.64 * 10e-6**2 + 7e-6**2 + 5e-6**2 + 20e-6**2 / 12.0
+    assert closed.angle_sigma == pytest.approx(math.sqrt(random))
+    f, d = closed.f, closed.d
+    near = 1.5
+    assert closed.synchronisation_error(near) == pytest.approx(f * (1.0 + (d / near) ** 2) * 4e-6)
+
+
+def test_noise_of_a_pixel_is_light_read_and_dark() -> None:
+    told = setting()
+    sensor = told.scenario.scanner.position_sensor
+    seen = Closed(told.scenario).facing(R, GREY)
+    dark = sensor.dark_current / told.scenario.scanner.rate
+    found = noise._both_variances(told, seen)
+    np.testing.assert_allclose(found, seen.line + sensor.read_noise**2 + dark)
+    np.testing.assert_allclose(noise._read_variance(told, seen), sensor.read_noise**2)
+
+
+def test_sunlight_falls_with_the_fourth_power_of_the_cosine() -> None:
+    """Claim: (ρ/π) (S/f²) A T E cos⁴ψ, in electrons, S = 200 µm times the pixels' height."""
+    told = setting()
+    scanner, closed = told.scenario.scanner, Closed(told.scenario)
+    near = 1.2
+    assert closed.band is not None
+    tangent = closed.d / near
+    seen = closed.facing(near, GREY)
+    slope = (seen.centre - closed.pixel(0.0)) * closed.pitch / closed.f
+    assert slope == pytest.approx(tangent, rel=1e-3)
+    sun = told.scenario.lighting.sun
+    assert sun == "none"
+    irradiance = closed.band.counted(
+        scanner.laser.wavelength, scanner.position_sensor.response, math.atan(slope), light._temperature(told)
+    )
+    gain = 0.25 * math.pi * scanner.receiver.aperture**2 * closed.peak_transmission
+    watts = GREY / math.pi * 200e-6 * scanner.position_sensor.height / closed.f**2 * gain * irradiance
+    watts *= math.cos(math.atan(slope)) ** 4
+    electrons = (
+        scanner.position_sensor.quantum_efficiency * scanner.laser.wavelength / (PLANCK * SPEED_OF_LIGHT)
+    )
+    assert light._sun_charge(told, near) == pytest.approx(watts / scanner.rate * electrons, rel=1e-9)
+    full, told_of = light._well(told), light._predict_saturation(told)
+    assert told_of["charge at 1.25 times the full well"].value == pytest.approx(full)
+    assert told_of["charge at 0.8 times the full well"].value == pytest.approx(0.8 * full)
+
+
+def test_the_band_moves_to_the_blue_and_leaks() -> None:
+    """Claim: λ₀ √(1 − sin²θ/n²); the leak is what the band does not pass times the blocking."""
+    filtered = {
+        "bandwidth": 30e-9,
+        "shape": "cavities",
+        "cavities": 2,
+        "effective_index": 1.8,
+        "blocking": 1e-3,
+    }
+    band = Closed(scenario(scanner={"filter": filtered})).band
+    assert band is not None
+    assert band.centre_at(0.3) == pytest.approx(1.5e-6 * math.sqrt(1.0 - (math.sin(0.3) / 1.8) ** 2))
+    inside = 1.0 / (1.0 + 2.0**4)
+    assert band.passed(1.5e-6 + 30e-9) == pytest.approx(inside + 1e-3 * (1.0 - inside))
+    assert band.passed(1.5e-6 + 15e-9) == pytest.approx(0.5 + 0.5e-3)
+
+
+def test_sunlight_behind_the_filter_counts_photons() -> None:
+    """Claim: ∫ E T λ/λ₀ dλ by a fine sum, within the response."""
+    from scanner_sim.analytic.sun import planck_irradiance
+
+    band = Closed(
+        scenario(scanner={"filter": {"bandwidth": 60e-9, "shape": "cavities", "blocking": 1e-3}})
+    ).band
+    assert band is not None
+    edges = np.linspace(0.9e-6, 1.7e-6, 400_001)
+    middle = 0.5 * (edges[1:] + edges[:-1])
+    x = (middle - 1.5e-6) / 30e-9
+    inside = 1.0 / (1.0 + x**6)
+    passed = inside + 1e-3 * (1.0 - inside)
+    wanted = np.sum(planck_irradiance(middle, 5770.0) * passed * middle / 1.5e-6) * (edges[1] - edges[0])
+    assert band.counted(1.5e-6, (0.9e-6, 1.7e-6), 0.0, 5770.0) == pytest.approx(wanted, rel=1e-6)
+
+
+def test_an_echo_has_its_peak_and_the_dark_its_noise() -> None:
+    """Claim: E ρ A T/(π R²) over √(2π) times the width of pulse and electronics, times M R₀; noise i²B and step²/12."""
+    told = setting(ranging="both")
+    scanner, closed = told.scenario.scanner, Closed(told.scenario)
+    unit = scanner.lidar
+    pulse = unit.pulse.width / (2.0 * math.sqrt(2.0 * math.log(2.0)))
+    response = math.sqrt(math.log(2.0)) / (2.0 * math.pi * unit.photodiode.bandwidth)
+    assert pulses.pulse_widths(told) == pytest.approx((pulse, response))
+    energy = unit.pulse.pulse_energy * closed.peak_transmission
+    share = GREY * 0.25 * math.pi * scanner.receiver.aperture**2 / (math.pi * R**2)
+    peak = energy * share / (math.sqrt(2.0 * math.pi) * math.hypot(pulse, response))
+    assert pulses.echo_peak(told, R, GREY) == pytest.approx(
+        peak * unit.photodiode.gain * unit.photodiode.responsivity
+    )
+    step = unit.photodiode.saturation * 17.0 / 16.0 / (2.0**unit.digitiser.bits - 1.0)
+    coloured = (
+        unit.photodiode.amplifier_noise**2
+        * unit.photodiode.bandwidth
+        * math.sqrt(math.pi / math.log(2.0))
+        / 2.0
+    )
+    sigma, white = pulses.dark_noise(told)
+    assert sigma == pytest.approx(math.sqrt(step**2 / 12.0 + coloured), rel=1e-6)
+    assert white == pytest.approx(step**2 / 12.0 / (step**2 / 12.0 + coloured), rel=1e-6)
+    near = list(pulses._near(told, R))
+    half = 0.5 * SPEED_OF_LIGHT / unit.digitiser.rate
+    np.testing.assert_allclose(near, R + half * np.array([-0.375, -0.125, 0.125, 0.375]))

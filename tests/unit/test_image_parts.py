@@ -1,0 +1,60 @@
+"""Parts of the image by hand: a spot cut by the pixels' height, the blur of the background."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import mitsuba
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from scanner_sim.render.device import Device
+
+
+@pytest.mark.parametrize("q", [0.0, 0.4, -0.7, 1.1])
+def test_a_spot_cut_by_the_height_is_a_truncated_gaussian(device: Device, q: float) -> None:
+    """Claim: share, mean and variance of p of a slanting Gaussian within |q| < h/2, by sums: 10⁻⁵ of the width.
+
+    The spot is narrowed about its shifted middle, on either side of the pixels.
+    """
+    import drjit.auto.ad as auto
+
+    from scanner_sim.render.transport import cut_by_height
+
+    var_p, var_q, covariance, height, p = 0.5, 0.3, 0.25, 1.2, 0.2
+    found = cut_by_height(*(auto.Float(value) for value in (p, q, var_p, var_q, covariance, height)))
+    grid = np.linspace(-0.5 * height, 0.5 * height, 20_001)
+    weight = norm.pdf(grid, q, math.sqrt(var_q))
+    weight[[0, -1]] *= 0.5
+    middle = p + covariance / var_q * (grid - q)
+    rest = var_p - covariance**2 / var_q
+    share = weight.sum() * (grid[1] - grid[0])
+    mean = np.average(middle, weights=weight)
+    variance = rest + np.average((middle - mean) ** 2, weights=weight)
+    got = [float(value[0]) for value in found]
+    assert got == pytest.approx([share, mean, variance], abs=1e-5)
+
+
+@pytest.mark.parametrize("spread", [0.9, 1.6])
+def test_bins_are_blurred_to_the_point_spread_and_no_further(device: Device, spread: float) -> None:
+    """Claim: a lit bin becomes a Gaussian of the point spread's variance less 1/6, for bins and the interpolation
+    between them blur by 1/12 each; its light stays."""
+    from scanner_sim.render import background
+
+    mi: Any = mitsuba
+    bins, rows, pitch = 101, 3, 50e-6
+    line = np.zeros((rows, bins), dtype=np.float32)
+    line[:, 50] = 1.0
+    halves = [mi.Float(line.ravel()) for _ in range(4)]
+    view: Any = SimpleNamespace(bins=bins, rows=rows, row_step=1.0)
+    bench: Any = SimpleNamespace(point_spread=spread * pitch, pitch=pitch)
+    panorama = background._assembled(view, bench, halves)
+    seen = np.asarray(panorama.in_band.numpy(), dtype=np.float64).reshape(rows, bins)[1]
+    place = np.arange(bins) - 50
+    assert seen.sum() == pytest.approx(1.0, rel=1e-5)
+    assert seen @ place == pytest.approx(0.0, abs=1e-5)
+    # Cut at 3.5 of its width, a Gaussian keeps 0.9945 of its variance.
+    assert seen @ place**2 == pytest.approx(spread**2 - 1.0 / 6.0, rel=0.02)

@@ -1,0 +1,121 @@
+"""What neighbours add to a voxel: variance along the beam, refusals in every layer, the limit of mixed light."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scanner_sim import Scenario, load_scenario
+from scanner_sim.neighbourhood import judge_neighbours
+from scanner_sim.ranging.coordinates import coordinates
+from scanner_sim.ranging.mixed_voxels import mixed
+from scanner_sim.ranging.shared_noise import SharedNoise
+from scanner_sim.ranging.uneven import Raster
+from scanner_sim.status import Status
+
+Array = NDArray[np.float64]
+
+ROWS, COLUMNS, R = 9, 11, 5.0
+
+
+def scenario() -> Scenario:
+    return load_scenario(
+        {
+            "schema": 1,
+            "scanner": {"laser": {"speckle": False}},
+            "scan": {
+                "type": "raster", "rows": ROWS, "columns": COLUMNS, "horizontal": (0.2, 0.21),
+                "vertical": (-0.31, -0.302), "motion": "stepped",
+            },
+            "processing": {"validation": {"isolated": None, "mixed": None}},
+        }
+    )  # fmt: skip
+
+
+def layers(signal: Array) -> dict[str, NDArray[Any]]:
+    """Return the layers of a facing wall, light apart."""
+    one = np.ones((ROWS, COLUMNS))
+    made = {
+        "status": 0.0 * one, "range_m": R * one, "sigma_range_m": 1e-4 * one, "Y": signal, "snr_detection": 1e4 * one,
+        "peak_px": 80.0 * one, "sigma_peak_px": 0.01 * one,
+    }  # fmt: skip
+    for number, axis in enumerate("xyz"):
+        made |= {f"P.{axis.upper()}": R * one, f"sigma_{axis}_m": (1.0 + number) * 1e-4 * one}
+    for number, pair in enumerate(("xy", "xz", "yz")):
+        made[f"cov_{pair}_m2"] = (1.0 + number) * 1e-9 * one
+    return {name: values.astype(np.float32) for name, values in made.items()}
+
+
+def judged(given: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    found = {name: values.copy() for name, values in given.items()}
+    judge_neighbours(scenario(), found, np.arange(ROWS), np.arange(COLUMNS))
+    return found
+
+
+def test_unevenness_widens_range_and_point_along_the_beam() -> None:
+    """Claim: what uneven light adds to σ_R it adds to the point's covariance along ∂X/∂R, and to nothing else."""
+    steep = np.exp(0.8 * np.arange(COLUMNS))[None] * np.full((ROWS, 1), 1e5)
+    given = layers(steep)
+    found = judged(given)
+    added = found["sigma_texture_m"].astype(np.float64)
+    assert (added[2:-2, 2:-2] > 1e-3).all()
+    np.testing.assert_allclose(found["sigma_range_m"], np.hypot(1e-4, added), rtol=1e-5)
+    theta, phi = scenario().raster.angles()
+    beam = coordinates(1.0, theta[None, :], phi[:, None], 0.0)
+    for number, axis in enumerate("xyz"):
+        wanted = np.hypot((1.0 + number) * 1e-4, beam[number] * added)
+        np.testing.assert_allclose(found[f"sigma_{axis}_m"], wanted, rtol=1e-5)
+    for number, (i, j) in enumerate(((0, 1), (0, 2), (1, 2))):
+        wanted = (1.0 + number) * 1e-9 + beam[i] * beam[j] * added**2
+        np.testing.assert_allclose(found[f"cov_{'xyz'[i]}{'xyz'[j]}_m2"], wanted, rtol=1e-4, atol=1e-12)
+    np.testing.assert_array_equal(found["range_m"], given["range_m"])
+
+
+def test_the_shift_is_that_of_the_lights_gradient() -> None:
+    """Claim: light that falls as exp(−g x) moves the spot's middle by s² g, and the range by R/d times it.
+
+    Along a row that the beam rests in; on a pitch δ the difference is widened by √(1 + δ²/(δ² + 5 s²)).
+    """
+    known = scenario()
+    spot = 0.5 * known.scanner.laser.radius(R)
+    pitch = R * 0.01 / (COLUMNS - 1)
+    slope = 30.0
+    even = np.exp(slope * pitch * np.arange(COLUMNS))[None] * np.full((ROWS, 1), 1e5)
+    added = judged(layers(even))["sigma_texture_m"].astype(np.float64)[4, 5]
+    coarse = (pitch / spot) ** 2
+    wanted = R / known.scanner.receiver.baseline * spot**2 * slope * math.sqrt(1.0 + coarse / (coarse + 5.0))
+    if pitch <= 1.25 * spot:
+        assert added == pytest.approx(wanted, rel=0.02)
+    else:
+        assert added >= 0.45 * wanted
+
+
+def test_even_light_adds_nothing() -> None:
+    found = judged(layers(np.full((ROWS, COLUMNS), 1e5)))
+    assert found["sigma_texture_m"].max() < 1e-5
+    np.testing.assert_allclose(found["sigma_range_m"], 1e-4, rtol=1e-3)
+
+
+@pytest.mark.parametrize(("share", "two"), [(0.98, False), (1.01, True)])
+def test_light_is_mixed_beyond_slope_noise_and_doubt(share: float, two: bool) -> None:
+    """Claim: beyond tan(steepest) times the distance and √(4.5² (σ₁² + σ₂²) + 4 (u₁² + u₂²))."""
+    shape, pitch, spot = (3, 4), 0.02, 0.004
+    own, other, doubt, more = 0.003, 0.004, 0.001, 0.002
+    sigma, uneven = np.full(shape, own), np.full(shape, doubt)
+    sigma[:, 2:], uneven[:, 2:] = other, more
+    ranges = np.full(shape, R)
+    steepest = math.radians(60.0)
+    limit = math.tan(steepest) * pitch + math.sqrt(4.5**2 * (own**2 + other**2) + 4.0 * (doubt**2 + more**2))
+    ranges[:, 2:] += share * limit
+    none, apart = np.zeros(shape), np.full(shape, pitch)
+    about = Raster(apart, apart, np.full(shape, spot), none)
+    noise = SharedNoise(sigma**2, none, none, apart / (2.0 * spot), apart / (2.0 * spot))
+    codes = np.full(shape, int(Status.VALID), dtype=np.uint32)
+    found = mixed(ranges, noise, uneven, codes, np.zeros(shape, dtype=np.bool_), about, steepest)
+    wanted = np.zeros(shape, dtype=bool)
+    wanted[:, 1:3] = two
+    np.testing.assert_array_equal(found, wanted)

@@ -1,0 +1,213 @@
+"""One step of the pose filter against a plain Kalman filter whose derivatives are differences."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from scanner_sim.analytic import geometry as judge
+from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
+from scanner_sim.pose.filter import FilterState, PoseFilter
+from scanner_sim.tracking.errors import ErrorParts, pixel_correlation
+from scanner_sim.tracking.record import PatternRecord, TrackStatus
+from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.state import Refusal, TrackMode
+
+Array = NDArray[np.float64]
+
+D = 0.05
+POINTS = {"a": [-0.5, -0.4, 0.1], "b": [0.5, -0.3, 0.0], "c": [0.1, 0.6, -0.2]}
+FILTER = PoseFilter({"node": POINTS}, D, acceleration=2e-4, turn_acceleration=3e-3)
+SIZE = 12 + 6 * 3 + 1
+
+
+def parts(white: Array) -> ErrorParts:
+    one = np.ones(())
+    root = np.random.default_rng(4).normal(size=(3, 3)) * np.array([[2e-5], [3e-5], [4e-4]])
+    return ErrorParts(
+        white=white, surface=root @ root.T + np.diag([1e-10, 1e-10, 1e-8]), turn=0.02 * one, pixels=9e-8 * one,
+        image=44.0 * one, image_width=0.9 * one, wobble=16e-12 * one, wobble_time=0.05 * one, wobble_angle=0.06 * one,
+        drift=np.array([2e-5, -3e-5]),
+    )  # fmt: skip
+
+
+def record(target: str, time: float, place: Array) -> PatternRecord:
+    """Return a visit that measured a place, with all parts of its error."""
+    white = np.array([[4e-10, 1e-10, 2e-9], [1e-10, 6e-10, -1e-9], [2e-9, -1e-9, 1e-6]])
+    errors = parts(white)
+    nothing = np.zeros((1, 0))
+    samples = PatternSamples(*(nothing for _ in range(7)), status=np.zeros((1, 0), dtype=np.uint8))
+    made: dict[str, Any] = {
+        "number": 0, "target": target, "time": time, "mode": TrackMode.TRACK, "after": TrackMode.TRACK,
+        "refusal": Refusal.NONE, "status": TrackStatus.MEASURED, "amplitude": 0.01, "centre": place[:2],
+        "place": place, "covariance": errors.whole, "errors": errors, "point": place, "point_covariance": white,
+        "truth": place, "truth_point": place, "samples": samples,
+    }  # fmt: skip
+    return PatternRecord(**made)
+
+
+def state(*, resting: bool = False) -> FilterState:
+    """Return a state with all its numbers different and a full covariance."""
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(SIZE, SIZE)) * 0.3 + np.eye(SIZE)
+    scale = np.concatenate([np.repeat([3e-3, 2e-3, 4e-3, 5e-3], 3), np.ones(19)])
+    moving = 0.0 if resting else 1.0
+    return FilterState(
+        time=10.0,
+        position=np.array([[0.6, -0.4, 7.0]]),
+        rotation=Rotation.from_rotvec([0.2, -0.3, 0.4]).as_matrix()[None],
+        velocity=moving * np.array([[0.01, -0.02, 0.03]]),
+        turn_rate=moving * np.array([[0.05, 0.04, -0.06]]),
+        bias=rng.normal(size=19),
+        covariance=(root @ root.T) * np.outer(scale, scale),
+    )
+
+
+def moved(start: FilterState, change: Array) -> FilterState:
+    """Return a state with errors (δt, δω, δv, δ rate, biases) added."""
+    turned = Rotation.from_rotvec(change[3:6]).as_matrix() @ start.rotation[0]
+    return replace(
+        start,
+        position=start.position + change[:3],
+        rotation=turned[None],
+        velocity=start.velocity + change[6:9],
+        turn_rate=start.turn_rate + change[9:12],
+        bias=start.bias + change[12:],
+    )
+
+
+def seen(now: FilterState, target: str, errors: ErrorParts) -> Array:
+    """Return what would be measured: the judge's place, and what the biases make of it."""
+    point = now.rotation[0] @ np.array(POINTS[target]) + now.position[0]
+    r, theta, phi = judge.shot_from_point(point, D)
+    own = now.bias[6 * list(POINTS).index(target) :][:6]
+    place = np.array([float(theta), float(phi), float(r)])
+    place += np.linalg.cholesky(errors.surface + np.diag([1e-18, 1e-18, 1e-14])) @ own[:3]
+    place[:2] += np.sqrt(errors.wobble) * own[3:5]
+    place[2] += np.sqrt(errors.pixels) * own[5]
+    place[:2] += errors.drift * now.bias[-1]
+    return np.asarray(place)
+
+
+@pytest.mark.parametrize("target", list(POINTS))
+def test_a_visit_at_the_same_time_is_a_plain_update(target: str) -> None:
+    """Claim: K = P Hᵀ (H P Hᵀ + R)⁻¹ with H of place and biases, R the white part alone; P in Joseph's form."""
+    now = state()
+    errors = parts(np.zeros((3, 3)))
+    truth = seen(now, target, errors) + np.array([3e-5, -4e-5, 2e-3])
+    visit = record(target, now.time, truth)
+    after = FILTER.updated(now, visit)
+    steps = np.concatenate([np.full(12, 1e-6), np.full(19, 1e-3)])
+    slope = np.stack(
+        [
+            (seen(moved(now, h), target, errors) - seen(moved(now, -h), target, errors)) / (2.0 * h.sum())
+            for h in np.diag(steps)
+        ],
+        axis=1,
+    )
+    spread = slope @ now.covariance @ slope.T + visit.errors.white
+    gain = now.covariance @ slope.T @ np.linalg.inv(spread)
+    change = gain @ (truth - seen(now, target, errors))
+    wanted = moved(now, change)
+    scale = np.sqrt(np.diag(now.covariance))
+    np.testing.assert_allclose(after.position, wanted.position, atol=1e-6 * scale[0])
+    np.testing.assert_allclose(after.rotation, wanted.rotation, atol=1e-6 * scale[3])
+    np.testing.assert_allclose(after.velocity, wanted.velocity, atol=1e-6 * scale[6])
+    np.testing.assert_allclose(after.turn_rate, wanted.turn_rate, atol=1e-6 * scale[9])
+    np.testing.assert_allclose(after.bias, wanted.bias, atol=1e-6)
+    keep = np.eye(SIZE) - gain @ slope
+    covariance = keep @ now.covariance @ keep.T + gain @ visit.errors.white @ gain.T
+    np.testing.assert_allclose(
+        after.covariance / np.outer(scale, scale), covariance / np.outer(scale, scale), atol=1e-6
+    )
+
+
+def test_the_rigid_part_moves_at_steady_rates() -> None:
+    """Claim: position and attitude go on with their rates, errors with them, and white accelerations are added."""
+    now, step = state(), 0.3
+    ahead = FILTER._predicted(now, record("a", now.time + step, np.array([0.08, -0.06, 7.1])))
+    turn = Rotation.from_rotvec(step * now.turn_rate[0]).as_matrix()
+    np.testing.assert_allclose(ahead.position, now.position + step * now.velocity)
+    np.testing.assert_allclose(ahead.rotation[0], turn @ now.rotation[0], atol=1e-14)
+    onward = np.eye(12)
+    onward[:3, 6:9] = onward[3:6, 9:12] = step * np.eye(3)
+    onward[3:6, 3:6] = turn
+    wanted = onward @ now.covariance[:12, :12] @ onward.T
+    for first, q in ((0, 2e-4), (3, 3e-3)):
+        for axis in range(first, first + 3):
+            wanted[axis, axis] += q * step**3 / 3.0
+            wanted[axis + 6, axis + 6] += q * step
+            wanted[axis, axis + 6] += q * step**2 / 2.0
+            wanted[axis + 6, axis] += q * step**2 / 2.0
+    scale = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose(
+        ahead.covariance_of() / np.outer(scale, scale), wanted / np.outer(scale, scale), atol=1e-9
+    )
+
+
+def test_two_half_steps_of_a_resting_object_are_one() -> None:
+    now = state(resting=True)
+    visits = [record("a", now.time + after, np.array([0.08, -0.06, 7.1])) for after in (0.1, 0.2)]
+    halves, whole = (
+        FILTER._predicted(FILTER._predicted(now, visits[0]), visits[1]),
+        FILTER._predicted(now, visits[1]),
+    )
+    scale = np.sqrt(np.diag(whole.covariance))
+    # Biases, too: ρ of two steps is that of both together, and the noise what is lost.
+    same = np.outer(scale, scale)
+    np.testing.assert_allclose(halves.covariance / same, whole.covariance / same, atol=1e-9)
+    np.testing.assert_allclose(halves.bias, whole.bias, atol=1e-12)
+
+
+def test_biases_fade_each_in_its_own_way() -> None:
+    """Claim: surfaces by the turn about the sight over ``turn``, wobble by time, pixels by the image, drift never."""
+    now, step = state(), 0.02
+    visit = record("b", now.time + step, np.array([0.15, -0.1, 7.0]))
+    ahead = FILTER._predicted(now, visit)
+    fade = ahead.bias / now.bias
+    places = []
+    for when in (now, ahead):
+        points = np.array(
+            [when.rotation[0] @ np.array(point) + when.position[0] for point in POINTS.values()]
+        )
+        r, theta, _ = judge.shot_from_point(points, D)
+        depth = visit.place[2] / np.cos(visit.place[0])
+        places.append((points, 44.0 * depth * np.cos(theta) / r))
+    (points, image), before = places[1], places[0][1]
+    for number in range(3):
+        sight = points[number] / np.linalg.norm(points[number])
+        roll = abs(float(now.turn_rate[0] @ sight))
+        np.testing.assert_allclose(fade[6 * number :][:3], np.exp(-roll * step / 0.02), rtol=1e-9)
+        np.testing.assert_allclose(
+            fade[6 * number + 3 :][:2], np.exp(-step / (WOBBLE_LASTS * 0.05)), rtol=1e-9
+        )
+        gone = np.sqrt(np.mean((image - before) ** 2))
+        assert fade[6 * number + 5] == pytest.approx(np.exp(-gone / 0.9), rel=1e-9)
+    assert fade[-1] == pytest.approx(1.0)
+    # What fades comes back as noise with the correlation between targets.
+    _, theta, phi = judge.shot_from_point(points, D)
+    noise = ahead.covariance[12:, 12:] - np.outer(fade, fade) * now.covariance[12:, 12:]
+    lost = 1.0 - np.outer(fade, fade)
+    for axis, angle in ((3, phi), (4, theta)):
+        together = wobble_correlation((angle[:, None] - angle) / 0.06)
+        np.testing.assert_allclose(
+            noise[axis:-1:6, axis:-1:6], (together * lost[axis:-1:6, axis:-1:6]), atol=1e-9
+        )
+    together = pixel_correlation((image[:, None] - image) / 0.9)
+    np.testing.assert_allclose(noise[5:-1:6, 5:-1:6], together * lost[5:-1:6, 5:-1:6], atol=1e-9)
+
+
+def test_what_was_not_followed_changes_nothing() -> None:
+    now = state()
+    good = record("a", now.time, np.array([0.08, -0.06, 7.1]))
+    for bad in (
+        replace(good, status=TrackStatus.REFUSED),
+        replace(good, after=TrackMode.ACQUIRE),
+        replace(good, target="stranger"),
+    ):
+        assert FILTER.updated(now, bad) is now

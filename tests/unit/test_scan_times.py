@@ -1,0 +1,66 @@
+"""Times of a scan by hand: rows, updates of the drive, visits, and the mirrors' temperature."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from scanner_sim.optics.deflection import Mirrors, TemperatureCourse
+from scanner_sim.scan.lissajous import LissajousPattern, frequencies, sample_shares
+from scanner_sim.scan.raster import RasterScan, raster_aim
+from scanner_sim.scan.schedule import raster_time, visits
+
+
+def test_a_row_is_measured_about_its_middle() -> None:
+    scan = RasterScan(rows=3, columns=5, horizontal=(-0.1, 0.3), vertical=(-0.2, 0.2))
+    np.testing.assert_allclose(scan.row_times(2.0), [5.0, 15.0, 25.0])
+    aim = raster_aim(scan, np.arange(15, dtype=np.uint32), 2.0)
+    np.testing.assert_allclose(aim.time, 2.0 * (np.arange(15) + 0.5))
+    np.testing.assert_allclose(aim.time.reshape(3, 5).mean(axis=1), scan.row_times(2.0))
+    assert scan.travel == pytest.approx(0.1)
+    np.testing.assert_allclose(aim.travel_theta, 0.1)
+    np.testing.assert_array_equal(aim.travel_phi, 0.0)
+    assert scan.model_copy(update={"motion": "stepped"}).travel == 0.0
+
+
+def test_the_drive_is_told_at_the_ends_of_its_updates() -> None:
+    """Claim: the first share is one update after the start, the last the end; the middle of a dwell is one of them."""
+    np.testing.assert_allclose(sample_shares(4), [0.25, 0.5, 0.75, 1.0])
+    shares = sample_shares(4, 2)
+    np.testing.assert_allclose(shares, np.arange(1, 9) / 8.0)
+    np.testing.assert_allclose(shares[0::2], (np.arange(4) + 0.5) / 4.0)
+    assert frequencies(LissajousPattern(ratio="3:2", points=100), 1e-3) == pytest.approx((30.0, 20.0))
+
+
+def test_a_raster_takes_a_dwell_for_each_voxel() -> None:
+    assert raster_time(128 * 128, 50e-6) == pytest.approx(0.8192)
+
+
+def test_visits_end_with_their_patterns() -> None:
+    """Claim: of three targets in turn each visit takes a period, and the pattern is its last part."""
+    found = visits(3, 7, 0.04, 0.0066)
+    np.testing.assert_array_equal(found.target, [0, 1, 2, 0, 1, 2, 0])
+    np.testing.assert_array_equal(found.number, [0, 0, 0, 1, 1, 1, 2])
+    np.testing.assert_allclose(found.start + 0.0066, 0.04 * np.arange(1, 8))
+
+
+def test_the_temperature_rises_and_swings() -> None:
+    """Claim: rate · t + amplitude · sin(2π t/period); the instrument expects hypot(rate · t, amplitude/√2)."""
+    course = TemperatureCourse(rate=0.5, amplitude=3.0, period=8.0)
+    time = np.array([0.0, 2.0, 4.0, 6.0])
+    np.testing.assert_allclose(course.difference(time), [0.0, 4.0, 2.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(course.spread(time), np.hypot(0.5 * time, 3.0 / np.sqrt(2.0)))
+
+
+def test_a_reading_errs_by_all_that_it_does_not_see() -> None:
+    """Claim: √((1 − seen) jitter² + wobble² + noise² + step²/12 + drift²) of the mirror's own angle and time."""
+    course = TemperatureCourse(rate=0.5)
+    known = Mirrors(
+        jitter=10e-6, jitter_seen=0.36, wobble=7e-6, readout_noise=5e-6, readout_step=20e-6, temperature=course,
+        drift_zero=3e-6, drift_scale=40e-6,
+    )  # fmt: skip
+    angle, time = np.array([0.1, -0.2]), np.array([4.0, 10.0])
+    drift = 0.5 * time * (3e-6 + 40e-6 * angle)
+    np.testing.assert_allclose(known.drift(angle, time), drift)
+    random = 0.64 * 10e-6**2 + 7e-6**2 + 5e-6**2 + 20e-6**2 / 12.0
+    np.testing.assert_allclose(known.reading_sigma(angle, time), np.sqrt(random + drift**2))

@@ -1,0 +1,232 @@
+"""Places of targets from made-up voxels: levels, ranges of planes and spheres, what counts, and their covariance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scanner_sim.analytic import tracking as judge
+from scanner_sim.ranging.coordinates import angles_and_range, coordinates
+from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
+from scanner_sim.status import Status
+from scanner_sim.tracking.measurement import Measurement, TargetLooks, measure_target
+from scanner_sim.tracking.response import TargetKind, target_response, two_levels
+from scanner_sim.tracking.samples import PatternSamples, rise_per_point
+
+Array = NDArray[np.float64]
+
+DISTANCE, RADIUS, SPOT, D = 8.0, 0.05, 2e-4, 0.05
+CENTRE = np.array([0.1, -0.05])
+NONE: dict[str, Any] = {"axis_separation": None}
+
+
+def pattern() -> tuple[Array, Array]:
+    """Return places and travels of a pattern over a disc, shape (points, 2)."""
+    shape = LissajousPattern(points=160, amplitude=1.6 * RADIUS / DISTANCE)
+    figure, half = figures(shape, 4, CENTRE), 0.5 / shape.points
+    middle = (np.arange(shape.points) + 0.5) / shape.points
+    start, place, end = (
+        np.stack(figure_angles(figure, shape.cycles, middle + shift), axis=-1)[0]
+        for shift in (-half, 0.0, half)
+    )
+    return place, end - start
+
+
+def voxels(
+    reach: Array, sigma: Array | float = 1e-4, levels: tuple[float, float] = (0.1, 1.0)
+) -> PatternSamples:
+    """Return a pattern over a disc that is round in the angles, with these ranges."""
+    place, travel = pattern()
+    value = judge.disc_signal(place, travel, CENTRE, RADIUS / DISTANCE, SPOT, levels)
+    one = np.ones((1, len(place)))
+    return PatternSamples(
+        50e-6 * np.arange(len(place))[None], place[None, :, 0], place[None, :, 1], 1e6 * value[None], 3e3 * one,
+        reach[None] * one, sigma * one, np.zeros(one.shape, np.uint8),
+    )  # fmt: skip
+
+
+def seen(samples: PatternSamples, kind: str = "black", **changes: Any) -> Measurement:
+    looks = TargetLooks(kind=TargetKind(kind), diameter=2.0 * RADIUS, **changes.pop("looks", {}))
+    return measure_target(samples, looks, DISTANCE, spot=SPOT, **NONE | changes)
+
+
+def off() -> Array:
+    """Return the angles from the disc's centre."""
+    return np.asarray(np.hypot(*(pattern()[0] - CENTRE).T))
+
+
+def test_rises_are_of_the_second_order_at_the_ends_too() -> None:
+    index = np.arange(7.0)
+    values = np.stack([2.0 + 3.0 * index - 0.5 * index**2, index**2])
+    np.testing.assert_allclose(rise_per_point(values), np.stack([3.0 - index, 2.0 * index]), atol=1e-12)
+
+
+def test_levels_are_medians_and_the_threshold_their_middle() -> None:
+    value = np.concatenate([np.full(60, 0.1), np.full(40, 1.0), [0.3, 0.7]])[None]
+    threshold, low, high, clear = two_levels(value, np.ones_like(value, dtype=bool))
+    assert (threshold[0], low[0], high[0]) == pytest.approx((0.55, 0.1, 1.0))
+    assert clear[0]
+
+
+@pytest.mark.parametrize(("kind", "target"), [("black", 0.1), ("white", 1.0)])
+def test_what_counts_as_target(kind: str, target: float) -> None:
+    """Claim: levels by the kind, gate at both ends, no strays, and a share of what counts."""
+    count = 100
+    signal = np.where(np.arange(count) < 40, 0.1, 1.0)
+    one = np.ones((1, count))
+    reach = np.full(count, DISTANCE)
+    reach[50:55], reach[55:60] = DISTANCE - 0.31, DISTANCE + 0.31
+    strays = signal.copy()
+    # 0.55 is the threshold, 0.9 the levels' distance: 3 times that is a stray.
+    strays[60], strays[61] = 0.55 + 3.05 * 0.9, 0.55 + 2.95 * 0.9
+    samples = PatternSamples(
+        one, one, one, strays[None], 0.01 * one, reach[None], 0.01 * one, np.zeros(one.shape, np.uint8)
+    )
+    found = target_response(samples, TargetKind(kind), (DISTANCE - 0.3, DISTANCE + 0.3))
+    outside = (np.arange(count) >= 50) & (np.arange(count) < 60)
+    np.testing.assert_array_equal(~found.used[0], outside | (np.arange(count) == 60))
+    assert found.target[0] == pytest.approx(target)
+    assert found.ground[0] == pytest.approx(1.1 - target)
+    hits = 40 if kind == "black" else 49
+    assert found.fraction[0] == pytest.approx(hits / 89.0)
+
+
+def test_a_flat_target_has_the_range_of_its_middle() -> None:
+    """Claim: off the centre a facing plane is farther by 1/cos: taken off, it is flat to 10⁻⁷ m."""
+    found = seen(voxels(DISTANCE / np.cos(off())))
+    assert found.found[0]
+    np.testing.assert_allclose(found.place[0, :2], CENTRE, atol=1e-6)
+    assert found.place[0, 2] == pytest.approx(DISTANCE, abs=1e-7)
+
+
+def test_a_sphere_has_the_range_of_its_middle() -> None:
+    """Claim: each voxel within 0.8 of the radius is carried to the middle: √(r² − ρ²), ρ by angle and range."""
+    reach = np.full(160, DISTANCE)
+    for _ in range(50):  # ρ = R sin δ on the sphere: R = R₀ cos δ − √(r² − R₀² sin² δ)
+        reach = DISTANCE * np.cos(off()) - np.sqrt(
+            np.maximum(RADIUS**2 - (DISTANCE * np.sin(off())) ** 2, 0.0)
+        )
+    reach = np.where(off() < RADIUS / DISTANCE, reach, DISTANCE + 0.2)
+    found = seen(voxels(reach), "raised", looks={"surface": "sphere"})
+    assert found.found[0]
+    assert found.place[0, 2] == pytest.approx(DISTANCE, abs=1e-4)
+    # Voxels up to 0.8 of the radius count, and those beyond do not.
+    inside, beyond = off() < 0.75 * RADIUS / DISTANCE, off() > 0.85 * RADIUS / DISTANCE
+    for part, moves in (
+        (beyond & (off() < RADIUS / DISTANCE), False),
+        (inside & (off() > 0.6 * RADIUS / DISTANCE), True),
+    ):
+        assert part.sum() > 3
+        moved = seen(voxels(np.where(part, reach + 2e-3, reach)), "raised", looks={"surface": "sphere"})
+        assert (abs(moved.place[0, 2] - found.place[0, 2]) > 1e-5) == moves
+
+
+def test_ranges_count_by_the_inverse_of_their_variance() -> None:
+    loose = np.arange(160) % 3 == 0
+    true = DISTANCE / np.cos(off())
+    found = seen(voxels(np.where(loose, true + 5e-3, true), np.where(loose, 1e-1, 1e-4)))
+    assert found.place[0, 2] == pytest.approx(DISTANCE, abs=1e-7)
+
+
+def test_voxels_at_the_rim_do_not_tell_the_range() -> None:
+    """Claim: what stands within three spots and half a dwell's way of the rim may be wrong without any harm."""
+    rise = np.hypot(*rise_per_point(pattern()[0].T.copy()))
+    rim = np.abs(off() - RADIUS / DISTANCE) < 2.9 * SPOT + 0.5 * rise
+    assert rim.sum() > 5
+    true = DISTANCE / np.cos(off())
+    found = seen(voxels(np.where(rim, true + 10e-3, true)))
+    assert found.place[0, 2] == pytest.approx(DISTANCE, abs=1e-7)
+
+
+def test_a_range_belongs_to_the_mean_time_of_the_hits() -> None:
+    """Claim: of a target that recedes at 2 m/s the range is that at the time stamp, the mean over the hits."""
+    time = 50e-6 * np.arange(160)
+    found = seen(voxels(DISTANCE / np.cos(off()) + 2.0 * time))
+    hit = off() < RADIUS / DISTANCE
+    assert found.time[0] == pytest.approx(time[hit].mean(), abs=0.6 * 50e-6)
+    assert abs(time[hit].mean() - time.mean()) > 1e-6 or abs(found.time[0] - time.mean()) < 60e-6
+    assert found.place[0, 2] == pytest.approx(DISTANCE + 2.0 * found.time[0], abs=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "told"), [("black", "both"), ("white", "on"), ("hole", "around")])
+def test_ranges_come_from_where_the_kind_says(kind: str, told: str) -> None:
+    """Claim: black discs are ranged by all voxels, white ones by those on them, holes by those around them."""
+    on = off() < RADIUS / DISTANCE
+    deep = np.where(on, DISTANCE + 0.2, DISTANCE) if kind == "hole" else np.full(160, DISTANCE)
+    levels = (1.0, 0.1) if kind == "white" else (0.1, 1.0)
+    base = deep / np.cos(off())
+    far_on, far_off = off() < 0.7 * RADIUS / DISTANCE, off() > 1.3 * RADIUS / DISTANCE
+    start = seen(voxels(base, levels=levels), kind).place[0, 2]
+    assert start == pytest.approx(DISTANCE, abs=1e-6)
+    for part, name in ((far_on, "on"), (far_off, "around")):
+        moved = seen(voxels(np.where(part, base + 5e-3, base), levels=levels), kind).place[0, 2]
+        assert bool(abs(moved - start) > 1e-5) is (told in (name, "both")), name
+
+
+def tilted(sigma: float) -> tuple[PatternSamples, Array]:
+    """Return voxels over a disc on a plane tilted by half a radian, and ∂R/∂(Θ, φ) at its centre."""
+    middle = np.stack(coordinates(DISTANCE, *CENTRE, D))
+    beam = middle - np.stack(coordinates(DISTANCE - 1.0, *CENTRE, D))
+    axis = np.cross(beam, [0.3, 1.0, 0.0])
+    axis /= np.linalg.norm(axis)
+    normal = np.cos(0.5) * beam + np.sin(0.5) * np.cross(axis, beam)
+
+    def reach(theta: Any, phi: Any) -> Array:
+        near, far = (np.stack(coordinates(r, theta, phi, D), axis=-1) for r in (1.0, 2.0))
+        return np.asarray(1.0 + (middle - near) @ normal / ((far - near) @ normal))
+
+    place, _ = pattern()
+    samples = voxels(reach(*place.T), sigma)
+    points = np.stack(coordinates(samples.range[0], *place.T, D), axis=-1)
+    away = np.linalg.norm(points - middle, axis=1)
+    soft = 1.0 / (1.0 + np.exp(np.clip((away - RADIUS) / (0.5 * SPOT * DISTANCE), -50.0, 50.0)))
+    step = 1e-5
+    slope = [
+        (reach(CENTRE[0] + step, CENTRE[1]) - reach(CENTRE[0] - step, CENTRE[1])) / (2.0 * step),
+        (reach(CENTRE[0], CENTRE[1] + step) - reach(CENTRE[0], CENTRE[1] - step)) / (2.0 * step),
+    ]
+    near, far = (np.stack(coordinates(r, *place.T, D), axis=-1) for r in (1.0, 2.0))
+    facing = np.abs((far - near) @ normal) * (DISTANCE / samples.range[0]) ** 2
+    return replace(samples, signal=1e6 * (facing * (1.0 - 0.9 * soft))[None]), np.array(slope)
+
+
+def test_an_error_of_the_centre_moves_the_range_along_the_plane() -> None:
+    """Claim: with g = ∂R/∂(Θ, φ) the place's covariance has C g beside C, and g·C g within the variance of R."""
+    samples, slope = tilted(1e-6)
+    found = seen(samples, axis_separation=D)
+    assert found.found[0]
+    assert found.place[0, 2] == pytest.approx(DISTANCE, abs=2e-3)
+    covariance = found.covariance[0]
+    scale = np.abs(slope).max()
+    np.testing.assert_allclose(
+        covariance[:2, 2], covariance[:2, :2] @ slope, rtol=0.01, atol=0.01 * covariance[0, 0] * scale
+    )
+    # The ranges themselves err by a micrometre: all else is the centre's.
+    assert covariance[2, 2] == pytest.approx(slope @ covariance[:2, :2] @ slope, rel=0.05)
+    assert covariance[2, 2] > (5e-6) ** 2
+
+
+def test_uncertain_slopes_widen_the_centre() -> None:
+    """Claim: ranges that tell the plane badly make the centre worse, and by more the worse they are."""
+    sigmas = []
+    for sigma in (1e-6, 3e-3, 6e-3):
+        samples, _ = tilted(1e-6)
+        told = replace(samples, sigma_range=np.full_like(samples.range, sigma))
+        sigmas.append(np.sqrt(np.diag(seen(told, axis_separation=D).covariance[0])[:2]))
+    rough, rougher = (np.sqrt(one**2 - sigmas[0] ** 2) for one in sigmas[1:])
+    assert (rough > 0.0).all()
+    # Twice the noise of the ranges is twice the slope's, and twice what it moves.
+    assert np.hypot(*rougher) == pytest.approx(2.0 * np.hypot(*rough), rel=0.1)
+
+
+def test_nothing_is_measured_of_nothing() -> None:
+    samples = replace(
+        voxels(np.full(160, DISTANCE)), status=np.full((1, 160), Status.OUT_OF_GATE, dtype=np.uint8)
+    )
+    assert not seen(samples).found[0]
+    _, theta, phi = angles_and_range(*coordinates(DISTANCE, *CENTRE, D), D)
+    assert (theta, phi) == pytest.approx(tuple(CENTRE))

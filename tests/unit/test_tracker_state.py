@@ -1,0 +1,219 @@
+"""The tracker's filter and its states by hand: exact forms of prediction and update, gates, counts and patterns."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from scanner_sim.tracking.measurement import Measurement
+from scanner_sim.tracking.prediction import Motion, begun, predicted, surprise, updated
+from scanner_sim.tracking.state import (
+    Refusal,
+    TrackerSettings,
+    TrackMode,
+    TrackState,
+    advanced,
+    command,
+    init,
+)
+
+Array = NDArray[np.float64]
+
+DIAMETER, DISTANCE = 0.1, 8.0
+RADIUS = 0.5 * DIAMETER / DISTANCE
+EXPECTED = np.array([0.1, -0.05, DISTANCE])
+UNREST = np.array([1e-4, 3e-4, 2e-2])
+PERIOD = 0.04
+
+
+def motion() -> Motion:
+    """Return a motion whose numbers are all different, at 1.5 s."""
+    mixed = np.random.default_rng(1).normal(size=(6, 6))
+    scale = np.array([1e-4, 2e-4, 3e-3, 4e-3, 5e-3, 6e-2])
+    mean = np.array([0.1, -0.05, 8.0, 0.02, -0.01, 0.3])
+    return Motion(mean, (mixed @ mixed.T + np.eye(6)) * np.outer(scale, scale), np.float64(1.5))
+
+
+def measured(place: Array | None, time: float, **changes: Any) -> Measurement:
+    """Return a round target that is seen at a place, or nothing."""
+    found = place is not None
+    numbers: dict[str, Any] = {
+        "time": np.array([time if found else np.nan]),
+        "place": np.full((1, 3), np.nan) if place is None else place[None],
+        "covariance": np.diag([20e-6, 30e-6, 1e-3])[None] ** 2,
+        "radius": np.array([RADIUS]),
+        "sigma_radius": np.array([1e-9]),
+        "misfit": np.ones(1),
+        "fraction": np.full(1, 0.3),
+        "found": np.array([found]),
+    }
+    return Measurement(**numbers | changes)
+
+
+def visited(state: TrackState, place: Array | None, settings: TrackerSettings, **changes: Any) -> TrackState:
+    """Return the state after one more visit, a period after the last."""
+    time = PERIOD * (state.patterns + 1)
+    return advanced(state, measured(place, time, **changes), settings, DIAMETER, time + PERIOD)
+
+
+def tracked(settings: TrackerSettings) -> TrackState:
+    """Return the state of a target that is followed where it was expected."""
+    state = init(EXPECTED, settings)
+    for _ in range(3):
+        state = visited(state, EXPECTED, settings)
+    assert state.mode is TrackMode.TRACK
+    return state
+
+
+def test_two_half_steps_are_one() -> None:
+    """Claim: mean and covariance ahead do not depend on how many steps lead there: exact for Δ³/3, Δ²/2, Δ alone."""
+    whole = predicted(motion(), 1.7, UNREST)
+    halves = predicted(predicted(motion(), 1.6, UNREST), 1.7, UNREST)
+    np.testing.assert_allclose(halves.mean, whole.mean, rtol=1e-12)
+    np.testing.assert_allclose(halves.covariance, whole.covariance, rtol=1e-10)
+
+
+def test_a_target_without_doubt_scatters_as_white_accelerations_make_it() -> None:
+    """Claim: of a target known exactly, place and rate have the covariance q [[Δ³/3, Δ²/2], [Δ²/2, Δ]] after Δ."""
+    exact = Motion(motion().mean, np.zeros((6, 6)), motion().time)
+    ahead, step = predicted(exact, 1.9, UNREST), 0.4
+    np.testing.assert_allclose(ahead.mean[:3], exact.mean[:3] + step * exact.mean[3:], rtol=1e-14)
+    for axis, q in enumerate(UNREST):
+        part = ahead.covariance[np.ix_([axis, axis + 3], [axis, axis + 3])]
+        wanted = q * np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
+        np.testing.assert_allclose(part, wanted, rtol=1e-12)
+
+
+def test_an_update_adds_information() -> None:
+    """Claim: the update is the inverse of the sum of informations, and the mean that of both weighed by them."""
+    before, noise = motion(), np.array([[4.0, 1.0, 0.5], [1.0, 9.0, -2.0], [0.5, -2.0, 5.0]]) * 1e-8
+    place = before.mean[:3] + np.array([1e-4, -2e-4, 1e-3])
+    after = updated(before, place, noise)
+    seen = np.eye(3, 6)
+    known, told = np.linalg.inv(before.covariance), seen.T @ np.linalg.inv(noise) @ seen
+    whole = np.linalg.inv(known + told)
+    np.testing.assert_allclose(after.covariance, whole, rtol=1e-6, atol=1e-16)
+    mean = whole @ (known @ before.mean + seen.T @ np.linalg.inv(noise) @ place)
+    np.testing.assert_allclose(after.mean, mean, rtol=1e-9)
+    away = place - before.mean[:3]
+    spread = before.covariance[:3, :3] + noise
+    assert surprise(before, place, noise) == pytest.approx(away @ np.linalg.inv(spread) @ away)
+
+
+def test_a_motion_begins_with_the_rates_it_is_told() -> None:
+    covariance = np.diag([1e-8, 4e-8, 9e-6])
+    start = begun(EXPECTED, covariance, [0.1, 0.2, 0.3], 2.0)
+    np.testing.assert_array_equal(start.mean, [*EXPECTED, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(np.diag(start.covariance), [1e-8, 4e-8, 9e-6, 0.01, 0.04, 0.09])
+
+
+@pytest.mark.parametrize("chance", [1e-4, 1e-2])
+def test_the_gate_refuses_right_measurements_with_its_chance(chance: float) -> None:
+    """Claim: a place is refused where its squared distance from the prediction passes the χ² of three dimensions."""
+    settings = TrackerSettings(chance=chance)
+    state = tracked(settings)
+    time = PERIOD * (state.patterns + 1)
+    unrest = [settings.unrest, settings.unrest, settings.range_unrest]
+    ahead = predicted(state.motion, time, unrest)
+    seen = measured(EXPECTED, time)
+    spread = ahead.covariance[:3, :3] + seen.covariance[0]
+    # One standard deviation of all three axes together.
+    way = np.linalg.cholesky(spread) @ np.full(3, 3.0**-0.5)
+    for share, refusal in ((0.999, Refusal.NONE), (1.001, Refusal.PLACE)):
+        place = ahead.mean[:3] + share * np.sqrt(chi2.isf(chance, 3)) * way
+        radius = np.array([0.5 * DIAMETER / place[2]])
+        after = advanced(state, replace(seen, place=place[None], radius=radius), settings, DIAMETER, time)
+        assert after.refusal is refusal
+        if refusal is Refusal.NONE:
+            wanted = updated(ahead, place, seen.covariance[0])
+            np.testing.assert_allclose(after.motion.covariance, wanted.covariance, rtol=1e-12)
+
+
+def test_states_change_after_the_stated_patterns() -> None:
+    """Claim: seen thrice a target is tracked, missed four times lost, and five more times searched for anew."""
+    settings = TrackerSettings(acquire_patterns=3, patience=4, give_up=5)
+    state, modes = init(EXPECTED, settings), []
+    for _ in range(3):
+        state = visited(state, EXPECTED, settings)
+        modes.append(state.mode)
+    assert modes == [TrackMode.ACQUIRE, TrackMode.ACQUIRE, TrackMode.TRACK]
+    modes = []
+    for _ in range(9):
+        state = visited(state, None, settings)
+        modes.append(state.mode)
+    assert modes == [TrackMode.TRACK] * 3 + [TrackMode.LOST] * 5 + [TrackMode.SEARCH]
+    assert state.patterns == 12
+    assert state.refusal is Refusal.NOT_SEEN
+    state = visited(init(EXPECTED, settings), EXPECTED, settings)
+    assert visited(state, None, settings).mode is TrackMode.LOST
+
+
+@pytest.mark.parametrize(
+    ("off", "sigma", "refusal"),
+    [
+        (0.14, 0.0, Refusal.NONE),
+        (-0.14, 0.0, Refusal.NONE),
+        (0.16, 0.0, Refusal.SIZE),
+        (-0.16, 0.0, Refusal.SIZE),
+        (0.20, 0.02, Refusal.NONE),
+        (0.22, 0.02, Refusal.SIZE),
+        (0.51, 0.3, Refusal.SIZE),
+        (0.49, 0.3, Refusal.NONE),
+    ],
+)
+def test_a_target_has_its_size(off: float, sigma: float, refusal: Refusal) -> None:
+    """Claim: the radius may differ by 15 % and three of its own standard deviations, and by half at most."""
+    settings = TrackerSettings()
+    sizes = {"radius": np.array([(1.0 + off) * RADIUS]), "sigma_radius": np.array([sigma * RADIUS])}
+    assert visited(tracked(settings), EXPECTED, settings, **sizes).refusal is refusal
+
+
+@pytest.mark.parametrize(
+    ("misfit", "refusal"), [(29.0, Refusal.NONE), (31.0, Refusal.SHAPE), (np.nan, Refusal.SHAPE)]
+)
+def test_a_target_has_its_shape(misfit: float, refusal: Refusal) -> None:
+    settings = TrackerSettings()
+    assert visited(tracked(settings), EXPECTED, settings, misfit=np.array([misfit])).refusal is refusal
+
+
+def test_a_tracking_pattern_is_a_little_larger_than_its_target() -> None:
+    settings = TrackerSettings()
+    order = command(tracked(settings), settings, DIAMETER, 1.0)
+    assert order.mode is TrackMode.TRACK
+    assert order.amplitude == pytest.approx(1.22 * RADIUS, rel=1e-6)
+    assert order.number == 3
+
+
+def test_search_patterns_grow_begin_anew_and_go_to_both_places() -> None:
+    """Claim: 1.6 radii, each 1.4 times the last, up to 20 mrad; then anew, in turns where it was last and expected."""
+    settings = TrackerSettings()
+    first = 1.6 * RADIUS
+    sizes = [min(first * 1.4**k, 20e-3) for k in range(4)]
+    assert first * 1.4**3 > 20e-3 > first * 1.4**2
+    elsewhere = EXPECTED + np.array([0.05, 0.02, 0.0])
+    lost = begun(elsewhere, np.eye(3), np.ones(3), 0.0)
+    state = replace(init(EXPECTED, settings), motion=lost)
+    orders = [command(replace(state, searched=k), settings, DIAMETER, 1.0) for k in range(12)]
+    np.testing.assert_allclose([order.amplitude for order in orders], 3 * sizes, rtol=1e-12)
+    places = np.array([order.place for order in orders])
+    np.testing.assert_array_equal(places, np.repeat([elsewhere, EXPECTED, elsewhere], 4, axis=0))
+
+
+def test_a_search_does_not_take_a_followed_target() -> None:
+    """Claim: in a search, what lies within a third of a radius of another target (4.6 σ) is that one."""
+    settings = TrackerSettings()
+    other = tracked(settings).motion
+    other = other._replace(covariance=1e-18 * np.eye(6), time=np.float64(PERIOD))
+    limit = np.sqrt(chi2.isf(settings.chance, 3)) / 3.0
+    for share, refusal in ((0.97, Refusal.OTHER), (1.03, Refusal.NONE)):
+        place = EXPECTED + np.array([share * limit * RADIUS, 0.0, 0.0])
+        tight = {"covariance": 1e-18 * np.eye(3)[None]}
+        settings_at_rest = settings.model_copy(update={"unrest": 0.0, "range_unrest": 0.0})
+        seen = measured(place, PERIOD, **tight)
+        after = advanced(init(EXPECTED, settings), seen, settings_at_rest, DIAMETER, 1.0, others=[other])
+        assert after.refusal is refusal

@@ -1,0 +1,187 @@
+"""What the instrument knows of a visit's error: single voxels, unlike pixels, images, and the parts by their names."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.stats import norm
+
+from scanner_sim import Scenario, load_scenario
+from scanner_sim.analytic import geometry as judge
+from scanner_sim.closed_loop import visit_errors
+from scanner_sim.closed_loop.visit_errors import (
+    alike,
+    error_parts,
+    image_variance,
+    range_variances,
+    shining_share,
+)
+from scanner_sim.optics.speckle import packets_of
+from scanner_sim.scan.schedule import PatternMotion
+from scanner_sim.scanner import speckle_optics
+from scanner_sim.tracking.lasting import SurfaceSpeckle
+from scanner_sim.tracking.measurement import Measurement, TargetLooks
+from scanner_sim.tracking.response import TargetKind
+from scanner_sim.tracking.samples import PatternSamples
+
+Array = NDArray[np.float64]
+
+DISTANCE, SIGNAL = 9.0, 3e4
+DISC = {"name": "node", "array": {"diameter": 0.1, "plate": 0.4}, "position": (0.1, 0.05, 9.0)}
+
+
+def scenario(**scanner: Any) -> Scenario:
+    return load_scenario(
+        {
+            "schema": 1,
+            "scanner": scanner,
+            "scene": {"objects": [DISC]},
+            "scan": {"type": "track", "targets": ["node"]},
+        }
+    )
+
+
+def test_an_image_is_as_wide_as_beam_and_lens_make_it() -> None:
+    scanner = scenario().scanner
+    beam = 0.5 * scanner.laser.radius(DISTANCE) * scanner.receiver.focal_length / DISTANCE
+    spread = math.hypot(scanner.receiver.aberration, scanner.position_sensor.diffusion)
+    wanted = (beam**2 + spread**2) / scanner.position_sensor.pitch**2
+    assert image_variance(scanner, DISTANCE) == pytest.approx(wanted, rel=1e-12)
+
+
+@pytest.mark.parametrize("grain", [0.0, 2e-3])
+def test_a_range_errs_as_a_weighed_fit_of_its_spot(grain: float) -> None:
+    """Claim: noise and unlike pixels move the range as they move the place that a weighed fit of the spot finds.
+
+    Each pixel is changed by itself; the fit is the least squares of the change by the slope, weighed by 1/v.
+    """
+    scanner = scenario().scanner
+    sensor, receiver = scanner.position_sensor, scanner.receiver
+    width = math.sqrt(image_variance(scanner, DISTANCE))
+    pixel, step = np.arange(-8, 8), 1e-4
+
+    def charges(middle: float) -> Array:
+        return SIGNAL * np.asarray(norm.cdf(pixel + 1.0, middle, width) - norm.cdf(pixel, middle, width))
+
+    charge = charges(0.75)
+    slope = (charges(0.75 + step) - charges(0.75 - step)) / (2.0 * step)
+    variance = sensor.read_noise**2 + charge + (sensor.prnu * charge) ** 2 + grain * SIGNAL * charge
+    moved = np.array([np.sum(slope * change / variance) for change in np.eye(16)]) / np.sum(
+        slope**2 / variance
+    )
+    by_pixel = float(
+        judge.range_error_printed(DISTANCE, receiver.focal_length, receiver.baseline, sensor.pitch)
+    )
+    noise = np.sum(moved**2 * (sensor.read_noise**2 + charge)) * by_pixel**2
+    unlike = np.sum((moved * sensor.prnu * charge) ** 2) * by_pixel**2
+    assert sensor.prnu > 0.0
+    found = range_variances(scanner, DISTANCE, SIGNAL, grain)
+    assert found == pytest.approx((noise, unlike), rel=1e-4)
+    assert range_variances(scanner, DISTANCE, 0.0) == (0.0, 0.0)
+
+
+def voxels(theta: Array, reach: Array, sigma: Array) -> PatternSamples:
+    """Return voxels of which only deflection, range and its σ count."""
+    blank = np.zeros((1, theta.size))
+    return PatternSamples(
+        50e-6 * np.arange(theta.size)[None], theta[None], blank, blank + SIGNAL, blank + 1.0, reach[None],
+        sigma[None], blank.astype(np.uint8),
+    )  # fmt: skip
+
+
+def test_spots_on_the_same_pixels_share_all_and_others_nothing() -> None:
+    """Claim: voxels whose images coincide, whatever their deflection, share all; two groups far apart share their
+    weights' squares."""
+    scanner = scenario().scanner
+    f, d, pitch = scanner.receiver.focal_length, scanner.receiver.baseline, scanner.position_sensor.pitch
+    theta = np.linspace(-0.3, 0.3, 20)
+    same = judge.triangulated_range(45.0 * pitch, theta, f, d)
+    sigma = np.linspace(1e-3, 3e-3, 20)
+    assert alike(scanner, voxels(theta, same, sigma), DISTANCE) == pytest.approx(1.0, abs=1e-9)
+    far = np.where(np.arange(20) < 6, 45.0, 75.0) * pitch
+    weight = 1.0 / sigma**2
+    wanted = (weight[:6].sum() ** 2 + weight[6:].sum() ** 2) / weight.sum() ** 2
+    reach = judge.triangulated_range(far, theta, f, d)
+    assert alike(scanner, voxels(theta, reach, sigma), DISTANCE) == pytest.approx(wanted, abs=1e-9)
+
+
+def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
+    """Return the parts of a visit's error, what was seen, and how the mirrors ran."""
+    theta = np.linspace(0.05, 0.06, 32)
+    samples = voxels(theta, np.full(32, DISTANCE), np.full(32, 1e-3))
+    mixed = np.random.default_rng(3).normal(size=(3, 3))
+    scale = np.array([1e-4, 1e-4, 1e-2])
+    covariance = (mixed @ mixed.T + np.eye(3)) * np.outer(scale, scale)
+    one = np.ones(1)
+    seen = Measurement(
+        time=one,
+        place=np.array([[0.055, -0.02, DISTANCE]]),
+        covariance=covariance[None],
+        radius=0.05 / DISTANCE * one,
+        sigma_radius=1e-5 * one,
+        misfit=one,
+        fraction=0.3 * one,
+        found=one > 0.0,
+    )
+    zero = np.zeros(32)
+    motion = PatternMotion(
+        time=10.0 + 50e-6 * np.arange(32), commanded_theta=theta, commanded_phi=2.0 * theta, true_theta=theta,
+        true_phi=zero, latched_theta=theta, latched_phi=zero, travel_theta=zero, travel_phi=zero, limited=False,
+    )  # fmt: skip
+    looks = TargetLooks(kind=TargetKind.BLACK, diameter=0.1)
+    parts = error_parts(known, samples, seen, looks, motion, np.full(32, 1e-3), 0.0)
+    return parts, seen, motion
+
+
+def test_parts_have_what_the_instrument_knows() -> None:
+    """Claim: wobble's variance, the turn beam over radius, the image by eq 1, and the drift at the commanded angles."""
+    course = {"rate": 0.5, "amplitude": 2.0}
+    known = scenario(laser={"speckle": False}, mirrors={"temperature": course})
+    scanner, mirrors = known.scanner, known.scanner.mirrors
+    parts, seen, motion = made(known)
+    np.testing.assert_allclose(parts.white, seen.covariance[0])
+    np.testing.assert_array_equal(parts.surface, 0.0)
+    assert parts.wobble == pytest.approx(mirrors.wobble**2)
+    assert (parts.wobble_time, parts.wobble_angle) == (mirrors.wobble_time, mirrors.wobble_angle)
+    assert parts.turn == pytest.approx(scanner.laser.radius(DISTANCE) / 0.05)
+    image = judge.image_position(DISTANCE, 0.055, scanner.receiver.focal_length, scanner.receiver.baseline)
+    assert parts.image == pytest.approx(float(image) / scanner.position_sensor.pitch, rel=1e-9)
+    assert parts.image_width == pytest.approx(math.sqrt(image_variance(scanner, DISTANCE)))
+    kelvins = mirrors.temperature.spread(motion.time[:1])[0]
+    assert kelvins > 0.0
+    for axis, commanded in enumerate((motion.commanded_theta.mean(), motion.commanded_phi.mean())):
+        wanted = kelvins * (mirrors.drift_zero + mirrors.drift_scale * commanded)
+        assert parts.drift[axis] == pytest.approx(wanted)
+    pixels = range_variances(scanner, DISTANCE, SIGNAL)[1]
+    samples = voxels(np.linspace(0.05, 0.06, 32), np.full(32, DISTANCE), np.full(32, 1e-3))
+    assert parts.pixels == pytest.approx(pixels * alike(scanner, samples, DISTANCE))
+
+
+def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: white and surface add up to what the voxels tell, and the surface's speckle is that of the image alone."""
+    told: list[SurfaceSpeckle] = []
+    part = np.diag([1e-10, 2e-10, 3e-6])
+
+    def surface(_samples: Any, _seen: Any, speckle: SurfaceSpeckle, *_: Any, **__: Any) -> Array:
+        told.append(speckle)
+        return part
+
+    monkeypatch.setattr(visit_errors, "surface_covariance", surface)
+    known = scenario()
+    scanner = known.scanner
+    parts, seen, _ = made(known)
+    np.testing.assert_allclose(parts.surface, part)
+    np.testing.assert_allclose(parts.white + parts.surface, seen.covariance[0], rtol=1e-12)
+    (speckle,) = told
+    assert speckle.radius == pytest.approx(scanner.laser.radius(DISTANCE))
+    assert speckle.range_noise == pytest.approx(range_variances(scanner, DISTANCE, SIGNAL)[0])
+    beam = 0.5 * scanner.laser.radius(DISTANCE) * scanner.receiver.focal_length / DISTANCE
+    variance = (beam / scanner.position_sensor.pitch) ** 2
+    assert speckle.on_surface == pytest.approx(
+        packets_of(speckle_optics(scanner), variance, variance).on_surface
+    )
+    assert shining_share(known) == pytest.approx(1.0)

@@ -1,0 +1,248 @@
+"""Between mirrors and tracker: encoders, shots' numbers, corrected delays, σ of signals, records and saved states."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scanner_sim import Scenario, load_scenario
+from scanner_sim.analytic import geometry as judge
+from scanner_sim.closed_loop.records import point_of
+from scanner_sim.closed_loop.saved_state import first_state, load_state, save_state
+from scanner_sim.closed_loop.voxels import Encoders, SignalNoise, aim_of, samples_of, unevenness
+from scanner_sim.detector.encoders import reading_noise
+from scanner_sim.render.device import Device
+from scanner_sim.scan.schedule import PatternMotion
+from scanner_sim.tracking.prediction import Motion
+from scanner_sim.tracking.state import Refusal, TrackMode, TrackState
+
+Array = NDArray[np.float64]
+
+DISC = {"name": "node", "array": {"diameter": 0.1, "plate": 0.4}, "position": (0.1, 0.05, 9.0)}
+POINTS = 128
+
+
+def scenario(**mirrors: Any) -> Scenario:
+    return load_scenario(
+        {
+            "schema": 1,
+            "seed": 5,
+            "scanner": {"mirrors": mirrors},
+            "scene": {"objects": [DISC]},
+            "scan": {"type": "track", "targets": ["node"]},
+        }
+    )
+
+
+def motion() -> PatternMotion:
+    """Return a pattern whose arrays are all different."""
+    t = 2.0 * np.pi * (np.arange(POINTS) + 0.5) / POINTS
+    theta, phi = 0.1 + 6e-3 * np.cos(3.0 * t), -0.05 + 6e-3 * np.sin(2.0 * t)
+    return PatternMotion(
+        time=50e-6 * (np.arange(POINTS) + 0.5),
+        commanded_theta=theta + 1e-4,
+        commanded_phi=phi - 1e-4,
+        true_theta=theta,
+        true_phi=phi,
+        latched_theta=theta - 3e-5,
+        latched_phi=phi + 2e-5,
+        travel_theta=np.gradient(theta),
+        travel_phi=np.gradient(phi),
+        limited=False,
+    )
+
+
+@pytest.mark.parametrize("visit", [0, 1, 63, 64, 65, 200])
+def test_encoders_noise_belongs_to_the_shots_of_a_visit(device: Device, visit: int) -> None:
+    """Claim: what is read is the latched angle with the noise that the shots' own numbers address, in any block."""
+    known = scenario(readout_step=0.0)
+    run = motion()
+    read = Encoders(known).read(run, visit)
+    shots = aim_of(run, visit).shot
+    np.testing.assert_array_equal(shots, visit * POINTS + np.arange(POINTS))
+    noise = np.stack(reading_noise(shots, known.scanner.mirrors, known.seed))
+    assert np.abs(noise).max() > 0.0
+    np.testing.assert_allclose(read - np.stack([run.latched_theta, run.latched_phi]), noise, atol=1e-15)
+
+
+def test_the_noise_of_encoders_does_not_repeat(device: Device) -> None:
+    """Claim: of 300 visits none has the noise of another."""
+    encoders, run = Encoders(scenario(readout_step=0.0)), motion()
+    seen = {encoders.read(run, visit).tobytes() for visit in range(300)}
+    assert len(seen) == 300
+
+
+def test_encoders_read_the_nearest_step(device: Device) -> None:
+    step = 20e-6
+    known = scenario(readout_step=step, readout_noise=0.0, jitter=0.0)
+    run = motion()
+    read = Encoders(known).read(run, 3)
+    assert np.abs(read - np.stack([run.latched_theta, run.latched_phi])).max() <= 0.5 * step * (1.0 + 1e-9)
+    np.testing.assert_allclose(read / step, np.rint(read / step), atol=1e-6)
+
+
+def test_an_aim_has_the_true_angles_and_travels() -> None:
+    run = motion()
+    aim = aim_of(run, 7)
+    for name in ("theta", "phi"):
+        np.testing.assert_array_equal(getattr(aim, name), getattr(run, f"true_{name}"))
+        np.testing.assert_array_equal(getattr(aim, f"travel_{name}"), getattr(run, f"travel_{name}"))
+    np.testing.assert_array_equal(aim.time, run.time)
+
+
+def layers(prefix: str = "") -> dict[str, NDArray[Any]]:
+    """Return layers of a pattern, the fused ones apart from the others."""
+    made: dict[str, NDArray[Any]] = {"Y": 1e4 + np.arange(POINTS), "sigma_Y": np.full(POINTS, 50.0)}
+    for number, name in enumerate(("", "fused.") if prefix else ("",)):
+        made |= {
+            f"{name}range_m": np.full(POINTS, 9.0 + number),
+            f"{name}sigma_range_m": np.full(POINTS, 1e-3 * (1 + number)),
+            f"{name}status": np.full(POINTS, number, dtype=np.uint32),
+        }
+    return made
+
+
+def test_a_known_delay_is_taken_off() -> None:
+    """Claim: readings that were latched early by the delay become the angles of the dwell's middle: third order."""
+    run, delay = motion(), 20e-6
+    t = 2.0 * np.pi * (run.time - delay) / (POINTS * 50e-6)
+    early = np.stack([0.1 + 6e-3 * np.cos(3.0 * t), -0.05 + 6e-3 * np.sin(2.0 * t)])
+    samples = samples_of(layers(), run, early, np.ones(POINTS), delay)
+    for got, want in ((samples.theta[0], run.true_theta), (samples.phi[0], run.true_phi)):
+        # 0.4 dwells of h = 2π 3/128 each: the rises' own error, 0.4 h³/6 of 6 mrad.
+        assert np.abs(got - want)[2:-2].max() < 2e-6
+        assert np.abs(got - want).max() < 4e-6
+    kept = samples_of(layers(), run, early, np.ones(POINTS), 0.0)
+    np.testing.assert_array_equal(kept.theta[0], early[0])
+
+
+def test_fused_ranges_are_taken_where_there_are_two() -> None:
+    samples = samples_of(layers("fused."), motion(), np.zeros((2, POINTS)), np.ones(POINTS), 0.0)
+    assert (samples.range == 10.0).all()
+    assert (samples.sigma_range == 2e-3).all()
+    assert (samples.status == 1).all()
+
+
+def test_signals_err_by_noise_speckle_and_model() -> None:
+    """Claim: σ² = σ_N² + (0.005 N)² and, in coherent light, the speckle's relative variance times N²."""
+    known = load_scenario(
+        {
+            "schema": 1,
+            "scanner": {"laser": {"speckle": False}},
+            "scene": {"objects": [DISC]},
+            "scan": {"type": "track", "targets": ["node"]},
+        }
+    )
+    given, run = layers(), motion()
+    sigma = SignalNoise(known).sigma(given, run, 9.0)
+    np.testing.assert_allclose(sigma, np.sqrt(50.0**2 + (5e-3 * given["Y"]) ** 2), rtol=1e-12)
+    grainy = SignalNoise(scenario())
+    speckle = grainy.speckle(run, 9.0)
+    assert (speckle > 1e-6).all()
+    wanted = np.sqrt(50.0**2 + (5e-3**2 + speckle) * given["Y"] ** 2)
+    np.testing.assert_allclose(grainy.sigma(given, run, 9.0), wanted, rtol=1e-12)
+
+
+def test_speckle_of_a_resting_beam_is_that_of_its_packets() -> None:
+    """Claim: C²/M with M = 1 + √π x + π²x², x = (w/2) D/(λ R), the beam's image over λN."""
+    known = scenario()
+    laser, receiver = known.scanner.laser, known.scanner.receiver
+    still = replace(motion(), travel_theta=np.zeros(POINTS), travel_phi=np.zeros(POINTS))
+    distance = 9.0
+    x = 0.5 * laser.radius(distance) * receiver.aperture / (laser.wavelength * distance)
+    wanted = known.processing.speckle_contrast**2 / (1.0 + np.sqrt(np.pi) * x + np.pi**2 * x**2)
+    np.testing.assert_allclose(SignalNoise(known).speckle(still, distance), wanted, rtol=1e-5)
+
+
+def test_a_jump_of_the_acceleration_shows_as_a_third_difference() -> None:
+    """Claim: of a jump by Δa in a dwell T up to Δa T²/12 is unknown; an even acceleration leaves nothing."""
+    index = np.arange(40.0)
+    even = np.stack([0.3 * index**2, -0.1 * index**2])
+    np.testing.assert_allclose(unevenness(even), 0.0, atol=1e-12)
+    jump = even + np.stack([0.0 * index, 0.5 * 2e-3 * np.maximum(index - 20.0, 0.0) ** 2])
+    found = unevenness(jump)
+    # The third difference of ½ Δa k² from k = 20 on is at most Δa, here half of it twice.
+    third = np.abs(np.diff(jump[1], 3)).max()
+    assert found.max() == pytest.approx(third / 12.0)
+    assert third == pytest.approx(1e-3, rel=1e-6)
+    assert set(np.flatnonzero(found > 1e-9)) <= set(range(17, 24))
+
+
+def test_a_point_and_its_derivatives_are_the_judges() -> None:
+    """Claim: x, y, z of a place are eq 3, and their derivatives those of it by Θ, φ and R."""
+    place, separation = np.array([0.2, -0.3, 7.0]), 0.05
+    point, slopes = point_of(place, separation)
+
+    def at(where: Array) -> Array:
+        return np.asarray(judge.point_from_shot(where[2], where[0], where[1], separation))
+
+    np.testing.assert_allclose(point, at(place), rtol=1e-12)
+    for axis, step in enumerate((1e-6, 1e-6, 1e-4)):
+        change = step * np.eye(3)[axis]
+        slope = (at(place + change) - at(place - change)) / (2.0 * step)
+        np.testing.assert_allclose(slopes[:, axis], slope, rtol=1e-7, atol=1e-9)
+
+
+def test_a_saved_state_is_read_as_it_was(tmp_path: Path) -> None:
+    """Claim: every number of a run's state survives its file: none of them is at its first value."""
+    known = scenario()
+    start = first_state(known.targets, known.scan.tracker)  # type: ignore[union-attr]
+    rng = np.random.default_rng(3)
+    root = rng.normal(size=(6, 6))
+    track = TrackState(
+        mode=TrackMode.LOST,
+        motion=Motion(
+            np.array([0.1, -0.2, 8.0, 0.01, 0.02, 0.03]), root @ root.T + np.eye(6), np.float64(1.23456789)
+        ),
+        expected=np.array([0.3, -0.1, 7.5]),
+        patterns=11,
+        seen=2,
+        missed=3,
+        searched=4,
+        refusal=Refusal.SIZE,
+    )
+    others = [
+        replace(track, mode=mode, refusal=refusal) for mode, refusal in zip(TrackMode, Refusal, strict=False)
+    ]
+    mirrors = start.mirrors
+    moved = replace(
+        mirrors,
+        state=mirrors.state._replace(
+            angle=np.array([0.11, -0.12]),
+            rate=np.array([1.5, -2.5]),
+            command=np.array([0.13, -0.14]),
+        ),
+        slope=np.array([0.7, -0.8]),
+        time=3.21,
+    )
+    state = replace(
+        start,
+        visits=17,
+        clock=4.5678901234567,
+        mirrors=moved,
+        turn=2,
+        skipped=1,
+        tracks=tuple(others),
+        followed=tuple(number != 1 for number in range(len(others))),
+        amplitudes=tuple(None if number == 0 else 1e-3 * number for number in range(len(others))),
+    )
+    save_state(tmp_path / "state.json", state, "the scenario", "the program")
+    read, text = load_state(tmp_path / "state.json")
+    assert text == "the scenario"
+    for name in ("visits", "clock", "turn", "skipped", "followed", "amplitudes"):
+        assert getattr(read, name) == getattr(state, name)
+    for name in ("angle", "rate", "command"):
+        np.testing.assert_array_equal(getattr(read.mirrors.state, name), getattr(moved.state, name))
+    np.testing.assert_array_equal(read.mirrors.slope, moved.slope)
+    assert read.mirrors.time == moved.time
+    for one, other in zip(read.tracks, state.tracks, strict=True):
+        for name in ("mode", "patterns", "seen", "missed", "searched", "refusal"):
+            assert getattr(one, name) == getattr(other, name)
+        np.testing.assert_array_equal(one.expected, other.expected)
+        for name in ("mean", "covariance", "time"):
+            np.testing.assert_array_equal(getattr(one.motion, name), getattr(other.motion, name))
