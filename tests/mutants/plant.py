@@ -202,7 +202,7 @@ def _ask(repository: Path, tests: tuple[str, ...], marked: str, log: Path) -> No
     os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
     sys.dont_write_bytecode = False
     sys.path.insert(0, str(repository))
-    options = ["-x", "-q", "-p", "no:cacheprovider", "--tb=no", "-m", marked]
+    options = ["-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--tb=no", "-m", marked]
     sys.exit(pytest.main([*options, *(f"tests/{name}" for name in tests)]))
 
 
