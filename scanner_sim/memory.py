@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-import numpy as np
-
 from scanner_sim.errors import InputError
 from scanner_sim.render.settings import times_finer
 from scanner_sim.scan.raster import RasterScan
@@ -46,7 +44,7 @@ def background_bins(scenario: Scenario) -> int:
     scan, sensor = scenario.scan, scenario.scanner.position_sensor
     if not isinstance(scan, RasterScan) or scenario.ranging == "tof" or scenario.lighting.sky().dark:
         return 0
-    width = np.ptp(scan.horizontal) + sensor.length / scenario.scanner.receiver.focal_length
+    width = abs(scan.horizontal[1] - scan.horizontal[0]) + sensor.length / scenario.scanner.receiver.focal_length
     return scan.rows * math.ceil(width / _background_step(scenario))
 
 
