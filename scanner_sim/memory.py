@@ -1,4 +1,4 @@
-"""What memory a run takes, and the refusal of one that does not fit, before its work."""
+"""What memory a run takes, the refusal of one that does not fit, and its background's paths, before its work."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 from scanner_sim.errors import InputError
+from scanner_sim.render.settings import times_finer
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scenario import Scenario
 
@@ -19,6 +20,8 @@ VOXEL_BYTES = 160.0
 """Memory of a voxel: its layers, and what writing and drawing them takes for a while."""
 WAVEFORM_BYTES = 14.0
 """Memory of a sample of a waveform that is kept, joined and written."""
+BIN_BYTES = 220.0
+"""Memory of a direction of the background: its light, what guides its filter, and their errors."""
 RECORD_BYTES = 64.0
 """Memory of a voxel of a pattern: its samples."""
 
@@ -36,12 +39,32 @@ def patterns(scenario: Scenario) -> int:
     return math.ceil(scenario.following.duration / period(scenario))
 
 
+def background_bins(scenario: Scenario) -> int:
+    """Return about how many directions the background of a raster has for the sensor's line, 0 where it is dark."""
+    scan, sensor = scenario.scan, scenario.scanner.position_sensor
+    if not isinstance(scan, RasterScan) or scenario.ranging == "tof" or scenario.lighting.sky().dark:
+        return 0
+    width = abs(scan.horizontal[1] - scan.horizontal[0]) + sensor.length / scenario.scanner.receiver.focal_length
+    return scan.rows * math.ceil(width / _background_step(scenario))
+
+
+def background_paths(scenario: Scenario) -> float:
+    """Return about how many random paths the background of a raster is followed with."""
+    if not (bins := background_bins(scenario)):
+        return 0.0
+    angles = scenario.raster.angles()[1]
+    row_step = abs(angles[1] - angles[0]) if len(angles) > 1 else math.inf
+    finer = times_finer(row_step, _background_step(scenario))
+    return float(bins) * scenario.transport.background_samples * finer
+
+
 def memory(scenario: Scenario) -> float:
     """Return roughly how much memory a run takes [byte], the program's own included."""
     if not isinstance(scenario.scan, RasterScan):
         return START_BYTES + _records(scenario)
     kept = scenario.raster.shots if scenario.output.waveforms == "all" else 0
-    return START_BYTES + _layers(scenario) + WAVEFORM_BYTES * scenario.scanner.lidar.digitiser.samples * kept
+    shots = START_BYTES + _layers(scenario) + _background(scenario)
+    return shots + WAVEFORM_BYTES * scenario.scanner.lidar.digitiser.samples * kept
 
 
 def check_memory(scenario: Scenario) -> None:
@@ -67,7 +90,7 @@ def check_raster(scenario: Scenario, batch: int = BATCH) -> None:
     """
     shots = min(batch, scenario.raster.shots)
     _check(SHOT_BYTES * shots, f"batches of {shots:,} shots", "Reduce batch.")
-    _check(_layers(scenario), *_words(scenario))
+    _check(_layers(scenario) + _background(scenario), *_words(scenario))
 
 
 def check_patterns(scenario: Scenario) -> None:
@@ -82,8 +105,16 @@ def check_waveforms(scenario: Scenario, count: int) -> None:
     _check(WAVEFORM_BYTES * samples * count, f"{count:,} waveforms of {samples} samples", remedy)
 
 
+def _background_step(scenario: Scenario) -> float:
+    return scenario.scanner.position_sensor.pitch / scenario.scanner.receiver.focal_length
+
+
 def _layers(scenario: Scenario) -> float:
     return (3.0 if scenario.ranging == "both" else 1.0) * VOXEL_BYTES * scenario.raster.shots
+
+
+def _background(scenario: Scenario) -> float:
+    return BIN_BYTES * background_bins(scenario)
 
 
 def _records(scenario: Scenario) -> float:
@@ -94,6 +125,11 @@ def _words(scenario: Scenario) -> tuple[str, str]:
     """Return what takes the memory of a run, and what to do about it."""
     if isinstance(scenario.scan, RasterScan):
         scan = scenario.raster
+        if _background(scenario) > _layers(scenario):
+            return (
+                f"the {background_bins(scenario):,} directions of the background",
+                "Take larger pixels (scanner.position_sensor.pitch) or fewer scan.rows, or scan in several runs.",
+            )
         return (
             f"{scan.rows} × {scan.columns} voxels",
             "Reduce scan.rows or scan.columns, or scan in several runs.",

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+from scanner_sim.cli.plan import slow
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.tables import print_table
 from scanner_sim.config import doubts, load_scenario, resolved_yaml
@@ -24,7 +25,7 @@ def check_scenario(config: Path, overrides: Sequence[str]) -> None:
         If the scenario or its files have faults.
     """
     scenario = load_scenario(config, overrides)
-    for sentence in doubts(scenario):
+    for sentence in (*doubts(scenario), *slow(scenario)):
         warn(sentence)
     with scenario_of(config):
         _open_scene(scenario)

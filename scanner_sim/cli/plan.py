@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 from scanner_sim.closed_loop.poses import carriers_of
-from scanner_sim.memory import memory, patterns, period
+from scanner_sim.memory import background_bins, background_paths, memory, patterns, period
 from scanner_sim.products.run_folder import planned_files
 from scanner_sim.products.track import planned_track_files
 from scanner_sim.scan.raster import RasterScan
@@ -16,8 +16,13 @@ START_SECONDS = 8.0
 """Time to load the renderer and to compile the kernels, on two cores."""
 VOXELS_PER_SECOND = 2e5
 """Voxels simulated and written per second, on two cores."""
+PATHS_PER_SECOND = 4.4e6
+"""Paths of the background followed per second, on two cores."""
 PATTERNS_PER_SECOND = 150.0
 """Patterns tracked per second, on two cores, under the Sun."""
+
+_LONG = 0.5
+"""Time for the background [h] beyond which it is said before."""
 
 
 def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
@@ -67,6 +72,18 @@ def sunlit(scenario: Scenario) -> bool:
     return scenario.lighting.sky().sun_visible > 0.0
 
 
+def slow(scenario: Scenario) -> tuple[str, ...]:
+    """Return a sentence where pixels are so fine that their background takes most of an hour, or more."""
+    hours = _background_seconds(scenario) / 3600.0
+    if hours < _LONG:
+        return ()
+    return (
+        f"scanner.position_sensor.pitch: the background has {background_bins(scenario):,} directions, a pixel wide and "
+        f"in each of {scenario.raster.rows} rows, and takes about {hours:.2g} h on two processor cores; larger pixels, "
+        "a narrower scan.horizontal or fewer transport.background_samples take less",
+    )
+
+
 def keys() -> list[str]:
     """Return the keys that --set can replace, outside of objects, for completion in a shell."""
     from scanner_sim.config.outline import outline
@@ -87,4 +104,10 @@ def _seconds(scenario: Scenario) -> float:
         return START_SECONDS + patterns(scenario) / PATTERNS_PER_SECOND
     bounces = scenario.transport.bounces
     slower = 1.0 if bounces == 1 else 0.2 * scenario.transport.bounce_paths * (bounces - 1)
-    return START_SECONDS + scenario.raster.shots / VOXELS_PER_SECOND * max(slower, 1.0)
+    shots = scenario.raster.shots / VOXELS_PER_SECOND * max(slower, 1.0)
+    return START_SECONDS + shots + _background_seconds(scenario)
+
+
+def _background_seconds(scenario: Scenario) -> float:
+    """Return about how long the background is followed; fewer or more bounces than four count in proportion."""
+    return background_paths(scenario) / PATHS_PER_SECOND * scenario.transport.background_bounces / 4.0

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scanner_sim.cli.plan import plan, sunlit
+from scanner_sim.cli.plan import plan, slow, sunlit
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.scenarios import load_and_warn
@@ -50,6 +50,8 @@ def run_scenario(
         print_table(plan(scenario, folder))
         return
     check_memory(scenario)
+    for sentence in () if quiet else slow(scenario):
+        warn(sentence)
     with claimed(folder, overwrite, kind):
         if follows:
             run_tracking(scenario, config, folder, device=device, overwrite=overwrite, quiet=quiet)

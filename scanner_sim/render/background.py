@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from scanner_sim.render.filtering import Features, convolved, smooth
 from scanner_sim.render.paths import Albedo, FirstHit, Radiance, trace_paths
 from scanner_sim.render.rays import for_rows, posed
+from scanner_sim.render.settings import times_finer
 from scanner_sim.render.sharp import contrast, evenly_sharp_light, sharp_light
 from scanner_sim.render.sky import SkyLight
 from scanner_sim.render.transport import Bench
@@ -38,8 +39,6 @@ from scanner_sim.scene.loader import LoadedScene
 from scanner_sim.streams import Stream, generator
 
 _PATHS_TOGETHER = 1 << 21
-_MOST_SAMPLES = 64
-"""Largest factor of the samples where rows are sparse."""
 _NOTHING = 1e-12
 """Radiance per unit of the Sun's irradiance [1/sr] that counts as none: far smaller numbers come from the filter's
 tails, and threads may round their products, below 1e-38 W, to 0 or not."""
@@ -111,7 +110,7 @@ def render_panorama(
         depends on the light.
     """
     loaded = posed(loaded, None if view.time is None else loaded.poses_at(view.time))
-    finer = max(1, round(min(view.row_step / (2.0 * view.step), _MOST_SAMPLES)))
+    finer = times_finer(view.row_step, view.step)
     half, size = samples // 2 * finer, view.rows * view.bins
     sums = [[dr.empty(mi.Float, size) for _ in range(4)] for _ in range(2)]
     features = [Features.empty(size) for _ in range(2)]

@@ -8,6 +8,9 @@ from pydantic import Field
 
 from scanner_sim.parts import Count, Part
 
+_MOST_FINER = 64
+"""Largest factor of the background's samples where rows are sparse."""
+
 
 class Transport(Part):
     """Settings of the light transport; the defaults meet the accuracy stated in the documentation."""
@@ -29,3 +32,14 @@ class Transport(Part):
     """Surfaces that light of Sun and Earth may meet."""
     background_samples: Count = Field(default=6, ge=2, le=65536, multiple_of=2)
     """Random paths of Sun and Earth per row of the raster and pixel."""
+
+
+def times_finer(row_step: float, step: float) -> int:
+    """Return how many times as many samples of the background each row gets where rows lie far apart.
+
+    Parameters
+    ----------
+    row_step, step
+        From row to row and from bin to bin [rad].
+    """
+    return max(1, round(min(row_step / (2.0 * step), _MOST_FINER)))

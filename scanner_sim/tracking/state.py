@@ -57,8 +57,8 @@ class TrackerSettings(Part):
 
     track_amplitude: Number = Field(default=1.22, gt=1.0, le=10.0)
     """Amplitude of the tracking pattern over the target's radius. Near 1.155 a 3:2 figure touches the rim in twelve
-    places, far above it crosses it in four: at 1.6 the centre errs by three times as much. At 1.15 a tilted disc's
-    centre follows the pattern's, and the loop swings: under 20° by 70 µrad."""
+    places, far above it crosses it in four: at 1.6 the centre errs by three to six times as much. At 1.15 a tilted
+    disc's centre follows the pattern's, and the loop swings: under 20° by 70 µrad."""
     search_amplitude: Number = Field(default=1.6, gt=1.0, le=100.0)
     """Amplitude of the first search pattern over the target's radius."""
     search_growth: Number = Field(default=1.4, ge=1.0, le=10.0)

@@ -14,6 +14,7 @@ from typer.testing import CliRunner
 
 from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
+from scanner_sim.memory import background_bins
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.run_folder import LIT_PICTURES
 from scanner_sim.status import Status
@@ -205,3 +206,30 @@ def test_a_dry_run_names_them() -> None:
     lit = invoke("run", CONFIGS / "lighting_normal.yaml", "--dry-run").stdout
     dark = invoke("run", CONFIGS / "lighting_dark.yaml", "--dry-run").stdout
     assert all(name in lit and name not in dark for name in LIT_PICTURES)
+
+
+def test_the_directions_of_a_background_are_counted_before_it_is_rendered() -> None:
+    """Memory and time are told from this number: that of the panorama itself, within a pixel or two a row."""
+    from scanner_sim.render.view import panorama_view
+    from scanner_sim.workbench import Workbench
+
+    scenario = load_scenario(CONFIGS / "lighting_normal.yaml", ["scanner.position_sensor.pitch=7 um"])
+    scan, pixels = scenario.raster, scenario.scanner.position_sensor.pixels
+    view = panorama_view(scan.horizontal, scan.angles()[1], Workbench(scenario, device="cpu").optics, pixels)
+    assert background_bins(scenario) == pytest.approx(view.rows * view.bins, rel=0.02)
+    assert background_bins(load_scenario(CONFIGS / "lighting_dark.yaml")) == 0
+    assert background_bins(load_scenario(CONFIGS / "lighting_normal.yaml", ["ranging=tof"])) == 0
+
+
+def test_a_background_of_hours_is_told_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pixels of 0.1 µm are legal: `check` tells the time, and `run` refuses what the memory does not hold."""
+    fine = ["--set", "scanner.position_sensor.pitch=0.1 um"]
+    told = invoke("check", CONFIGS / "lighting_worst_case.yaml", *fine)
+    assert told.exit_code == 0
+    assert "h on two processor cores" in told.stderr
+    assert "processor cores" not in invoke("check", CONFIGS / "lighting_worst_case.yaml").stderr
+    monkeypatch.setattr("scanner_sim.memory._free_memory", lambda: 8e9)
+    refused = invoke("run", CONFIGS / "lighting_worst_case.yaml", *fine)
+    assert refused.exit_code == 2
+    assert "directions of the background take" in refused.stderr
+    assert "scanner.position_sensor.pitch" in refused.stderr
