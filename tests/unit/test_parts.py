@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
 
-from scanner_sim.parts import Count, Number, Part, Switch
+from scanner_sim.parts import Count, MeshFile, Number, Part, Switch
 
 
 class Plain(Part):
@@ -41,3 +42,16 @@ def test_parts_cannot_be_changed_and_know_their_keys() -> None:
         Plain().number = 1.0
     with pytest.raises(ValidationError, match="nothing_of_it"):
         Plain(nothing_of_it=1)
+
+
+def test_endings_are_read_in_any_case(tmp_path: Path) -> None:
+    class Meshed(Part):
+        file: MeshFile
+
+    path = tmp_path / "PART.PLY"
+    path.write_text("ply\n", encoding="utf-8")
+    assert Meshed(file=path).file == path
+    other = tmp_path / "part.txt"
+    other.write_text("", encoding="utf-8")
+    with pytest.raises(ValidationError, match=r"part\.txt is none of the kinds"):
+        Meshed(file=other)
