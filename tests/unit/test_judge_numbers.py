@@ -145,3 +145,19 @@ def test_a_large_sphere_is_a_little_farther_than_its_nearest_point() -> None:
     """Claim: of a narrow beam the mean depth is s²/r, and the way back is longer by s²/R at half weight: 2 %."""
     found = time_of_flight.sphere_range(10.0, 2.0, 0.02) - 10.0
     assert found == pytest.approx(4e-4 / 2.0 + 0.25 * 2.0 * 4e-4 / 10.0, rel=0.02)
+
+
+def test_receivers_numbers() -> None:
+    """Claim: McIntyre's F of 100 and 0.2 is 21.592, and the band of a Gaussian is √(π/ln 2)/2 of its −3 dB."""
+    assert time_of_flight.excess_noise(100.0, 0.2) == pytest.approx(21.592)
+    assert time_of_flight.noise_bandwidth(1e9) == pytest.approx(0.5e9 * math.sqrt(math.pi / math.log(2.0)))
+    assert float(beam.rayleigh_length(1e-3, 1.5e-6, 2.0)) == pytest.approx(math.pi * 1e-6 / 3e-6)
+
+
+def test_a_lens_beside_the_laser_sees_the_sheet_aslant() -> None:
+    """Claim: I(δ) A cos δ T P/(R² + d²), tan δ = d/R."""
+    sheet = retroreflector.Sheet(0.8, 0.5, 0.2)
+    delta = math.atan(1.0)
+    expected = float(retroreflector.intensity(sheet, delta)) * math.pi * 0.01**2 * math.cos(delta) * 0.7 * 3.0
+    found = retroreflector.offset_power(2.0, 3.0, sheet, 2.0, 0.02, 0.7)
+    assert float(found) == pytest.approx(expected / 8.0, rel=1e-6)
