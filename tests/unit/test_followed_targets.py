@@ -55,3 +55,18 @@ def test_targets_one_behind_the_other_do_not_overlap() -> None:
     with pytest.raises(InputError, match="overlaps"):
         followed(array(), array("other", z=8.5), names=("node", "other"))
     assert len(followed(array(), array("other", z=8.7), names=("node", "other")).targets) == 2
+
+
+def test_members_of_an_array_are_counted_from_one_and_stand_where_they_are() -> None:
+    """Claim: of two discs 0.4 m apart the second is at the right, at Θ > 0; an offset is added."""
+    row = array(columns=2)
+    row["array"] |= {"columns": 2, "spacing": (0.4, 1.0)}
+    del row["columns"]
+    (first,), (second,) = (followed(row, names=(f"node/{member}",)).targets for member in (1, 2))
+    assert (first.name, second.name) == ("node/1", "node/2")
+    assert (first.centre[0], second.centre[0]) == pytest.approx((-0.2, 0.2))
+    assert (first.expected[0], second.expected[0]) == pytest.approx((-0.025, 0.025), rel=2e-3)
+    assert second.expected[1] == pytest.approx(0.0, abs=1e-12)
+    asked = {"target": "node/2", "offset": (1e-3, -2e-3, 0.05)}
+    (moved,) = followed(row, names=(asked,)).targets  # type: ignore[arg-type]
+    assert (moved.expected - second.expected).tolist() == pytest.approx([1e-3, -2e-3, 0.05])
