@@ -259,13 +259,14 @@ def table(chosen: list[Fault], outcomes: list[Outcome]) -> str:
     lines = [
         "# Planted faults, and the tests that notice them",
         "",
-        f"Of {len(chosen)} faults {len(outcomes)} were planted, and {dead} of these were noticed. `make mutants`",
+        f"Of {len(chosen)} faults {len(outcomes)} have a verdict, and {dead} of these were noticed. `make mutants`",
         "plants them one by one and writes this page; the lists beside it name each fault, and the tests asked.",
+        "Those without a verdict were not planted yet, or not all of the tests that may notice them were asked.",
     ]
     for room in dict.fromkeys(fault.room for fault in chosen):
         lines += ["", f"## {room}", "", "| file | was | now | noticed by |", "|---|---|---|---|"]
         lines += [
-            f"{_row(fault)}{killers.get(fault.name, 'not planted yet')} |"
+            f"{_row(fault)}{killers.get(fault.name, 'no verdict yet')} |"
             for fault in chosen
             if fault.room == room
         ]

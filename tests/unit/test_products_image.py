@@ -119,6 +119,34 @@ class TestImage:
         with pytest.raises(ValueError, match="theta must ascend in even steps"):
             replace(make_image(), theta=theta)
 
+    def test_angles_are_even_to_a_millionth_of_a_step(self) -> None:
+        image = make_image()
+        step = image.theta[1] - image.theta[0]
+        for share, refused in ((1e-9, False), (1e-4, True)):
+            theta = image.theta.copy()
+            theta[2] += share * step
+            if refused:
+                with pytest.raises(ValueError, match="even steps"):
+                    replace(image, theta=theta)
+            else:
+                replace(image, theta=theta)
+
+    @pytest.mark.parametrize("name", ["range_m", "P.X", "P.Y", "P.Z", "tof.range_m"])
+    def test_a_valid_voxel_has_a_finite_place(self, name: str) -> None:
+        image = make_image()
+        status = next(layer for layer, names in MEASURED_BY.items() if name in names)
+        layer = image[name].copy()
+        layer[tuple(np.argwhere(image[status] == 0)[0])] = np.inf
+        with pytest.raises(ValueError, match=f"^{name} must be a finite number"):
+            with_layer(image, name, layer)
+
+    def test_no_number_stands_where_nothing_was_measured(self) -> None:
+        """Claim: place, peak and both of their errors are NaN without a measurement; truth and status are not."""
+        image = make_image()
+        blank = {name for name in image.channels if np.isnan(image[name][image["status"] != 0]).all()}
+        assert {"peak_px", "sigma_peak_px", "sigma_texture_m", "sigma_range_m", "P.X"} <= blank
+        assert MEASURED_BY["status"] == MEASURED
+
     def test_points_are_those_of_the_valid_voxels_row_by_row(self) -> None:
         image = make_image()
         points = image.points()

@@ -180,3 +180,28 @@ def test_a_plane_that_no_ranges_tell_faces_the_beam() -> None:
     facing = target_plane(np.array([[0.1, 0.2]]), np.array([5.0]), np.zeros((1, 2)), DG)
     np.testing.assert_array_equal(plane.change, facing.change)
     assert plane.stretch == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("slope", [(6.0, 0.0), (0.0, 6.0), (3.0, -5.0)])
+def test_a_spot_is_longer_along_the_tilt(slope: tuple[float, float]) -> None:
+    """Claim: a beam's round spot of the width s is s/cos long along the tilt, and s across it.
+
+    The normal of a plane R(Θ, φ) without a separation of the axes leans by tan = |∂R/∂(Θ, φ)|/R at Θ = φ = 0.
+    """
+    plane = target_plane(np.zeros((1, 2)), np.array([8.0]), np.array([slope]), 0.0)
+    steep = np.hypot(*slope) / 8.0
+    uphill = np.array(slope) / np.hypot(*slope)
+    ways = 1e-3 * np.stack([uphill, -uphill, [-uphill[1], uphill[0]]])
+    shown = plane.flattened(voxels(ways[:, 0], ways[:, 1]))[0]
+    spot = plane.spot(2e-4, shown, np.zeros((1, 2)))[0]
+    long = 2e-4 * np.sqrt(1.0 + steep**2)
+    np.testing.assert_allclose(spot[:2], long, rtol=2e-3)
+    assert spot[2] == pytest.approx(2e-4, rel=1e-4)
+
+
+def test_a_steeper_plane_rises_by_more() -> None:
+    plane = target_plane(np.array([[0.1, 0.2]]), np.array([8.0]), np.array([[1.0, -0.5]]), 0.1)
+    other = plane.steeper(np.array([[0.3, 0.2]]))
+    near = np.array([[0.1 + 1e-6, 0.1, 0.1]]), np.array([[0.2, 0.2 + 1e-6, 0.2]])
+    reach = other.reach(*near)[0]
+    np.testing.assert_allclose((reach[:2] - reach[2]) / 1e-6, [1.3, -0.3], rtol=1e-4)

@@ -82,3 +82,10 @@ def test_the_wobble_is_as_alike_as_its_lattice_makes_it() -> None:
     # The mean of many visits has 2 WOBBLE_LASTS times of a wobble's variance over its length.
     apart = np.linspace(0.0, 3.0, 3001)
     assert pytest.approx(np.trapezoid(wobble_correlation(apart), apart), abs=1e-3) == WOBBLE_LASTS
+
+
+def test_images_are_as_far_apart_as_they_are_wide() -> None:
+    """Claim: images Δ apart, of the widths s and s′, share what they would at Δ/√(s s′)."""
+    made = replace(parts(2), image=np.array([10.0, 13.0]), image_width=np.array([2.0, 4.5]))
+    between = common_covariance(made, np.zeros((2, 3)), np.zeros(2), [0, 1])[0, 1]
+    assert between[2, 2] == pytest.approx(7.0 * pixel_correlation(3.0 / 3.0))

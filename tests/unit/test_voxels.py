@@ -12,14 +12,15 @@ from numpy.typing import NDArray
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
+from scanner_sim.closed_loop import voxels
 from scanner_sim.closed_loop.records import point_of
 from scanner_sim.closed_loop.saved_state import first_state, load_state, save_state
-from scanner_sim.closed_loop.voxels import Encoders, SignalNoise, aim_of, samples_of, unevenness
+from scanner_sim.closed_loop.voxels import Encoders, Eye, SignalNoise, aim_of, samples_of, unevenness
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.render.device import Device
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.prediction import Motion
-from scanner_sim.tracking.state import Refusal, TrackMode, TrackState
+from scanner_sim.tracking.state import Refusal, TrackCommand, TrackMode, TrackState
 
 Array = NDArray[np.float64]
 
@@ -157,6 +158,35 @@ def test_speckle_of_a_resting_beam_is_that_of_its_packets() -> None:
     x = 0.5 * laser.radius(distance) * receiver.aperture / (laser.wavelength * distance)
     wanted = known.processing.speckle_contrast**2 / (1.0 + np.sqrt(np.pi) * x + np.pi**2 * x**2)
     np.testing.assert_allclose(SignalNoise(known).speckle(still, distance), wanted, rtol=1e-5)
+
+
+def test_the_tracker_knows_how_well_it_points(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: unseen jitter, noise and step of the encoders, and the third difference of what they read, by squares."""
+    known = scenario(jitter=4e-6, jitter_seen=0.25, readout_noise=3e-6, readout_step=12e-6)
+    told: dict[str, Any] = {}
+
+    class AskedError(Exception):
+        pass
+
+    def ask(*_: Any, **asked: Any) -> None:
+        told.update(asked)
+        raise AskedError
+
+    class Instrument:
+        def measure(self, _: Any) -> dict[str, NDArray[Any]]:
+            return layers()
+
+    monkeypatch.setattr(voxels, "measure_target", ask)
+    target = known.targets[0]
+    order = TrackCommand(TrackMode.TRACK, np.array([0.1, -0.05, 9.0]), 6e-3, 0)
+    run = motion()
+    with pytest.raises(AskedError):
+        Eye(known, Instrument()).see(target, order, run, 3)
+    angles = Encoders(known).read(run, 3)
+    white = 0.75 * 4e-6**2 + 3e-6**2 + 12e-6**2 / 12.0
+    np.testing.assert_allclose(told["pointing"], np.sqrt(white + unevenness(angles) ** 2)[None], rtol=1e-9)
+    assert told["spot"] == pytest.approx(float(known.scanner.laser.radius(9.0)) / 18.0)
+    assert told["axis_separation"] == known.scanner.mirrors.axis_separation
 
 
 def test_a_jump_of_the_acceleration_shows_as_a_third_difference() -> None:

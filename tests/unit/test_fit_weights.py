@@ -1,0 +1,96 @@
+"""The weights of the fitted spot: noise at the fitted charge, light beneath, its edge, and speckle of pixels.
+
+At a spot without noise the fit rests on the truth, and its slopes are one row of (F + P)⁻¹ ∂m/∂θ/var: closed forms.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import drjit as dr
+import drjit.auto.ad as auto
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.special import erf
+
+from scanner_sim.signals.likelihood import Width, fit_spot
+from scanner_sim.signals.line import Baseline
+
+CHARGE, PLACE, SIGMA, FLOOR = 4000.0, 0.3, 0.7, 30.0
+LEVEL, SLOPE, LEVEL_VARIANCE = 50.0, 4.0, 2.0
+pytestmark = pytest.mark.usefixtures("device")
+
+
+class Plain:
+    """A line whose pixels scatter by their light and a floor."""
+
+    def variance(self, _: Any, charge: Any) -> Any:
+        return FLOOR**2 + dr.maximum(charge, 0.0)
+
+
+@dataclass
+class Spot:
+    """The pixels about a spot, without noise."""
+
+    baseline: Baseline
+    line: Any = field(default_factory=Plain)
+    floor_sigma: Any = FLOOR
+
+    def pixel(self, step: int) -> Any:
+        return auto.Int32(20 + step)
+
+    def inside(self, _: int) -> Any:
+        return auto.Bool(True)
+
+    def __call__(self, step: int) -> tuple[Any, Any]:
+        charge = shares(np.array([float(step)]), CHARGE, PLACE, SIGMA**2)[0]
+        held = dr.opaque(auto.Float, float(charge))
+        return held, self.line.variance(step, held)
+
+
+def shares(steps: NDArray[np.float64], charge: float, place: float, variance: float) -> NDArray[np.float64]:
+    scale = 1.0 / math.sqrt(2.0 * variance)
+    found: NDArray[np.float64] = (
+        0.5 * charge * (erf((steps + 0.5 - place) * scale) - erf((steps - 0.5 - place) * scale))
+    )
+    return found
+
+
+def test_the_slopes_follow_from_the_weights() -> None:
+    """Claim: var_i = σ² + m_i + light beneath + V N m_i + 4(doubt² − 9 var), the last where the sides differ."""
+    cases = [(k, d, v) for k in (0.005, 0.3, 1e3) for d in (1.0, 60.0) for v in (0.0, 0.05)]
+    spread, doubt, speckle = np.array(cases).T
+    width = Width.certain(dr.opaque(auto.Float, SIGMA), SIGMA)
+    assert (width.reach, width.guard.numpy().tolist()) == (3, [3])
+    assert width.spread.numpy() == pytest.approx(0.005)
+    width.spread = auto.Float(spread.astype(np.float32))
+    known = (dr.opaque(auto.Float, v) for v in (LEVEL, SLOPE, LEVEL_VARIANCE, 0.1))
+    beneath = Baseline(*known, doubt=auto.Float(doubt.astype(np.float32)))
+    fit = fit_spot(Spot(beneath), width, auto.Float(0.2), auto.Float(speckle.astype(np.float32)))
+    np.testing.assert_allclose(fit.shift.numpy(), PLACE, rtol=0.0, atol=1e-4)
+    np.testing.assert_allclose(fit.charge.numpy(), CHARGE, rtol=1e-3)
+
+    steps = np.arange(-3.0, 4.0)
+    truth = np.array([math.log(CHARGE), PLACE, math.log(SIGMA**2)])
+
+    def model(theta: NDArray[np.float64]) -> NDArray[np.float64]:
+        return shares(steps, math.exp(theta[0]), float(theta[1]), math.exp(theta[2]))
+
+    mean = model(truth)
+    slopes = [(model(truth + 1e-4 * one) - model(truth - 1e-4 * one)) / 2e-4 for one in np.eye(3)]
+    derivatives = np.array(slopes)
+    found = np.array([fit.slopes[int(step)].numpy() for step in steps]).T
+    for number, (spread_one, doubt_one, speckle_one) in enumerate(cases):
+        uneven = max(4.0 * (doubt_one**2 - 9.0 * LEVEL_VARIANCE), 0.0)
+        variance = FLOOR**2 + mean + LEVEL + SLOPE * steps + speckle_one * CHARGE * mean + uneven
+        weighted = derivatives / variance
+        prior = spread_one**-2
+        row = np.linalg.inv(weighted @ derivatives.T + np.diag([0.0, 0.0, prior]))[1]
+        expected = row @ weighted
+        tolerance = 2e-3 * np.abs(expected).max()
+        np.testing.assert_allclose(found[number], expected, rtol=0.0, atol=tolerance)
+        told = float(fit.prior_variance.numpy()[number])
+        assert told == pytest.approx(row[2] ** 2 * prior, rel=0.02)

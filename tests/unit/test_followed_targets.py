@@ -1,0 +1,72 @@
+"""What a scan follows: looks taken from the scene, and targets that nothing can tell apart."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from scanner_sim import load_scenario
+from scanner_sim.errors import InputError
+from scanner_sim.tracking.response import TargetKind
+
+
+def followed(*objects: dict[str, Any], names: tuple[str, ...] = ("node",)) -> Any:
+    return load_scenario(
+        {
+            "schema": 1,
+            "scene": {"objects": list(objects)},
+            "scan": {"type": "track", "targets": list(names)},
+        }
+    )
+
+
+def array(name: str = "node", x: float = 0.0, z: float = 8.0, **more: Any) -> dict[str, Any]:
+    return {"name": name, "array": {"diameter": 0.1, "plate": 0.15}, "position": (x, 0.0, z), **more}
+
+
+@pytest.mark.parametrize(
+    ("looks", "kind"),
+    [
+        ({}, TargetKind.BLACK),
+        ({"disc": "target_white", "material": "target_black"}, TargetKind.WHITE),
+        ({"disc": "retro_sheet"}, TargetKind.RETRO),
+    ],
+)
+def test_discs_are_what_they_are_beside_their_plates(looks: dict[str, Any], kind: TargetKind) -> None:
+    target = followed(array(**looks)).targets[0]
+    assert target.looks.kind is kind
+    assert target.looks.diameter == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("apart", "overlap"), [(0.09, True), (0.12, False), (0.16, False)])
+def test_targets_overlap_within_both_radii(apart: float, overlap: bool) -> None:
+    """Claim: discs of 100 mm overlap less than 100 mm apart, and not beyond, at one range."""
+    both = array(x=-0.5 * apart), array("other", x=0.5 * apart)
+    if overlap:
+        with pytest.raises(InputError, match="overlaps"):
+            followed(*both, names=("node", "other"))
+    else:
+        assert len(followed(*both, names=("node", "other")).targets) == 2
+
+
+def test_targets_one_behind_the_other_do_not_overlap() -> None:
+    """Claim: beyond both range gates, of 0.3 m each, ranges tell targets apart."""
+    with pytest.raises(InputError, match="overlaps"):
+        followed(array(), array("other", z=8.5), names=("node", "other"))
+    assert len(followed(array(), array("other", z=8.7), names=("node", "other")).targets) == 2
+
+
+def test_members_of_an_array_are_counted_from_one_and_stand_where_they_are() -> None:
+    """Claim: of two discs 0.4 m apart the second is at the right, at Θ > 0; an offset is added."""
+    row = array(columns=2)
+    row["array"] |= {"columns": 2, "spacing": (0.4, 1.0)}
+    del row["columns"]
+    (first,), (second,) = (followed(row, names=(f"node/{member}",)).targets for member in (1, 2))
+    assert (first.name, second.name) == ("node/1", "node/2")
+    assert (first.centre[0], second.centre[0]) == pytest.approx((-0.2, 0.2))
+    assert (first.expected[0], second.expected[0]) == pytest.approx((-0.025, 0.025), rel=2e-3)
+    assert second.expected[1] == pytest.approx(0.0, abs=1e-12)
+    asked = {"target": "node/2", "offset": (1e-3, -2e-3, 0.05)}
+    (moved,) = followed(row, names=(asked,)).targets  # type: ignore[arg-type]
+    assert (moved.expected - second.expected).tolist() == pytest.approx([1e-3, -2e-3, 0.05])

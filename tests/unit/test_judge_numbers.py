@@ -1,0 +1,163 @@
+"""The judge's own formulas by hand: small lines, limits, and plain integrals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+
+from scanner_sim.analytic import beam, estimators, noise, retroreflector, speckle, time_of_flight
+from scanner_sim.analytic.spot import pixel_shares
+from scanner_sim.constants import SPEED_OF_LIGHT
+
+
+def line(*values: float) -> list[float]:
+    """Return 24 pixels with these from the eighth on."""
+    return [0.0] * 8 + list(values) + [0.0] * (16 - len(values))
+
+
+def test_centre_of_mass_takes_three_pixels_to_each_side() -> None:
+    """Claim: of 4 1 0 0 5 0 0 3 4 the pixels 1 to 3 count, 9 at the left and 15 at the right end: (9 + 60 + 45)/9."""
+    assert estimators.centre_of_mass(line(4.0, 1.0, 0.0, 0.0, 5.0, 0.0, 0.0, 3.0, 4.0)) == pytest.approx(
+        (9.0 * 1.0 + 12.0 * 5.0 + 15.0 * 3.0) / 9.0
+    )
+
+
+def test_a_parabola_has_its_vertex() -> None:
+    found = estimators.parabola(line(*(10.0 - (k - 2.3) ** 2 for k in range(5))))
+    assert found == pytest.approx(8 + 2.3)
+
+
+def test_filters_cross_zero_between_pixels() -> None:
+    """Claim: of 0 2 4 3 0 1, with the peak p: g₁ is −1 and 4, g₂ −1 and 5, g₄ −2 and 5 at p and p + 1."""
+    held = line(0.0, 2.0, 4.0, 3.0, 0.0, 1.0)
+    assert estimators.ESTIMATORS["blais_rioux_2"](held) == pytest.approx(10 + 1 / 5)
+    assert estimators.ESTIMATORS["blais_rioux_4"](held) == pytest.approx(10 + 1 / 6)
+    assert estimators.ESTIMATORS["blais_rioux_8"](held) == pytest.approx(10 + 2 / 7)
+
+
+def test_a_narrow_spot_of_the_known_width_is_where_it_is() -> None:
+    """Claim: with ln s² known to 0.001 a spot of 0.5 pixels is found to 2e-4; of a wrong width it would not be."""
+    held = (1e5 * pixel_shares(11.3, 0.5, 24)).tolist()
+    assert estimators.maximum_likelihood(held, 0.5, 1.0, 1e-3) == pytest.approx(11.3, abs=2e-4)
+    assert abs(estimators.maximum_likelihood(held, 0.8, 1.0, 1e-3) - 11.3) > 1e-3
+
+
+def test_the_bound_has_the_limits_of_shots_and_of_white_noise() -> None:
+    """Claim: s/√N, and √(4√π s³ (σ² + b))/N: of a wide spot, within 2 %."""
+    assert noise.cramer_rao(0.1, 3.0, 1e4, 0.0, 0.0) == pytest.approx(0.03, rel=0.02)
+    white = math.sqrt(4.0 * math.sqrt(math.pi) * 27.0) / 1e4
+    assert noise.cramer_rao(0.1, 3.0, 1e4, 0.0, 3e4) == pytest.approx(3e4 * white, rel=0.02)
+    assert noise.cramer_rao(0.1, 3.0, 1e4, 9e8, 0.0) == pytest.approx(3e4 * white, rel=0.02)
+    both = math.sqrt((9.0 + 1 / 12) / 1e4 + 4.0 * math.sqrt(math.pi) * (9.0 + 1 / 12) ** 1.5 * 125.0 / 1e8)
+    assert noise.cramer_rao_closed(3.0, 1e4, 25.0, 10.0) == pytest.approx(both)
+
+
+def test_errors_add_by_their_slopes() -> None:
+    found = noise.first_order(lambda pixels: 2.0 * pixels[0] - 3.0 * pixels[1], [5.0, 4.0], [1.0, 4.0])
+    assert found == pytest.approx(math.sqrt(4.0 + 36.0))
+
+
+def test_alarms_and_steps() -> None:
+    assert noise.false_alarms(3.0, 200) == pytest.approx(1.0 - norm.cdf(3.0) ** 200)
+    assert noise.quantisation_sd(2.0) == pytest.approx(1.0 / math.sqrt(3.0))
+
+
+def test_a_beam_spreads_by_its_distance_from_the_waist() -> None:
+    """Claim: d ln w/dz of w₀√(1 + (z − z₀)²/z_R²), by differences."""
+    rayleigh = math.pi * 1e-6 / 1.5e-6
+
+    def width(z: float) -> float:
+        return math.sqrt(1.0 + ((z - 0.5) / rayleigh) ** 2)
+
+    for z in (0.3, 2.0, 10.0):
+        expected = (math.log(width(z + 1e-4)) - math.log(width(z - 1e-4))) / 2e-4
+        assert float(beam.spread_rate(z, 1e-3, 0.5, 1.5e-6)) == pytest.approx(expected, rel=1e-6)
+
+
+def test_published_limits_of_speckle_in_numbers() -> None:
+    """Claim: 0.225, 0.399 and 0.318 of C λN, and 9.5 mm at 10 m for C = 1, 1.5 µm, 25 mm and 0.2 m."""
+    for limit, share in (
+        (speckle.centroid_limit, 0.22508),
+        (speckle.halving_limit, 0.39894),
+        (speckle.published_limit, 0.31831),
+    ):
+        assert limit(0.5, 1.5e-6, 4.0) == pytest.approx(0.5 * 6e-6 * share, rel=1e-4)
+    assert speckle.published_range_limit(1.0, 1.5e-6, 10.0, 0.025, 0.2) == pytest.approx(9.55e-3, rel=1e-3)
+
+
+@pytest.mark.parametrize("x", [0.8, 2.0])
+def test_packets_of_a_round_pupil_are_the_plain_integral(x: float) -> None:
+    """Claim: ∬ exp(−(π x Δu)²) over the unit disc by the distribution of distances in a disc: 1 %."""
+    apart = (np.arange(20000) + 0.5) / 20000
+    overlap = (2.0 / math.pi) * (np.arccos(apart) - apart * np.sqrt(1.0 - apart**2))
+    found = (8.0 * apart * overlap * np.exp(-((2.0 * math.pi * x * apart) ** 2))).mean()
+    assert speckle.pupil_averages(x)[0] == pytest.approx(found, rel=0.01)
+
+
+def test_a_sheets_lobe_is_half_as_bright_at_its_half_width() -> None:
+    sheet = retroreflector.Sheet(0.8, 0.5, 0.01)
+    bright, half = retroreflector.lobe_intensity(sheet, [0.0, 0.01])
+    assert half == pytest.approx(0.5 * bright, rel=1e-4)
+    assert retroreflector.lobe_within(sheet, 2.0 * math.atan(sheet.alpha)) == pytest.approx(0.5)
+
+
+def test_cubes_return_what_two_discs_have_in_common() -> None:
+    """Claim: of discs whose centres are a radius apart 39.1 % overlap, and none of those that are two apart."""
+    cubes = retroreflector.Sheet(0.8, 0.5, 0.01, refractive_index=1.5)
+    for apart, share in ((0.5, 2.0 / 3.0 - math.sqrt(3.0) / (2.0 * math.pi)), (1.0, 0.0)):
+        beta = math.asin(1.5 * math.sin(math.atan(apart / math.sqrt(2.0)))) if apart < 1.0 else 1.2
+        found = float(retroreflector.entrance_share(cubes, beta))
+        assert found == pytest.approx(share, abs=1e-12)
+    angles = (np.arange(20000) + 0.5) * (math.pi / 2.0 / 20000)
+    mean = float((retroreflector.entrance_share(cubes, angles) * np.sin(2.0 * angles)).mean() * math.pi / 2.0)
+    assert retroreflector.mean_entrance(cubes) == pytest.approx(mean, rel=1e-4)
+
+
+def test_a_sheet_returns_what_it_reflects() -> None:
+    """Claim: lobe and diffuse rest of a narrow lobe add up to ρ over the half space, to 1 %."""
+    sheet = retroreflector.Sheet(0.8, 0.5, 0.01, half_angle=0.6)
+    edges = np.concatenate([np.linspace(0.0, 0.2, 40001), np.linspace(0.2, math.pi / 2.0, 20001)[1:]])
+    delta, width = 0.5 * (edges[1:] + edges[:-1]), np.diff(edges)
+    total = (retroreflector.intensity(sheet, delta) * 2.0 * math.pi * np.sin(delta) * width).sum()
+    assert total == pytest.approx(0.8, rel=0.01)
+
+
+def test_pulses_walk_and_widen() -> None:
+    sigma = 2e-9 / 2.3548200450309493
+    walk = 0.5 * SPEED_OF_LIGHT * sigma * (math.sqrt(2.0 * math.log(8.0)) - math.sqrt(2.0 * math.log(2.0)))
+    assert time_of_flight.leading_edge_walk(2e-9, 8.0) == pytest.approx(walk)
+    # Without pulse and electronics: light passes the footprint's depth, 10 mm of tan 45°, twice.
+    assert time_of_flight.tilted_plane_sigma(0.0, 0.0, 0.01, math.pi / 4.0) == pytest.approx(
+        0.02 / SPEED_OF_LIGHT
+    )
+    bound = math.sqrt(2.0 * 1e-9 * 1e-10 / math.sqrt(math.pi)) / 20.0
+    assert time_of_flight.white_noise_bound(1e-9, 1e-10, 20.0) == pytest.approx(bound)
+    # All white, the bound of coloured noise is the same.
+    assert time_of_flight.coloured_noise_bound(1e-9, 1e-13, 1e-10, 20.0, 1.0) == pytest.approx(
+        bound, rel=1e-3
+    )
+
+
+def test_a_large_sphere_is_a_little_farther_than_its_nearest_point() -> None:
+    """Claim: of a narrow beam the mean depth is s²/r, and the way back is longer by s²/R at half weight: 2 %."""
+    found = time_of_flight.sphere_range(10.0, 2.0, 0.02) - 10.0
+    assert found == pytest.approx(4e-4 / 2.0 + 0.25 * 2.0 * 4e-4 / 10.0, rel=0.02)
+
+
+def test_receivers_numbers() -> None:
+    """Claim: McIntyre's F of 100 and 0.2 is 21.592, and the band of a Gaussian is √(π/ln 2)/2 of its −3 dB."""
+    assert time_of_flight.excess_noise(100.0, 0.2) == pytest.approx(21.592)
+    assert time_of_flight.noise_bandwidth(1e9) == pytest.approx(0.5e9 * math.sqrt(math.pi / math.log(2.0)))
+    assert float(beam.rayleigh_length(1e-3, 1.5e-6, 2.0)) == pytest.approx(math.pi * 1e-6 / 3e-6)
+
+
+def test_a_lens_beside_the_laser_sees_the_sheet_aslant() -> None:
+    """Claim: I(δ) A cos δ T P/(R² + d²), tan δ = d/R."""
+    sheet = retroreflector.Sheet(0.8, 0.5, 0.2)
+    delta = math.atan(1.0)
+    expected = float(retroreflector.intensity(sheet, delta)) * math.pi * 0.01**2 * math.cos(delta) * 0.7 * 3.0
+    found = retroreflector.offset_power(2.0, 3.0, sheet, 2.0, 0.02, 0.7)
+    assert float(found) == pytest.approx(expected / 8.0, rel=1e-6)

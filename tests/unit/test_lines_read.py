@@ -1,0 +1,60 @@
+"""Reading a line of two exposures: what is subtracted, and what a full pixel still tells."""
+
+from __future__ import annotations
+
+import drjit.auto.ad as auto
+import numpy as np
+import pytest
+
+from scanner_sim.detector.line import Signal
+from scanner_sim.signals.calibration import Calibration
+from scanner_sim.signals.line import Line
+
+BIAS, GAIN, DARK, FULL, OFF = 10.0, 2.0, 60.0, 1500.0, 4.0
+KNOWN = Calibration(BIAS, GAIN, DARK, OFF, 400.0, 1.0, 0.1, FULL)
+LIT = np.array([410.0, 900.0, 500.0, 60.0])
+UNLIT = np.array([60.0, 90.0, 900.0, 20.0])
+"""One shot: pixel 0 is plain, 1 is full when lit, 2 is full without the laser too, 3 is dark."""
+
+pytestmark = pytest.mark.usefixtures("device")
+
+
+def line() -> Line:
+    signal = Signal(auto.Float(), 1, 4, 0.2)
+    places = signal.address(auto.UInt32([0, 1, 2, 3]), auto.UInt32(0)).numpy()
+    table = np.zeros(int(places.max()) + 3, np.float32)
+    table[places], table[places + 2] = LIT, UNLIT
+    return Line(Signal(auto.Float(table), 1, 4, 0.2), KNOWN)
+
+
+def test_the_background_times_k_is_subtracted_and_a_full_one_leaves_nothing() -> None:
+    """Claim: c = (n − b) g − k (n_off − b) g, the dark level being in both; a pixel full of light tells nothing."""
+    lit, unlit = (LIT - BIAS) * GAIN, (UNLIT - BIAS) * GAIN * OFF
+    expected = np.where((UNLIT - BIAS) * GAIN >= FULL, 0.0, lit - unlit)
+    assert expected.tolist() == [400.0, 1140.0, 0.0, 20.0]
+    found = line()
+    assert [float(found.charge(pixel).numpy()[0]) for pixel in range(4)] == expected.tolist()
+    assert [found.full(pixel).numpy().tolist() for pixel in range(4)] == [
+        [False],
+        [True],
+        [True],
+        [False],
+    ]
+    for first in (0, 2):
+        one, other, fullest = found.pair(first)
+        assert [float(one.numpy()[0]), float(other.numpy()[0])] == expected[first : first + 2].tolist()
+        most = max(LIT[first : first + 2].max(), UNLIT[first : first + 2].max())
+        assert float(fullest.numpy()[0]) == (most - BIAS) * GAIN - DARK
+
+
+def test_what_was_subtracted_scatters() -> None:
+    """Claim: a charge c above a subtracted a has the floor, c + (1 + k) a, and (prnu c)² as its variance."""
+    found = line()
+    for pixel, charge in ((0, 400.0), (1, 1140.0), (3, 20.0)):
+        ambient = (UNLIT[pixel] - BIAS) * GAIN * OFF - DARK
+        expected = 400.0 + charge + 5.0 * ambient + (0.1 * charge) ** 2
+        told = float(found.variance(pixel, auto.Float(charge)).numpy()[0])
+        assert told == pytest.approx(expected, rel=1e-5)
+        beneath, full = found.beneath(pixel, auto.Float(1e6), auto.Float(charge), True)
+        assert float(beneath.numpy()[0]) == pytest.approx(expected, rel=1e-5)
+        assert full.numpy().tolist() == [pixel == 1]

@@ -1,0 +1,234 @@
+"""The run of a tracker, visit after visit, with an eye that sees the truth: turns, times, numbers, and what is kept."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scanner_sim import Scenario, load_scenario
+from scanner_sim.closed_loop import tracker as module
+from scanner_sim.closed_loop.records import Recorder, point_of
+from scanner_sim.closed_loop.tracker import Tracker
+from scanner_sim.ranging.coordinates import angles_and_range
+from scanner_sim.render.device import Device
+from scanner_sim.tracking.errors import ErrorParts
+from scanner_sim.tracking.measurement import Measurement
+from scanner_sim.tracking.record import TrackStatus
+from scanner_sim.tracking.samples import PatternSamples
+from scanner_sim.tracking.state import TrackCommand, TrackMode, command
+
+Array = NDArray[np.float64]
+
+MOVING = {"type": "twist", "velocity": (0.05, 0.02, 0.0), "turn_rate": (0.0, 0.0, 0.2)}
+LATE = 7e-3
+
+
+def node(name: str, x: float, **more: Any) -> dict[str, Any]:
+    return {"name": name, "array": {"diameter": 0.1, "plate": 0.15}, "position": (x, 0.1, 8.0), **more}
+
+
+def scenario(*targets: Any, **pattern: Any) -> Scenario:
+    return load_scenario(
+        {
+            "schema": 1,
+            "scene": {"objects": [node("a", -0.5, motion=MOVING), node("b", 0.5), node("c", 1.2)]},
+            "scan": {
+                "type": "track",
+                "duration": 20.0,
+                "targets": list(targets) or ["a", "b"],
+                "pattern": pattern,
+            },
+        }
+    )
+
+
+class TrueEye:
+    """Sees every target where it is, with a small covariance, and remembers what it was asked."""
+
+    def __init__(self, known: Scenario, _: Any) -> None:
+        self.recorder, self.asked = Recorder(known), []
+
+    def see(self, target: Any, order: TrackCommand, motion: Any, visit: int) -> tuple[Any, Any, Any]:
+        self.asked.append(SimpleNamespace(target=target, order=order, motion=motion, visit=visit))
+        time = float(motion.time.mean()) + 1e-4
+        one = np.ones(1)
+        covariance = np.diag([1e-10, 2e-10, 1e-6])
+        place = self.recorder.truth(target, time)[0]
+        radius = 0.5 * target.looks.diameter / place[2] * one
+        seen = Measurement(
+            time * one, place[None], covariance[None], radius, 1e-6 * one, one, 0.4 * one, one > 0.0
+        )
+        lanes = [motion.time[None]] + 6 * [0.0 * motion.time[None]]
+        samples = PatternSamples(*lanes, status=np.zeros(motion.time[None].shape, np.uint8))
+        return samples, seen, ErrorParts.all_white(covariance)
+
+
+@pytest.fixture
+def run(device: Device, monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Return what makes a tracker of a scenario, without any scene to render."""
+    monkeypatch.setattr(module, "Workbench", lambda *_, **__: None)
+    monkeypatch.setattr(module, "PatternBench", lambda _: None)
+    monkeypatch.setattr(module, "Eye", TrueEye)
+    return Tracker
+
+
+def test_targets_are_visited_in_turn_and_on_time(run: Any) -> None:
+    """Claim: by turns, one number a visit, each pattern at the end of its period, ordered for the pattern's middle."""
+    known = scenario()
+    tracker = run(known)
+    points, dwell = known.following.pattern.points, known.scanner.dwell
+    period = known.following.visiting.period(points, dwell, 2, known.scanner.galvanometers)
+    for visit in range(8):
+        state = tracker.state
+        record = next(tracker)
+        asked = tracker._eye.asked[-1]
+        index = visit % 2
+        assert (record.number, asked.visit, record.target) == (visit, visit, ("a/1", "b/1")[index])
+        assert asked.order.number == visit // 2
+        start = state.clock + period - points * dwell
+        middle = start + 0.5 * points * dwell
+        expected = command(state.tracks[index], known.following.tracker, 0.1, middle)
+        np.testing.assert_allclose(asked.order.place, expected.place, rtol=0.0, atol=1e-12)
+        assert asked.motion.time[0] >= start
+        assert tracker.state.clock == pytest.approx(
+            max(start + points * dwell, tracker.state.mirrors.time), abs=1e-12
+        )
+        assert tracker.state.visits == visit + 1
+        assert record.time == pytest.approx(float(asked.motion.time.mean()) + 1e-4)
+        truth, point = tracker._recorder.truth(known.targets[index], record.time)
+        np.testing.assert_array_equal(record.truth, truth)
+        np.testing.assert_array_equal(record.truth_point, point)
+        np.testing.assert_allclose(record.point, point, atol=1e-12)
+    assert all(track.mode is TrackMode.TRACK for track in tracker.state.tracks)
+
+
+def test_a_late_pattern_moves_those_that_follow(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    known = scenario()
+    tracker, true = run(known), module.run_visit
+    numbers = []
+
+    def late(galvanometers: Any, mirrors: Any, pattern: Any, number: int, *more: Any, **asked: Any) -> Any:
+        numbers.append(number)
+        motion, after = true(galvanometers, mirrors, pattern, number, *more, **asked)
+        end = asked["start"] + pattern.points * asked["dwell"]
+        return motion, replace(after, time=end + LATE)
+
+    monkeypatch.setattr(module, "run_visit", late)
+    starts = [tracker._start()]
+    for _ in range(4):
+        next(tracker)
+        starts.append(tracker._start())
+    points, dwell = known.following.pattern.points, known.scanner.dwell
+    period = known.following.visiting.period(points, dwell, 2, known.scanner.galvanometers)
+    np.testing.assert_allclose(np.diff(starts), period + LATE, rtol=1e-9)
+    assert numbers == [0, 0, 1, 1]
+
+
+def test_others_are_those_that_are_followed(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: a target that was dropped cannot take another's measurement."""
+    tracker, true = run(scenario()), module.advanced
+    seen = []
+
+    def advanced(*state: Any, others: Any = ()) -> Any:
+        seen.append(len(others))
+        return true(*state, others=others)
+
+    monkeypatch.setattr(module, "advanced", advanced)
+    for _ in range(6):
+        next(tracker)
+    assert seen[-1] == 1
+    tracker.drop("b/1")
+    assert next(tracker).target == "a/1"
+    assert next(tracker).target == "a/1"
+    assert seen[-2:] == [0, 0]
+
+
+def test_a_new_search_keeps_the_count_of_patterns(run: Any) -> None:
+    """Claim: patterns go on being turned by their number, so that no dither is run twice."""
+    tracker = run(scenario())
+    for _ in range(6):
+        next(tracker)
+    tracker.drop("a/1")
+    tracker.search("a/1")
+    assert tracker.state.followed == (True, True)
+    assert (tracker.state.tracks[0].patterns, tracker.state.tracks[0].mode) == (3, TrackMode.SEARCH)
+    tracker.point("b/1", 0.1, 0.05, 7.0)
+    assert (tracker.state.tracks[1].patterns, tracker.state.tracks[1].mode) == (3, TrackMode.SEARCH)
+    np.testing.assert_array_equal(tracker.state.tracks[1].expected, [0.1, 0.05, 7.0])
+
+
+def test_targets_out_of_view_take_no_time_but_where_there_are_no_others(run: Any) -> None:
+    """Claim: of two such targets the second lets a period go by; with another in view none does."""
+    out = {"target": "a", "expected": (0.6, 0.0, 8.0)}, {"target": "b", "expected": (-0.6, 0.0, 8.0)}
+    known = scenario(*out)
+    tracker = run(known)
+    points, dwell = known.following.pattern.points, known.scanner.dwell
+    period = known.following.visiting.period(points, dwell, 2, known.scanner.galvanometers)
+    clocks, skipped = [], []
+    for _ in range(4):
+        assert next(tracker).status is TrackStatus.OUT_OF_VIEW
+        clocks.append(tracker.state.clock)
+        skipped.append(tracker.state.skipped)
+    np.testing.assert_allclose(clocks, [0.0, period, period, 2.0 * period])
+    assert skipped == [1, 0, 1, 0]
+    mixed = run(scenario(out[0], "c"))
+    assert [next(mixed).target for _ in range(4)] == ["a/1", "c/1", "a/1", "c/1"]
+    assert len(mixed._eye.asked) == 2
+
+
+def test_a_pattern_is_in_view_with_all_of_its_width(run: Any) -> None:
+    """Claim: |Θ| + A and |φ| + a A lie within the largest deflection, 0.5 rad; a is the pattern's aspect."""
+    tracker = run(scenario(aspect=2.0))
+    for theta, phi, inside in ((0.47, 0.0, True), (0.49, 0.0, False), (0.0, 0.45, True), (0.0, 0.47, False)):
+        for sign in (1.0, -1.0):
+            place = np.array([sign * theta, sign * phi, 8.0])
+            assert tracker._in_view(TrackCommand(TrackMode.TRACK, place, 0.02, 0)) is inside
+
+
+def test_truth_is_the_turned_objects_centre_at_that_time() -> None:
+    known = scenario()
+    item = known.scene.objects[0]
+    target = replace(known.targets[0], centre=np.array([0.2, -0.1, 0.0]))
+    pose = item.pose_at(3.0)[0]
+    expected = pose[:3, :3] @ target.centre + pose[:3, 3]
+    truth, point = Recorder(known).truth(target, 3.0)
+    np.testing.assert_allclose(point, expected, rtol=1e-12)
+    # 0.6 rad about z, and 3 s on its way.
+    turned = np.array([[np.cos(0.6), -np.sin(0.6)], [np.sin(0.6), np.cos(0.6)]]) @ [0.2, -0.1]
+    np.testing.assert_allclose(point[:2], [-0.5 + 0.15 + turned[0], 0.1 + 0.06 + turned[1]], atol=1e-12)
+    distance, theta, phi = angles_and_range(*expected, known.scanner.mirrors.axis_separation)
+    np.testing.assert_allclose(truth, [theta, phi, distance], rtol=1e-12)
+
+
+def test_a_point_has_the_covariance_that_its_place_gives_it(run: Any) -> None:
+    tracker = run(scenario())
+    record = next(tracker)
+    separation = tracker.scenario.scanner.mirrors.axis_separation
+    rows = [
+        (point_of(record.place + step, separation)[0] - point_of(record.place - step, separation)[0]) / 2e-6
+        for step in 1e-6 * np.eye(3)
+    ]
+    slope = np.array(rows).T
+    np.testing.assert_allclose(
+        record.point_covariance, slope @ record.covariance @ slope.T, rtol=1e-5, atol=1e-13
+    )
+
+
+@pytest.mark.parametrize(("limited", "status"), [(True, TrackStatus.LIMITED), (False, TrackStatus.NOT_FOUND)])
+def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, status: TrackStatus) -> None:
+    tracker = run(scenario())
+    record = next(tracker)
+    lost = tracker.state.tracks[0]
+    nothing = replace(module.NOTHING)
+    after = module.advanced(lost, nothing, tracker.scan.tracker, 0.1, 1.0)
+    order = TrackCommand(TrackMode.TRACK, record.place, 6e-3, 1)
+    made = tracker._recorder.record(
+        1, tracker.targets[0], order, after, record.samples, nothing, record.errors, limited
+    )
+    assert made.status is status
+    assert made.time == pytest.approx(float(record.samples.time.mean()))
