@@ -44,7 +44,9 @@ def background_bins(scenario: Scenario) -> int:
     scan, sensor = scenario.scan, scenario.scanner.position_sensor
     if not isinstance(scan, RasterScan) or scenario.ranging == "tof" or scenario.lighting.sky().dark:
         return 0
-    width = abs(scan.horizontal[1] - scan.horizontal[0]) + sensor.length / scenario.scanner.receiver.focal_length
+    width = (
+        abs(scan.horizontal[1] - scan.horizontal[0]) + sensor.length / scenario.scanner.receiver.focal_length
+    )
     return scan.rows * math.ceil(width / _background_step(scenario))
 
 
