@@ -23,7 +23,7 @@ DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "```" in path.read_text(encoding="utf-8"))
 SMALL = {
     "run": [
-        *("--set", "scan.rows=8", "--set", "scan.columns=16", "--set", "scan.motion=stepped"),
+        *("--set", "scan.rows=16", "--set", "scan.columns=16", "--set", "scan.motion=stepped"),
         *("--set", "transport.background_samples=2", "--set", "camera.width=48", "--overwrite"),
     ],
     "orbit": ["--steps", "2", "--overwrite"],
