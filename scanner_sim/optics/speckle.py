@@ -55,7 +55,8 @@ def packets(ratio: Any) -> Any:
     Notes
     -----
     ∬|γ(ξ − ξ')|² over the pupil, |γ|² = exp(−(2π σ_b Δξ/λf)²): π²x² for a pupil that is large against the grains of
-    light in it, √π x more for the grains that its edge cuts, and 1 for the last one. Good to 2 % from x = 1.
+    light in it, √π x more for the grains that its edge cuts, and 1 for the last one: 5 % too many at
+    x = 1, 1.5 % at 2, 0.4 % at 4.
     """
     return 1.0 + math.sqrt(math.pi) * ratio + math.pi**2 * ratio * ratio
 
