@@ -4,6 +4,7 @@
     plant.py --only ranging         those of one list, or whose name holds the text
     plant.py --tenth 3              every tenth, from the third
     plant.py --minutes 3            as many as three minutes allow
+    plant.py --noticed              those of which the table says what notices them
     plant.py --table                none, but write the table of what is known
 
 A list (``ranging.toml``) names the tests of each file, quick ones first, and the faults: a text that stands once in the
@@ -301,6 +302,9 @@ def main() -> int:
         "--tenth", type=int, help="every tenth fault, from this number on (0 to 9; larger ones wrap)"
     )
     arguments.add_argument(
+        "--noticed", action="store_true", help="only faults of which the table says what notices them"
+    )
+    arguments.add_argument(
         "--minutes", type=float, default=float("inf"), help="plant no more after this time"
     )
     arguments.add_argument(
@@ -309,11 +313,18 @@ def main() -> int:
     arguments.add_argument("-j", "--jobs", type=int, default=1, help="faults at a time (1)")
     given = arguments.parse_args()
     chosen = [fault for fault in faults() if given.only in (fault.room, "") or given.only in fault.name]
+    if given.noticed:
+        named = Record().named
+        chosen = [fault for fault in chosen if _row(fault) in named]
     if given.tenth is not None:
         chosen = chosen[given.tenth % 10 :: 10]
     outcomes = plant(chosen, given.jobs, 0.0 if given.table else given.minutes)
     alive = [outcome.fault.name for outcome in outcomes if not outcome.killer]
-    if given.tenth is None and not given.only and (given.table or len(outcomes) == len(chosen)):
+    if (
+        given.tenth is None
+        and not (given.only or given.noticed)
+        and (given.table or len(outcomes) == len(chosen))
+    ):
         TABLE.write_text(table(chosen, outcomes), encoding="utf-8")
     print(f"{len(outcomes)} of {len(chosen)} faults were asked after")
     print(f"{len(outcomes) - len(alive)} of {len(outcomes)} are noticed", *alive, sep="\n  lives: ")
