@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import every_path
 import numpy as np
 import pytest
 
@@ -44,21 +45,7 @@ def digests(folder: Path, config: Path, overrides: list[str], kind: dict[str, st
     ("config", "overrides"),
     [
         ("track_two_objects.yaml", ["scan.duration=60 ms"]),
-        # Sunlight, both ways of ranging, two bounces and waveforms.
-        (
-            "lighting_full_shadow.yaml",
-            [
-                "scan.rows=16",
-                "scan.columns=24",
-                "scan.horizontal=[-10 deg, 10 deg]",
-                "scan.vertical=[-9 deg, 9 deg]",
-                "ranging=both",
-                "transport.bounces=2",
-                "transport.background_samples=2",
-                "transport.background_bounces=2",
-                "output.waveforms=[[8, 12]]",
-            ],
-        ),
+        (every_path.CONFIG, [*every_path.CHANGES, "output.waveforms=[[8, 12]]"]),
     ],
 )
 def test_files_do_not_depend_on_the_processor(

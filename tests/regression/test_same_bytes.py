@@ -10,6 +10,7 @@ from pathlib import Path
 import drjit as dr
 import numpy as np
 import pytest
+from every_path import CHANGES, CONFIG
 
 from scanner_sim import load_scenario, simulate
 from scanner_sim.products.image import RangeImage
@@ -18,18 +19,6 @@ from scanner_sim.scenario import Scenario
 from scanner_sim.simulate import simulate_voxel
 from scanner_sim.status import Status
 from scanner_sim.workbench import Workbench
-
-CONFIG = "lighting_full_shadow.yaml"
-CHANGES = [
-    "scan.rows=16",
-    "scan.columns=24",
-    "scan.horizontal=[-10 deg, 10 deg]",
-    "scan.vertical=[-9 deg, 9 deg]",
-    "ranging=both",
-    "transport.bounces=2",
-    "transport.background_samples=2",
-    "transport.background_bounces=2",
-]
 
 
 @pytest.fixture(scope="module")
