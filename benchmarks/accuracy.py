@@ -14,9 +14,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.render.device import activate
 from scanner_sim.render.settings import Transport
-from scanner_sim.scanner import Scanner
 from scanner_sim.scene.objects import Scene
 
 PIXELS = 256
@@ -79,11 +79,11 @@ def lines(objects: list[dict[str, Any]], theta: Any, phi: Any, rays: int, travel
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.light import render_light
-    from scanner_sim.render.reference import reference_line
+    from scanner_sim.render.background.reference import reference_line
+    from scanner_sim.render.beam.light import render_light
     from scanner_sim.render.shots import Shots
     from scanner_sim.render.transport import Bench
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     scanner = Scanner()
     sensor, separation = scanner.position_sensor, scanner.mirrors.axis_separation

@@ -14,8 +14,8 @@ from rich.console import Console
 from rich.table import Table
 
 from scanner_sim import load_scenario
-from scanner_sim.compare.run import compare
-from scanner_sim.compare.setting import Setting
+from scanner_sim.validation.compare.run import compare
+from scanner_sim.validation.compare.setting import Setting
 
 PRESET = Path(__file__).parents[1] / "configs" / "tof_both.yaml"
 

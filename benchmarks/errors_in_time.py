@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim import PoseFilter, load_scenario, poses_of, track
-from scanner_sim.closed_loop.poses import true_poses
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.instrument.closed_loop.poses import true_poses
 from scanner_sim.pose.transforms import vector_from_rotation
-from scanner_sim.scenario import Scenario
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.record import PatternRecord
 

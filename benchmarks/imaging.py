@@ -47,7 +47,7 @@ def main() -> None:
 def warm(table: Table, size: int) -> None:
     """Whole chain against bare rays, kernels warm."""
     from scanner_sim import load_scenario, simulate
-    from scanner_sim.products.exr import write_exr
+    from scanner_sim.products.files.exr import write_exr
 
     scenario = load_scenario(NODE, [f"scan.rows={size}", f"scan.columns={size}"])
     with tempfile.TemporaryDirectory() as folder:
@@ -79,13 +79,13 @@ class Rays:
         import drjit as dr
         import mitsuba as mi
 
-        from scanner_sim.render import light
-        from scanner_sim.render.beamlets import edge_beamlets, smooth_beamlets
+        from scanner_sim.instrument.simulate import BATCH
+        from scanner_sim.instrument.workbench import Workbench
+        from scanner_sim.render.beam import light
+        from scanner_sim.render.beam.beamlets import edge_beamlets, smooth_beamlets
         from scanner_sim.render.shots import true_shots
         from scanner_sim.render.transport import frame_at, launch, trace_spots
         from scanner_sim.scan.raster import raster_aim, tiled_order
-        from scanner_sim.simulate import BATCH
-        from scanner_sim.workbench import Workbench
 
         self.workbench = Workbench(scenario)
         scan, settings = scenario.scan, scenario.transport

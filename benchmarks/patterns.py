@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from scanner_sim.closed_loop.pattern_bench import PatternBench
-from scanner_sim.closed_loop.tracker import Tracker
 from scanner_sim.config import load_scenario
+from scanner_sim.instrument.closed_loop.pattern_bench import PatternBench
+from scanner_sim.instrument.closed_loop.tracker import Tracker
+from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.render.device import activate
 from scanner_sim.scan.raster import Aim
-from scanner_sim.workbench import Workbench
 
 Array = NDArray[np.float64]
 

@@ -22,7 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from scanner_sim import Scenario, Tracker, load_scenario
-from scanner_sim.products.style import FAINT, house_style, save
+from scanner_sim.products.pictures.style import FAINT, house_style, save
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 

@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from scanner_sim import simulate
-from scanner_sim.compare.mixed_scenes import KINDS, Found, MixedScene
+from scanner_sim.validation.compare.mixed_scenes import KINDS, Found, MixedScene
 
 SIDE = 96
 PITCHES = ((0.3, 0.7), (1.0, 3.0), (4.0, 8.0))

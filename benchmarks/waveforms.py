@@ -16,12 +16,12 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from scanner_sim.detector.photodiode import Digitiser, Photodiode
-from scanner_sim.detector.waveform import record
+from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
+from scanner_sim.detector.photodiode.waveform import record
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.render.device import activate
-from scanner_sim.signals.pulse_detection import PulseDetector
-from scanner_sim.signals.pulse_settings import PulseDetection
+from scanner_sim.signals.waveform.detection import PulseDetector
+from scanner_sim.signals.waveform.settings import PulseDetection
 
 METHODS = ("matched_filter", "gaussian_fit", "leading_edge", "constant_fraction")
 
@@ -33,7 +33,7 @@ def main() -> None:
     arguments.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"))
     given = arguments.parse_args()
     activate(given.device)
-    from scanner_sim.render.echoes import Echoes
+    from scanner_sim.render.beam.echo_clusters import Echoes
 
     m, clock = given.records, Digitiser()
     random = np.random.default_rng(1)

@@ -10,8 +10,8 @@ from pathlib import Path
 from made_tables import marked, rewrite
 
 from scanner_sim import load_scenario
-from scanner_sim.compare.instrument import closed_budget, closed_crossing
-from scanner_sim.studies.budget import distances_of, swept
+from scanner_sim.validation.compare.instrument import closed_budget, closed_crossing
+from scanner_sim.validation.studies.budget import distances_of, swept
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "theory" / "budget.md"

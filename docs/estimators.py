@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import noise, spot
-from scanner_sim.products.style import FAINT, house_style, save
+from scanner_sim.products.pictures.style import FAINT, house_style, save
 from scanner_sim.render.device import activate
 
 PICTURE = Path(__file__).resolve().parent / "pictures" / "estimators.png"
@@ -39,12 +39,12 @@ def measure(
     """Return errors, shape (places, lines), and bounds, shape (places,), of spots ``ratio`` times the noise high."""
     import drjit.auto.ad as auto
 
-    from scanner_sim.detector.line import electrons_per_watt, expose
-    from scanner_sim.detector.noise import NoiseSwitches
-    from scanner_sim.detector.position_sensor import PositionSensor
-    from scanner_sim.signals.bias import Bias, computed_bias
-    from scanner_sim.signals.expected import ExpectedSpot
-    from scanner_sim.signals.peaks import find_peaks
+    from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+    from scanner_sim.detector.line.noise import NoiseSwitches
+    from scanner_sim.detector.line.position_sensor import PositionSensor
+    from scanner_sim.signals.line.bias import Bias, computed_bias
+    from scanner_sim.signals.line.expected import ExpectedSpot
+    from scanner_sim.signals.line.peaks import find_peaks
     from scanner_sim.signals.processing import Processing, Validation
 
     centres = np.repeat(28.0 + (np.arange(PLACES) + 0.5) / PLACES - 0.5, each)

@@ -15,17 +15,17 @@ from typing import Any
 import scanner_sim
 from scanner_sim.config import json_schema
 from scanner_sim.config.outline import EACH, outline
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.image import CHANNELS
 from scanner_sim.products.track import track_columns, voxel_columns
-from scanner_sim.scenario import Scenario
 from scanner_sim.scene.materials import MATERIALS
-from scanner_sim.status import Status
 from scanner_sim.tracking.record import Track, TrackStatus
 
 FOLDERS: Mapping[str, tuple[str, str, Mapping[str, str]]] = {
     "run, of a raster": (
-        "scanner_sim.products.run_folder",
+        "scanner_sim.products.files.run_folder",
         "RUN",
         {
             "range.exr": "every layer below, float32, with scenario, versions, units and legends in its header",
@@ -397,7 +397,7 @@ def materials_page() -> str:
 
 
 def python_page() -> str:
-    """The public names, and the types that they give and take."""
+    """The public names: functions, and the types that they give and take."""
     lines = [
         "# From Python",
         "",
@@ -408,22 +408,7 @@ def python_page() -> str:
     shown = [name for name in scanner_sim.__all__ if not name.startswith("__")]
     for name in sorted(shown, key=str.lower):
         lines += [f"::: {_home(getattr(scanner_sim, name))}", ""]
-    lines += ["## What they give", ""]
-    for path in RESULTS:
-        lines += [f"::: {path}", ""]
     return "\n".join(lines) + "\n"
-
-
-RESULTS = (
-    "scanner_sim.products.image.RangeImage",
-    "scanner_sim.products.waveforms.WaveformSet",
-    "scanner_sim.pose.result.PoseEstimate",
-    "scanner_sim.simulate.simulate_waveforms",
-    "scanner_sim.simulate.simulate_voxel",
-    "scanner_sim.photo.take_photo",
-    "scanner_sim.errors",
-)
-"""Further names that a user of the public ones meets."""
 
 
 def _home(thing: Any) -> str:

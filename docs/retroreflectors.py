@@ -14,8 +14,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from scanner_sim.analytic import retroreflector as judge
-from scanner_sim.products.style import house_style
-from scanner_sim.scanner import Scanner
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.products.pictures.style import house_style
 from scanner_sim.scene.materials import MATERIALS, mitsuba_bsdf
 from scanner_sim.scene.objects import Scene
 
@@ -124,11 +124,11 @@ def _rendered(name: str, R: float, coaxial: bool) -> float:
     """Return the rendered power [W] of a wall square to the beam, on pixels that see all of its spot."""
     import mitsuba as mi
 
-    from scanner_sim.render.light import render_light
+    from scanner_sim.render.beam.light import render_light
     from scanner_sim.render.settings import Transport
     from scanner_sim.render.shots import Shots
     from scanner_sim.render.transport import Bench
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     scanner = Scanner()
     sensor, receiver, offset = scanner.position_sensor, scanner.receiver, 0.0

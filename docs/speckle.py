@@ -14,7 +14,7 @@ from made_tables import marked, rewrite
 from scanner_sim.analytic import speckle
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.analytic.estimators import ESTIMATORS
-from scanner_sim.scanner import Scanner
+from scanner_sim.config.scanner import Scanner
 
 PAGE = Path(__file__).resolve().parent / "theory" / "light.md"
 _LINE = 25

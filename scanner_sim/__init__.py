@@ -8,64 +8,81 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
-import sys
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from scanner_sim.closed_loop.poses import poses_of as poses_of
-    from scanner_sim.closed_loop.track import track as track
-    from scanner_sim.closed_loop.tracker import Tracker as Tracker
     from scanner_sim.config import load_scenario as load_scenario
+    from scanner_sim.config.scenario import Scenario as Scenario
+    from scanner_sim.foundation.errors import InputError as InputError
+    from scanner_sim.foundation.errors import RunError as RunError
+    from scanner_sim.foundation.errors import ScenarioError as ScenarioError
+    from scanner_sim.foundation.status import Status as Status
+    from scanner_sim.instrument.closed_loop.poses import poses_of as poses_of
+    from scanner_sim.instrument.closed_loop.track import track as track
+    from scanner_sim.instrument.closed_loop.tracker import Tracker as Tracker
+    from scanner_sim.instrument.photo import take_photo as take_photo
+    from scanner_sim.instrument.simulate import simulate as simulate
+    from scanner_sim.instrument.simulate import simulate_voxel as simulate_voxel
+    from scanner_sim.instrument.simulate import simulate_waveforms as simulate_waveforms
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
     from scanner_sim.pose.filter import PoseFilter as PoseFilter
+    from scanner_sim.pose.result import PoseEstimate as PoseEstimate
+    from scanner_sim.products.files.exr import read_range_image as read_range_image
+    from scanner_sim.products.files.run_folder import write_run as write_run
+    from scanner_sim.products.image import RangeImage as RangeImage
     from scanner_sim.products.track import read_track as read_track
-    from scanner_sim.scenario import Scenario as Scenario
-    from scanner_sim.simulate import simulate as simulate
+    from scanner_sim.products.waveforms import WaveformSet as WaveformSet
 
     __version__: str
 
 __all__ = [
+    "InputError",
+    "PoseEstimate",
     "PoseFilter",
+    "RangeImage",
+    "RunError",
     "Scenario",
+    "ScenarioError",
+    "Status",
     "Tracker",
+    "WaveformSet",
     "__version__",
     "estimate_pose",
     "load_scenario",
     "poses_of",
+    "read_range_image",
     "read_track",
     "simulate",
+    "simulate_voxel",
+    "simulate_waveforms",
+    "take_photo",
     "track",
+    "write_run",
 ]
 
 _HOMES = {
+    "InputError": "scanner_sim.foundation.errors",
+    "PoseEstimate": "scanner_sim.pose.result",
     "PoseFilter": "scanner_sim.pose.filter",
-    "Scenario": "scanner_sim.scenario",
-    "Tracker": "scanner_sim.closed_loop.tracker",
+    "RangeImage": "scanner_sim.products.image",
+    "RunError": "scanner_sim.foundation.errors",
+    "Scenario": "scanner_sim.config.scenario",
+    "ScenarioError": "scanner_sim.foundation.errors",
+    "Status": "scanner_sim.foundation.status",
+    "Tracker": "scanner_sim.instrument.closed_loop.tracker",
+    "WaveformSet": "scanner_sim.products.waveforms",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scenario": "scanner_sim.config",
-    "poses_of": "scanner_sim.closed_loop.poses",
+    "poses_of": "scanner_sim.instrument.closed_loop.poses",
+    "read_range_image": "scanner_sim.products.files.exr",
     "read_track": "scanner_sim.products.track",
-    "simulate": "scanner_sim.simulate",
-    "track": "scanner_sim.closed_loop.track",
+    "simulate": "scanner_sim.instrument.simulate",
+    "simulate_voxel": "scanner_sim.instrument.simulate",
+    "simulate_waveforms": "scanner_sim.instrument.simulate",
+    "take_photo": "scanner_sim.instrument.photo",
+    "track": "scanner_sim.instrument.closed_loop.track",
+    "write_run": "scanner_sim.products.files.run_folder",
 }
-
-
-class _Package(ModuleType):
-    """The package itself, in which ``simulate`` is always the function.
-
-    The import system binds each submodule to its package under the submodule's name. Without this
-    class ``from scanner_sim import simulate`` would give the function or the module of that name,
-    depending on what was imported before.
-    """
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name in _HOMES and isinstance(value, ModuleType):
-            value = getattr(value, name)
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Package
 
 
 def __getattr__(name: str) -> Any:

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 
 Floats = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.optimize import minimize
 
 from scanner_sim.analytic.spot import pixel_shares
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 
 Estimator = Callable[[Sequence[float]], float]
 

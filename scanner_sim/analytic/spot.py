@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import erf, ndtr
 
 from scanner_sim.analytic import geometry
-from scanner_sim.constants import PLANCK, SPEED_OF_LIGHT
+from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 
 Floats = NDArray[np.float64]
 

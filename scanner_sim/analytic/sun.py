@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import zeta
 
-from scanner_sim.constants import PLANCK, SPEED_OF_LIGHT
+from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 
 Floats = NDArray[np.float64]
 Model = Literal["physical", "printed"]

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.integrate import quad
 
-from scanner_sim.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 
 Floats = NDArray[np.float64]
 

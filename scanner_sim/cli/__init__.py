@@ -127,7 +127,7 @@ def show(
     with reported():
         from scanner_sim.cli.showing import show_result, show_voxel
         from scanner_sim.cli.tracking import show_pattern, show_track
-        from scanner_sim.products.exchange import recover
+        from scanner_sim.products.files.exchange import recover
 
         recover(result if result.is_dir() else result.parent)
         if pattern is not None:

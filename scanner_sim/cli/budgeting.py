@@ -13,11 +13,12 @@ from scanner_sim.cli.report import scenario_of
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
-from scanner_sim.errors import InputError
-from scanner_sim.products.budget import BUDGET, BudgetRow, crossing, write_budget
-from scanner_sim.products.folder import claimed
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.units import FROM_FILE, Angle
+from scanner_sim.products.budget import BudgetRow, crossing
+from scanner_sim.products.files.budget_folder import BUDGET, write_budget
+from scanner_sim.products.files.folder import claimed
 from scanner_sim.render.device import DeviceChoice
-from scanner_sim.units import FROM_FILE, Angle
 
 
 def budget_scenario(
@@ -43,9 +44,9 @@ def budget_scenario(
     scenario = load_and_warn(config, overrides, quiet)
     chosen = None if sweep is None else _angle(sweep)
     with claimed(folder, overwrite, BUDGET):
-        from scanner_sim.compare.instrument import closed_crossing, with_closed_forms
-        from scanner_sim.studies.budget import distances_of, measure_budget, swept
-        from scanner_sim.studies.dominance import dominating
+        from scanner_sim.validation.compare.instrument import closed_crossing, with_closed_forms
+        from scanner_sim.validation.studies.budget import distances_of, measure_budget, swept
+        from scanner_sim.validation.studies.dominance import dominating
 
         own, scenario = scenario, swept(scenario, chosen)
         turn = scenario.raster.travel

@@ -11,9 +11,9 @@ from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_table
-from scanner_sim.errors import InputError
-from scanner_sim.products.bias_picture import BiasCurve, draw_bias
-from scanner_sim.products.exchange import check_files, write_files
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.products.files.exchange import check_files, write_files
+from scanner_sim.products.pictures.bias import BiasCurve, draw_bias
 from scanner_sim.render.device import DeviceChoice
 
 
@@ -42,12 +42,12 @@ def calibrate_scenario(
     picture = file.with_suffix(".png")
     check_files((file, picture), overwrite)
     scenario = load_and_warn(config, overrides, quiet)
-    from scanner_sim.studies.calibrate import measure_bias
+    from scanner_sim.validation.studies.calibrate import measure_bias
 
     with progress_bar("along the line", quiet) as (advance, _), scenario_of(config):
         table, passages = measure_bias(scenario, device=device, progress=advance)
-    from scanner_sim.signals.bias import computed_bias
-    from scanner_sim.signals.bias_table import write_bias
+    from scanner_sim.signals.line.bias import computed_bias
+    from scanner_sim.signals.line.bias_table import write_bias
 
     computed = computed_bias(scenario.processing.peak, passages[0].width, passages[-1].width)
     curves = []

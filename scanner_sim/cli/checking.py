@@ -12,8 +12,8 @@ from scanner_sim.cli.plan import slow
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.tables import print_table
 from scanner_sim.config import doubts, load_scenario, resolved_yaml
-from scanner_sim.errors import InputError
-from scanner_sim.scenario import Scenario
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError
 
 
 def check_scenario(config: Path, overrides: Sequence[str]) -> None:
@@ -47,7 +47,7 @@ def _open_scene(scenario: Scenario) -> None:
     except InputError as error:
         warn(f"the files of the scene were not opened, because nothing here can render: {error}")
         return
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     load_scene(scenario.scene)
 

@@ -12,8 +12,9 @@ from scanner_sim.cli.report import scenario_of
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
-from scanner_sim.products.comparison import COMPARISON, Comparison, write_comparison
-from scanner_sim.products.folder import claimed
+from scanner_sim.products.comparison import Comparison
+from scanner_sim.products.files.comparison_folder import COMPARISON, write_comparison
+from scanner_sim.products.files.folder import claimed
 from scanner_sim.render.device import DeviceChoice
 
 
@@ -42,9 +43,9 @@ def compare_scenario(
         With 1 where a law is broken, or anything differs from the baseline.
     """
     scenario = load_and_warn(config, overrides, quiet)
-    from scanner_sim.compare.baseline import against, read_baseline
-    from scanner_sim.compare.run import compare
-    from scanner_sim.compare.setting import FlatTarget, Setting
+    from scanner_sim.validation.compare.baseline import against, read_baseline
+    from scanner_sim.validation.compare.run import compare
+    from scanner_sim.validation.compare.setting import FlatTarget, Setting
 
     earlier = None if baseline is None else read_baseline(baseline)
     flat = None if target is None else FlatTarget.parse(target)

@@ -9,8 +9,9 @@ from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
-from scanner_sim.products.folder import claimed
-from scanner_sim.products.timeline import ORBIT, Timeline, write_orbit
+from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.orbit_folder import ORBIT, write_orbit
+from scanner_sim.products.timeline import Timeline
 from scanner_sim.render.device import DeviceChoice
 
 
@@ -33,7 +34,7 @@ def orbit_scenario(
     """
     scenario = load_and_warn(config, overrides, quiet)
     with claimed(folder, overwrite, ORBIT):
-        from scanner_sim.studies.sweep import sweep_orbit
+        from scanner_sim.validation.studies.sweep import sweep_orbit
 
         with progress_bar("along the orbit", quiet) as (advance, _), scenario_of(config):
             timeline = sweep_orbit(scenario, steps, device=device, progress=advance)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from scanner_sim.closed_loop.poses import carriers_of
-from scanner_sim.memory import background_bins, background_paths, memory, patterns, period
-from scanner_sim.products.run_folder import planned_files
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.instrument.closed_loop.poses import carriers_of
+from scanner_sim.instrument.memory import background_bins, background_paths, memory, patterns, period
+from scanner_sim.products.files.run_folder import planned_files
 from scanner_sim.products.track import planned_track_files
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.scenario import Scenario
 
 START_SECONDS = 8.0
 """Time to load the renderer and to compile the kernels, on two cores."""

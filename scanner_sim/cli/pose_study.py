@@ -16,15 +16,9 @@ from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.pose.arrays import Layout
-from scanner_sim.products.folder import claimed
-from scanner_sim.products.pose_study import (
-    COMPONENTS,
-    POSE_STUDY,
-    PoseRow,
-    PoseStudy,
-    TargetRow,
-    write_pose_study,
-)
+from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.pose_study_folder import POSE_STUDY, write_pose_study
+from scanner_sim.products.pose_study import COMPONENTS, PoseRow, PoseStudy, TargetRow
 from scanner_sim.render.device import DeviceChoice
 
 
@@ -47,9 +41,15 @@ def study_scenario(
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
     scenario = load_and_warn(config, overrides, quiet)
-    from scanner_sim.studies.pose_laws import exponents_of, gains_of
-    from scanner_sim.studies.pose_study import BASE, REFERENCE, measure_study, plan_study, target_rows
-    from scanner_sim.studies.target_grid import StudyTarget
+    from scanner_sim.validation.studies.pose_laws import exponents_of, gains_of
+    from scanner_sim.validation.studies.pose_study import (
+        BASE,
+        REFERENCE,
+        measure_study,
+        plan_study,
+        target_rows,
+    )
+    from scanner_sim.validation.studies.target_grid import StudyTarget
 
     target = StudyTarget.of(scenario, diameter)
     plan = plan_study(scenario, target, quick=quick)

@@ -15,7 +15,7 @@ from typing import NoReturn, TextIO
 
 import typer
 
-from scanner_sim.errors import ScannerSimError, ScenarioError, printable
+from scanner_sim.foundation.errors import ScannerSimError, ScenarioError, printable
 
 DEBUG = "SCANNER_SIM_DEBUG"
 """Environment variable that shows the traceback of an unexpected error."""

@@ -27,8 +27,8 @@ def reproduce_paper(
     ScannerSimError
         If an item is unknown, the repository is not there, the folder or the device cannot be used, or the disk fails.
     """
-    from scanner_sim.reproduce import Task, Verdict, all_items, reproduce
-    from scanner_sim.reproduce.results import PAGE
+    from scanner_sim.validation.reproduce import Task, Verdict, all_items, reproduce
+    from scanner_sim.validation.reproduce.results import PAGE
 
     activate(device)
     task = Task(quick=quick, device=device, repository=repository(), seed=seed)

@@ -13,15 +13,15 @@ from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_table
 from scanner_sim.cli.tracking import run_tracking
-from scanner_sim.memory import check_memory
-from scanner_sim.products.folder import check_target, claimed
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.memory import check_memory
+from scanner_sim.products.files.folder import check_target, claimed
+from scanner_sim.products.files.run_folder import RUN, write_run
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.run_folder import RUN, write_run
 from scanner_sim.products.summary import beyond
 from scanner_sim.products.track import TRACK
 from scanner_sim.render.device import DeviceChoice
-from scanner_sim.scenario import Scenario
-from scanner_sim.status import Status
 from scanner_sim.tracking.scan import TrackScan
 
 
@@ -63,8 +63,8 @@ def _run_raster(
     scenario: Scenario, config: Path, folder: Path, *, device: DeviceChoice, overwrite: bool, quiet: bool
 ) -> None:
     # Loads the renderer: only after everything that can be refused without it.
-    from scanner_sim.photo import take_photo
-    from scanner_sim.simulate import simulate, simulate_waveforms
+    from scanner_sim.instrument.photo import take_photo
+    from scanner_sim.instrument.simulate import simulate, simulate_waveforms
 
     camera = waveforms = None
     with progress_bar("simulating", quiet, "voxels") as (advance, say):

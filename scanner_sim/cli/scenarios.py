@@ -7,7 +7,7 @@ from pathlib import Path
 
 from scanner_sim.cli.report import warn
 from scanner_sim.config import doubts, load_scenario
-from scanner_sim.scenario import Scenario
+from scanner_sim.config.scenario import Scenario
 
 
 def load_and_warn(config: Path, overrides: Sequence[str], quiet: bool) -> Scenario:

@@ -9,16 +9,16 @@ from pathlib import Path
 from scanner_sim.cli.running import closing
 from scanner_sim.cli.tables import print_table
 from scanner_sim.config import scenario_from_text
-from scanner_sim.errors import InputError
-from scanner_sim.products.exchange import write_file, write_files
-from scanner_sim.products.exr import read_range_image
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.products.files.exchange import write_file, write_files
+from scanner_sim.products.files.exr import read_range_image
+from scanner_sim.products.files.run_folder import RESULT
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.run_folder import RESULT
 from scanner_sim.products.track import TRACK
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.render.device import DeviceChoice
-from scanner_sim.status import Status
 
 _SHOWN = ("range_m", "sigma_range_m", "Y", "truth.range_m")
 """Channels of every run, which the pictures and tables need."""
@@ -32,8 +32,8 @@ def show_result(result: Path, output: Path | None, *, overwrite: bool) -> None:
     InputError
         If there is no result, or the folder of the pictures cannot be written to.
     """
-    from scanner_sim.products.pictures import PICTURES_OF, draw_background, lit
-    from scanner_sim.products.waveform_picture import draw_grey
+    from scanner_sim.products.pictures.image import PICTURES_OF, draw_background, lit
+    from scanner_sim.products.pictures.waveform import draw_grey
 
     path, image = _read(result)
     folder = output or path.parent
@@ -75,16 +75,16 @@ def show_voxel(
     table: dict[str, str] = {}
     pictures: list[Path] = []
     if scenario.ranging != "tof":
-        from scanner_sim.products.pictures import draw_voxel
-        from scanner_sim.simulate import simulate_voxel
+        from scanner_sim.instrument.simulate import simulate_voxel
+        from scanner_sim.products.pictures.image import draw_voxel
 
         record = simulate_voxel(scenario, row, column, device=device)
         pictures.append(write(folder / f"voxel_{row}_{column}.png", lambda to: draw_voxel(record, to)))
         table |= _numbers(record)
     if scenario.ranging != "triangulation":
-        from scanner_sim.lidar import fitted_pulse
-        from scanner_sim.products.waveform_picture import draw_waveform
-        from scanner_sim.simulate import simulate_waveforms
+        from scanner_sim.instrument.lidar import fitted_pulse
+        from scanner_sim.instrument.simulate import simulate_waveforms
+        from scanner_sim.products.pictures.waveform import draw_waveform
 
         waveforms = simulate_waveforms(scenario, [voxel], device=device)
         fit = fitted_pulse(scenario.scanner.lidar, waveforms, 0)

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from scanner_sim.errors import printable
+from scanner_sim.foundation.errors import printable
 
 
 def print_table(rows: Mapping[str, str]) -> None:

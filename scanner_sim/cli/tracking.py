@@ -10,22 +10,22 @@ import numpy as np
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.tables import print_rows, print_table
-from scanner_sim.closed_loop.poses import poses_of, rims_of
 from scanner_sim.config import scenario_from_text
-from scanner_sim.errors import InputError
-from scanner_sim.memory import patterns
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.closed_loop.poses import poses_of, rims_of
+from scanner_sim.instrument.memory import patterns
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.products.exchange import write_file, write_files
+from scanner_sim.products.files.exchange import write_file, write_files
+from scanner_sim.products.files.track_folder import pictures_of, write_track
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pose import read_poses
 from scanner_sim.products.track import POSES, RELATIVE_POSES, read_track
-from scanner_sim.products.track_folder import pictures_of, write_track
 from scanner_sim.products.track_summary import errors_of
 from scanner_sim.render.device import DeviceChoice
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.scenario import Scenario
-from scanner_sim.scene.lighting import Lighting
+from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 
 _BACKDROP = 320
@@ -42,7 +42,7 @@ def run_tracking(
     ScannerSimError
         If the scene, the folder or the device cannot be used, or the disk fails.
     """
-    from scanner_sim.closed_loop.track import track
+    from scanner_sim.instrument.closed_loop.track import track
 
     expected, done = patterns(scenario), 0
 
@@ -105,7 +105,7 @@ def show_pattern(result: Path, number: int, output: Path | None, *, overwrite: b
     InputError
         If there is no run or no such visit, its voxels were not kept, or the folder cannot be written to.
     """
-    from scanner_sim.products.pattern_picture import draw_pattern
+    from scanner_sim.products.pictures.pattern import draw_pattern
 
     made = read_track(result)
     record = next((record for record in made.records if record.number == number), None)
@@ -135,8 +135,8 @@ def show_pattern(result: Path, number: int, output: Path | None, *, overwrite: b
 
 def backdrop_of(track: Track, scenario: Scenario, device: DeviceChoice) -> RangeImage:
     """Return an image of the part of the field in which the targets were, at the run's last moment, in the dark."""
-    from scanner_sim.products.track_picture import field_of
-    from scanner_sim.simulate import simulate
+    from scanner_sim.instrument.simulate import simulate
+    from scanner_sim.products.pictures.track import field_of
 
     limit = scenario.scanner.mirrors.max_deflection
     left, right, upper, lower = (min(max(end, -limit), limit) for end in field_of(track))

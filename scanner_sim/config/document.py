@@ -14,7 +14,7 @@ from typing import Any
 
 import yaml
 
-from scanner_sim.errors import Fault
+from scanner_sim.foundation.errors import Fault
 
 Place = tuple[str | int, ...]
 """Way from the top of a document to a value: keys and indices."""

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from scanner_sim.config.scenario import Scenario
 from scanner_sim.optics.filter import filter_doubts
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.scenario import Scenario
-from scanner_sim.scene.lighting import lighting_doubts
+from scanner_sim.scene.light.lighting import lighting_doubts
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.motion import ConstantTwist
 from scanner_sim.scene.objects import MitsubaFile, Retroreflector, TargetArray

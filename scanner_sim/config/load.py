@@ -12,9 +12,9 @@ from pydantic import ValidationError
 
 from scanner_sim.config.document import LONGEST_NUMBER, Document, Place, read_document, spell
 from scanner_sim.config.faults import choice, found_by, shown
-from scanner_sim.errors import Fault, InputError, ScenarioError
-from scanner_sim.scenario import Scenario
-from scanner_sim.units import FROM_FILE
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
+from scanner_sim.foundation.units import FROM_FILE
 
 LARGEST_FILE = 1_000_000
 """Bytes of a scenario file: thousands of objects need half of it, and reading it takes some twenty seconds."""

@@ -11,9 +11,9 @@ import yaml
 from pydantic import Tag
 from pydantic.fields import FieldInfo
 
-from scanner_sim.parts import Part
-from scanner_sim.scenario import Scenario
-from scanner_sim.units import Dimension
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.parts import Part
+from scanner_sim.foundation.units import Dimension
 
 EACH = "*"
 """Stands for any index of a list."""

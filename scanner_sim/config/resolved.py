@@ -7,7 +7,7 @@ from typing import Any
 import yaml
 
 from scanner_sim.config.document import core_schema
-from scanner_sim.scenario import Scenario
+from scanner_sim.config.scenario import Scenario
 
 HEADING = "# Scanner Sim scenario, schema 1, resolved: every value is written out.\n"
 

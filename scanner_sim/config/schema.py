@@ -6,7 +6,7 @@ import re
 from typing import Any
 
 from scanner_sim.config.outline import EACH, outline
-from scanner_sim.scenario import Scenario
+from scanner_sim.config.scenario import Scenario
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 

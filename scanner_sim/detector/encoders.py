@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.streams import Stream, generator
 
 Array = NDArray[np.float64]
 

@@ -13,7 +13,7 @@ import drjit as dr
 import numpy as np
 from scipy.special import erf
 
-from scanner_sim.arithmetic import exp
+from scanner_sim.foundation.arithmetic import exp
 from scanner_sim.optics.speckle import Optics
 
 _SHORT = 0.1

@@ -17,7 +17,7 @@ from typing import Any, Protocol
 import drjit as dr
 import drjit.auto.ad as auto
 
-from scanner_sim.streams import Stream, generator
+from scanner_sim.foundation.streams import Stream, generator
 
 FINE = 0.75
 """Pitch of the lattice of the energy and the place, in 1/e² radii of the beam."""
@@ -26,7 +26,7 @@ COARSE = math.pi / (2.0 * math.sqrt(2.0))
 
 
 class Places(Protocol):
-    """Places of m beams on their surfaces: see :class:`~scanner_sim.render.surface_places.SurfacePlaces`."""
+    """Places of m beams on their surfaces: see :class:`~scanner_sim.render.beam.surface_places.SurfacePlaces`."""
 
     point: Any
     along: Any

@@ -2,7 +2,7 @@
 
 The first mirror turns the beam by Θ in a plane; the second turns that plane, with laser *and* receiver in it,
 by φ about the line x ∥, z = D_g. Laser and receiver are virtual points that move with φ. See
-:mod:`scanner_sim.frames` for the axes. The equations are those of Blais, Beraldin, El-Hakim (2000), section
+:mod:`scanner_sim.foundation.frames` for the axes. The equations are those of Blais, Beraldin, El-Hakim (2000), section
 2.2, and hold exactly in this model; the mirrors are infinitely thin and of unlimited size.
 """
 
@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from scanner_sim.parts import Part
-from scanner_sim.units import (
+from scanner_sim.foundation.parts import Part
+from scanner_sim.foundation.units import (
     Angle,
     AnglePerKelvin,
     Length,

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Discriminator, Field, Tag
 
-from scanner_sim.errors import Fault
+from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.parts import Count, Number, Part
+from scanner_sim.foundation.units import Length, Ratio
 from scanner_sim.optics.laser import Laser
-from scanner_sim.parts import Count, Number, Part
-from scanner_sim.scene.lighting import Sun
-from scanner_sim.scene.sun import solar_irradiance
-from scanner_sim.units import Length, Ratio
+from scanner_sim.scene.light.lighting import Sun
+from scanner_sim.scene.light.sun import solar_irradiance
 
 Floats = NDArray[np.float64]
 

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from scanner_sim.parts import Part
-from scanner_sim.units import Angle, Dimension, Frequency, Ratio, Time
+from scanner_sim.foundation.parts import Part
+from scanner_sim.foundation.units import Angle, Dimension, Frequency, Ratio, Time
 
 Array = NDArray[np.float64]
 

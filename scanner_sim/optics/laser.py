@@ -6,8 +6,8 @@ import math
 
 from pydantic import Field
 
-from scanner_sim.parts import Number, Part, Switch
-from scanner_sim.units import Length, Power
+from scanner_sim.foundation.parts import Number, Part, Switch
+from scanner_sim.foundation.units import Length, Power
 
 
 class Laser(Part):

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
-from scanner_sim.constants import SPEED_OF_LIGHT
-from scanner_sim.errors import Fault, InputError
-from scanner_sim.parts import InputFile, Part
-from scanner_sim.scene.named_files import read_text_file
-from scanner_sim.units import Energy, Frequency, Power, Time
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.errors import Fault, InputError
+from scanner_sim.foundation.named_files import read_text_file
+from scanner_sim.foundation.parts import InputFile, Part
+from scanner_sim.foundation.units import Energy, Frequency, Power, Time
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ from collections.abc import Iterator
 
 from pydantic import Field
 
-from scanner_sim.errors import Fault
-from scanner_sim.parts import Part
-from scanner_sim.units import Length, Ratio
+from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.parts import Part
+from scanner_sim.foundation.units import Length, Ratio
 
 
 class Receiver(Part):

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.arithmetic import applied, product, pseudo_inverse, solve_linear
+from scanner_sim.foundation.arithmetic import applied, product, pseudo_inverse, solve_linear
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.sightings import Flags, Prior, several, some
 from scanner_sim.pose.transforms import cayley, cross_matrix, vector_from_rotation

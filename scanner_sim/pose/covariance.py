@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.arithmetic import applied, eigen, product
+from scanner_sim.foundation.arithmetic import applied, eigen, product
 from scanner_sim.pose.transforms import cross_matrix
 
 Array = NDArray[np.float64]

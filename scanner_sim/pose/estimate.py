@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.pose.inputs import PosePrior, Values, sightings_from
 from scanner_sim.pose.result import PoseEstimate, empty_result, fill_result, joined_results
 from scanner_sim.pose.robust import agreeing

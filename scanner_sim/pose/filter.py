@@ -22,8 +22,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.arithmetic import applied, cholesky, exp, product, solve_linear
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.arithmetic import applied, cholesky, exp, product, solve_linear
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.estimate import estimate_pose

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.arithmetic import cholesky, inverse, product
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.arithmetic import cholesky, inverse, product
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.pose.sightings import Prior, Sightings
 
 Array = NDArray[np.float64]

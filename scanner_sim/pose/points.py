@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.arithmetic import eigen
+from scanner_sim.foundation.arithmetic import eigen
 from scanner_sim.pose.sightings import Flags
 from scanner_sim.pose.transforms import rotation_from_quaternion
 

@@ -15,7 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.arithmetic import quartic_roots, tan
+from scanner_sim.foundation.arithmetic import quartic_roots, tan
 from scanner_sim.pose.collinearity import bearings, virtual_origin
 from scanner_sim.pose.sightings import Flags, Sightings, shared
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from scanner_sim.arithmetic import inverse, solve_linear
+from scanner_sim.foundation.arithmetic import inverse, solve_linear
 from scanner_sim.pose.adjustment import (
     COARSE,
     Problem,

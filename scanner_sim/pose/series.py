@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.arithmetic import inverse, product, pseudo_inverse
+from scanner_sim.foundation.arithmetic import inverse, product, pseudo_inverse
 from scanner_sim.pose.carried import Carried
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.covariance import relative_pose

@@ -7,8 +7,8 @@ from typing import Literal
 
 from pydantic import Field
 
-from scanner_sim.errors import Fault
-from scanner_sim.parts import Part
+from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.parts import Part
 
 
 class PoseSettings(Part):

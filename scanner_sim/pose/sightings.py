@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.arithmetic import eigen
+from scanner_sim.foundation.arithmetic import eigen
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, chdtri
 
-from scanner_sim.arithmetic import inverse as invert
+from scanner_sim.foundation.arithmetic import inverse as invert
 from scanner_sim.pose.adjustment import (
     FINE,
     Fit,

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from scanner_sim.arithmetic import arcsin, arctan2, product
+from scanner_sim.foundation.arithmetic import arcsin, arctan2, product
 
 Array = NDArray[np.float64]
 

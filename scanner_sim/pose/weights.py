@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.arithmetic import inverse
+from scanner_sim.foundation.arithmetic import inverse
 from scanner_sim.pose.adjustment import Problem
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.sightings import Sightings

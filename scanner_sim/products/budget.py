@@ -4,31 +4,14 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.products.folder import Kind, write_folder, write_text
 from scanner_sim.products.provenance import versions
-from scanner_sim.products.tables import records_csv
-
-BUDGET = Kind(
-    "budget.json",
-    (
-        "budget.json",
-        "budget.csv",
-        "budget.png",
-        "budget_tof.png",
-        "curves.png",
-        "dominance.png",
-        "scenario.yaml",
-    ),
-)
-"""The folder of an error budget."""
 
 Mode = Literal["triangulation", "tof", "fused"]
 """Ways of ranging."""
@@ -143,44 +126,3 @@ def budget_json(
         "versions": dict(versions()),
     }
     return json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def write_budget(
-    rows: Sequence[BudgetRow],
-    folder: str | Path,
-    *,
-    reflectance: float,
-    scenario_yaml: str,
-    light: str = "dark",
-    sweep: float = math.nan,
-    at_rest: float = math.nan,
-    dominance: Dominance | None = None,
-    overwrite: bool = False,
-) -> tuple[Path, ...]:
-    """Write JSON, CSV, pictures and scenario, as :func:`scanner_sim.products.folder.write_folder` does.
-
-    ``light`` says in a word or two what shines on the target, ``sweep`` by which angle [rad] the beam turns during a
-    dwell, ``at_rest`` from which range [m] time of flight were the more precise if it did not. With time of flight its
-    sources have a picture of their own, and ``curves.png`` shows both ways and their fusion.
-
-    Raises
-    ------
-    InputError, RunError
-        As there.
-    """
-    from scanner_sim.products.budget_picture import draw_budget, draw_curves, draw_dominance
-
-    writers: dict[str, Callable[[Path], None]] = {
-        "budget.json": lambda path: write_text(
-            path, budget_json(rows, reflectance, dominance, sweep, at_rest)
-        ),
-        "budget.csv": lambda path: write_text(path, records_csv(rows)),
-        "budget.png": lambda path: draw_budget(rows, reflectance, path, light=light),
-        "scenario.yaml": lambda path: write_text(path, scenario_yaml),
-    }
-    if any(row.mode == "tof" for row in rows):
-        writers["budget_tof.png"] = lambda path: draw_budget(rows, reflectance, path, mode="tof", light=light)
-        writers["curves.png"] = lambda path: draw_curves(rows, reflectance, path, light=light)
-    if dominance is not None:
-        writers["dominance.png"] = lambda path: draw_dominance(dominance, path)
-    return write_folder(folder, BUDGET, writers, overwrite=overwrite)

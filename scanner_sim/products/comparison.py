@@ -4,18 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import TypeAdapter
-
-from scanner_sim.products.folder import Kind, write_folder, write_text
-
-RESULT = "compare.json"
-COMPARISON = Kind(RESULT, (RESULT, "compare.html", "compare.png", "scenario.yaml"))
-"""The folder of a comparison."""
 
 CONFIDENCE = 0.95
 """Confidence of the intervals; verdicts have a level of their own."""
@@ -180,28 +172,6 @@ def comparison_from_json(text: str) -> Comparison:
         if check.error < 0.0 or not check.freedom > 0.0 or max(map(abs, _told(check))) > _BEYOND:
             raise ValueError(f"{check.case} has numbers that no comparison has")
     return read
-
-
-def write_comparison(
-    comparison: Comparison, folder: str | Path, *, scenario_yaml: str, overwrite: bool = False
-) -> tuple[Path, ...]:
-    """Write JSON, page, picture and scenario, as :func:`scanner_sim.products.folder.write_folder` does.
-
-    Raises
-    ------
-    InputError, RunError
-        As there.
-    """
-    from scanner_sim.products.comparison_page import comparison_page
-    from scanner_sim.products.comparison_picture import draw_comparison
-
-    writers: dict[str, Callable[[Path], None]] = {
-        RESULT: lambda path: write_text(path, comparison_json(comparison)),
-        "compare.html": lambda path: write_text(path, comparison_page(comparison, scenario_yaml)),
-        "compare.png": lambda path: draw_comparison(comparison, path),
-        "scenario.yaml": lambda path: write_text(path, scenario_yaml),
-    }
-    return write_folder(folder, COMPARISON, writers, overwrite=overwrite)
 
 
 def _plain(value: Any) -> Any:

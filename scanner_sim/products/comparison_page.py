@@ -5,9 +5,9 @@ from __future__ import annotations
 import html
 import math
 
-from scanner_sim.errors import printable
+from scanner_sim.foundation.errors import printable
 from scanner_sim.products.comparison import CONFIDENCE, Check, Comparison, Finding
-from scanner_sim.products.comparison_picture import finding_picture
+from scanner_sim.products.pictures.comparison import finding_picture
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #22262b; margin: 2.5rem auto; max-width: 68rem; padding: 0 1.2rem; }

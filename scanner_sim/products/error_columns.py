@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.products.tables import Columns
+from scanner_sim.products.files.tables import Columns
 from scanner_sim.tracking.errors import ErrorParts
 
 Array = NDArray[np.float64]

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.status import Status
 from scanner_sim.products.provenance import in_order, versions
-from scanner_sim.status import Status
 
 if TYPE_CHECKING:
     import xarray

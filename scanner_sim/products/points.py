@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from scanner_sim.errors import printable
+from scanner_sim.foundation.errors import printable
 from scanner_sim.products.image import RangeImage
 
 _FROM_CHANNEL = (

@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus, legend
 from scanner_sim.pose.transforms import quaternion_from_rotation, rotation_from_quaternion
 from scanner_sim.pose.weights import Method
-from scanner_sim.products.tables import Columns, Kind, checked, read_parquet, stated, texts
+from scanner_sim.products.files.tables import Columns, Kind, checked, read_parquet, stated, texts
 
 Array = NDArray[np.float64]
 

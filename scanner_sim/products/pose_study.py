@@ -4,29 +4,10 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Literal
 
-from scanner_sim.products.folder import Kind, write_folder, write_text
 from scanner_sim.products.provenance import versions
-from scanner_sim.products.tables import records_csv
-
-POSE_STUDY = Kind(
-    "pose_study.json",
-    (
-        "pose_study.json",
-        "pose_study.csv",
-        "exponents.csv",
-        "gains.csv",
-        "targets.csv",
-        "figure_15.png",
-        "arrays.png",
-        "scenario.yaml",
-    ),
-)
-"""The folder of a pose study."""
 
 COMPONENTS = ("t_x", "t_y", "t_z", "omega_x", "omega_y", "omega_z")
 """Components of a pose: shifts [m] and turns [rad] along the scanner's axes."""
@@ -201,28 +182,3 @@ def study_json(study: PoseStudy) -> str:
     }
     result = {"base": study.base, "base_size_m": study.base_size, **tables, "versions": dict(versions())}
     return json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def write_pose_study(
-    study: PoseStudy, folder: str | Path, *, scenario_yaml: str, overwrite: bool = False
-) -> tuple[Path, ...]:
-    """Write tables, pictures and scenario, as :func:`scanner_sim.products.folder.write_folder` does.
-
-    Raises
-    ------
-    InputError, RunError
-        As there.
-    """
-    from scanner_sim.products.pose_study_picture import draw_arrays, draw_figure_15
-
-    writers: dict[str, Callable[[Path], None]] = {
-        "pose_study.json": lambda path: write_text(path, study_json(study)),
-        "pose_study.csv": lambda path: write_text(path, records_csv(study.rows)),
-        "exponents.csv": lambda path: write_text(path, records_csv(study.exponents)),
-        "gains.csv": lambda path: write_text(path, records_csv(study.gains)),
-        "targets.csv": lambda path: write_text(path, records_csv(study.targets)),
-        "figure_15.png": lambda path: draw_figure_15(study, path),
-        "arrays.png": lambda path: draw_arrays(study, path),
-        "scenario.yaml": lambda path: write_text(path, scenario_yaml),
-    }
-    return write_folder(folder, POSE_STUDY, writers, overwrite=overwrite)

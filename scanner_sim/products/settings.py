@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from scanner_sim.parts import Count, Part, Switch
+from scanner_sim.foundation.parts import Count, Part, Switch
 
 WaveformChoice = Annotated[
     Annotated[Literal["none", "all"], Tag("(word)")]

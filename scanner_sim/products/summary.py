@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.status import Status
 from scanner_sim.products.image import CHANNEL, RangeImage
-from scanner_sim.status import Status
 
 _BEYOND = (3, 5, 6)
 """Standard deviations beyond which errors are counted."""

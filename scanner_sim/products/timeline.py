@@ -7,20 +7,15 @@ import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.products.folder import Kind, write_folder, write_text
+from scanner_sim.products.files.tables import six_digits
 from scanner_sim.products.provenance import versions
-from scanner_sim.products.tables import six_digits
 
 Floats = NDArray[np.float64]
-
-ORBIT = Kind("orbit.json", ("orbit.json", "orbit.csv", "orbit.png", "scenario.yaml"))
-"""The folder of an orbit."""
 
 
 @dataclass(frozen=True)
@@ -119,25 +114,6 @@ class Timeline:
     def shares(self, track: Track) -> Floats:
         """Return the share of time of a target in each condition, shape (number of conditions,)."""
         return np.asarray(np.bincount(track.condition, minlength=len(self.labels)) / track.condition.size)
-
-
-def write_orbit(timeline: Timeline, folder: str | Path, *, overwrite: bool = False) -> tuple[Path, ...]:
-    """Write JSON, CSV, picture and scenario of an orbit, as :func:`scanner_sim.products.folder.write_folder` does.
-
-    Raises
-    ------
-    InputError, RunError
-        As there.
-    """
-    from scanner_sim.products.timeline_picture import draw_timeline
-
-    writers = {
-        "orbit.json": lambda path: write_text(path, orbit_json(timeline)),
-        "orbit.csv": lambda path: write_text(path, orbit_csv(timeline)),
-        "orbit.png": lambda path: draw_timeline(timeline, path),
-        "scenario.yaml": lambda path: write_text(path, timeline.scenario_yaml),
-    }
-    return write_folder(folder, ORBIT, writers, overwrite=overwrite)
 
 
 def orbit_csv(timeline: Timeline) -> str:

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
 from scanner_sim.products.error_columns import ERRORS, error_columns, errors_from
-from scanner_sim.products.exchange import recover
-from scanner_sim.products.folder import Kind
+from scanner_sim.products.files.exchange import recover
+from scanner_sim.products.files.folder import Kind
+from scanner_sim.products.files.tables import MOST, Columns, checked, read_parquet, stated, texts
+from scanner_sim.products.files.tables import Kind as ColumnKind
 from scanner_sim.products.settings import Output
-from scanner_sim.products.tables import MOST, Columns, checked, read_parquet, stated, texts
-from scanner_sim.products.tables import Kind as ColumnKind
-from scanner_sim.status import Status
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import TargetLooks
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
@@ -215,7 +215,7 @@ def read_track(folder: str | Path) -> Track:
     Parameters
     ----------
     folder
-        Where :func:`scanner_sim.products.track_folder.write_track` wrote it.
+        Where :func:`scanner_sim.products.files.track_folder.write_track` wrote it.
 
     Returns
     -------

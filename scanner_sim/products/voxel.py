@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.status import Status
+from scanner_sim.foundation.status import Status
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.named_files import open_ordinary
+from scanner_sim.foundation.status import Status, legend
 from scanner_sim.products.provenance import software, versions
-from scanner_sim.scene.named_files import open_ordinary
-from scanner_sim.status import Status, legend
 
 if TYPE_CHECKING:
     import xarray
@@ -53,7 +53,7 @@ class WaveformSet:
     delay, sigma
         Delay of the echo and its standard deviation without the clock's [s], shape (n,); NaN without one.
     echoes, status
-        Number of echoes, and codes of :class:`scanner_sim.status.Status`, shape (n,).
+        Number of echoes, and codes of :class:`scanner_sim.foundation.status.Status`, shape (n,).
     """
 
     row: NDArray[np.int32]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.arithmetic import arctan2
+from scanner_sim.foundation.arithmetic import arctan2
 
 Array = NDArray[np.float64]
 

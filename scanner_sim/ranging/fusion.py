@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.stats import norm
 
-from scanner_sim.arithmetic import tan
+from scanner_sim.foundation.arithmetic import tan
+from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_with_points, refused
-from scanner_sim.status import Status
 
 Array = NDArray[np.float64]
 

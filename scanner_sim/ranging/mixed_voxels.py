@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.neighbours import beside
 from scanner_sim.ranging.shared_noise import SharedNoise
 from scanner_sim.ranging.uneven import REACH, Raster, around
-from scanner_sim.status import Status
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

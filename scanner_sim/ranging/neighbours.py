@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.status import Status
+from scanner_sim.foundation.status import Status
 
 _LEAST = 3
 """Neighbours with a range that it takes to call a voxel isolated: fewer may all be another surface's."""

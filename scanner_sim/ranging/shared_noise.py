@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.arithmetic import exp
+from scanner_sim.foundation.arithmetic import exp
 from scanner_sim.ranging.neighbours import beside
 
 Array = NDArray[np.float64]

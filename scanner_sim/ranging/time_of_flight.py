@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.constants import SPEED_OF_LIGHT
-from scanner_sim.status import Status
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.status import Status
 
 Array = NDArray[np.float64]
 

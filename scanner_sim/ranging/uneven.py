@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from scanner_sim.arithmetic import exp, log
+from scanner_sim.foundation.arithmetic import exp, log
 from scanner_sim.ranging.neighbours import beside
 from scanner_sim.ranging.shared_noise import SharedNoise, Stencil
 

@@ -18,9 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import fftconvolve
 
 from scanner_sim.render.camera_settings import LEAST_FIELD, Camera
-from scanner_sim.render.sky_emitter import register_orbit_sky
-from scanner_sim.scene.loader import LoadedScene
-from scanner_sim.scene.plugins import built
+from scanner_sim.render.plugins.sky_emitter import register_orbit_sky
+from scanner_sim.scene.files.loader import LoadedScene
+from scanner_sim.scene.files.plugins import built
 
 _PATHS_AT_ONCE = 2**20
 _GLARE_WIDTH = 2.0
@@ -66,7 +66,7 @@ def photograph(
     horizontal, vertical
         First and last Θ and φ of the field of view [rad].
     sun_direction, sun_angular_radius, earth_direction, earth_altitude, earth_radius
-        As in :func:`scanner_sim.render.sky.sky_light`. Without a Sun all is black.
+        As in :func:`scanner_sim.render.background.sky.sky_light`. Without a Sun all is black.
     seed
         Seed of the paths. The same seed gives the same picture on any number of threads.
 

@@ -6,8 +6,8 @@ import math
 
 from pydantic import Field
 
-from scanner_sim.parts import Count, Number, Part
-from scanner_sim.units import Ratio
+from scanner_sim.foundation.parts import Count, Number, Part
+from scanner_sim.foundation.units import Ratio
 
 LEAST_FIELD = math.radians(1.0)
 """Field of view of a scan that is a single line or point."""

@@ -24,7 +24,7 @@ from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, PositiveInt
 
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 
 OLDEST_LLVM = 19
 """The oldest major version known to work. 15 and 16 abort; 17 and 18, which Debian does not offer, are untried."""
@@ -148,7 +148,7 @@ def activate(device: DeviceChoice = "auto", threads: int | None = None) -> Devic
     if mi.variant() != variant:
         mi.set_variant(variant)
     # Here, because scenes are loaded in a room that may not import this one, and name the plugin.
-    from scanner_sim.render.retroreflector import register_retroreflector
+    from scanner_sim.render.plugins.retroreflector import register_retroreflector
 
     register_retroreflector()
     dr.set_backend("llvm" if gpu is None else "cuda")  # what ``drjit.auto`` stands for

@@ -17,16 +17,16 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.render.background import Panorama, render_panorama
-from scanner_sim.render.echoes import Echoes
-from scanner_sim.render.paths import Albedo
+from scanner_sim.render.background.panorama import Panorama, render_panorama
+from scanner_sim.render.background.paths import Albedo
+from scanner_sim.render.background.sky import SkyLight
+from scanner_sim.render.background.view import View
+from scanner_sim.render.beam.echo_clusters import Echoes
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.sky import SkyLight
 from scanner_sim.render.transport import Bench
-from scanner_sim.render.view import View
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.scene.loader import LoadedScene
+from scanner_sim.scene.files.loader import LoadedScene
 
 _BINS = 8
 """Bins of the panorama across the field, at most a pixel of the line each, and places that are averaged."""

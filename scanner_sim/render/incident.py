@@ -17,11 +17,11 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.render.background import Panorama
-from scanner_sim.render.light import Light
+from scanner_sim.render.background.panorama import Panorama
+from scanner_sim.render.background.view import WINDOW
+from scanner_sim.render.beam.light import Light
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Bench
-from scanner_sim.render.view import WINDOW
 
 
 class Throughput:

@@ -16,7 +16,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
-from scanner_sim.scene.loader import LoadedScene, Pose
+from scanner_sim.scene.files.loader import LoadedScene, Pose
 
 _BESIDE = 2.0**-19
 """How far beside a surface a ray starts that leaves it, over its place's largest coordinate and 1 m: 16 roundings."""

@@ -6,7 +6,7 @@ from typing import Literal
 
 from pydantic import Field
 
-from scanner_sim.parts import Count, Part
+from scanner_sim.foundation.parts import Count, Part
 
 _MOST_FINER = 64
 """Largest factor of the background's samples where rows are sparse."""

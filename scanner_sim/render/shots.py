@@ -16,11 +16,11 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.render.rays import some_poses
 from scanner_sim.scan.raster import Aim
-from scanner_sim.scene.loader import Pose
-from scanner_sim.streams import Stream, generator
+from scanner_sim.scene.files.loader import Pose
 
 Array = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ def true_shots(
         Share of the dwell in which the laser shines; it is centred on the aim's time.
     poses
         Of the moving objects at the aim's times, from
-        :meth:`~scanner_sim.scene.loader.LoadedScene.poses_at`.
+        :meth:`~scanner_sim.scene.files.loader.LoadedScene.poses_at`.
 
     Returns
     -------

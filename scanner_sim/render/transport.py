@@ -1,6 +1,6 @@
 """The laser's light, from its beam over the scene into the pixels' plane.
 
-Each shot's beam is a sum of Gaussian beamlets (:mod:`scanner_sim.render.beamlets`). A beamlet follows a straight
+Each shot's beam is a sum of Gaussian beamlets (:mod:`scanner_sim.render.beam.beamlets`). A beamlet follows a straight
 line of the beam's ruled hyperboloid, so that the radius w(z) is exact at every distance; where it meets a
 surface, the surface's tangent plane and the lens map its Gaussian onto the sensor; the pixels' height cuts it.
 What arrives is a list of *spots*: power, position and width on the line, without random numbers.
@@ -23,10 +23,10 @@ import numpy as np
 from scanner_sim.optics.deflection import Frame, deflected_frame
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
-from scanner_sim.render.beamlets import Beamlets
+from scanner_sim.render.beam.beamlets import Beamlets
 from scanner_sim.render.rays import intersect, occluded, posed
 from scanner_sim.render.shots import Shots
-from scanner_sim.scene.loader import LoadedScene
+from scanner_sim.scene.files.loader import LoadedScene
 
 _GRAZING = 0.02
 """Least cosine of incidence for the beamlet's footprint; nearer to grazing it stays at this size."""
@@ -82,7 +82,7 @@ class BeamletTables:
     """Beamlets on the device, Dr.Jit arrays of shape (k,): for those that trace the same ones again and again.
 
     ``across`` and ``normal`` are the nodes, ``stop_across`` and ``stop_normal`` the points of the aperture; the rest is
-    as in :class:`~scanner_sim.render.beamlets.Beamlets`.
+    as in :class:`~scanner_sim.render.beam.beamlets.Beamlets`.
     """
 
     across: Any

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from scanner_sim.errors import Fault
-from scanner_sim.parts import Count, Number, Part, Switch
-from scanner_sim.units import Angle, Ratio
+from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.parts import Count, Number, Part, Switch
+from scanner_sim.foundation.units import Angle, Ratio
 
 Array = NDArray[np.float64]
 

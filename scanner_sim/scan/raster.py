@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from scanner_sim.errors import Fault
-from scanner_sim.parts import Count, Part
-from scanner_sim.units import Angle
+from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.parts import Count, Part
+from scanner_sim.foundation.units import Angle
 
 MOST_SHOTS = 2**26
 """Largest raster: its layers alone take 7 GB."""

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.parts import Count, Part
+from scanner_sim.foundation.units import Angle, Time
 from scanner_sim.optics.galvanometer import Galvanometers, MirrorState, at_rest, follow, latched
 from scanner_sim.optics.jump import (
     attainable_amplitude,
@@ -20,7 +22,6 @@ from scanner_sim.optics.jump import (
     jump_path,
     jump_time,
 )
-from scanner_sim.parts import Count, Part
 from scanner_sim.scan.lissajous import (
     LissajousPattern,
     figure_angles,
@@ -29,7 +30,6 @@ from scanner_sim.scan.lissajous import (
     frequencies,
     sample_shares,
 )
-from scanner_sim.units import Angle, Time
 
 Array = NDArray[np.float64]
 

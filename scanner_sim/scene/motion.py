@@ -22,11 +22,11 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation as Turning
 from scipy.spatial.transform import RotationSpline, Slerp
 
-from scanner_sim.errors import Fault, InputError
-from scanner_sim.parts import InputFile, Part
-from scanner_sim.scene.named_files import read_text_file
+from scanner_sim.foundation.errors import Fault, InputError
+from scanner_sim.foundation.named_files import read_text_file
+from scanner_sim.foundation.parts import InputFile, Part
+from scanner_sim.foundation.units import Dimension, Time
 from scanner_sim.scene.poses import FARTHEST, Position, Turns, placed
-from scanner_sim.units import Dimension, Time
 
 Array = NDArray[np.float64]
 

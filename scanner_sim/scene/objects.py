@@ -11,13 +11,13 @@ from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema
 from pydantic_core import PydanticCustomError
 from scipy.spatial.transform import Rotation as Turning
 
-from scanner_sim.errors import Fault, printable
-from scanner_sim.parts import Count, MeshFile, Part, XmlFile
+from scanner_sim.foundation.errors import Fault, printable
+from scanner_sim.foundation.parts import Count, MeshFile, Part, XmlFile
+from scanner_sim.foundation.units import Length, Ratio
 from scanner_sim.scene.materials import MATERIALS, UnknownMaterialError, material
 from scanner_sim.scene.motion import RigidMotion
 from scanner_sim.scene.poses import FARTHEST, Extent, Name, Position, Rotation, Turns, placed
 from scanner_sim.scene.retroreflectors import RetroLobe
-from scanner_sim.units import Length, Ratio
 
 
 class Surface(Part):

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
-from scanner_sim.errors import Fault
-from scanner_sim.frames import pose_matrix, rotation_about
-from scanner_sim.parts import Number, Part
-from scanner_sim.units import Angle, Length
+from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.frames import pose_matrix, rotation_about
+from scanner_sim.foundation.parts import Number, Part
+from scanner_sim.foundation.units import Angle, Length
 
 FARTHEST = 1e5
 """Largest coordinate [m]: beyond it float32 no longer resolves a centimetre."""

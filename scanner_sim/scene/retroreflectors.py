@@ -1,6 +1,6 @@
 """The lobe of a retro-reflector: sheets of glass beads and arrays of corner cubes, as numbers.
 
-What the numbers mean for light stands with the BSDF, :mod:`scanner_sim.render.retroreflector`.
+What the numbers mean for light stands with the BSDF, :mod:`scanner_sim.render.plugins.retroreflector`.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from typing import Literal
 
 from pydantic import Field
 
-from scanner_sim.errors import Fault
-from scanner_sim.parts import Number, Part
-from scanner_sim.units import Angle, Ratio
+from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.parts import Number, Part
+from scanner_sim.foundation.units import Angle, Ratio
 
 RetroKind = Literal["bead_sheet", "corner_cube"]
 

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import cKDTree
 
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 
 Vertices = npt.NDArray[np.float64]
 Faces = npt.NDArray[np.int32]

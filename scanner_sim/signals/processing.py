@@ -9,11 +9,11 @@ from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
 
-from scanner_sim.errors import Fault, InputError
-from scanner_sim.parts import InputFile, Number, Part, Switch
-from scanner_sim.signals.bias_table import read_bias
-from scanner_sim.signals.pulse_settings import PulseDetection
-from scanner_sim.units import Angle, Length
+from scanner_sim.foundation.errors import Fault, InputError
+from scanner_sim.foundation.parts import InputFile, Number, Part, Switch
+from scanner_sim.foundation.units import Angle, Length
+from scanner_sim.signals.line.bias_table import read_bias
+from scanner_sim.signals.waveform.settings import PulseDetection
 
 PeakMethod = Literal[
     "centre_of_mass",

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.arithmetic import inverse, product, solve_linear
+from scanner_sim.foundation.arithmetic import inverse, product, solve_linear
 from scanner_sim.tracking.response import Response
 from scanner_sim.tracking.samples import PatternSamples
 

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from scanner_sim.arithmetic import applied, exp, inverse, product, solve_linear
+from scanner_sim.foundation.arithmetic import applied, exp, inverse, product, solve_linear
 from scanner_sim.tracking.centroid import Centroid, centroid_of
 from scanner_sim.tracking.response import Response
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point

@@ -26,7 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.arithmetic import exp
+from scanner_sim.foundation.arithmetic import exp
 from scanner_sim.optics.deflection import wobble_correlation
 
 Array = NDArray[np.float64]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
 from scipy.stats import chi2
 
-from scanner_sim.arithmetic import solve_linear
+from scanner_sim.foundation.arithmetic import solve_linear
 
 Array = NDArray[np.float64]
 

@@ -13,8 +13,9 @@ those of an average one have in common
 with t_i the way from voxel to voxel, ρ = exp(−δ²/w²) of the light and (1 − 2δ_x²/w²) exp(−δ²/w²) of its place along the
 line (:mod:`scanner_sim.optics.speckle`). The white part is the rest.
 
-Not modelled, as in :mod:`scanner_sim.detector.speckle`: what overlapping dwells have in common beyond their middles. Of
-a beam that sweeps three of its radii in a dwell it would make nearly all of the speckle last, instead of half of it.
+Not modelled, as in :mod:`scanner_sim.detector.line.speckle`: what overlapping dwells have in common beyond their
+middles. Of a beam that sweeps three of its radii in a dwell it would make nearly all of the speckle last, instead of
+half of it.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.arithmetic import exp, inverse, product, solve_linear
+from scanner_sim.foundation.arithmetic import exp, inverse, product, solve_linear
 from scanner_sim.tracking.disc_fit import blurred_edge
 from scanner_sim.tracking.measurement import Measurement
 from scanner_sim.tracking.plane import TargetPlane, target_plane

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from scanner_sim.arithmetic import applied, cholesky, inverse, product, solve_linear
-from scanner_sim.parts import Part
+from scanner_sim.foundation.arithmetic import applied, cholesky, inverse, product, solve_linear
+from scanner_sim.foundation.parts import Part
+from scanner_sim.foundation.units import Length
 from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.plane import TargetPlane, target_plane
 from scanner_sim.tracking.response import Response, TargetKind, target_response
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
-from scanner_sim.units import Length
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]

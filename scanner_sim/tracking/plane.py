@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.arithmetic import inverse, product
+from scanner_sim.foundation.arithmetic import inverse, product
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.tracking.centroid import Centroid, centroid_of
 from scanner_sim.tracking.samples import PatternSamples

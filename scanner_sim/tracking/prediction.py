@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.arithmetic import applied, product, solve_linear
+from scanner_sim.foundation.arithmetic import applied, product, solve_linear
 
 Array = NDArray[np.float64]
 

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.status import Status
+from scanner_sim.foundation.status import Status
 from scanner_sim.tracking.samples import PatternSamples
 
 Array = NDArray[np.float64]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.status import Status
+from scanner_sim.foundation.status import Status
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ class PatternSamples:
     range, sigma_range
         Range and its standard deviation [m]; NaN where there is none.
     status
-        :class:`~scanner_sim.status.Status`, uint8.
+        :class:`~scanner_sim.foundation.status.Status`, uint8.
     """
 
     time: Array

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Discriminator, Field, Tag
 
-from scanner_sim.arithmetic import applied
-from scanner_sim.errors import Fault
-from scanner_sim.parts import Part, Switch
+from scanner_sim.foundation.arithmetic import applied
+from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.parts import Part, Switch
+from scanner_sim.foundation.units import Angle, Length, Time
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.schedule import Visiting
@@ -33,7 +34,6 @@ from scanner_sim.tracking.measurement import TargetLooks
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.state import TrackerSettings
-from scanner_sim.units import Angle, Length, Time
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 from scipy.special import gammainccinv
 
-from scanner_sim.parts import Count, Number, Part
+from scanner_sim.foundation.parts import Count, Number, Part
+from scanner_sim.foundation.units import Angle, Ratio
 from scanner_sim.tracking.identify import identify
 from scanner_sim.tracking.measurement import Measurement
 from scanner_sim.tracking.prediction import Motion, begun, predicted, surprise, updated
-from scanner_sim.units import Angle, Ratio
 
 Array = NDArray[np.float64]
 

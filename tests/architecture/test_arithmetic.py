@@ -53,7 +53,7 @@ def test_no_code_is_chosen_by_the_processor(room: str) -> None:
         for module in (PACKAGE / room).rglob("*.py")
         for use in chosen_by_processor(module.read_text(encoding="utf-8"))
     ]
-    assert not found, "scanner_sim/arithmetic.py has what does not depend on it"
+    assert not found, "scanner_sim/foundation/arithmetic.py has what does not depend on it"
 
 
 def test_the_rule_finds_what_it_forbids() -> None:

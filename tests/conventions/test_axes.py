@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from scanner_sim.frames import pose_matrix, rotation_about
+from scanner_sim.foundation.frames import pose_matrix, rotation_about
 from scanner_sim.optics.deflection import Frame, deflected_frame
 from scanner_sim.ranging.coordinates import coordinates
 

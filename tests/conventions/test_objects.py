@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scanner_sim.render.device import Device
-from scanner_sim.scene.loader import load_scene
+from scanner_sim.scene.files.loader import load_scene
 from scanner_sim.scene.objects import Rectangle, Scene, Surface
 from scanner_sim.scene.poses import Rotation
 from scanner_sim.scene.targets import target_positions

@@ -7,14 +7,14 @@ import drjit.auto.ad as auto
 import numpy as np
 
 from scanner_sim.analytic import spot
-from scanner_sim.detector.line import expose
-from scanner_sim.detector.noise import NoiseSwitches
-from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.detector.line.exposure import expose
+from scanner_sim.detector.line.noise import NoiseSwitches
+from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.optics.deflection import deflected_frame
 from scanner_sim.ranging import triangulation
 from scanner_sim.ranging.ranges import Geometry
 from scanner_sim.render.device import Device
-from scanner_sim.signals.peaks import find_peaks
+from scanner_sim.signals.line.peaks import find_peaks
 from scanner_sim.signals.processing import Processing
 
 F, D = 0.1, 0.2
@@ -77,8 +77,8 @@ def test_a_receiver_that_looks_further_right_sees_the_spot_nearer(device: Device
     """Positive synchronisation turns the lens's axis to the right of the spot, whose p grows by f e."""
     import mitsuba as mi
 
+    from scanner_sim.config.scanner import Scanner
     from scanner_sim.render.transport import Bench, out_of_step
-    from scanner_sim.scanner import Scanner
 
     scanner = Scanner()
     bench = Bench(scanner.laser, scanner.receiver, 0.05, 1.0, 50e-6, 250e-6, 0.0, 40e-6)

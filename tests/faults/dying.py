@@ -17,10 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
-from scanner_sim.products.exchange import check_files, write_files
-from scanner_sim.products.folder import check_target
+from scanner_sim.products.files.exchange import check_files, write_files
+from scanner_sim.products.files.folder import check_target
+from scanner_sim.products.files.run_folder import RESULT, RUN, write_run
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.run_folder import RESULT, RUN, write_run
 from scanner_sim.products.settings import Output
 
 TOUCHES = {"open", "os.rename", "os.remove", "os.mkdir", "os.rmdir"}

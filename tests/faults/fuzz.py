@@ -219,7 +219,7 @@ class Fuzzer:
 
 _SAVE = f"""
 import sys
-from scanner_sim.closed_loop.tracker import Tracker
+from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.config import load_scenario
 config = {str(REPOSITORY / "configs/track_still.yaml")!r}
 tracker = Tracker(load_scenario(config, ["scan.pattern.points=32"]), device="cpu")

@@ -28,15 +28,15 @@ KINDS = ("exr", "exr", "exr", "nc", "nc", "track", "track", "patterns", "pose", 
 
 def write_originals(folder: Path) -> None:
     """Make an image, waveforms, a tracking run with poses, and small files of the other kinds."""
-    from scanner_sim.closed_loop.poses import poses_of
-    from scanner_sim.closed_loop.track import finished_track
-    from scanner_sim.closed_loop.tracker import Tracker
     from scanner_sim.config import load_scenario
-    from scanner_sim.products.exr import write_exr
+    from scanner_sim.instrument.closed_loop.poses import poses_of
+    from scanner_sim.instrument.closed_loop.track import finished_track
+    from scanner_sim.instrument.closed_loop.tracker import Tracker
+    from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+    from scanner_sim.products.files.exr import write_exr
+    from scanner_sim.products.files.track_folder import write_track
     from scanner_sim.products.settings import Output
-    from scanner_sim.products.track_folder import write_track
     from scanner_sim.products.waveforms import write_waveforms
-    from scanner_sim.simulate import simulate, simulate_waveforms
 
     small = ["scan.rows=8", "scan.columns=6", "output.waveforms=none"]
     scenario = load_scenario(REPOSITORY / "configs/tof_both.yaml", small)
@@ -52,10 +52,10 @@ def write_originals(folder: Path) -> None:
 
 
 def _write_texts(folder: Path) -> None:
-    from scanner_sim.compare.judge import judged
-    from scanner_sim.compare.law import Measured, Predicted
     from scanner_sim.products.comparison import Comparison, Finding, comparison_json
-    from scanner_sim.signals.bias_table import BiasTable, write_bias
+    from scanner_sim.signals.line.bias_table import BiasTable, write_bias
+    from scanner_sim.validation.compare.judge import judged
+    from scanner_sim.validation.compare.law import Measured, Predicted
 
     cases = [
         ("one", Measured("mean", 1.01, 0.01, 9.0), Predicted("length", "m", 1.0, 0.001)),

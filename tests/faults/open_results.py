@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 from pathlib import Path
 
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 
 
 def open_result(path: Path, *, pictures: bool) -> None:
@@ -28,8 +28,8 @@ def open_result(path: Path, *, pictures: bool) -> None:
 
 def _image(path: Path, pictures: bool) -> None:
     from scanner_sim.cli.showing import show_result, show_voxel
-    from scanner_sim.products.exr import read_range_image
-    from scanner_sim.products.pictures import about
+    from scanner_sim.products.files.exr import read_range_image
+    from scanner_sim.products.pictures.image import about
 
     image = read_range_image(path)
     repr(image)
@@ -42,7 +42,7 @@ def _image(path: Path, pictures: bool) -> None:
 
 
 def _waveforms(path: Path, pictures: bool) -> None:
-    from scanner_sim.products.waveform_picture import draw_waveform
+    from scanner_sim.products.pictures.waveform import draw_waveform
     from scanner_sim.products.waveforms import read_waveforms
 
     waveforms = read_waveforms(path)
@@ -64,7 +64,7 @@ def _track(folder: Path, pictures: bool) -> None:
 
 
 def _comparison(path: Path) -> None:
-    from scanner_sim.compare.baseline import against, read_baseline
+    from scanner_sim.validation.compare.baseline import against, read_baseline
 
     found = read_baseline(path)
     against(found, found)
@@ -72,9 +72,9 @@ def _comparison(path: Path) -> None:
 
 
 def _reproduced(path: Path) -> None:
-    from scanner_sim.reproduce.page import page
-    from scanner_sim.reproduce.results import picture_of, read_result
-    from scanner_sim.reproduce.run import all_items
+    from scanner_sim.validation.reproduce.page import page
+    from scanner_sim.validation.reproduce.results import picture_of, read_result
+    from scanner_sim.validation.reproduce.run import all_items
 
     item = next(item for item in all_items() if item.key == "fig12")
     path.with_name(picture_of(item)).write_bytes(b"")
@@ -87,6 +87,6 @@ def _reproduced(path: Path) -> None:
 def _table(path: Path, name: str) -> None:
     from scanner_sim.optics.pulse import read_pulse
     from scanner_sim.scene.motion import read_poses
-    from scanner_sim.signals.bias_table import read_bias
+    from scanner_sim.signals.line.bias_table import read_bias
 
     {"bias.csv": read_bias, "pulse.csv": read_pulse, "motion.csv": read_poses}[name](path)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from scanner_sim.products.exr import read_range_image
+from scanner_sim.products.files.exr import read_range_image
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="a POSIX shell is needed")
 FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="the system has no /dev/full")

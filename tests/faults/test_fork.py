@@ -12,9 +12,9 @@ FORKS = """
 import os, signal, sys, warnings
 from pathlib import Path
 import numpy as np
-from scanner_sim.products.exr import read_range_image, write_exr
+from scanner_sim.products.files.exr import read_range_image, write_exr
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.tables import write_parquet
+from scanner_sim.products.files.tables import write_parquet
 folder = Path(sys.argv[1])
 values = np.random.default_rng(0).normal(size=(256, 256)).astype(np.float32)
 names = ("range_m", "P.X", "P.Y", "P.Z", "Y", "truth.range_m")

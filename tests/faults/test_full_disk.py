@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from scanner_sim.errors import RunError
+from scanner_sim.foundation.errors import RunError
+from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.run_folder import write_run
 from scanner_sim.products.settings import Output
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="neither tmpfs nor ulimit")

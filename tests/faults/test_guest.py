@@ -49,7 +49,7 @@ first = simulate(scenario, device="cpu", threads=2)
 compare(before, "simulate")
 second = simulate(scenario, device="cpu")
 assert first["range_m"].tobytes() == second["range_m"].tobytes()
-from scanner_sim.products.run_folder import write_run
+from scanner_sim.products.files.run_folder import write_run
 write_run(first, sys.argv[3])
 compare(before, "write_run")
 tracker = Tracker(load_scenario(sys.argv[2]), device="cpu", threads=2)

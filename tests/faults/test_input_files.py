@@ -15,13 +15,10 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from scanner_sim import memory
 from scanner_sim.cli import app
-from scanner_sim.closed_loop.saved_state import first_state, load_state, save_state
-from scanner_sim.closed_loop.track import track
-from scanner_sim.compare.setting import FlatTarget
 from scanner_sim.config import load_scenario, resolved_yaml
-from scanner_sim.errors import (
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import (
     LONGEST_LINE,
     LONGEST_MESSAGE,
     Fault,
@@ -30,11 +27,14 @@ from scanner_sim.errors import (
     ScenarioError,
     printable,
 )
-from scanner_sim.products.folder import check_target
-from scanner_sim.products.run_folder import RUN
+from scanner_sim.instrument import memory
+from scanner_sim.instrument.closed_loop.saved_state import first_state, load_state, save_state
+from scanner_sim.instrument.closed_loop.track import track
+from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+from scanner_sim.products.files.folder import check_target
+from scanner_sim.products.files.run_folder import RUN
 from scanner_sim.products.track import read_track
-from scanner_sim.scenario import Scenario
-from scanner_sim.simulate import simulate, simulate_waveforms
+from scanner_sim.validation.compare.setting import FlatTarget
 
 TRACK: dict[str, Any] = {
     "schema": 1,

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scanner_sim.errors import InputError
-from scanner_sim.scene.mesh_files import read_mesh
-from scanner_sim.scene.ply_files import ply_triangles
-from scanner_sim.scene.triangles import Triangles, canonical_ply
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.scene.files.mesh_files import read_mesh
+from scanner_sim.scene.files.ply_files import ply_triangles
+from scanner_sim.scene.files.triangles import Triangles, canonical_ply
 
 HEADER = """\
 ply

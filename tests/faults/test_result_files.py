@@ -12,14 +12,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scanner_sim.closed_loop.tracker import Tracker
 from scanner_sim.config import load_scenario
-from scanner_sim.errors import Fault, InputError, ScenarioError
-from scanner_sim.products.exr import read_range_image, write_exr
+from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
+from scanner_sim.instrument.closed_loop.tracker import Tracker
+from scanner_sim.products.files.exr import read_range_image, write_exr
+from scanner_sim.products.files.tables import checked, read_parquet, write_parquet
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.pattern_picture import _ellipse
-from scanner_sim.products.pictures import about
-from scanner_sim.products.tables import checked, read_parquet, write_parquet
+from scanner_sim.products.pictures.image import about
+from scanner_sim.products.pictures.pattern import _ellipse
 from scanner_sim.products.waveforms import read_waveforms
 from scanner_sim.tracking.record import TrackStatus
 
@@ -84,7 +84,7 @@ def test_a_heading_reads_no_yaml() -> None:
 
 def test_a_table_of_more_cells_than_memory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A column of one number takes next to nothing on the disk."""
-    monkeypatch.setattr("scanner_sim.products.tables.MOST_CELLS", 1000)
+    monkeypatch.setattr("scanner_sim.products.files.tables.MOST_CELLS", 1000)
     write_parquet(tmp_path / "t.parquet", {"a": np.zeros(1001)}, {})
     with pytest.raises(InputError, match="too many"):
         read_parquet(tmp_path / "t.parquet")
@@ -125,7 +125,7 @@ def test_waveforms_without_a_variable(tmp_path: Path) -> None:
 
 
 def test_a_comparison_of_other_types(tmp_path: Path) -> None:
-    from scanner_sim.compare.baseline import read_baseline
+    from scanner_sim.validation.compare.baseline import read_baseline
 
     for text in ("[" * 100_000, json.dumps({"findings": [], "seed": "many"}), "\xff", "3"):
         (tmp_path / "compare.json").write_text(text)

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from scanner_sim.errors import InputError, printable
-from scanner_sim.scene.scene_rules import renderers_scene
+from scanner_sim.foundation.errors import InputError, printable
+from scanner_sim.scene.files.scene_rules import renderers_scene
 
 PLY = (Path(__file__).parents[1] / "triangle.ply").read_text(encoding="utf-8")
 XML = """\
@@ -215,8 +215,8 @@ def test_parameters_and_materials_do_not_grow_without_end(folder: Path) -> None:
 @pytest.mark.parametrize("value", ["1e9", "-1"])
 def test_what_a_plugin_of_ours_refuses_is_said_in_a_sentence(value: str, folder: Path) -> None:
     """Not with the lines of the program that the renderer adds to it."""
-    from scanner_sim.errors import ScenarioError
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.foundation.errors import ScenarioError
+    from scanner_sim.scene.files.loader import load_scene
     from scanner_sim.scene.objects import Scene
 
     tape = f'<bsdf type="retroreflector"><float name="entrance_half_angle" value="{value}"/></bsdf>'
@@ -231,7 +231,7 @@ def test_what_a_plugin_of_ours_refuses_is_said_in_a_sentence(value: str, folder:
 @pytest.mark.parametrize("stem", ["a\nb", "\x1b[31mred", "back\u202e", "half \udcff"], ids=ascii)
 def test_a_scene_may_have_any_name(stem: str, folder: Path) -> None:
     """An object of the XML file is called after it; images and pages hold such names as text."""
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
     from scanner_sim.scene.objects import Scene
 
     path = (folder / "scene.xml").rename(folder / f"{stem}.xml")
@@ -243,8 +243,8 @@ def test_a_scene_may_have_any_name(stem: str, folder: Path) -> None:
 @pytest.mark.usefixtures("device")
 @pytest.mark.parametrize("step", ['<scale value="0"/>', '<scale x="0" y="1" z="1"/>', '<translate x="1e8"/>'])
 def test_a_transform_keeps_shapes_whole_and_near(step: str, folder: Path) -> None:
-    from scanner_sim.errors import ScenarioError
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.foundation.errors import ScenarioError
+    from scanner_sim.scene.files.loader import load_scene
     from scanner_sim.scene.objects import Scene
 
     moved = XML.replace("<float", f'<transform name="to_world">{step}</transform><float')

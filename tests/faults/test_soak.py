@@ -25,7 +25,7 @@ SOAK = """
 import ctypes, sys
 from pathlib import Path
 from scanner_sim import load_scenario, simulate
-from scanner_sim.products.run_folder import write_run
+from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.settings import Output
 config, folder, warm_up, runs, leaked = sys.argv[1], Path(sys.argv[2]), *map(int, sys.argv[3:])
 page, kept, memory = 4096, [], []

@@ -11,11 +11,11 @@ from typer.testing import CliRunner
 
 from scanner_sim.cli import app
 from scanner_sim.cli.tables import print_rows, print_table
-from scanner_sim.errors import printable
+from scanner_sim.foundation.errors import printable
 from scanner_sim.products.comparison_page import escape
+from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.run_folder import write_run
-from scanner_sim.reproduce.page import markdown_text
+from scanner_sim.validation.reproduce.page import markdown_text
 
 NASTY = "\x1b[31mred\x07[/red]\r\n\x9b2J\u202e<script>alert('$')</script>`$\\bad$|![x](y)"
 

@@ -12,16 +12,16 @@ import pytest
 from typer.testing import CliRunner
 
 from scanner_sim.cli import app
-from scanner_sim.errors import InputError
-from scanner_sim.products.exchange import held, write_file
-from scanner_sim.products.folder import claimed
-from scanner_sim.products.run_folder import RUN
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.products.files.exchange import held, write_file
+from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.run_folder import RUN
 
 CLAIMS = """
 import sys
 from pathlib import Path
-from scanner_sim.products.folder import claimed
-from scanner_sim.products.run_folder import RUN
+from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.run_folder import RUN
 with claimed(Path(sys.argv[1]), False, RUN):
     print("mine", flush=True)
     sys.stdin.read()
@@ -30,9 +30,9 @@ with claimed(Path(sys.argv[1]), False, RUN):
 WRITES = """
 import sys
 from pathlib import Path
-from scanner_sim.errors import InputError
-from scanner_sim.products.folder import Kind, write_folder
-from scanner_sim.products.exchange import exchange
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.products.files.folder import Kind, write_folder
+from scanner_sim.products.files.exchange import exchange
 kind, who = Kind("mark", ("mark", "other")), sys.argv[2]
 writers = {name: lambda path: path.write_text(who) for name in kind.files}
 print("ready", flush=True)

@@ -21,12 +21,12 @@ from typing import Any
 
 from open_results import open_result
 
-from scanner_sim.closed_loop.track import finished_track
-from scanner_sim.closed_loop.tracker import Tracker
 from scanner_sim.config import doubts, load_scenario, resolved_yaml, scenario_from_text
-from scanner_sim.errors import InputError, RunError, ScannerSimError
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError, RunError, ScannerSimError
+from scanner_sim.instrument.closed_loop.track import finished_track
+from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.scenario import Scenario
 
 MEMORY = 3 << 30
 """Bytes by which an input may let the address space grow."""
@@ -76,7 +76,7 @@ def shrunk(scenario: Scenario) -> Scenario:
 def open_scenario(path: Path, overrides: list[str], *, thorough: bool, pictures: bool) -> None:
     """Do with a scenario what the verbs do with it: check and plan, and, thoroughly, read back, run small and write."""
     from scanner_sim.cli.plan import plan
-    from scanner_sim.memory import check_memory
+    from scanner_sim.instrument.memory import check_memory
 
     scenario = load_scenario(path, overrides)
     doubts(scenario)
@@ -92,11 +92,11 @@ def open_scenario(path: Path, overrides: list[str], *, thorough: bool, pictures:
 
 def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
     from scanner_sim.cli.plan import sunlit
-    from scanner_sim.closed_loop.poses import poses_of
-    from scanner_sim.photo import take_photo
-    from scanner_sim.products.run_folder import write_run
-    from scanner_sim.products.track_folder import write_track
-    from scanner_sim.simulate import simulate, simulate_waveforms
+    from scanner_sim.instrument.closed_loop.poses import poses_of
+    from scanner_sim.instrument.photo import take_photo
+    from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+    from scanner_sim.products.files.run_folder import write_run
+    from scanner_sim.products.files.track_folder import write_track
 
     output = scenario.output.model_copy(update={"pictures": pictures})
     if isinstance(scenario.scan, RasterScan):

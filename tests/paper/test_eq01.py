@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scanner_sim.analytic import geometry
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.optics.deflection import deflected_frame
 from scanner_sim.ranging import triangulation
-from scanner_sim.scanner import Scanner
 
 F, D = 0.1, 0.2
 ANGLES = st.floats(-0.5, 0.5)

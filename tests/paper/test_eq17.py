@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from scanner_sim.analytic import sun as judge
-from scanner_sim.scene.lighting import Sun
-from scanner_sim.scene.sun import irradiance_between, solar_irradiance, total_irradiance
+from scanner_sim.scene.light.lighting import Sun
+from scanner_sim.scene.light.sun import irradiance_between, solar_irradiance, total_irradiance
 
 PLANCK, MEASURED = Sun(), Sun(spectrum="astm_g173")
 

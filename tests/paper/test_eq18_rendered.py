@@ -7,8 +7,8 @@ import pytest
 
 from scanner_sim import Scenario
 from scanner_sim.analytic import spot, sun
+from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.scan.raster import raster_aim
-from scanner_sim.workbench import Workbench
 
 RANGES = (2.0, 5.0, 10.0, 20.0, 30.0)
 WINDOW = 200e-6

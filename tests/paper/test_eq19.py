@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from scanner_sim.analytic import beam, geometry, quadrature, spot
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.render.beam.light import render_light
 from scanner_sim.render.device import Device
-from scanner_sim.render.light import render_light
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import Bench
-from scanner_sim.scanner import Scanner
-from scanner_sim.scene.loader import load_scene
+from scanner_sim.scene.files.loader import load_scene
 from scanner_sim.scene.objects import Rectangle, Scene, Surface
 from scanner_sim.scene.poses import Rotation
 

@@ -17,14 +17,14 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import estimators, noise, spot
-from scanner_sim.detector.line import electrons_per_watt, expose
-from scanner_sim.detector.noise import NoiseSwitches
-from scanner_sim.detector.position_sensor import PositionSensor
-from scanner_sim.signals.bias import Bias, computed_bias
-from scanner_sim.signals.expected import ExpectedSpot
-from scanner_sim.signals.peaks import find_peaks
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.noise import NoiseSwitches
+from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.status import Status
+from scanner_sim.signals.line.bias import Bias, computed_bias
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.peaks import find_peaks
 from scanner_sim.signals.processing import PeakMethod, Processing, Validation
-from scanner_sim.status import Status
 
 WAVELENGTH, DWELL, PIXELS = 1.5e-6, 50e-6, 64
 READ = 1000.0

@@ -16,10 +16,10 @@ from scanner_sim.analytic import pose as judge
 from scanner_sim.cli.pose_study import closed_forms
 from scanner_sim.pose.arrays import Layout, circle, line_and_one, pyramid, square
 from scanner_sim.products.pose_study import COMPONENTS, PoseRow
-from scanner_sim.studies.pose_laws import exponents_of, gains_of, power_law
-from scanner_sim.studies.pose_study import BASE, MODES, StudyPlan, measure_study, target_rows
-from scanner_sim.studies.target_errors import TargetErrors, measure_targets
-from scanner_sim.studies.target_grid import StudyTarget, nearest_distance
+from scanner_sim.validation.studies.pose_laws import exponents_of, gains_of, power_law
+from scanner_sim.validation.studies.pose_study import BASE, MODES, StudyPlan, measure_study, target_rows
+from scanner_sim.validation.studies.target_errors import TargetErrors, measure_targets
+from scanner_sim.validation.studies.target_grid import StudyTarget, nearest_distance
 
 Array = NDArray[np.float64]
 

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from scanner_sim import Scenario
 from scanner_sim.analytic import geometry
-from scanner_sim.detector.noise import NoiseSwitches
+from scanner_sim.detector.line.noise import NoiseSwitches
+from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.scan.raster import Aim, raster_aim
-from scanner_sim.workbench import Workbench
 
 Array = NDArray[np.float64]
 

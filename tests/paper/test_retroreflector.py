@@ -22,10 +22,10 @@ from scanner_sim.analytic.retroreflector import (
     mean_entrance,
     offset_power,
 )
-from scanner_sim.scanner import Scanner
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.foundation.status import Status
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.objects import Scene
-from scanner_sim.status import Status
 
 SCANNER = Scanner()
 RANGES = (2.0, 5.0, 10.0, 20.0)
@@ -135,10 +135,10 @@ def line(material: Any, R: float, coaxial: bool, degrees: float = 0.0, beamlets:
     """Return the power on every pixel [W] of the shot along the axis."""
     import mitsuba as mi
 
-    from scanner_sim.render.light import render_light
+    from scanner_sim.render.beam.light import render_light
     from scanner_sim.render.settings import Transport
     from scanner_sim.render.shots import Shots
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(wall(material, R, degrees))
     shot = Shots(number=mi.UInt32(0), theta=mi.Float(0.0), phi=mi.Float(0.0))
@@ -183,8 +183,8 @@ def test_spot_against_brute_force(R: float, degrees: float) -> None:
     the brute force. Tolerance: 1 % of the power for both, five standard errors of the rays being 0.4 %; 0.03 px with 64
     beamlets, whose points of lens and beam leave 0.02 px, and 0.005 px with 512.
     """
-    from scanner_sim.render.reference import reference_line
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.render.background.reference import reference_line
+    from scanner_sim.scene.files.loader import load_scene
 
     pixels = SCANNER.position_sensor.pixels
     slow = reference_line(

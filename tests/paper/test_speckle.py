@@ -22,16 +22,16 @@ from numpy.typing import NDArray
 from scanner_sim import Scenario, simulate
 from scanner_sim.analytic import speckle as judge
 from scanner_sim.analytic.geometry import range_error
+from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.detector.packets import gamma_like
-from scanner_sim.detector.speckle import LineSpeckle, line_speckle
+from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.speckle import Optics, packets, slope_packets
 from scanner_sim.products.image import RangeImage
-from scanner_sim.render.surface_places import SurfacePlaces
+from scanner_sim.render.beam.surface_places import SurfacePlaces
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.polarisation import speckle_contrast
-from scanner_sim.workbench import Workbench
 
 Array = NDArray[np.float64]
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from scanner_sim.analytic import orbit as judge
-from scanner_sim.scene.lighting import Lighting, orbit_times, skies
-from scanner_sim.scene.orbit import Orbit, TwoLineElements
+from scanner_sim.scene.light.lighting import Lighting, orbit_times, skies
+from scanner_sim.scene.light.orbit import Orbit, TwoLineElements
 
 STATION = {
     "line1": "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",

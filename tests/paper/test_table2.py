@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.scanner import Scanner
 
 
 @pytest.mark.parametrize(("size", "printed_s"), [(128, 0.8), (256, 3.3), (512, 13.1)])

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.optics.jump import jump_time
 from scanner_sim.scan.schedule import Visiting, raster_time, visits
-from scanner_sim.scanner import Scanner
 
 DWELL = Scanner().dwell
 

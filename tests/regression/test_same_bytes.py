@@ -13,12 +13,12 @@ import pytest
 from every_path import CHANGES, CONFIG
 
 from scanner_sim import load_scenario, simulate
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.simulate import simulate_voxel
+from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.device import Device
-from scanner_sim.scenario import Scenario
-from scanner_sim.simulate import simulate_voxel
-from scanner_sim.status import Status
-from scanner_sim.workbench import Workbench
 
 
 @pytest.fixture(scope="module")

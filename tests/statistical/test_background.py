@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.scanner import Scanner
 from scanner_sim.scene.objects import Scene
 
 PIXELS, SIZE = 256, 64
@@ -54,10 +54,10 @@ def panorama_lines(
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.background import render_panorama
+    from scanner_sim.render.background.panorama import render_panorama
+    from scanner_sim.render.background.view import panorama_view
     from scanner_sim.render.incident import Incident, Throughput
     from scanner_sim.render.shots import Shots
-    from scanner_sim.render.view import panorama_view
 
     theta, phi = RASTER.angles()
     view = panorama_view(RASTER.horizontal, phi, bench(), PIXELS)
@@ -75,15 +75,15 @@ def panorama_lines(
 
 def sunlit() -> tuple[Any, Any]:
     """Return a sky with the Sun over the scanner's left shoulder and the Earth below, and its albedo."""
-    from scanner_sim.render.paths import Albedo
-    from scanner_sim.render.sky import sky_light
+    from scanner_sim.render.background.paths import Albedo
+    from scanner_sim.render.background.sky import sky_light
 
     return sky_light((-0.5, -0.6, -0.6), 4.65e-3, (0.0, 1.0, 0.3)), Albedo(0.3, 0.3)
 
 
 def brute_force(loaded: Any, row: int, column: int, *, bounces: int, shot: int) -> Any:
     """Return the background of a voxel from its own pixels, 2048 rays each."""
-    from scanner_sim.render.reference import reference_background
+    from scanner_sim.render.background.reference import reference_background
 
     theta, phi = (float(angles[place]) for angles, place in zip(RASTER.angles(), (column, row), strict=True))
     light, albedo = sunlit()
@@ -102,7 +102,7 @@ def test_panoramas_agree_with_brute_force() -> None:
     Tolerance: level 1e-5 for each voxel; a share of 0.5 % would be found on the wall, where the standard error is
     0.1 %.
     """
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(SHADOWED)))
     light, albedo = sunlit()
@@ -125,7 +125,7 @@ def test_a_glossy_sphere_agrees_with_brute_force() -> None:
     force, as above. Expected: z of each voxel's sum, with the eight seeds' t distribution. Tolerance: level 1e-5;
     besides this the filter's reach may shift a sum by 0.5 % of it.
     """
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     place = (-0.3, 0.0, 6.0)
     ball = {
@@ -156,9 +156,9 @@ def test_the_stated_error_is_the_actual_one() -> None:
     variances of which one has 200 degrees of freedom. Tolerance: the bounds of that at 10⁻⁴, 0.69 to 1.50. Errors
     added linearly would give 4 or more, one half's error in place of the mean's 2.
     """
-    from scanner_sim.render.background import render_panorama
-    from scanner_sim.render.view import panorama_view
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.render.background.panorama import render_panorama
+    from scanner_sim.render.background.view import panorama_view
+    from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(SHADOWED)))
     light, albedo = sunlit()
@@ -183,7 +183,7 @@ def test_the_stated_error_is_the_actual_one() -> None:
 
 
 def test_pixels_count_through_height_and_point_spread() -> None:
-    from scanner_sim.render.view import height_quantiles
+    from scanner_sim.render.background.view import height_quantiles
 
     place = height_quantiles(250e-6, 40e-6)
     middle = 0.5 * (place[1:] + place[:-1])
@@ -199,10 +199,10 @@ def test_a_white_room_is_as_bright_as_its_sky() -> None:
     fully lit; one bounce. Expected: the irradiance of the lit Earth over π, by fixed directions. Tolerance: 1 %,
     five standard errors of the panorama's mean over 256 pixels.
     """
+    from scanner_sim.render.background.paths import Albedo
+    from scanner_sim.render.background.sky import earth_directions, sky_light
     from scanner_sim.render.incident import Throughput
-    from scanner_sim.render.paths import Albedo
-    from scanner_sim.render.sky import earth_directions, sky_light
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     plane = {**WALL, "material": {"reflectance": 1.0}}
     loaded = load_scene(Scene(objects=(plane,)))
@@ -218,8 +218,8 @@ def test_a_white_room_is_as_bright_as_its_sky() -> None:
 
 
 def test_the_same_bytes_whatever_is_traced_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    from scanner_sim.render import background
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.render.background import background
+    from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(SHADOWED)))
     light, albedo = sunlit()

@@ -10,8 +10,8 @@ import pytest
 from scipy.special import erf
 from scipy.stats import norm
 
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.render.settings import Transport
-from scanner_sim.scanner import Scanner
 from scanner_sim.scene.objects import Scene
 
 PIXELS = 256
@@ -28,10 +28,10 @@ def lines(objects: list[dict[str, Any]], bounces: int, paths: int, count: int) -
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.light import render_light
+    from scanner_sim.render.beam.light import render_light
     from scanner_sim.render.shots import Shots
     from scanner_sim.render.transport import Bench
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     sensor = SCANNER.position_sensor
     bench = Bench(

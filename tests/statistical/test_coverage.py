@@ -19,8 +19,8 @@ from scipy.stats import chi2
 
 from scanner_sim import Scenario
 from scanner_sim.analytic.geometry import point_from_shot
+from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.scan.raster import raster_aim
-from scanner_sim.workbench import Workbench
 
 Array = NDArray[np.float64]
 

@@ -14,9 +14,9 @@ import pytest
 from scipy import stats
 
 from scanner_sim.analytic import noise, spot
-from scanner_sim.detector.line import electrons_per_watt, expose, pixel_response, poisson
-from scanner_sim.detector.noise import NoiseSwitches
-from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pixel_response, poisson
+from scanner_sim.detector.line.noise import NoiseSwitches
+from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.render.device import Device
 
 WAVELENGTH, DWELL = 1.5e-6, 50e-6

@@ -13,16 +13,16 @@ import pytest
 
 from scanner_sim.analytic import spot
 from scanner_sim.analytic import time_of_flight as judge
-from scanner_sim.detector.photodiode import Digitiser, Photodiode, PhotodiodeNoise
-from scanner_sim.detector.waveform import record
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode, PhotodiodeNoise
+from scanner_sim.detector.photodiode.waveform import record
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.render.settings import Transport
-from scanner_sim.scanner import Scanner
 from scanner_sim.scene.objects import Scene
-from scanner_sim.signals.pulse_detection import PulseDetector
-from scanner_sim.signals.pulse_settings import PulseDetection
+from scanner_sim.signals.waveform.detection import PulseDetector
+from scanner_sim.signals.waveform.settings import PulseDetection
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -70,9 +70,10 @@ def echoes(
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.echoes import View, render_echoes
+    from scanner_sim.render.beam.echo_clusters import View
+    from scanner_sim.render.beam.echoes import render_echoes
     from scanner_sim.render.shots import Shots
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(objects)))
     theta, phi = (np.atleast_1d(np.asarray(angle, dtype=np.float32)) for angle in (theta, phi))
@@ -218,11 +219,11 @@ def late_light(objects: list[dict[str, Any]], shots: int, paths: int, laser: Las
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.beamlets import edge_beamlets
-    from scanner_sim.render.echo_bounces import trace_late
-    from scanner_sim.render.echoes import View
+    from scanner_sim.render.beam.beamlets import edge_beamlets
+    from scanner_sim.render.beam.echo_bounces import trace_late
+    from scanner_sim.render.beam.echo_clusters import View
     from scanner_sim.render.shots import Shots
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(objects)))
     fired = Shots(dr.arange(mi.UInt32, shots), *(dr.zeros(mi.Float, shots) for _ in range(2)))

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.optics.laser import Laser
-from scanner_sim.scanner import Scanner
 from scanner_sim.scene.objects import Scene
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -70,12 +70,12 @@ def by_beamlets(shots: int, paths: int) -> np.ndarray:
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.beamlets import edge_beamlets
-    from scanner_sim.render.echo_bounces import trace_late
-    from scanner_sim.render.echoes import View
+    from scanner_sim.render.beam.beamlets import edge_beamlets
+    from scanner_sim.render.beam.echo_bounces import trace_late
+    from scanner_sim.render.beam.echo_clusters import View
     from scanner_sim.render.shots import Shots
     from scanner_sim.render.transport import Bench
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     scanner = Scanner()
     sensor, receiver = scanner.position_sensor, scanner.receiver

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from scanner_sim.compare.judge import POWERS, detectable, holm, interval, judged, p_value, same
-from scanner_sim.compare.law import Measured, Predicted, exact, mean_of, slope_of, spread_of
+from scanner_sim.validation.compare.judge import POWERS, detectable, holm, interval, judged, p_value, same
+from scanner_sim.validation.compare.law import Measured, Predicted, exact, mean_of, slope_of, spread_of
 
 RUNS, SHOTS, LEVEL = 4000, 60, 0.01
 

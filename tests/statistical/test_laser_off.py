@@ -17,16 +17,16 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from scanner_sim import load_scenario, simulate
-from scanner_sim.detector.line import Signal, electrons_per_watt, expose
-from scanner_sim.detector.noise import NoiseSwitches
-from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.detector.line.exposure import Signal, electrons_per_watt, expose
+from scanner_sim.detector.line.noise import NoiseSwitches
+from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.status import Status
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
-from scanner_sim.signals.calibration import Calibration, measured_lines
-from scanner_sim.signals.expected import ExpectedSpot
-from scanner_sim.signals.peaks import Peaks, find_peaks
+from scanner_sim.signals.line.calibration import Calibration, measured_lines
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.processing import Processing
-from scanner_sim.status import Status
 
 WAVELENGTH, DWELL = 1.5e-6, 50e-6
 SENSOR = PositionSensor()

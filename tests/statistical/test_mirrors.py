@@ -175,7 +175,7 @@ def test_the_encoders_step_is_a_uniform_error() -> None:
 
 def quiet(theta: float, phi: float, size: int, errors: Mirrors, distance: float = 6.0) -> Any:
     """Return the image of a wall without noise and speckle: ``size``² voxels about a direction, mirrors at rest."""
-    from scanner_sim.simulate import simulate
+    from scanner_sim.instrument.simulate import simulate
 
     span = 1e-4
     silent = dict.fromkeys(("shot", "read", "dark", "prnu", "quantisation", "saturation"), False)

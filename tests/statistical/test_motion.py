@@ -23,9 +23,9 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim import Scenario
 from scanner_sim.analytic.geometry import laser_origin, scanner_axes
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.scan.raster import raster_aim
-from scanner_sim.status import Status
-from scanner_sim.workbench import Workbench
 
 SEPARATION = 0.05
 PLACE, VELOCITY = np.array([0.0, 0.1, 6.0]), np.array([0.2, 0.0, -0.3])

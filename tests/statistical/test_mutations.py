@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from scanner_sim import Scenario, load_scenario
-from scanner_sim.compare.run import compare
-from scanner_sim.compare.setting import FlatTarget, Setting
-from scanner_sim.workbench import Workbench
+from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.validation.compare.run import compare
+from scanner_sim.validation.compare.setting import FlatTarget, Setting
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -81,7 +81,7 @@ def divergence(patch: Patch) -> None:
 
 def cosine(patch: Patch) -> None:
     """Forget the cosine of the surface."""
-    from scanner_sim.render import light
+    from scanner_sim.render.beam import light
 
     def changed(original: Any, loaded: Any, bench: Any, beamlets: Any, shots: Any) -> Any:
         spots = original(loaded, bench, beamlets, shots)
@@ -99,7 +99,7 @@ def cosine(patch: Patch) -> None:
 
 def sunlight(patch: Patch) -> None:
     """Forget the 1/π of the sunlit wall."""
-    import scanner_sim.workbench as bench
+    import scanner_sim.instrument.workbench as bench
 
     wrapped(
         patch,
@@ -142,7 +142,7 @@ def separation(patch: Patch) -> None:
 
 def photons(patch: Patch) -> None:
     """Draw Poisson numbers with 90 % of their standard deviation."""
-    from scanner_sim.detector import line
+    from scanner_sim.detector.line import exposure as line
 
     wrapped(
         patch,
@@ -154,7 +154,7 @@ def photons(patch: Patch) -> None:
 
 def read_out(patch: Patch) -> None:
     """Make the read noise 10 % larger than stated."""
-    from scanner_sim.detector import line
+    from scanner_sim.detector.line import exposure as line
 
     wrapped(
         patch,
@@ -166,7 +166,7 @@ def read_out(patch: Patch) -> None:
 
 def polarisation(patch: Patch) -> None:
     """Give paint the speckle of bare metal."""
-    from scanner_sim.scene import loader
+    from scanner_sim.scene.files import loader
 
     def changed(original: Any, *given: Any, **more: Any) -> Any:
         loaded = original(*given, **more)
@@ -177,7 +177,7 @@ def polarisation(patch: Patch) -> None:
 
 def envelope(patch: Patch) -> None:
     """Let speckle average over the whole spot, as if its blur held packets of its own."""
-    from scanner_sim.detector import speckle
+    from scanner_sim.detector.line import speckle
 
     def changed(original: Any, optics: Any, along: Any, across: Any) -> Any:
         blur = optics.aberration**2 + optics.diffusion**2
@@ -188,7 +188,7 @@ def envelope(patch: Patch) -> None:
 
 def wavefront(patch: Patch) -> None:
     """Let the lens's aberration blur the light as diffusion does."""
-    from scanner_sim.detector import speckle
+    from scanner_sim.detector.line import speckle
 
     def changed(original: Any, light: Any, places: Any, optics: Any, *rest: Any, **more: Any) -> Any:
         blur = (optics.aberration**2 + optics.diffusion**2) ** 0.5
@@ -209,7 +209,7 @@ def jitter(patch: Patch) -> None:
 
 def well(patch: Patch) -> None:
     """Let pixels hold 5 % more than their full well."""
-    from scanner_sim.detector import line
+    from scanner_sim.detector.line import exposure as line
 
     def changed(original: Any, charge: Any, shot: Any, read: Any, sensor: Any, dwell: float) -> Any:
         return original(
@@ -221,7 +221,7 @@ def well(patch: Patch) -> None:
 
 def speed(patch: Patch) -> None:
     """Take light for 1e-4 faster than it is."""
-    import scanner_sim.lidar as lidar
+    import scanner_sim.instrument.lidar as lidar
 
     def changed(original: Any, delay: Any, *given: Any) -> Any:
         return original(1.0001 * delay, *given)
@@ -231,7 +231,7 @@ def speed(patch: Patch) -> None:
 
 def clock(patch: Patch) -> None:
     """Let the clock jitter by 10 % less than stated."""
-    import scanner_sim.detector.waveform as waveform
+    import scanner_sim.detector.photodiode.waveform as waveform
 
     def changed(
         original: Any, echoes: Any, shot: Any, pulse: Any, diode: Any, digitiser: Any, *rest: Any
@@ -244,7 +244,7 @@ def clock(patch: Patch) -> None:
 
 def amplifier(patch: Patch) -> None:
     """Make the amplifier 15 % noisier than stated."""
-    import scanner_sim.detector.waveform as waveform
+    import scanner_sim.detector.photodiode.waveform as waveform
 
     def changed(original: Any, echoes: Any, shot: Any, pulse: Any, diode: Any, *rest: Any) -> Any:
         noisier = diode.model_copy(update={"amplifier_noise": 1.15 * diode.amplifier_noise})
@@ -255,7 +255,7 @@ def amplifier(patch: Patch) -> None:
 
 def width(patch: Patch) -> None:
     """Send pulses that are 5 % longer than stated."""
-    import scanner_sim.detector.waveform as waveform
+    import scanner_sim.detector.photodiode.waveform as waveform
 
     def changed(original: Any, echoes: Any, shot: Any, pulse: Any, *rest: Any) -> Any:
         longer = pulse.model_copy(update={"width": 1.05 * pulse.width, "peak_power": pulse.peak_power})
@@ -278,7 +278,7 @@ def travel(patch: Patch) -> None:
 
 def corner(patch: Patch) -> None:
     """Lose one target of four."""
-    from scanner_sim.compare import targets
+    from scanner_sim.validation.compare import targets
 
     def changed(original: Any, points: Any, theta: Any, *given: Any, **more: Any) -> Any:
         lost = np.array(theta)

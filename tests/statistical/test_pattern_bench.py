@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scanner_sim.closed_loop.pattern_bench import PatternBench
 from scanner_sim.config import load_scenario
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.closed_loop.pattern_bench import PatternBench
+from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.render.device import Device
 from scanner_sim.scan.raster import Aim, raster_aim
-from scanner_sim.scenario import Scenario
-from scanner_sim.status import Status
-from scanner_sim.workbench import Workbench
 
 Array = NDArray[np.float64]
 

@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from scanner_sim.closed_loop.poses import poses_of
-from scanner_sim.closed_loop.track import track
 from scanner_sim.config import load_scenario
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.instrument.closed_loop.poses import poses_of
+from scanner_sim.instrument.closed_loop.track import track
 from scanner_sim.pose.series import PoseSeries
-from scanner_sim.scenario import Scenario
 from scanner_sim.tracking.record import TrackStatus
 
 pytestmark = [pytest.mark.usefixtures("device"), pytest.mark.slow]

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from scanner_sim.analytic import geometry
-from scanner_sim.closed_loop.poses import true_poses
-from scanner_sim.closed_loop.track import track
 from scanner_sim.config import scenario_from_text
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.closed_loop.poses import true_poses
+from scanner_sim.instrument.closed_loop.track import track
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
 from scanner_sim.pose.filter import FilterState, PoseFilter
 from scanner_sim.pose.transforms import rotation_from_vector, vector_from_rotation

@@ -15,15 +15,15 @@ import numpy as np
 import pytest
 
 from scanner_sim.analytic import time_of_flight as judge
-from scanner_sim.constants import SPEED_OF_LIGHT
-from scanner_sim.detector.photodiode import Digitiser, Photodiode, PhotodiodeNoise
-from scanner_sim.detector.waveform import Waveforms, noise_sigma, record
+from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode, PhotodiodeNoise
+from scanner_sim.detector.photodiode.waveform import Waveforms, noise_sigma, record
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.status import Status
 from scanner_sim.optics.pulse import FWHM, Pulse
-from scanner_sim.render.echoes import Echoes
-from scanner_sim.signals.pulse_calibration import peak_of
-from scanner_sim.signals.pulse_detection import Delays, PulseDetector
-from scanner_sim.signals.pulse_settings import PulseDetection
-from scanner_sim.status import Status
+from scanner_sim.render.beam.echo_clusters import Echoes
+from scanner_sim.signals.waveform.calibration import peak_of
+from scanner_sim.signals.waveform.detection import Delays, PulseDetector
+from scanner_sim.signals.waveform.settings import PulseDetection
 
 pytestmark = pytest.mark.usefixtures("device")
 

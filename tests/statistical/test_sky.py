@@ -83,7 +83,7 @@ def test_sun_samples_follow_their_density() -> None:
     the density integrated over each cell on a finer grid. Tolerance: level 1e-5; a disc 2 % too large or samples
     crowded by 3 % at the rim are rejected.
     """
-    from scanner_sim.render.sky import pdf_sun, sample_sun, sky_light
+    from scanner_sim.render.background.sky import pdf_sun, sample_sun, sky_light
 
     sun = np.array([2.0, -1.0, -2.0]) / 3.0
     light = sky_light(sun, SUN_RADIUS, None)
@@ -101,7 +101,7 @@ def test_earth_samples_follow_their_density(zenith: float, altitude: float) -> N
     other side are rejected. Tolerance: level 1e-5; at most 1e-4 of the samples may see the terminator from the dark
     side, by rounding.
     """
-    from scanner_sim.render.sky import earth_radiance, pdf_earth, sample_earth, sky_light
+    from scanner_sim.render.background.sky import earth_radiance, pdf_earth, sample_earth, sky_light
 
     earth = np.array([1.0, 2.0, 2.0]) / 3.0
     side = axes(earth)[0]
@@ -149,7 +149,7 @@ def by_samples(zenith: float, altitude: float, plate: np.ndarray) -> tuple[float
     """Return the same irradiance from random samples, its standard error, and from 4096 fixed directions."""
     import drjit as dr
 
-    from scanner_sim.render.sky import earth_directions, earth_radiance, sample_earth, sky_light
+    from scanner_sim.render.background.sky import earth_directions, earth_radiance, sample_earth, sky_light
 
     light = sky_light(sun_at(zenith), SUN_RADIUS, DOWN, altitude, EARTH_RADIUS)
     direction, density = sample_earth(light, random_points(200_000, 3))
@@ -215,7 +215,7 @@ def test_penumbra(depth: float) -> None:
     """
     import drjit as dr
 
-    from scanner_sim.render.sky import pdf_sun, sample_sun, sky_light, sun_radiance
+    from scanner_sim.render.background.sky import pdf_sun, sample_sun, sky_light, sun_radiance
 
     limb = np.arcsin(EARTH_RADIUS / (EARTH_RADIUS + 400e3))
     zenith = 180.0 - np.rad2deg(limb - depth * SUN_RADIUS)
@@ -232,7 +232,7 @@ def test_penumbra(depth: float) -> None:
 def scene_of(sky: dict[str, Any], shapes: dict[str, Any], integrator: dict[str, Any], **sensor: Any) -> Any:
     import mitsuba as mi
 
-    from scanner_sim.render.sky_emitter import register_orbit_sky
+    from scanner_sim.render.plugins.sky_emitter import register_orbit_sky
 
     register_orbit_sky()
     mi.set_log_level(mi.LogLevel.Error)

@@ -16,10 +16,10 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import tracking as judge
+from scanner_sim.foundation.status import Status
 from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.schedule import MirrorPair, Visiting, mirrors_at, run_visit
-from scanner_sim.status import Status
 from scanner_sim.tracking.identify import identify
 from scanner_sim.tracking.measurement import Measurement, TargetLooks, measure_target
 from scanner_sim.tracking.prediction import begun, predicted, surprise, updated

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from scanner_sim.analytic import beam, geometry
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.render.settings import Transport
-from scanner_sim.scanner import Scanner
 from scanner_sim.scene.objects import Scene
 
 PIXELS = 256
@@ -58,10 +58,10 @@ def both(
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.light import render_light
-    from scanner_sim.render.reference import reference_line
+    from scanner_sim.render.background.reference import reference_line
+    from scanner_sim.render.beam.light import render_light
     from scanner_sim.render.shots import Shots
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(objects)))
     theta, phi = theta.astype(np.float32), phi.astype(np.float32)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from scanner_sim import load_scenario, simulate
-from scanner_sim.compare.mixed_scenes import Found, Kind, MixedScene
-from scanner_sim.status import Status
+from scanner_sim.foundation.status import Status
+from scanner_sim.validation.compare.mixed_scenes import Found, Kind, MixedScene
 
 SCENES = 5
 FIRST = 4000

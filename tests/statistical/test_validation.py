@@ -17,14 +17,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from scanner_sim.detector.line import electrons_per_watt, expose
-from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.status import Status
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
-from scanner_sim.signals.expected import ExpectedSpot
-from scanner_sim.signals.peaks import Peaks, find_peaks
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.processing import Processing, Validation
-from scanner_sim.status import Status
 
 WAVELENGTH, DWELL = 1.5e-6, 50e-6
 SENSOR = PositionSensor()

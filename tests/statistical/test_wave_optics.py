@@ -114,9 +114,9 @@ def _find(kind: str, distance: float, peak: str) -> tuple[Array, Array, Array]:
     import drjit as dr
     import drjit.auto.ad as auto
 
-    from scanner_sim.detector.line import electrons_per_watt, expose
-    from scanner_sim.scenario import Scenario
-    from scanner_sim.workbench import Workbench
+    from scanner_sim.config.scenario import Scenario
+    from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+    from scanner_sim.instrument.workbench import Workbench
 
     aberration = ABERRATIONS[kind]
     scenario = Scenario.model_validate(

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 
 from scanner_sim.analytic import time_of_flight as judge
-from scanner_sim.constants import SPEED_OF_LIGHT
-from scanner_sim.detector.photodiode import Digitiser, Photodiode, PhotodiodeNoise
-from scanner_sim.detector.waveform import Waveforms, noise_sigma, record
+from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode, PhotodiodeNoise
+from scanner_sim.detector.photodiode.waveform import Waveforms, noise_sigma, record
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.optics.pulse import Pulse
-from scanner_sim.render.echoes import Echoes
+from scanner_sim.render.beam.echo_clusters import Echoes
 
 pytestmark = pytest.mark.usefixtures("device")
 

@@ -22,11 +22,11 @@ from scanner_sim.analytic.estimators import blais_rioux
 from scanner_sim.analytic.spot import pixel_shares
 from scanner_sim.analytic.time_of_flight import crossing_range
 from scanner_sim.cli import app
-from scanner_sim.compare.instrument import closed_crossing, instrument_of, with_closed_forms
-from scanner_sim.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.products.budget import crossing
-from scanner_sim.studies.budget import HALF, measure_budget, sources_of, swept
-from scanner_sim.studies.dominance import dominating
+from scanner_sim.validation.compare.instrument import closed_crossing, instrument_of, with_closed_forms
+from scanner_sim.validation.studies.budget import HALF, measure_budget, sources_of, swept
+from scanner_sim.validation.studies.dominance import dominating
 
 WALL = """\
 schema: 1

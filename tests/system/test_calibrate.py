@@ -13,8 +13,8 @@ from typer.testing import CliRunner
 from scanner_sim import Scenario, simulate
 from scanner_sim.cli import app
 from scanner_sim.config import doubts
-from scanner_sim.errors import InputError, ScenarioError
-from scanner_sim.signals.bias_table import BiasTable, read_bias, write_bias
+from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.signals.line.bias_table import BiasTable, read_bias, write_bias
 
 SCENARIO = """\
 schema: 1

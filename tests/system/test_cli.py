@@ -19,13 +19,13 @@ from typer.testing import CliRunner
 from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
 from scanner_sim.config import resolved_yaml
-from scanner_sim.products.exr import read_range_image
-from scanner_sim.products.run_folder import FILES
+from scanner_sim.products.files.exr import read_range_image
+from scanner_sim.products.files.run_folder import FILES
 
 # Says when the first batch is about to be measured.
 BEGUN = """
 from scanner_sim.cli import main
-from scanner_sim.workbench import Workbench
+from scanner_sim.instrument.workbench import Workbench
 measure = Workbench.measure
 def told(*arguments):
     print("begun", flush=True)
@@ -34,7 +34,7 @@ Workbench.measure = told
 main()
 """
 # The package's own attribute of that name is the function.
-FLOW = importlib.import_module("scanner_sim.simulate")
+FLOW = importlib.import_module("scanner_sim.instrument.simulate")
 WRITTEN = {name for name in FILES if not name.endswith(".png")}
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -217,7 +217,7 @@ def test_a_full_disk_leaves_nothing_half_written(
         path.write_bytes(b"half")
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 
-    monkeypatch.setattr("scanner_sim.products.run_folder.write_ply", fail)
+    monkeypatch.setattr("scanner_sim.products.files.run_folder.write_ply", fail)
     for folder in ("a", "new"):
         result = invoke("run", config, "-o", folder, "--overwrite")
         assert result.exit_code == 1
@@ -243,7 +243,7 @@ def test_an_unwritable_folder_is_refused_before_the_work(
 
 
 def test_an_image_larger_than_the_memory_is_refused(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("scanner_sim.memory._free_memory", lambda: 1e9)
+    monkeypatch.setattr("scanner_sim.instrument.memory._free_memory", lambda: 1e9)
     result = invoke("run", config, "--set", "scan.rows=8192", "--set", "scan.columns=8192")
     assert result.exit_code == 2
     assert "GB are free" in result.stderr
@@ -269,7 +269,7 @@ def test_an_early_end_is_one_message(
     def fail(*_: object, **__: object) -> None:
         raise raised
 
-    monkeypatch.setattr("scanner_sim.products.run_folder.write_ply", fail)
+    monkeypatch.setattr("scanner_sim.products.files.run_folder.write_ply", fail)
     result = invoke("run", config, "-o", "a")
     assert result.exit_code == status
     assert words in result.stderr

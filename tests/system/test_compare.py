@@ -13,13 +13,13 @@ from typer.testing import CliRunner
 
 from scanner_sim import load_scenario
 from scanner_sim.cli import app
-from scanner_sim.compare.baseline import against, read_baseline
-from scanner_sim.compare.laws import LAWS
-from scanner_sim.compare.run import compare
-from scanner_sim.compare.setting import FlatTarget, Setting
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.comparison import comparison_from_json, comparison_json
 from scanner_sim.products.comparison_page import comparison_page
+from scanner_sim.validation.compare.baseline import against, read_baseline
+from scanner_sim.validation.compare.laws import LAWS
+from scanner_sim.validation.compare.run import compare
+from scanner_sim.validation.compare.setting import FlatTarget, Setting
 
 WALL = """\
 schema: 1

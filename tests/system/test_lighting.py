@@ -14,10 +14,10 @@ from typer.testing import CliRunner
 
 from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
-from scanner_sim.memory import background_bins
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.memory import background_bins
+from scanner_sim.products.files.run_folder import LIT_PICTURES
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.run_folder import LIT_PICTURES
-from scanner_sim.status import Status
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 SIZE = 64
@@ -194,7 +194,7 @@ def test_show_draws_the_background_as_the_run_did(tmp_path: Path) -> None:
 def test_without_pictures_there_is_no_photograph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The photograph costs as much as the scan: it is not even taken."""
     monkeypatch.setattr(
-        "scanner_sim.photo.take_photo", lambda *_, **__: pytest.fail("a photograph was taken")
+        "scanner_sim.instrument.photo.take_photo", lambda *_, **__: pytest.fail("a photograph was taken")
     )
     arguments = ["--set", "output.pictures=false"]
     result = invoke("run", CONFIGS / "lighting_normal.yaml", "-o", tmp_path / "out", *SMALL, *arguments)
@@ -210,8 +210,8 @@ def test_a_dry_run_names_them() -> None:
 
 def test_the_directions_of_a_background_are_counted_before_it_is_rendered() -> None:
     """Memory and time are told from this number: that of the panorama itself, within a pixel or two a row."""
-    from scanner_sim.render.view import panorama_view
-    from scanner_sim.workbench import Workbench
+    from scanner_sim.instrument.workbench import Workbench
+    from scanner_sim.render.background.view import panorama_view
 
     scenario = load_scenario(CONFIGS / "lighting_normal.yaml", ["scanner.position_sensor.pitch=7 um"])
     scan, pixels = scenario.raster, scenario.scanner.position_sensor.pixels
@@ -228,7 +228,7 @@ def test_a_background_of_hours_is_told_before(monkeypatch: pytest.MonkeyPatch) -
     assert told.exit_code == 0
     assert "h on two processor cores" in told.stderr
     assert "processor cores" not in invoke("check", CONFIGS / "lighting_worst_case.yaml").stderr
-    monkeypatch.setattr("scanner_sim.memory._free_memory", lambda: 8e9)
+    monkeypatch.setattr("scanner_sim.instrument.memory._free_memory", lambda: 8e9)
     refused = invoke("run", CONFIGS / "lighting_worst_case.yaml", *fine)
     assert refused.exit_code == 2
     assert "directions of the background take" in refused.stderr

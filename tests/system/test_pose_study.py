@@ -12,8 +12,9 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from scanner_sim.cli import app
-from scanner_sim.products.pose_study import COMPONENTS, POSE_STUDY
-from scanner_sim.studies.pose_study import StudyPlan
+from scanner_sim.products.files.pose_study_folder import POSE_STUDY
+from scanner_sim.products.pose_study import COMPONENTS
+from scanner_sim.validation.studies.pose_study import StudyPlan
 
 ARRAY = """\
 schema: 1

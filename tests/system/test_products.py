@@ -11,11 +11,11 @@ import trimesh
 from PIL import Image
 
 from scanner_sim.config import load_scenario
-from scanner_sim.products.exr import read_range_image
+from scanner_sim.instrument.simulate import simulate
+from scanner_sim.products.files.exr import read_range_image
+from scanner_sim.products.files.run_folder import FILES, TIMED_PICTURES, write_run
 from scanner_sim.products.image import CHANNELS, RangeImage
-from scanner_sim.products.run_folder import FILES, TIMED_PICTURES, write_run
 from scanner_sim.render.device import Device
-from scanner_sim.simulate import simulate
 
 SCENARIO = """\
 schema: 1

@@ -12,11 +12,11 @@ import pytest
 from typer.testing import CliRunner
 
 from scanner_sim.cli import app
-from scanner_sim.errors import InputError
-from scanner_sim.reproduce import Item, Outcome, Task, Verdict, all_items, reproduce
-from scanner_sim.reproduce import run as flow
-from scanner_sim.reproduce.item import against_print, alike, chosen, judged
-from scanner_sim.reproduce.results import PAGE, read_result
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.validation.reproduce import Item, Outcome, Task, Verdict, all_items, reproduce
+from scanner_sim.validation.reproduce import run as flow
+from scanner_sim.validation.reproduce.item import against_print, alike, chosen, judged
+from scanner_sim.validation.reproduce.results import PAGE, read_result
 
 ROOT = Path(__file__).resolve().parents[2]
 ITEMS = all_items()

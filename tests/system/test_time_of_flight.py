@@ -16,18 +16,18 @@ from typer.testing import CliRunner
 from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
 from scanner_sim.config import doubts, scenario_from_text
-from scanner_sim.errors import InputError, ScenarioError
-from scanner_sim.lidar import fitted_pulse
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.lidar import fitted_pulse
+from scanner_sim.instrument.simulate import simulate_voxel, simulate_waveforms
 from scanner_sim.optics.filter import band_irradiance, peak_transmission
-from scanner_sim.products.exr import read_range_image
+from scanner_sim.products.files.exr import read_range_image
+from scanner_sim.products.files.run_folder import planned_files
 from scanner_sim.products.image import MEASURED_BY, RangeImage
-from scanner_sim.products.run_folder import planned_files
 from scanner_sim.products.waveforms import read_waveforms
 from scanner_sim.ranging.fusion import crossing_distance
 from scanner_sim.ranging.time_of_flight import range_from_delay
-from scanner_sim.scenario import Scenario
-from scanner_sim.simulate import simulate_voxel, simulate_waveforms
-from scanner_sim.status import Status
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -174,7 +174,7 @@ def test_any_batch_gives_the_same_bytes(module: Scenario, whole: RangeImage, bat
 def test_the_bench_works_in_parts(
     module: Scenario, whole: RangeImage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("scanner_sim.lidar._SAMPLES_TOGETHER", 256 * 50)
+    monkeypatch.setattr("scanner_sim.instrument.lidar._SAMPLES_TOGETHER", 256 * 50)
     assert same(simulate(module, device="cpu"), whole)
 
 

@@ -11,10 +11,10 @@ from typer.testing import CliRunner, Result
 
 from scanner_sim.cli import app
 from scanner_sim.cli.plan import plan
-from scanner_sim.closed_loop.poses import poses_of, rims_of
 from scanner_sim.config import load_scenario
+from scanner_sim.instrument.closed_loop.poses import poses_of, rims_of
+from scanner_sim.products.files.tables import read_parquet
 from scanner_sim.products.pose import read_poses
-from scanner_sim.products.tables import read_parquet
 from scanner_sim.products.track import read_track
 
 pytestmark = pytest.mark.usefixtures("device")

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from scanner_sim import Scenario, Tracker, load_scenario, track
 from scanner_sim.cli import app
 from scanner_sim.config import doubts
-from scanner_sim.errors import InputError, ScenarioError
+from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from scanner_sim import arithmetic
+from scanner_sim.foundation import arithmetic
 
 EPSILON = np.finfo(np.float64).eps
 

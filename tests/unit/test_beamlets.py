@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from scanner_sim.render.beamlets import Beamlets, edge_beamlets, smooth_beamlets
+from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets, smooth_beamlets
 
 
 def moment(beamlets: Beamlets, first: int, second: int) -> float:

@@ -15,7 +15,7 @@ from scanner_sim.analytic.edge import sampled_crossing
 from scanner_sim.analytic.geometry import range_error
 from scanner_sim.analytic.noise import cramer_rao
 from scanner_sim.analytic.time_of_flight import coloured_noise_bound
-from scanner_sim.constants import PLANCK, SPEED_OF_LIGHT
+from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 
 R = 9.0
 BENCH = Instrument(

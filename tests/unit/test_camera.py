@@ -30,7 +30,7 @@ def wall(x: float, y: float, size: float, reflectance: float = 0.9, name: str = 
 
 def taken(*objects: dict[str, Any], camera: Camera = PLAIN, **options: Any) -> Any:
     from scanner_sim.render.camera import photograph
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     settings = {
         "horizontal": FIELD,

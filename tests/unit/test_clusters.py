@@ -47,7 +47,7 @@ def moments(power: np.ndarray, position: np.ndarray, sigma: np.ndarray) -> np.nd
 def test_moments_are_kept(spots: Spots, clusters: int) -> None:
     import mitsuba as mi
 
-    from scanner_sim.render.clusters import cluster
+    from scanner_sim.render.beam.clusters import cluster
 
     found = cluster(spots, dr.arange(mi.UInt32, SHOTS), COUNT, clusters)
     expected = moments(
@@ -67,7 +67,7 @@ def test_moments_are_kept(spots: Spots, clusters: int) -> None:
 def test_pixels_share_all_the_light(spots: Spots) -> None:
     import mitsuba as mi
 
-    from scanner_sim.render.clusters import cluster
+    from scanner_sim.render.beam.clusters import cluster
 
     found = cluster(spots, dr.arange(mi.UInt32, SHOTS), COUNT, 16)
     for place in range(SHOTS):
@@ -88,7 +88,7 @@ def test_pixels_share_all_the_light(spots: Spots) -> None:
 def test_part_and_join(spots: Spots) -> None:
     import mitsuba as mi
 
-    from scanner_sim.render.clusters import cluster
+    from scanner_sim.render.beam.clusters import cluster
 
     found = cluster(spots, dr.arange(mi.UInt32, SHOTS), COUNT, 4)
     part = found.part(mi.UInt32([4, 1]))
@@ -106,7 +106,7 @@ def test_part_and_join(spots: Spots) -> None:
 def test_dark_shots_stay_dark(device: Device) -> None:
     import mitsuba as mi
 
-    from scanner_sim.render.clusters import cluster
+    from scanner_sim.render.beam.clusters import cluster
 
     one = dr.ones(mi.Float, 6)
     dark = Spots(dr.zeros(mi.Float, 6), mi.Float([1, 2, 3, 4, 5, 6]), one, one)

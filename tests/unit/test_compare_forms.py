@@ -11,11 +11,11 @@ import pytest
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.analytic.spot import share_within_height
-from scanner_sim.compare import light, noise, pulses, stand
-from scanner_sim.compare.closed import Closed
-from scanner_sim.compare.setting import FlatTarget, Setting
-from scanner_sim.constants import PLANCK, SPEED_OF_LIGHT
-from scanner_sim.frames import rotation_about
+from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
+from scanner_sim.foundation.frames import rotation_about
+from scanner_sim.validation.compare import light, noise, pulses, stand
+from scanner_sim.validation.compare.closed import Closed
+from scanner_sim.validation.compare.setting import FlatTarget, Setting
 
 R, GREY = 9.0, 0.4
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scanner_sim.conditions import ECLIPSED, ESTIMATES, LIT, SHADED, Condition, classify
+from scanner_sim.validation.studies.conditions import ECLIPSED, ESTIMATES, LIT, SHADED, Condition, classify
 
 WELL = 1e6
 

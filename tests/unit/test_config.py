@@ -15,7 +15,7 @@ from scanner_sim import Scenario, load_scenario
 from scanner_sim.config import json_schema, resolved_yaml, scenario_from_text
 from scanner_sim.config.document import read_document
 from scanner_sim.config.outline import homes, outline
-from scanner_sim.errors import InputError, ScenarioError
+from scanner_sim.foundation.errors import InputError, ScenarioError
 
 GOOD = """\
 schema: 1

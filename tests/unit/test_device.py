@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from pydantic_core import _pydantic_core
 
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.render import device as chosen
 from scanner_sim.render.device import LLVM_VARIABLE, OLDEST_LLVM, Device, LlvmLibrary, activate, find_llvm
 

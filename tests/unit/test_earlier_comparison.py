@@ -8,14 +8,8 @@ from typing import Any
 
 import pytest
 
-from scanner_sim.compare.baseline import against
-from scanner_sim.products.comparison import (
-    Check,
-    Comparison,
-    Finding,
-    comparison_from_json,
-    comparison_json,
-)
+from scanner_sim.products.comparison import Check, Comparison, Finding, comparison_from_json, comparison_json
+from scanner_sim.validation.compare.baseline import against
 
 CHECK = Check(
     "8 m",

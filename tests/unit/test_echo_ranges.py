@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
-from scanner_sim.constants import SPEED_OF_LIGHT
-from scanner_sim.lidar import EchoBench, Timed
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.instrument.lidar import EchoBench, Timed
 from scanner_sim.ranging.ranges import Deflections
 
 Array = NDArray[np.float64]

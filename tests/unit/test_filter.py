@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.optics.filter import (
     BandpassFilter,
     FilterChoice,
@@ -23,8 +24,7 @@ from scanner_sim.optics.filter import (
     peak_transmission,
 )
 from scanner_sim.optics.laser import Laser
-from scanner_sim.scanner import Scanner
-from scanner_sim.scene.lighting import Sun
+from scanner_sim.scene.light.lighting import Sun
 
 LASER, INGAAS = Laser(), (0.9e-6, 1.7e-6)
 REAL = BandpassFilter(shape="cavities")

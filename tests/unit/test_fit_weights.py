@@ -16,8 +16,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import erf
 
-from scanner_sim.signals.likelihood import Width, fit_spot
-from scanner_sim.signals.line import Baseline
+from scanner_sim.signals.line.digital_line import Baseline
+from scanner_sim.signals.line.likelihood import Width, fit_spot
 
 CHARGE, PLACE, SIGMA, FLOOR = 4000.0, 0.3, 0.7, 30.0
 LEVEL, SLOPE, LEVEL_VARIANCE = 50.0, 4.0, 2.0

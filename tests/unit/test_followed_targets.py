@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from scanner_sim import load_scenario
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.tracking.response import TargetKind
 
 

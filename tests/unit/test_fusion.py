@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from scanner_sim.analytic import time_of_flight as judge
-from scanner_sim.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.fusion import crossing_distance, fuse, fuse_points
 from scanner_sim.ranging.ranges import Deflections, Geometry, ranges_from_peaks, ranges_with_points
@@ -17,7 +18,6 @@ from scanner_sim.ranging.time_of_flight import (
     ranges_from_delays,
 )
 from scanner_sim.ranging.triangulation import position_from_range, range_from_position
-from scanner_sim.status import Status
 
 N = 200_000
 

@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, f, kurtosis, norm, t
 
-from scanner_sim.compare.judge import detectable, holm, interval, judged, p_value, same
-from scanner_sim.compare.law import Measured, Predicted, mean_of, slope_of, slope_predicted, spread_of
+from scanner_sim.validation.compare.judge import detectable, holm, interval, judged, p_value, same
+from scanner_sim.validation.compare.law import (
+    Measured,
+    Predicted,
+    mean_of,
+    slope_of,
+    slope_predicted,
+    spread_of,
+)
 
 LAW = Predicted("x", "m", 4.0, 0.1)
 

@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from scanner_sim.analytic import beam, estimators, noise, retroreflector, speckle, time_of_flight
 from scanner_sim.analytic.spot import pixel_shares
-from scanner_sim.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 
 
 def line(*values: float) -> list[float]:

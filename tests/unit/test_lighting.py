@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from scanner_sim.config.load import scenario_from_text
-from scanner_sim.errors import ScenarioError
-from scanner_sim.scene.earth import EARTH_RADIUS, earth_angular_radius, visible_share
-from scanner_sim.scene.lighting import Earth, Lighting, Sky, Sun, lighting_doubts
-from scanner_sim.scene.orbit import Orbit
+from scanner_sim.foundation.errors import ScenarioError
+from scanner_sim.scene.light.earth import EARTH_RADIUS, earth_angular_radius, visible_share
+from scanner_sim.scene.light.lighting import Earth, Lighting, Sky, Sun, lighting_doubts
+from scanner_sim.scene.light.orbit import Orbit
 
 TLE = {
     "line1": "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",
@@ -180,7 +180,7 @@ def test_an_earth_smaller_than_the_sun_makes_a_ring() -> None:
 def test_lighting_loads_no_heavy_library() -> None:
     """Colour-science, SGP4 and ERFA wait until they are needed: the command line answers at once."""
     code = (
-        "import sys; from scanner_sim.scene.lighting import Lighting; "
+        "import sys; from scanner_sim.scene.light.lighting import Lighting; "
         "Lighting.model_validate({'orbit': {}}).sky(); "
         "print(sorted({'colour', 'sgp4', 'erfa', 'mitsuba', 'drjit'} & set(sys.modules)))"
     )

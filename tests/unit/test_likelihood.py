@@ -11,13 +11,13 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import spot
-from scanner_sim.detector.line import electrons_per_watt, expose
-from scanner_sim.detector.noise import NoiseSwitches
-from scanner_sim.detector.position_sensor import PositionSensor
-from scanner_sim.signals.expected import ExpectedSpot
-from scanner_sim.signals.peaks import Peaks, find_peaks
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.noise import NoiseSwitches
+from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.status import Status
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.processing import Processing, Validation
-from scanner_sim.status import Status
 
 PIXELS, PITCH = 64, 50e-6
 BARE = Validation(background=False, shape=False, misfit=0.0, max_reflectance=None)

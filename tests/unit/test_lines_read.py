@@ -6,9 +6,9 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 
-from scanner_sim.detector.line import Signal
-from scanner_sim.signals.calibration import Calibration
-from scanner_sim.signals.line import Line
+from scanner_sim.detector.line.exposure import Signal
+from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.digital_line import Line
 
 BIAS, GAIN, DARK, FULL, OFF = 10.0, 2.0, 60.0, 1500.0, 4.0
 KNOWN = Calibration(BIAS, GAIN, DARK, OFF, 400.0, 1.0, 0.1, FULL)

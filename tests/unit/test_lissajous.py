@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from scanner_sim.foundation.units import FROM_FILE
 from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures, sample_shares
 from scanner_sim.scan.schedule import Visiting, mirrors_at, pattern_doubts, run_visit, visits
-from scanner_sim.units import FROM_FILE
 
 DWELL = 50e-6
 SERVO = Galvanometers()

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scanner_sim.errors import ScenarioError
+from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.scene.objects import Scene
 
 GREY = {"reflectance": 0.5}
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.usefixtures("device")
 
 
 def load(*objects: dict[str, Any]) -> Any:
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     return load_scene(Scene(objects=objects))
 

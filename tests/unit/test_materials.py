@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.scene.materials import (
     MATERIALS,
     Material,

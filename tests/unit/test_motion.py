@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from scanner_sim.errors import InputError
-from scanner_sim.frames import pose_matrix, rotation_about
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.frames import pose_matrix, rotation_about
+from scanner_sim.foundation.units import FROM_FILE
 from scanner_sim.scene.motion import COLUMNS, RigidMotion, read_poses
-from scanner_sim.units import FROM_FILE
 
 START = pose_matrix(rotation_about([0.0, 0.0, 1.0], 0.3), [1.0, 2.0, 10.0])
 HEAD = ",".join(COLUMNS)

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scanner_sim import Scenario, simulate
 from scanner_sim.analytic.geometry import laser_origin, range_to_sphere, scanner_axes
 from scanner_sim.config import doubts
-from scanner_sim.photo import take_photo
+from scanner_sim.instrument.photo import take_photo
+from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.products.image import RangeImage
 from scanner_sim.scan.raster import raster_aim
 from scanner_sim.scene.objects import Scene
-from scanner_sim.workbench import Workbench
 
 Array = NDArray[np.float64]
 
@@ -161,7 +161,7 @@ def test_every_kind_of_object_moves_as_one_body(tmp_path: Path, kind: str) -> No
     import mitsuba as mi
 
     from scanner_sim.render.rays import at_time, intersect, occluded
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     item = {"name": "thing", "position": (0.1, 0.0, 5.0), "rotation": TILT, "motion": TWIST}
     scene = Scene.model_validate({"objects": [{**item, **meshes(tmp_path)[kind]}, WALL]})
@@ -255,7 +255,7 @@ def same(one: RangeImage, other: RangeImage) -> bool:
 
 def test_motion_compiles_nothing_anew() -> None:
     """After the first batch, later instants and another twist are traced by the kernels that are there."""
-    from scanner_sim.render.beamlets import smooth_beamlets
+    from scanner_sim.render.beam.beamlets import smooth_beamlets
     from scanner_sim.render.shots import true_shots
     from scanner_sim.render.transport import trace_spots
 
@@ -303,8 +303,8 @@ def test_an_object_at_rest_at_an_instant_has_the_pose_of_its_motion() -> None:
 
 def test_the_sunlit_side_of_a_moving_target_is_known() -> None:
     """Points on what the scanner sees of a moving object lie on it, as those of one that rests."""
-    from scanner_sim.render.illumination import visible_samples
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.render.background.illumination import visible_samples
+    from scanner_sim.scene.files.loader import load_scene
 
     scene = Scene.model_validate({"objects": [WALL, plate(motion=TWIST)]})
     found = [visible_samples(load_scene(one), 2, 200, 0) for one in (scene, scene.resting_at(0.0))]

@@ -10,12 +10,12 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim import Scenario, load_scenario
-from scanner_sim.neighbourhood import judge_neighbours
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.mixed_voxels import mixed
 from scanner_sim.ranging.shared_noise import SharedNoise
 from scanner_sim.ranging.uneven import Raster
-from scanner_sim.status import Status
 
 Array = NDArray[np.float64]
 

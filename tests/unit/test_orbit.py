@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from scanner_sim.analytic import orbit as judge
-from scanner_sim.scene.elements import elements_age, elements_period, sun_from_elements
-from scanner_sim.scene.lighting import Lighting, orbit_times, skies
-from scanner_sim.scene.orbit import AXES, Attitude, Orbit, TwoLineElements, period, sun_from_anomaly
+from scanner_sim.scene.light.elements import elements_age, elements_period, sun_from_elements
+from scanner_sim.scene.light.lighting import Lighting, orbit_times, skies
+from scanner_sim.scene.light.orbit import AXES, Attitude, Orbit, TwoLineElements, period, sun_from_anomaly
 
 LINE1 = "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927"
 LINE2 = "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537"
@@ -165,7 +165,7 @@ def test_times_are_utc() -> None:
 
 def test_a_time_beyond_the_leap_seconds_is_no_warning() -> None:
     sun_from_elements(LINE1, LINE2, datetime(2008, 9, 20, tzinfo=UTC), after=86400.0)
-    from scanner_sim.scene.elements import _sun_in_teme
+    from scanner_sim.scene.light.elements import _sun_in_teme
 
     assert np.linalg.norm(_sun_in_teme(2472000.5, 0.0)) == pytest.approx(1.0)  # in 2055
 

@@ -8,10 +8,10 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 import pytest
 
-from scanner_sim.scene.earth import EARTH_RADIUS, angle_between, earth_angular_radius, visible_share
-from scanner_sim.scene.elements import elements_age, elements_period, sun_from_elements
-from scanner_sim.scene.lighting import Lighting, orbit_times
-from scanner_sim.scene.orbit import Orbit, largest_beta, period, sun_from_anomaly
+from scanner_sim.scene.light.earth import EARTH_RADIUS, angle_between, earth_angular_radius, visible_share
+from scanner_sim.scene.light.elements import elements_age, elements_period, sun_from_elements
+from scanner_sim.scene.light.lighting import Lighting, orbit_times
+from scanner_sim.scene.light.orbit import Orbit, largest_beta, period, sun_from_anomaly
 
 LINES = (
     "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from pydantic import ValidationError
 
-from scanner_sim.parts import Count, MeshFile, Number, Part, Switch
+from scanner_sim.foundation.parts import Count, MeshFile, Number, Part, Switch
 
 
 class Plain(Part):

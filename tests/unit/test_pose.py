@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim import estimate_pose
 from scanner_sim.analytic import geometry
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.covariance import error_ellipsoid, point_on_object, relative_pose
 from scanner_sim.pose.inputs import PosePrior

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from scanner_sim.frames import rotation_about
+from scanner_sim.foundation.frames import rotation_about
 from scanner_sim.pose.carried import FARTHEST, Carried, carried, rounds_of
 from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
 from scanner_sim.pose.settings import PoseSettings

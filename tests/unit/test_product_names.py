@@ -14,11 +14,11 @@ from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.products.budget import BudgetRow, Dominance, crossing
+from scanner_sim.products.files.tables import checked, six_digits, table_csv
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.pose import pose_columns
 from scanner_sim.products.summary import beyond, summary
-from scanner_sim.products.tables import checked, six_digits, table_csv
 from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.tracking.errors import ErrorParts

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scanner_sim.errors import InputError, RunError
-from scanner_sim.products import run_folder as room
-from scanner_sim.products.folder import check_target
+from scanner_sim.foundation.errors import InputError, RunError
+from scanner_sim.products.files import run_folder as room
+from scanner_sim.products.files.folder import check_target
+from scanner_sim.products.files.run_folder import FILES, RUN, planned_files, write_run
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.run_folder import FILES, RUN, planned_files, write_run
 from scanner_sim.products.settings import Output
 
 BARE = Output(pictures=False)

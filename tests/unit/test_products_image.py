@@ -13,12 +13,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scanner_sim.errors import InputError
-from scanner_sim.products.exr import read_range_image, write_exr
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.products.files.exr import read_range_image, write_exr
 from scanner_sim.products.image import CHANNELS, MEASURED, MEASURED_BY, RangeImage
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.summary import summary, summary_json
-from scanner_sim.status import Status
 
 
 def make_image(rows: int = 5, columns: int = 7, seed: int = 3) -> RangeImage:

@@ -10,12 +10,19 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from scanner_sim.foundation.status import Status
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.pictures import about, draw_range, draw_shaded, draw_signal, draw_voxel, slope
-from scanner_sim.products.style import STATUS_COLOUR
+from scanner_sim.products.pictures.image import (
+    about,
+    draw_range,
+    draw_shaded,
+    draw_signal,
+    draw_voxel,
+    slope,
+)
+from scanner_sim.products.pictures.style import STATUS_COLOUR
+from scanner_sim.products.pictures.voxel import outcome
 from scanner_sim.products.voxel import VoxelRecord
-from scanner_sim.products.voxel_picture import outcome
-from scanner_sim.status import Status
 
 DRAW = {"range": draw_range, "shaded": draw_shaded, "signal": draw_signal}
 

@@ -11,14 +11,14 @@ import pytest
 from pydantic import ValidationError
 
 from scanner_sim.analytic import time_of_flight as judge
-from scanner_sim.detector.noise_colour import colouring_taps, correlation
-from scanner_sim.detector.photodiode import Digitiser, Photodiode, background_power
-from scanner_sim.detector.pulse_response import PulseResponse
-from scanner_sim.errors import InputError
+from scanner_sim.detector.photodiode.noise_colour import colouring_taps, correlation
+from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode, background_power
+from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.pulse import Pulse, read_pulse
 from scanner_sim.render.device import Device
-from scanner_sim.signals.pulse_detection import PulseDetector
-from scanner_sim.signals.pulse_settings import PulseDetection
+from scanner_sim.signals.waveform.detection import PulseDetector
+from scanner_sim.signals.waveform.settings import PulseDetection
 
 
 @pytest.mark.parametrize("shape", ["gaussian", "t2_exponential"])

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from scanner_sim.detector.line import electrons_per_watt, expose
-from scanner_sim.scanner import Scanner
-from scanner_sim.signals.expected import ExpectedSpot
-from scanner_sim.signals.peaks import find_peaks
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.foundation.status import Status
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.peaks import find_peaks
 from scanner_sim.signals.processing import Processing
-from scanner_sim.status import Status
 
 SCANNER = Scanner()
 SENSOR, DWELL = SCANNER.position_sensor, SCANNER.dwell

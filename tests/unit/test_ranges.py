@@ -11,7 +11,8 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import geometry as judge
-from scanner_sim.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.neighbours import isolated
 from scanner_sim.ranging.ranges import (
     Deflections,
@@ -24,7 +25,6 @@ from scanner_sim.ranging.ranges import (
 )
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.scan.raster import Aim
-from scanner_sim.status import Status
 
 Array = NDArray[np.float64]
 

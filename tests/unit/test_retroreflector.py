@@ -10,7 +10,7 @@ import pytest
 
 from scanner_sim import load_scenario
 from scanner_sim.config import doubts, resolved_yaml
-from scanner_sim.errors import ScenarioError
+from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.scene.objects import Retroreflector, Scene
 from scanner_sim.scene.retroreflectors import NARROWEST, RetroLobe, roughness
 
@@ -87,7 +87,7 @@ def test_a_retro_reflector_above_the_brightest_surface_is_doubted() -> None:
 
 
 def test_loader_shares_equal_materials_and_knows_both_bands(device: Any) -> None:
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     first = {**PLAIN, "reflectance_out_of_band": 0.25}
     objects = [
@@ -103,7 +103,7 @@ def test_loader_shares_equal_materials_and_knows_both_bands(device: Any) -> None
 
 
 def test_files_of_mitsuba_may_name_it(device: Any, tmp_path: Path) -> None:
-    from scanner_sim.scene.loader import load_scene
+    from scanner_sim.scene.files.loader import load_scene
 
     file = tmp_path / "sheet.xml"
     file.write_text(XML, encoding="utf-8")
@@ -171,7 +171,7 @@ def test_the_plugin_refuses_numbers_out_of_range(device: Any, settings: dict[str
 
 
 def test_registration_is_kept_for_the_variant(device: Any) -> None:
-    from scanner_sim.render.retroreflector import register_retroreflector
+    from scanner_sim.render.plugins.retroreflector import register_retroreflector
 
     assert register_retroreflector() is register_retroreflector()
 

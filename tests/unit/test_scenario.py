@@ -8,7 +8,7 @@ import pytest
 
 from scanner_sim import load_scenario
 from scanner_sim.config import doubts
-from scanner_sim.errors import ScenarioError
+from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.scan.raster import RasterScan, raster_aim, tiled_order
 
 SCAN = {"rows": 8, "columns": 8, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}

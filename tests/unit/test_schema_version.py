@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from scanner_sim import load_scenario
-from scanner_sim.errors import InputError
+from scanner_sim.foundation.errors import InputError
 
 
 @pytest.mark.parametrize("version", [True, 1.0, "1", 0, -1])

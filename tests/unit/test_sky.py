@@ -28,7 +28,7 @@ def vectors(*rows: Any) -> Any:
 
 
 def everything(light: Any, direction: Any) -> np.ndarray:
-    from scanner_sim.render.sky import earth_radiance, pdf_earth, pdf_sun, sun_radiance
+    from scanner_sim.render.background.sky import earth_radiance, pdf_earth, pdf_sun, sun_radiance
 
     return np.array([law(light, direction) for law in (sun_radiance, pdf_sun, earth_radiance, pdf_earth)])
 
@@ -46,7 +46,7 @@ def everything(light: Any, direction: Any) -> np.ndarray:
     ],
 )
 def test_impossible_skies_are_refused(sun: Any, radius: float, earth: Any, altitude: float) -> None:
-    from scanner_sim.render.sky import sky_light
+    from scanner_sim.render.background.sky import sky_light
 
     with pytest.raises(ValueError, match=r"direction|Sun|above"):
         sky_light(sun, radius, earth, altitude)
@@ -55,7 +55,7 @@ def test_impossible_skies_are_refused(sun: Any, radius: float, earth: Any, altit
 def test_without_a_sun_all_is_dark() -> None:
     import mitsuba as mi
 
-    from scanner_sim.render.sky import earth_directions, sample_earth, sample_sun, sky_light
+    from scanner_sim.render.background.sky import earth_directions, sample_earth, sample_sun, sky_light
 
     light = sky_light(None, 0.0, DOWN)
     assert not everything(light, vectors(SUN, DOWN, (0.0, 0.0, 1.0))).any()
@@ -66,7 +66,7 @@ def test_without_a_sun_all_is_dark() -> None:
 
 
 def test_without_an_earth_only_the_sun_shines() -> None:
-    from scanner_sim.render.sky import earth_directions, sky_light
+    from scanner_sim.render.background.sky import earth_directions, sky_light
 
     light = sky_light(SUN, RADIUS, None, 0.0)
     found = everything(light, vectors(SUN, DOWN))
@@ -78,7 +78,7 @@ def test_without_an_earth_only_the_sun_shines() -> None:
 
 
 def test_length_of_a_direction_is_of_no_account() -> None:
-    from scanner_sim.render.sky import sky_light
+    from scanner_sim.render.background.sky import sky_light
 
     direction = vectors(SUN, (0.1, 1.0, 0.2))
     near = everything(sky_light(SUN, RADIUS, DOWN), direction)
@@ -87,7 +87,7 @@ def test_length_of_a_direction_is_of_no_account() -> None:
 
 
 def test_the_edge_of_the_suns_disc() -> None:
-    from scanner_sim.render.sky import sky_light, sun_radiance
+    from scanner_sim.render.background.sky import sky_light, sun_radiance
 
     sun, across = np.array(SUN), np.array([0.8, 0.6, 0.0])
     light = sky_light(SUN, RADIUS, None)
@@ -98,7 +98,7 @@ def test_the_edge_of_the_suns_disc() -> None:
 
 def test_the_lit_limb_is_on_the_suns_side() -> None:
     """Over the terminator the ground towards the Sun is lit, with cosζ = sin of the way to it, the other is not."""
-    from scanner_sim.render.sky import earth_radiance, sky_light
+    from scanner_sim.render.background.sky import earth_radiance, sky_light
 
     light = sky_light((1.0, 0.0, 0.0), RADIUS, DOWN, 400e3, 6371e3)
     way = np.deg2rad(10.0)
@@ -112,7 +112,7 @@ def test_the_lit_limb_is_on_the_suns_side() -> None:
 
 
 def test_the_earth_hides_the_sun_and_the_night_is_black() -> None:
-    from scanner_sim.render.sky import sky_light
+    from scanner_sim.render.background.sky import sky_light
 
     found = everything(sky_light((0.3, 1.0, 0.0), RADIUS, DOWN), vectors((0.3, 1.0, 0.0), DOWN))
     assert found[1, 0] > 0.0
@@ -120,7 +120,7 @@ def test_the_earth_hides_the_sun_and_the_night_is_black() -> None:
 
 
 def test_the_limb_is_where_geometry_puts_it() -> None:
-    from scanner_sim.render.sky import earth_radiance, sky_light
+    from scanner_sim.render.background.sky import earth_radiance, sky_light
 
     light = sky_light((0.0, -1.0, 0.0), RADIUS, DOWN, 400e3, 6371e3)
     limb = np.arcsin(6371.0 / 6771.0)
@@ -131,7 +131,7 @@ def test_the_limb_is_where_geometry_puts_it() -> None:
 
 
 def test_fixed_directions_lie_on_the_lit_earth() -> None:
-    from scanner_sim.render.sky import earth_directions, earth_radiance, sky_light
+    from scanner_sim.render.background.sky import earth_directions, earth_radiance, sky_light
 
     light = sky_light((1.0, 0.1, 0.0), RADIUS, DOWN)
     direction, weight = earth_directions(light, 200)
@@ -146,7 +146,7 @@ def test_another_place_is_no_other_kernel() -> None:
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.sky import earth_radiance, sample_earth, sky_light
+    from scanner_sim.render.background.sky import earth_radiance, sample_earth, sky_light
 
     @dr.freeze
     def brightness(light: Any, u: Any) -> Any:
@@ -165,7 +165,7 @@ def test_another_place_is_no_other_kernel() -> None:
 def loaded(earth: str) -> Any:
     import mitsuba as mi
 
-    from scanner_sim.render.sky_emitter import register_orbit_sky
+    from scanner_sim.render.plugins.sky_emitter import register_orbit_sky
 
     assert register_orbit_sky() is register_orbit_sky()
     mi.set_log_level(mi.LogLevel.Error)
@@ -217,7 +217,7 @@ def test_the_emitters_earth_adds_its_light() -> None:
 def test_the_emitter_says_what_it_cannot() -> None:
     import mitsuba as mi
 
-    from scanner_sim.render.sky_emitter import register_orbit_sky
+    from scanner_sim.render.plugins.sky_emitter import register_orbit_sky
 
     register_orbit_sky()
     with pytest.raises(RuntimeError, match="sun_direction"):
@@ -230,8 +230,8 @@ def test_the_emitter_needs_arrays_of_rays() -> None:
     """In a process of its own: a plugin stays registered with the variant that it was made in."""
     code = """
 import mitsuba as mi
-from scanner_sim.errors import InputError
-from scanner_sim.render.sky_emitter import register_orbit_sky
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.render.plugins.sky_emitter import register_orbit_sky
 mi.set_variant("scalar_rgb")
 try:
     register_orbit_sky()

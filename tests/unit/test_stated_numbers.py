@@ -15,14 +15,14 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.render.settings import Transport
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.schedule import Visiting
-from scanner_sim.scanner import Scanner
-from scanner_sim.scene.lighting import Earth, Sun
+from scanner_sim.scene.light.lighting import Earth, Sun
+from scanner_sim.scene.light.orbit import Orbit
 from scanner_sim.scene.materials import MATERIALS
-from scanner_sim.scene.orbit import Orbit
 from scanner_sim.signals.processing import Processing
 from scanner_sim.tracking.state import TrackerSettings
 

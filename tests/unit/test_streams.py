@@ -11,8 +11,8 @@ import pytest
 from scipy import stats
 
 import scanner_sim
+from scanner_sim.foundation.streams import Stream, generator, host_generator
 from scanner_sim.render.device import Device
-from scanner_sim.streams import Stream, generator, host_generator
 
 PINNED = {
     "MIRRORS": 1,

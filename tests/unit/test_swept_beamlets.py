@@ -7,9 +7,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
-from scanner_sim.render.beamlets import edge_beamlets, edge_width
+from scanner_sim.render.beam.beamlets import edge_beamlets, edge_width
+from scanner_sim.render.beam.swept_beamlets import swept_places
 from scanner_sim.render.device import Device
-from scanner_sim.render.swept_beamlets import swept_places
 
 Array = NDArray[np.float64]
 
@@ -82,11 +82,11 @@ def test_they_turn_with_the_travel_and_the_beam(device: Device) -> None:
     import drjit as dr
     import mitsuba as mi
 
+    from scanner_sim.config.scanner import Scanner
     from scanner_sim.optics.filter import peak_transmission
+    from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
     from scanner_sim.render.shots import Shots
-    from scanner_sim.render.swept_beamlets import SweptBeamlets, SweptTables
     from scanner_sim.render.transport import Bench
-    from scanner_sim.scanner import Scanner
 
     scanner = Scanner()
     sensor = scanner.position_sensor

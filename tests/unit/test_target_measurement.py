@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import tracking as judge
+from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
-from scanner_sim.status import Status
 from scanner_sim.tracking.measurement import Measurement, TargetLooks, measure_target
 from scanner_sim.tracking.response import TargetKind, target_response, two_levels
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point

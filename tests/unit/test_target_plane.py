@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scanner_sim.frames import rotation_about
+from scanner_sim.foundation.frames import rotation_about
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures, sample_shares
 from scanner_sim.tracking.centroid import centroid_of

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scanner_sim.status import Status
+from scanner_sim.foundation.status import Status
 from scanner_sim.tracking.response import TargetKind, target_response, two_levels
 from scanner_sim.tracking.samples import PatternSamples
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import maximum_filter1d
 from scipy.stats import norm
 
+from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.mixed_voxels import mixed
 from scanner_sim.ranging.shared_noise import SharedNoise
 from scanner_sim.ranging.uneven import Raster, relief, rugged, texture, window
-from scanner_sim.status import Status
 
 Array = NDArray[np.float64]
 

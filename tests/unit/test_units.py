@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scanner_sim import units
-from scanner_sim.units import Dimension
+from scanner_sim.foundation import units
+from scanner_sim.foundation.units import Dimension
 
 
 def dimension(annotated: object) -> Dimension:

@@ -13,16 +13,16 @@ from pydantic import ValidationError
 
 from scanner_sim.analytic import beam, spot
 from scanner_sim.analytic.estimators import blais_rioux
-from scanner_sim.detector.line import electrons_per_watt, expose
-from scanner_sim.detector.noise import NoiseSwitches
-from scanner_sim.detector.position_sensor import PositionSensor
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.noise import NoiseSwitches
+from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.status import Status
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.ranging.neighbours import isolated
-from scanner_sim.signals.expected import ExpectedSpot
-from scanner_sim.signals.peaks import Peaks, find_peaks
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.processing import PeakMethod, Processing, Validation
-from scanner_sim.status import Status
 
 DWELL = 50e-6
 SILENT = dict.fromkeys(NoiseSwitches.model_fields, False)

@@ -12,8 +12,9 @@ from scipy.stats import norm
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
-from scanner_sim.closed_loop import visit_errors
-from scanner_sim.closed_loop.visit_errors import (
+from scanner_sim.config.scanner import speckle_optics
+from scanner_sim.instrument.closed_loop import visit_errors
+from scanner_sim.instrument.closed_loop.visit_errors import (
     alike,
     error_parts,
     image_variance,
@@ -22,7 +23,6 @@ from scanner_sim.closed_loop.visit_errors import (
 )
 from scanner_sim.optics.speckle import packets_of
 from scanner_sim.scan.schedule import PatternMotion
-from scanner_sim.scanner import speckle_optics
 from scanner_sim.tracking.lasting import SurfaceSpeckle
 from scanner_sim.tracking.measurement import Measurement, TargetLooks
 from scanner_sim.tracking.response import TargetKind

@@ -11,9 +11,9 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim import Scenario, load_scenario
-from scanner_sim.closed_loop import tracker as module
-from scanner_sim.closed_loop.records import Recorder, point_of
-from scanner_sim.closed_loop.tracker import Tracker
+from scanner_sim.instrument.closed_loop import tracker as module
+from scanner_sim.instrument.closed_loop.records import Recorder, point_of
+from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.render.device import Device
 from scanner_sim.tracking.errors import ErrorParts

@@ -12,11 +12,18 @@ from numpy.typing import NDArray
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
-from scanner_sim.closed_loop import voxels
-from scanner_sim.closed_loop.records import point_of
-from scanner_sim.closed_loop.saved_state import first_state, load_state, save_state
-from scanner_sim.closed_loop.voxels import Encoders, Eye, SignalNoise, aim_of, samples_of, unevenness
 from scanner_sim.detector.encoders import reading_noise
+from scanner_sim.instrument.closed_loop import voxels
+from scanner_sim.instrument.closed_loop.records import point_of
+from scanner_sim.instrument.closed_loop.saved_state import first_state, load_state, save_state
+from scanner_sim.instrument.closed_loop.voxels import (
+    Encoders,
+    Eye,
+    SignalNoise,
+    aim_of,
+    samples_of,
+    unevenness,
+)
 from scanner_sim.render.device import Device
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.prediction import Motion

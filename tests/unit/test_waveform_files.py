@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import xarray
 
-from scanner_sim.errors import InputError
-from scanner_sim.products.waveform_picture import draw_waveform, range_levels
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.products.pictures.waveform import draw_waveform, range_levels
 from scanner_sim.products.waveforms import WaveformSet, read_waveforms, write_waveforms
-from scanner_sim.status import Status
 
 
 def waveforms(largest: float = 5000.0, fraction: float = 0.0) -> WaveformSet:

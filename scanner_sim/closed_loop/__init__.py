@@ -1,1 +1,0 @@
-"""The second mode of operation: targets followed in a closed loop, and the poses of what carries them."""

@@ -1,0 +1,268 @@
+"""A scenario: everything that determines a result."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+from pydantic import Discriminator, Field, Tag
+
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.foundation.errors import Fault, InputError
+from scanner_sim.foundation.parts import Count, Part
+from scanner_sim.pose.settings import PoseSettings
+from scanner_sim.products.settings import Output
+from scanner_sim.render.camera_settings import LEAST_FIELD, Camera
+from scanner_sim.render.settings import Transport
+from scanner_sim.scan.raster import RasterScan
+from scanner_sim.scan.schedule import MOST_UPDATES, MOST_VISITS
+from scanner_sim.scene.light.lighting import Lighting
+from scanner_sim.scene.objects import Scene
+from scanner_sim.signals.processing import MARGIN, Processing
+from scanner_sim.tracking.record import TrackTarget
+from scanner_sim.tracking.scan import TrackScan, resolve_targets
+
+_MOST_GREYS = 1 << 27
+"""Pixels of the camera's picture: half a gigabyte, and three while it is made."""
+_MOST_SAMPLES = 1 << 28
+"""Samples of all waveforms that are kept together: a gigabyte."""
+
+
+def _kind_of_scan(value: object) -> str:
+    """Return the tag of a scan; one without a type is a raster."""
+    kind = value.get("type", "raster") if isinstance(value, dict) else getattr(value, "type", "raster")
+    return f"({kind})"
+
+
+ScanChoice = Annotated[
+    Annotated[RasterScan, Tag("(raster)")] | Annotated[TrackScan, Tag("(track)")],
+    Discriminator(_kind_of_scan),
+]
+
+
+class Scenario(Part):
+    """Instrument, scene, scan and processing: the same scenario gives the same bytes.
+
+    In a file every dimensional number has a unit; from Python plain numbers are SI.
+    """
+
+    schema_version: Literal[1] = Field(alias="schema", examples=[1])
+    """Version of the scenario's form."""
+    seed: Count = Field(default=0, ge=0, lt=2**63)
+    """Seed of every random number."""
+    scanner: Scanner = Scanner()
+    """The instrument."""
+    ranging: Literal["triangulation", "tof", "both"] = "triangulation"
+    """How ranges are measured: by the line sensor, by time of flight (``scanner.lidar``), or both with their fusion."""
+    scene: Scene = Scene()
+    """What stands before it."""
+    lighting: Lighting = Lighting()
+    """Sun and Earth; dark by default."""
+    scan: ScanChoice = Field(
+        examples=[
+            {
+                "type": "raster",
+                "rows": 256,
+                "columns": 256,
+                "horizontal": ["-15 deg", "15 deg"],
+                "vertical": ["-15 deg", "15 deg"],
+            }
+        ]
+    )
+    """Where it points: a raster, or patterns that follow targets."""
+    transport: Transport = Transport()
+    """How light is followed."""
+    processing: Processing = Processing()
+    """How signals become ranges."""
+    pose: PoseSettings = PoseSettings()
+    """How tracks become poses of objects."""
+    camera: Camera = Camera()
+    """The video camera beside the scanner: what ``camera.png`` shows where the Sun shines."""
+    output: Output = Output()
+    """What is written."""
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield angles beyond the mirrors, range gates beyond what is recorded, and settings that find no room."""
+        if isinstance(self.scan, RasterScan):
+            yield from self._raster_contradictions(self.scan)
+        else:
+            yield from self._track_contradictions(self.scan)
+        if self.ranging != "tof":
+            yield from self._line_contradictions()
+        if self.ranging != "triangulation":
+            yield from self._pulse_contradictions()
+
+    @property
+    def raster(self) -> RasterScan:
+        """The scan, for what needs a raster.
+
+        Raises
+        ------
+        InputError
+            If the scenario follows targets.
+        """
+        if not isinstance(self.scan, RasterScan):
+            raise InputError(
+                "this needs a raster, and the scenario follows targets (scan.type: track).",
+                remedy="Write scan: {type: raster, rows: 256, columns: 256, horizontal: […], vertical: […]}.",
+            )
+        return self.scan
+
+    @property
+    def following(self) -> TrackScan:
+        """The scan, for what follows targets.
+
+        Raises
+        ------
+        InputError
+            If the scenario scans a raster.
+        """
+        if not isinstance(self.scan, TrackScan):
+            raise InputError(
+                "this follows targets, and the scenario scans a raster (scan.type: raster).",
+                remedy="Write scan: {type: track, targets: [node/1], duration: 2 s}.",
+            )
+        return self.scan
+
+    @property
+    def targets(self) -> tuple[TrackTarget, ...]:
+        """The targets that are followed, arrays taken apart; empty for a raster."""
+        if isinstance(self.scan, RasterScan):
+            return ()
+        return resolve_targets(self.scan, self.scene, self.scanner.mirrors.axis_separation)[0]
+
+    def _raster_contradictions(self, scan: RasterScan) -> Iterator[Fault]:
+        limit = self.scanner.mirrors.max_deflection
+        for name, ends in (("horizontal", scan.horizontal), ("vertical", scan.vertical)):
+            if max(abs(end) for end in ends) > limit:
+                widest = math.degrees(max(ends, key=abs))
+                yield Fault(
+                    f"scan.{name}",
+                    f"{widest:.6g} deg lies beyond the mirrors, which deflect by up to "
+                    f"{math.degrees(limit):.6g} deg ({limit:g} rad) to both sides.",
+                    "Narrow the scan, or raise scanner.mirrors.max_deflection.",
+                )
+        height = (scan.vertical[1] - scan.vertical[0]) / max(
+            scan.horizontal[1] - scan.horizontal[0], LEAST_FIELD
+        )
+        if self.camera.width**2 * height > _MOST_GREYS:
+            yield Fault(
+                "camera.width",
+                f"the field of view makes it a picture of {self.camera.width} × {self.camera.width * height:.3g} "
+                f"pixels; {_MOST_GREYS:.3g} are possible.",
+                "Reduce it, or widen scan.horizontal.",
+            )
+        yield from self._waveform_contradictions(scan)
+
+    def _track_contradictions(self, scan: TrackScan) -> Iterator[Fault]:
+        targets, faults = resolve_targets(scan, self.scene, self.scanner.mirrors.axis_separation)
+        yield from faults
+        yield from self._visit_contradictions(scan, len(targets))
+        if self.output.waveforms != "none":
+            yield Fault(
+                "output.waveforms",
+                "a run that follows targets keeps no waveforms.",
+                "Write none, or a raster.",
+            )
+
+    def _visit_contradictions(self, scan: TrackScan, targets: int) -> Iterator[Fault]:
+        """Yield patterns that the encoders do not see the end of, and visits that no memory holds."""
+        scanner, visiting, points = self.scanner, scan.visiting, scan.pattern.points
+        servos = scanner.galvanometers
+        if servos.readout_delay >= points * scanner.dwell:
+            yield Fault(
+                "scanner.galvanometers.readout_delay",
+                f"{servos.readout_delay:.4g} s are no less than the {points * scanner.dwell:.4g} s of a whole pattern.",
+                "Lower it or scanner.rate, or raise scan.pattern.points.",
+            )
+        farthest = 2.0 * scanner.mirrors.max_deflection
+        updates = visiting.updates_of(points, scanner.dwell, farthest, servos)
+        if updates > MOST_UPDATES:
+            yield Fault(
+                "scan.visiting.updates",
+                f"a visit takes up to {updates:.3g} updates of the drive's command; {MOST_UPDATES:.3g} are possible.",
+                "Lower it, scanner.rate, scan.pattern.points or scan.visiting.turnaround, or raise the limits of "
+                "scanner.galvanometers.",
+            )
+            return
+        visits = scan.duration / visiting.period(points, scanner.dwell, max(targets, 1), servos)
+        most = min(MOST_VISITS, 2**32 // points)
+        if visits > most:
+            yield Fault(
+                "scan.duration",
+                f"{scan.duration:.4g} s hold {visits:.3g} patterns; {most} are possible.",
+                "Shorten it, or raise scan.pattern.points or scan.visiting.turnaround.",
+            )
+
+    def _line_contradictions(self) -> Iterator[Fault]:
+        pixels, window = self.scanner.position_sensor.pixels, 2 * MARGIN[self.processing.peak] + 1
+        if window > pixels:
+            yield Fault(
+                "processing.peak",
+                f"{self.processing.peak} reads {window} pixels, and the array has {pixels}.",
+                "Choose another estimator, or raise scanner.position_sensor.pixels.",
+            )
+        gate = self.processing.range_gate
+        nearest, farthest = self.scanner.nearest_range, self.scanner.farthest_range
+        if gate is not None and (gate[1] <= nearest or gate[0] >= farthest):
+            beyond = f"{nearest:.4g} m " + ("or more" if math.isinf(farthest) else f"to {farthest:.4g} m")
+            yield Fault(
+                "processing.range_gate",
+                f"[{gate[0]:g} m, {gate[1]:g} m] lies outside of the ranges that the array sees, {beyond}.",
+                "Move the gate, or change receiver.baseline, receiver.focal_length or the position_sensor.",
+            )
+
+    def _pulse_contradictions(self) -> Iterator[Fault]:
+        lidar, gate = self.scanner.lidar, self.processing.range_gate
+        if lidar.pulse.repetition_rate < self.scanner.rate:
+            yield Fault(
+                "scanner.lidar.pulse.repetition_rate",
+                f"{lidar.pulse.repetition_rate:.4g} pulses a second leave some of {self.scanner.rate:.4g} voxels "
+                "without one.",
+                "Raise it, or lower scanner.rate.",
+            )
+        level, saturation = self.processing.pulse.level, lidar.photodiode.saturation
+        if level is not None and level >= saturation:
+            yield Fault(
+                "processing.pulse.level",
+                f"{level:.3g} A is not below the {saturation:.3g} A at which the amplifier saturates.",
+                "Lower it, or raise scanner.lidar.photodiode.saturation.",
+            )
+        nearest, farthest = lidar.digitiser.gate
+        if gate is not None and (gate[1] <= nearest or gate[0] >= farthest):
+            yield Fault(
+                "processing.range_gate",
+                f"[{gate[0]:g} m, {gate[1]:g} m] lies outside of what the digitiser records, {nearest:.4g} m to "
+                f"{farthest:.4g} m.",
+                "Move the gate, or change scanner.lidar.digitiser.gate.",
+            )
+
+    def _waveform_contradictions(self, scan: RasterScan) -> Iterator[Fault]:
+        chosen = self.output.waveforms
+        if chosen == "none":
+            return
+        if self.ranging == "triangulation":
+            yield Fault(
+                "output.waveforms",
+                "triangulation has no waveforms.",
+                "Write ranging: tof or both, or output.waveforms: none.",
+            )
+        rows, columns = scan.rows, scan.columns
+        count = scan.shots if isinstance(chosen, str) else len(chosen)
+        samples = count * self.scanner.lidar.digitiser.samples
+        if samples > _MOST_SAMPLES:
+            yield Fault(
+                "output.waveforms",
+                f"all of them are {samples:.3g} samples; {_MOST_SAMPLES:.3g} fit in a file.",
+                "Name the voxels that are wanted, as [[0, 0], [10, 20]].",
+            )
+        if isinstance(chosen, str):
+            return
+        for row, column in chosen:
+            if not (0 <= row < rows and 0 <= column < columns):
+                yield Fault(
+                    "output.waveforms",
+                    f"voxel [{row}, {column}] lies outside of the {rows} × {columns} raster.",
+                    "Rows and columns count from 0.",
+                )

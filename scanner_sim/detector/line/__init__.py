@@ -1,0 +1,1 @@
+"""The line sensor of triangulation: exposure, noise and speckle."""

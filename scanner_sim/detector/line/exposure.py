@@ -1,0 +1,222 @@
+"""Exposure of the line sensor: from watts on the pixels to digital numbers.
+
+The chain of a charge-integrating array: photons to electrons (quantum efficiency, response of each pixel), dark
+charge, Poisson noise, full well with anti-blooming, read noise, converter. (Janesick, *Photon transfer*, 2007,
+chs 3 to 5.)
+
+The line may be exposed twice in a dwell, with the laser on and off, at the same place of the mirrors: the second
+exposure sees the background alone, to be subtracted later. Each is read and digitised on its own, with its own
+noise; the pixels' response is that of both. Not modelled: the mirrors' motion between the exposures, image lag, the
+time of the second read-out, and the laser's rise and decay.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import drjit.auto.ad as auto
+
+from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
+from scanner_sim.foundation.streams import Stream, generator
+
+LinePower = Callable[[Any, Any], Any]
+"""Power on the line [W] as a function of (pixel, place of the shot)."""
+
+_INVERSION = 40.0
+"""Mean below which Poisson numbers are found by inversion; above, the series is good enough."""
+_ROUNDING = 2.0**-24
+"""What float32 does not notice beside 1."""
+
+
+_BLOCK = 64
+"""Shots whose lines are stored interleaved: a block fits the cache, and neighbours load together."""
+
+
+@dataclass
+class Signal:
+    """Digitised lines of a group of shots.
+
+    Attributes
+    ----------
+    number
+        Digital numbers, Dr.Jit float array; :meth:`address` tells where each one is. Two neighbours stand together,
+        and behind them the same two of the exposure without the laser, where there is one.
+    shots, pixels
+        Number m of shots, and of pixels in each line.
+    laser_off
+        Share of the dwell that the exposure without the laser took; 0 where there is none.
+    """
+
+    number: Any
+    shots: int
+    pixels: int
+    laser_off: float = 0.0
+
+    @property
+    def exposures(self) -> int:
+        """Number of exposures of each line, 1 or 2."""
+        return 2 if self.laser_off > 0.0 else 1
+
+    def pair(self, pixel: Any, place: Any) -> Any:
+        """Return the index of the pair of a pixel (0 to pixels − 1) of the shot at a place (0 to m − 1)."""
+        row = place // _BLOCK * ((self.pixels + 1) // 2) + pixel // 2
+        return row * _BLOCK + place % _BLOCK
+
+    def address(self, pixel: Any, place: Any) -> Any:
+        """Return the index of a pixel of the shot at a place; 2 more is that of the exposure without the laser."""
+        return 2 * self.exposures * self.pair(pixel, place) + pixel % 2
+
+    def lines(self, exposure: int = 0) -> Any:
+        """Return the digital numbers of an exposure as a NumPy array of shape (m, pixels)."""
+        pairs = (self.pixels + 1) // 2
+        blocks = self.number.numpy().reshape(-1, pairs, _BLOCK, self.exposures, 2)[:, :, :, exposure]
+        return blocks.transpose(0, 2, 1, 3).reshape(-1, 2 * pairs)[: self.shots, : self.pixels]
+
+
+def electrons_per_watt(sensor: PositionSensor, wavelength: float, dwell: float) -> float:
+    """Return the electrons that one watt on a pixel frees during a dwell: QE t λ / (h c)."""
+    return sensor.quantum_efficiency * dwell * wavelength / (PLANCK * SPEED_OF_LIGHT)
+
+
+def expose(
+    power: LinePower,
+    shot: Any,
+    sensor: PositionSensor,
+    wavelength: float,
+    dwell: float,
+    seed: int,
+    *,
+    background: LinePower | None = None,
+    laser_off: float = 0.0,
+) -> Signal:
+    """Expose, read and digitise the lines of a group of shots.
+
+    Parameters
+    ----------
+    power
+        Function of (pixel, place) that gives the power [W] on a pixel of the shot at a place, 0 to m − 1;
+        both are Dr.Jit unsigned arrays of one shape.
+    shot
+        Numbers of the m shots (they address the noise), Dr.Jit unsigned.
+    sensor
+        The line sensor.
+    wavelength, dwell
+        Wavelength [m] and time spent on a shot [s].
+    seed
+        Seed of the noise.
+    background
+        The power [W] without the laser, by the same arguments; wanted where ``laser_off`` is not 0.
+    laser_off
+        Share s of the dwell t in which the laser is off, 0 to below 1: the line is exposed for (1 − s) t to all the
+        light, and for s t to the background.
+
+    Returns
+    -------
+    Signal
+
+    Raises
+    ------
+    ValueError
+        If the laser is off for a time and no background is given.
+    """
+    lights = [(power, Stream.DETECTOR, (1.0 - laser_off) * dwell)]
+    if laser_off > 0.0:
+        if background is None:
+            raise ValueError("the exposure without the laser needs the background's power")
+        lights.append((background, Stream.AMBIENT, laser_off * dwell))
+    shots, pairs = dr.width(shot), (sensor.pixels + 1) // 2
+    blocks = (shots + _BLOCK - 1) // _BLOCK
+    lane = dr.arange(auto.UInt32, blocks * pairs * _BLOCK)
+    row = lane // _BLOCK
+    block = row // pairs
+    pair, place = row - block * pairs, block * _BLOCK + lane % _BLOCK
+    place = dr.minimum(place, dr.opaque(auto.UInt32, shots - 1))  # the last block may be filled in part
+    response = pixel_response(sensor, seed)
+    exposures = len(lights)
+    number = dr.empty(auto.Float, blocks * pairs * _BLOCK * 2 * exposures)
+    signal = Signal(number, shots, sensor.pixels, laser_off)
+    numbers = []
+    for light, stream, time in lights:
+        # One call of the generator makes four numbers: light and read noise of two pixels.
+        normal = generator(seed, stream, dr.gather(auto.UInt32, shot, place), pair).next_float32x4_normal()
+        for side in (0, 1):
+            pixel = 2 * pair + side
+            charge = light(pixel, place) * dr.opaque(auto.Float, electrons_per_watt(sensor, wavelength, time))
+            charge *= dr.gather(auto.Float, response, pixel, pixel < sensor.pixels)
+            numbers.append(_read_out(charge, normal[2 * side], normal[2 * side + 1], sensor, time))
+    packet = auto.Array2f if exposures == 1 else auto.Array4f
+    dr.scatter(signal.number, packet(*numbers), lane)
+    dr.eval(signal.number)
+    return signal
+
+
+def pixel_response(sensor: PositionSensor, seed: int) -> Any:
+    """Return the relative response of each pixel, shape (pixels,): the same for every shot of a seed."""
+    pixel = dr.arange(auto.UInt32, sensor.pixels)
+    normal = generator(seed, Stream.RESPONSE, auto.UInt32(0), pixel).next_float32x4_normal()[0]
+    spread = sensor.prnu if sensor.noise.prnu else 0.0
+    response = dr.maximum(1.0 + dr.opaque(auto.Float, spread) * normal, 0.0)
+    dr.eval(response)
+    return response
+
+
+def _read_out(charge: Any, shot_normal: Any, read_normal: Any, sensor: PositionSensor, dwell: float) -> Any:
+    """Return the digital numbers of pixels that a mean charge [electron] of light falls on."""
+    switches = sensor.noise
+    dark = sensor.dark_current * dwell if switches.dark else 0.0
+    charge = charge + dr.opaque(auto.Float, dark)
+    if switches.shot:
+        charge = poisson(charge, shot_normal, least=dark)
+    if switches.saturation:
+        charge = dr.minimum(charge, dr.opaque(auto.Float, sensor.full_well))
+    if switches.read:
+        charge = dr.fma(read_normal, dr.opaque(auto.Float, sensor.read_noise), charge)
+    number = charge / dr.opaque(auto.Float, sensor.electrons_per_number) + dr.opaque(auto.Float, sensor.bias)
+    if switches.quantisation:
+        number = dr.round(number)
+    if switches.saturation:
+        number = dr.clip(number, 0.0, dr.opaque(auto.Float, sensor.largest_number))
+    return number
+
+
+def poisson(mean: Any, normal: Any, least: float = 0.0) -> Any:
+    """Return Poisson numbers of the given means, each from one standard normal number.
+
+    Above a mean of 40 the quantile follows from the Cornish-Fisher series to the fourth cumulant (Johnson, Kotz,
+    Balakrishnan, *Continuous univariate distributions* 1, 1994, sec. 12.5), below by inverting the
+    distribution term by term.
+
+    Parameters
+    ----------
+    mean
+        Means, 0 or more.
+    normal
+        Standard normal numbers, same shape.
+    least
+        A mean that none of ``mean`` is below: where it is high enough, inversion is left out.
+    """
+    root = dr.sqrt(mean)
+    z = normal
+    series = z * root + (dr.square(z) - 1.0) / 6.0 - (z * dr.square(z) - z) / (72.0 * dr.maximum(root, 1.0))
+    large = dr.maximum(dr.floor(mean + series + 0.5), 0.0)
+    if least >= _INVERSION:
+        return large
+    few = mean < _INVERSION
+
+    def search(count: Any, term: Any, total: Any) -> Any:
+        count = count + 1.0
+        term = term * mean / count
+        return count, term, total + term
+
+    def unfinished(count: Any, term: Any, total: Any) -> Any:
+        # Near 1 the sum stops short of a target by rounding: beyond the mean a term below it ends the search.
+        return few & (target > total) & ((term > _ROUNDING) | (count < mean))
+
+    first = dr.exp(-mean)
+    target = 0.5 * (1.0 + dr.erf(z * 0.7071067811865476))
+    small, _, _ = dr.while_loop((dr.zeros(auto.Float), first, first), unfinished, search)
+    return dr.select(few, small, large)

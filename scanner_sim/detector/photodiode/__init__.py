@@ -1,0 +1,1 @@
+"""The avalanche photodiode of time of flight: waveforms, noise and speckle."""

@@ -1,0 +1,1 @@
+"""The whole instrument: scenarios in, samples, images and tracks out."""

@@ -1,0 +1,1 @@
+"""The instrument that follows its targets: pattern by pattern, each aimed by what the last one saw."""

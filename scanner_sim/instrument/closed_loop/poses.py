@@ -1,0 +1,161 @@
+"""From a track to the poses of the objects that carry its targets."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.config import scenario_from_text
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.arithmetic import product
+from scanner_sim.pose.carried import carried, rounds_of
+from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
+from scanner_sim.pose.settings import PoseSettings
+from scanner_sim.ranging.coordinates import angles_and_range
+from scanner_sim.scene.objects import Disc, TargetArray
+from scanner_sim.tracking.errors import ErrorParts
+from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
+from scanner_sim.tracking.state import TrackMode
+
+Array = NDArray[np.float64]
+
+FEWEST = 3
+"""Targets of an object from which it has a pose."""
+_TURN = np.linspace(0.0, 2.0 * np.pi, 181)
+
+
+def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSeries, ...]:
+    """Return the poses of all objects that have at least three targets, one for each round of visits.
+
+    Parameters
+    ----------
+    track
+        A run.
+    settings
+        Methods; by default those of the run's scenario.
+
+    Returns
+    -------
+    tuple of PoseSeries
+        For each object and method; then, for each pair of objects and method, the second seen from the first,
+        M_a⁻¹ M_b. All are at the mean time of each round, to which the sightings are carried
+        (:func:`scanner_sim.pose.carried.carried`). What counts is what was measured of a target that the tracker
+        follows: the first sightings while it acquires the target, and all refused ones, do not. A last round that was
+        cut short is left out. The covariances know what targets, neighbouring visits and objects have in common
+        (:class:`~scanner_sim.tracking.errors.ErrorParts`).
+
+    Raises
+    ------
+    InputError
+        If the run's scenario cannot be read, for instance because the file of a motion is gone.
+    """
+    scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run")
+    chosen = scenario.pose if settings is None else settings
+    carriers = carriers_of(track.targets)
+    if not (chosen.methods and carriers):
+        return ()
+    followed = [target for targets in carriers.values() for target in targets]
+    visits = _Visits(track, followed)
+    if not len(visits.at):
+        return ()
+    robust = None if chosen.robust == "none" else chosen.robust
+    found: list[PoseSeries] = []
+    column = {target.name: number for number, target in enumerate(followed)}
+    columns = {name: [column[target.name] for target in targets] for name, targets in carriers.items()}
+    for name, targets in carriers.items():
+        found += [
+            pose_series(
+                name,
+                np.array([target.centre for target in targets], dtype=np.float64),
+                visits.at,
+                visits.sightings.of(columns[name]),
+                axis_separation=scenario.scanner.mirrors.axis_separation,
+                method=method,
+                robust=robust,
+                truth=true_poses(scenario, name, visits.at),
+            )
+            for method in chosen.methods
+        ]
+    relative = [
+        relative_series(a, b, visits.sightings.of([*columns[a.name], *columns[b.name]]))
+        for a, b in combinations(found, 2)
+        if a.name != b.name and a.method == b.method
+    ]
+    return (*found, *relative)
+
+
+def carriers_of(targets: Sequence[TrackTarget]) -> dict[str, tuple[TrackTarget, ...]]:
+    """Return the objects that have at least three of the targets, each with its own."""
+    every: dict[str, tuple[TrackTarget, ...]] = {}
+    for target in targets:
+        every[target.object] = (*every.get(target.object, ()), target)
+    return {name: own for name, own in every.items() if len(own) >= FEWEST}
+
+
+def true_poses(scenario: Scenario, name: str, time: Array) -> Array:
+    """Return where an object of a scenario is at times [s], ``scanner_from_object``, shape (n, 4, 4)."""
+    (item,) = (item for item in scenario.scene.objects if item.name == name)
+    return item.pose_at(time)
+
+
+def rims_of(track: Track) -> Callable[[PatternRecord], Array]:
+    """Return what gives the true outline of a visit's target, (Θ, φ) [rad], shape (n, 2), at the time of the visit.
+
+    Discs, alone or in an array, are seen under their tilt; of all else a circle of the target's diameter.
+
+    Raises
+    ------
+    InputError
+        If the run's scenario cannot be read.
+    """
+    scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run")
+    items = {item.name: item for item in scenario.scene.objects}
+    targets = {target.name: target for target in track.targets}
+    separation = scenario.scanner.mirrors.axis_separation
+
+    def rim(record: PatternRecord) -> Array:
+        target = targets[record.target]
+        item, radius = items[target.object], 0.5 * target.looks.diameter
+        round_ = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
+        if not isinstance(item, Disc | TargetArray):
+            seen: Array = record.truth[:2] + radius / record.truth[2] * round_
+            return seen
+        (pose,) = item.pose_at(record.time)
+        points = target.centre + radius * np.concatenate([round_, np.zeros((len(_TURN), 1))], axis=1)
+        x, y, z = (product(points, pose[:3, :3].T) + pose[:3, 3]).T
+        _, theta, phi = angles_and_range(x, y, z, separation)
+        return np.stack([theta, phi], axis=1)
+
+    return rim
+
+
+class _Visits:
+    """The visits to some targets in rounds, carried to the common times ``at``."""
+
+    def __init__(self, track: Track, targets: Sequence[TrackTarget]) -> None:
+        column = {target.name: number for number, target in enumerate(targets)}
+        records = [record for record in track.records if record.target in column]
+        row = rounds_of([record.target for record in records])
+        count = np.bincount(row)
+        rounds = len(count)
+        if rounds > 1 and count[-1] < count[-2]:
+            rounds -= 1
+        shape = (rounds, len(column))
+        time, place, visited = np.full(shape, np.nan), np.full((*shape, 3), np.nan), np.full(shape, np.nan)
+        unknown = ErrorParts.all_white(np.full((3, 3), np.nan))
+        errors = [unknown] * (rounds * len(column))
+        for record, number in zip(records, row.tolist(), strict=True):
+            if number >= rounds:
+                break
+            where = number, column[record.target]
+            visited[where] = record.time
+            if record.status is TrackStatus.MEASURED and record.after is TrackMode.TRACK:
+                time[where], place[where] = record.time, record.place
+                errors[number * len(column) + where[1]] = record.errors
+        self.at = np.nanmean(visited, axis=1) if rounds else np.zeros(0)
+        if rounds:
+            parts = ErrorParts.stacked(errors).reshaped(shape)
+            self.sightings = carried(time, place, parts, self.at)

@@ -1,0 +1,104 @@
+"""The form of a saved tracking run: what each number may be, checked before anything is made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.parts import Count, Number, Part, Switch
+from scanner_sim.scan.schedule import MOST_VISITS
+from scanner_sim.tracking.state import Refusal, TrackMode
+
+FORMAT = 1
+"""Version of the file's form."""
+WIDEST = 10.0
+"""Largest angle of a target or a mirror [rad]."""
+NEAREST, FARTHEST = 1e-6, 1e6
+"""Ends of the ranges of targets [m]."""
+_INDEFINITE = 1e-9
+"""Most negative eigenvalue of a matrix of correlations that is rounding."""
+
+_Time = Annotated[Number, Field(ge=0.0, le=1e9)]
+_Angle = Annotated[Number, Field(ge=-WIDEST, le=WIDEST)]
+_Rate = Annotated[Number, Field(ge=-1e7, le=1e7)]
+_Range = Annotated[Number, Field(ge=NEAREST, le=FARTHEST)]
+_Covariance = Annotated[Number, Field(ge=-1e12, le=1e12)]
+_Counted = Annotated[Count, Field(ge=0, le=2**31)]
+_Amplitude = Annotated[Number, Field(gt=0.0, lt=1.5)]
+_Pair = tuple[_Angle, _Angle]
+_Rates = tuple[_Rate, _Rate]
+_Row = tuple[_Covariance, _Covariance, _Covariance, _Covariance, _Covariance, _Covariance]
+
+
+class SavedMirrors(Part):
+    """Both mirrors between two visits, Θ first [rad, s]."""
+
+    angle: _Pair
+    rate: _Rates
+    command: _Pair
+    slope: _Rates
+    time: _Time
+
+
+class SavedTrack(Part):
+    """What is remembered of a target [rad, rad, m, s]."""
+
+    mode: Literal[tuple(mode.value for mode in TrackMode)]  # type: ignore[valid-type]
+    mean: tuple[_Angle, _Angle, _Range, _Rate, _Rate, _Rate]
+    covariance: tuple[_Row, _Row, _Row, _Row, _Row, _Row]
+    time: _Time
+    expected: tuple[_Angle, _Angle, _Range]
+    refusal: Literal[tuple(refusal.value for refusal in Refusal)]  # type: ignore[valid-type]
+    patterns: _Counted
+    seen: _Counted
+    missed: _Counted
+    searched: _Counted
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield a matrix that is no covariance: not symmetric, or with a negative variance in some direction."""
+        matrix = np.array(self.covariance, dtype=np.float64)
+        scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
+        size = np.outer(scale, scale)
+        related = np.divide(matrix, size, out=np.zeros_like(matrix), where=size > 0.0)
+        unlike = np.abs(matrix - matrix.T) > _INDEFINITE * size
+        alone = (matrix != 0.0) & (size == 0.0)
+        if unlike.any() or alone.any() or np.linalg.eigvalsh(related).min() < -_INDEFINITE:
+            yield Fault("covariance", "this is no covariance: not symmetric, or a variance is negative.")
+
+
+class SavedState(Part):
+    """A tracking run between two visits."""
+
+    visits: Annotated[Count, Field(ge=0, le=MOST_VISITS)]
+    clock: _Time
+    mirrors: SavedMirrors
+    turn: _Counted
+    skipped: _Counted
+    tracks: tuple[SavedTrack, ...] = Field(min_length=1)
+    followed: tuple[Switch, ...]
+    amplitudes: tuple[_Amplitude | None, ...]
+
+    def contradictions(self) -> Iterator[Fault]:
+        """Yield lists of unequal length, a turn beyond them, and mirrors that are ahead of the clock."""
+        count = len(self.tracks)
+        for name in ("followed", "amplitudes"):
+            if (length := len(getattr(self, name))) != count:
+                yield Fault(name, f"it has {length} entries, and there are {count} tracks.")
+        for name in ("turn", "skipped"):
+            if (number := getattr(self, name)) >= count:
+                yield Fault(name, f"{number} is not below the number of tracks, {count}.")
+        if self.mirrors.time > self.clock:
+            yield Fault("mirrors.time", f"{self.mirrors.time:g} s is later than the clock, {self.clock:g} s.")
+
+
+class SavedRun(Part):
+    """A file of :meth:`scanner_sim.instrument.closed_loop.tracker.Tracker.save`."""
+
+    format: Literal[1]
+    made_by: str
+    scenario: str
+    state: SavedState

@@ -1,0 +1,297 @@
+"""The closed loop: mirrors, voxels, centroid, tracker, visit after visit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from scanner_sim.config import resolved_yaml, scenario_from_text
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.closed_loop.pattern_bench import PatternBench
+from scanner_sim.instrument.closed_loop.records import NOTHING, Recorder
+from scanner_sim.instrument.closed_loop.saved_state import TrackerState, first_state, load_state, save_state
+from scanner_sim.instrument.closed_loop.state_file import FARTHEST, NEAREST, WIDEST
+from scanner_sim.instrument.closed_loop.voxels import Eye
+from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.products.provenance import versions
+from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import Stay, guest
+from scanner_sim.scan.schedule import MOST_VISITS, run_visit
+from scanner_sim.tracking.record import PatternRecord
+from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advanced, command, init
+
+
+class Tracker:
+    """A tracking run that is made visit by visit: an iterator of :class:`~scanner_sim.tracking.record.PatternRecord`.
+
+    Commands between two visits change what comes next. ``state`` is immutable: with it a run can be saved, continued
+    and repeated, and what follows is the same to the last bit, whatever the number of threads.
+
+    Parameters
+    ----------
+    scenario
+        Instrument, scene and a scan of type ``track``.
+    device, threads
+        Where to compute.
+    state
+        Where to go on; None begins.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene cannot be loaded.
+    InputError
+        If the device cannot be used, or the scenario scans a raster.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        *,
+        device: DeviceChoice = "auto",
+        threads: int | None = None,
+        state: TrackerState | None = None,
+    ) -> None:
+        self.scenario, self.scan, self.targets = scenario, scenario.following, scenario.targets
+        self.state = first_state(self.targets, self.scan.tracker) if state is None else state
+        if len(self.state.tracks) != len(self.targets):
+            raise InputError(
+                f"the state tells of {len(self.state.tracks)} targets, and the scenario follows {len(self.targets)}.",
+                remedy="Go on with the scenario that the state was saved with.",
+            )
+        with guest():
+            bench = PatternBench(Workbench(scenario, device=device, threads=threads))
+            self._eye, self._recorder = Eye(scenario, bench), Recorder(scenario)
+            self._stay = Stay()
+        self._periods: dict[int, float] = {}
+
+    @classmethod
+    def resume(
+        cls, file: str | Path, *, device: DeviceChoice = "auto", threads: int | None = None
+    ) -> Tracker:
+        """Return the run that a file of :meth:`save` holds, to be continued.
+
+        Raises
+        ------
+        InputError, ScenarioError
+            If the file cannot be read, or its scenario no longer can (meshes may have gone).
+        """
+        state, text = load_state(Path(file))
+        scenario = scenario_from_text(text, name=str(file))
+        return cls(scenario, device=device, threads=threads, state=state)
+
+    def save(self, file: str | Path) -> None:
+        """Write the scenario and the state between two visits, for :meth:`resume`.
+
+        Raises
+        ------
+        OSError
+            If the file cannot be written.
+        """
+        save_state(Path(file), self.state, self.scenario_yaml, made_by())
+
+    @cached_property
+    def scenario_yaml(self) -> str:
+        """The resolved scenario."""
+        return resolved_yaml(self.scenario)
+
+    @property
+    def finished(self) -> bool:
+        """Whether the next pattern would begin after the scan's duration, or nothing is followed any more."""
+        nothing = not any(self.state.followed)
+        most = min(MOST_VISITS, 2**32 // self.scan.pattern.points)
+        return nothing or self._start() >= self.scan.duration or self.state.visits >= most
+
+    def __iter__(self) -> Iterator[PatternRecord]:
+        """Iterate over the visits that are left."""
+        return self
+
+    def __next__(self) -> PatternRecord:
+        """Make the next visit."""
+        if self.finished:
+            raise StopIteration
+        record, self.state = self.visit(self.state)
+        return record
+
+    def search(self, target: str) -> None:
+        """Search for a target where it is expected, whatever was known of it, and follow it from then on."""
+        index = self._index(target)
+        track = init(self.state.tracks[index].expected, self.scan.tracker, self.state.clock)
+        self._set(index, track=replace(track, patterns=self.state.tracks[index].patterns), followed=True)
+
+    def point(self, target: str, theta: float, phi: float, distance: float) -> None:
+        """Expect a target at Θ, φ [rad] and a range [m], and search for it there.
+
+        Raises
+        ------
+        InputError
+            If these are no angles of a beam or no range of a target, or there is no such target.
+        """
+        index = self._index(target)
+        place = np.array([theta, phi, distance], dtype=np.float64)
+        if not (np.abs(place[:2]) <= WIDEST).all() or not NEAREST <= distance <= FARTHEST:
+            raise InputError(
+                f"({theta}, {phi}, {distance}) is no place.", remedy="Name two angles and a range."
+            )
+        track = init(place, self.scan.tracker, self.state.clock)
+        self._set(index, track=replace(track, patterns=self.state.tracks[index].patterns), followed=True)
+
+    def drop(self, target: str) -> None:
+        """Visit a target no more; :meth:`search` takes it up again."""
+        self._set(self._index(target), followed=False)
+
+    def amplitude(self, target: str, amplitude: float | None) -> None:
+        """Run a target's patterns with an amplitude [rad]; None leaves it to the tracker again.
+
+        Raises
+        ------
+        InputError
+            If the amplitude is not between 0 and 1.5 rad, or there is no such target.
+        """
+        index = self._index(target)
+        if amplitude is not None and not 0.0 < amplitude < 1.5:
+            raise InputError(f"{amplitude} is no amplitude.", remedy="Name one between 0 and 1.5 rad.")
+        amplitudes = list(self.state.amplitudes)
+        amplitudes[index] = amplitude
+        self.state = replace(self.state, amplitudes=tuple(amplitudes))
+
+    def visit(self, state: TrackerState) -> tuple[PatternRecord, TrackerState]:
+        """Return the next visit after a state, and the state after it: a function of the state alone.
+
+        Raises
+        ------
+        InputError
+            If no target is followed.
+        """
+        index = self._next(state)
+        target, track = self.targets[index], state.tracks[index]
+        start = self._start(state)
+        points, dwell = self.scan.pattern.points, self.scenario.scanner.dwell
+        middle = start + 0.5 * points * dwell
+        order = self._order(state, index, middle)
+        if not self._in_view(order):
+            return self._out_of_view(state, index, order, middle)
+        motion, mirrors = run_visit(
+            self.scenario.scanner.galvanometers,
+            state.mirrors,
+            self.scan.pattern.model_copy(update={"amplitude": order.amplitude}),
+            order.number,
+            order.place[:2],
+            start=start,
+            dwell=dwell,
+            visiting=self.scan.visiting,
+        )
+        with self._stay.resumed():
+            samples, seen, parts = self._eye.see(target, order, motion, state.visits)
+        others = [
+            other.motion
+            for place, other in enumerate(state.tracks)
+            if place != index and state.followed[place] and other.mode is TrackMode.TRACK
+        ]
+        after = advanced(track, seen, self.scan.tracker, target.looks.diameter, mirrors.time, others=others)
+        limited = motion.limited
+        record = self._recorder.record(state.visits, target, order, after, samples, seen, parts, limited)
+        # A pattern that began late because the mirrors needed longer moves all that follow.
+        clock = max(start + points * dwell, mirrors.time)
+        return record, replace(
+            _with_track(state, index, after),
+            visits=state.visits + 1,
+            clock=clock,
+            mirrors=mirrors,
+            turn=(index + 1) % len(self.targets),
+            skipped=0,
+        )
+
+    def _start(self, state: TrackerState | None = None) -> float:
+        """Return when the next pattern begins [s], if the mirrors are quick enough."""
+        now = self.state if state is None else state
+        pattern = self.scan.pattern.points * self.scenario.scanner.dwell
+        return now.clock + self._period(sum(now.followed)) - pattern
+
+    def _period(self, targets: int) -> float:
+        """Return the time of a visit where so many targets are followed [s]."""
+        if targets not in self._periods:
+            scanner, scan = self.scenario.scanner, self.scan
+            self._periods[targets] = scan.visiting.period(
+                scan.pattern.points, scanner.dwell, max(targets, 1), scanner.galvanometers
+            )
+        return self._periods[targets]
+
+    def _next(self, state: TrackerState) -> int:
+        """Return the index of the next target."""
+        count = len(self.targets)
+        for further in range(count):
+            index = (state.turn + further) % count
+            if state.followed[index]:
+                return index
+        raise InputError("no target is followed.", remedy="Take one up again by search.")
+
+    def _order(self, state: TrackerState, index: int, middle: float) -> TrackCommand:
+        """Return the next pattern at a target; searches are no larger than the field of view leaves room for."""
+        target = self.targets[index]
+        order = command(state.tracks[index], self.scan.tracker, target.looks.diameter, middle)
+        fixed = state.amplitudes[index]
+        if fixed is not None:
+            return replace(order, amplitude=fixed)
+        if order.mode in (TrackMode.SEARCH, TrackMode.LOST):
+            limit = self.scenario.scanner.mirrors.max_deflection
+            aspect = np.array([1.0, self.scan.pattern.aspect])
+            room = float(((limit - np.abs(order.place[:2])) / aspect).min())
+            least = self.scan.tracker.track_amplitude * 0.5 * target.looks.diameter / float(order.place[2])
+            return replace(order, amplitude=min(order.amplitude, max(room, least)))
+        return order
+
+    def _in_view(self, order: TrackCommand) -> bool:
+        limit = self.scenario.scanner.mirrors.max_deflection
+        theta, phi = (abs(float(angle)) for angle in order.place[:2])
+        return theta + order.amplitude <= limit and phi + order.amplitude * self.scan.pattern.aspect <= limit
+
+    def _out_of_view(
+        self, state: TrackerState, index: int, order: TrackCommand, middle: float
+    ) -> tuple[PatternRecord, TrackerState]:
+        """Return the record of a target whose pattern would leave the field of view, and the state after it.
+
+        It takes no time, so that the others lose none; only where none is in view a period goes by.
+        """
+        target = self.targets[index]
+        after = advanced(state.tracks[index], NOTHING, self.scan.tracker, target.looks.diameter, middle)
+        followed = sum(state.followed)
+        waiting = state.skipped + 1 >= followed
+        record = self._recorder.out_of_view(state.visits, target, order, after, middle)
+        return record, replace(
+            _with_track(state, index, after),
+            visits=state.visits + 1,
+            clock=state.clock + (self._period(followed) if waiting else 0.0),
+            turn=(index + 1) % len(self.targets),
+            skipped=0 if waiting else state.skipped + 1,
+        )
+
+    def _index(self, target: str) -> int:
+        for index, known in enumerate(self.targets):
+            if known.name == target:
+                return index
+        names = ", ".join(known.name for known in self.targets)
+        raise InputError(f"there is no target '{target}'.", remedy=f"The targets: {names}.")
+
+    def _set(self, index: int, *, followed: bool, track: TrackState | None = None) -> None:
+        """Change what is remembered of a target, and whether it is visited."""
+        state = self.state if track is None else _with_track(self.state, index, track)
+        visited = list(state.followed)
+        visited[index] = followed
+        self.state = replace(state, followed=tuple(visited))
+
+
+def made_by() -> str:
+    """Return name and version of the program."""
+    return f"scanner-sim {versions()['scanner-sim']}"
+
+
+def _with_track(state: TrackerState, index: int, changed: TrackState) -> TrackerState:
+    tracks = list(state.tracks)
+    tracks[index] = changed
+    return replace(state, tracks=tuple(tracks))

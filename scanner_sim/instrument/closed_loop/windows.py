@@ -1,0 +1,226 @@
+"""The background of patterns: windows of panoramas, rendered where a pattern's pixels look and kept while they hold.
+
+The angles (Θ − atan(p/f), φ) that pixels see form a lattice: bins of a pixel along it, rows of half a pixel's height. A
+window is a part of it about a pattern, widened to multiples of a few bins, so that the next patterns of the same target
+fall into the same one. While objects move it is rendered anew for each time slot, whose length is a power of two in
+which the fastest of them moves by one bin at most: for its middle. Which window a pattern sees depends on its aim
+alone, never on what was measured before.
+
+Approximations: objects stand still for a slot, at most half a bin away from where they are (those faster than a bin in
+1/64 s are farther: no slot is shorter); two rows are interpolated; sharp light has 16 samples a bin everywhere, where a
+raster's has 4 to 48, and 8 where objects move; smooth light then has 2; and what
+:mod:`scanner_sim.render.background.panorama` leaves out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.arithmetic import product
+from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.scan.raster import Aim
+
+_ROW = 0.5
+"""Distance of rows, over the height of a pixel."""
+_QUANTUM = 8
+"""Bins by which windows are shifted."""
+_BINS_TOGETHER, _ROWS_TOGETHER = 64, 16
+"""Sizes of windows are multiples of them: few sizes make few kernels."""
+_SHARE = 1.0
+"""Bins by which anything may move in a time slot."""
+_BLOCK, _FINEST = 1.0, 6
+"""Longest time slot [s], and how often it may be halved."""
+_SHARP = {False: 8, True: 4}
+"""Samples of the sharp light of each bin, in each half: where all rests, and where something moves."""
+_MOVING_SAMPLES = 2
+"""Long paths of each bin where something moves: windows are then wanted again and again."""
+_KEPT = 16
+"""Windows that are kept."""
+_MOMENTS = np.linspace(0.0, 1.0, 5)
+"""Moments of a block at which speeds are looked at."""
+_NEAREST = 0.1
+"""Distance [m] below which a part of a moving object counts as being there: it may lie around the scanner."""
+
+Key = tuple[int, int, int, int, int, int]
+
+
+class Windows:
+    """The windows of a sensor before a scene under the Sun.
+
+    Parameters
+    ----------
+    workbench
+        Instrument, scene and lighting.
+    optics
+        The optics whose pixels are a window's bins.
+    seen
+        Least and largest angle less Θ that the sensor sees [rad].
+    """
+
+    def __init__(self, workbench: Workbench, optics: Any, seen: tuple[float, float]) -> None:
+        self._bench, self._optics, self._seen = workbench, optics, seen
+        self.step = optics.pitch / optics.receiver.focal_length
+        self.row_step = _ROW * optics.height / optics.receiver.focal_length
+        self._kept: OrderedDict[Key, list[Any]] = OrderedDict()
+        self._renderers: dict[tuple[int, int], Callable[..., list[Any]]] = {}
+        self._slots: dict[int, int] = {}
+        self.rendered = 0
+
+    @classmethod
+    def of_line(cls, workbench: Workbench) -> Windows:
+        """Return those of the line sensor: a pixel at p looks along Θ − atan(p/f)."""
+        optics, pixels = workbench.optics, workbench.scenario.scanner.position_sensor.pixels
+        ends = optics.offset + pixels * optics.pitch, optics.offset
+        left, right = (-math.atan(end / optics.receiver.focal_length) for end in ends)
+        return cls(workbench, optics, (left, right))
+
+    @classmethod
+    def of_field(cls, workbench: Workbench) -> Windows:
+        """Return those of the photodiode's field of view."""
+        from scanner_sim.render.field import field_optics
+
+        echoes = workbench.echoes
+        optics, middle, half = (
+            field_optics(echoes.bare, echoes.field),
+            -echoes.field.aside,
+            0.5 * echoes.field.side,
+        )
+        return cls(workbench, optics, (middle - half, middle + half))
+
+    def seen_by(self, aim: Aim) -> list[Any]:
+        """Return what the frozen measurement of a pattern needs of its window, Dr.Jit arrays for :meth:`panorama`."""
+        key = self._key(aim)
+        if key in self._kept:
+            self._kept.move_to_end(key)
+        else:
+            self._kept[key] = self._rendered(*key)
+            self.rendered += 1
+            if len(self._kept) > _KEPT:
+                self._kept.popitem(last=False)
+        return self._kept[key]
+
+    def panorama(self, parts: list[Any]) -> Any:
+        """Return the panorama of what :meth:`seen_by` returned; None of an empty list."""
+        from scanner_sim.render.background.panorama import Panorama
+        from scanner_sim.render.background.view import Window
+
+        if not parts:
+            return None
+        first, phi, rows, bins, *layers = parts
+        return Panorama(Window(first, phi, rows, bins, self.step, self.row_step, self._heights), *layers)
+
+    def _key(self, aim: Aim) -> Key:
+        """Return first bin, bins, first row, rows, time slot and its halvings of the window of a pattern."""
+        reach = 0.5 * np.abs(aim.travel_theta), 0.5 * np.abs(aim.travel_phi)
+        left = float((aim.theta - reach[0]).min()) + self._seen[0]
+        right = float((aim.theta + reach[0]).max()) + self._seen[1]
+        first, bins = _span(left, right, self.step, _QUANTUM, _BINS_TOGETHER)
+        top, bottom = float((aim.phi - reach[1]).min()), float((aim.phi + reach[1]).max())
+        first_row, rows = _span(top, bottom, self.row_step, 1, _ROWS_TOGETHER)
+        return (first, bins, first_row, rows, *self._slot(0.5 * float(aim.time[0] + aim.time[-1])))
+
+    def _slot(self, time: float) -> tuple[int, int]:
+        """Return the number of the time slot of a moment [s], and how often a block was halved for it."""
+        if not self._bench.loaded.bodies:
+            return 0, 0
+        block = math.floor(time / _BLOCK)
+        if block not in self._slots:
+            moved = _BLOCK * self._speed(_BLOCK * (block + _MOMENTS)) / (_SHARE * self.step)
+            self._slots[block] = min(max(math.ceil(math.log2(max(moved, 1.0))), 0), _FINEST)
+        halvings = self._slots[block]
+        return math.floor(time / _BLOCK * 2**halvings), halvings
+
+    def _speed(self, time: NDArray[np.float64]) -> float:
+        """Return the largest speed of corners of moving objects' boxes [rad/s], as the scanner sees it."""
+        fastest, apart = 0.0, 1e-3
+        for body in self._bench.loaded.bodies:
+            box = body.mitsuba.bbox()
+            corners = np.array([np.asarray(box.corner(number)).ravel() for number in range(8)])
+            before, after = (
+                product(pose[:, :3, :3], corners.T) + pose[:, :3, 3:]
+                for pose in (body.item.pose_at(time - apart), body.item.pose_at(time + apart))
+            )
+            speed = np.linalg.norm(after - before, axis=1) / (2.0 * apart)
+            distance = np.maximum(np.linalg.norm(after, axis=1), _NEAREST)
+            fastest = max(fastest, float((speed / distance).max()))
+        return fastest
+
+    @cached_property
+    def _heights(self) -> Any:
+        from scanner_sim.render.background.view import window_heights
+
+        return window_heights(self._optics, self.row_step)
+
+    @cached_property
+    def _light(self) -> Any:
+        from scanner_sim.render.background.sky import light_of
+
+        return light_of(self._bench.scenario.lighting.sky())
+
+    def _rendered(
+        self, first: int, bins: int, first_row: int, rows: int, slot: int, halvings: int
+    ) -> list[Any]:
+        from scanner_sim.render.background.view import window_place
+
+        loaded = self._bench.loaded
+        reads = [
+            loaded.mitsuba,
+            *(body.mitsuba for body in loaded.bodies),
+            loaded.object_of,
+            loaded.material_of,
+            loaded.out_of_band_ratio,
+            self._light,
+            self._heights,
+        ]
+        place = window_place(first * self.step, first_row * self.row_step, rows, bins)
+        poses = loaded.poses_at((slot + 0.5) * _BLOCK / 2**halvings) if loaded.bodies else ()
+        return [*place, *self._renderer(rows, bins)(reads, place[:2], poses)]
+
+    def _renderer(self, rows: int, bins: int) -> Callable[..., list[Any]]:
+        """Return the frozen kernels that render windows of a size."""
+        if (rows, bins) not in self._renderers:
+            from scanner_sim.render.frozen import Frozen
+            from scanner_sim.render.rays import one_kernel
+
+            # Loops that a GPU runs turn by turn cannot be recorded.
+            self._renderers[rows, bins] = Frozen(
+                lambda reads, place, poses: self._layers(place, poses, rows, bins),
+                enabled=one_kernel(self._bench.loaded),
+            )
+        return self._renderers[rows, bins]
+
+    def _layers(self, place: list[Any], poses: Any, rows: int, bins: int) -> list[Any]:
+        """Return the layers of a panorama over a window."""
+        from scanner_sim.render.background.panorama import render_panorama
+        from scanner_sim.render.background.paths import Albedo
+        from scanner_sim.render.background.view import Window
+        from scanner_sim.render.rays import posed
+
+        scenario, moving = self._bench.scenario, bool(self._bench.loaded.bodies)
+        sky, settings = scenario.lighting.sky(), scenario.transport
+        found = render_panorama(
+            posed(self._bench.loaded, poses),
+            self._optics,
+            self._light,
+            Albedo(sky.albedo, sky.albedo_out_of_band),
+            Window(place[0], place[1], rows, bins, self.step, self.row_step, self._heights),
+            bounces=settings.background_bounces,
+            samples=_MOVING_SAMPLES if moving else settings.background_samples,
+            seed=scenario.seed,
+            sharp_samples=_SHARP[moving],
+        )
+        return [found.in_band, found.out_of_band, found.error, found.error_out]
+
+
+def _span(low: float, high: float, step: float, quantum: int, together: int) -> tuple[int, int]:
+    """Return the first of the steps of a lattice that cover a span with one more at each end, and their number."""
+    first = math.floor((low / step - 1.0) / quantum) * quantum
+    last = math.ceil(high / step + 1.0)
+    return first, math.ceil((last - first + 1) / together) * together

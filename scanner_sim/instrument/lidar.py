@@ -1,0 +1,303 @@
+"""The time-of-flight half of the workbench: pulse, echoes, waveforms, delays, ranges; and fusion with triangulation.
+
+One pulse belongs to each voxel. It is fired in the middle of the dwell, through the same mirrors as the light of the
+triangulation, and its light passes the same filter. The diode responds where the line sensor does.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.config.scanner import Lidar
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.photodiode.photodiode import ELEMENTARY_CHARGE, Digitiser, background_power
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.status import Status
+from scanner_sim.optics.filter import band_irradiance, laser_gain
+from scanner_sim.products.waveforms import WaveformSet
+from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
+from scanner_sim.ranging.time_of_flight import ranges_from_delays
+from scanner_sim.scan.raster import RasterScan
+
+Array = NDArray[np.float64]
+
+_SAMPLES_TOGETHER = 1 << 24
+"""Samples of waveforms that are kept at once: bounds the memory."""
+
+
+@dataclass(frozen=True)
+class EchoGroup:
+    """Shots of a batch whose waveforms were recorded together: places in the batch, records, delays."""
+
+    index: NDArray[np.uint32]
+    waveforms: Any
+    delays: Any
+
+
+@dataclass(frozen=True)
+class Timed:
+    """Echoes of n shots as they were timed, arrays of shape (n,).
+
+    ``delay`` and its ``sigma`` [s], clock apart; ``signal`` height [A]; ``snr`` that over the noise without it;
+    ``echoes`` their number; ``status`` codes.
+    """
+
+    delay: Array
+    sigma: Array
+    signal: Array
+    snr: Array
+    echoes: NDArray[np.uint32]
+    status: NDArray[np.uint32]
+
+    @classmethod
+    def empty(cls, n: int) -> Timed:
+        """Return the echoes of n shots that are still to be timed."""
+        whole = (np.zeros(n, dtype=np.uint32) for _ in range(2))
+        return cls(np.full(n, np.nan), np.full(n, np.nan), np.zeros(n), np.zeros(n), *whole)
+
+    def take(self, index: NDArray[np.uint32], found: Any, digitiser: Digitiser) -> None:
+        """Fill in the delays that were found of the shots at some places."""
+        self.delay[index] = found.seconds(digitiser)
+        self.sigma[index] = found.sigma.numpy() / digitiser.rate
+        self.signal[index] = found.signal.numpy()
+        self.snr[index] = found.snr.numpy()
+        self.echoes[index] = found.echoes.numpy()
+        self.status[index] = found.status.numpy()
+
+
+class EchoBench:
+    """The pulsed laser and its photodiode before a loaded scene.
+
+    Parameters
+    ----------
+    scenario
+        Instrument, scene and processing.
+    loaded
+        The scene.
+    optics
+        The triangulation's optics; laser, lens and filter are shared.
+    like
+        A unit before the same scene, under the same light and with the same raster, whose background is used again.
+    """
+
+    def __init__(self, scenario: Scenario, loaded: Any, optics: Any, like: EchoBench | None = None) -> None:
+        scanner = scenario.scanner
+        self.like = like
+        self.scenario, self.loaded, self.unit = scenario, loaded, scanner.lidar
+        passed = float(laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response))
+        self.bare = optics
+        self.optics = dataclasses.replace(optics, filter_transmission=optics.filter_transmission * passed)
+        self.baseline = scanner.receiver.baseline if self.unit.photodiode.place == "offset" else 0.0
+
+    @property
+    def gate(self) -> tuple[float, float]:
+        """Ranges that count [m]: those that are recorded, within the processing's gate."""
+        recorded, wanted = self.unit.digitiser.gate, self.scenario.processing.range_gate
+        return recorded if wanted is None else (max(recorded[0], wanted[0]), min(recorded[1], wanted[1]))
+
+    @cached_property
+    def detector(self) -> Any:
+        """Detection with its filters and tables."""
+        from scanner_sim.signals.waveform.detection import PulseDetector
+
+        unit = self.unit
+        processing, laser = self.scenario.processing, self.scenario.scanner.laser
+        return PulseDetector(unit.pulse, unit.photodiode, unit.digitiser, processing.pulse, laser)
+
+    @cached_property
+    def amperes_per_electron(self) -> float:
+        """Height of an echo's current over its charge before the avalanche [A], for a surface that faces the beam."""
+        from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+
+        rate, diode = self.unit.digitiser.rate, self.unit.photodiode
+        variance = (diode.response_sigma * rate) ** 2
+        response = PulseResponse.of(self.unit.pulse, rate)
+        summit = response.values(np.linspace(*response.span(variance), 4097), variance).max() * rate
+        return float(summit) * diode.gain * ELEMENTARY_CHARGE
+
+    @cached_property
+    def field(self) -> Any:
+        """The photodiode's field of view."""
+        from scanner_sim.render.field import Field
+
+        # The square of the round field's solid angle; a field beside the laser reaches from infinity inwards.
+        angle = self.unit.photodiode.field_of_view
+        aside = 0.5 * angle if self.baseline else 0.0
+        return Field(0.5 * math.sqrt(math.pi) * angle, aside, self.baseline)
+
+    @cached_property
+    def panorama(self) -> Any:
+        """The background of the raster's rows about the photodiode's lens; None in the dark."""
+        from scanner_sim.render.background.paths import Albedo
+        from scanner_sim.render.background.sky import light_of
+        from scanner_sim.render.field import field_panorama
+
+        scenario, sky = self.scenario, self.scenario.lighting.sky()
+        if sky.dark:
+            return None
+        if self.like is not None:
+            return self.like.panorama
+        return field_panorama(
+            self.loaded,
+            self.bare,
+            self.field,
+            light_of(sky),
+            Albedo(sky.albedo, sky.albedo_out_of_band),
+            scenario.raster,
+            scenario.transport,
+            scenario.seed,
+            scenario.raster.row_times(scenario.scanner.dwell),
+        )
+
+    @cached_property
+    def collected(self) -> tuple[float, float]:
+        """Light on the photodiode [W] per radiance over the Sun's irradiance, in the filter's band and beyond it."""
+        scanner, sun = self.scenario.scanner, self.scenario.lighting.sun
+        if sun == "none":
+            return 0.0, 0.0
+        response, wavelength = scanner.position_sensor.response, scanner.laser.wavelength
+        bands = band_irradiance(sun, scanner.filter, response, wavelength)
+        lens = scanner.receiver
+        transmission = lens.transmission * self.bare.filter_transmission
+        field = self.unit.photodiode.field_of_view
+        inside, outside = (
+            background_power(float(band), lens.aperture_area, transmission, field) for band in bands
+        )
+        return inside, outside
+
+    def listen(
+        self, shots: Any, detector: Any = None, panorama: Any = None
+    ) -> tuple[Any, Any, Iterator[EchoGroup]]:
+        """Fire the pulses of n shots: their truth, their background [W] and the shots in groups.
+
+        ``detector`` is that of an instrument that takes itself for another one than it is, ``panorama`` the background
+        where it is not the raster's.
+        """
+        from scanner_sim.detector.photodiode.waveform import record
+        from scanner_sim.render.beam.echo_clusters import View
+        from scanner_sim.render.beam.echoes import render_echoes
+        from scanner_sim.render.field import field_light, in_parts
+
+        unit, scenario = self.unit, self.scenario
+        diode, clock = unit.photodiode, unit.digitiser
+        columns = scenario.scan.columns if isinstance(scenario.scan, RasterScan) else 1
+        seen = self.panorama if panorama is None else panorama
+        light = field_light(seen, self.field, shots, columns, self.collected)
+        view = View(diode.place == "offset", diode.field_of_view)
+        speckle = self._speckle if scenario.scanner.laser.speckle else None
+        truth, echoes = render_echoes(
+            self.loaded, self.optics, view, scenario.transport, shots, scenario.seed, speckle
+        )
+        detector = self.detector if detector is None else detector
+
+        def groups() -> Iterator[EchoGroup]:
+            for some, own in in_parts(echoes, light, max(1, _SAMPLES_TOGETHER // clock.samples)):
+                waveforms = record(some, some.shot, unit.pulse, diode, clock, scenario.seed, own)
+                yield EchoGroup(some.index.numpy(), waveforms, detector.detect(waveforms))
+
+        return truth, light, groups()
+
+    def _speckle(self, echoes: Any, shots: Any, truth: Any) -> Any:
+        """Return what speckle makes of the echoes of shots whose chief rays meet something; a pulse lasts no dwell."""
+        from scanner_sim.detector.photodiode.echo_speckle import echo_speckle
+        from scanner_sim.render.beam.surface_places import coherence_of, surface_places
+
+        scanner = self.scenario.scanner
+        return echo_speckle(
+            echoes,
+            surface_places(self.loaded, self.optics, shots, truth),
+            coherence_of(self.loaded, truth),
+            scanner.receiver.aperture / scanner.laser.wavelength,
+            self.scenario.seed,
+        )
+
+    def measure(
+        self, shots: Any, deflections: Deflections, panorama: Any = None
+    ) -> tuple[Any, Ranges, dict[str, NDArray[Any]]]:
+        """Return truth, ranges and the echoes' own layers of n shots, each layer of shape (n,).
+
+        ``panorama`` is the background where it is not the raster's.
+        """
+        truth, light, groups = self.listen(shots, panorama=panorama)
+        timed = Timed.empty(len(deflections.theta))
+        for group in groups:
+            timed.take(group.index, group.delays, self.unit.digitiser)
+        layers = {
+            "tof.Y": timed.signal / self.amperes_per_electron,
+            "tof.snr_detection": timed.snr,
+            "tof.echoes": timed.echoes,
+            "tof.background_w": light.numpy(),
+        }
+        return truth, self.ranges(timed, deflections), layers
+
+    def ranges(self, timed: Timed, deflections: Deflections) -> Ranges:
+        """Return the ranges of n shots whose echoes were timed, along measured deflections."""
+        theta, d = deflections.theta, self.baseline
+        delay = timed.delay
+        clock = self.unit.digitiser.jitter if self.unit.photodiode.noise.clock else 0.0
+        alone = ranges_from_delays(delay, timed.sigma, timed.status, theta, clock, self.gate, d)
+        # ∂R/∂Θ at a known delay: 0 on the laser's own axis.
+        by_theta = alone.range * d * np.cos(theta) / (SPEED_OF_LIGHT * delay - d * np.sin(theta))
+        return ranges_with_points(
+            alone.range,
+            np.hypot(alone.sigma, by_theta * deflections.sigma_theta),
+            alone.status,
+            alone.sigma,
+            by_theta,
+            deflections,
+            self.optics.axis_separation,
+        )
+
+    def records(self, shots: Any, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> WaveformSet:
+        """Return the waveforms of n shots at some rows and columns of the raster, shape (n,)."""
+        clock, timed = self.unit.digitiser, Timed.empty(len(rows))
+        number = np.zeros((len(rows), clock.samples), dtype=np.float32)
+        for group in self.listen(shots)[2]:
+            number[group.index] = group.waveforms.records()
+            timed.take(group.index, group.delays, clock)
+        timed.delay[timed.status != Status.VALID] = np.nan
+        step = clock.step(self.unit.photodiode.saturation)
+        found = timed.delay, timed.sigma, timed.echoes, timed.status
+        return WaveformSet(rows, columns, number, clock.start, clock.rate, step, *found)
+
+
+def fitted_pulse(unit: Lidar, waveforms: WaveformSet, number: int) -> tuple[Array, Array] | None:
+    """Return the unit's own pulse at the delay that was found, at the height that fits a record best.
+
+    Parameters
+    ----------
+    unit
+        The instrument as it knows itself.
+    waveforms, number
+        Records, and which of them.
+
+    Returns
+    -------
+    tuple or None
+        Times after the pulse [s] and currents [A]; the height is by least squares over the samples that are not
+        clipped. None without an echo.
+    """
+    from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+
+    delay, rate = float(waveforms.delay[number]), waveforms.rate
+    if not np.isfinite(delay):
+        return None
+    variance = (unit.photodiode.response_sigma * rate) ** 2
+    response = PulseResponse.of(unit.pulse, rate)
+    current = waveforms.number[number].astype(np.float64) * waveforms.step
+    clipped = current >= unit.photodiode.saturation - waveforms.step
+    known = response.values((waveforms.time - delay) * rate, variance) * ~clipped
+    power = float(known @ known)
+    if power == 0.0:
+        return None
+    early, late = response.span(variance)
+    time = delay + np.linspace(early, late, 400) / rate
+    return time, response.values((time - delay) * rate, variance) * float(known @ current) / power

@@ -1,0 +1,260 @@
+"""What the neighbours in a raster image say of its voxels: isolated ranges, uneven spots, mixed ones; fused again.
+
+All of it comes after the shots are measured, from the whole image at once: so it does not depend on how the shots were
+grouped.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.config.scanner import speckle_optics
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.packets import averaged
+from scanner_sim.foundation.status import Status
+from scanner_sim.optics.speckle import Packets, packets_of
+from scanner_sim.products.image import MEASURED, MEASURED_BY
+from scanner_sim.ranging.coordinates import angles_and_range, coordinates
+from scanner_sim.ranging.covariance import PointCovariance
+from scanner_sim.ranging.fusion import fuse_points
+from scanner_sim.ranging.mixed_voxels import mixed
+from scanner_sim.ranging.neighbours import isolated
+from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, layers_of
+from scanner_sim.ranging.shared_noise import SharedNoise
+from scanner_sim.ranging.uneven import Raster, pitch_of, relief, rugged, texture, window
+from scanner_sim.scan.raster import raster_aim
+
+Array = NDArray[np.float64]
+Layers = dict[str, NDArray[Any]]
+
+_FAINT = 2.0
+"""Height of a peak over the detection threshold below which noise may hide its neighbours."""
+_FAINT_ECHO = 10.0
+"""The same of an echo, over the noise: twice a usual threshold."""
+_NEAREST = 0.1
+"""Least range at which the spot is looked at [m]."""
+
+
+def reach(scenario: Scenario) -> int:
+    """Return how many voxels to each side have a say in a voxel of the scenario's raster."""
+    nearest = {
+        "triangulation": scenario.scanner.nearest_range,
+        "tof": scenario.scanner.lidar.digitiser.gate[0],
+    }
+    distance = max(_NEAREST, nearest.get(scenario.ranging, min(nearest.values())))
+    return window(float(_spot(scenario, np.array(distance))) / distance, _pitch(scenario))
+
+
+def judge_neighbours(
+    scenario: Scenario, layers: Layers, rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> None:
+    """Let the voxels of an image judge one another; ``layers`` change in place.
+
+    Ranges that agree with none of their neighbours are refused as ``ISOLATED``, in triangulation only: time of flight
+    knows no background that moves a peak. What unevenness does to a range enters its σ and the layer
+    ``sigma_texture_m``. Spots on edges are refused as ``MIXED``, by either way of ranging. Then both are fused again.
+
+    Parameters
+    ----------
+    scenario
+        What was measured, and how it is processed.
+    layers
+        Layers of shape (rows, columns), float32.
+    rows, columns
+        Rows and columns of the scenario's raster that the layers are of.
+    """
+    settings = scenario.processing.validation
+    ways = {"triangulation": ("",), "tof": ("tof.",), "both": ("", "tof.")}[scenario.ranging]
+    if "" in ways:
+        if settings.isolated is not None:
+            _refuse(layers, "", _isolated(scenario, layers, rows, columns), Status.ISOLATED)
+        _state_unevenness(scenario, layers, rows, columns)
+    if settings.mixed is not None:
+        for way in ways:
+            _refuse(layers, way, _mixed(scenario, layers, way, settings.mixed), Status.MIXED)
+    if scenario.ranging == "tof":
+        for name in (*MEASURED_BY["tof.status"], "tof.status"):
+            layers[name.removeprefix("tof.")] = layers[name]
+    if scenario.ranging == "both":
+        _fuse_again(scenario, layers, rows, columns)
+
+
+def _refuse(layers: Layers, way: str, where: NDArray[np.bool_], code: Status) -> None:
+    """Take the measured numbers of some voxels away, by one way of ranging."""
+    layers[f"{way}status"][where] = code
+    for name in MEASURED_BY[f"{way}status"]:
+        if name in layers:
+            layers[name][where] = np.nan
+
+
+def _isolated(
+    scenario: Scenario, layers: Layers, rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> NDArray[np.bool_]:
+    settings, (theta, phi) = scenario.processing.validation, scenario.raster.angles()
+    return isolated(
+        layers["range_m"],
+        layers["sigma_range_m"],
+        layers["status"].astype(np.uint32),
+        theta[columns],
+        phi[rows],
+        float(settings.isolated or 0.0),
+        settings.steepest,
+    )
+
+
+def _state_unevenness(
+    scenario: Scenario, layers: Layers, rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> None:
+    """Add to σ and to the covariance what uneven spots may move ranges by, along the beam."""
+    range_m, sigma = (layers[name].astype(np.float64) for name in ("range_m", "sigma_range_m"))
+    raster = _raster(scenario, range_m, _travel(scenario))
+    added = np.where(np.isfinite(range_m), 0.0, np.nan)
+    if scenario.processing.validation.uneven:
+        lever = range_m / scenario.scanner.receiver.baseline
+        signal = np.where(np.isfinite(range_m), layers["Y"].astype(np.float64), np.nan)
+        noise = _range_noise(scenario, range_m, sigma, raster)
+        where = rugged(range_m, noise, raster)
+        moved = lever * texture(signal, _signal_noise(scenario, layers, raster), raster, where)
+        bent = relief(range_m, noise, moved, raster, where)
+        added = np.where(np.isfinite(range_m), np.hypot(moved, bent), np.nan)
+    theta, phi = scenario.raster.angles()
+    # ∂X/∂R of eq 3.
+    beam = coordinates(1.0, theta[columns][None, :], phi[rows][:, None], 0.0)
+    layers["sigma_texture_m"] = added.astype(np.float32)
+    layers["sigma_range_m"] = np.hypot(sigma, added).astype(np.float32)
+    for axis, along in zip("xyz", beam, strict=True):
+        name = f"sigma_{axis}_m"
+        layers[name] = np.hypot(layers[name].astype(np.float64), along * added).astype(np.float32)
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        name = f"cov_{'xyz'[one]}{'xyz'[other]}_m2"
+        shared = beam[one] * beam[other] * added**2
+        layers[name] = (layers[name].astype(np.float64) + shared).astype(np.float32)
+
+
+def _signal_noise(scenario: Scenario, layers: Layers, raster: Raster) -> SharedNoise:
+    """Return the variance of the returned signal over its square, by noise and speckle.
+
+    Noise is at most that of the brightest pixel; the speckle is that of the whole spot's energy.
+    """
+    snr = np.maximum(layers["snr_detection"].astype(np.float64), 1.0)
+    packets, (energy, _) = _packets(scenario, layers["range_m"].astype(np.float64), raster)
+    contrast = _contrast(scenario) ** 2
+    return _shared(raster, 1.0 / snr**2, contrast * packets.energy * energy, np.zeros(snr.shape))
+
+
+def _range_noise(scenario: Scenario, range_m: Array, sigma: Array, raster: Raster) -> SharedNoise:
+    """Return the variance of the ranges: speckle's, which moves the centroid, is shared, and the rest is not."""
+    scanner = scenario.scanner
+    packets, (energy, place) = _packets(scenario, range_m, raster)
+    pixel = (
+        range_m**2
+        * scanner.position_sensor.pitch
+        / (scanner.receiver.focal_length * scanner.receiver.baseline)
+    )
+    variance = (_contrast(scenario) * pixel * packets.ratio * packets.sigma) ** 2 * packets.energy
+    even, moved = variance * (1.0 - packets.on_surface) * energy, variance * packets.on_surface * place
+    least = np.fmin(1.0, sigma**2 / np.fmax(even + moved, 1e-30))
+    return _shared(raster, sigma**2 - least * (even + moved), least * even, least * moved)
+
+
+def _contrast(scenario: Scenario) -> float:
+    return scenario.processing.speckle_contrast if scenario.scanner.laser.speckle else 0.0
+
+
+def _packets(scenario: Scenario, range_m: Array, raster: Raster) -> tuple[Packets, tuple[Array, Array]]:
+    """Return the packets of the spots' speckle, and what a dwell leaves of the variances of energy and place."""
+    sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
+    image = np.square(raster.spot * focal / (range_m * sensor.pitch))
+    left = averaged(raster.travel, 0.0 * raster.travel, 2.0 * raster.spot)
+    return packets_of(speckle_optics(scenario.scanner), image, image), left
+
+
+def _shared(raster: Raster, own: Array, energy: Array, place: Array) -> SharedNoise:
+    radius = 2.0 * raster.spot
+    return SharedNoise(own, energy, place, raster.across / radius, raster.down / radius)
+
+
+def _mixed(scenario: Scenario, layers: Layers, way: str, steepest: float) -> NDArray[np.bool_]:
+    range_m, sigma = (layers[f"{way}{name}"].astype(np.float64) for name in ("range_m", "sigma_range_m"))
+    uneven = np.zeros(range_m.shape) if way else layers["sigma_texture_m"].astype(np.float64)
+    noise = np.sqrt(np.maximum(sigma**2 - uneven**2, 0.0))
+    raster = _raster(scenario, range_m, _travel(scenario))
+    faintest = _FAINT_ECHO if way else _FAINT * scenario.processing.threshold
+    faint = layers[f"{way}snr_detection"] < faintest
+    status = layers[f"{way}status"].astype(np.uint32)
+    none = np.zeros(range_m.shape)
+    shared = _shared(raster, noise**2, none, none) if way else _range_noise(scenario, range_m, noise, raster)
+    return mixed(range_m, shared, uneven, status, faint, raster, steepest)
+
+
+def _raster(scenario: Scenario, range_m: Array, travel: float) -> Raster:
+    return Raster.of(range_m, _pitch(scenario), _spot(scenario, range_m), travel)
+
+
+def _travel(scenario: Scenario) -> float:
+    """Return the angle by which the beam moves along the row while it is measured [rad]."""
+    return scenario.raster.travel * scenario.scanner.exposure / scenario.scanner.dwell
+
+
+def _pitch(scenario: Scenario) -> tuple[float, float]:
+    theta, phi = scenario.raster.angles()
+    return pitch_of(theta), pitch_of(phi)
+
+
+def _spot(scenario: Scenario, range_m: Array) -> Array:
+    """Return the standard deviation of the beam's irradiance, half of its 1/e² radius [m]."""
+    laser = scenario.scanner.laser
+    away = (range_m - laser.waist_distance) / laser.rayleigh_length
+    return np.asarray(0.5 * laser.waist_radius * np.hypot(1.0, away))
+
+
+def _fuse_again(
+    scenario: Scenario, layers: Layers, rows: NDArray[np.intp], columns: NDArray[np.intp]
+) -> None:
+    """Combine triangulation and time of flight as the neighbours left them."""
+    scanner, scan, shape = scenario.scanner, scenario.raster, layers["status"].shape
+    triangulated, echo = _ranges(layers, ""), _ranges(layers, "tof.")
+    known = triangulated.status == Status.VALID
+    x, y, z = (np.where(known, getattr(triangulated, axis), getattr(echo, axis)) for axis in "xyz")
+    _, theta, phi = angles_and_range(x, y, z, scanner.mirrors.axis_separation)
+    shots = (rows[:, None] * scan.columns + columns[None, :]).astype(np.uint32).ravel()
+    time, mirrors = raster_aim(scan, shots, scanner.dwell).time, scanner.mirrors
+    readings = Deflections(theta, phi, *(mirrors.reading_sigma(angle, time) for angle in (theta, phi)))
+    fused, triangulated, echo = fuse_points(triangulated, echo, readings, _geometry(scenario))
+    for ranges, way in ((triangulated, ""), (echo, "tof."), (fused, "fused.")):
+        for name, values in layers_of(ranges, way).items():
+            layers[name] = values.reshape(shape).astype(np.float32)
+    for name in MEASURED:
+        layers[name][layers["status"] != Status.VALID] = np.nan
+
+
+def _geometry(scenario: Scenario) -> Geometry:
+    receiver, sensor, mirrors = (
+        scenario.scanner.receiver,
+        scenario.scanner.position_sensor,
+        scenario.scanner.mirrors,
+    )
+    return Geometry(
+        receiver.focal_length,
+        receiver.baseline,
+        mirrors.axis_separation,
+        sensor.pitch,
+        sensor.offset,
+        mirrors.synchronisation,
+    )
+
+
+def _ranges(layers: Layers, way: str) -> Ranges:
+    """Return layers as ranges, shape (rows · columns,)."""
+
+    def flat(name: str) -> Array:
+        return np.asarray(layers[way + name].astype(np.float64).ravel())
+
+    xx, yy, zz = (flat(f"sigma_{axis}_m") ** 2 for axis in "xyz")
+    xy, xz, yz = (flat(f"cov_{pair}_m2") for pair in ("xy", "xz", "yz"))
+    r, sigma, x, y, z = (flat(name) for name in ("range_m", "sigma_range_m", "P.X", "P.Y", "P.Z"))
+    status = layers[f"{way}status"].ravel().astype(np.uint32)
+    return Ranges(r, sigma, x, y, z, PointCovariance(xx, yy, zz, xy, xz, yz), status)

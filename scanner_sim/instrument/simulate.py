@@ -1,0 +1,173 @@
+"""From a scenario to a range image, batch by batch."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.config import resolved_yaml
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.memory import BATCH, check_raster, check_waveforms
+from scanner_sim.instrument.neighbourhood import judge_neighbours
+from scanner_sim.instrument.voxel_records import voxel_record
+from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.products.image import RangeImage
+from scanner_sim.products.voxel import VoxelRecord
+from scanner_sim.products.waveforms import WaveformSet, joined
+from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import guest
+from scanner_sim.scan.raster import raster_aim, tiled_order
+
+Progress = Callable[[int, int], None]
+"""Called with the shots done and the shots in all."""
+
+
+@guest()
+def simulate(
+    scenario: Scenario,
+    *,
+    device: DeviceChoice = "auto",
+    progress: Progress | None = None,
+    batch: int = BATCH,
+    threads: int | None = None,
+) -> RangeImage:
+    """Simulate a raster scan.
+
+    Parameters
+    ----------
+    scenario
+        Instrument, scene, scan and processing.
+    device
+        Where to compute.
+    progress
+        Called after each batch.
+    batch
+        Shots per batch; the result does not depend on it.
+    threads
+        Threads of the processor; the result does not depend on it.
+
+    Returns
+    -------
+    RangeImage
+
+    Raises
+    ------
+    ScenarioError
+        If the scene cannot be loaded.
+    InputError
+        If the device cannot be used, ``batch`` is not positive, or the memory that is free does not hold the result.
+    """
+    if batch < 1:
+        raise InputError("a batch needs at least one shot.")
+    check_raster(scenario, batch)
+    bench = Workbench(scenario, device=device, threads=threads)
+    scan = scenario.raster
+    order = tiled_order(scan)
+    layers: dict[str, NDArray[np.float32]] = {}
+    for start in range(0, scan.shots, batch):
+        shots = order[start : start + batch]
+        for name, values in bench.measure(raster_aim(scan, shots, scenario.scanner.dwell)).items():
+            if name not in layers:
+                layers[name] = np.empty(scan.shots, dtype=np.float32)
+            layers[name][shots] = values
+        if progress is not None:
+            progress(start + len(shots), scan.shots)
+    theta, phi = scan.angles()
+    channels = {name: values.reshape(scan.rows, scan.columns) for name, values in layers.items()}
+    judge_neighbours(scenario, channels, np.arange(scan.rows), np.arange(scan.columns))
+    return RangeImage(
+        channels=channels,
+        theta=theta,
+        phi=phi,
+        objects=bench.loaded.objects,
+        materials=bench.loaded.materials,
+        seed=scenario.seed,
+        scenario_yaml=resolved_yaml(scenario),
+        warnings=_warnings(channels),
+    )
+
+
+@guest()
+def simulate_voxel(
+    scenario: Scenario, row: int, column: int, *, device: DeviceChoice = "auto"
+) -> VoxelRecord:
+    """Simulate one voxel of a raster scan and keep its line: the same numbers as in the whole image.
+
+    Raises
+    ------
+    InputError
+        If the raster has no such voxel, or the scenario no line sensor.
+    """
+    if scenario.ranging == "tof":
+        raise InputError("time of flight reads no line.", remedy="Ask for the waveform instead.")
+    _check_voxel(scenario, row, column)
+    bench = Workbench(scenario, device=device)
+    return voxel_record(bench, row, column)
+
+
+@guest()
+def simulate_waveforms(
+    scenario: Scenario,
+    voxels: Sequence[tuple[int, int]] | None = None,
+    *,
+    device: DeviceChoice = "auto",
+    threads: int | None = None,
+) -> WaveformSet:
+    """Simulate waveforms of a raster scan by time of flight: the same numbers as in the whole image.
+
+    Parameters
+    ----------
+    scenario
+        Instrument, scene, scan and processing.
+    voxels
+        Row and column of each; None takes all, row by row.
+    device, threads
+        Where to compute.
+
+    Raises
+    ------
+    InputError
+        If the scenario has no time of flight, the raster no such voxel, or the memory that is free does not hold them.
+    """
+    if scenario.ranging == "triangulation":
+        raise InputError("triangulation has no waveforms.", remedy="Write ranging: tof, or both.")
+    scan = scenario.raster
+    if voxels is None:
+        shots = np.arange(scan.shots, dtype=np.uint32)
+    else:
+        for row, column in voxels:
+            _check_voxel(scenario, row, column)
+        shots = np.array([row * scan.columns + column for row, column in voxels], dtype=np.uint32)
+    if not len(shots):
+        raise InputError("no voxel was named.", remedy="Name one as [row, column], or leave them out.")
+    check_waveforms(scenario, len(shots))
+    bench = Workbench(scenario, device=device, threads=threads)
+    parts = []
+    for start in range(0, len(shots), BATCH):
+        some = shots[start : start + BATCH]
+        aim = raster_aim(scan, some, scenario.scanner.dwell)
+        rows, columns = np.divmod(some.astype(np.int32), np.int32(scan.columns))
+        parts.append(bench.echoes.records(bench.fire(aim)[0], rows, columns))
+    return joined(parts)
+
+
+def _check_voxel(scenario: Scenario, row: int, column: int) -> None:
+    scan = scenario.raster
+    if not (0 <= row < scan.rows and 0 <= column < scan.columns):
+        raise InputError(
+            f"voxel ({row}, {column}) lies outside of the {scan.rows} × {scan.columns} raster.",
+            remedy="Rows and columns count from 0.",
+        )
+
+
+def _warnings(layers: dict[str, NDArray[np.float32]]) -> tuple[str, ...]:
+    """Return sentences on results that look unintended."""
+    if not layers["truth.object"].any():
+        return ("nothing was hit: no object stands where the scanner points",)
+    if not (layers["status"] == Status.VALID).any():
+        return ("no voxel has a valid range: see the counts of status",)
+    return ()

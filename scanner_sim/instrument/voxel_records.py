@@ -1,0 +1,83 @@
+"""One voxel in full: line, what the estimator made of it, and the truth."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.neighbourhood import judge_neighbours, reach
+from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.products.voxel import VoxelRecord
+from scanner_sim.ranging.triangulation import position_from_range
+from scanner_sim.scan.raster import raster_aim
+
+
+def voxel_record(bench: Workbench, row: int, column: int) -> VoxelRecord:
+    """Return the record of one voxel of a workbench's raster: its line, peak and range, and the truth."""
+    from scanner_sim.detector.line.exposure import electrons_per_watt
+    from scanner_sim.signals.line.calibration import Calibration, measured_lines
+
+    scanner, processing = bench.scenario.scanner, bench.scenario.processing
+    sensor = scanner.position_sensor
+    values = _among_neighbours(bench, row, column)
+    shot = np.array([row * bench.scenario.raster.columns + column], dtype=np.uint32)
+    aim = raster_aim(bench.scenario.raster, shot, scanner.dwell)
+    _, groups = bench.expose(aim)
+    (group,) = groups
+    status = Status(int(values["status"]))
+    calibration = Calibration.of(sensor, scanner.dwell, scanner.laser_off)
+    (measured,), (noise,) = measured_lines(group.signal, calibration)
+    expected = group.light.line(0, background=scanner.laser_off == 0.0)
+    expected *= electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)
+    true_position = position_from_range(
+        values["truth.range_m"], aim.theta[0], bench.geometry.focal_length, bench.geometry.baseline
+    )
+    return VoxelRecord(
+        row=row,
+        column=column,
+        theta=float(aim.theta[0]),
+        phi=float(aim.phi[0]),
+        pixel_signal=measured,
+        expected_signal=expected,
+        noise_sigma=noise,
+        threshold=processing.threshold * calibration.floor_sigma,
+        saturation_level=calibration.full - calibration.dark,
+        status=status,
+        peak_px=values["peak_px"],
+        sigma_peak_px=values["sigma_peak_px"],
+        range_m=values["range_m"],
+        sigma_range_m=values["sigma_range_m"],
+        sigma_texture_m=values["sigma_texture_m"],
+        truth_peak_px=float(bench.geometry.pixel(true_position)),
+        truth_range_m=values["truth.range_m"],
+        method=processing.peak,
+        window=_window(measured, values["peak_px"], processing.peak),
+    )
+
+
+def _among_neighbours(bench: Workbench, row: int, column: int) -> dict[str, float]:
+    """Measure a voxel with those around it, which have a say in its status and its σ."""
+    scan, away = bench.scenario.raster, reach(bench.scenario)
+    rows = np.arange(max(row - away, 0), min(row + away + 1, scan.rows))
+    columns = np.arange(max(column - away, 0), min(column + away + 1, scan.columns))
+    shots = (rows[:, None] * scan.columns + columns[None, :]).astype(np.uint32)
+    measured = bench.measure(raster_aim(scan, shots.ravel(), bench.scenario.scanner.dwell))
+    # Single precision as in an image, so that neighbours are judged by the same numbers.
+    layers = {name: values.astype(np.float32).reshape(shots.shape) for name, values in measured.items()}
+    judge_neighbours(bench.scenario, layers, rows, columns)
+    here = int(np.flatnonzero(rows == row)[0]), int(np.flatnonzero(columns == column)[0])
+    return {name: float(values[here]) for name, values in layers.items()}
+
+
+def _window(line: NDArray[np.float64], peak: float, method: Any) -> tuple[int, int] | None:
+    """Return the pixels about a peak that the estimator read; None where there is no peak."""
+    from scanner_sim.signals.line.peaks import MARGIN
+
+    if not np.isfinite(peak):
+        return None
+    near = range(max(round(peak) - 1, 0), min(round(peak) + 2, len(line)))
+    brightest, margin = max(near, key=lambda pixel: line[pixel]), MARGIN[method]
+    return max(brightest - margin, 0), min(brightest + margin, len(line) - 1)

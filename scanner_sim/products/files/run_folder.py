@@ -1,0 +1,125 @@
+"""The folder of a raster scan: which files a run writes, and the writing of them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.products.files.exchange import Writers
+from scanner_sim.products.files.exr import write_exr
+from scanner_sim.products.files.folder import Kind, write_folder, write_text
+from scanner_sim.products.image import RangeImage
+from scanner_sim.products.points import write_ply
+from scanner_sim.products.settings import Output
+from scanner_sim.products.summary import summary_json
+from scanner_sim.products.waveforms import WaveformSet, write_waveforms
+
+RESULT = "range.exr"
+"""The file whose presence makes a folder a result."""
+
+PICTURES = ("range.png", "shaded.png", "signal.png")
+
+FILES = (RESULT, "scenario.yaml", "summary.json", *PICTURES, "points.ply")
+"""Every file that a run in the dark may write."""
+
+LIT_PICTURES = ("background.png", "camera.png")
+"""Pictures that a run adds where the Sun shines."""
+
+TIMED_PICTURES = ("tof.png",)
+"""Pictures that a run adds with time of flight."""
+
+WAVEFORMS = "waveforms.nc"
+"""The waveforms of time of flight, where the scenario asks for some."""
+
+RUN = Kind(RESULT, (*FILES, *TIMED_PICTURES, *LIT_PICTURES, WAVEFORMS))
+"""The folder of a run."""
+
+
+def planned_files(
+    output: Output, *, lit: bool = False, ranging: Literal["triangulation", "tof", "both"] = "triangulation"
+) -> tuple[str, ...]:
+    """Return the names of the files that a run writes, in the order of presentation; ``lit`` under the Sun."""
+    left_out = (() if output.pictures else PICTURES) + (() if output.points else ("points.ply",))
+    added: tuple[str, ...] = ()
+    if output.pictures:
+        added = (() if ranging == "triangulation" else TIMED_PICTURES) + (LIT_PICTURES if lit else ())
+        # The charge of the background is one on the line sensor.
+        left_out += ("background.png",) if ranging == "tof" else ()
+    added += () if output.waveforms == "none" else (WAVEFORMS,)
+    return tuple(name for name in (*FILES, *added) if name not in left_out)
+
+
+def write_run(
+    image: RangeImage,
+    folder: str | Path,
+    output: Output | None = None,
+    *,
+    camera: NDArray[np.uint8] | None = None,
+    waveforms: WaveformSet | None = None,
+    overwrite: bool = False,
+) -> tuple[Path, ...]:
+    """Write all files of a run, as :func:`~scanner_sim.products.files.folder.write_folder` does.
+
+    Parameters
+    ----------
+    image
+        The result.
+    folder
+        Where to write; made where it is missing, with its parents.
+    output
+        Which files; by default all.
+    camera
+        Grey levels of what a video camera sees, shape (rows, columns), for ``camera.png``; None writes none.
+    waveforms
+        Records of time of flight for ``waveforms.nc``; None writes none.
+    overwrite
+        Replace an existing result.
+
+    Returns
+    -------
+    tuple of Path
+        The files written. ``background.png`` is among the pictures where there is background light.
+
+    Raises
+    ------
+    InputError
+        As :func:`~scanner_sim.products.files.folder.check_target`.
+    RunError
+        If the disk is full or fails.
+    """
+    writers = _writers(image, output or Output(), camera, waveforms)
+    return write_folder(folder, RUN, writers, overwrite=overwrite)
+
+
+def _writers(
+    image: RangeImage, output: Output, camera: NDArray[np.uint8] | None, waveforms: WaveformSet | None
+) -> Writers:
+    """Return what writes the files of a run."""
+    writers: dict[str, Callable[[Path], None]] = {
+        RESULT: lambda path: write_exr(path, image, output.compression),
+        "scenario.yaml": lambda path: write_text(path, image.scenario_yaml),
+        "summary.json": lambda path: write_text(path, summary_json(image)),
+        "points.ply": lambda path: write_ply(path, image),
+    }
+    if output.pictures:
+        # Matplotlib takes longer to load than most runs take to write: only where pictures are wanted.
+        from scanner_sim.products.pictures.image import PICTURES_OF, draw_background, lit
+        from scanner_sim.products.pictures.style import save_grey
+        from scanner_sim.products.pictures.waveform import draw_grey
+
+        writers |= {name: partial(draw, image) for name, draw in PICTURES_OF.items()}
+        if lit(image):
+            writers["background.png"] = lambda path: draw_background(image, path)
+        if "tof.range_m" in image:
+            writers["tof.png"] = lambda path: draw_grey(image, path)
+        if camera is not None:
+            writers["camera.png"] = lambda path: save_grey(camera, path)
+    if waveforms is not None:
+        writers[WAVEFORMS] = lambda path: write_waveforms(path, waveforms)
+    ordered = planned_files(output, lit=True, ranging="both")
+    return {name: writers[name] for name in ordered if name in writers}

@@ -1,0 +1,348 @@
+"""Pictures of a range image: range, slope, signal and background, each with its scale."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from textwrap import shorten
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.status import Status
+from scanner_sim.products.image import RangeImage
+from scanner_sim.products.pictures.style import (
+    BACKGROUND_MAP,
+    FAINT,
+    RANGE_MAP,
+    SIGNAL_MAP,
+    SLOPE_MAP,
+    STATUS_COLOUR,
+    Canvas,
+    canvas,
+    house_style,
+    lay,
+    named,
+    save,
+)
+from scanner_sim.products.pictures.voxel import draw_voxel
+
+__all__ = [
+    "PICTURES_OF",
+    "draw_background",
+    "draw_range",
+    "draw_shaded",
+    "draw_signal",
+    "draw_voxel",
+    "lit",
+    "slope",
+]
+
+if TYPE_CHECKING:
+    from matplotlib.colors import Normalize
+
+_SMALLEST, _LARGEST = 960, 2048
+"""Dots of the longer side of an image."""
+_PRESET = re.compile(r"^scanner:\n(?:  .*\n)*?  preset: (.+)$", re.MULTILINE)
+"""Name of the scanner's preset in a resolved scenario."""
+_SLENDEREST = 8.0
+"""Longer over shorter side at which an image is stretched to stay readable."""
+
+
+@dataclass(frozen=True)
+class Layer:
+    """What a picture shows.
+
+    Attributes
+    ----------
+    title, label
+        Heading of the picture and of its colour bar.
+    values
+        Shape (rows, columns); NaN where there is nothing to show.
+    norm, colours
+        Matplotlib's scale from values to [0, 1] and the name of its colour map.
+    extend
+        Ends of the scale beyond which there are values: neither, min, max or both.
+    """
+
+    title: str
+    label: str
+    values: NDArray[np.floating]
+    norm: Normalize
+    colours: str
+    extend: str = "neither"
+
+
+def draw_range(image: RangeImage, path: str | Path) -> None:
+    """Draw the ranges with a colour bar in metres; voxels without a range have the colour of their cause.
+
+    The scale leaves out the outermost half per cent at either end.
+    """
+    from matplotlib.colors import Normalize
+
+    ranges = image["range_m"]
+    low, high = _spread(ranges, 0.5, 99.5, least=1e-3)
+    layer = Layer(
+        "Range", "range [m]", ranges, Normalize(low, high), RANGE_MAP, extend=_extend(ranges, low, high)
+    )
+    _draw(image, layer, path)
+
+
+def draw_signal(image: RangeImage, path: str | Path) -> None:
+    """Draw the returned signal in electrons on a logarithmic scale."""
+    signal = np.where(image["Y"] > 0.0, image["Y"], np.float32(np.nan))
+    _draw(image, _logarithmic("Returned signal", "signal [electrons]", signal, signal, SIGNAL_MAP), path)
+
+
+def lit(image: RangeImage) -> bool:
+    """Tell whether any light of Sun or Earth reached the sensor."""
+    return "background" in image and bool((image["background"] > 0.0).any())
+
+
+def draw_background(image: RangeImage, path: str | Path) -> None:
+    """Draw the charge of Sun and Earth in the 200 µm about the spot, in electrons on a logarithmic scale.
+
+    What has less than an electron is as dark as the scale is at its end.
+    """
+    charge = np.maximum(np.nan_to_num(image["background"]), np.float32(1e-3))
+    title, label = "Background of Sun and Earth", "charge in 200 µm of the line [electrons]"
+    _draw(image, _logarithmic(title, label, charge, charge[charge >= 1.0], BACKGROUND_MAP), path)
+
+
+def _logarithmic(
+    title: str, label: str, values: NDArray[np.float32], scaled_by: NDArray[np.float32], colours: str
+) -> Layer:
+    """Return a layer on a logarithmic scale that spans the bulk of some values, a factor of 1.5 at least."""
+    from matplotlib.colors import LogNorm
+
+    low, high = _spread(scaled_by, 0.5, 99.8, least=0.0)
+    low, high = (low, high) if high > 1.5 * low else (low / 1.5, high * 1.5)
+    return Layer(title, label, values, LogNorm(low, high), colours, extend=_extend(values, low, high))
+
+
+def draw_shaded(image: RangeImage, path: str | Path) -> None:
+    """Draw the derivative of the range in grey levels, which brings out the fine structure (paper, Figure 2a).
+
+    The grey level is the angle of :func:`slope`, magnified about zero and compressed towards grazing surfaces by an
+    arc tangent, with the scale taken from the image: surfaces that face the upper left are bright, as if lit from
+    there.
+    """
+    from matplotlib.colors import FuncNorm
+
+    angle = np.degrees(np.arctan(slope(image)))
+    size = np.abs(angle[np.isfinite(angle)])
+    knee = max(1.5 * float(np.quantile(size, 0.6)), 0.5) if size.size else 45.0
+    forward, back = (lambda x: np.arctan(x / knee), lambda y: knee * np.tan(y))
+    norm = FuncNorm((forward, back), -90.0, 90.0)
+    _draw(image, Layer("Range derivative, towards lower right", "slope [°]", angle, norm, SLOPE_MAP), path)
+
+
+PICTURES_OF: Mapping[str, Callable[[RangeImage, str | Path], None]] = MappingProxyType(
+    {"range.png": draw_range, "shaded.png": draw_shaded, "signal.png": draw_signal}
+)
+"""The pictures of every image, by the name of their file."""
+
+
+def slope(image: RangeImage) -> NDArray[np.float64]:
+    """Return the derivative of the range along the diagonal to the lower right, shape (rows, columns).
+
+    dR / (R dθ) along the row and dR / (R dφ) along the column, summed over √2: the tangent of the angle between the
+    surface and one that faces the scanner. Differences are central where both neighbours have a range and one-sided
+    where one has; a direction without neighbours counts as flat. NaN where the voxel has no range or stands alone.
+    """
+    ranges = image["range_m"].astype(np.float64)
+    along = _difference(ranges, axis=1) / _step(image.theta)
+    down = _difference(ranges, axis=0) / _step(image.phi)
+    known = np.isfinite(along) | np.isfinite(down)
+    both = (np.nan_to_num(along) + np.nan_to_num(down)) / (np.sqrt(2.0) * ranges)
+    return np.where(known, both, np.nan)
+
+
+def _difference(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
+    """Return the mean difference to the neighbours along an axis, of those that are there."""
+    step = np.diff(values, axis=axis, append=np.nan)
+    before = np.roll(step, 1, axis=axis)
+    return np.where(np.isnan(step), before, np.where(np.isnan(before), step, 0.5 * (step + before)))
+
+
+def _draw(image: RangeImage, layer: Layer, path: str | Path) -> None:
+    """Draw a layer with axes in degrees, colour bar, heading, and a legend of the voxels without a range."""
+    rows, columns = _voxels_of_dots(image)
+    causes = _causes(image, np.isnan(layer.values))
+    with house_style():
+        import matplotlib
+        from matplotlib.cm import ScalarMappable
+        from matplotlib.colors import to_rgba
+
+        scale = ScalarMappable(layer.norm, matplotlib.colormaps[layer.colours])
+        picture = scale.to_rgba(np.nan_to_num(layer.values[np.ix_(rows, columns)]), bytes=True)
+        # Colours are laid on dot by dot: a picture made smaller must not blend voxels with and without a range.
+        for status, where in causes.items():
+            colour = np.rint(255.0 * np.array(to_rgba(STATUS_COLOUR.get(status, FAINT)))).astype(np.uint8)
+            picture[where[np.ix_(rows, columns)]] = colour
+        sheet = canvas(columns.size, rows.size, legend_lines=len(causes))
+        _axes(sheet, image)
+        if np.isfinite(layer.values).any():
+            _colour_bar(sheet, layer, scale)
+        else:
+            sheet.bar.set_visible(False)
+        _heading(sheet, image, layer.title)
+        _legend(sheet, causes)
+        save(lay(sheet, picture), path)
+
+
+def _voxels_of_dots(image: RangeImage) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return the row of each line of dots and the column of each dot of a line.
+
+    Voxels become whole numbers of dots where the picture is larger than the image, and are left out evenly where it
+    is smaller. Angles keep their proportions, as far as whole numbers and very slender rasters allow.
+    """
+    high, wide = (
+        count * _step(angles) for count, angles in zip(image.shape, (image.phi, image.theta), strict=True)
+    )
+    high, wide = max(high, wide / _SLENDEREST), max(wide, high / _SLENDEREST)
+    finest = max(image.shape[0] * max(high, wide) / high, image.shape[1] * max(high, wide) / wide)
+    long = min(max(finest, _SMALLEST), _LARGEST)
+    dots = (round(long * high / max(high, wide)), round(long * wide / max(high, wide)))
+    row, column = (_indices(number, count) for number, count in zip(dots, image.shape, strict=True))
+    return row, column
+
+
+def _indices(dots: int, voxels: int) -> NDArray[np.intp]:
+    """Return the voxel of each dot: repeated whole, or decimated."""
+    if dots >= voxels:
+        return np.repeat(np.arange(voxels), max(round(dots / voxels), 1))
+    return ((np.arange(dots) + 0.5) * (voxels / dots)).astype(np.intp)
+
+
+def _causes(image: RangeImage, empty: NDArray[np.bool_]) -> dict[Status, NDArray[np.bool_]]:
+    """Return where each status is the cause of an empty voxel, shape (rows, columns), for those that occur."""
+    where = {status: empty & (image["status"] == status) for status in Status}
+    return {status: mask for status, mask in where.items() if mask.any()}
+
+
+def _axes(sheet: Canvas, image: RangeImage) -> None:
+    """Scale the axes in degrees, from the outer edges of the first voxels to those of the last."""
+    across, down = np.degrees(image.theta), np.degrees(image.phi)
+    half_x, half_y = np.degrees(_step(image.theta)) / 2.0, np.degrees(_step(image.phi)) / 2.0
+    sheet.axes.set_xlim(across[0] - half_x, across[-1] + half_x)
+    sheet.axes.set_ylim(down[-1] + half_y, down[0] - half_y)
+    from matplotlib.ticker import MaxNLocator, ScalarFormatter
+
+    wide, high = sheet.axes.get_position().size * sheet.figure.get_size_inches()
+    for axis, angles, room, name, long_name in (
+        (sheet.axes.xaxis, across, wide, "Θ [°]", "Θ to the right [°]"),
+        (sheet.axes.yaxis, down, high, "φ [°]", "φ downwards [°]"),
+    ):
+        axis.set_label_text(long_name if room > 1.4 else name)
+        axis.set_major_formatter(ScalarFormatter(useOffset=False))
+        if angles.size == 1:
+            axis.set_ticks([angles[0]], [f"{angles[0]:.4g}"])
+        elif room < 1.4:
+            axis.set_major_locator(MaxNLocator(nbins=2))
+
+
+def _colour_bar(sheet: Canvas, layer: Layer, scale: Any) -> None:
+    from matplotlib.colors import LogNorm
+    from matplotlib.ticker import EngFormatter, LogLocator, ScalarFormatter
+
+    bar = sheet.figure.colorbar(scale, cax=sheet.bar, extend=layer.extend, extendfrac=0.025)
+    bar.outline.set_linewidth(0.6)
+    bar.set_label(layer.label)
+    bar.formatter = ScalarFormatter(useOffset=False)
+    if isinstance(layer.norm, LogNorm):
+        decades = np.log10(float(layer.norm.vmax or 1.0) / float(layer.norm.vmin or 1.0))
+        bar.locator = LogLocator(subs=(1.0, 2.0, 5.0) if decades < 4.0 else (1.0,))
+        bar.formatter = EngFormatter()
+        bar.minorticks_off()
+
+
+def _heading(sheet: Canvas, image: RangeImage, title: str) -> None:
+    """Write the title and, below it, which instrument saw what."""
+    figure = sheet.figure
+    wide, high = figure.get_size_inches()
+    left, top = sheet.axes.get_position().x0, sheet.axes.get_position().y1
+    figure.text(left, top + 0.27 / high, title, size=10.5, weight="bold", va="baseline")
+    room = int((1.0 - left) * wide / 0.062)
+    figure.text(
+        left, top + 0.10 / high, shorten(about(image), room, placeholder=" …"), color=FAINT, va="baseline"
+    )
+
+
+def about(image: RangeImage) -> str:
+    """Return one line on instrument, scene, raster and outcome."""
+    # The line itself: a scenario from somebody else's file is no text to be read as YAML for a heading.
+    preset = _PRESET.search(image.scenario_yaml)
+    shown = [*image.objects[:3], "…"] if len(image.objects) > 3 else list(image.objects)
+    rows, columns = image.shape
+    parts = [
+        named(preset[1]) if preset else "",
+        ", ".join(map(named, shown)),
+        f"{rows} × {columns} voxels",
+        f"seed {image.seed}",
+    ]
+    return "  ·  ".join(part for part in [*parts, f"{100.0 * image.valid.mean():.1f} % valid"] if part)
+
+
+def _legend(sheet: Canvas, causes: dict[Status, NDArray[np.bool_]]) -> None:
+    """Explain the colours of the voxels without a value, at the foot of the figure."""
+    from matplotlib.patches import Patch
+
+    if not causes:
+        return
+    figure, left = sheet.figure, sheet.axes.get_position().x0
+    wide, high = figure.get_size_inches()
+    handles = []
+    for status, where in causes.items():
+        sentence = "no neighbour to compare with" if status is Status.VALID else status.sentence
+        text = f"{_per_cent(where)}: {sentence}"
+        colour = STATUS_COLOUR.get(status, FAINT)
+        handles.append(
+            Patch(facecolor=colour, edgecolor=FAINT, linewidth=0.3, label=shorten(text, int(wide / 0.064)))
+        )
+    figure.legend(
+        handles=handles,
+        loc="lower left",
+        bbox_to_anchor=(left, 0.06 / high),
+        borderaxespad=0.0,
+        borderpad=0.0,
+        handlelength=1.2,
+        handleheight=1.0,
+        labelspacing=0.45,
+        fontsize=7.5,
+    )
+
+
+def _per_cent(where: NDArray[np.bool_]) -> str:
+    """Return the share of voxels in words that neither round to nothing nor to everything."""
+    share = 100.0 * float(where.mean())
+    if where.all():
+        return "100 %"
+    return (
+        "below 0.01 %" if share < 0.01 else f"{share:.2g} %" if share < 10.0 else f"{min(share, 99.9):.1f} %"
+    )
+
+
+def _step(angles: NDArray[np.float64]) -> float:
+    """Return the step between angles [rad]; a single one counts as a milliradian wide."""
+    return float(angles[-1] - angles[0]) / (angles.size - 1) if angles.size > 1 else 1e-3
+
+
+def _spread(values: NDArray[np.floating], low: float, high: float, least: float) -> tuple[float, float]:
+    """Return two percentiles of the finite values, at least ``least`` apart; (0, 1) where there are none."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return 0.1, 1.0
+    first, last = (float(value) for value in np.percentile(finite, (low, high)))
+    short = max(least - (last - first), 0.0) / 2.0
+    return first - short, last + short
+
+
+def _extend(values: NDArray[np.floating], low: float, high: float) -> str:
+    """Tell at which ends of the scale there are values beyond it."""
+    below, above = bool((values < low).any()), bool((values > high).any())
+    return "both" if below and above else "min" if below else "max" if above else "neither"

@@ -1,0 +1,1 @@
+"""The light of Sun and Earth that the detectors see behind the spot."""

@@ -1,0 +1,195 @@
+"""How Sun and Earth light a target, and whether their light blinds the scanner: a few thousand rays per moment.
+
+Points are spread over what the scanner sees of a target; shadow rays tell how much of it the Sun reaches. The light
+that comes back to the lens, from these points and from a coarse grid over the field of view, is followed as for the
+background (:mod:`scanner_sim.render.background.paths`). A glint smaller than the grid's step can slip through.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.render.background import sky
+from scanner_sim.render.background.paths import Albedo, trace_paths
+from scanner_sim.render.rays import occluded
+from scanner_sim.render.transport import Bench, device_frame
+from scanner_sim.scene.files.loader import LoadedScene
+
+_PLACES = 0xFFFFFFF0
+"""Addresses of the random points: apart from those of the paths."""
+_DRAWN = 8
+"""Points drawn for one that is kept: most of a body is hidden by itself."""
+_DISC = 256
+"""Points of the Sun's disc that are looked for."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Points on the side of a target that the scanner sees, Dr.Jit: ``point`` and unit ``normal``, shape (n,)."""
+
+    point: Any
+    normal: Any
+
+    @property
+    def count(self) -> int:
+        """Number of points."""
+        return int(dr.width(self.point))
+
+
+@dataclass(frozen=True)
+class Sight:
+    """Lines of sight through the lens: ``angle`` in the plane at ``phi`` [rad], float64, shape (n,)."""
+
+    angle: NDArray[np.float64]
+    phi: NDArray[np.float64]
+
+
+def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> Samples:
+    """Return points spread evenly over what the scanner sees of an object.
+
+    Parameters
+    ----------
+    loaded
+        The scene, its moving objects at one instant.
+    number
+        The object's, from 1.
+    count
+        Largest number of points; fewer are returned if hardly any of its surface is seen, and none if none is.
+    seed
+        Seed of the points.
+    """
+    object_of = loaded.object_of.numpy()
+    shapes = [shape for shape in loaded.shapes if object_of[_index(shape)] == number]
+    pose = dict(zip((body.item.name for body in loaded.bodies), loaded.poses, strict=True)).get(
+        loaded.objects[number - 1]
+    )
+    areas = np.array([float(np.ravel(shape.surface_area())[0]) for shape in shapes])
+    ends = np.rint(_DRAWN * count * np.concatenate([[0.0], np.cumsum(areas) / areas.sum()])).astype(int)
+    points, normals = [], []
+    for part, (shape, start, end) in enumerate(zip(shapes, ends, ends[1:], strict=False)):
+        if end == start:
+            continue
+        lane = dr.arange(mi.UInt32, int(end - start))
+        drawn = generator(seed, Stream.BACKGROUND, mi.UInt32(_PLACES), lane + 65536 * part).next_float32x4()
+        found = shape.sample_position(0.0, mi.Point2f(drawn[0], drawn[1]))
+        place, facing = found.p, found.n
+        if pose is not None:
+            place, facing = pose.rotation @ place + pose.place, pose.rotation @ facing
+        points.append(place.numpy().T)
+        normals.append(facing.numpy().T)
+    if not points:
+        return Samples(mi.Point3f(), mi.Normal3f())
+    point: Any = mi.Point3f(np.concatenate(points).T)
+    normal: Any = mi.Normal3f(np.concatenate(normals).T)
+    # The side that faces the scanner, at the origin; a little off the surface, so as not to shade itself.
+    normal = dr.select(dr.dot(normal, point) > 0.0, -normal, normal)
+    distance = dr.norm(point)
+    point = point + normal * (1e-5 * distance)
+    ray: Any = mi.Ray3f(point, -point / distance)
+    ray.maxt = distance
+    hidden = occluded(loaded, ray) | (point.z <= 0.0)
+    kept = np.flatnonzero(~np.asarray(hidden.numpy(), dtype=bool))
+    kept = kept[:: max(1, math.ceil(len(kept) / count))]
+    return Samples(mi.Point3f(point.numpy()[:, kept]), mi.Normal3f(normal.numpy()[:, kept]))
+
+
+def sunlit_share(loaded: LoadedScene, light: sky.SkyLight, samples: Samples, seed: int) -> float:
+    """Return the share of a target's points that the Sun reaches, each by one point of its disc."""
+    place = generator(
+        seed, Stream.BACKGROUND, mi.UInt32(_PLACES + 1), dr.arange(mi.UInt32, samples.count)
+    ).next_float32x4()
+    towards, _ = sky.sample_sun(light, mi.Point2f(place[0], place[1]))
+    useful = (dr.dot(towards, samples.normal) > 0.0) & (sky.sun_radiance(light, towards) > 0.0)
+    hidden = occluded(loaded, mi.Ray3f(samples.point, towards), active=useful)
+    return float(np.mean((useful & ~hidden).numpy()))
+
+
+def earth_irradiance(
+    loaded: LoadedScene, light: sky.SkyLight, albedo: float, samples: Samples, seed: int
+) -> float:
+    """Return the mean irradiance of a target's points by the Earth, in units of the Sun's irradiance."""
+    rays = 4
+    lane = dr.arange(mi.UInt32, samples.count * rays)
+    place = generator(seed, Stream.BACKGROUND, mi.UInt32(_PLACES + 2), lane).next_float32x4()
+    towards, density = sky.sample_earth(light, mi.Point2f(place[0], place[1]))
+    point, normal = dr.repeat(samples.point, rays), dr.repeat(samples.normal, rays)
+    cosine = dr.dot(towards, normal)
+    useful = (cosine > 0.0) & (density > 0.0)
+    hidden = occluded(loaded, mi.Ray3f(point, towards), active=useful)
+    received = sky.earth_radiance(light, towards) * cosine / dr.maximum(density, 1e-20)
+    return albedo * float(np.mean(dr.select(useful & ~hidden, received, 0.0).numpy()))
+
+
+def sunlight_seen(
+    loaded: LoadedScene,
+    bench: Bench,
+    light: sky.SkyLight,
+    albedo: Albedo,
+    sight: Sight,
+    bounces: int,
+    seed: int,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Follow light of Sun and Earth back along lines of sight.
+
+    Returns
+    -------
+    tuple
+        Radiance from surfaces per unit of the Sun's irradiance [1/sr], each of shape (n,): in band and out of band
+        in all, and the sharp part of both, which is what the first surface makes of the Sun. Sun and
+        Earth that are looked at themselves count as 0.
+    """
+    lane = dr.arange(mi.UInt32, len(sight.angle))
+    frame = device_frame(
+        bench, mi.Float(sight.angle.astype(np.float32)), mi.Float(sight.phi.astype(np.float32))
+    )
+
+    def random(number: Any) -> Any:
+        return generator(seed, Stream.BACKGROUND, mi.UInt32(_PLACES + 3), lane * 64 + number).next_float32x4()
+
+    seen, first = trace_paths(
+        loaded, light, albedo, bounces, mi.Point3f(frame.lens), mi.Vector3f(frame.along), random
+    )
+    surface = first.material > 0
+    layers = (seen.direct + seen.indirect, seen.direct_out + seen.indirect_out, seen.direct, seen.direct_out)
+    in_band, out, sharp, sharp_out = (
+        dr.select(surface, layer, 0.0).numpy().astype(np.float64) for layer in layers
+    )
+    return in_band, out, sharp, sharp_out
+
+
+def sun_at(
+    loaded: LoadedScene, bench: Bench, light: sky.SkyLight, seed: int
+) -> tuple[Sight, NDArray[np.bool_]]:
+    """Return lines of sight through the lens to points of the Sun's disc, and which of them are free.
+
+    One is free where neither the Earth nor an object is in front of the Sun, and it stands before the scanner.
+    """
+    lane = dr.arange(mi.UInt32, _DISC)
+    place = generator(seed, Stream.BACKGROUND, mi.UInt32(_PLACES + 4), lane).next_float32x4()
+    towards, density = sky.sample_sun(light, mi.Point2f(place[0], place[1]))
+    x, y, z = towards.numpy().astype(np.float64)
+    sight = Sight(np.arcsin(np.clip(x, -1.0, 1.0)), np.arctan2(y, z))
+    frame = device_frame(
+        bench, mi.Float(sight.angle.astype(np.float32)), mi.Float(sight.phi.astype(np.float32))
+    )
+    useful = (density > 0.0) & (sky.sun_radiance(light, towards) > 0.0) & (towards.z > 0.0)
+    hidden = occluded(loaded, mi.Ray3f(mi.Point3f(frame.lens), towards), active=useful)
+    return sight, np.asarray((useful & ~hidden).numpy(), dtype=bool)
+
+
+def half_height(bench: Bench) -> float:
+    """Return half the angle that a pixel's height sees [rad]."""
+    return math.atan(0.5 * bench.height / bench.receiver.focal_length)
+
+
+def _index(shape: Any) -> int:
+    number: Any = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
+    return int(number[0])

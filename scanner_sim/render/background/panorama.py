@@ -1,0 +1,249 @@
+"""Background light on the line sensor: one panorama for each row of a raster.
+
+With φ fixed, laser and receiver turn in one plane about one lens position: a pixel at p looks along the angle Θ −
+atan(p/f) of that plane, whichever voxel is measured. So one panorama over this angle serves all voxels of a row. It is
+path-traced (:mod:`scanner_sim.render.background.paths`) from the lens node, blurred by the point spread, over the
+height of the pixels, in two parts. Sharp light (:mod:`scanner_sim.render.background.sharp`) is followed finely where it
+is uneven. What is smooth (the Earth's light and what other surfaces reflect) is followed by few long paths and averaged
+over neighbours that lie on the same surface (:mod:`scanner_sim.render.background.filtering`).
+
+Both parts have two independent halves. Half their difference, summed over the window of 200 µm in which the background
+is counted, has the variance of the mean of both: an unbiased estimate with one degree of freedom, which is steadied
+by averaging it over a few neighbours.
+
+Moving objects stand where they are in the middle of a row's time. Not modelled: what they move during the row, the
+receiver's finite aperture for the background (it is seen from the lens node), and the mirrors' jitter, a sixtieth of a
+pixel. The stated error leaves out what the filter's reach makes of smooth light.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.render.background.filtering import Features, convolved, smooth
+from scanner_sim.render.background.paths import Albedo, FirstHit, Radiance, trace_paths
+from scanner_sim.render.background.sharp import contrast, evenly_sharp_light, sharp_light
+from scanner_sim.render.background.sky import SkyLight
+from scanner_sim.render.background.view import WINDOW, View, Window, rays_through
+from scanner_sim.render.rays import for_rows, posed
+from scanner_sim.render.settings import times_finer
+from scanner_sim.render.transport import Bench
+from scanner_sim.scene.files.loader import LoadedScene
+
+_PATHS_TOGETHER = 1 << 21
+_NOTHING = 1e-12
+"""Radiance per unit of the Sun's irradiance [1/sr] that counts as none: far smaller numbers come from the filter's
+tails, and threads may round their products, below 1e-38 W, to 0 or not."""
+_NEIGHBOURS = 8
+"""Bins to either side over which the squared error is averaged."""
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+_GENERALISED_GOLDEN = 1.085070245491451
+"""The real root of x⁹ = x + 1."""
+
+
+@dataclass
+class Panorama:
+    """Radiance per unit of the Sun's irradiance [1/sr], Dr.Jit arrays: entry row · bins + bin.
+
+    ``in_band`` and ``out_of_band``; ``error`` and ``error_out`` are the standard errors of their means over a window
+    of 200 µm about the bin.
+    """
+
+    view: View | Window
+    in_band: Any
+    out_of_band: Any
+    error: Any
+    error_out: Any
+
+    def look(self, layer: Any, row: Any, angle: Any) -> Any:
+        """Return a layer around angles [rad] of some rows, interpolated between bins, and between rows if need be."""
+        if dr.is_float_v(row):
+            low = dr.floor(row)
+            last_row = mi.Float(self.view.rows) - 1.0
+            upper, lower = (
+                self.look(layer, mi.UInt32(dr.minimum(low + step, last_row)), angle) for step in (0.0, 1.0)
+            )
+            return dr.lerp(upper, lower, row - low)
+        first, step, last = self.view.lattice()
+        at = (angle - first) / step
+        low = dr.floor(at)
+        left = row * self.view.bins + mi.UInt32(dr.clip(low, 0.0, last))
+        right = row * self.view.bins + mi.UInt32(dr.clip(low + 1.0, 0.0, last))
+        return dr.lerp(dr.gather(mi.Float, layer, left), dr.gather(mi.Float, layer, right), at - low)
+
+
+def render_panorama(
+    loaded: LoadedScene,
+    bench: Bench,
+    sky: SkyLight,
+    albedo: Albedo,
+    view: View | Window,
+    *,
+    bounces: int,
+    samples: int,
+    seed: int,
+    sharp_samples: int | None = None,
+) -> Panorama:
+    """Path-trace the panoramas of a raster.
+
+    Parameters
+    ----------
+    loaded, bench, sky, albedo
+        Scene, optics, Sun and Earth.
+    view
+        Angles of the panoramas.
+    bounces, samples
+        Surfaces on a path; long paths of each bin, an even number. Where rows lie more than two bins apart, each
+        gets as many more, up to a limit.
+    seed
+        Seed of the paths.
+    sharp_samples
+        Samples of the sharp light of each bin, in each half; None lets a pilot say. With a number no array's size
+        depends on the light.
+    """
+    loaded = posed(loaded, None if view.time is None else loaded.poses_at(view.time))
+    finer = times_finer(view.row_step, view.step)
+    half, size = samples // 2 * finer, view.rows * view.bins
+    sums = [[dr.empty(mi.Float, size) for _ in range(4)] for _ in range(2)]
+    features = [Features.empty(size) for _ in range(2)]
+    together = max(1, _PATHS_TOGETHER // (view.bins * half))
+    for start in range(0, view.rows, together):
+        some = np.arange(start, min(start + together, view.rows))
+        for part in range(2):
+            radiance, first = _trace_rows(
+                loaded, bench, sky, albedo, view, some, part * half, half, bounces, seed
+            )
+            at = dr.arange(mi.UInt32, len(some) * view.bins) + start * view.bins
+            values = [
+                dr.block_reduce(dr.ReduceOp.Min, radiance.direct, half),
+                dr.block_reduce(dr.ReduceOp.Max, radiance.direct, half),
+                dr.block_sum(radiance.indirect, half) / half,
+                dr.block_sum(radiance.indirect_out, half) / half,
+            ]
+            dr.eval(values, first)
+            for target, value in zip(sums[part], values, strict=True):
+                dr.scatter(target, value, at)
+            features[part].put(first, half, at)
+            dr.eval(sums, features)
+    if sharp_samples is None:
+        sharp = _sharp_by_contrast(loaded, bench, sky, albedo, view, sums, min(finer, 4), seed)
+    else:
+        sharp = evenly_sharp_light(loaded, bench, sky, albedo, view, sharp_samples, seed)
+    halves = [
+        one + other
+        for part in range(2)
+        for one, other in zip(
+            sharp[part],
+            smooth(sums[part][2:], features[part], view.rows, view.bins, view.step / view.row_step),
+            strict=True,
+        )
+    ]
+    return _assembled(view, bench, halves)
+
+
+def _sharp_by_contrast(
+    loaded: LoadedScene,
+    bench: Bench,
+    sky: SkyLight,
+    albedo: Albedo,
+    view: View | Window,
+    sums: list[list[Any]],
+    finer: int,
+    seed: int,
+) -> list[list[Any]]:
+    """Return both halves of the sharp light, sampled the more the more the least and largest samples differ."""
+    low, high = dr.minimum(sums[0][0], sums[1][0]), dr.maximum(sums[0][1], sums[1][1])
+    seen = bench.height / bench.receiver.focal_length
+    # An edge between rows, at the end of the pixels' height, may escape all samples of one row.
+    uneven = contrast(low, high, view, 1 if view.row_step < 2.0 * seen else 0)
+    dr.eval(uneven)
+    return sharp_light(loaded, bench, sky, albedo, view, uneven, finer=finer, seed=seed)
+
+
+def _assembled(view: View | Window, bench: Bench, halves: list[Any]) -> Panorama:
+    """Blur both halves, and take the error of a window from their difference."""
+    # A bin's own width, and the interpolation between bins, blur as well.
+    spread = math.sqrt(max((bench.point_spread / bench.pitch) ** 2 - 1.0 / 6.0, 0.0))
+    steps = np.arange(-math.ceil(3.5 * spread), math.ceil(3.5 * spread) + 1)
+    blur = np.exp(-0.5 * (steps / spread) ** 2) if spread > 0.0 else np.ones(1)
+    halves = convolved(halves, view.bins, blur / blur.sum())
+    in_band, out_of_band = 0.5 * (halves[0] + halves[2]), 0.5 * (halves[1] + halves[3])
+
+    width = WINDOW / bench.pitch
+    reach = max(0, math.ceil(0.5 * width - 0.5))
+    window = np.clip(0.5 * width + 0.5 - np.abs(np.arange(-reach, reach + 1)), 0.0, 1.0)
+    apart = [0.5 * (halves[0] - halves[2]), 0.5 * (halves[1] - halves[3])]
+    squares = [dr.square(layer) for layer in convolved(apart, view.bins, window / window.sum())]
+    near = np.full(2 * _NEIGHBOURS + 1, 1.0 / (2 * _NEIGHBOURS + 1))
+    errors = [dr.sqrt(_over_rows(layer, view)) for layer in convolved(squares, view.bins, near)]
+    layers = [dr.select(layer > _NOTHING, layer, 0.0) for layer in (in_band, out_of_band, *errors)]
+    dr.eval(layers)
+    return Panorama(view, *layers)
+
+
+def _over_rows(layer: Any, view: View | Window) -> Any:
+    """Return the mean of each row with the next to either side; the first and last are repeated."""
+    lane = dr.arange(mi.UInt32, view.rows * view.bins)
+    up = dr.select(lane >= view.bins, lane - view.bins, lane)
+    down = dr.select(lane + view.bins < view.rows * view.bins, lane + view.bins, lane)
+    return (layer + dr.gather(mi.Float, layer, up) + dr.gather(mi.Float, layer, down)) / 3.0
+
+
+def _evenly(number: Any, draw: Any, axis: int, seed: int, part: int) -> Any:
+    """Return one coordinate of the Kronecker sequence of the generalised golden ratio in eight dimensions.
+
+    Neighbours together then cover the unit cube far more evenly than random numbers, and the filter's mean over
+    them is as much better (Roberts, *The unreasonable effectiveness of quasirandom sequences*, 2018). The start
+    is random, another one for each half of the samples.
+    """
+    first, second = (round(2**32 * _GENERALISED_GOLDEN ** -(axis + shift)) for shift in (1, 5))
+    step = dr.select(draw == 0, mi.UInt32(first), mi.UInt32(second))
+    start = generator(seed, Stream.BACKGROUND, mi.UInt32(0xFFFFFFFF), draw * 4 + (axis + 64 * part))
+    return mi.Float(number * step + start.next_uint32x4()[0]) * 2.0**-32 * (1.0 - 2.0**-23)
+
+
+def _trace_rows(
+    loaded: LoadedScene,
+    bench: Bench,
+    sky: SkyLight,
+    albedo: Albedo,
+    view: View | Window,
+    rows: NDArray[np.intp],
+    first_sample: int,
+    samples: int,
+    bounces: int,
+    seed: int,
+) -> tuple[Radiance, FirstHit]:
+    """Trace some rows: ``samples`` neighbouring lanes per bin."""
+    lane = dr.arange(mi.UInt32, len(rows) * view.bins * samples)
+    bin_, sample = lane // samples, lane % samples
+    row, column = bin_ // view.bins, bin_ % view.bins
+    # Addresses count over the whole panorama: a row's numbers do not depend on the batch.
+    address = bin_ + dr.opaque(mi.UInt32, int(rows[0]) * view.bins)
+
+    drawn_before = sample + dr.opaque(mi.UInt32, first_sample)
+    spread_number = address * samples + sample
+
+    def random(number: Any) -> Any:
+        """Return four numbers: of the first surface evenly spread over neighbours, of later ones random."""
+        free = generator(seed, Stream.BACKGROUND, address, drawn_before * 64 + number).next_float32x4()
+        spread = mi.Point4f(*(_evenly(spread_number, number, axis, seed, first_sample) for axis in range(4)))
+        return dr.select(number < 2, spread, free)
+
+    place = generator(seed, Stream.BACKGROUND, address, drawn_before * 64 + 62).next_float32x4()
+    # Each half of the samples covers the bin on its own, as a lattice with a random start.
+    start = generator(seed, Stream.BACKGROUND, address, dr.opaque(mi.UInt32, first_sample * 64 + 61))
+    along = (mi.Float(sample) + place[0]) / dr.opaque(mi.Float, float(samples)) - 0.5
+    height = mi.Float(sample) * _GOLDEN + start.next_float32x4()[0]
+    height -= dr.floor(height)
+    whole_row = row + dr.opaque(mi.UInt32, int(rows[0]))
+    origin, direction = rays_through(bench, view, whole_row, column, along, height)
+    return trace_paths(for_rows(loaded, whole_row), sky, albedo, bounces, origin, direction, random)

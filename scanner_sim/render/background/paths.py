@@ -1,0 +1,255 @@
+"""Sun and Earth in the scene: the radiance that comes back along rays, by path tracing.
+
+At each surface the Sun and the Earth are sampled on their own and by the surface's scattering, combined by the
+balance heuristic (Veach, *Robust Monte Carlo methods for light transport simulation*, 1997, ch. 9). All is linear in
+the Sun: radiance is per unit of its irradiance at the scene. Two bands travel together: paths are sampled in the
+filter's band, and the throughput of the other follows from the ratio of the materials' reflectances.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from scanner_sim.render.background import sky
+from scanner_sim.render.rays import leaving, occluded, one_kernel
+from scanner_sim.render.transport import meet
+from scanner_sim.scene.files.loader import LoadedScene
+
+
+@dataclass
+class Radiance:
+    """Radiance along rays per unit of the Sun's irradiance [1/sr], Dr.Jit arrays, in band and out of band.
+
+    ``direct`` is what is seen of Sun and Earth themselves and the Sun's light from the first surface; ``indirect``
+    the Earth's light from the first surface and all that met more: it varies slowly over a surface.
+    """
+
+    direct: Any
+    direct_out: Any
+    indirect: Any
+    indirect_out: Any
+
+
+@dataclass
+class FirstHit:
+    """The first surface along rays: material number (0 for none), normal and point."""
+
+    material: Any
+    normal: Any
+    point: Any
+
+
+@dataclass(frozen=True)
+class Albedo:
+    """The Earth's reflectance, in band and out of band."""
+
+    in_band: float
+    out_of_band: float
+
+
+def trace_paths(
+    loaded: LoadedScene,
+    light: sky.SkyLight,
+    albedo: Albedo,
+    bounces: int,
+    origin: Any,
+    direction: Any,
+    random: Any,
+) -> tuple[Radiance, FirstHit]:
+    """Estimate the radiance that comes along rays, one path each.
+
+    Parameters
+    ----------
+    loaded
+        The scene.
+    light
+        Sun and Earth.
+    albedo
+        Of the Earth.
+    bounces
+        Largest number of surfaces on a path.
+    origin, direction
+        Start of the rays, and where they look; Dr.Jit, shape (n,).
+    random
+        Function of a number of a draw, 0, 1, 2…, that returns four uniform random numbers of each ray.
+    """
+    tracer = _Tracer(loaded, light, albedo, dr.opaque(mi.UInt32, bounces), random)
+    total = _dark(dr.width(direction))
+    draws = random(mi.UInt32(0))
+    si, ratio, first = tracer.begin(total, origin, direction, mi.Point2f(draws[0], draws[1]))
+    hit, gain = si.is_valid(), dr.full(mi.Float, 1.0, dr.width(direction))
+    earth = tracer.sampled(
+        si, hit, gain, mi.Point2f(draws[2], draws[3]), sky.sample_earth, sky.earth_radiance
+    )
+    tracer.collect(total, False, 0.0, earth, ratio)
+    onward = tracer.scatter(si, hit, gain, random(mi.UInt32(1)), roulette=False)
+    loop: Any = dr.while_loop
+    result = loop(
+        (mi.UInt32(1), *onward, ratio, total),
+        lambda depth, ray, active, *rest: active,
+        tracer.turn,
+        labels=(),
+        mode=None if one_kernel(loaded) else "evaluated",
+    )
+    return result[-1], first
+
+
+def trace_sharp(
+    loaded: LoadedScene,
+    light: sky.SkyLight,
+    albedo: Albedo,
+    origin: Any,
+    direction: Any,
+    disc: Any,
+    mirror: Any,
+) -> tuple[Any, Any]:
+    """Estimate the direct part of :func:`trace_paths` alone, with rays that run alike.
+
+    Parameters
+    ----------
+    loaded, light, albedo, origin, direction
+        As there.
+    disc
+        Uniform numbers for the place on the Sun's disc, ``mi.Point2f``, shape (n,).
+    mirror
+        Four uniform numbers for the choice among a first surface's lobes, shape (n,).
+
+    Returns
+    -------
+    tuple
+        Radiance in band and out of band per unit of the Sun's irradiance [1/sr], shape (n,).
+    """
+    tracer = _Tracer(loaded, light, albedo, mi.UInt32(1), None)
+    total = _dark(dr.width(direction))
+    si, ratio, _ = tracer.begin(total, origin, direction, disc, coherent=True)
+    delta = mi.BSDFFlags.Delta
+    if any(mi.has_flag(shape.bsdf().flags(), delta) for shape in loaded.shapes if shape.bsdf()):
+        ray, active, gain, _, mirrored = tracer.scatter(
+            si, si.is_valid(), mi.Float(1.0), mirror, roulette=False
+        )
+        active &= mirrored
+        escaped = active & ~occluded(loaded, ray, active=active)
+        sun, earth = sky.sun_radiance(light, ray.d), sky.earth_radiance(light, ray.d)
+        sun, earth = dr.select(escaped, gain * sun, 0.0), dr.select(escaped, gain * earth, 0.0)
+        tracer.collect(total, True, sun, earth, ratio)
+    return total.direct, total.direct_out
+
+
+def _dark(count: int) -> Radiance:
+    return Radiance(*(dr.zeros(mi.Float, count) for _ in range(4)))
+
+
+class _Tracer:
+    """One turn of a path, and what it needs to know."""
+
+    def __init__(
+        self, loaded: LoadedScene, light: sky.SkyLight, albedo: Albedo, limit: Any, random: Any
+    ) -> None:
+        self._loaded, self._light, self._limit, self._random = loaded, light, limit, random
+        self._albedo = dr.opaque(mi.Float, albedo.in_band), dr.opaque(mi.Float, albedo.out_of_band)
+
+    def begin(
+        self, total: Radiance, origin: Any, direction: Any, disc: Any, *, coherent: bool = False
+    ) -> tuple[Any, Any, FirstHit]:
+        """Collect what is seen of the sky and the Sun's light from the first surface, with a point of its disc.
+
+        Returns the surface, its ratio of reflectances, and its features.
+        """
+        light = self._light
+        si = meet(self._loaded, origin, direction)
+        hit = si.is_valid()
+        sun, earth = sky.sun_radiance(light, direction), sky.earth_radiance(light, direction)
+        self.collect(total, True, dr.select(hit, 0.0, sun), dr.select(hit, 0.0, earth), 1.0)
+        material = dr.gather(mi.UInt32, self._loaded.material_of, self.shape_of(si, hit))
+        first = FirstHit(dr.select(hit, material, 0), mi.Vector3f(si.n), mi.Vector3f(si.p))
+        ratio = self.ratio_of(material, hit)
+        sun = self.sampled(si, hit, 1.0, disc, sky.sample_sun, sky.sun_radiance, coherent)
+        self.collect(total, True, sun, 0.0, ratio)
+        return si, ratio, first
+
+    def turn(
+        self,
+        depth: Any,
+        ray: Any,
+        active: Any,
+        gain: Any,
+        density: Any,
+        delta: Any,
+        ratio: Any,
+        total: Radiance,
+    ) -> Any:
+        """Follow paths to their next surface, the ``depth``-th after the first; past the limit only to the sky."""
+        light = self._light
+        si = meet(self._loaded, ray.o, ray.d, active, coherent=False)
+        escaped = active & ~si.is_valid()
+        sun = sky.sun_radiance(light, ray.d) * _heuristic(density, sky.pdf_sun(light, ray.d), delta)
+        earth = sky.earth_radiance(light, ray.d) * _heuristic(density, sky.pdf_earth(light, ray.d), delta)
+        sun, earth = dr.select(escaped, gain * sun, 0.0), dr.select(escaped, gain * earth, 0.0)
+        # What is seen in a first mirror is sharp; the rest is smooth.
+        self.collect(total, delta & (depth == 1), sun, earth, ratio)
+
+        hit = active & si.is_valid() & (depth < self._limit)
+        material = dr.gather(mi.UInt32, self._loaded.material_of, self.shape_of(si, hit))
+        ratio = ratio * self.ratio_of(material, hit)
+        draws = self._random(2 * depth)
+        sun = self.sampled(si, hit, gain, mi.Point2f(draws[0], draws[1]), sky.sample_sun, sky.sun_radiance)
+        # The Earth is faint: every other path asks for it, and counts it twice.
+        asks = hit & (draws[2] < 0.5)
+        place = mi.Point2f(2.0 * draws[2], draws[3])
+        earth = 2.0 * self.sampled(si, asks, gain, place, sky.sample_earth, sky.earth_radiance)
+        self.collect(total, False, sun, earth, ratio)
+        onward = self.scatter(si, hit, gain, self._random(2 * depth + 1), roulette=True)
+        return (depth + 1, *onward, ratio, total)
+
+    def sampled(
+        self,
+        si: Any,
+        active: Any,
+        gain: Any,
+        sample: Any,
+        draw: Any,
+        radiance_of: Any,
+        coherent: bool = False,
+    ) -> Any:
+        """Return the light of Sun or Earth that a surface sends back, by sampling them."""
+        towards, density = draw(self._light, sample)
+        value, scattered = si.bsdf().eval_pdf(mi.BSDFContext(), si, si.to_local(towards), active)
+        radiance = radiance_of(self._light, towards)
+        useful = active & (density > 0.0) & (value[0] > 0.0) & (radiance > 0.0)
+        hidden = occluded(self._loaded, leaving(si, towards), coherent=coherent, active=useful)
+        return dr.select(useful & ~hidden, gain * value[0] * radiance / (density + scattered), 0.0)
+
+    def scatter(self, si: Any, hit: Any, gain: Any, draws: Any, *, roulette: bool) -> Any:
+        """Return the next rays, whether they live, their gain, density and whether a mirror sent them."""
+        sample, weight = si.bsdf().sample(mi.BSDFContext(), si, draws[0], mi.Point2f(draws[1], draws[2]), hit)
+        gain = gain * dr.select(hit, weight[0], 0.0)
+        if roulette:  # faint paths end early, the others stand for them
+            survival = dr.clip(gain, 0.1, 1.0)
+            gain = dr.select(draws[3] < survival, gain / survival, 0.0)
+        delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
+        return leaving(si, si.to_world(sample.wo)), hit & (gain > 0.0), gain, sample.pdf, delta
+
+    def shape_of(self, si: Any, hit: Any) -> Any:
+        """Return the registry index of the surfaces, 0 for none."""
+        return dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
+
+    def ratio_of(self, material: Any, hit: Any) -> Any:
+        """Return the reflectance out of band over that in band."""
+        return dr.select(hit, dr.gather(mi.Float, self._loaded.out_of_band_ratio, material), 1.0)
+
+    def collect(self, total: Radiance, sharp: Any, sun: Any, earth: Any, ratio: Any) -> None:
+        """Add light to the direct part where ``sharp``, else to the indirect one."""
+        light, light_out = sun + self._albedo[0] * earth, ratio * (sun + self._albedo[1] * earth)
+        total.direct = total.direct + dr.select(sharp, light, 0.0)
+        total.direct_out = total.direct_out + dr.select(sharp, light_out, 0.0)
+        total.indirect = total.indirect + dr.select(sharp, 0.0, light)
+        total.indirect_out = total.indirect_out + dr.select(sharp, 0.0, light_out)
+
+
+def _heuristic(density: Any, other: Any, delta: Any) -> Any:
+    """Return the balance heuristic's weight of directions that a surface chose; a mirror leaves no choice."""
+    return dr.select(delta, 1.0, density / dr.maximum(density + other, 1e-20))

@@ -1,0 +1,159 @@
+"""The sharp light of panoramas: what is seen of Sun and Earth themselves, and the Sun's light from the first surface.
+
+It needs two rays for a sample and neighbouring rays run alike, so it is followed apart from the rest and far more
+finely. How finely, a pilot says: bins about which its samples differ get many, the others few. The pilot's
+samples do not enter the result, which therefore stays unbiased. Samples of a row lie on one lattice
+(Kronecker sequences, Niederreiter, *Random number generation and quasi-Monte Carlo methods*, 1992, ch. 3) with a
+random start: over the pixels of a window the error falls faster than with a start for each bin.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.render.background.paths import Albedo, trace_sharp
+from scanner_sim.render.background.sky import SkyLight
+from scanner_sim.render.background.view import View, Window, rays_through
+from scanner_sim.render.rays import for_rows
+from scanner_sim.render.transport import Bench
+from scanner_sim.scene.files.loader import LoadedScene
+
+_LEVELS = ((0.0, 2), (0.02, 6), (0.2, 24))
+"""From which contrast on how many samples are taken, in each half."""
+_RAYS_TOGETHER = 1 << 21
+_FAINT = 0.003
+"""Radiance that counts as dark [1/sr]: a hundredth of a white wall's in the Sun."""
+_REACH = 1
+"""Bins to either side, among which the pilot's samples are compared."""
+_STARTS = 0xFFFFFF00
+"""Addresses of the lattices' random starts: apart from those of the paths."""
+_GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+_DISC = (0.8191725134, 0.6710436067)
+"""Powers of the reciprocal of the real root of x⁴ = x + 1: steps of a sequence even in two further dimensions."""
+
+
+def contrast(low: Any, high: Any, view: View | Window, reach_rows: int) -> Any:
+    """Return the contrast of the pilot's samples around each bin, (high − low)/(high + faint).
+
+    Parameters
+    ----------
+    low, high
+        Least and largest sample of each bin [1/sr], Dr.Jit, shape (rows · bins,).
+    view
+        The bins.
+    reach_rows
+        Rows above and below that are compared as well.
+    """
+    lane = dr.arange(mi.UInt32, dr.width(low))
+    row, column = mi.Int32(lane // view.bins), mi.Int32(lane % view.bins)
+    least, most = mi.Float(low), mi.Float(high)
+    for down in range(-reach_rows, reach_rows + 1):
+        for right in range(-_REACH, _REACH + 1):
+            y, x = dr.clip(row + down, 0, view.rows - 1), dr.clip(column + right, 0, view.bins - 1)
+            at = mi.UInt32(y * view.bins + x)
+            least = dr.minimum(least, dr.gather(mi.Float, low, at))
+            most = dr.maximum(most, dr.gather(mi.Float, high, at))
+    return (most - least) / (most + _FAINT)
+
+
+def sharp_light(
+    loaded: LoadedScene,
+    bench: Bench,
+    sky: SkyLight,
+    albedo: Albedo,
+    view: View | Window,
+    uneven: Any,
+    *,
+    finer: int,
+    seed: int,
+) -> list[list[Any]]:
+    """Return the sharp light of each bin.
+
+    Parameters
+    ----------
+    loaded, bench, sky, albedo, view
+        Scene, optics, Sun and Earth, angles.
+    uneven
+        Contrast about each bin, Dr.Jit, shape (rows · bins,).
+    finer
+        Factor of all numbers of samples.
+    seed
+        Seed of the lattices' starts.
+
+    Returns
+    -------
+    list
+        Two halves on their own lattices, each radiance in band and out of band per unit of the Sun's irradiance
+        [1/sr], shape (rows · bins,).
+    """
+    halves = [[dr.zeros(mi.Float, view.rows * view.bins) for _ in range(2)] for _ in range(2)]
+    for level, (least, samples) in enumerate(_LEVELS):
+        members = uneven >= least
+        if level + 1 < len(_LEVELS):
+            members &= uneven < _LEVELS[level + 1][0]
+        index = dr.compress(members)
+        together = max(1, _RAYS_TOGETHER // (samples * finer))
+        for start in range(0, dr.width(index), together):
+            some = dr.gather(
+                mi.UInt32, index, dr.arange(mi.UInt32, start, min(start + together, dr.width(index)))
+            )
+            for part, half in enumerate(halves):
+                found = _trace(loaded, bench, sky, albedo, view, some, samples * finer, part, seed)
+                for target, value in zip(half, found, strict=True):
+                    dr.scatter(target, value, some)
+                dr.eval(half)
+    return halves
+
+
+def evenly_sharp_light(
+    loaded: LoadedScene,
+    bench: Bench,
+    sky: SkyLight,
+    albedo: Albedo,
+    view: View | Window,
+    samples: int,
+    seed: int,
+) -> list[list[Any]]:
+    """Return what :func:`sharp_light` does, with as many samples of every bin in each half."""
+    bins = dr.arange(mi.UInt32, view.rows * view.bins)
+    halves = [_trace(loaded, bench, sky, albedo, view, bins, samples, part, seed) for part in range(2)]
+    dr.eval(halves)
+    return halves
+
+
+def _trace(
+    loaded: LoadedScene,
+    bench: Bench,
+    sky: SkyLight,
+    albedo: Albedo,
+    view: View | Window,
+    bins: Any,
+    samples: int,
+    part: int,
+    seed: int,
+) -> list[Any]:
+    """Return the mean radiance of some bins, in band and out of band."""
+    lane = dr.arange(mi.UInt32, dr.width(bins) * samples)
+    place = dr.gather(mi.UInt32, bins, lane // samples)
+    row, column = place // view.bins, place % view.bins
+    number = column * samples + lane % samples
+    starts = generator(seed, Stream.BACKGROUND, mi.UInt32(_STARTS), row * 4 + dr.opaque(mi.UInt32, 2 * part))
+    first, second = starts.next_float32x4(), starts.next_float32x4()
+
+    def lattice(step: float, start: Any) -> Any:
+        return mi.Float(number * mi.UInt32(round(2**32 * step))) * 2.0**-32 + start
+
+    def within(value: Any) -> Any:
+        return dr.minimum(value - dr.floor(value), 1.0 - 2.0**-23)
+
+    along = (mi.Float(lane % samples) + first[0]) * dr.opaque(mi.Float, 1.0 / samples) - 0.5
+    across = within(lattice(_GOLDEN, first[1]))
+    disc = mi.Point2f(within(lattice(_DISC[0], first[2])), within(lattice(_DISC[1], first[3])))
+    origin, direction = rays_through(bench, view, row, column, along, across)
+    in_band, out_of_band = trace_sharp(for_rows(loaded, row), sky, albedo, origin, direction, disc, second)
+    return [dr.block_sum(value, samples) / samples for value in (in_band, out_of_band)]

@@ -1,0 +1,119 @@
+"""The shots of a pattern on their way to the device: all that changes from pattern to pattern, in two arrays.
+
+Dr.Jit reads NumPy's memory as it lies. Two arrays of the same layout for every pattern, aligned alike, let kernels that
+were recorded for one serve all others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.optics.deflection import Mirrors
+from scanner_sim.render.shots import Lattice, Shots, drawn_errors, lattice_place
+from scanner_sim.scan.raster import Aim
+from scanner_sim.scene.files.loader import Body, packed_poses, unpacked_poses
+
+Array = NDArray[np.float64]
+
+_ALIGNMENT = 64
+"""Alignment of what is handed to the device [bytes]: Dr.Jit makes a kernel for each alignment that it meets."""
+_ANGLES = 5
+"""Columns of angles: aimed Θ, Θ and φ with drift, and both travels."""
+
+
+@dataclass
+class Fired:
+    """The shots of a pattern as they are fired, Dr.Jit arrays of shape (points,).
+
+    ``shots``; ``aimed`` the commanded Θ [rad]; ``error`` the random errors along Θ and φ [rad], and ``seen`` what of
+    them the encoders read.
+    """
+
+    shots: Shots
+    aimed: Any
+    error: list[Any]
+    seen: list[Any]
+
+
+def packed_shots(
+    aim: Aim, still: Sequence[Array], mirrors: Mirrors, shining: float, bodies: Sequence[Body]
+) -> tuple[Any, Any]:
+    """Return the shots of an aim as two Dr.Jit arrays, column after column, for :func:`fired_shots`.
+
+    Parameters
+    ----------
+    aim
+        The commanded shots.
+    still
+        Errors of Θ and φ that are known beforehand [rad], each of shape (points,): the drift.
+    mirrors, shining
+        The mirrors, and the share of the dwell in which the laser shines.
+    bodies
+        The objects that move.
+    """
+    numbers: list[NDArray[Any]] = [
+        aim.theta,
+        aim.theta + still[0],
+        aim.phi + still[1],
+        shining * aim.travel_theta,
+        shining * aim.travel_phi,
+    ]
+    integers: list[NDArray[Any]] = [aim.shot]
+    if mirrors.wobble > 0.0:
+        moment = lattice_place(aim.time, mirrors.wobble_time)
+        for angle in (aim.theta, aim.phi):
+            for cell, part in (lattice_place(angle, mirrors.wobble_angle), moment):
+                integers.append(cell)
+                numbers.append(part)
+    if bodies:
+        numbers.append(packed_poses([body.item.pose_at(aim.time) for body in bodies]))
+    return mi.Float(_joined(numbers, np.float32)), mi.UInt32(_joined(integers, np.uint32))
+
+
+def fired_shots(numbers: Any, integers: Any, points: int, mirrors: Mirrors, bodies: int, seed: int) -> Fired:
+    """Return the shots that :func:`packed_shots` packed, with the mirrors' random errors of their numbers.
+
+    Parameters
+    ----------
+    numbers, integers, points
+        The packed arrays, and the number of shots.
+    mirrors, bodies, seed
+        The mirrors, number of moving objects, and seed of the errors.
+    """
+    lane = dr.arange(mi.UInt32, points)
+
+    def columns(kind: Any, packed: Any, first: int, count: int) -> list[Any]:
+        places = (lane + dr.opaque(mi.UInt32, points * (first + number)) for number in range(count))
+        return [dr.gather(kind, packed, place) for place in places]
+
+    aimed, theta, phi, travel_theta, travel_phi = columns(mi.Float, numbers, 0, _ANGLES)
+    (number,) = columns(mi.UInt32, integers, 0, 1)
+    lattices = []
+    for mirror in range(2 if mirrors.wobble > 0.0 else 0):
+        parts = columns(mi.Float, numbers, _ANGLES + 2 * mirror, 2)
+        cells = columns(mi.UInt32, integers, 1 + 2 * mirror, 2)
+        lattices.append(Lattice(cells[0], parts[0], cells[1], parts[1]))
+    error, seen, synchronisation = drawn_errors(number, lattices, mirrors, seed)
+    first = points * (_ANGLES + 2 * len(lattices))
+    poses = unpacked_poses(numbers, bodies, points, first) if bodies else None
+    shots = Shots(number, theta + error[0], phi + error[1], travel_theta, travel_phi, synchronisation, poses)
+    fired = Fired(shots, aimed, error, seen)
+    dr.eval(fired)
+    return fired
+
+
+def _joined(columns: list[NDArray[Any]], kind: Any) -> NDArray[Any]:
+    """Return columns one after the other, in memory that is aligned and nobody else's."""
+    size = sum(len(column) for column in columns)
+    memory = np.empty(size + _ALIGNMENT // 4, dtype=kind)
+    start = -memory.ctypes.data % _ALIGNMENT // 4
+    joined = memory[start : start + size]
+    np.concatenate(columns, out=joined, casting="same_kind")
+    return joined

@@ -1,0 +1,231 @@
+"""From the description of a scene to Mitsuba scenes, with the names of its objects and materials.
+
+What rests is one Mitsuba scene. Every object that moves is one of its own, in the frame of the object, which never
+changes: a motion is a pose for each ray, and nothing is built or compiled anew. Every fault of every object is reported
+together.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import drjit as dr
+import mitsuba as mi
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from scanner_sim.foundation.errors import Fault, InputError, ScenarioError, printable
+from scanner_sim.scene.files.plugins import installed_plugins_only
+from scanner_sim.scene.files.shapes import Surfaces, shapes_of
+from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
+
+
+@dataclass
+class Pose:
+    """Poses ``scanner_from_object`` for n rays, or one for all.
+
+    ``rotation`` is a ``mi.Matrix3f``, ``place`` of the object's origin a ``mi.Vector3f`` [m].
+    """
+
+    rotation: Any
+    place: Any
+
+    def some(self, index: Any) -> Pose:
+        """Return the poses at some places."""
+        return Pose(dr.gather(mi.Matrix3f, self.rotation, index), dr.gather(mi.Vector3f, self.place, index))
+
+
+@dataclass(frozen=True)
+class Body:
+    """An object that moves: its description, and its ``mitsuba.Scene`` in its own frame."""
+
+    item: Posed
+    mitsuba: Any
+
+
+@dataclass(frozen=True)
+class LoadedScene:
+    """A scene ready to be traced.
+
+    Attributes
+    ----------
+    mitsuba
+        The ``mitsuba.Scene`` of what rests.
+    objects, materials
+        Names; object and material number k (from 1) is entry k − 1. Number 0 is "nothing".
+    object_of, material_of
+        Dr.Jit tables from a shape's registry index to these numbers.
+    out_of_band_ratio
+        Dr.Jit table from a material's number to its reflectance out of the filter's band over that in it; 1 for
+        materials of other people's files.
+    coherence
+        Dr.Jit table from a material's number to the squared contrast of its speckle: 1 where the surface keeps the
+        laser's polarisation, 1/2 where it does not and for other people's materials.
+    frames
+        Dr.Jit table from an object's number to its pose at time 0: 12 numbers each, the upper rows of a matrix.
+    bodies
+        The objects that move.
+    poses
+        Where each of them is: for all rays alike, or for each ray on its own. As loaded, at time 0.
+    """
+
+    mitsuba: Any
+    objects: tuple[str, ...]
+    materials: tuple[str, ...]
+    object_of: Any
+    material_of: Any
+    out_of_band_ratio: Any
+    coherence: Any
+    frames: Any
+    bodies: tuple[Body, ...] = ()
+    poses: tuple[Pose, ...] = ()
+
+    @property
+    def shapes(self) -> tuple[Any, ...]:
+        """The Mitsuba shapes of all objects; those that move are in the frames of their objects."""
+        return tuple(
+            shape
+            for scene in (self.mitsuba, *(body.mitsuba for body in self.bodies))
+            for shape in scene.shapes()
+        )
+
+    @property
+    def triangles(self) -> int:
+        """Number of triangles of all meshes."""
+        return sum(shape.face_count() for shape in self.shapes if shape.is_mesh())
+
+    def frames_of(self, number: Any) -> Pose:
+        """Return the poses at time 0 of the objects of some numbers, one for each."""
+        entries = [dr.gather(mi.Float, self.frames, 12 * number + place) for place in range(12)]
+        rotation = mi.Matrix3f(*(entry for row in range(3) for entry in entries[4 * row : 4 * row + 3]))
+        return Pose(rotation, mi.Vector3f(*entries[3::4]))
+
+    def poses_at(self, time: ArrayLike) -> tuple[Pose, ...]:
+        """Return the poses of the moving objects at times [s], shape (n,), computed in float64."""
+        return device_poses([body.item.pose_at(time) for body in self.bodies])
+
+
+def device_poses(matrices: list[NDArray[np.float64]]) -> tuple[Pose, ...]:
+    """Return poses of several objects, each of shape (n, 4, 4), as float32 on the device; all in one transfer."""
+    if not matrices:
+        return ()
+    # The copy is for Dr.Jit: it takes NumPy's memory as it lies, and compiles a kernel for each alignment.
+    poses = unpacked_poses(mi.Float(packed_poses(matrices)), len(matrices), len(matrices[0]))
+    dr.eval(poses)
+    return poses
+
+
+def packed_poses(matrices: list[NDArray[np.float64]]) -> NDArray[np.float32]:
+    """Return the upper three rows of poses, each of shape (n, 4, 4), as one array, shape (12 · objects · n,)."""
+    rows = np.stack(matrices, axis=1)[:, :, :3, :]
+    return np.ascontiguousarray(rows.reshape(len(rows), -1).T, dtype=np.float32).ravel()
+
+
+def unpacked_poses(numbers: Any, objects: int, count: int, first: int = 0) -> tuple[Pose, ...]:
+    """Return the poses of ``count`` rays that :func:`packed_poses` made, out of an array from a place on."""
+    at, step = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, count)
+    entries = [dr.gather(mi.Float, numbers, at + number * step) for number in range(12 * objects)]
+    poses = []
+    for start in range(0, len(entries), 12):
+        grid = [entries[start + 4 * row : start + 4 * row + 4] for row in range(3)]
+        rotation = mi.Matrix3f(*(entry for row in grid for entry in row[:3]))
+        poses.append(Pose(rotation, mi.Vector3f(*(row[3] for row in grid))))
+    return tuple(poses)
+
+
+def load_scene(scene: Scene) -> LoadedScene:
+    """Load a scene; :func:`scanner_sim.render.device.activate` must have been called.
+
+    Raises
+    ------
+    ScenarioError
+        With one fault per object that cannot be loaded: missing, broken or empty meshes and XML files,
+        unknown materials.
+    """
+    with installed_plugins_only():
+        return _loaded(scene)
+
+
+def _loaded(scene: Scene) -> LoadedScene:
+    surfaces = Surfaces()
+    loaded: list[_Loaded] = []
+    faults: list[Fault] = []
+    if scene.file is not None:
+        # Its objects have the name of the file, which may hold anything.
+        name = printable(scene.file.stem)
+        _collect(loaded, faults, "scene.file", name, MitsubaFile(name="file", file=scene.file), surfaces)
+    for index, item in enumerate(scene.objects):
+        _collect(loaded, faults, f"scene.objects[{index}]", item.name, item, surfaces)
+    if faults:
+        raise ScenarioError(faults, source="scene")
+    return _assemble(loaded, surfaces)
+
+
+class _Loaded(NamedTuple):
+    """An object with its shapes."""
+
+    name: str
+    item: Posed
+    shapes: list[Any]
+
+
+def _collect(
+    loaded: list[_Loaded], faults: list[Fault], place: str, name: str, item: Posed, surfaces: Surfaces
+) -> None:
+    """Append an object with its shapes, or its fault; what moves is loaded in its own frame."""
+    still = {"position": (0.0, 0.0, 0.0), "rotation": ()}
+    try:
+        shapes = shapes_of(item if item.motion is None else item.model_copy(update=still), surfaces)
+    except InputError as error:
+        faults.append(Fault(f"{place} ({name})", error.message, error.remedy))
+    else:
+        loaded.append(_Loaded(name, item, shapes))
+
+
+def _assemble(loaded: list[_Loaded], surfaces: Surfaces) -> LoadedScene:
+    """Build the scenes and the tables from a shape's registry index to its object and material."""
+    resting = _scene([shape for one in loaded if one.item.motion is None for shape in one.shapes])
+    bodies = tuple(Body(one.item, _scene(one.shapes)) for one in loaded if one.item.motion is not None)
+    shapes = [(one.name, shape, shape.bsdf().id()) for one in loaded for shape in one.shapes]
+    objects = tuple(dict.fromkeys(name for name, _, _ in shapes))
+    materials = tuple(dict.fromkeys(material for _, _, material in shapes))
+    registry = [_registry_index(shape) for _, shape, _ in shapes]
+    object_of = np.zeros(max(registry, default=0) + 1, dtype=np.uint32)
+    material_of = object_of.copy()
+    object_of[registry] = [objects.index(name) + 1 for name, _, _ in shapes]
+    material_of[registry] = [materials.index(material) + 1 for _, _, material in shapes]
+    return LoadedScene(
+        resting,
+        objects,
+        materials,
+        mi.UInt32(object_of),
+        mi.UInt32(material_of),
+        mi.Float([1.0, *(surfaces.out_of_band_ratio(name) for name in materials)]),
+        mi.Float([0.5, *(surfaces.coherence(name) for name in materials)]),
+        _frames(loaded, objects),
+        bodies,
+        device_poses([body.item.pose_at(0.0) for body in bodies]),
+    )
+
+
+def _frames(loaded: list[_Loaded], objects: tuple[str, ...]) -> Any:
+    """Return the table of the objects' poses at time 0."""
+    poses = np.broadcast_to(np.eye(4)[:3], (len(objects) + 1, 3, 4)).copy()
+    for one in loaded:
+        # An object without shapes has no number.
+        if one.shapes:
+            poses[objects.index(one.name) + 1] = one.item.pose_at(0.0)[0, :3]
+    return mi.Float(poses.astype(np.float32).ravel())
+
+
+def _scene(shapes: list[Any]) -> Any:
+    return mi.load_dict(
+        {"type": "scene", **{f"shape_{number}": shape for number, shape in enumerate(shapes)}},
+        optimize=False,
+    )
+
+
+def _registry_index(shape: Any) -> int:
+    index: Any = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
+    return int(index[0])

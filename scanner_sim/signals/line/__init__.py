@@ -1,0 +1,1 @@
+"""Peaks: where the spot lies on the line, and how surely."""

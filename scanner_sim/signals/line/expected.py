@@ -1,0 +1,109 @@
+"""The spot that a laser return must be: its width and strength wherever it lies on the line."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.detector.line.exposure import electrons_per_watt
+from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.optics.laser import Laser
+from scanner_sim.optics.receiver import Receiver
+
+
+@dataclass(frozen=True)
+class ExpectedSpot:
+    """What is known of the laser's spot before it is seen, SI.
+
+    The methods take numbers, NumPy or Dr.Jit arrays.
+
+    Attributes
+    ----------
+    focal_length, baseline
+        f and d of eq 1.
+    waist_radius, waist_distance, rayleigh_length
+        The beam: 1/e² radius at the waist, place of the waist, Rayleigh length [m].
+    point_spread
+        Standard deviation of the image of a point on the line [m].
+    pitch, offset
+        Pixel i of the line lies at p = offset + (i + 1/2) pitch.
+    pixels
+        Pixels of the line.
+    white
+        Charge of a white Lambertian surface that faces the scanner, times its range squared [electron m²].
+    """
+
+    focal_length: float
+    baseline: float
+    waist_radius: float
+    waist_distance: float
+    rayleigh_length: float
+    point_spread: float
+    pitch: float
+    offset: float
+    pixels: int
+    white: float
+
+    @classmethod
+    def of(
+        cls, laser: Laser, receiver: Receiver, transmission: float, sensor: PositionSensor, dwell: float
+    ) -> ExpectedSpot:
+        """Return the spot of an instrument whose filter passes a share of the laser's light.
+
+        White surface: N R² = P T A / π · QE t λ/(h c), eq 19 of Blais, Beraldin, El-Hakim (2000).
+        """
+        watts = laser.power * receiver.transmission * transmission * receiver.aperture_area / math.pi
+        return cls(
+            focal_length=receiver.focal_length,
+            baseline=receiver.baseline,
+            waist_radius=laser.waist_radius,
+            waist_distance=laser.waist_distance,
+            rayleigh_length=laser.rayleigh_length,
+            point_spread=math.hypot(receiver.aberration, sensor.diffusion),
+            pitch=sensor.pitch,
+            offset=sensor.offset,
+            pixels=sensor.pixels,
+            white=watts * electrons_per_watt(sensor, laser.wavelength, dwell),
+        )
+
+    def range(self, pixel: Any, sine: Any, cosine: Any) -> Any:
+        """Return the range [m] of a fractional pixel at a deflection Θ given as sine and cosine (eq 1)."""
+        position = self.offset + (pixel + 0.5) * self.pitch
+        return self.focal_length * self.baseline * cosine / position + self.baseline * sine
+
+    def pixel(self, range_m: Any, sine: Any, cosine: Any) -> Any:
+        """Return the fractional pixel of a range [m] at a deflection Θ: :meth:`range` solved for it."""
+        position = self.focal_length * self.baseline * cosine / (range_m - self.baseline * sine)
+        return (position - self.offset) / self.pitch - 0.5
+
+    def variances(self, pixel: Any, sine: Any, cosine: Any) -> tuple[Any, Any]:
+        """Return the two parts of the spot's variance [pixel²] on a surface that faces the scanner.
+
+        The beam's image, (w(R)/2 · m)² with the magnification m = f/(R − d sinΘ) = p/(d cosΘ) of eq 1, and the
+        point spread. The pixel's own width is not in them.
+        """
+        position = self.offset + (pixel + 0.5) * self.pitch
+        magnification = position / (self.baseline * cosine)
+        away = (self.range(pixel, sine, cosine) - self.waist_distance) / self.rayleigh_length
+        half = 0.5 * self.waist_radius * magnification / self.pitch
+        return half * half * (1.0 + away * away), (self.point_spread / self.pitch) ** 2
+
+    @property
+    def largest_sigma(self) -> float:
+        """Largest standard deviation that a facing surface gives anywhere on the line, at Θ = 0 [pixel]."""
+        beam, spread = self.variances(np.arange(self.pixels), 0.0, 1.0)
+        return float(np.sqrt(np.max(beam) + spread))
+
+    def widest(self, factor: float) -> NDArray[np.float64]:
+        """Return the variance of a spot [pixel²] whose beam is wider by a factor, for every pixel, at Θ = 0."""
+        beam, spread = self.variances(np.arange(self.pixels), 0.0, 1.0)
+        return np.asarray(factor**2 * beam + spread)
+
+    @property
+    def largest_share(self) -> float:
+        """Largest share of the charge that one pixel can hold: that of a point, centred on it."""
+        return math.erf(0.5 * self.pitch / (math.sqrt(2.0) * self.point_spread))

@@ -1,0 +1,288 @@
+"""Maximum likelihood: the Gaussian spot, integrated over the pixels, fitted to the line with the noise's own weights.
+
+The spot of N electrons at µ with the variance v leaves on pixel i
+
+    m_i = N/2 [erf(e_{i+1/2}) − erf(e_{i−1/2})],   e_x = (x − µ)/√(2v),
+
+and the pixel's variance is that of the noise model *at m_i*: at the measured charge, pixels that are low by chance
+would count too much and pull the fit down. Fisher scoring on θ = (ln N, µ, ln v),
+
+    δθ = (F + P)⁻¹ [Σ_i (f_i − m_i)/var_i ∂m_i/∂θ + P (θ₀ − θ)],   F = Σ_i ∂m_i/∂θ ∂m_i/∂θᵀ/var_i,
+
+solves the likelihood equations of Poisson numbers with a normal read noise: with σ_r² added, mean and variance are both
+m_i + σ_r² (Snyder, Hammoud, White, *J. Opt. Soc. Am. A* 10, 1993; Smith, Joseph, Rieger, Lidke, *Nature
+Methods* 7, 2010; Huang et al., *Nature Methods* 10, 2013, for a variance of each pixel's own).
+
+P is what is known of the width beforehand: a surface that faces the scanner makes the expected spot, tilted ones and
+edges make others. The spot is even about µ, so a wrong width hardly moves a fit of many pixels, but that of a spot
+narrower than a pixel it does; with the width fitted it moves neither.
+
+A shadow's edge beneath the spot bends the far flanks most, and those have the largest weights where the light is
+taken to be even. The difference of the light on the two sides therefore counts as noise of every pixel in the weights:
+the fit then leans on the spot's steep middle, as least squares would.
+
+Not modelled: spots that are not Gaussian. What does not fit is the business of the test of shape.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import drjit as dr
+import drjit.auto.ad as auto
+
+from scanner_sim.signals.line.digital_line import EVEN, Baseline
+from scanner_sim.signals.line.expected import ExpectedSpot
+
+_STEPS = 6
+"""Steps of the scoring: at a peak of five times the noise one line in 1000 has then not come to rest, at ten none."""
+_SETTLED = 0.2
+"""Largest last step, in standard deviations of the position, of a fit that has found its place."""
+_SETTLED_PIXEL = 1e-3
+"""The same in pixels: where there is hardly any noise."""
+_KNOWN = 0.005
+"""Relative standard deviation to which the variance v on a facing surface is known, from a calibration of the focus."""
+_UNKNOWN = 1e3
+_SIDES = 8
+"""Pixels to each side that are fitted where nothing is known of the spot."""
+_LEAST, _MOST = 0.02, 400.0
+"""Limits of the variance of a spot [pixel²]."""
+_LEAST_VARIANCE = 1.0
+"""Least variance of a pixel [electron²]: without any noise all count alike."""
+
+Slopes = dict[int, Any]
+"""Derivative of the position by the charge of the pixel at each step [pixel/electron]."""
+
+
+class Pixels(Protocol):
+    """Something that tells charges about a pixel; :class:`~scanner_sim.signals.line.digital_line.Around` does."""
+
+    @property
+    def baseline(self) -> Baseline:
+        """The light beneath the peak."""
+
+    @property
+    def line(self) -> Any:
+        """What knows the variance of a pixel that holds a charge."""
+
+    @property
+    def floor_sigma(self) -> Any:
+        """Standard deviation of a pixel without light [electron]."""
+
+    def pixel(self, step: int) -> Any:
+        """Return the pixel at a step."""
+
+    def inside(self, step: int) -> Any:
+        """Tell where a pixel lies on the array."""
+
+    def __call__(self, step: int) -> tuple[Any, Any]:
+        """Return the charge above the baseline [electron] and its variance [electron²]."""
+
+
+@dataclass
+class Width:
+    """What is known of a spot's width before it is fitted.
+
+    Attributes
+    ----------
+    variance
+        Variance v of the spot on a surface that faces the scanner [pixel²], Dr.Jit, shape (m,).
+    spread
+        Standard deviation of ln v over the surfaces there are, shape (m,).
+    guard
+        Pixels to each side of the brightest one that the spot covers, Dr.Jit signed, shape (m,).
+    reach
+        Largest of them anywhere on the line.
+    """
+
+    variance: Any
+    spread: Any
+    guard: Any
+    reach: int
+
+    @classmethod
+    def of(
+        cls,
+        spot: ExpectedSpot,
+        centre: Any,
+        guard: Any,
+        deflection: tuple[Any, Any],
+        limits: tuple[float, float],
+        reach: int,
+    ) -> Width:
+        """Return the width that a spot has at a pixel.
+
+        Parameters
+        ----------
+        spot
+            The spot.
+        centre
+            Brightest pixels, Dr.Jit signed, shape (m,).
+        guard, reach
+            As the attributes.
+        deflection
+            Sine and cosine of the deflections Θ, shape (m,).
+        limits
+            Least and largest image of the beam, relative to that on a facing surface: the standard deviation is a
+            quarter of what lies between.
+        """
+        beam, spread = spot.variances(auto.Float(centre), *deflection)
+        variance = beam + spread
+        quarter = dr.opaque(auto.Float, 0.25 * (limits[1] ** 2 - limits[0] ** 2)) * beam / variance
+        return cls(variance, dr.sqrt(dr.square(quarter) + _KNOWN**2), guard, reach)
+
+    @classmethod
+    def certain(cls, sigma: Any, widest: float) -> Width:
+        """Return the width of spots of known standard deviations [pixel], shape (m,), none above the widest."""
+        guard = auto.Int32(dr.clip(dr.ceil(4.0 * sigma), 3.0, 24.0))
+        return cls(dr.square(sigma), auto.Float(_KNOWN), guard, min(math.ceil(4.0 * widest), 24))
+
+    @classmethod
+    def unknown(cls) -> Width:
+        """Return the width of a spot that nothing is known of: it is fitted freely."""
+        one = auto.Float(1.0)
+        return cls(one, _UNKNOWN * one, auto.Int32(_SIDES), _SIDES)
+
+
+@dataclass
+class Fit:
+    """Fitted spots, Dr.Jit arrays of shape (m,).
+
+    ``shift`` from the centre pixel [pixel]; ``slopes`` its derivatives by the charges; ``prior_variance`` the part of
+    its variance that comes from what was not known of the width [pixel²]; ``settled`` where the scoring came to rest;
+    ``charge`` N [electron] and ``variance`` v [pixel²] of the spot.
+    """
+
+    shift: Any
+    slopes: Slopes
+    prior_variance: Any
+    settled: Any
+    charge: Any
+    variance: Any
+
+
+def fit_spot(around: Pixels, width: Width, first: Any, speckle: Any = None) -> Fit:
+    """Fit charge, place and width of the spot.
+
+    Parameters
+    ----------
+    around
+        Charges about the brightest pixel.
+    width
+        What is known of the width.
+    first
+        A first guess of the shift from the brightest pixel [pixel], shape (m,).
+    speckle
+        Relative variance V of the spot's charge by speckle of single pixels, shape (m,); without it there is none. It
+        enters the weights as V N m_i (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`).
+
+    Returns
+    -------
+    Fit
+    """
+    steps = range(-width.reach, width.reach + 1)
+    charges = [around(step)[0] for step in steps]
+    counts = [around.inside(step) & (dr.abs(auto.Int32(step)) <= width.guard) for step in steps]
+    grain = auto.Float(0.0) if speckle is None else speckle
+    known = dr.rcp(dr.square(width.spread))
+    logarithm = dr.log(width.variance)
+    middle = charges[width.reach]
+    baseline = around.baseline
+    # Both sides apart: where between them the light changes is unknown, and each pixel may be wrong by as much.
+    apart = 4.0 * (dr.square(baseline.doubt) - EVEN * baseline.level_variance)
+    uneven = dr.maximum(apart, 0.0)
+
+    def score(
+        charge: Any, place: Any, spread: Any
+    ) -> tuple[list[Any], list[Any], list[list[Any]], list[Any]]:
+        """Return F + P as (qq, qm, qw, mm, mw, ww), the score, and each pixel's derivatives and weight."""
+        matrix, sums = [auto.Float(0.0) for _ in range(6)], [auto.Float(0.0) for _ in range(3)]
+        derivatives, weights = [], []
+        scale = dr.rsqrt(2.0 * spread)
+        by_place, by_width = charge * scale / math.sqrt(math.pi), charge * (0.5 / math.sqrt(math.pi))
+        edge = (steps[0] - 0.5 - place) * scale
+        below, density = dr.erf(edge), dr.exp(-dr.square(edge))
+        for number, step in enumerate(steps):
+            edge_next = (step + 0.5 - place) * scale
+            below_next, density_next = dr.erf(edge_next), dr.exp(-dr.square(edge_next))
+            model = 0.5 * charge * (below_next - below)
+            moved = by_place * (density - density_next)
+            widened = by_width * (edge * density - edge_next * density_next)
+            edge, below, density = edge_next, below_next, density_next
+            whole = model + around.baseline.level + step * around.baseline.slope
+            variance = dr.maximum(around.line.variance(around.pixel(step), whole), _LEAST_VARIANCE)
+            variance += grain * charge * model + uneven
+            weight = dr.select(counts[number], dr.rcp(variance), 0.0)
+            residual = weight * (charges[number] - model)
+            slopes = [model, moved, widened]
+            for index, (one, other) in enumerate(((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))):
+                matrix[index] += weight * slopes[one] * slopes[other]
+            for index, slope in enumerate(slopes):
+                sums[index] += residual * slope
+            derivatives.append(slopes)
+            weights.append(weight)
+        matrix[5] += known
+        sums[2] += known * (logarithm - dr.log(spread))
+        return matrix, sums, derivatives, weights
+
+    def improve(turn: Any, charge: Any, place: Any, spread: Any, last: Any) -> tuple[Any, ...]:
+        matrix, sums, _, _ = score(charge, place, spread)
+        inverse = _inverse(matrix)
+        brighter, moved, wider = (
+            sum(inverse[row][column] * sums[column] for column in range(3)) for row in range(3)
+        )
+        # The weights follow the fit: in strong noise they make it swing about its place, and half a step goes there.
+        moved = dr.select(moved * last < 0.0, 0.5 * moved, moved)
+        farthest = dr.maximum(0.5, 0.7 * dr.sqrt(spread))
+        moved = dr.clip(moved, -farthest, farthest)
+        return (
+            turn + 1,
+            charge * (1.0 + dr.clip(brighter, -0.7, 3.0)),
+            dr.clip(place + moved, -auto.Float(width.reach), width.reach),
+            dr.clip(spread * dr.exp(dr.clip(wider, -0.7, 0.7)), _LEAST, _MOST),
+            moved,
+        )
+
+    start = width.variance + auto.Float(dr.zeros(auto.Float, dr.width(middle)))
+    height = dr.maximum(middle, dr.maximum(around.floor_sigma, 1.0))
+    state = (
+        dr.zeros(auto.UInt32, dr.width(middle)),
+        height * dr.sqrt(2.0 * math.pi * (start + 1.0 / 12.0)),
+        first + dr.zeros(auto.Float, dr.width(middle)),
+        start,
+        dr.zeros(auto.Float, dr.width(middle)),
+    )
+    _, charge, place, spread, moved = dr.while_loop(state, lambda turn, *rest: turn < _STEPS, improve)
+
+    matrix, _, derivatives, weights = score(charge, place, spread)
+    row = _inverse(matrix)[1]
+    slopes = {
+        step: weight * sum(row[index] * derivative[index] for index in range(3))
+        for step, derivative, weight in zip(steps, derivatives, weights, strict=True)
+    }
+    settled = dr.abs(moved) <= dr.maximum(_SETTLED * dr.sqrt(row[1]), _SETTLED_PIXEL)
+    settled &= dr.abs(place) <= auto.Float(width.guard)
+    return Fit(place, slopes, dr.square(row[2]) * known, settled, charge, spread)
+
+
+def _inverse(matrix: list[Any]) -> list[list[Any]]:
+    """Return the inverse of a positive symmetric matrix given as (00, 01, 02, 11, 12, 22).
+
+    Its diagonal is made 1 first, so that no product leaves the range of single precision.
+    """
+    scale = [dr.rsqrt(dr.maximum(matrix[index], 1e-30)) for index in (0, 3, 5)]
+    a, b, c = (
+        matrix[1] * scale[0] * scale[1],
+        matrix[2] * scale[0] * scale[2],
+        matrix[4] * scale[1] * scale[2],
+    )
+    determinant = dr.maximum(1.0 + 2.0 * a * b * c - a * a - b * b - c * c, 1e-6)
+    entries = (
+        (1.0 - c * c, b * c - a, a * c - b),
+        (b * c - a, 1.0 - b * b, a * b - c),
+        (a * c - b, a * b - c, 1.0 - a * a),
+    )
+    over = dr.rcp(determinant)
+    return [[entries[i][j] * scale[i] * scale[j] * over for j in range(3)] for i in range(3)]

@@ -1,0 +1,229 @@
+"""Peaks: from a digitised line to the sub-pixel position of the spot, with its σ.
+
+A peak is found (:mod:`~scanner_sim.signals.line.search`), the light beside it is taken away, its place is estimated
+(:mod:`~scanner_sim.signals.line.estimators`) and it is compared with the spot that it should be
+(:mod:`~scanner_sim.signals.line.validation`). σ is the first-order propagation of each pixel's variance, taken from the
+noise model at the whole measured charge, and of the baseline's, through the estimator's derivatives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import drjit.auto.ad as auto
+
+from scanner_sim.detector.line.exposure import Signal
+from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.status import Status
+from scanner_sim.signals.line.bias import Bias
+from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.digital_line import EVEN, Around, Line, baseline_beside, no_baseline
+from scanner_sim.signals.line.estimators import estimate
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.likelihood import Width
+from scanner_sim.signals.line.search import (
+    Found,
+    Gate,
+    Limits,
+    brightest_pixel,
+    distance_of_sides,
+    flank_limit,
+    spot_pixel,
+)
+from scanner_sim.signals.line.speckle import ExpectedSpeckle
+from scanner_sim.signals.line.validation import farthest_pixel, guard_pixels, judge_shape, white_charge
+from scanner_sim.signals.processing import MARGIN, Processing
+
+__all__ = ["MARGIN", "Calibration", "Peaks", "find_peaks"]
+
+_SUMMED = 4
+"""Pixels to each side of the brightest one whose charge is the peak's signal."""
+_NO_LIMIT = 1e30
+_STANDS_OUT = 0.8
+"""Share of the threshold by which a peak must also rise above the brighter of its sides: the noise on top of an
+edge rises above the straight line beneath it, but not above the edge. Less than 1, because noise lifts the
+brighter side."""
+_LEAST_CONTRAST = 0.15
+"""Contrast that the widest spot has at least, relative to its charge."""
+_WHITER = 1.5
+"""Brightness relative to a white surface that none without gloss can have, tilt towards the lens included."""
+
+
+@dataclass
+class Peaks:
+    """Peaks of a group of shots, Dr.Jit arrays of shape (m,).
+
+    ``position`` and ``sigma`` [pixel], NaN where ``status`` is not 0; ``signal`` charge of the peak summed over nine
+    pixels and ``sigma_signal``, its standard deviation by all but speckle [electron]; ``background`` charge beneath its
+    brightest pixel [electron], 0 where it is not looked for; ``snr`` height of the peak over the standard deviation of
+    its brightest pixel; ``status`` code.
+    """
+
+    position: Any
+    sigma: Any
+    signal: Any
+    sigma_signal: Any
+    background: Any
+    snr: Any
+    status: Any
+
+
+def find_peaks(
+    signal: Signal,
+    sensor: PositionSensor,
+    processing: Processing,
+    dwell: float,
+    spot: ExpectedSpot | None = None,
+    theta: Any = 0.0,
+    bias: Bias | None = None,
+    speckle: ExpectedSpeckle | None = None,
+) -> Peaks:
+    """Find the peak of every line.
+
+    Parameters
+    ----------
+    signal
+        Digitised lines of m shots.
+    sensor
+        The sensor whose calibration (gain, bias, dark charge, noise) is known.
+    processing
+        Estimator and thresholds.
+    dwell
+        Time spent on a shot [s].
+    spot
+        The spot that the laser makes on the line. Where nothing is known of it there is nothing to validate:
+        the brightest pixel wins and the line is taken to be dark beside it.
+    theta
+        Deflections Θ [rad], Dr.Jit, shape (m,) or one number.
+    bias
+        Systematic error of the estimator, to be taken off; needs ``spot``.
+    speckle
+        What is known of the laser's speckle; needs ``spot``. Without it the light is taken to have none.
+
+    Returns
+    -------
+    Peaks
+    """
+    line = Line(signal, Calibration.of(sensor, dwell, signal.laser_off))
+    sine, cosine = dr.sincos(auto.Float(theta))
+    settings = processing.validation
+    guard = auto.Int32(0)
+    if spot is not None and settings.background:
+        found = _search(line, spot, processing, sine, cosine)
+        guard = guard_pixels(spot, found.pixel, sine, cosine)
+        baseline = baseline_beside(line, found.pixel, guard)
+    else:
+        found, baseline = brightest_pixel(line), no_baseline()
+        if spot is not None:
+            guard = guard_pixels(spot, found.pixel, sine, cosine)
+    top = Around(line, found.pixel, baseline)
+    height, whole_variance = top(0)
+    dark_sigma = dr.sqrt(line.variance(found.pixel, baseline.level))
+    threshold = dr.opaque(auto.Float, processing.threshold)
+    low = ~(height > threshold * dark_sigma) | ~(found.level > _STANDS_OUT * threshold)
+
+    margin = MARGIN[processing.peak]
+    inside = (found.pixel >= margin) & (found.pixel < line.pixels - margin)
+    centre = dr.clip(found.pixel, margin, line.pixels - 1 - margin)
+    around = Around(line, centre, baseline)
+    width = grainy = None
+    if spot is not None and speckle is not None:
+        grainy = speckle.about(spot, centre, sine, cosine)
+    if spot is not None:
+        width = Width.of(spot, centre, guard, (sine, cosine), settings.beam_width, farthest_pixel(spot))
+    place = estimate(processing.peak, around, width, bias, grainy)
+    variance = place.variance
+    rivalled = found.rival > dr.opaque(auto.Float, processing.ambiguity) * found.height
+    too_bright, misshapen = auto.Bool(False), inside & ~place.settled
+    full = top.full(0)
+    if spot is not None:
+        shape = judge_shape(top, spot, guard, sine, cosine, settings, grainy)
+        full |= shape.saturated
+        if settings.shape:
+            misshapen |= inside & ~shape.fits
+        variance += dr.square(dr.opaque(auto.Float, settings.misfit) * shape.misfit)
+        if settings.max_reflectance is not None:
+            white = white_charge(spot, auto.Float(found.pixel), sine, cosine)
+            too_bright = shape.charge > dr.opaque(auto.Float, settings.max_reflectance) * white
+            # What is brighter than white may be gloss or a glint: any other peak makes it doubtful.
+            rivalled |= shape.charge > _WHITER * white
+    status = auto.UInt32(Status.VALID)
+    for failed, code in (
+        (rivalled & (found.rival_level > threshold), Status.AMBIGUOUS),
+        (too_bright, Status.BAD_AMPLITUDE),
+        (~inside | ~place.within, Status.OUT_OF_ARRAY),
+        (misshapen, Status.BAD_SHAPE),
+        (full, Status.SATURATED),
+        (low, Status.BELOW_THRESHOLD),
+        (low & found.broad, Status.BAD_SHAPE),
+        (low & found.refused, Status.BAD_AMPLITUDE),
+        (low & (found.brightest + line.known.dark >= line.known.full), Status.SATURATED),
+    ):
+        status = dr.select(failed, auto.UInt32(int(code)), status)
+    valid = status == int(Status.VALID)
+    total, total_variance = _summed(top)
+    peaks = Peaks(
+        position=dr.select(valid, auto.Float(centre) + place.shift, dr.nan),
+        sigma=dr.select(valid, dr.sqrt(variance), dr.nan),
+        signal=dr.select(low, 0.0, total),
+        sigma_signal=dr.sqrt(dr.maximum(total_variance, 1.0)),
+        background=dr.select(low, 0.0, baseline.level),
+        snr=height / dr.sqrt(dr.maximum(whole_variance, 1.0)),
+        status=status,
+    )
+    dr.eval(peaks)
+    return peaks
+
+
+def _search(line: Line, spot: ExpectedSpot, processing: Processing, sine: Any, cosine: Any) -> Found:
+    """Search for the spot among what is neither too bright nor too faint for its place."""
+    validation = processing.validation
+    # A white surface's charge over (pixel + ½)², at R = f d cosΘ/p: d sinΘ is small, and the limits are generous.
+    white = spot.white / (spot.focal_length * spot.baseline / spot.pitch) ** 2
+    per_square = dr.opaque(auto.Float, white) / dr.square(cosine)
+    least: Any = dr.opaque(auto.Float, _NO_LIMIT)
+    steepness = auto.Float(0.0)
+    if validation.max_reflectance is not None:
+        steepness = dr.opaque(auto.Float, validation.max_reflectance * spot.largest_share) * per_square
+        least = dr.opaque(auto.Float, processing.threshold) * line.floor_sigma
+    dimmest = dr.opaque(auto.Float, validation.min_reflectance * _LEAST_CONTRAST) * per_square
+    start = spot.offset / spot.pitch + 1.0
+    origin = dr.opaque(auto.Float, start)
+    away = distance_of_sides(spot.largest_sigma)
+    flank: tuple[Any, Any] = (dr.opaque(auto.Float, _NO_LIMIT), auto.Float(0.0))
+    if processing.validation.shape:
+        widest = spot.widest(processing.validation.beam_width[1])
+        low, rise = flank_limit(widest, away, start)
+        flank = dr.opaque(auto.Float, low), dr.opaque(auto.Float, rise)
+    gate = None
+    if processing.range_gate is not None:
+        nearest, farthest = processing.range_gate
+        level = dr.opaque(auto.Float, _STANDS_OUT * processing.threshold)
+        gate = Gate(spot.pixel(farthest, sine, cosine) - 1.0, spot.pixel(nearest, sine, cosine) + 1.0, level)
+    return spot_pixel(line, away, Limits((least, steepness), dimmest, flank, origin), gate)
+
+
+def _summed(around: Around) -> tuple[Any, Any]:
+    """Return the charge around the brightest pixel, and its variance by noise and by the light beneath it.
+
+    An edge of the background beneath or beside the peak bends it away from the straight baseline. The outermost pixels,
+    which the peak itself hardly reaches, tell: by the mean m of both the background beneath is wrong as a whole, though
+    by no more than there is; and where they differ by 2h, an edge lies anywhere between them, which makes the whole
+    wrong by up to h, h/√3 rms.
+    """
+    total, variance, pixels = auto.Float(0.0), auto.Float(0.0), auto.Float(0.0)
+    for step in range(-_SUMMED, _SUMMED + 1):
+        inside, (charge, noise) = around.inside(step), around(step)
+        total += dr.select(inside, charge, 0.0)
+        variance += dr.select(inside, noise, 0.0)
+        pixels += dr.select(inside, 1.0, 0.0)
+    baseline = around.baseline
+    (left, left_noise), (right, right_noise) = (around(step) for step in (-_SUMMED, _SUMMED))
+    chance = 0.25 * (left_noise + right_noise) + baseline.level_variance
+    whole = dr.minimum(0.5 * dr.abs(left + right), dr.abs(baseline.level))
+    apart = 0.5 * (right - left) + _SUMMED * baseline.slope
+    beneath = baseline.level_variance + dr.maximum(dr.square(whole) - EVEN * chance, 0.0)
+    beneath += dr.maximum(dr.square(apart) - EVEN * chance, 0.0) / 3.0
+    return total, variance + dr.square(pixels) * beneath

@@ -1,0 +1,270 @@
+"""Search: which pixel of a line is the laser's spot.
+
+Without background the brightest pixel is. With it the light of the Sun decides: shadow edges, bright materials,
+glints. The search then asks for a *contrast* that neither an edge nor a broad pedestal has: the weighted mean
+(1, 2, 1)/4 of three pixels less the brighter of the two sides, each the mean of three pixels beyond the spot's
+reach. An edge is as bright as its brighter side, so its contrast is zero wherever it lies. Peaks rank by
+their contrast over the noise of their brighter side. Sunlit struts and soft glints are hills broader than any spot:
+what has not fallen close to its sides just before them is left out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import drjit.auto.ad as auto
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.signals.line.digital_line import Line
+
+_SEPARATE = 6
+"""Pixels beyond which a second maximum counts as a peak of its own."""
+_UNROLLED = 8
+"""Pixels that one turn of a loop looks at."""
+_SIDE = 3
+"""Pixels of each side whose mean is compared with a peak."""
+_REACH = 2.6
+"""Standard deviations of the widest spot that the sides keep away: there it has fallen to 3 %."""
+_EXPECTED = 1e5
+"""What a peak inside of the range gate has ahead of all outside of it, in the unit of the threshold."""
+_FLANK_NOISE = 3.0
+"""Noise granted to the flanks of a peak, in standard deviations of a pixel."""
+_FARTHEST = 16
+"""Largest distance of a side: wider spots lose contrast instead of making the window longer."""
+
+
+@dataclass
+class Found:
+    """The strongest peak of each line, Dr.Jit arrays of shape (m,).
+
+    ``pixel`` brightest pixel; ``height`` what its rival is compared with, and ``rival`` the same of the next
+    separate peak [electron]; ``level`` and ``rival_level`` how far the brightest pixel and the rival stand out, in
+    the unit of the threshold; ``brightest`` charge of the fullest pixel of the whole line; ``refused`` where a
+    stronger peak was left out as too bright for its range, ``broad`` where one was as too broad for a spot.
+    """
+
+    pixel: Any
+    height: Any
+    level: Any
+    rival: Any
+    rival_level: Any
+    brightest: Any
+    refused: Any
+    broad: Any
+
+
+def brightest_pixel(line: Line) -> Found:
+    """Return the brightest pixel of each line (the first of equals)."""
+
+    def compare(pixel: Any, best: Any, height: Any) -> tuple[Any, Any, Any]:
+        for step in range(_UNROLLED):
+            here = dr.minimum(pixel + step, line.pixels - 1)
+            charge = line.charge(here)
+            higher = charge > height
+            best, height = dr.select(higher, here, best), dr.select(higher, charge, height)
+        return pixel + _UNROLLED, best, height
+
+    start = (auto.UInt32(0), dr.zeros(auto.UInt32, line.shots), dr.full(auto.Float, -dr.inf, line.shots))
+    _, best, height = dr.while_loop(start, lambda pixel, best, height: pixel < line.pixels, compare)
+
+    def compare_apart(pixel: Any, second: Any) -> tuple[Any, Any]:
+        for step in range(_UNROLLED):
+            here = dr.minimum(pixel + step, line.pixels - 1)
+            apart = dr.abs(auto.Int32(here) - auto.Int32(best)) > _SEPARATE
+            second = dr.select(apart, dr.maximum(second, line.charge(here)), second)
+        return pixel + _UNROLLED, second
+
+    start_apart = (auto.UInt32(0), dr.full(auto.Float, -dr.inf, line.shots))
+    second = dr.while_loop(start_apart, lambda pixel, second: pixel < line.pixels, compare_apart)[1]
+    level, second_level = height / line.floor_sigma, second / line.floor_sigma
+    return Found(
+        auto.Int32(best), height, level, second, second_level, height, auto.Bool(False), auto.Bool(False)
+    )
+
+
+@dataclass
+class Gate:
+    """The pixels of a range gate, Dr.Jit floats: peaks between them that reach ``level`` go before all others."""
+
+    first: Any
+    last: Any
+    level: Any
+
+
+@dataclass
+class Limits:
+    """What no spot exceeds: values ``a + b · (pixel + origin)²`` along the line, Dr.Jit floats.
+
+    ``charge`` (a, b) of the contrast [electron]: the light of a surface falls with the square of its range, which
+    is inverse to the position on the line; ``dimmest`` is b of the least contrast. ``flank`` (a, b) of what stands
+    above the sides one pixel nearer than they, as a share of the contrast: the beam's image widens with the
+    position.
+    """
+
+    charge: tuple[Any, Any]
+    dimmest: Any
+    flank: tuple[Any, Any]
+    origin: Any
+
+
+def flank_limit(variances: NDArray[np.float64], away: int, origin: float) -> tuple[float, float]:
+    """Return (a, b) for :class:`Limits` from the variance of the widest spot on each pixel [pixel²].
+
+    For a Gaussian exp(−x²/2s²) centred on a pixel; a quarter more and a twentieth of the contrast are allowed for
+    a place between two pixels.
+    """
+
+    def height(distance: int) -> NDArray[np.float64]:
+        return np.asarray(np.exp(-0.5 * distance**2 / variances))
+
+    sides = sum(height(away + number) for number in range(_SIDE)) / _SIDE
+    contrast = 0.5 * (1.0 + height(1)) - sides
+    shares = 1.25 * (height(away - 1) - sides) / contrast + 0.05
+    place = np.arange(len(variances)) + origin
+    least = float(shares.min())
+    return least, float(((shares - least) / place**2).max())
+
+
+def distance_of_sides(sigma: float) -> int:
+    """Return the distance of the sides [pixel] from a peak; even, so that the loop meets pixels pair by pair."""
+    return min(2 * int(-(-_REACH * sigma // 2)), _FARTHEST)
+
+
+def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Found:
+    """Return the brightest pixel of the peak of each line that stands out most like a spot.
+
+    Parameters
+    ----------
+    line
+        The lines.
+    away
+        Distance of the nearest pixel of each side.
+    limits
+        Peaks beyond them are left out.
+    gate
+        Where the spot is expected; a peak outside of it is no rival of one inside.
+
+    Returns
+    -------
+    Found
+    """
+    half = away + _SIDE - 1
+    first, last = line.charge(auto.UInt32(0)), line.charge(auto.UInt32(line.pixels - 1))
+    last_pair = (line.pixels - 1) // 2
+
+    def pair(pixel: Any) -> tuple[tuple[Any, Any], Any]:
+        left, right, fullest = line.pair(2 * dr.minimum(pixel // 2, last_pair))
+        charges = (
+            dr.select(pixel < line.pixels, left, last),
+            dr.select(pixel + 1 < line.pixels, right, last),
+        )
+        return charges, fullest
+
+    window, filled = [first] * half, dr.full(auto.Float, -dr.inf, line.shots)
+    for pixel in range(0, half, 2):
+        charges, fullest = pair(auto.UInt32(pixel))
+        window, filled = [*window, *charges], dr.maximum(filled, fullest)
+    full = line.known.full - line.known.dark
+    zero = dr.zeros(auto.Float, line.shots)
+    nowhere = dr.full(auto.Int32, -2 * _SEPARATE, line.shots)
+
+    def compare(
+        pixel: Any,
+        window: list[Any],
+        best: list[Any],
+        current: list[Any],
+        rival: list[Any],
+        brightest: Any,
+        too_bright: Any,
+        too_broad: Any,
+    ) -> tuple[Any, ...]:
+        window = list(window)
+        for step in range(0, _UNROLLED, 2):
+            charges, fullest = pair(pixel + half + step)
+            window += charges
+            brightest = dr.maximum(brightest, fullest)
+        sums = [window[k] + window[k + 1] + window[k + 2] for k in range(len(window) - 2)]
+        for step in range(_UNROLLED):
+            here = auto.Int32(pixel) + step
+            before, middle, after = window[step + half - 1 : step + half + 2]
+            side = dr.maximum(sums[step], sums[step + half + away]) * (1.0 / _SIDE)
+            contrast = 0.25 * (before + 2.0 * middle + after) - side
+            top = (middle > before) & (middle >= after) & (contrast > 0.0) & (here < line.pixels)
+            if step == 0:
+                top |= (here == 0) & (middle >= after) & (contrast > 0.0)
+            squared = dr.square(auto.Float(here) + limits.origin)
+            limit = dr.fma(limits.charge[1], squared, limits.charge[0])
+            # A full pixel is no spot's where the limit is lower, nor where the light beside it is bright too.
+            variance, is_full = line.beneath(here, middle, side, top)
+            dim = contrast <= dr.select(is_full & ((limit < full) | (contrast < 0.5 * full)), 0.0, limit)
+            too_bright = dr.select(top & ~dim, dr.maximum(too_bright, contrast), too_bright)
+            top &= dim & (contrast >= limits.dimmest * squared)
+            scale = dr.rsqrt(dr.maximum(variance, 1e-12))
+            level = contrast * scale
+            flank = 0.5 * (window[step + half - away + 1] + window[step + half + away - 1]) - side
+            share = dr.fma(limits.flank[1], squared, limits.flank[0])
+            narrow = flank * scale <= dr.fma(share, level, _FLANK_NOISE)
+            too_broad = dr.select(top & ~narrow, dr.maximum(too_broad, contrast), too_broad)
+            top &= narrow
+            if gate is not None:
+                expected = (auto.Float(here) >= gate.first) & (auto.Float(here) <= gate.last)
+                level += dr.select(expected & (level > gate.level), _EXPECTED, 0.0)
+            best, current, rival = _rank(top, (here, level, contrast), best, current, rival)
+        return pixel + _UNROLLED, window[_UNROLLED:], best, current, rival, brightest, too_bright, too_broad
+
+    start = (
+        auto.UInt32(0),
+        window,
+        [nowhere, zero, zero],
+        [nowhere, zero, zero],
+        [zero, zero],
+        filled,
+        zero,
+        zero,
+    )
+    best: Any
+    too_bright: Any
+    too_broad: Any
+    _, _, best, current, rival, brightest, too_bright, too_broad = dr.while_loop(
+        start, lambda pixel, *rest: pixel < line.pixels, compare
+    )
+    never = (dr.full(auto.Int32, 2 * (line.pixels + _SEPARATE), line.shots), zero, zero)
+    best, _, rival = _rank(auto.Bool(True), never, best, current, rival)
+    peak: Any = dr.clip(best[0], 0, line.pixels - 1)
+    top: Any = peak
+    charge: Any = line.charge(peak)
+    mean: Any = 0.5 * charge
+    for step in (-1, 1):
+        other = dr.clip(peak + step, 0, line.pixels - 1)
+        beside = line.charge(other)
+        mean += 0.25 * beside
+        top, charge = dr.select(beside > charge, other, top), dr.maximum(beside, charge)
+    if gate is not None:
+        rival[0] = dr.select(best[1] < _EXPECTED, rival[0], rival[0] - _EXPECTED)
+    side = mean - best[2]
+    level = (charge - side) * dr.rsqrt(dr.maximum(line.variance(top, side), 1e-12))
+    return Found(
+        top, best[2], level, rival[1], rival[0], brightest, too_bright > best[2], too_broad > best[2]
+    )
+
+
+def _rank(
+    top: Any, new: tuple[Any, Any, Any], best: list[Any], current: list[Any], rival: list[Any]
+) -> tuple[list[Any], list[Any], list[Any]]:
+    """Take in a new maximum (pixel, level, contrast): maxima that are not separate make one peak.
+
+    The peak that is being passed is ``current``; when the next one begins, it takes its place among the best
+    and its rival.
+    """
+    apart = top & (new[0] - current[0] > _SEPARATE)
+    wins = apart & (current[1] > best[1])
+    candidate = [dr.select(wins, best[k], current[k]) for k in (1, 2)]
+    closer = apart & (candidate[0] > rival[0])
+    rival = [dr.select(closer, candidate[k], rival[k]) for k in (0, 1)]
+    best = [dr.select(wins, current[k], best[k]) for k in range(3)]
+    renewed = apart | (top & (new[1] > current[1]))
+    current = [dr.select(renewed, new[k], current[k]) for k in range(3)]
+    return best, current, rival

@@ -1,0 +1,203 @@
+"""Validation: whether a peak has the width, the shape and the strength of the laser's spot.
+
+*Width.* On logarithms a Gaussian of variance v has the curvature 1/v; its noise follows from the three pixels'
+variances. It must lie between those of the narrowest and the widest image of the beam, point spread and pixel
+included; where the light beside the peak differs from side to side, a doubt about the level beneath it is
+granted.
+
+*Shape.* The spot of the measured width, integrated over the pixels, is fitted to height and place; χ² is the sum
+of the squared residuals over the pixels' variances, to which a tolerance is added that grows with the height.
+Its limit is the quantile of the χ² distribution (Wilson, Hilferty, *PNAS* 17, 1931).
+
+*Misfit.* What departs from the shape without failing the test may have moved the peak: a shadow's edge beneath
+it does. The root mean square of the residuals beyond the noise, over the height, is therefore added to σ.
+
+*Strength.* No surface returns more than a white one that faces the scanner, but for a factor that allows for
+gloss.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Any
+
+import drjit as dr
+import drjit.auto.ad as auto
+
+from scanner_sim.signals.line.digital_line import Around
+from scanner_sim.signals.line.estimators import positive
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.speckle import SpotSpeckle
+from scanner_sim.signals.processing import Validation
+
+_MARGIN = 4.0
+"""Standard deviations of a spot to each side that its shape is judged over."""
+_FARTHEST = 24
+"""Largest number of pixels to each side; wider spots are judged by their core."""
+_CURVATURE = 0.03
+"""Relative error of the curvature 1/(s² + 1/12) of a spot integrated over pixels, from s = 0.35 pixel."""
+_BY_CHANCE = 3.0
+"""Mean square of the residuals, over their variance, that noise alone hardly exceeds."""
+_PIXEL = 1.0 / 12.0
+"""Variance of a pixel's own width [pixel²]."""
+
+
+@dataclass
+class Shape:
+    """How well peaks fit the spot, Dr.Jit arrays of shape (m,).
+
+    ``fits`` whether width and shape pass; ``charge`` of the fitted spot [electron]; ``misfit`` root mean square of
+    the residuals beyond the noise, relative to the height of the spot; ``saturated`` where a pixel of the
+    window is full.
+    """
+
+    fits: Any
+    charge: Any
+    misfit: Any
+    saturated: Any
+
+
+def guard_pixels(spot: ExpectedSpot, centre: Any, sine: Any, cosine: Any) -> Any:
+    """Return how many pixels to each side of its brightest one a spot covers, Dr.Jit signed."""
+    beam, spread = spot.variances(auto.Float(centre), sine, cosine)
+    return auto.Int32(dr.clip(dr.ceil(_MARGIN * dr.sqrt(beam + spread)), 3.0, _FARTHEST))
+
+
+def farthest_pixel(spot: ExpectedSpot) -> int:
+    """Return how many pixels to each side a spot covers at most, anywhere on the line."""
+    return min(math.ceil(_MARGIN * spot.largest_sigma) + 1, _FARTHEST)
+
+
+def judge_shape(
+    around: Around,
+    spot: ExpectedSpot,
+    guard: Any,
+    sine: Any,
+    cosine: Any,
+    settings: Validation,
+    speckle: SpotSpeckle | None = None,
+) -> Shape:
+    """Compare peaks with the spot.
+
+    Parameters
+    ----------
+    around
+        Charges about the peaks.
+    spot
+        The spot.
+    guard
+        Pixels to each side that are compared, shape (m,).
+    sine, cosine
+        Of the deflections Θ, shape (m,).
+    settings
+        Limits.
+    speckle
+        What is known of the speckle on the spots: it bends their shape.
+
+    Returns
+    -------
+    Shape
+    """
+    beam, spread = spot.variances(auto.Float(around.centre), sine, cosine)
+    low, high = (dr.opaque(auto.Float, limit**2) * beam + spread for limit in settings.beam_width)
+    deviate = NormalDist().inv_cdf(1.0 - settings.false_alarm)
+
+    # Width and place from the logarithms of three pixels.
+    three = [around(step) for step in (-1, 0, 1)]
+    charges = [positive(charge, around.floor_sigma) for charge, _ in three]
+    logarithms = [dr.log(charge) for charge in charges]
+    curvature = 2.0 * logarithms[1] - logarithms[0] - logarithms[2]
+    noise = auto.Float(0.0)
+    for weight, charge, (_, variance) in zip((1.0, 2.0, 1.0), charges, three, strict=True):
+        noise += dr.square(weight / charge) * variance
+    if speckle is not None:
+        slopes = {
+            step: weight / charge
+            for step, weight, charge in zip((-1, 0, 1), (-1.0, 2.0, -1.0), charges, strict=True)
+        }
+        noise += speckle.carried(slopes, dict(zip((-1, 0, 1), charges, strict=True)), auto.Float(0.0))
+    slack = dr.opaque(auto.Float, deviate) * dr.sqrt(noise)
+    slack += dr.abs(2.0 / charges[1] - 1.0 / charges[0] - 1.0 / charges[2]) * around.baseline.doubt
+    fits = curvature - slack <= (1.0 + _CURVATURE) / (low + _PIXEL)
+    fits &= curvature + slack >= (1.0 - _CURVATURE) / (high + _PIXEL)
+    place = dr.clip(0.5 * (logarithms[2] - logarithms[0]) / dr.maximum(curvature, 1e-3), -1.0, 1.0)
+    variance = dr.clip(dr.rcp(dr.maximum(curvature, 1e-3)) - _PIXEL, low, high)
+
+    charge, residual, expected, chi_squared, freedom, saturated = _fit(
+        around, spot, guard, place, dr.sqrt(variance), dr.opaque(auto.Float, settings.tolerance), speckle
+    )
+    fits &= (charge > 0.0) & (chi_squared <= _quantile(freedom, dr.opaque(auto.Float, deviate)))
+    height = dr.maximum(three[1][0], 1.0)
+    excess = dr.maximum(residual - _BY_CHANCE * expected, 0.0)
+    return Shape(fits, charge, dr.sqrt(excess) / height, saturated)
+
+
+def _fit(
+    around: Around,
+    spot: ExpectedSpot,
+    guard: Any,
+    place: Any,
+    sigma: Any,
+    tolerance: Any,
+    speckle: SpotSpeckle | None,
+) -> tuple[Any, ...]:
+    """Fit height and place by weighted least squares, linear about a first place.
+
+    Returns the spot's charge, the mean square of the residuals and of their variance, χ², its degrees of freedom,
+    and whether a pixel is saturated.
+    """
+    reach = farthest_pixel(spot)
+    allowed = dr.square(tolerance * around(0)[0])
+    scale = math.sqrt(0.5) / sigma
+    middle = 0.5 * (dr.erf((0.5 - place) * scale) + dr.erf((0.5 + place) * scale))
+    whole = around(0)[0] / dr.maximum(middle, 0.05)
+    pixels = []
+    aa, ab, bb, fa, fb = (auto.Float(0.0) for _ in range(5))
+    saturated = auto.Bool(False)
+    edge = (-reach - 0.5 - place) * scale
+    below, density = dr.erf(edge), dr.exp(-dr.square(edge))
+    for step in range(-reach, reach + 1):
+        edge = (step + 0.5 - place) * scale
+        below_next, density_next = dr.erf(edge), dr.exp(-dr.square(edge))
+        share = 0.5 * (below_next - below)
+        moved = (density - density_next) * (scale / math.sqrt(math.pi))
+        below, density = below_next, density_next
+        charge, variance = around(step)
+        variance += around.baseline.level_variance
+        if speckle is not None:
+            variance += speckle.bend(step - place) * dr.square(whole)
+        counts = around.inside(step) & (dr.abs(auto.Int32(step)) <= guard)
+        weight = dr.select(counts, dr.rcp(variance + allowed), 0.0)
+        saturated |= counts & around.full(step)
+        aa += weight * share * share
+        ab += weight * share * moved
+        bb += weight * moved * moved
+        fa += weight * charge * share
+        fb += weight * charge * moved
+        pixels.append((counts, weight, charge, variance, share, moved))
+    determinant = dr.maximum(aa * bb - dr.square(ab), 1e-30)
+    amount = (fa * bb - fb * ab) / determinant
+    shifted = (fb * aa - fa * ab) / determinant
+    chi_squared, squared, noise, number = (auto.Float(0.0) for _ in range(4))
+    for counts, weight, charge, variance, share, moved in pixels:
+        residual = dr.square(charge - amount * share - shifted * moved)
+        chi_squared += weight * residual
+        squared += dr.select(counts, residual, 0.0)
+        noise += dr.select(counts, variance, 0.0)
+        number += dr.select(counts, 1.0, 0.0)
+    number = dr.maximum(number, 4.0)
+    return amount, squared / number, noise / number, chi_squared, number - 3.0, saturated
+
+
+def _quantile(freedom: Any, deviate: Any) -> Any:
+    """Return the quantile of χ² at a standard normal deviate (Wilson and Hilferty's approximation)."""
+    spread = 2.0 / (9.0 * freedom)
+    cube = 1.0 - spread + deviate * dr.sqrt(spread)
+    return freedom * dr.square(cube) * cube
+
+
+def white_charge(spot: ExpectedSpot, pixel: Any, sine: Any, cosine: Any) -> Any:
+    """Return the charge of a spot [electron] on a white Lambertian surface that faces the scanner (eq 19)."""
+    return dr.opaque(auto.Float, spot.white) / dr.square(spot.range(pixel, sine, cosine))

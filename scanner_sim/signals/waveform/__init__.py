@@ -1,0 +1,1 @@
+"""Delays: when the echo comes, and how surely."""

@@ -1,0 +1,311 @@
+"""From waveforms to delays: find the echoes, choose one, time it, and say how well.
+
+The instrument knows its own pulse, its noise and, from the bias monitor, the mean background; nothing of the scene.
+σ is propagated to first order from the noise at the samples, with its correlation and the signal's own shot noise. It
+does not know of echoes that overlap, nor of pulses that slopes have stretched.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import drjit as dr
+import drjit.auto.ad as auto
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.detector.photodiode.noise_colour import correlation
+from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
+from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+from scanner_sim.detector.photodiode.waveform import Waveforms, quantisation_variance
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.optics.laser import Laser
+from scanner_sim.optics.pulse import Pulse
+from scanner_sim.signals.waveform.calibration import send_all_phases
+from scanner_sim.signals.waveform.edge_timing import EdgeTiming, vertex
+from scanner_sim.signals.waveform.edges import EdgeTable, cross
+from scanner_sim.signals.waveform.filter import (
+    MatchedFilter,
+    Moments,
+    Noise,
+    Shape,
+    moments_of,
+    threshold_for,
+)
+from scanner_sim.signals.waveform.fit import Fit, TimingFilter, fit_gaussian, fit_weights
+from scanner_sim.signals.waveform.overlap import OverlapTest
+from scanner_sim.signals.waveform.search import Found, filtered, find_echoes
+from scanner_sim.signals.waveform.settings import PulseDetection
+
+_CLIPPED_LEVEL = 0.5
+"""Level, over the saturation, at which the edges of clipped pulses are timed."""
+_LEAST_LEVEL = 1e-4
+"""Level, over the saturation, of the leading edge where there is no noise to set one."""
+_CALIBRATION = 64
+"""Phases at which an estimator's constant error is computed."""
+_LEAST_WHITE = 1e-12
+
+
+@dataclass
+class Delays:
+    """Delays of m shots, Dr.Jit arrays of shape (m,).
+
+    Attributes
+    ----------
+    sample, fraction
+        Whole and fraction of the delay [sample] from the record's start; NaN in ``fraction`` without a valid echo.
+    sigma
+        Standard deviation of the delay [sample], clock apart; NaN likewise.
+    signal
+        Amplitude of the echo [A]; a lower bound where it is clipped.
+    snr
+        Amplitude over the noise of a sample without signal.
+    echoes
+        Number of echoes in the record.
+    status
+        Codes of :class:`Status`.
+    """
+
+    sample: Any
+    fraction: Any
+    sigma: Any
+    signal: Any
+    snr: Any
+    echoes: Any
+    status: Any
+
+    def seconds(self, digitiser: Digitiser) -> NDArray[np.float64]:
+        """Return the delays since the pulse [s] in double precision, by the nominal rate of the clock."""
+        whole = self.sample.numpy().astype(np.float64)
+        fraction = self.fraction.numpy().astype(np.float64)
+        return np.asarray((whole + fraction) / digitiser.rate + digitiser.start)
+
+
+class PulseDetector:
+    """Detection for one instrument: its filters and tables are computed once.
+
+    Parameters
+    ----------
+    pulse, photodiode, digitiser
+        The instrument as it knows itself.
+    settings
+        How echoes are found and timed.
+    laser
+        The beam, which tells how far a surface can stretch a pulse; without it overlapping echoes are not looked for.
+
+    Raises
+    ------
+    InputError
+        If the level is not below the saturation, or the record is too short for the pulse.
+    """
+
+    def __init__(
+        self,
+        pulse: Pulse,
+        photodiode: Photodiode,
+        digitiser: Digitiser,
+        settings: PulseDetection,
+        laser: Laser | None = None,
+    ) -> None:
+        self.pulse, self.photodiode, self.digitiser, self.settings = pulse, photodiode, digitiser, settings
+        self.step = digitiser.step(photodiode.saturation)
+        self.noise = Noise(
+            photodiode.dark_variance,
+            quantisation_variance(photodiode, digitiser),
+            photodiode.light_variance / photodiode.amperes_per_watt,
+            photodiode.response_sigma * digitiser.rate,
+        )
+        response = PulseResponse.of(pulse, digitiser.rate)
+        self.shape = Shape(response, self.noise.sigma)
+        self.filter = MatchedFilter.of(response, self.noise)
+        self.overlap: OverlapTest | None = None
+        if laser is not None and settings.overlap:
+            self.overlap = OverlapTest.of(response, self.noise, laser, digitiser)
+        self.half = self.filter.half
+        searched = digitiser.samples - 2 * self.half
+        if searched < 4:
+            raise InputError(
+                f"a record of {digitiser.samples} samples is too short for a pulse of {2 * self.half + 1}.",
+                remedy="Widen the digitiser's gate.",
+            )
+        self.matched = settings.timing in ("matched_filter", "gaussian_fit")
+        neighbour = (
+            self.filter.neighbour if self.matched else float(correlation(np.ones(1), self.noise.sigma)[0])
+        )
+        self.threshold = threshold_for(settings.false_alarms, searched, neighbour)
+        self.edges = EdgeTiming(pulse, photodiode, digitiser, self.noise, settings.fraction)
+        self.full = self.edges.full
+        level = settings.level
+        least = _LEAST_LEVEL * photodiode.saturation / self.step
+        self.level = max(self._dark_threshold, least) if level is None else level / self.step
+        if not self.level < self.full:
+            raise InputError(
+                f"the level of {self.level * self.step:.3g} A is not below the saturation of "
+                f"{photodiode.saturation:.3g} A.",
+                remedy="Lower the detection's level, or raise the photodiode's saturation.",
+            )
+
+    def detect(self, waveforms: Waveforms) -> Delays:
+        """Find and time the echo of every record.
+
+        Parameters
+        ----------
+        waveforms
+            The records of m shots by this instrument.
+        """
+        light = waveforms.background * dr.opaque(auto.Float, self.photodiode.light_variance)
+        coloured = light + dr.opaque(auto.Float, self.noise.coloured)
+        line = filtered(waveforms, self.filter.search) if self.matched else waveforms.number
+        threshold = self._threshold(coloured)
+        found = find_echoes(waveforms, line, threshold, self.half, self.settings.echo)
+        some = found.count > 0
+        inside = (found.sample >= self.half) & (found.sample < waveforms.samples - 1 - self.half)
+        good = some & inside
+        samples = self._around(waveforms, found.sample, good)
+        highest = samples[0]
+        for value in samples[1:]:
+            highest = dr.maximum(highest, value)
+        clipped = good & (highest >= dr.opaque(auto.Float, self.full - 0.5))
+        sample, shift, variance, amplitude, whole = self._timed(waveforms, found, samples, coloured, good)
+        wide = good & ~clipped & self._overlapping(found, samples, coloured)
+        if math.isfinite(self.full):
+            level = _CLIPPED_LEVEL * self.full
+            edges = cross(waveforms, found.sample, dr.full(auto.Float, level, waveforms.shots), clipped)
+            late, its_variance = self.edges.leading(edges, self.clipped_table, coloured, level)
+            sample = dr.select(clipped, edges.sample, sample)
+            shift = dr.select(clipped, late, shift)
+            variance = dr.select(clipped, its_variance, variance)
+            whole = dr.select(clipped, edges.whole, whole)
+            amplitude = dr.select(clipped, highest, amplitude)
+        status = auto.UInt32(Status.VALID)
+        for failed, code in (
+            (wide, Status.OVERLAP),
+            (clipped & ~whole, Status.SATURATED),
+            (~clipped & ~whole, Status.BAD_SHAPE),
+            (~inside, Status.OUT_OF_GATE),
+            (~some, Status.BELOW_THRESHOLD),
+        ):
+            status = dr.select(failed, auto.UInt32(int(code)), status)
+        valid = status == int(Status.VALID)
+        carry = dr.floor(shift)
+        quiet = dr.sqrt(coloured + self.noise.white + _LEAST_WHITE * self.step**2)
+        delays = Delays(
+            sample=dr.select(valid, auto.Int32(sample) + auto.Int32(carry), 0),
+            fraction=dr.select(valid, shift - carry, dr.nan),
+            sigma=dr.select(valid, dr.sqrt(variance), dr.nan),
+            signal=dr.select(some, amplitude * dr.opaque(auto.Float, self.step), 0.0),
+            snr=dr.select(some, amplitude * dr.opaque(auto.Float, self.step) / quiet, 0.0),
+            echoes=found.count,
+            status=status,
+        )
+        dr.eval(delays)
+        return delays
+
+    @property
+    def _dark_threshold(self) -> float:
+        """Threshold of the searched line in the dark [digital number]."""
+        return self._rounded(self.threshold * math.sqrt(self.noise.coloured) / self.step)
+
+    def _rounded(self, numbers: float) -> float:
+        # Between two digital numbers, so that what the converter rounds up to it would have passed it unrounded.
+        rounds = self.photodiode.noise.quantisation
+        return math.ceil(numbers + 0.5) - 0.5 if rounds else max(numbers, _LEAST_WHITE)
+
+    def _threshold(self, coloured: Any) -> Any:
+        """Return the threshold of the searched line [digital number] under each shot's background."""
+        times = dr.opaque(auto.Float, self.threshold / self.step)
+        if self.matched:
+            moments = self.filter.searched
+            variance = coloured * float(moments.coloured[0]) + self.noise.white * float(moments.white[0])
+            return dr.maximum(times * dr.sqrt(variance), _LEAST_WHITE)
+        numbers = times * dr.sqrt(coloured)
+        if self.photodiode.noise.quantisation:
+            numbers = dr.ceil(numbers + 0.5) - 0.5
+        least = self.level if self.settings.timing == "leading_edge" else _LEAST_WHITE
+        return dr.maximum(numbers, dr.opaque(auto.Float, least))
+
+    def _around(self, waveforms: Waveforms, peak: Any, good: Any) -> list[Any]:
+        place = dr.arange(auto.UInt32, waveforms.shots)
+        return [
+            dr.gather(auto.Float, waveforms.number, waveforms.address(peak + step - self.half, place), good)
+            for step in range(2 * self.half + 1)
+        ]
+
+    def _timed(
+        self, waveforms: Waveforms, found: Found, samples: list[Any], coloured: Any, good: Any
+    ) -> tuple[Any, Any, Any, Any, Any]:
+        """Return sample, shift and its variance [sample²], amplitude [digital number], and whether all went well."""
+        place, height = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
+        if self.matched:
+            fit = self.timing.fit(samples, dr.clip(place - self.shape.summit, -1.0, 1.0))
+            if self.settings.timing == "gaussian_fit":
+                fit, _ = fit_gaussian(samples, fit, self._gaussian_width)
+                rows = dr.zeros(auto.UInt32, waveforms.shots)
+                terms = tuple(dr.gather(auto.Float, values, rows) for values in self._fit_moments)
+                shift = fit.shift - dr.opaque(auto.Float, self._fit_offset)
+            else:
+                terms, shift = self.timing.variances(fit.phase), fit.shift
+            current = dr.maximum(fit.amplitude, _LEAST_WHITE) * dr.opaque(auto.Float, self.step)
+            shot = current * dr.opaque(auto.Float, self.noise.per_current)
+            variance = terms[0] * coloured + terms[1] * self.noise.white + terms[2] * shot
+            sane = good & (fit.amplitude > 0.0) & (dr.abs(fit.shift) < self.half)
+            return found.sample, shift, variance / dr.square(current), fit.amplitude, sane
+        if self.settings.timing == "leading_edge":
+            edges = cross(waveforms, found.sample, dr.full(auto.Float, self.level, waveforms.shots), good)
+            table = self.level_table if self.settings.walk_correction else None
+            shift, variance = self.edges.leading(edges, table, coloured, self.level)
+            return edges.sample, shift, variance, height, edges.whole
+        return self.edges.fraction_of(waveforms, found.sample, coloured, good)
+
+    def _overlapping(self, found: Found, samples: list[Any], coloured: Any) -> Any:
+        """Tell which pulses are wider than a surface makes them."""
+        if self.overlap is None:
+            return auto.Bool(False)
+        place, _ = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
+        fit = self.timing.fit(samples, dr.clip(place - self.shape.summit, -1.0, 1.0))
+        current = dr.maximum(fit.amplitude, _LEAST_WHITE) * dr.opaque(auto.Float, self.step)
+        noise = coloured, auto.Float(self.noise.white), auto.Float(self.noise.per_current)
+        return self.overlap(samples, fit, auto.Float(found.sample) + fit.shift, current, noise)
+
+    @cached_property
+    def timing(self) -> TimingFilter:
+        """The matched filter on the device."""
+        return TimingFilter.of(self.filter)
+
+    @cached_property
+    def level_table(self) -> EdgeTable:
+        """Walk of the leading edge at the detection's level."""
+        return self.edges.table(self.level)
+
+    @cached_property
+    def clipped_table(self) -> EdgeTable:
+        """Walk of the edges of clipped pulses."""
+        return self.edges.table(_CLIPPED_LEVEL * self.full)
+
+    @cached_property
+    def _gaussian_width(self) -> float:
+        return math.sqrt(self.shape.response.variance + self.shape.variance)
+
+    @cached_property
+    def _fit_moments(self) -> tuple[Any, Any, Any]:
+        moments: Moments = moments_of(
+            fit_weights(self.half, self._gaussian_width), self.noise, self.shape, np.zeros(1)
+        )
+        coloured, white, shot = (
+            auto.Float(values.astype(np.float32))
+            for values in (moments.coloured, moments.white, moments.shot)
+        )
+        return coloured, white, shot
+
+    @cached_property
+    def _fit_offset(self) -> float:
+        """Mean error of the Gaussian fit on this pulse [sample]: 0 for a Gaussian one."""
+        waveforms, truth, top = send_all_phases(self.pulse, self.photodiode, self.digitiser, _CALIBRATION)
+        samples = self._around(waveforms, top, top >= 0)
+        start = Fit(dr.zeros(auto.Float, truth.size), samples[self.half], dr.zeros(auto.UInt32, truth.size))
+        fit, _ = fit_gaussian(samples, start, self._gaussian_width)
+        return float(np.mean(top.numpy() + fit.shift.numpy().astype(np.float64) - truth))

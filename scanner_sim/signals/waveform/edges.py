@@ -1,0 +1,241 @@
+"""Edges of pulses: where a waveform crosses a level before and behind its peak, and what that tells of the delay.
+
+The crossing of a fixed level walks with the amplitude, and a straight line between samples is not the pulse. Both
+errors are functions of what is measured: the time above the level, and the place of the crossing between its samples.
+They are tabulated by sending noise-free pulses of all amplitudes and phases through the same receiver and the same
+crossing. The time above the level stays good where the amplifier saturates and the amplitude is lost (Amann et al.,
+*Opt. Eng.* 40, 2001, on walk; Kilpelä, Pennala, Kostamovaara, *Rev. Sci. Instrum.* 72, 2001, on the pulse's length).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import drjit.auto.ad as auto
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
+from scanner_sim.detector.photodiode.waveform import Waveforms
+from scanner_sim.optics.pulse import Pulse
+from scanner_sim.signals.waveform.calibration import bench_of, peak_of, send
+
+Array = NDArray[np.float64]
+
+_LARGEST = 1e6
+"""Largest amplitude over the level in the table."""
+_AMPLITUDES, _PHASES, _FRACTIONS = 800, 192, 96
+_ROWS_PER_SAMPLE, _MOST_ROWS = 64, 4096
+_MAX_STEPS = 4096
+
+
+@dataclass
+class Edges:
+    """Crossings of a level about a peak, Dr.Jit arrays.
+
+    ``sample`` before the rising crossing and ``lead`` fraction behind it; ``width`` from there to the falling crossing
+    [sample]; ``rise`` and ``fall`` slopes [per sample]; ``tail`` fraction of the falling crossing; ``high`` and
+    ``above`` the samples over the level beside the crossings; ``whole`` whether both were found.
+    """
+
+    sample: Any
+    lead: Any
+    width: Any
+    rise: Any
+    fall: Any
+    tail: Any
+    high: Any
+    above: Any
+    whole: Any
+
+
+def cross(waveforms: Waveforms, peak: Any, level: Any, active: Any) -> Edges:
+    """Walk from the peak of each record to where it crosses a level.
+
+    Parameters
+    ----------
+    waveforms
+        The records.
+    peak
+        Sample of the peak of each, shape (m,).
+    level
+        Level [digital number], shape (m,).
+    active
+        Records that are wanted.
+    """
+    place = dr.arange(auto.UInt32, waveforms.shots)
+    last = waveforms.samples - 1
+
+    def at(sample: Any) -> Any:
+        return dr.gather(auto.Float, waveforms.number, waveforms.address(sample, place), active)
+
+    def walk(direction: int) -> tuple[Any, Any, Any]:
+        end = 0 if direction < 0 else last
+
+        def beyond(sample: Any, value: Any, _: Any, steps: Any) -> Any:
+            return active & (value >= level) & (sample != end) & (steps < _MAX_STEPS)
+
+        def step(sample: Any, value: Any, _: Any, steps: Any) -> Any:
+            moved = auto.UInt32(auto.Int32(sample) + direction)
+            return moved, at(moved), value, steps + 1
+
+        value = at(peak)
+        sample, value, before, _ = dr.while_loop((peak, value, value, auto.UInt32(0)), beyond, step)
+        return sample, value, before
+
+    before, low, high = walk(-1)
+    after, below, above = walk(1)
+    rise, fall = high - low, above - below
+    lead = (level - low) / dr.maximum(rise, 1e-20)
+    tail = (above - level) / dr.maximum(fall, 1e-20)
+    width = auto.Float(auto.Int32(after) - auto.Int32(before)) - 1.0 + tail - lead
+    whole = active & (low < level) & (below < level) & (high >= level) & (above >= level)
+    return Edges(before, lead, width, rise, fall, tail, high, above, whole)
+
+
+@dataclass
+class Correction:
+    """Delay of the centroid behind the rising crossing, its derivatives, and what the table leaves [sample].
+
+    ``by_lead`` is taken with the falling crossing held, ``by_tail`` with the rising one held.
+    """
+
+    delay: Any
+    by_lead: Any
+    by_tail: Any
+    residual: Any
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeTable:
+    """Delay of a pulse's centroid behind its rising crossing [sample].
+
+    The rows go by the falling crossing, counted from the sample before the rising one: where it passes from one
+    sample to the next the delay has a bend, which so falls on a row. The columns go by the rising crossing's fraction.
+
+    Attributes
+    ----------
+    level
+        The level [digital number].
+    density
+        Rows per sample, a whole number.
+    delay
+        Shape (rows, columns), fractions from 0 to 1.
+    residual
+        What the table leaves, root mean square [sample], shape (rows,).
+    device
+        Both on the device, one behind the other.
+    """
+
+    level: float
+    density: int
+    delay: Array
+    residual: Array
+    device: Any
+
+    def correction(self, edges: Edges) -> Correction:
+        """Return the delay behind the rising crossing and how it changes."""
+        rows = self.residual.size
+        row = dr.clip(
+            (edges.width + edges.lead) * dr.opaque(auto.Float, self.density), 0.0, float(rows) - 1.001
+        )
+        column = dr.clip(edges.lead, 0.0, 1.0) * (_FRACTIONS - 1.001)
+        first, left = auto.UInt32(row), auto.UInt32(column)
+        down, across = row - auto.Float(first), column - auto.Float(left)
+        start = first * _FRACTIONS + left
+        a, b, c, d = (
+            dr.gather(auto.Float, self.device, start + step) for step in (0, 1, _FRACTIONS, _FRACTIONS + 1)
+        )
+        upper, lower = dr.fma(across, b - a, a), dr.fma(across, d - c, c)
+        return Correction(
+            delay=dr.fma(down, lower - upper, upper),
+            by_lead=dr.fma(down, (d - c) - (b - a), b - a) * (_FRACTIONS - 1),
+            by_tail=(lower - upper) * dr.opaque(auto.Float, self.density),
+            residual=dr.gather(auto.Float, self.device, first + rows * _FRACTIONS),
+        )
+
+
+def edge_table(pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, level: float) -> EdgeTable:
+    """Compute the table for a level [digital number]."""
+    # Even steps of the width, for a Gaussian: it is 2σ√(2 ln(A/V)).
+    ratios = np.exp(np.linspace(0.01, np.log(_LARGEST) ** 0.5, _AMPLITUDES) ** 2)
+    width, lead, delay = _sent(pulse, photodiode, digitiser, level, ratios, _PHASES, 0.0)
+    columns = np.linspace(0.0, 1.0, _FRACTIONS)
+    order = np.argsort(lead, axis=1)
+    width, lead, delay = (np.take_along_axis(values, order, axis=1) for values in (width, lead, delay))
+    # A crossing just before a sample and one just behind the sample before are the same: fractions wrap.
+    widths, delays = (
+        np.array(
+            [
+                np.interp(columns, fractions, values, period=1.0)
+                for fractions, values in zip(lead, table, strict=True)
+            ]
+        )
+        for table in (width, delay)
+    )
+    widest = float(width.max()) + 1.0
+    density = int(np.clip(_MOST_ROWS / widest, 2, _ROWS_PER_SAMPLE))
+    rows = np.arange(int(widest * density) + 2) / density
+    # Louder pulses are wider: at each fraction the delay is a function of the width.
+    falls = np.maximum.accumulate(widths, axis=0) + columns
+    table = np.stack([np.interp(rows, falls[:, c], delays[:, c]) for c in range(_FRACTIONS)], axis=1)
+    perfect = _made(level, density, table, np.zeros(rows.size))
+    test = _sent(pulse, photodiode, digitiser, level, np.geomspace(1.013, _LARGEST / 1.1, 301), 37, 0.5)
+    return _made(level, density, table, _residual(perfect, *(values.ravel() for values in test)))
+
+
+def _made(level: float, density: int, delay: Array, residual: Array) -> EdgeTable:
+    both = np.concatenate([delay.ravel(), residual]).astype(np.float32)
+    return EdgeTable(level, density, delay, residual, auto.Float(both))
+
+
+def _residual(table: EdgeTable, width: Array, lead: Array, delay: Array) -> Array:
+    """Return the root mean square error of a table on other pulses, by row."""
+    edges = Edges(
+        sample=None,
+        lead=auto.Float(lead.astype(np.float32)),
+        width=auto.Float(width.astype(np.float32)),
+        **dict.fromkeys(("rise", "fall", "tail", "high", "above", "whole")),
+    )
+    error = delay - table.correction(edges).delay.numpy()
+    count = table.residual.size
+    row = np.clip(((width + lead) * table.density).astype(int), 0, count - 1)
+    # Over a quarter of a sample: one row alone is hit by few test pulses.
+    near = np.ones(max(1, table.density // 4))
+    hits = np.convolve(np.bincount(row, minlength=count), near, "same")
+    square = np.convolve(np.bincount(row, error**2, minlength=count), near, "same")
+    seen = np.flatnonzero(hits > 0.5)
+    return np.asarray(np.interp(np.arange(count), seen, np.sqrt(square[seen] / hits[seen])))
+
+
+def _sent(
+    pulse: Pulse,
+    photodiode: Photodiode,
+    digitiser: Digitiser,
+    level: float,
+    ratios: Array,
+    phases: int,
+    offset: float,
+) -> tuple[Array, Array, Array]:
+    """Return width, fraction and delay behind the crossing [sample] of noise-free pulses, (ratios, phases)."""
+    amplitude, phase = (
+        values.ravel() for values in np.meshgrid(ratios, (np.arange(phases) + offset) / phases)
+    )
+    silent, clock, middle = bench_of(pulse, photodiode, digitiser)
+    truth = middle + phase
+    peak = peak_of(pulse, photodiode, digitiser) * pulse.pulse_energy * digitiser.rate
+    share = amplitude * level * clock.step(silent.saturation) / (peak * silent.amperes_per_watt)
+    waveforms = send(share, truth, pulse, silent, clock)
+    records = waveforms.records()
+    place = dr.arange(auto.UInt32, amplitude.size)
+    top = auto.UInt32(records.argmax(axis=1).astype(np.uint32))
+    edges = cross(waveforms, top, dr.full(auto.Float, level, amplitude.size), place >= 0)
+    dr.eval(edges)
+    width, lead = (values.numpy().astype(np.float64) for values in (edges.width, edges.lead))
+    delay = truth - edges.sample.numpy() - lead
+    # Amplitudes that stay below the level at some phase are left out.
+    whole = edges.whole.numpy().reshape(phases, -1).all(axis=0)
+    width, lead, delay = (values.reshape(phases, -1)[:, whole].T for values in (width, lead, delay))
+    return width, lead, delay

@@ -1,0 +1,150 @@
+"""Fits of a pulse to the samples about a peak: of its known shape, or of a Gaussian of free width."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import drjit as dr
+import drjit.auto.ad as auto
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.signals.waveform.filter import PHASES, MatchedFilter, Moments
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 3
+_FIT_ROUNDS = 8
+_TINY = 1e-20
+
+
+@dataclass
+class Fit:
+    """A pulse fitted to each record, Dr.Jit arrays.
+
+    ``shift`` of its centroid from the peak's sample [sample], ``amplitude`` in the records' unit, ``phase`` the row of
+    the filter that it was found with.
+    """
+
+    shift: Any
+    amplitude: Any
+    phase: Any
+
+
+@dataclass(frozen=True, eq=False)
+class TimingFilter:
+    """A matched filter on the device."""
+
+    shift: Any
+    amplitude: Any
+    variance: tuple[Any, Any, Any]
+    taps: int
+
+    @classmethod
+    def of(cls, matched: MatchedFilter) -> TimingFilter:
+        """Return a filter for kernels."""
+        flat = [
+            auto.Float(values.astype(np.float32).ravel())
+            for values in (matched.shift, matched.amplitude, *variance_terms(matched.moments))
+        ]
+        return cls(flat[0], flat[1], (flat[2], flat[3], flat[4]), matched.shift.shape[1])
+
+    def fit(self, samples: list[Any], start: Any) -> Fit:
+        """Maximise the likelihood of delay and amplitude by Newton's steps from ``start`` [sample].
+
+        Parameters
+        ----------
+        samples
+            The samples about each peak, 2K + 1 arrays of shape (m,).
+        start
+            First guess of the shift, shape (m,).
+        """
+        shift, amplitude, row = start, auto.Float(1.0), auto.UInt32(PHASES)
+        for _ in range(_ROUNDS):
+            row = auto.UInt32(dr.round(dr.clip(shift, -1.0, 1.0) * PHASES) + PHASES)
+            beyond, amplitude = auto.Float(0.0), auto.Float(0.0)
+            for tap, sample in enumerate(samples):
+                at = row * self.taps + tap
+                beyond = dr.fma(dr.gather(auto.Float, self.shift, at), sample, beyond)
+                amplitude = dr.fma(dr.gather(auto.Float, self.amplitude, at), sample, amplitude)
+            step = beyond / dr.maximum(amplitude, _TINY)
+            shift = (auto.Float(row) - PHASES) / PHASES + dr.clip(step, -0.5, 0.5)
+        return Fit(shift, amplitude, row)
+
+    def variances(self, row: Any) -> tuple[Any, Any, Any]:
+        """Return the variance of the shift per coloured, white and shot variance over the amplitude's square."""
+        coloured, white, shot = (dr.gather(auto.Float, values, row) for values in self.variance)
+        return coloured, white, shot
+
+
+def variance_terms(moments: Moments) -> tuple[Array, Array, Array]:
+    """Return the three rows of :class:`Moments`."""
+    return moments.coloured, moments.white, moments.shot
+
+
+def fit_gaussian(samples: list[Any], start: Fit, width: float) -> tuple[Fit, Any]:
+    """Fit a Gaussian of free height, place and width to the samples about each peak (Gauss–Newton least squares).
+
+    (Wagner et al., *ISPRS J. Photogramm.* 60, 2006, on the Gaussian decomposition of waveforms.)
+
+    Parameters
+    ----------
+    samples
+        2K + 1 arrays of shape (m,).
+    start
+        First guess.
+    width
+        First guess of the standard deviation [sample].
+
+    Returns
+    -------
+    tuple
+        The fit, and the standard deviation of the Gaussian [sample], shape (m,).
+    """
+    half = len(samples) // 2
+
+    def round_of(number: Any, height: Any, place: Any, sigma: Any) -> Any:
+        sums: list[Any] = [auto.Float(0.0) for _ in range(9)]
+        for tap, sample in enumerate(samples):
+            away = (tap - half - place) / sigma
+            bell = dr.exp(-0.5 * dr.square(away))
+            basis = (bell, bell * away, bell * dr.square(away))
+            left = sample - height * bell
+            products = [basis[i] * basis[j] for i in range(3) for j in range(i, 3)]
+            products += [part * left for part in basis]
+            sums = [total + product for total, product in zip(sums, products, strict=True)]
+        up, along, wider = _solved(sums)
+        safe = dr.maximum(height, _TINY)
+        return (
+            number + 1,
+            dr.maximum(height + up, 0.1 * height),
+            place + dr.clip(along / safe, -0.5, 0.5) * sigma,
+            sigma * (1.0 + dr.clip(wider / safe, -0.3, 0.3)),
+        )
+
+    begin = (auto.UInt32(0), start.amplitude, start.shift, auto.Float(width) + 0.0 * start.shift)
+    _, height, place, sigma = dr.while_loop(begin, lambda number, *rest: number < _FIT_ROUNDS, round_of)
+    return Fit(place, height, start.phase), sigma
+
+
+def _solved(sums: list[Any]) -> tuple[Any, Any, Any]:
+    """Solve the symmetric 3 × 3 system of its six and three sums (Cramer's rule)."""
+    a, b, c, d, e, f, x, y, z = sums
+    first, second, third = d * f - e * e, c * e - b * f, b * e - c * d
+    whole = a * first + b * second + c * third
+    whole = dr.select(dr.abs(whole) < _TINY, _TINY, whole)
+    middle, corner, last = a * f - c * c, b * c - a * e, a * d - b * b
+    return (
+        (first * x + second * y + third * z) / whole,
+        (second * x + middle * y + corner * z) / whole,
+        (third * x + corner * y + last * z) / whole,
+    )
+
+
+def fit_weights(half: int, width: float) -> Array:
+    """Return the taps whose sum is the first-order shift of the fitted Gaussian per amplitude, shape (1, 2K + 1)."""
+    away = np.arange(-half, half + 1) / width
+    bell = np.exp(-0.5 * away**2)
+    basis = np.stack([bell, bell * away / width, bell * away**2 / width], axis=1)
+    return np.asarray(np.linalg.pinv(basis)[1:2])

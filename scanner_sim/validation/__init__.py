@@ -1,0 +1,1 @@
+"""The simulator against closed forms, published figures and itself."""

@@ -1,0 +1,191 @@
+"""The judge's view of an instrument: closed forms of ``analytic/`` with the numbers of a scenario."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.analytic import geometry, spot
+from scanner_sim.analytic.beam import beam_radius, spread_rate
+from scanner_sim.analytic.estimators import ESTIMATORS
+from scanner_sim.analytic.filter import PassBand
+from scanner_sim.analytic.noise import first_order
+from scanner_sim.config.scenario import Scenario
+
+Array = NDArray[np.float64]
+
+LINE = 41
+"""Pixels of the judge's line."""
+FIT = "maximum_likelihood"
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A spot on the line: its place and width [pixel], the place's chief ray [pixel], and its charge [electron]."""
+
+    centre: float
+    chief: float
+    sigma: float
+    charge: float
+
+    @property
+    def phase(self) -> float:
+        """Where the spot lies in its pixel, −1/2 to 1/2."""
+        return self.centre - round(self.centre)
+
+    @property
+    def line(self) -> Array:
+        """The noise-free charges of a line of 41 pixels, the spot at ``phase`` from its middle."""
+        return self.charge * spot.pixel_shares(LINE // 2 + self.phase, self.sigma, LINE)
+
+
+@dataclass(frozen=True)
+class Closed:
+    """Closed forms with the numbers of a scenario's instrument."""
+
+    scenario: Scenario
+
+    @cached_property
+    def f(self) -> float:
+        """Focal length [m]."""
+        return self.scenario.scanner.receiver.focal_length
+
+    @cached_property
+    def d(self) -> float:
+        """Base [m]."""
+        return self.scenario.scanner.receiver.baseline
+
+    @cached_property
+    def D(self) -> float:
+        """Separation of the axes [m]."""
+        return self.scenario.scanner.mirrors.axis_separation
+
+    @cached_property
+    def pitch(self) -> float:
+        """Distance of the pixels [m]."""
+        return self.scenario.scanner.position_sensor.pitch
+
+    @cached_property
+    def band(self) -> PassBand | None:
+        """The filter; None where there is none."""
+        chosen = self.scenario.scanner.filter
+        if chosen == "none":
+            return None
+        centre = self.scenario.scanner.laser.wavelength if chosen.centre is None else chosen.centre
+        cavities = chosen.cavities if chosen.shape == "cavities" else 0
+        return PassBand(centre, chosen.bandwidth, chosen.effective_index, chosen.blocking, cavities)
+
+    @property
+    def peak_transmission(self) -> float:
+        """Transmission of lens and filter at the filter's peak."""
+        chosen = self.scenario.scanner.filter
+        lens = self.scenario.scanner.receiver.transmission
+        return lens if chosen == "none" else lens * chosen.transmission
+
+    def passed(self, incidence: float) -> float:
+        """Return the filter's transmission of the laser's line over its peak, at an incidence [rad]."""
+        laser = self.scenario.scanner.laser
+        low, high = self.scenario.scanner.position_sensor.response
+        line = laser.wavelength + laser.drift
+        if not low <= line <= high:
+            return 0.0
+        return 1.0 if self.band is None else self.band.passed(line, incidence)
+
+    def pixel(self, position: float) -> float:
+        """Return the pixel of a place p [m] on the sensor."""
+        return (position - self.scenario.scanner.position_sensor.offset) / self.pitch - 0.5
+
+    def spot(self, theta: float, phi: float, point: Array, normal: Array, reflectance: float) -> Spot:
+        """Return the spot on a plane through a point with a normal, shapes (3,), at deflections [rad]."""
+        scanner = self.scenario.scanner
+        laser, receiver, sensor = scanner.laser, scanner.receiver, scanner.position_sensor
+        R = float(geometry.range_to_plane(theta, phi, self.D, point, normal))
+        beam = laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared
+        image = spot.spot_image(
+            theta, phi, self.f, self.d, self.D, point, normal,
+            0.5 * float(beam_radius(R, *beam)), float(spread_rate(R, *beam)), scanner.point_spread,
+        )  # fmt: skip
+        u = geometry.scanner_axes(theta, phi)[0]
+        seen = geometry.laser_origin(phi, self.D) + R * u - geometry.lens_node(phi, self.D, self.d)
+        unit = normal / np.linalg.norm(normal)
+        transmission = self.peak_transmission * self.passed(math.atan(image.chief / self.f))
+        watts = spot.collected_power(
+            laser.power, reflectance, receiver.aperture, transmission, seen, u, unit
+        ) * spot.share_within_height(image.sigma_height, sensor.height)
+        charge = spot.electrons(watts, 1.0 / scanner.rate, laser.wavelength, sensor.quantum_efficiency)
+        return Spot(
+            self.pixel(image.centroid), self.pixel(image.chief), image.sigma / self.pitch, float(charge)
+        )
+
+    def facing(self, R: float, reflectance: float, theta: float = 0.0, phi: float = 0.0) -> Spot:
+        """Return the spot on a plate that faces the beam at the range R [m]."""
+        u = geometry.scanner_axes(theta, phi)[0]
+        return self.spot(theta, phi, geometry.point_from_shot(R, theta, phi, self.D), u, reflectance)
+
+    def on_array(self, seen: Spot) -> bool:
+        """Return whether the spot lies on the array with six standard deviations to each side."""
+        reach = 6.0 * max(seen.sigma, 1.0)
+        return reach < seen.centre < self.scenario.scanner.position_sensor.pixels - 1 - reach
+
+    def range_per_pixel(self, R: float, theta: float = 0.0) -> float:
+        """Return |∂R/∂p| times the pitch [m/pixel]: the exact form of eq 4."""
+        return float(geometry.range_error(R, theta, self.f, self.d, self.pitch))
+
+    @property
+    def angle_sigma(self) -> float:
+        """Standard deviation [rad] of what an encoder reads about the true deflection, drift left out."""
+        mirrors = self.scenario.scanner.mirrors
+        return math.sqrt(
+            (1.0 - mirrors.jitter_seen) * mirrors.jitter**2
+            + mirrors.wobble**2
+            + mirrors.readout_noise**2
+            + mirrors.readout_step**2 / 12.0
+        )
+
+    def synchronisation_error(self, R: float, theta: float = 0.0) -> float:
+        """Return the error of p [m] from the angle between projection and reception: f (1 + p²/f²) σ."""
+        p = float(geometry.image_position(R, theta, self.f, self.d))
+        return self.f * (1.0 + (p / self.f) ** 2) * self.scenario.scanner.mirrors.synchronisation
+
+    def follows(self, seen: Spot) -> float:
+        """Return by how much the estimate moves with the spot, ∂p̂/∂p: 1 but for the slope of a systematic error."""
+        chosen = self.scenario.processing
+        if chosen.peak == FIT or chosen.bias_correction != "none":
+            return 1.0
+        step, estimator = 1e-3, ESTIMATORS[chosen.peak]
+        found = []
+        for side in (1.0, -1.0):
+            line = seen.charge * spot.pixel_shares(LINE // 2 + seen.phase + side * step, seen.sigma, LINE)
+            found.append(estimator(line.tolist()))
+        return (found[0] - found[1]) / (2.0 * step)
+
+    def place(self, R: float, phase: float) -> float:
+        """Return the range [m] next to one at which a facing plate's spot lies at a place in its pixel."""
+        target = round(self.facing(R, 1.0).centre) + phase
+        for _ in range(5):
+            R += (self.facing(R, 1.0).centre - target) * self.range_per_pixel(R)
+        return R
+
+    def sigma_pixel(self, seen: Spot, estimator: str, variance: Array) -> float:
+        """Return σ of the estimate [pixel] for the variances of the judge's pixels: first order, or the bound."""
+        if estimator == FIT:
+            return bound_of(seen, variance)
+        return first_order(ESTIMATORS[estimator], seen.line, variance)
+
+
+def bound_of(seen: Spot, variance: Array) -> float:
+    """Return the Cramér–Rao bound [pixel] of a spot's place for a variance of each pixel, shape (41,).
+
+    1/√Σ (∂m_i/∂µ)²/v_i (Winick, *J. Opt. Soc. Am. A* 3, 1986); ∂m/∂µ by central differences of the pixel integrals.
+    """
+    step = 1e-5
+    ahead, behind = (
+        spot.pixel_shares(LINE // 2 + seen.phase + side * step, seen.sigma, LINE) for side in (1.0, -1.0)
+    )
+    slope = seen.charge * (ahead - behind) / (2.0 * step)
+    lit = variance > 0.0
+    return float(1.0 / np.sqrt(np.sum(slope[lit] ** 2 / variance[lit])))

@@ -1,0 +1,68 @@
+"""Law of an error of the spot's place that is the same at every range, and whose range error hence grows as R²."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.analytic import geometry
+from scanner_sim.validation.compare import stand
+from scanner_sim.validation.compare.closed import Closed
+from scanner_sim.validation.compare.law import Law, Measured, Predicted, spread_of
+from scanner_sim.validation.compare.noise import plate_side, slope_expected, slope_over
+from scanner_sim.validation.compare.setting import Setting
+
+Array = NDArray[np.float64]
+
+
+def _unsynchronised(setting: Setting) -> str:
+    if not setting.scenario.scanner.mirrors.synchronisation:
+        return "projection and reception have no error between them"
+    return setting.slopeless() or (
+        "" if len(_synchronised(setting)) > 2 else "the array sees too few of the ranges"
+    )
+
+
+def _synchronised(setting: Setting) -> tuple[float, ...]:
+    closed = Closed(setting.scenario)
+    return tuple(
+        R for R in setting.flat.ranges if closed.on_array(closed.facing(R, setting.flat.reflectance))
+    )
+
+
+def _measure_synchronisation(setting: Setting) -> dict[str, Measured]:
+    told, shots, ranges = {}, setting.shots(8000), _synchronised(setting)
+    mirrors = setting.scenario.scanner.mirrors.still(but="synchronisation")
+    for step, R in enumerate(ranges):
+        groups = []
+        for seed in setting.seed(7, step):
+            plate = stand.plate(R, setting.flat.reflectance, size=plate_side(setting, R))
+            made = stand.on_stand(setting, plate, seed=seed, mirrors=mirrors)
+            aim = stand.directions(np.zeros(shots), 0.0, mirrors, 0.0)
+            groups.append(1e3 * stand.range_errors(setting, made, aim))
+        told[f"{R:.4g} m"] = spread_of(np.stack(groups))
+    return told | slope_over(ranges, told, True)
+
+
+def _predict_synchronisation(setting: Setting) -> dict[str, Predicted]:
+    closed, told, ranges = Closed(setting.scenario), {}, _synchronised(setting)
+    for R in ranges:
+        apart = closed.synchronisation_error(R)
+        value = 1e3 * float(geometry.range_error(R, 0.0, closed.f, closed.d, apart))
+        value *= closed.follows(closed.facing(R, setting.flat.reflectance))
+        p = float(geometry.image_position(R, 0.0, closed.f, closed.d))
+        rounding = 1e3 * closed.range_per_pixel(R) * p / closed.pitch * 2.0**-24
+        told[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, 0.002 * value + rounding**2 / value)
+    return told | slope_expected(ranges, told, True, "2 for p ≪ f")
+
+
+SYNCHRONISATION = Law(
+    "sigma_synchronisation",
+    "Range noise of a constant error of p",
+    "eq 4; slope R²",
+    "σ_R = R²/(f d) Δp with Δp = f (1 + p²/f²) times the angle's error between projection and reception, alone.",
+    "target",
+    _unsynchronised,
+    _measure_synchronisation,
+    _predict_synchronisation,
+)

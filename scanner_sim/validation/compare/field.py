@@ -1,0 +1,201 @@
+"""Laws of the point over the field of view: no bias, and the covariance of eq 5 with the full Jacobian."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.analytic import geometry
+from scanner_sim.analytic.estimators import ESTIMATORS
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.optics.deflection import ERRORS
+from scanner_sim.validation.compare import stand
+from scanner_sim.validation.compare.closed import FIT, LINE, Closed, Spot
+from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of, spread_of
+from scanner_sim.validation.compare.setting import Setting
+from scanner_sim.validation.compare.shape import PRECISION, Place, lens_extent, places, unlit
+
+Array = NDArray[np.float64]
+
+_TABLE = 1e-3
+"""What a computed correction leaves of an estimator's systematic error [pixel]."""
+_ROUNDING = 6e-8
+"""Of coordinates in single precision, over the range."""
+_STEADY = 5.0
+"""Times of the wobble between two shots: nothing is left of it then."""
+
+
+def plate_scenario(setting: Setting, place: Place, **more: object) -> Scenario:
+    """Return the instrument before a plate that faces the beam at a place; ``more`` is for the stand."""
+    closed = Closed(setting.scenario)
+    size = 0.02 * place.distance + 16.0 * setting.scenario.scanner.laser.radius(place.distance)
+    target = stand.plate(
+        place.distance,
+        setting.flat.reflectance,
+        theta=place.theta,
+        phi=place.phi,
+        separation=closed.D,
+        size=size,
+    )
+    return stand.on_stand(setting, target, **more)  # type: ignore[arg-type]
+
+
+def facing_places(setting: Setting, ranges: tuple[float, ...]) -> Iterator[tuple[Place, Spot]]:
+    """Yield places of the field whose plates face the beam, and the judge's spot there."""
+    closed = Closed(setting.scenario)
+    for place in places(setting, ranges):
+        seen = closed.facing(place.distance, setting.flat.reflectance, place.theta, place.phi)
+        if closed.on_array(seen):
+            yield place, seen
+
+
+def _errors_at(setting: Setting, made: Scenario, place: Place, shots: int) -> Array:
+    """Return errors of x, y, z and R [m] in one direction, shape (n, 4)."""
+    mirrors = made.scanner.mirrors
+    aim = stand.directions(np.full(shots, place.theta), place.phi, mirrors, 1.0 / made.scanner.rate)
+    aim.time[:] *= 0.5 * _STEADY
+    layers = stand.measure(setting, made, aim)
+    truth = geometry.point_from_shot(
+        layers["truth.range_m"],
+        layers["truth.theta_rad"],
+        layers["truth.phi_rad"],
+        Closed(setting.scenario).D,
+    )
+    point = np.stack([layers["P.X"], layers["P.Y"], layers["P.Z"]], axis=-1)
+    return np.column_stack([point - truth, layers["range_m"] - layers["truth.range_m"]])
+
+
+_COORDINATES = ("x", "y", "z", "R")
+
+
+def _biased(setting: Setting) -> str:
+    chosen = setting.scenario.processing
+    if chosen.bias_correction not in ("none", "computed"):
+        return "the correction of the estimator was measured, not computed: it has no closed form"
+    return unlit(setting)
+
+
+def _point_places(setting: Setting) -> Iterator[tuple[Place, Spot, tuple[str, ...]]]:
+    """Yield places, spots and coordinates: ranges on the axis, and all coordinates over the field in the middle."""
+    for distance in setting.flat.ranges:
+        for place, seen in facing_places(setting, (distance,)):
+            if distance == setting.middle or place.theta == place.phi == 0.0:
+                yield place, seen, _COORDINATES if distance == setting.middle else ("R",)
+
+
+def _measure_points(setting: Setting) -> dict[str, Measured]:
+    noise, told = ("shot", "read", "dark", "quantisation"), {}
+    for number, (place, _, names) in enumerate(_point_places(setting)):
+        errors = np.concatenate(
+            [
+                _errors_at(
+                    setting,
+                    plate_scenario(setting, place, seed=seed, noise=noise, mirrors=stand.erring(setting)),
+                    place,
+                    setting.shots(4000),
+                )
+                for seed in setting.seed(2, number)
+            ]
+        )
+        for name in names:
+            told[f"{name} at {place.name}"] = mean_of(1e3 * errors[:, _COORDINATES.index(name)])
+    return told
+
+
+def _predict_points(setting: Setting) -> dict[str, Predicted]:
+    closed, chosen, told = Closed(setting.scenario), setting.scenario.processing, {}
+    for place, seen, names in _point_places(setting):
+        systematic = 0.0
+        if chosen.peak != FIT and chosen.bias_correction == "none":
+            systematic = ESTIMATORS[chosen.peak](seen.line.tolist()) - LINE // 2 - seen.phase
+        per_pixel = closed.range_per_pixel(place.distance, place.theta)
+        bias = -per_pixel * (systematic + seen.centre - seen.chief)
+        p = seen.centre - closed.pixel(0.0)
+        accuracy = per_pixel * (lens_extent(setting, place) / 16.0 * p + PRECISION)
+        if chosen.bias_correction == "computed":
+            accuracy += per_pixel * _TABLE
+        along = dict(
+            zip(_COORDINATES, (*geometry.scanner_axes(place.theta, place.phi)[0].tolist(), 1.0), strict=True)
+        )
+        for name in names:
+            told[f"{name} at {place.name}"] = Predicted(
+                f"mean error of {name}",
+                "mm",
+                1e3 * bias * along[name],
+                1e3 * accuracy * abs(along[name]) + 1e3 * _ROUNDING * place.distance,
+                1e3 * place.distance,
+                "range",
+            )
+    return told
+
+
+def _shaken(setting: Setting) -> str:
+    mirrors = setting.scenario.scanner.mirrors
+    if not any(getattr(mirrors, key) for name, keys in ERRORS.items() if name != "drift" for key in keys):
+        return "the mirrors have no errors"
+    if mirrors.readout_step > math.hypot(mirrors.jitter, mirrors.readout_noise):
+        return "the encoders' step is larger than the noise on it, so that its error is no random one"
+    return _biased(setting)
+
+
+def _measure_covariance(setting: Setting) -> dict[str, Measured]:
+    told = {}
+    for number, (place, _) in enumerate(facing_places(setting, (setting.middle,))):
+        errors = np.stack(
+            [
+                _errors_at(
+                    setting,
+                    plate_scenario(setting, place, seed=seed, mirrors=stand.erring(setting)),
+                    place,
+                    setting.shots(16000),
+                )
+                for seed in setting.seed(3, number)
+            ]
+        )
+        for axis, name in enumerate(_COORDINATES):
+            told[f"{name} at {place.name}"] = spread_of(1e3 * errors[..., axis])
+    return told
+
+
+def _predict_covariance(setting: Setting) -> dict[str, Predicted]:
+    closed, told = Closed(setting.scenario), {}
+    angle = closed.angle_sigma
+    for place, seen in facing_places(setting, (setting.middle,)):
+        apart = closed.synchronisation_error(place.distance, place.theta) * closed.follows(seen)
+        errors = geometry.propagated_errors(
+            place.distance, place.theta, place.phi, closed.f, closed.d, closed.D, apart, angle, angle
+        )
+        # Rounding of a peak to single precision: 2⁻²⁴ of its pixel, uniform.
+        rounding = closed.range_per_pixel(place.distance, place.theta) * 256.0 * 2.0**-24
+        for name, error in zip(_COORDINATES, errors.tolist(), strict=True):
+            told[f"{name} at {place.name}"] = Predicted(
+                f"σ of {name}", "mm", 1e3 * error, 1e3 * (0.002 * error + rounding**2 / error)
+            )
+    return told
+
+
+POINTS = Law(
+    "points",
+    "No bias of range and point",
+    "eqs 1 and 3, inverted",
+    "The mean of (estimate − truth) is the estimator's systematic error and the centroid's shift, along the beam. "
+    "Shot, read, dark and quantisation noise and the mirrors' errors; no speckle, even response.",
+    "target",
+    _biased,
+    _measure_points,
+    _predict_points,
+)
+COVARIANCE = Law(
+    "covariance",
+    "Errors of the point over the field",
+    "eq 5 with the full Jacobian of eqs 1 and 3",
+    "σ² = Σ (∂(x, y, z, R)/∂(p, Θ, φ) σ)². The mirrors' errors alone; p errs by f (1 + p²/f²) times the error of "
+    "synchronisation.",
+    "target",
+    _shaken,
+    _measure_covariance,
+    _predict_covariance,
+)

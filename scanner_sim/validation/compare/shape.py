@@ -1,0 +1,190 @@
+"""Laws of the image of the spot: its place, width and light (eqs 1, 3 and 19, the Gaussian beam)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.validation.compare import stand
+from scanner_sim.validation.compare.closed import Closed, Spot
+from scanner_sim.validation.compare.law import Law, Measured, Predicted, exact
+from scanner_sim.validation.compare.setting import Setting
+
+Array = NDArray[np.float64]
+
+_FIELD = 0.8
+"""Share of the mirrors' deflection over which the field is tested."""
+PRECISION = 3e-4
+"""Rounding of simulated places [pixel], and of widths and charges relative to themselves: single precision."""
+_TOWARDS = np.array([0.0, 0.0, -1.0])
+
+
+class Place(NamedTuple):
+    """A place in the field: its name, range of the wall or plate [m], deflections [rad]."""
+
+    name: str
+    distance: float
+    theta: float
+    phi: float
+
+
+def places(setting: Setting, ranges: tuple[float, ...]) -> Iterator[Place]:
+    """Yield the axis and four corners of the field at some ranges, where the array sees the spot.
+
+    The corners are not mirror images of one another, so that no sign or exchange of axes goes unseen.
+    """
+    far = _FIELD * setting.scenario.scanner.mirrors.max_deflection
+    for distance in ranges:
+        for theta, phi in (
+            (0.0, 0.0),
+            (-far, 0.7 * far),
+            (-0.6 * far, -far),
+            (0.8 * far, 0.9 * far),
+            (far, -far),
+        ):
+            place = Place(f"{distance:.4g} m, Θ {theta:+.2f}, φ {phi:+.2f}", distance, theta, phi)
+            if Closed(setting.scenario).on_array(_on_wall(setting, place)):
+                yield place
+
+
+def _on_wall(setting: Setting, place: Place) -> Spot:
+    """Return the judge's spot on a wall square to the z axis."""
+    point = np.array([0.0, 0.0, place.distance])
+    return Closed(setting.scenario).spot(place.theta, place.phi, point, _TOWARDS, setting.flat.reflectance)
+
+
+def wall_ranges(setting: Setting) -> tuple[float, ...]:
+    """Return the nearest, the middle and the farthest range of the targets [m]."""
+    ranges = setting.flat.ranges
+    return tuple(dict.fromkeys((ranges[0], setting.middle, ranges[-1])))
+
+
+def _seen(setting: Setting) -> str:
+    return (
+        "" if next(places(setting, wall_ranges(setting)), None) else "the array sees no spot at these ranges"
+    )
+
+
+def _wall_lines(setting: Setting) -> Iterator[tuple[Place, Array]]:
+    """Yield places of the field and the noise-free charges of their lines on a wall."""
+    for distance in wall_ranges(setting):
+        own = list(places(setting, (distance,)))
+        if not own:
+            continue
+        size = 2.5 * distance * math.tan(max(max(abs(place.theta), abs(place.phi)) for place in own) + 0.1)
+        wall = stand.plate(distance, setting.flat.reflectance, size=size)
+        # Noise-free light hides nothing behind the converter, and a strong laser no pixel behind its full well.
+        made = stand.on_stand(setting, wall, seed=setting.seed(1)[0])
+        aim = stand.directions(
+            [place.theta for place in own], [place.phi for place in own], made.scanner.mirrors, 0.0
+        )
+        yield from zip(own, stand.lines(setting, made, aim), strict=True)
+
+
+def _centroid(line: Array) -> float:
+    return float(np.arange(line.size) @ line / line.sum())
+
+
+def _width(line: Array) -> float:
+    """Return the standard deviation of a line [pixel], the pixels' own width taken off (Sheppard)."""
+    away = np.arange(line.size) - _centroid(line)
+    return math.sqrt(float(away**2 @ line / line.sum()) - 1.0 / 12.0)
+
+
+def _of_lines(value: Callable[[Array], float]) -> Callable[[Setting], dict[str, Measured]]:
+    """Return what measures a number of the noise-free lines."""
+    return lambda setting: {place.name: exact(value(line)) for place, line in _wall_lines(setting)}
+
+
+def lens_extent(setting: Setting, place: Place) -> float:
+    """Return (D/R)², by which the extent of the lens, which the closed forms take as small, changes light and shape."""
+    return (setting.scenario.scanner.receiver.aperture / place.distance) ** 2
+
+
+def _predict_position(setting: Setting) -> dict[str, Predicted]:
+    closed, told = Closed(setting.scenario), {}
+    for place in places(setting, wall_ranges(setting)):
+        seen = _on_wall(setting, place)
+        from_infinity = seen.centre - closed.pixel(0.0)
+        accuracy = lens_extent(setting, place) / 16.0 * from_infinity + PRECISION
+        told[place.name] = Predicted(
+            "p", "mm", 1e3 * from_infinity * closed.pitch, 1e3 * accuracy * closed.pitch
+        )
+    return told
+
+
+def _measure_position(setting: Setting) -> dict[str, Measured]:
+    sensor = setting.scenario.scanner.position_sensor
+    return {
+        place.name: exact(1e3 * (sensor.offset + (_centroid(line) + 0.5) * sensor.pitch))
+        for place, line in _wall_lines(setting)
+    }
+
+
+def _predict_width(setting: Setting) -> dict[str, Predicted]:
+    told = {}
+    for place in places(setting, wall_ranges(setting)):
+        width = _on_wall(setting, place).sigma
+        told[place.name] = Predicted(
+            "σ", "pixel", width, (2.0 * lens_extent(setting, place) + PRECISION) * width
+        )
+    return told
+
+
+def _predict_charge(setting: Setting) -> dict[str, Predicted]:
+    told = {}
+    for place in places(setting, wall_ranges(setting)):
+        charge = _on_wall(setting, place).charge
+        told[place.name] = Predicted(
+            "charge", "electron", charge, (lens_extent(setting, place) + PRECISION) * charge
+        )
+    return told
+
+
+def unlit(setting: Setting) -> str:
+    """Return why there is no light of a spot to speak of; empty where there is."""
+    closed = Closed(setting.scenario)
+    if closed.passed(0.0) < 0.5:
+        return "the filter or the detector's response blocks the laser's line"
+    if closed.band is not None and not closed.band.cavities:
+        nearest = min(setting.flat.ranges)
+        if closed.passed(math.atan(closed.d / nearest)) < 0.5:
+            return "the band's steep edge lies within the spot, whose light the closed form takes as one incidence"
+    return _seen(setting)
+
+
+SPOT_POSITION = Law(
+    "spot_position",
+    "Place of the spot over the field",
+    "eqs 1 and 3, in both mirrors' angles",
+    "p = f d cosΘ/(R − d sinΘ) with R the range at which the beam of eq 3 meets a wall, and the centroid's shift on a "
+    "slanting wall. Light without noise.",
+    "target",
+    unlit,
+    _measure_position,
+    _predict_position,
+)
+SPOT_WIDTH = Law(
+    "spot_width",
+    "Width of the spot",
+    "Gaussian beam (Siegman 1986, ch. 17) through the lens",
+    "σ² = (w/2)² (p_s² + p_t²) + point spread², the beam's image and the lens's. Light without noise.",
+    "target",
+    unlit,
+    _of_lines(_width),
+    _predict_width,
+)
+LINK_BUDGET = Law(
+    "link_budget",
+    "Laser light received",
+    "eq 19 with all cosines",
+    "N = P ρ/π cosι A cosα/|v|² T η t λ/(h c), times the share within the pixels' height. No noise or speckle.",
+    "target",
+    unlit,
+    _of_lines(lambda line: float(line.sum())),
+    _predict_charge,
+)

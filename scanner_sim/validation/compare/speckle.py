@@ -1,0 +1,178 @@
+"""Laws of speckle: its contrast and what it does to the range, from wave optics."""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.analytic.beam import beam_radius
+from scanner_sim.analytic.estimators import ESTIMATORS
+from scanner_sim.analytic.speckle import fitted_place
+from scanner_sim.analytic.wave_optics import Lens, defocus, images, on_pixels
+from scanner_sim.validation.compare import stand
+from scanner_sim.validation.compare.closed import FIT, Closed
+from scanner_sim.validation.compare.law import Law, Measured, Predicted, spread_of
+from scanner_sim.validation.compare.noise import SPREAD, phases, plate_side, slope_expected, slope_over, spots
+from scanner_sim.validation.compare.setting import Setting
+
+Array = NDArray[np.float64]
+
+_MODEL = 0.04
+"""What the packets' sizes leave: the pupil's edge, a Gaussian for what lies under it, the modes that are left out."""
+_LINE = 25
+"""Pixels of the judge's line."""
+_SIDE = 8
+"""Pixels of a line of zeros beside it, for estimators that look beyond the spot."""
+_SURFACES = 1000
+"""Surfaces of wave optics at each range: their scatter is known to 1/√(2 · 1000)."""
+_CHANCE = 3.0
+
+
+def _coherent(setting: Setting) -> str:
+    if not setting.scenario.scanner.laser.speckle:
+        return "the scenario's laser makes no speckle"
+    if not _ranges(setting):
+        return "the array sees no spot at these ranges"
+    if max(Closed(setting.scenario).facing(R, 1.0).sigma for R in _ranges(setting)) > 2.0:
+        return "the spot is wider than the line over which wave optics integrates it"
+    receiver = setting.scenario.scanner.receiver
+    if receiver.aberration > 4.0 * setting.scenario.scanner.position_sensor.pitch:
+        return "the lens's aberration is wider than that line"
+    return ""
+
+
+def _ranges(setting: Setting) -> tuple[float, ...]:
+    closed = Closed(setting.scenario)
+    return tuple(
+        R for R in setting.flat.ranges if closed.on_array(closed.facing(R, setting.flat.reflectance))
+    )
+
+
+def _judged(setting: Setting) -> str:
+    """Return the estimator of the range: the window of the centre of mass jumps, which is of no order in the noise."""
+    chosen = setting.scenario.processing.peak
+    return FIT if chosen == "centre_of_mass" else chosen
+
+
+def _surfaces(setting: Setting) -> int:
+    return setting.shots(_SURFACES)
+
+
+@lru_cache(maxsize=32)
+def _lines(
+    lens: tuple[float, float], blur: tuple[float, float], pitch: float, image: float, count: int
+) -> Array:
+    """Return lines of C = 1/√2 for a spot at each place in a pixel, shape (places, count, pixels), of mean total 1.
+
+    ``lens`` λ and N, ``blur`` aberration, taken as defocus, and diffusion [m], ``image`` of the beam [m].
+    """
+    bare = Lens(*lens)
+    seen = Lens(*lens, defocus(bare, blur[0])) if blur[0] > 0.0 else bare
+    found = [
+        [on_pixels(one, pitch, _LINE, _LINE // 2 + float(phase), blur[1])[0] for phase in phases()]
+        for one in images(seen, (image, image), count, 1, polarisations=2, blur=blur[0])
+    ]
+    return np.array(found).transpose(1, 0, 2)
+
+
+def _seen(setting: Setting, R: float) -> Array:
+    """Return the judge's lines at a range."""
+    scanner = setting.scenario.scanner
+    laser, receiver, sensor = scanner.laser, scanner.receiver, scanner.position_sensor
+    radius = beam_radius(R, laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared)
+    image = 0.5 * float(radius) * receiver.focal_length / R
+    lens = laser.wavelength, receiver.focal_length / receiver.aperture
+    return _lines(lens, (receiver.aberration, sensor.diffusion), sensor.pitch, image, _surfaces(setting))
+
+
+def _separate(setting: Setting, R: float) -> float:
+    """Return to which side directions reach so that no two shots share a pattern: four beam radii apart."""
+    side = math.isqrt(setting.shots(4900))
+    return min(SPREAD, 2.0 * (side - 1) * setting.scenario.scanner.laser.radius(R) / R)
+
+
+def _shots(setting: Setting, step: int, R: float) -> tuple[list[Array], list[Array]]:
+    """Return errors of the range by speckle [mm] and relative charges, of places in a pixel and seeds about a range."""
+    errors, charges = [], []
+    for place, (where, _) in enumerate(spots(setting, R)):
+        for seed in setting.seed(8, step, place):
+            plate = stand.plate(where, setting.flat.reflectance, size=plate_side(setting, where))
+            theta, phi = stand.square(_separate(setting, where), setting.shots(4900))
+            found = []
+            # Directions differ, and with them the place in the pixel: what the estimator errs there is no noise.
+            for speckle in (True, False):
+                made = stand.on_stand(setting, plate, seed=seed, speckle=speckle)
+                aim = stand.directions(theta, phi, made.scanner.mirrors, 0.0)
+                found.append(stand.measure(setting, made, aim))
+            coherent, even = found
+            errors.append(1e3 * (coherent["range_m"] - even["range_m"]))
+            charges.append(coherent["Y"] / even["Y"])
+    return errors, charges
+
+
+def _measure_limit(setting: Setting) -> dict[str, Measured]:
+    told, ranges = {}, _ranges(setting)
+    for step, R in enumerate(ranges):
+        told[f"{R:.4g} m"] = spread_of(np.stack(_shots(setting, step, R)[0]))
+    return told | slope_over(ranges, told, True)
+
+
+def _predict_limit(setting: Setting) -> dict[str, Predicted]:
+    closed, told, ranges, peak = Closed(setting.scenario), {}, _ranges(setting), _judged(setting)
+    slack = _MODEL + _CHANCE / math.sqrt(2.0 * _surfaces(setting))
+    for R in ranges:
+        squares = []
+        for (where, seen), lines in zip(spots(setting, R), _seen(setting, R), strict=True):
+            if peak == FIT:
+                guard = math.ceil(4.0 * seen.sigma)
+                place = fitted_place(lines, _LINE // 2 + seen.phase, seen.sigma, guard)
+            else:
+                padded = np.pad(lines, ((0, 0), (_SIDE, _SIDE)))
+                place = np.array([ESTIMATORS[peak](line.tolist()) for line in padded])
+            squares.append((closed.range_per_pixel(where) * float(place.std(ddof=1))) ** 2)
+        value = 1e3 * math.sqrt(float(np.mean(squares)))
+        told[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, slack * value)
+    return told | slope_expected(ranges, told, True, "2 for a spot of one width")
+
+
+def _measure_contrast(setting: Setting) -> dict[str, Measured]:
+    told = {}
+    for step, R in enumerate(_ranges(setting)):
+        told[f"{R:.4g} m"] = spread_of(100.0 * np.stack(_shots(setting, step, R)[1]))
+    return told
+
+
+def _predict_contrast(setting: Setting) -> dict[str, Predicted]:
+    told, slack = {}, _MODEL + _CHANCE / math.sqrt(2.0 * _surfaces(setting))
+    for R in _ranges(setting):
+        whole = _seen(setting, R).sum(axis=2)
+        value = 100.0 * float(np.mean(whole.std(axis=1, ddof=1) / whole.mean(axis=1)))
+        told[f"{R:.4g} m"] = Predicted("contrast of the charge", "%", value, slack * value)
+    return told
+
+
+LIMIT = Law(
+    "speckle_limit",
+    "Range noise of speckle",
+    "eq 4 with wave optics; slope R²",
+    "σ_p of the scenario's estimator on lines of wave optics: random phases under the beam, through a pupil with the "
+    "lens's aberration as defocus, on pixels with the sensor's diffusion; one frozen pattern, C = 1/√2. Speckle alone.",
+    "target",
+    _coherent,
+    _measure_limit,
+    _predict_limit,
+)
+CONTRAST = Law(
+    "speckle_contrast",
+    "Contrast of the charge by speckle",
+    "Parseval with wave optics",
+    "σ/mean of the spot's charge on the same lines: C/√M with M = π²σ²/(λN)² of the beam's geometric image, whatever "
+    "the lens's phase and the sensor's diffusion.",
+    "target",
+    _coherent,
+    _measure_contrast,
+    _predict_contrast,
+)

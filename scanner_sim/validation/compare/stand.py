@@ -1,0 +1,171 @@
+"""The test stand: the scenario's instrument before flat targets, with chosen sources of error.
+
+What is measured here comes from the simulator alone: light, detector, estimator and ranging. On the stand the laser
+always shines, the mirrors rest during a dwell, and the test of the spot's shape and the subtraction of a background,
+which the closed forms do not have, are off; laws of the whole scenario are not measured on it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.line.noise import NoiseSwitches
+from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.optics.deflection import Mirrors, TemperatureCourse
+from scanner_sim.scan.raster import Aim, RasterScan
+from scanner_sim.scene.light.lighting import Lighting
+from scanner_sim.scene.objects import Scene
+from scanner_sim.signals.processing import PeakMethod, Validation
+from scanner_sim.validation.compare.setting import Setting
+
+Array = NDArray[np.float64]
+
+_BARE = Validation(background=False, shape=False, misfit=0.0, max_reflectance=None, isolated=None)
+_AHEAD = RasterScan(rows=1, columns=1, horizontal=(0.0, 0.0), vertical=(0.0, 0.0), motion="stepped")
+
+
+def plate(
+    distance: float,
+    reflectance: float,
+    *,
+    theta: float = 0.0,
+    phi: float = 0.0,
+    separation: float = 0.0,
+    size: float = 1.0,
+    tilt: float = 0.0,
+    axis: str = "y",
+    name: str = "target",
+) -> dict[str, Any]:
+    """Return a square plate that faces the beam at the range R in a direction (Θ, φ), or is tilted against it.
+
+    Parameters
+    ----------
+    distance
+        R [m].
+    reflectance
+        Of its Lambertian surface.
+    theta, phi, separation
+        Direction [rad], and the mirrors' D_g [m].
+    size
+        Side [m]: single precision places a plate to 2·10⁻⁷ of it.
+    tilt, axis
+        Turn [rad] about the plate's own axis ``x`` or ``y``, before all others.
+    name
+        Of the plate.
+    """
+    arm = distance * math.cos(theta) - separation
+    return {
+        "name": name,
+        "shape": "rectangle",
+        "size": [size, size],
+        "position": [distance * math.sin(theta), arm * math.sin(phi), separation + arm * math.cos(phi)],
+        "rotation": [
+            {"axis": axis, "angle": tilt},
+            {"axis": "y", "angle": theta},
+            {"axis": "x", "angle": -phi},
+        ],
+        "material": {"reflectance": reflectance},
+    }
+
+
+def on_stand(
+    setting: Setting,
+    *targets: dict[str, Any],
+    seed: int,
+    noise: tuple[str, ...] = (),
+    speckle: bool = False,
+    mirrors: Mirrors | None = None,
+    peak: PeakMethod | None = None,
+    **changes: Any,
+) -> Scenario:
+    """Return the scenario's instrument before a target, in the dark, with the named sources of error only.
+
+    Parameters
+    ----------
+    setting
+        Whose instrument.
+    targets
+        Of :func:`plate`, each with a name of its own.
+    seed
+        Of the random numbers.
+    noise
+        Switches of the line sensor that are on.
+    speckle
+        Whether the laser's light is coherent.
+    mirrors
+        The mirrors with their errors; by default they have none.
+    peak
+        Another estimator than the scenario's.
+    changes
+        Other parts of the scenario, by name.
+    """
+    scenario = setting.scenario
+    scanner, processing = scenario.scanner, scenario.processing
+    sensor = scanner.position_sensor
+    switches = NoiseSwitches(**{name: name in noise for name in NoiseSwitches.model_fields})
+    parts = {
+        "laser": scanner.laser.model_copy(update={"speckle": speckle}),
+        "mirrors": mirrors or scanner.mirrors.still(),
+        "position_sensor": sensor.model_copy(update={"noise": switches}),
+        "laser_off": 0.0,
+    }
+    settings: dict[str, Any] = {"validation": _BARE, "ambiguity": 1.0, "range_gate": None}
+    if peak is not None:
+        settings |= {"peak": peak, "bias_correction": "none"}
+    whole = {
+        "seed": seed,
+        "ranging": "triangulation",
+        "scanner": scanner.model_copy(update=parts),
+        "scene": Scene.model_validate({"objects": list(targets)}),
+        "lighting": Lighting(),
+        "scan": _AHEAD,
+        "processing": processing.model_copy(update=settings),
+    }
+    return scenario.model_copy(update=whole | changes)
+
+
+def erring(setting: Setting) -> Mirrors:
+    """Return the scenario's mirrors with their random errors, at an even temperature."""
+    return setting.scenario.scanner.mirrors.model_copy(update={"temperature": TemperatureCourse()})
+
+
+def directions(theta: Any, phi: Any, mirrors: Mirrors, dwell: float) -> Aim:
+    """Return shots in some directions [rad] with mirrors at rest, far enough apart in time to wobble apart."""
+    theta, phi = (np.array(a, dtype=np.float64).ravel() for a in np.broadcast_arrays(theta, phi))
+    shot, zero = np.arange(theta.size, dtype=np.uint32), np.zeros(theta.size)
+    return Aim(shot, theta, phi, max(dwell, 2.0 * mirrors.wobble_time) * shot, zero, zero)
+
+
+def square(half: float, shots: int) -> tuple[Array, Array]:
+    """Return a square grid of at most as many directions (Θ, φ) within ±half [rad]."""
+    side = np.linspace(-half, half, math.isqrt(shots))
+    theta, phi = np.meshgrid(side, side)
+    return theta.ravel(), phi.ravel()
+
+
+def measure(setting: Setting, scenario: Scenario, aim: Aim) -> dict[str, Array]:
+    """Return all layers of shots as float64, NaN where a shot has no range."""
+    layers = Workbench(scenario, device=setting.device).measure(aim)
+    return {name: values.astype(np.float64) for name, values in layers.items()}
+
+
+def lines(setting: Setting, scenario: Scenario, aim: Aim) -> Array:
+    """Return the charges [electron] of the lines of shots, shape (n, pixels), as the converter has them."""
+    sensor = scenario.scanner.position_sensor
+    charges = np.zeros((len(aim.shot), sensor.pixels))
+    _, groups = Workbench(scenario, device=setting.device).expose(aim)
+    for group in groups:
+        number = group.signal.lines().astype(np.float64)
+        charges[group.index] = (number - sensor.bias) * sensor.electrons_per_number
+    return charges
+
+
+def range_errors(setting: Setting, scenario: Scenario, aim: Aim) -> Array:
+    """Return measured ranges less those along the true directions [m], shape (n,)."""
+    layers = measure(setting, scenario, aim)
+    return layers["range_m"] - layers["truth.range_m"]

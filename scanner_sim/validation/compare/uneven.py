@@ -1,0 +1,93 @@
+"""Is σ true where a spot falls on more than one surface? Clutter, stripes, gloss and sunlight, drawn at random."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+
+from scanner_sim.instrument.simulate import simulate
+from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of
+from scanner_sim.validation.compare.mixed_scenes import Found, Kind, MixedScene
+from scanner_sim.validation.compare.setting import Setting
+
+_SCENES = 12
+"""Scenes of each kind."""
+_SIDE = 64
+_KINDS: tuple[Kind, ...] = ("clutter", "stripes", "glossy", "sunlit")
+_CASES = ("within 1.96 σ", "beyond 3 σ", "beyond 6 σ")
+_LEAST, _MOST = 0.94, 0.99
+"""Share within 1.96 σ: what unevenness moves a range by has an upper end, so that σ is cautious where it rules."""
+_BEYOND = (5e-3, 2e-4)
+"""Shares beyond 3 σ and beyond 6 σ at most."""
+
+
+def _fitting(setting: Setting) -> str:
+    scenario = setting.scenario
+    if scenario.ranging == "tof":
+        return "the scenario ranges by time of flight alone"
+    if scenario.processing.validation.mixed is None or not scenario.processing.validation.uneven:
+        return "processing.validation.mixed or uneven is switched off"
+    if scenario.processing.peak != "maximum_likelihood" and scenario.processing.bias_correction == "none":
+        return f"{scenario.processing.peak} has a systematic error of its own"
+    return ""
+
+
+def _scene(setting: Setting, kind: Kind, seed: int) -> Found:
+    """Return what the scenario's instrument makes of a scene that is drawn about the beam's own size."""
+    drawn = MixedScene.drawn(kind, seed, side=_SIDE)
+    beam = setting.scenario.scanner.laser.radius(drawn.distance)
+    random = np.random.default_rng([seed, 7])
+    drawn = drawn.at(pitch=beam * float(np.exp(random.uniform(math.log(1.0), math.log(3.0)))))
+    own = drawn.scenario()
+    parts = {
+        "seed": seed,
+        "scene": own.scene,
+        "scan": own.scan,
+        "lighting": own.lighting,
+        "ranging": "triangulation",
+    }
+    processing = setting.scenario.processing.model_copy(update={"range_gate": None})
+    return Found.of(
+        simulate(
+            setting.scenario.model_copy(update=parts | {"processing": processing}), device=setting.device
+        )
+    )
+
+
+def _measure(setting: Setting) -> dict[str, Measured]:
+    found: dict[str, Measured] = {}
+    for number, kind in enumerate(_KINDS):
+        count = max(2, setting.shots(_SCENES)) * setting.seeds
+        first = setting.seed(29, number)[0]
+        rows = np.array(
+            [_scene(setting, kind, (first + 31 * place) % 2**31).shares() for place in range(count)]
+        )
+        found |= {f"{kind}: {case}": mean_of(rows[:, column]) for column, case in enumerate(_CASES)}
+    return found
+
+
+@cache
+def _expected() -> tuple[Predicted, ...]:
+    within = Predicted("|R̂ − R| < 1.96 σ", "", 0.5 * (_LEAST + _MOST), 0.5 * (_MOST - _LEAST))
+    far = [Predicted("|R̂ − R| > n σ", "", 0.5 * most, 0.5 * most, 1.0, "all ranges") for most in _BEYOND]
+    return within, *far
+
+
+def _predict(setting: Setting) -> dict[str, Predicted]:  # noqa: ARG001 (σ is true of every instrument)
+    return {f"{kind}: {case}": one for kind in _KINDS for case, one in zip(_CASES, _expected(), strict=True)}
+
+
+UNEVEN = Law(
+    "uneven",
+    "The stated σ is true where surfaces meet",
+    "shares of |estimate − truth|/σ",
+    "At least 94 % within 1.96 σ, at most 0.5 % beyond 3 σ and 0.02 % beyond 6 σ, over all voxels with a range, edges "
+    "included, of cluttered, striped, glossy and sunlit scenes drawn at random, 2.5 to 10 m away, in rasters from one "
+    "to three radii of the beam. The scenes are the samples.",
+    "signals",
+    _fitting,
+    _measure,
+    _predict,
+)

@@ -1,0 +1,430 @@
+"""The error budget: each source of error alone and all together, for both ways of ranging and for their fusion.
+
+On a facing flat target the range is measured many times at a few places of the spot in its pixel, with one source
+switched on and the estimator told of them all: it weighs the samples as it does in a scan, so that the sources alone
+add up to the whole in quadrature. What the estimator errs without any noise is taken off the errors, shot by shot,
+and is a source of its own.
+
+Where the scenario has light, all is measured under it but the laser's ``shot`` noise; ``sun`` is by how much the
+light of Sun and Earth raises its variance. ``drift`` is taken over a whole course of the temperature. Jitter and
+wobble, which far away err less than single precision rounds, are enlarged for their own row and their errors divided
+again; other sources that make less than 10⁻⁶ of the range are at that rounding.
+
+The beam turns during a dwell as in the scenario's scan, or as :func:`swept` says: a sweep averages speckle.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.lidar import Timed
+from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.optics.deflection import ERRORS, Mirrors
+from scanner_sim.products.budget import BudgetRow, Mode
+from scanner_sim.ranging.fusion import fuse
+from scanner_sim.ranging.ranges import Ranges
+from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import guest
+from scanner_sim.scan.raster import Aim, RasterScan, raster_aim
+from scanner_sim.scene.light.lighting import Lighting
+from scanner_sim.scene.objects import Scene
+
+Array = NDArray[np.float64]
+Progress = Callable[[int, int], None]
+
+FARTHEST = 30.0
+"""Farthest distance of the target [m]."""
+PLACES = 4
+"""Places of the spot in its pixel."""
+_SIDE = 22
+"""Shots along each side of the target."""
+HALF = 0.05
+"""Deflection to each side at which the target is measured [rad]: far enough apart that no speckle is shared."""
+_GOLDEN = 0.618
+_QUIET, _ALL, _SUN = "estimator", "all", "sun"
+
+_NOISE = {"shot": "shot", "read": "read", "quantisation": "quantisation", "response": "prnu"}
+"""Switch of the line sensor for each source of noise."""
+_ECHO_NOISE = ("shot", "amplifier", "quantisation", "clock")
+"""Switches of the photodiode, which are the sources of time of flight."""
+_FIXED = (_QUIET, "response")
+"""Sources that are the same for all shots at one place: one value for each place."""
+_SQUARES = (_ALL, "clock")
+"""Sources of which the mean error counts, too."""
+_LIFTED = ("jitter", "wobble")
+"""Sources that move the light, and whose error far away is below the rounding of the spot's place."""
+_LIFT = 32.0
+"""By how much these are enlarged, and their errors, which are linear in them, divided again."""
+
+
+def modes_of(scenario: Scenario) -> tuple[Mode, ...]:
+    """Return the ways of ranging in a scenario's budget: with time of flight both, and their fusion."""
+    return ("triangulation",) if scenario.ranging == "triangulation" else ("triangulation", "tof", "fused")
+
+
+def sources_of(scenario: Scenario, mode: Mode = "triangulation") -> tuple[str, ...]:
+    """Return the names of the sources of error of a way of ranging, ``all`` and ``estimator`` included."""
+    scanner = scenario.scanner
+    if mode == "fused":
+        return (_ALL,)
+    if mode == "tof":
+        switches = scanner.lidar.photodiode.noise
+        names = [name for name in _ECHO_NOISE if getattr(switches, name)]
+        shot = switches.shot
+    else:
+        noise, mirrors = scanner.position_sensor.noise, scanner.mirrors
+        course = mirrors.temperature
+        names = [name for name, switch in _NOISE.items() if getattr(noise, switch)]
+        names += ["speckle"] if scanner.laser.speckle else []
+        moved = [name for name, keys in ERRORS.items() if any(getattr(mirrors, key) for key in keys)]
+        names += [name for name in moved if name != "drift" or course.rate or course.amplitude]
+        shot = noise.shot
+    names += [_SUN] if shot and not scenario.lighting.sky().dark else []
+    return (*names, _QUIET, _ALL)
+
+
+def distances_of(scenario: Scenario, count: int) -> Array:
+    """Return evenly spaced distances in logarithms [m], from the nearest range to 30 m or the farthest.
+
+    Raises
+    ------
+    InputError
+        If the array sees nothing that is nearer than 30 m.
+    """
+    nearest, farthest = 1.1 * scenario.scanner.nearest_range, 0.9 * scenario.scanner.farthest_range
+    if nearest >= min(FARTHEST, farthest):
+        raise InputError(
+            f"the array sees ranges from {nearest:.4g} m only.",
+            remedy="Raise position_sensor.pixels or pitch: the budget goes to 30 m.",
+        )
+    return np.geomspace(nearest, min(FARTHEST, farthest), count)
+
+
+def course_time(scenario: Scenario) -> float:
+    """Return the time [s] over which the budget's shots are spread.
+
+    A period of the temperature's course, or the scan's duration; and long enough that no two shots wobble alike.
+    """
+    mirrors, raster = scenario.scanner.mirrors, scenario.raster
+    course = mirrors.temperature
+    whole = course.period if course.amplitude else raster.shots * scenario.scanner.dwell
+    return max(whole, 2.0 * mirrors.wobble_time * _SIDE**2)
+
+
+def kelvins_of(mirrors: Mirrors, time: float) -> float:
+    """Return the root mean square of the temperature's difference [K] from the calibration over a time [s]."""
+    steps = np.linspace(0.0, time, 1025)[:-1]
+    return float(np.sqrt(np.mean(mirrors.temperature.difference(steps) ** 2)))
+
+
+def swept(scenario: Scenario, sweep: float | None) -> Scenario:
+    """Return a scenario whose beam turns by an angle [rad] during a dwell; as it is for None, at rest for 0.
+
+    Only what the budget takes from a scan is meant: its columns are as far apart as the angle.
+
+    Raises
+    ------
+    InputError
+        If the angle is no less than the field over which the budget measures.
+    """
+    if sweep is None:
+        return scenario
+    if not 0.0 <= sweep < 2.0 * HALF:
+        raise InputError(
+            f"a sweep of {sweep:g} rad during a dwell is not between 0 and {2.0 * HALF:g} rad.",
+            remedy="Write for example --sweep '2 mrad', or --sweep '0 rad' for mirrors at rest.",
+        )
+    raster = scenario.raster
+    if sweep == 0.0:
+        return scenario.model_copy(update={"scan": raster.model_copy(update={"motion": "stepped"})})
+    columns = max(2, raster.columns)
+    half = 0.5 * sweep * (columns - 1)
+    scan = {"motion": "continuous", "columns": columns, "horizontal": (-half, half)}
+    return scenario.model_copy(update={"scan": raster.model_copy(update=scan)})
+
+
+@guest()
+def measure_budget(
+    scenario: Scenario,
+    distances: Array,
+    reflectance: float,
+    *,
+    device: DeviceChoice = "auto",
+    progress: Progress | None = None,
+) -> tuple[BudgetRow, ...]:
+    """Measure the standard deviation of the range on a facing target, for each source alone and for all together.
+
+    Parameters
+    ----------
+    scenario
+        Instrument, processing and lighting; the scene is left out. The scan gives the sweep of a dwell. With
+        ``ranging`` ``tof`` or ``both`` time of flight and the fused range are measured as well.
+    distances
+        Distances of the target [m].
+    reflectance
+        Of the target, Lambertian.
+    device
+        Where to compute.
+    progress
+        Called with the runs done and the runs in all.
+
+    Returns
+    -------
+    tuple of BudgetRow
+        For each way of ranging, source and distance, with 95 % intervals of χ² (of ``sun`` by the normal law); the
+        analytic value is left open. NaN where fewer than half of the shots have a range.
+    """
+    told = Workbench(_alone(scenario, _ALL, Scene()), device=device)
+    modes = modes_of(scenario)
+    names = {mode: sources_of(scenario, mode) for mode in modes}
+    rows: dict[tuple[Mode, str], list[BudgetRow]] = {
+        (mode, name): [] for mode in modes for name in names[mode]
+    }
+    done, total = 0, len(distances) * PLACES * sum(len(own) for own in names.values())
+    for step, distance in enumerate(distances.tolist()):
+        errors: dict[tuple[Mode, str], list[Array]] = {key: [] for key in rows}
+        for place, where in enumerate(_places(told, distance)):
+            seed = (scenario.seed + 101 * step + 17 * place + 1) % 2**63
+            target = _Target(scenario, told, where, reflectance, seed, device)
+            for mode, name in rows:
+                errors[mode, name].append(target.error(mode, name) * _scale(mode, name, distance / where))
+                done += 1
+                if progress is not None:
+                    progress(done, total)
+        for mode, name in rows:
+            own = errors[mode, name]
+            row = _row_of_sun(own, errors[mode, "shot"]) if name == _SUN else _row(name, own)
+            rows[mode, name].append(BudgetRow(mode, name, distance, math.nan, *row))
+    return tuple(row for own in rows.values() for row in own)
+
+
+def _scale(mode: Mode, name: str, ratio: float) -> float:
+    """Return what an error at a place about a distance is at it: R² for triangulation, but R for its bias."""
+    if mode != "triangulation":
+        return 1.0
+    return ratio if name == _QUIET else ratio**2
+
+
+def _row(name: str, errors: list[Array]) -> tuple[float, float, float, int]:
+    """Return the standard deviation of the errors at a few places, its interval and degrees of freedom."""
+    if not _enough(errors):
+        return math.nan, math.nan, math.nan, 0
+    count = sum(int(np.isfinite(values).sum()) for values in errors)
+    if name in _FIXED:
+        squares, freedom = np.array([np.nanmean(values) ** 2 for values in errors]), len(errors)
+    elif name in _SQUARES:
+        squares, freedom = np.array([np.nanmean(values**2) for values in errors]), count
+    else:
+        squares, freedom = np.array([np.nanvar(values, ddof=1) for values in errors]), count - len(errors)
+    sigma = float(np.sqrt(squares.mean()))
+    low, high = (sigma * math.sqrt(freedom / float(chi2.ppf(share, freedom))) for share in (0.975, 0.025))
+    return sigma, low, high, freedom
+
+
+def _row_of_sun(lit: list[Array], dark: list[Array]) -> tuple[float, float, float, int]:
+    """Return the same for the root of what light adds to the variance, from the same shots with and without it."""
+    if not _enough(lit) or not _enough(dark):
+        return math.nan, math.nan, math.nan, 0
+    more = [
+        np.square(one - np.nanmean(one)) - np.square(other - np.nanmean(other))
+        for one, other in zip(lit, dark, strict=True)
+    ]
+    added = np.concatenate(more)
+    added = added[np.isfinite(added)]
+    mean, error = float(added.mean()), float(added.std() / math.sqrt(added.size))
+    sigma, low, high = (math.sqrt(max(mean + side * error, 0.0)) for side in (0.0, -1.96, 1.96))
+    return sigma, low, high, added.size - len(lit)
+
+
+def _enough(errors: list[Array]) -> bool:
+    """Tell whether at least half of the shots have a range, and some at each place."""
+    finite = [np.isfinite(values) for values in errors]
+    return all(own.any() for own in finite) and float(np.mean(np.concatenate(finite))) >= 0.5
+
+
+def _places(told: Workbench, distance: float) -> Iterator[float]:
+    """Yield distances about one, at which the spot lies at evenly spaced places in its pixel."""
+    pixel = round(float(told.spot.pixel(distance, 0.0, 1.0)))
+    for place in range(PLACES):
+        yield float(told.spot.range(pixel + (place + 0.5) / PLACES - 0.5, 0.0, 1.0))
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """Ranges of the shots on a target by one way of ranging, and the true ones [m], shape (n,)."""
+
+    ranges: Ranges
+    truth: Array
+
+    @property
+    def error(self) -> Array:
+        return np.asarray(self.ranges.range - self.truth)
+
+
+class _Target:
+    """A plate at a distance before the instrument, loaded once for all sources of error."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        told: Workbench,
+        distance: float,
+        reflectance: float,
+        seed: int,
+        device: DeviceChoice,
+    ) -> None:
+        self.scenario = scenario.model_copy(update={"seed": seed})
+        self.told, self.device = told, device
+        self.scene = _plate(scenario, distance, reflectance)
+        self.aim = _aim(scenario)
+        self.lit = Workbench(_alone(self.scenario, _ALL, self.scene), device=device)
+        self._kept: dict[tuple[Mode, str], _Measured] = {}
+
+    def error(self, mode: Mode, name: str) -> Array:
+        """Return the errors of the range of all shots [m] by one source alone; NaN where there is no range."""
+        if mode == "fused":
+            return self._fused()
+        found = self._measured(mode, name).error
+        if name in _LIFTED:
+            return (found - self._measured(mode, _QUIET).error) / _LIFT
+        # The bias counts as a source of its own; in the dark, of the laser's shot noise, it is much the same.
+        return found if name in (_QUIET, _ALL) else found - self._measured(mode, _QUIET).error
+
+    def _measured(self, mode: Mode, name: str) -> _Measured:
+        if (mode, name) in self._kept:
+            return self._kept[mode, name]
+        made = _alone(self.scenario, name, self.scene)
+        bench = self.lit if name == _ALL else Workbench(made, device=self.device, like=self.lit)
+        found = _timed(bench, self.told, self.aim) if mode == "tof" else _seen(bench, self.told, self.aim)
+        if name in (_QUIET, _ALL):
+            self._kept[mode, name] = found
+        return found
+
+    def _fused(self) -> Array:
+        one, other = self._measured("triangulation", _ALL), self._measured("tof", _ALL)
+        both = fuse(
+            (one.ranges.range, one.ranges.sigma, one.ranges.status),
+            (other.ranges.range, other.ranges.sigma, other.ranges.status),
+        )
+        return np.asarray(both.range - one.truth)
+
+
+def _seen(bench: Workbench, told: Workbench, aim: Aim) -> _Measured:
+    """Return what an instrument triangulates that takes itself for another one."""
+    deflections = bench.deflections(aim, bench.fire(aim)[1])
+    truth, groups = bench.expose(aim)
+    n = aim.theta.size
+    peak, sigma, status = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, dtype=np.uint32)
+    for group in groups:
+        found = told.find(group.signal, aim.theta[group.index].astype(np.float32))
+        peak[group.index] = found.position.numpy()
+        sigma[group.index] = found.sigma.numpy()
+        status[group.index] = found.status.numpy()
+    ranges = told.ranges(peak, sigma, status, deflections)
+    return _Measured(ranges, truth.distance.numpy().astype(np.float64))
+
+
+def _timed(bench: Workbench, told: Workbench, aim: Aim) -> _Measured:
+    """Return what it measures by time of flight."""
+    shots, pointing = bench.fire(aim)
+    deflections = bench.deflections(aim, pointing)
+    truth, _, groups = bench.echoes.listen(shots, told.echoes.detector)
+    timed = Timed.empty(aim.theta.size)
+    for group in groups:
+        timed.take(group.index, group.delays, told.echoes.unit.digitiser)
+    ranges = told.echoes.ranges(timed, deflections)
+    return _Measured(ranges, truth.distance.numpy().astype(np.float64))
+
+
+def _raster(scenario: Scenario) -> RasterScan:
+    """Return a raster over the target whose columns are as far apart as the scenario's."""
+    travel = scenario.raster.travel
+    columns = _SIDE if travel == 0.0 else max(2, math.floor(2.0 * HALF / travel) + 1)
+    half = HALF if travel == 0.0 else 0.5 * travel * (columns - 1)
+    return RasterScan(
+        rows=math.ceil(_SIDE**2 / min(_SIDE, columns)),
+        columns=columns,
+        horizontal=(-half, half),
+        vertical=(-HALF, HALF),
+        motion="stepped" if travel == 0.0 else "continuous",
+    )
+
+
+def _aim(scenario: Scenario) -> Aim:
+    """Return voxels of the raster over the target, far apart in place and in time."""
+    scan = _raster(scenario)
+    columns = np.unique(np.linspace(0, scan.columns - 1, min(_SIDE, scan.columns)).round().astype(np.uint32))
+    rows = np.arange(scan.rows, dtype=np.uint32)
+    shots = (rows[:, None] * np.uint32(scan.columns) + columns[None, :]).ravel()
+    aim = raster_aim(scan, shots, scenario.scanner.dwell)
+    # In a mixed order: a drift must not go with the deflection.
+    stride = round(_GOLDEN * shots.size)
+    while math.gcd(stride, shots.size) > 1:
+        stride += 1
+    turn = (np.arange(shots.size) * stride) % shots.size
+    return dataclasses.replace(aim, time=turn / shots.size * course_time(scenario))
+
+
+def _plate(scenario: Scenario, distance: float, reflectance: float) -> Scene:
+    """Return a facing plate, no larger than is lit: single precision places it to a share of its size."""
+    scan = _raster(scenario)
+    half = max(HALF, scan.horizontal[1]) + scan.travel
+    size = 2.0 * half * distance + 8.0 * scenario.scanner.laser.radius(distance)
+    plate = {
+        "name": "target",
+        "shape": "rectangle",
+        "size": (1.1 * size, 1.1 * size),
+        "position": (0.0, 0.0, distance),
+        "material": {"reflectance": reflectance},
+    }
+    return Scene.model_validate({"objects": [plate]})
+
+
+def _alone(scenario: Scenario, name: str, scene: Scene) -> Scenario:
+    """Return the scenario before a scene, with one source of error, or with ``all``."""
+    scanner = scenario.scanner
+    lighting = Lighting() if name == "shot" else scenario.lighting
+    if scenario.lighting.sky().dark:
+        scanner = scanner.model_copy(update={"laser_off": 0.0})
+    if name != _ALL:
+        scanner = _quietened(scanner, "shot" if name == _SUN else name)
+    processing = scenario.processing.model_copy(update={"range_gate": None})
+    return scenario.model_copy(
+        update={
+            "scanner": scanner,
+            "scene": scene,
+            "scan": _raster(scenario),
+            "lighting": lighting,
+            "processing": processing,
+        }
+    )
+
+
+def _quietened(scanner: Scanner, name: str) -> Scanner:
+    """Return the instrument with one source of error."""
+    sensor, diode = scanner.position_sensor, scanner.lidar.photodiode
+    switches = sensor.noise.only("dark", "saturation", *([_NOISE[name]] if name in _NOISE else []))
+    heard = diode.noise.model_copy(update={source: source == name for source in _ECHO_NOISE})
+    mirrors = scanner.mirrors.still(but=name)
+    if name in _LIFTED:
+        mirrors = mirrors.model_copy(update={key: _LIFT * getattr(mirrors, key) for key in ERRORS[name]})
+    return scanner.model_copy(
+        update={
+            "laser": scanner.laser.model_copy(update={"speckle": name == "speckle"}),
+            "mirrors": mirrors,
+            "position_sensor": sensor.model_copy(update={"noise": switches}),
+            "lidar": scanner.lidar.model_copy(
+                update={"photodiode": diode.model_copy(update={"noise": heard})}
+            ),
+        }
+    )

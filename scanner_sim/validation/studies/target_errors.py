@@ -1,0 +1,219 @@
+"""What the instrument errs about the places of single targets, from simulated pixels.
+
+A grid of equal discs on plates faces the scanner in the dark. Over each disc the mirrors run the tracker's patterns;
+their voxels go through light, sensors, peaks, ranges and the fit of the disc. The errors are those of the measured
+places against the centres of the discs: angles from the line sensor's intensities, ranges from triangulation and from
+time of flight.
+
+Not in the errors: Sun and Earth, the tracker's own pointing, and what is common to all patterns: the mirrors' scale and
+zero, a distortion of the scanner, the survey of the targets.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.instrument.closed_loop.voxels import Eye, aim_of
+from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.guest import guest
+from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.schedule import PatternMotion
+from scanner_sim.tracking.measurement import Measurement
+from scanner_sim.tracking.state import TrackCommand, TrackMode
+from scanner_sim.validation.studies.target_grid import (
+    StudyTarget,
+    grid_motions,
+    spread_distances,
+    target_grid,
+)
+
+Array = NDArray[np.float64]
+Ranging = Literal["triangulation", "tof"]
+
+RANGINGS: tuple[Ranging, ...] = ("triangulation", "tof")
+
+
+@dataclass(frozen=True, eq=False)
+class TargetErrors:
+    """Measured less true places of targets at one range.
+
+    Attributes
+    ----------
+    distance
+        Of the grid's plane [m].
+    error
+        Θ, φ [rad], R by triangulation, R by time of flight [m], shape (places, sightings, 4); NaN where the target was
+        not found. A place is one of the spot in its pixel: what the peak's estimator errs there is common to all
+        targets at that range.
+    sigma
+        The standard deviations that were stated, shape (places, sightings, 4).
+    voxel
+        Median of the stated σ of single voxels' angles and ranges, shape (4,).
+    """
+
+    distance: float
+    error: Array
+    sigma: Array
+    voxel: Array
+
+    def of(self, ranging: Ranging) -> tuple[Array, Array]:
+        """Return errors and stated σ of (Θ, φ, R) with one way of ranging, each (places, sightings, 3)."""
+        chosen = [0, 1, 2 + RANGINGS.index(ranging)]
+        return self.error[..., chosen], self.sigma[..., chosen]
+
+    @property
+    def found(self) -> Array:
+        """Shares of the sightings with each of the four quantities, shape (4,)."""
+        return np.asarray(np.isfinite(self.error).mean(axis=(0, 1)))
+
+    @property
+    def scatter(self) -> Array:
+        """Root mean squares of the errors, shape (4,)."""
+        return _root_mean_square(self.error)
+
+    @property
+    def common(self) -> Array:
+        """Root mean squares over the places of the mean errors, shape (4,): what all targets of a visit share."""
+        known = np.isfinite(self.error)
+        with np.errstate(invalid="ignore"):
+            means = np.where(known, self.error, 0.0).sum(axis=1) / known.sum(axis=1)
+        return _root_mean_square(means[:, None])
+
+    @property
+    def stated(self) -> Array:
+        """Root mean squares of the stated standard deviations, shape (4,)."""
+        return _root_mean_square(self.sigma)
+
+
+def _root_mean_square(values: Array) -> Array:
+    known = np.isfinite(values)
+    squares = np.where(known, values, 0.0) ** 2
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.sqrt(squares.sum(axis=(0, 1)) / known.sum(axis=(0, 1))))
+
+
+@guest()
+def measure_targets(
+    scenario: Scenario,
+    target: StudyTarget,
+    distance: float,
+    *,
+    places: int = 4,
+    patterns: int = 4,
+    device: DeviceChoice = "auto",
+) -> TargetErrors:
+    """Measure a grid of targets many times.
+
+    Parameters
+    ----------
+    scenario
+        Instrument and processing; its scene, lighting and scan are left out.
+    target
+        What is measured.
+    distance
+        Of the grid [m].
+    places
+        Distances about this one at which the spot lies at evenly spaced places in its pixel.
+    patterns
+        Patterns over each of the 36 targets at each place.
+    device
+        Where to compute.
+
+    Returns
+    -------
+    TargetErrors
+        Of places × 36 · patterns sightings. Each pattern is measured by itself.
+    """
+    errors, sigmas, voxels = [], [], []
+    for place, where in enumerate(spread_distances(scenario, distance, places)):
+        seed = (scenario.seed + 7919 * place + round(1e6 * distance)) % 2**63
+        bench, centres = target_grid(scenario, target, where, seed, device)
+        motions = grid_motions(bench.scenario, target, centres, patterns)
+        layers = bench.measure(
+            _whole([aim_of(motion, visit) for visit, motion in enumerate(motions)]), details=True
+        )
+        truth = np.repeat(centres, patterns, axis=0)
+        by_line, by_pulse = (
+            _seen(bench.scenario, layers, motions, truth, target, ranging) for ranging in RANGINGS
+        )
+        measured = np.concatenate([by_line[0], by_pulse[0][:, 2:]], axis=1)
+        errors.append(measured - truth[:, [0, 1, 2, 2]])
+        sigmas.append(np.concatenate([by_line[1], by_pulse[1][:, 2:]], axis=1))
+        voxels.append(_voxel_sigma(scenario, layers))
+    return TargetErrors(distance, np.stack(errors), np.stack(sigmas), np.mean(voxels, axis=0))
+
+
+class _Measured:
+    """Shots that were measured together, given back one pattern at a time: what an instrument is to the eye."""
+
+    def __init__(self, layers: dict[str, NDArray[Any]]) -> None:
+        self._layers = layers
+
+    def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
+        """Return the layers of the shots of an aim."""
+        return {name: values[aim.shot] for name, values in self._layers.items()}
+
+
+def _whole(aims: list[Aim]) -> Aim:
+    return Aim(*(np.concatenate([getattr(aim, field.name) for aim in aims]) for field in fields(Aim)))
+
+
+def _seen(
+    scenario: Scenario,
+    layers: dict[str, NDArray[Any]],
+    motions: tuple[PatternMotion, ...],
+    truth: Array,
+    target: StudyTarget,
+    ranging: Ranging,
+) -> tuple[Array, Array]:
+    """Return places and stated σ as the tracker's eye measures them, each (sightings, 3); NaN where it does not.
+
+    Light is the line sensor's: the photodiode's pulses last no dwell, and near targets saturate it.
+    """
+    prefix = "tof." if ranging == "tof" else ""
+    own = {name: layers[f"{prefix}{name}"] for name in ("range_m", "sigma_range_m", "status")}
+    own |= {name: layers[name] for name in ("Y", "sigma_Y")}
+    # With its own light and another's range it is neither of both; of what triangulation's voxels share, time of flight
+    # has nothing.
+    kind = "triangulation" if ranging == "triangulation" else "both"
+    eye = Eye(scenario.model_copy(update={"ranging": kind}), _Measured(own))
+    places, sigmas = np.full(truth.shape, np.nan), np.full(truth.shape, np.nan)
+    followed = scenario.targets[0]  # all look alike
+    for visit, motion in enumerate(motions):
+        order = TrackCommand(TrackMode.TRACK, truth[visit], 0.0, visit)
+        _, seen, _ = eye.see(followed, order, motion, visit)
+        if _taken(seen, target):
+            places[visit] = seen.place[0]
+            sigmas[visit] = np.sqrt(np.diagonal(seen.covariance[0]))
+    return places, sigmas
+
+
+def _voxel_sigma(scenario: Scenario, layers: dict[str, NDArray[Any]]) -> Array:
+    """Return the medians of the stated σ of single voxels: Θ, φ, R by triangulation, R by time of flight."""
+    angle = float(scenario.scanner.mirrors.reading_sigma(np.zeros(1), np.zeros(1))[0])
+    ranges = []
+    for prefix in ("", "tof."):
+        sigma = np.asarray(layers[f"{prefix}sigma_range_m"], dtype=np.float64)
+        known = sigma[np.isfinite(sigma)]
+        ranges.append(float(np.median(known)) if known.size else math.nan)
+    return np.array([angle, angle, *ranges])
+
+
+def _taken(seen: Measurement, target: StudyTarget) -> bool:
+    """Return whether a tracker on its target would take a measurement: a firm fit of a disc of the right size.
+
+    The rules of :func:`scanner_sim.tracking.state.step`, but for the prediction, which has no part here.
+    """
+    if not seen.found[0] or not np.isfinite(seen.misfit[0]):
+        return False
+    settings, expected = target.tracker, 0.5 * target.diameter / float(seen.place[0, 2])
+    allowed = settings.size_tolerance * expected + 3.0 * float(seen.sigma_radius[0])
+    loose = math.sqrt(float(np.trace(seen.covariance[0, :2, :2]))) > 0.5 * expected
+    right = abs(float(seen.radius[0]) - expected) <= min(allowed, 0.5 * expected)
+    return right and not loose and float(seen.misfit[0]) <= settings.misfit
