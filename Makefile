@@ -8,7 +8,7 @@ VENV := .venv
 RUN := $(VENV)/bin/python
 STAMP := $(VENV)/.installed
 DEMO := out/quickstart
-OLDEST_LLVM := $(RUN) -m scanner_sim.render.device --oldest
+OLDEST_LLVM := $(RUN) -m scanner_sim.render.libraries --oldest
 N ?= 1000
 SEED ?= 0
 
@@ -98,10 +98,10 @@ $(STAMP): pyproject.toml
 	}
 	@cp pyproject.toml $@
 
-# Which LLVM will do is said in scanner_sim/render/device.py alone. Only Debian and Ubuntu are changed
+# Which LLVM will do is said in scanner_sim/render/libraries.py alone. Only Debian and Ubuntu are changed
 # without asking; elsewhere, and where the user chose a library himself, the program says what to do.
 llvm: $(STAMP)
-	@if ! $(RUN) -m scanner_sim.render.device >/dev/null 2>&1; then \
+	@if ! $(RUN) -m scanner_sim.render.libraries >/dev/null 2>&1; then \
 	  if [ -z "$$DRJIT_LIBLLVM_PATH" ] && command -v apt-get >/dev/null; then \
 	    as_root=; \
 	    if [ "$$(id -u)" -ne 0 ]; then \
@@ -115,7 +115,7 @@ llvm: $(STAMP)
 	    [ -n "$$package" ] || { echo "apt-get offers no LLVM $$($(OLDEST_LLVM)) or newer: install one by hand and name its library in DRJIT_LIBLLVM_PATH." >&2; exit 1; }; \
 	    $$as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends "$$package" libatomic1 || exit 1; \
 	  fi; \
-	  $(RUN) -m scanner_sim.render.device; \
+	  $(RUN) -m scanner_sim.render.libraries; \
 	fi
 
 clean: ## Remove the environment, results and caches

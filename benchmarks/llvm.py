@@ -3,7 +3,7 @@
     python benchmarks/llvm.py /path/to/libLLVM-16.so.1 /path/to/libLLVM.so.19.1
 
 Each library runs in a process of its own, since an old one aborts it, and with an empty kernel cache. The oldest
-major version that works is ``OLDEST_LLVM`` in ``scanner_sim/render/device.py``.
+major version that works is ``OLDEST_LLVM`` in ``scanner_sim/render/libraries.py``.
 """
 
 from __future__ import annotations

@@ -91,6 +91,9 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         value = importlib.metadata.version("scanner-sim")
     elif name in _HOMES:
+        from scanner_sim.render.libraries import need_system_libraries
+
+        need_system_libraries()
         value = getattr(importlib.import_module(_HOMES[name]), name)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
+from colour.plotting.datasets import astm_g_173
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import zeta
 
@@ -138,8 +139,6 @@ def solar_spectra() -> SolarSpectra:
     The measured ones are those of ASTM G-173-03, which stand in for the paper's references 10 and 11. The
     standard is read through colour-science, which takes over a second to load.
     """
-    from colour.plotting.datasets import astm_g_173
-
     outside, ground = astm_g_173.SD_ASTMG173_ETR, astm_g_173.SD_ASTMG173_GLOBAL_TILT
     wavelength = 1e-9 * np.asarray(outside.wavelengths, dtype=np.float64)
     measured = (1e9 * np.asarray(curve.values, dtype=np.float64) for curve in (outside, ground))

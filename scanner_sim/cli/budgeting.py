@@ -16,9 +16,9 @@ from scanner_sim.config import resolved_yaml
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.units import FROM_FILE, Angle
 from scanner_sim.products.budget import BudgetRow, crossing
-from scanner_sim.products.files.budget_folder import BUDGET, write_budget
+from scanner_sim.products.files.contents import BUDGET
 from scanner_sim.products.files.folder import claimed
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.libraries import DeviceChoice
 
 
 def budget_scenario(
@@ -41,6 +41,8 @@ def budget_scenario(
     ScannerSimError
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
+    from scanner_sim.products.files.budget_folder import write_budget
+
     scenario = load_and_warn(config, overrides, quiet)
     chosen = None if sweep is None else _angle(sweep)
     with claimed(folder, overwrite, BUDGET):

@@ -13,8 +13,7 @@ from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_table
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.exchange import check_files, write_files
-from scanner_sim.products.pictures.bias import BiasCurve, draw_bias
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.libraries import DeviceChoice
 
 
 def calibrate_scenario(
@@ -35,6 +34,8 @@ def calibrate_scenario(
     OSError
         If the disk fails.
     """
+    from scanner_sim.products.pictures.bias import BiasCurve, draw_bias
+
     if file.suffix.lower() != ".csv":
         raise InputError(f"{file.name} is no name of a table.", remedy="Write one that ends in .csv.")
     if not file.parent.is_dir():

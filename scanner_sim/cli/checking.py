@@ -61,7 +61,8 @@ def print_info() -> None:
         If there is nothing to compute on; what is known is printed before.
     """
     from scanner_sim.products.provenance import versions
-    from scanner_sim.render.device import OLDEST_LLVM, activate
+    from scanner_sim.render.device import activate
+    from scanner_sim.render.libraries import OLDEST_LLVM
 
     rows = dict(versions())
     rows["Python"] = f"{platform.python_version()} ({sys.executable})"

@@ -13,9 +13,9 @@ from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.products.comparison import Comparison
-from scanner_sim.products.files.comparison_folder import COMPARISON, write_comparison
+from scanner_sim.products.files.contents import COMPARISON
 from scanner_sim.products.files.folder import claimed
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.libraries import DeviceChoice
 
 
 def compare_scenario(
@@ -42,6 +42,8 @@ def compare_scenario(
     typer.Exit
         With 1 where a law is broken, or anything differs from the baseline.
     """
+    from scanner_sim.products.files.comparison_folder import write_comparison
+
     scenario = load_and_warn(config, overrides, quiet)
     from scanner_sim.validation.compare.baseline import against, read_baseline
     from scanner_sim.validation.compare.run import compare

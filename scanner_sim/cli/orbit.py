@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
+from scanner_sim.products.files.contents import ORBIT
 from scanner_sim.products.files.folder import claimed
-from scanner_sim.products.files.orbit_folder import ORBIT, write_orbit
-from scanner_sim.products.timeline import Timeline
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.libraries import DeviceChoice
+
+if TYPE_CHECKING:
+    from scanner_sim.products.timeline import Timeline
 
 
 def orbit_scenario(
@@ -32,6 +35,8 @@ def orbit_scenario(
     ScannerSimError
         If the scenario has no orbit, it, the folder or the device cannot be used, or the disk fails.
     """
+    from scanner_sim.products.files.orbit_folder import write_orbit
+
     scenario = load_and_warn(config, overrides, quiet)
     with claimed(folder, overwrite, ORBIT):
         from scanner_sim.validation.studies.sweep import sweep_orbit

@@ -8,8 +8,7 @@ from pathlib import Path
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.poses import carriers_of
 from scanner_sim.instrument.memory import background_bins, background_paths, memory, patterns, period
-from scanner_sim.products.files.run_folder import planned_files
-from scanner_sim.products.track import planned_track_files
+from scanner_sim.products.files.contents import planned_files, planned_track_files
 from scanner_sim.scan.raster import RasterScan
 
 START_SECONDS = 8.0

@@ -16,10 +16,10 @@ from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.pose.arrays import Layout
+from scanner_sim.products.files.contents import POSE_STUDY
 from scanner_sim.products.files.folder import claimed
-from scanner_sim.products.files.pose_study_folder import POSE_STUDY, write_pose_study
 from scanner_sim.products.pose_study import COMPONENTS, PoseRow, PoseStudy, TargetRow
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.libraries import DeviceChoice
 
 
 def study_scenario(
@@ -40,6 +40,8 @@ def study_scenario(
     ScannerSimError
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
+    from scanner_sim.products.files.pose_study_folder import write_pose_study
+
     scenario = load_and_warn(config, overrides, quiet)
     from scanner_sim.validation.studies.pose_laws import exponents_of, gains_of
     from scanner_sim.validation.studies.pose_study import (

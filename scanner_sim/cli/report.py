@@ -15,7 +15,7 @@ from typing import NoReturn, TextIO
 
 import typer
 
-from scanner_sim.foundation.errors import ScannerSimError, ScenarioError, printable
+from scanner_sim.foundation.errors import InputError, ScannerSimError, ScenarioError, printable
 
 DEBUG = "SCANNER_SIM_DEBUG"
 """Environment variable that shows the traceback of an unexpected error."""
@@ -42,6 +42,17 @@ def reported() -> Iterator[None]:
             _report(error)
 
 
+def _missing_library() -> InputError | None:
+    """Return the fault if a library of the system is missing: without it imports fail in ways of their own."""
+    from scanner_sim.render.libraries import need_system_libraries
+
+    try:
+        need_system_libraries()
+    except InputError as fault:
+        return fault
+    return None
+
+
 def _report(error: BaseException) -> NoReturn:
     """End with the message and the status of an exception."""
     # The libraries that print help make an exit of a pipe that is closed.
@@ -52,6 +63,8 @@ def _report(error: BaseException) -> NoReturn:
         raise typer.Exit(_unsaid(lost, 0)) from None
     if isinstance(error, typer.Exit | SystemExit):
         raise error
+    if isinstance(error, ImportError | NameError):
+        error = _missing_library() or error
     if isinstance(error, ScannerSimError):
         several = isinstance(error, ScenarioError)
         _end(error.exit_status, error.message if several else printable(error.message), error.remedy)

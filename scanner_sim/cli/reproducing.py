@@ -7,7 +7,7 @@ from pathlib import Path
 
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.tables import print_rows, print_table
-from scanner_sim.render.device import DeviceChoice, activate
+from scanner_sim.render.libraries import DeviceChoice
 
 
 def reproduce_paper(
@@ -27,6 +27,7 @@ def reproduce_paper(
     ScannerSimError
         If an item is unknown, the repository is not there, the folder or the device cannot be used, or the disk fails.
     """
+    from scanner_sim.render.device import activate
     from scanner_sim.validation.reproduce import Task, Verdict, all_items, reproduce
     from scanner_sim.validation.reproduce.results import PAGE
 

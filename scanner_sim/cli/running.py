@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,17 +13,16 @@ from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_table
-from scanner_sim.cli.tracking import run_tracking
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.memory import check_memory
+from scanner_sim.products.files.contents import RUN, TRACK
 from scanner_sim.products.files.folder import check_target, claimed
-from scanner_sim.products.files.run_folder import RUN, write_run
-from scanner_sim.products.image import RangeImage
-from scanner_sim.products.summary import beyond
-from scanner_sim.products.track import TRACK
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.tracking.scan import TrackScan
+
+if TYPE_CHECKING:
+    from scanner_sim.products.image import RangeImage
 
 
 def run_scenario(
@@ -42,6 +42,8 @@ def run_scenario(
     ScannerSimError
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
+    from scanner_sim.cli.tracking import run_tracking
+
     scenario = load_and_warn(config, overrides, quiet)
     follows = isinstance(scenario.scan, TrackScan)
     kind = TRACK if follows else RUN
@@ -65,6 +67,7 @@ def _run_raster(
     # Loads the renderer: only after everything that can be refused without it.
     from scanner_sim.instrument.photo import take_photo
     from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+    from scanner_sim.products.files.run_folder import write_run
 
     camera = waveforms = None
     with progress_bar("simulating", quiet, "voxels") as (advance, say):
@@ -88,6 +91,8 @@ def _run_raster(
 
 def closing(image: RangeImage, paths: Sequence[Path]) -> dict[str, str]:
     """Return the summary of a run as pairs of a word and a phrase."""
+    from scanner_sim.products.summary import beyond
+
     valid = image.valid
     rows = {
         "voxels": f"{image.shape[0]} × {image.shape[1]}",

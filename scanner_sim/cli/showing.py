@@ -5,20 +5,20 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from scanner_sim.cli.running import closing
 from scanner_sim.cli.tables import print_table
 from scanner_sim.config import scenario_from_text
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
+from scanner_sim.products.files.contents import RUN, TRACK
 from scanner_sim.products.files.exchange import write_file, write_files
-from scanner_sim.products.files.exr import read_range_image
-from scanner_sim.products.files.run_folder import RESULT
-from scanner_sim.products.image import RangeImage
-from scanner_sim.products.track import TRACK
 from scanner_sim.products.voxel import VoxelRecord
-from scanner_sim.products.waveforms import WaveformSet
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.libraries import DeviceChoice
+
+if TYPE_CHECKING:
+    from scanner_sim.products.image import RangeImage
+    from scanner_sim.products.waveforms import WaveformSet
 
 _SHOWN = ("range_m", "sigma_range_m", "Y", "truth.range_m")
 """Channels of every run, which the pictures and tables need."""
@@ -32,6 +32,7 @@ def show_result(result: Path, output: Path | None, *, overwrite: bool) -> None:
     InputError
         If there is no result, or the folder of the pictures cannot be written to.
     """
+    from scanner_sim.cli.running import closing
     from scanner_sim.products.pictures.image import PICTURES_OF, draw_background, lit
     from scanner_sim.products.pictures.waveform import draw_grey
 
@@ -138,7 +139,9 @@ def _numbers(record: VoxelRecord) -> dict[str, str]:
 
 
 def _read(result: Path) -> tuple[Path, RangeImage]:
-    path = result / RESULT if result.is_dir() else result
+    from scanner_sim.products.files.exr import read_range_image
+
+    path = result / RUN.result if result.is_dir() else result
     if not path.exists():
         if result.is_dir() and (result / TRACK.result).exists():
             raise InputError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,16 +18,15 @@ from scanner_sim.instrument.closed_loop.poses import poses_of, rims_of
 from scanner_sim.instrument.memory import patterns
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
+from scanner_sim.products.files.contents import POSES, RELATIVE_POSES
 from scanner_sim.products.files.exchange import write_file, write_files
-from scanner_sim.products.files.track_folder import pictures_of, write_track
-from scanner_sim.products.image import RangeImage
-from scanner_sim.products.pose import read_poses
-from scanner_sim.products.track import POSES, RELATIVE_POSES, read_track
-from scanner_sim.products.track_summary import errors_of
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
+
+if TYPE_CHECKING:
+    from scanner_sim.products.image import RangeImage
 
 _BACKDROP = 320
 """Voxels along the longer side of the image behind the targets."""
@@ -43,6 +43,7 @@ def run_tracking(
         If the scene, the folder or the device cannot be used, or the disk fails.
     """
     from scanner_sim.instrument.closed_loop.track import track
+    from scanner_sim.products.files.track_folder import write_track
 
     expected, done = patterns(scenario), 0
 
@@ -84,6 +85,10 @@ def show_track(result: Path, output: Path | None, *, device: DeviceChoice, overw
     InputError
         If there is no run, its scene can no longer be loaded, or the folder cannot be written to.
     """
+    from scanner_sim.products.files.track_folder import pictures_of
+    from scanner_sim.products.pose import read_poses
+    from scanner_sim.products.track import read_track
+
     made = read_track(result)
     poses = [
         one
@@ -106,6 +111,7 @@ def show_pattern(result: Path, number: int, output: Path | None, *, overwrite: b
         If there is no run or no such visit, its voxels were not kept, or the folder cannot be written to.
     """
     from scanner_sim.products.pictures.pattern import draw_pattern
+    from scanner_sim.products.track import read_track
 
     made = read_track(result)
     record = next((record for record in made.records if record.number == number), None)
@@ -174,6 +180,8 @@ def _print_closing(track: Track, poses: Sequence[PoseSeries], paths: Sequence[Pa
 
 def _target_rows(track: Track) -> list[list[str]]:
     """Return a line for each target: how often it was measured, median σ and rms error."""
+    from scanner_sim.products.track_summary import errors_of
+
     rows = [["target", "state", "measured", "σΘ µrad", "rms", "σφ µrad", "rms", "σR mm", "rms"]]
     for target in track.targets:
         records = track.of(target.name)

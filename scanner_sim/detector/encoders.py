@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import drjit as dr
+import drjit.auto.ad as auto
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.optics.deflection import Mirrors
+from scanner_sim.render.shots import drawn_errors
 
 Array = NDArray[np.float64]
 
@@ -40,16 +43,12 @@ def read_encoders(
     -----
     Not modelled: non-linearity that stays (it belongs to the calibration), delay of the reading.
     """
-    import drjit.auto.ad as auto
-
     drawn = [normal.numpy() for normal in reading_normals(auto.UInt32(shot), seed)]
     return readings(theta, phi, drawn[0], drawn[1], mirrors)
 
 
 def reading_normals(shot: Any, seed: int) -> tuple[Any, Any]:
     """Return the standard normal numbers of both encoders' noise for shots by number, Dr.Jit, shape (n,)."""
-    import drjit.auto.ad as auto
-
     drawn: Any = generator(seed, Stream.READOUT, shot, auto.UInt32(0)).next_float32x4_normal()
     return drawn[0], drawn[1]
 
@@ -73,11 +72,6 @@ def reading_noise(shot: NDArray[np.uint32], mirrors: Mirrors, seed: int) -> tupl
     The jitter that they see and their noise, which depend on the shots' numbers alone: :func:`read_encoders` without
     the angles.
     """
-    import drjit as dr
-    import drjit.auto.ad as auto
-
-    from scanner_sim.render.shots import drawn_errors
-
     number = auto.UInt32(shot)
     seen = drawn_errors(number, [], mirrors, seed)[1]
     drawn = reading_normals(number, seed)

@@ -11,6 +11,8 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import Any
 
+import drjit as dr
+import drjit.auto.ad as auto
 import numpy as np
 
 _ROUNDS = 7
@@ -52,9 +54,6 @@ def generator(seed: int, stream: Stream, shot: Any, sample: Any) -> Any:
     -------
     drjit.auto.Philox4x32
     """
-    import drjit as dr
-    import drjit.auto.ad as auto
-
     return auto.Philox4x32(dr.opaque(auto.UInt64, seed), shot, sample, auto.UInt32(int(stream)), _ROUNDS)
 
 

@@ -15,6 +15,7 @@ from decimal import Decimal
 from functools import cache
 from typing import Annotated, Any
 
+import pint
 from pydantic import GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationInfo
 from pydantic_core import PydanticCustomError, core_schema
 
@@ -33,8 +34,6 @@ _ELECTRONS = re.compile(r"(?<![\w.])e-(?![\w.])")
 
 @cache
 def _registry() -> Any:
-    import pint
-
     registry: Any = pint.UnitRegistry()
     registry.define("photoelectron = [photoelectrons] = electron")
     registry.define("digital_number = [digital_numbers] = DN")

@@ -18,14 +18,25 @@ from numpy.typing import NDArray
 
 from scanner_sim.config.scanner import Lidar
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.photodiode.echo_speckle import echo_speckle
 from scanner_sim.detector.photodiode.photodiode import ELEMENTARY_CHARGE, Digitiser, background_power
+from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+from scanner_sim.detector.photodiode.waveform import record
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.status import Status
-from scanner_sim.optics.filter import band_irradiance, laser_gain
+from scanner_sim.optics.band_irradiance import band_irradiance
+from scanner_sim.optics.filter import laser_gain
 from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
+from scanner_sim.render.background.paths import Albedo
+from scanner_sim.render.background.sky import light_of
+from scanner_sim.render.beam.echo_clusters import View
+from scanner_sim.render.beam.echoes import render_echoes
+from scanner_sim.render.beam.surface_places import coherence_of, surface_places
+from scanner_sim.render.field import Field, field_light, field_panorama, in_parts
 from scanner_sim.scan.raster import RasterScan
+from scanner_sim.signals.waveform.detection import PulseDetector
 
 Array = NDArray[np.float64]
 
@@ -106,8 +117,6 @@ class EchoBench:
     @cached_property
     def detector(self) -> Any:
         """Detection with its filters and tables."""
-        from scanner_sim.signals.waveform.detection import PulseDetector
-
         unit = self.unit
         processing, laser = self.scenario.processing, self.scenario.scanner.laser
         return PulseDetector(unit.pulse, unit.photodiode, unit.digitiser, processing.pulse, laser)
@@ -115,8 +124,6 @@ class EchoBench:
     @cached_property
     def amperes_per_electron(self) -> float:
         """Height of an echo's current over its charge before the avalanche [A], for a surface that faces the beam."""
-        from scanner_sim.detector.photodiode.pulse_response import PulseResponse
-
         rate, diode = self.unit.digitiser.rate, self.unit.photodiode
         variance = (diode.response_sigma * rate) ** 2
         response = PulseResponse.of(self.unit.pulse, rate)
@@ -126,8 +133,6 @@ class EchoBench:
     @cached_property
     def field(self) -> Any:
         """The photodiode's field of view."""
-        from scanner_sim.render.field import Field
-
         # The square of the round field's solid angle; a field beside the laser reaches from infinity inwards.
         angle = self.unit.photodiode.field_of_view
         aside = 0.5 * angle if self.baseline else 0.0
@@ -136,10 +141,6 @@ class EchoBench:
     @cached_property
     def panorama(self) -> Any:
         """The background of the raster's rows about the photodiode's lens; None in the dark."""
-        from scanner_sim.render.background.paths import Albedo
-        from scanner_sim.render.background.sky import light_of
-        from scanner_sim.render.field import field_panorama
-
         scenario, sky = self.scenario, self.scenario.lighting.sky()
         if sky.dark:
             return None
@@ -181,11 +182,6 @@ class EchoBench:
         ``detector`` is that of an instrument that takes itself for another one than it is, ``panorama`` the background
         where it is not the raster's.
         """
-        from scanner_sim.detector.photodiode.waveform import record
-        from scanner_sim.render.beam.echo_clusters import View
-        from scanner_sim.render.beam.echoes import render_echoes
-        from scanner_sim.render.field import field_light, in_parts
-
         unit, scenario = self.unit, self.scenario
         diode, clock = unit.photodiode, unit.digitiser
         columns = scenario.scan.columns if isinstance(scenario.scan, RasterScan) else 1
@@ -207,9 +203,6 @@ class EchoBench:
 
     def _speckle(self, echoes: Any, shots: Any, truth: Any) -> Any:
         """Return what speckle makes of the echoes of shots whose chief rays meet something; a pulse lasts no dwell."""
-        from scanner_sim.detector.photodiode.echo_speckle import echo_speckle
-        from scanner_sim.render.beam.surface_places import coherence_of, surface_places
-
         scanner = self.scenario.scanner
         return echo_speckle(
             echoes,
@@ -285,8 +278,6 @@ def fitted_pulse(unit: Lidar, waveforms: WaveformSet, number: int) -> tuple[Arra
         Times after the pulse [s] and currents [A]; the height is by least squares over the samples that are not
         clipped. None without an echo.
     """
-    from scanner_sim.detector.photodiode.pulse_response import PulseResponse
-
     delay, rate = float(waveforms.delay[number]), waveforms.rate
     if not np.isfinite(delay):
         return None

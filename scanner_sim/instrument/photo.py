@@ -6,8 +6,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.render.device import DeviceChoice, activate
+from scanner_sim.render.camera import photograph
+from scanner_sim.render.device import activate
 from scanner_sim.render.guest import guest
+from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.scene.files.loader import load_scene
 
 
 @guest()
@@ -38,9 +41,6 @@ def take_photo(scenario: Scenario, *, device: DeviceChoice = "auto") -> NDArray[
         If the device cannot be used.
     """
     activate(device)
-    from scanner_sim.render.camera import photograph
-    from scanner_sim.scene.files.loader import load_scene
-
     sky, scan = scenario.lighting.sky(), scenario.raster
     return photograph(
         load_scene(scenario.scene.resting_at(0.0)),

@@ -18,8 +18,8 @@ from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.products.waveforms import WaveformSet, joined
-from scanner_sim.render.device import DeviceChoice
 from scanner_sim.render.guest import guest
+from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import raster_aim, tiled_order
 
 Progress = Callable[[int, int], None]

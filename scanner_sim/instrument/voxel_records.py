@@ -7,19 +7,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.detector.line.exposure import electrons_per_watt
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.neighbourhood import judge_neighbours, reach
 from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.raster import raster_aim
+from scanner_sim.signals.line.calibration import Calibration, measured_lines
+from scanner_sim.signals.line.peaks import MARGIN
 
 
 def voxel_record(bench: Workbench, row: int, column: int) -> VoxelRecord:
     """Return the record of one voxel of a workbench's raster: its line, peak and range, and the truth."""
-    from scanner_sim.detector.line.exposure import electrons_per_watt
-    from scanner_sim.signals.line.calibration import Calibration, measured_lines
-
     scanner, processing = bench.scenario.scanner, bench.scenario.processing
     sensor = scanner.position_sensor
     values = _among_neighbours(bench, row, column)
@@ -74,8 +74,6 @@ def _among_neighbours(bench: Workbench, row: int, column: int) -> dict[str, floa
 
 def _window(line: NDArray[np.float64], peak: float, method: Any) -> tuple[int, int] | None:
     """Return the pixels about a peak that the estimator read; None where there is no peak."""
-    from scanner_sim.signals.line.peaks import MARGIN
-
     if not np.isfinite(peak):
         return None
     near = range(max(round(peak) - 1, 0), min(round(peak) + 2, len(line)))

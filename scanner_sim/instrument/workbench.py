@@ -15,9 +15,13 @@ from numpy.typing import NDArray
 
 from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.encoders import read_encoders
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose
 from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.detector.line.speckle import line_speckle
 from scanner_sim.instrument.lidar import EchoBench
-from scanner_sim.optics.filter import band_irradiance, incidence, laser_gain, peak_transmission
+from scanner_sim.optics.band_irradiance import band_irradiance
+from scanner_sim.optics.filter import incidence, laser_gain, peak_transmission
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import (
@@ -28,8 +32,24 @@ from scanner_sim.ranging.ranges import (
     layers_of,
     ranges_from_peaks,
 )
-from scanner_sim.render.device import DeviceChoice, activate
+from scanner_sim.render.background.panorama import render_panorama
+from scanner_sim.render.background.paths import Albedo
+from scanner_sim.render.background.sky import light_of
+from scanner_sim.render.background.view import panorama_view
+from scanner_sim.render.beam.light import render_light
+from scanner_sim.render.beam.surface_places import surface_places
+from scanner_sim.render.device import activate
+from scanner_sim.render.incident import Incident, Throughput
+from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.render.shots import true_shots
+from scanner_sim.render.transport import Bench
 from scanner_sim.scan.raster import Aim, RasterScan
+from scanner_sim.scene.files.loader import LoadedScene, load_scene
+from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
+from scanner_sim.signals.line.bias_table import read_bias
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.peaks import find_peaks
+from scanner_sim.signals.line.speckle import ExpectedSpeckle
 from scanner_sim.signals.processing import Processing
 
 
@@ -66,9 +86,6 @@ class Workbench:
         like: Workbench | None = None,
     ) -> None:
         activate(device, threads)
-        from scanner_sim.render.transport import Bench
-        from scanner_sim.scene.files.loader import LoadedScene, load_scene
-
         scanner = scenario.scanner
         sensor, receiver = scanner.position_sensor, scanner.receiver
         self.scenario = scenario
@@ -96,8 +113,6 @@ class Workbench:
     @cached_property
     def throughput(self) -> Any:
         """What each pixel makes of the laser's and the Sun's light behind the filter."""
-        from scanner_sim.render.incident import Throughput
-
         scanner, lighting = self.scenario.scanner, self.scenario.lighting
         sensor = scanner.position_sensor
         position = self.geometry.position(np.arange(sensor.pixels, dtype=np.float64))
@@ -113,11 +128,6 @@ class Workbench:
     @cached_property
     def panorama(self) -> Any:
         """The background of the scenario's raster, rendered when it is first asked for; None in the dark."""
-        from scanner_sim.render.background.panorama import render_panorama
-        from scanner_sim.render.background.paths import Albedo
-        from scanner_sim.render.background.sky import light_of
-        from scanner_sim.render.background.view import panorama_view
-
         sky, settings = self.scenario.lighting.sky(), self.scenario.transport
         if sky.dark:
             return None
@@ -139,8 +149,6 @@ class Workbench:
     @cached_property
     def spot(self) -> Any:
         """What is known of the laser's spot before it is seen."""
-        from scanner_sim.signals.line.expected import ExpectedSpot
-
         scanner = self.scenario.scanner
         passed = laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response)
         return ExpectedSpot.of(
@@ -154,9 +162,6 @@ class Workbench:
     @cached_property
     def bias(self) -> Any:
         """The estimator's systematic error that is taken off; None where none is."""
-        from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
-        from scanner_sim.signals.line.bias_table import read_bias
-
         processing = self.scenario.processing
         match processing.bias_correction:
             case "none":
@@ -194,17 +199,12 @@ class Workbench:
 
         It knows how fast its mirrors turn. In a raster no shots are needed.
         """
-        from scanner_sim.signals.line.speckle import ExpectedSpeckle
-
         if self.speckle is None:
             return None
         return ExpectedSpeckle(self.speckle, self.scenario.processing.speckle_contrast, self.travel(shots))
 
     def _speckle(self, light: Any, shots: Any, truth: Any, whole: bool) -> Any:
         """Return the speckle of shots whose chief rays meet something; None for light without."""
-        from scanner_sim.detector.line.speckle import line_speckle
-        from scanner_sim.render.beam.surface_places import surface_places
-
         if self.speckle is None:
             return None
         return line_speckle(
@@ -296,8 +296,6 @@ class Workbench:
         All of shape (n,): what :class:`~scanner_sim.signals.line.peaks.Peaks` and
         :class:`~scanner_sim.render.incident.LinkBudget` hold.
         """
-        from scanner_sim.detector.line.exposure import electrons_per_watt
-
         scanner = self.scenario.scanner
         electrons = electrons_per_watt(scanner.position_sensor, scanner.laser.wavelength, scanner.exposure)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -319,15 +317,11 @@ class Workbench:
 
     def fire(self, aim: Aim) -> tuple[Any, Any]:
         """Return the shots of an aim as the mirrors' errors let them go, and these errors."""
-        from scanner_sim.render.shots import true_shots
-
         scanner = self.scenario.scanner
         poses = self.loaded.poses_at(aim.time)
         return true_shots(aim, scanner.mirrors, self.scenario.seed, scanner.exposure / scanner.dwell, poses)
 
     def _exposed(self, aim: Aim, shots: Any, panorama: Any = None) -> tuple[Any, Iterator[Group]]:
-        from scanner_sim.render.beam.light import render_light
-
         scenario = self.scenario
         seen = self.panorama if panorama is None else panorama
         truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, scenario.seed)
@@ -364,9 +358,6 @@ class Workbench:
         tuple
             All the light on the line, the signal and the peaks.
         """
-        from scanner_sim.detector.line.exposure import expose
-        from scanner_sim.render.incident import Incident
-
         scenario, scanner = self.scenario, self.scenario.scanner
         sensor = scanner.position_sensor
         speckle = self._speckle(light, shots, truth, whole)
@@ -408,8 +399,6 @@ class Workbench:
         speckle
             Whether the instrument reckons with speckle, where it has any.
         """
-        from scanner_sim.signals.line.peaks import find_peaks
-
         scanner = self.scenario.scanner
         return find_peaks(
             signal,
@@ -424,8 +413,6 @@ class Workbench:
 
     def deflections(self, aim: Aim, pointing: Any) -> Deflections:
         """Return what the encoders read, with what the instrument knows of their errors."""
-        from scanner_sim.detector.encoders import read_encoders
-
         mirrors = self.scenario.scanner.mirrors
         theta, phi = read_encoders(
             aim.shot,

@@ -18,15 +18,8 @@ from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Count, Number, Part
 from scanner_sim.foundation.units import Length, Ratio
 from scanner_sim.optics.laser import Laser
-from scanner_sim.scene.light.lighting import Sun
-from scanner_sim.scene.light.sun import solar_irradiance
 
 Floats = NDArray[np.float64]
-
-_NODES = 8001
-"""Wavelengths of the integral over a response: 0.1 nm apart for InGaAs."""
-_BAND_NODES = 1001
-"""Wavelengths of the integral over a pass band, densest at its centre."""
 
 
 class BandpassFilter(Part):
@@ -116,8 +109,8 @@ def passband(
     )
     if filter == "none":
         return np.ones(wavelength.shape)
-    centre = centre_at(_centre(filter, nominal), filter.effective_index, incidence)
-    return _shape(filter, 2.0 * (wavelength - centre) / filter.bandwidth)
+    centre = centre_at(centre_of(filter, nominal), filter.effective_index, incidence)
+    return band_shape(filter, 2.0 * (wavelength - centre) / filter.bandwidth)
 
 
 def laser_gain(
@@ -135,49 +128,6 @@ def laser_gain(
     leak = 0.0 if filter == "none" else filter.blocking
     seen = response[0] <= laser.line <= response[1]
     return np.asarray(seen * (inside + leak * (1.0 - inside)))
-
-
-def band_irradiance(
-    sun: Sun,
-    filter: FilterChoice,  # noqa: A002
-    response: tuple[float, float],
-    wavelength: float,
-    incidence: ArrayLike = 0.0,
-) -> tuple[Floats, Floats]:
-    """Return the Sun's irradiance that the detector counts, in the pass band and outside of it.
-
-    Parameters
-    ----------
-    sun
-        The Sun.
-    filter
-        The filter, or ``none``: then everything is out of band, and reflectances are those of out of band.
-    response
-        Shortest and longest wavelength [m] to which the detector responds, with a flat quantum efficiency.
-    wavelength
-        The laser's nominal wavelength λ₀ [m].
-    incidence
-        Angle on the filter [rad], any shape.
-
-    Returns
-    -------
-    in_band, out_of_band
-        Shape of ``incidence`` [W/m²], laser-equivalent: a watt stands for as many photons as a watt at λ₀, so
-        energies are weighted with λ/λ₀. The filter's peak transmission is left to the caller, who applies it
-        with the lens. In band ∫ E s λ/λ₀ dλ and out of band B_s/B_p ∫ E (1 − s) λ/λ₀ dλ over the response, s
-        the :func:`passband`: the bracket of eq 18, restricted to what the detector sees. (Eq 18 counts light
-        inside of the band once more with the blocking, 1e-6 of it.)
-    """
-    angles = np.asarray(incidence, dtype=np.float64)
-    if not response[0] < response[1]:
-        return np.zeros(angles.shape), np.zeros(angles.shape)
-    all_photons = _photon_integral(sun, np.linspace(*response, _NODES), wavelength)
-    if filter == "none":
-        return np.zeros(angles.shape), np.full(angles.shape, all_photons)
-    centres = centre_at(_centre(filter, wavelength), filter.effective_index, angles)
-    inside = np.array([_band_integral(sun, filter, c, response, wavelength) for c in centres.ravel()])
-    inside = inside.reshape(angles.shape)
-    return inside, np.asarray(filter.blocking * (all_photons - inside))
 
 
 def filter_doubts(
@@ -205,7 +155,7 @@ def filter_doubts(
     gains = laser_gain(filter, laser, response, np.array([0.0, largest_incidence]))
     if filter == "none" or gains.min() >= 0.5:
         return ()
-    centre = _centre(filter, laser.wavelength)
+    centre = centre_of(filter, laser.wavelength)
     low, high = 1e9 * (centre - 0.5 * filter.bandwidth), 1e9 * (centre + 0.5 * filter.bandwidth)
     if gains[0] < 0.5:
         weak = "hardly any voxel will have a return" if gains[0] < 1e-2 else "most of the light is lost"
@@ -219,37 +169,14 @@ def filter_doubts(
     )
 
 
-def _centre(filter: BandpassFilter, nominal: float) -> float:  # noqa: A002
+def centre_of(filter: BandpassFilter, nominal: float) -> float:  # noqa: A002
+    """Return the centre of the pass band at normal incidence [m]; ``nominal`` is the laser's wavelength."""
     return nominal if filter.centre is None else filter.centre
 
 
-def _shape(filter: BandpassFilter, x: Floats) -> Floats:  # noqa: A002
+def band_shape(filter: BandpassFilter, x: Floats) -> Floats:  # noqa: A002
     """Return the pass band at x half widths from its centre."""
     if filter.shape == "tophat":
         return np.asarray((np.abs(x) <= 1.0).astype(np.float64))
     # Beyond 1e6 half widths nothing is left, and powers would overflow.
     return np.asarray(1.0 / (1.0 + np.minimum(np.abs(x), 1e6) ** (2 * filter.cavities)))
-
-
-def _photon_integral(sun: Sun, nodes: Floats, wavelength: float, weights: Floats | float = 1.0) -> float:
-    """Return ∫ E w λ/λ₀ dλ [W/m²] over ascending nodes [m] by the trapezoidal rule."""
-    return float(np.trapezoid(solar_irradiance(sun, nodes) * weights * nodes / wavelength, nodes))
-
-
-def _band_integral(
-    sun: Sun,
-    filter: BandpassFilter,  # noqa: A002
-    centre: float,
-    response: tuple[float, float],
-    wavelength: float,
-) -> float:
-    """Return the in-band irradiance [W/m²] of a filter centred at ``centre`` [m]."""
-    half = 0.5 * filter.bandwidth
-    low, high = ((end - centre) / half for end in response)
-    if filter.shape == "tophat":
-        low, high = max(low, -1.0), min(high, 1.0)
-        if low >= high:
-            return 0.0
-        return _photon_integral(sun, centre + half * np.linspace(low, high, _BAND_NODES), wavelength)
-    x = np.sinh(np.linspace(math.asinh(low), math.asinh(high), _BAND_NODES))
-    return _photon_integral(sun, centre + half * x, wavelength, _shape(filter, x))

@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+import xarray
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.provenance import in_order, versions
-
-if TYPE_CHECKING:
-    import xarray
 
 
 class Channel(NamedTuple):
@@ -245,8 +243,6 @@ class RangeImage:
             status and truth numbers are int32 with CF ``flag_values`` and ``flag_meanings``. Seed,
             scenario, versions and warnings are attributes of the dataset.
         """
-        import xarray
-
         names = {
             **{name: [status.name for status in Status] for name in MEASURED_BY},
             "truth.object": ["nothing", *self.objects],

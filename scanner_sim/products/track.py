@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.error_columns import ERRORS, error_columns, errors_from
+from scanner_sim.products.files.contents import TABLE, VOXELS
 from scanner_sim.products.files.exchange import recover
-from scanner_sim.products.files.folder import Kind
-from scanner_sim.products.files.tables import MOST, Columns, checked, read_parquet, stated, texts
-from scanner_sim.products.files.tables import Kind as ColumnKind
-from scanner_sim.products.settings import Output
+from scanner_sim.products.files.tables import MOST, Columns, Kind, checked, read_parquet, stated, texts
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import TargetLooks
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
@@ -25,28 +23,9 @@ from scanner_sim.tracking.state import Refusal, TrackMode
 
 Array = NDArray[np.float64]
 
-TABLE, VOXELS = "track.parquet", "patterns.parquet"
-
-TABLES = ("track.csv", TABLE, VOXELS, "scenario.yaml", "summary.json")
-"""Files of every tracking run."""
-
 MOST_AWAY = 1e9
 """Distance within which a target of a table lies [m], and its angles [rad]."""
 
-TRACK_PICTURES = ("pattern.png", "track.png", "field.png")
-"""Pictures of a tracking run."""
-
-POSES = ("pose.csv", "pose.parquet")
-"""Tables where an object has targets enough for a pose."""
-
-RELATIVE_POSES = ("relative_pose.csv", "relative_pose.parquet")
-"""Tables where there are two such objects."""
-
-POSE_PICTURES = ("pose.png", "outline.png")
-"""Pictures of poses."""
-
-TRACK = Kind("track.csv", (*TABLES, *POSES, *RELATIVE_POSES, *TRACK_PICTURES, *POSE_PICTURES))
-"""The folder of a tracking run."""
 
 _ANGULAR, _SPATIAL = ("theta_rad", "phi_rad", "range_m"), ("x_m", "y_m", "z_m")
 _CORNERS = ((0, 1), (0, 2), (1, 2))
@@ -65,7 +44,7 @@ _VOXEL = {
 
 
 _SIGMAS = tuple(f"sigma_{name}" for name in (*_ANGULAR, *_SPATIAL))
-_TABLE_KINDS: dict[str, ColumnKind] = {
+_TABLE_KINDS: dict[str, Kind] = {
     **dict.fromkeys(("time_s", "amplitude_rad", "centre_theta_rad", "centre_phi_rad"), "finite"),
     **dict.fromkeys(
         (prefix + name for prefix in ("", "truth_") for name in (*_ANGULAR, *_SPATIAL)), "number"
@@ -75,7 +54,7 @@ _TABLE_KINDS: dict[str, ColumnKind] = {
     **dict.fromkeys(("target", "state", "next_state", "refusal"), "text"),
     **dict.fromkeys(("visit", "status"), "whole"),
 }
-_VOXEL_KINDS: dict[str, ColumnKind] = {
+_VOXEL_KINDS: dict[str, Kind] = {
     "visit": "whole",
     **dict.fromkeys(_VOXEL.values(), "number"),
     "status": "whole",
@@ -104,21 +83,6 @@ class _About:
     scenario: str
     warnings: tuple[str, ...]
     targets: tuple[_Looks, ...]
-
-
-def planned_track_files(output: Output, carriers: int) -> tuple[str, ...]:
-    """Return the names of the files that a tracking run writes, in the order of presentation.
-
-    Parameters
-    ----------
-    output
-        Which files are wanted.
-    carriers
-        Number of objects that will have poses.
-    """
-    tables = (*TABLES, *(POSES if carriers else ()), *(RELATIVE_POSES if carriers > 1 else ()))
-    pictures = (*TRACK_PICTURES, *(POSE_PICTURES if carriers else ())) if output.pictures else ()
-    return tuple(name for name in (*tables, *pictures) if output.patterns or name != VOXELS)
 
 
 def track_columns(track: Track) -> dict[str, NDArray[Any]]:

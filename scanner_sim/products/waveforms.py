@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
+import xarray
 from numpy.typing import NDArray
+from scipy.io import netcdf_file
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import open_ordinary
 from scanner_sim.foundation.status import Status, legend
 from scanner_sim.products.provenance import software, versions
-
-if TYPE_CHECKING:
-    import xarray
 
 Array = NDArray[np.float64]
 
@@ -74,8 +73,6 @@ class WaveformSet:
 
     def dataset(self) -> xarray.Dataset:
         """Return all of it with names, dimensions and units."""
-        import xarray
-
         whole = bool((self.number == np.rint(self.number)).all())
         largest = float(np.abs(self.number).max(initial=0.0))
         kind: Any = np.float32
@@ -173,8 +170,6 @@ def read_waveforms(path: str | Path) -> WaveformSet:
 
 def _plain(stream: BinaryIO) -> tuple[dict[str, NDArray[Any]], dict[str, Any]] | None:
     """Return the variables and numbers of a file; None where it has not our title."""
-    from scipy.io import netcdf_file
-
     # Mapped, so that a variable of any stated size takes no memory until it is looked at.
     with netcdf_file(stream, mmap=True) as data:
         if getattr(data, "title", None) != _CONVENTION.encode():

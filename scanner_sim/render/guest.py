@@ -12,7 +12,11 @@ import sys
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-from scanner_sim.render.device import LLVM_VARIABLE
+import drjit as dr
+import drjit.auto
+import mitsuba as mi
+
+from scanner_sim.render.libraries import LLVM_VARIABLE
 
 
 class _Settings(NamedTuple):
@@ -57,10 +61,6 @@ class Stay:
 def _settings() -> _Settings:
     if "mitsuba" not in sys.modules:
         return _Settings(None, None, None)
-    import drjit as dr
-    import drjit.auto
-    import mitsuba as mi
-
     variant = mi.variant()
     backend = None if variant is None else dr.backend_v(drjit.auto.Float)
     return _Settings(variant, backend, dr.thread_count())
@@ -69,9 +69,6 @@ def _settings() -> _Settings:
 def _restore(settings: _Settings) -> None:
     if "mitsuba" not in sys.modules:
         return
-    import drjit as dr
-    import mitsuba as mi
-
     now = _settings()
     if settings.variant is not None and settings.variant != now.variant:
         mi.set_variant(settings.variant)

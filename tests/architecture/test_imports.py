@@ -202,6 +202,18 @@ def test_what_is_loaded_first_loads_nothing_heavy() -> None:
     assert not wrong, "import these inside the function that needs them:\n" + "\n".join(wrong)
 
 
+def test_imports_stand_at_the_top() -> None:
+    """Only the verbs of the command line and the package's own file load what they need when they need it."""
+    wrong = [
+        f"{place(module, line)}: {target}"
+        for module in INNER
+        if room_of(module) != "cli"
+        for target, line, when_loaded in imports_in(module)
+        if not when_loaded
+    ]
+    assert not wrong, "\n".join(wrong)
+
+
 def test_modules_fit_in_a_head() -> None:
     lengths = {str(m.relative_to(PACKAGE)): len(m.read_text(encoding="utf-8").splitlines()) for m in MODULES}
     assert not {name: length for name, length in lengths.items() if length > LONGEST_MODULE}

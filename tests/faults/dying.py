@@ -17,9 +17,10 @@ from pathlib import Path
 
 import numpy as np
 
+from scanner_sim.products.files.contents import RUN
 from scanner_sim.products.files.exchange import check_files, write_files
 from scanner_sim.products.files.folder import check_target
-from scanner_sim.products.files.run_folder import RESULT, RUN, write_run
+from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.settings import Output
 
@@ -111,7 +112,13 @@ def main(ground: Path) -> None:
     mine = {"notes.txt": b"mine"}
     deaths = 0
     for write, mend, mark, extra, starts in (
-        (write_result, mend_result, RESULT, {"range.png": b"of the old one"}, ("missing", "empty", "old")),
+        (
+            write_result,
+            mend_result,
+            RUN.result,
+            {"range.png": b"of the old one"},
+            ("missing", "empty", "old"),
+        ),
         (write_pair, mend_pair, "", {}, ("missing", "old")),
     ):
         reference = ground / write.__name__

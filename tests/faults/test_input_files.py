@@ -31,8 +31,8 @@ from scanner_sim.instrument import memory
 from scanner_sim.instrument.closed_loop.saved_state import first_state, load_state, save_state
 from scanner_sim.instrument.closed_loop.track import track
 from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+from scanner_sim.products.files.contents import RUN
 from scanner_sim.products.files.folder import check_target
-from scanner_sim.products.files.run_folder import RUN
 from scanner_sim.products.track import read_track
 from scanner_sim.validation.compare.setting import FlatTarget
 

@@ -13,15 +13,15 @@ from typer.testing import CliRunner
 
 from scanner_sim.cli import app
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.products.files.contents import RUN
 from scanner_sim.products.files.exchange import held, write_file
 from scanner_sim.products.files.folder import claimed
-from scanner_sim.products.files.run_folder import RUN
 
 CLAIMS = """
 import sys
 from pathlib import Path
 from scanner_sim.products.files.folder import claimed
-from scanner_sim.products.files.run_folder import RUN
+from scanner_sim.products.files.contents import RUN
 with claimed(Path(sys.argv[1]), False, RUN):
     print("mine", flush=True)
     sys.stdin.read()

@@ -218,7 +218,7 @@ def test_a_white_room_is_as_bright_as_its_sky() -> None:
 
 
 def test_the_same_bytes_whatever_is_traced_together(monkeypatch: pytest.MonkeyPatch) -> None:
-    from scanner_sim.render.background import background
+    from scanner_sim.render.background import panorama as background
     from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(SHADOWED)))

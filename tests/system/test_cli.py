@@ -19,8 +19,8 @@ from typer.testing import CliRunner
 from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
 from scanner_sim.config import resolved_yaml
+from scanner_sim.products.files.contents import FILES
 from scanner_sim.products.files.exr import read_range_image
-from scanner_sim.products.files.run_folder import FILES
 
 # Says when the first batch is about to be measured.
 BEGUN = """

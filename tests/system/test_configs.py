@@ -13,8 +13,8 @@ from scanner_sim import load_scenario
 from scanner_sim.cli import app
 from scanner_sim.config import doubts, json_schema
 from scanner_sim.foundation.status import Status
+from scanner_sim.products.files.contents import planned_files
 from scanner_sim.products.files.exr import read_range_image
-from scanner_sim.products.files.run_folder import planned_files
 
 CONFIGS = sorted((Path(__file__).resolve().parents[2] / "configs").glob("*.yaml"))
 TRACKS = [path for path in CONFIGS if path.stem.startswith("track_")]

@@ -16,7 +16,7 @@ from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.memory import background_bins
-from scanner_sim.products.files.run_folder import LIT_PICTURES
+from scanner_sim.products.files.contents import LIT_PICTURES
 from scanner_sim.products.image import RangeImage
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 from scanner_sim import load_scenario
 from scanner_sim.analytic.orbit import earthshine, eclipse_fraction
 from scanner_sim.cli import app
-from scanner_sim.products.files.orbit_folder import ORBIT
+from scanner_sim.products.files.contents import ORBIT
 from scanner_sim.products.timeline import Timeline
 from scanner_sim.validation.studies.conditions import Condition
 from scanner_sim.validation.studies.sweep import sweep_orbit

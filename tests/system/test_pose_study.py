@@ -12,7 +12,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from scanner_sim.cli import app
-from scanner_sim.products.files.pose_study_folder import POSE_STUDY
+from scanner_sim.products.files.contents import POSE_STUDY
 from scanner_sim.products.pose_study import COMPONENTS
 from scanner_sim.validation.studies.pose_study import StudyPlan
 

@@ -21,9 +21,10 @@ from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.lidar import fitted_pulse
 from scanner_sim.instrument.simulate import simulate_voxel, simulate_waveforms
-from scanner_sim.optics.filter import band_irradiance, peak_transmission
+from scanner_sim.optics.band_irradiance import band_irradiance
+from scanner_sim.optics.filter import peak_transmission
+from scanner_sim.products.files.contents import planned_files
 from scanner_sim.products.files.exr import read_range_image
-from scanner_sim.products.files.run_folder import planned_files
 from scanner_sim.products.image import MEASURED_BY, RangeImage
 from scanner_sim.products.waveforms import read_waveforms
 from scanner_sim.ranging.fusion import crossing_distance

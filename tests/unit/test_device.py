@@ -14,8 +14,9 @@ import pytest
 from pydantic_core import _pydantic_core
 
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.render import device as chosen
-from scanner_sim.render.device import LLVM_VARIABLE, OLDEST_LLVM, Device, LlvmLibrary, activate, find_llvm
+from scanner_sim.render import device, libraries
+from scanner_sim.render.device import Device, activate
+from scanner_sim.render.libraries import LLVM_VARIABLE, OLDEST_LLVM, LlvmLibrary, find_llvm
 
 
 @pytest.fixture
@@ -27,8 +28,8 @@ def no_wish(monkeypatch: pytest.MonkeyPatch) -> None:
 def candidates(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, no_wish: None) -> list[Path]:
     """Libraries on this machine: a list for the test to fill; each verifies as what its name says."""
     found: list[Path] = []
-    monkeypatch.setattr(chosen, "_candidates", lambda: iter(found))
-    monkeypatch.setattr(chosen, "_verified_version", lambda path: chosen._version_from_name(path))
+    monkeypatch.setattr(libraries, "_candidates", lambda: iter(found))
+    monkeypatch.setattr(libraries, "_verified_version", lambda path: libraries._version_from_name(path))
     return found
 
 
@@ -46,14 +47,14 @@ def candidates(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, no_wish: None) -
 )
 def test_version_is_read_from_the_name(name: str, version: tuple[int, int, int] | None) -> None:
     """``libLLVM-15.so.1`` is version 15, not 1; a file without a number is of unknown age."""
-    assert chosen._version_from_name(Path(name)) == version
+    assert libraries._version_from_name(Path(name)) == version
 
 
 def test_a_link_is_as_old_as_what_it_points_to(tmp_path: Path) -> None:
     (tmp_path / "libLLVM-15.so.1").touch()
     link = tmp_path / "libLLVM.so"
     link.symlink_to("libLLVM-15.so.1")
-    assert chosen._version_from_name(link) == (15, 0, 0)
+    assert libraries._version_from_name(link) == (15, 0, 0)
 
 
 def test_the_newest_library_wins_and_old_ones_never(candidates: list[Path]) -> None:
@@ -66,7 +67,7 @@ def test_the_newest_library_wins_and_old_ones_never(candidates: list[Path]) -> N
 
 def test_an_old_library_is_not_even_loaded(monkeypatch: pytest.MonkeyPatch, candidates: list[Path]) -> None:
     loaded: list[Path] = []
-    monkeypatch.setattr(chosen, "_verified_version", loaded.append)
+    monkeypatch.setattr(libraries, "_verified_version", loaded.append)
     candidates.extend(Path(f"/nowhere/libLLVM-{age}.so.1") for age in (OLDEST_LLVM - 1, OLDEST_LLVM))
     assert find_llvm() is None
     assert loaded == [Path(f"/nowhere/libLLVM-{OLDEST_LLVM}.so.1")]
@@ -76,7 +77,7 @@ def test_a_name_that_lies_about_its_age_is_found_out(tmp_path: Path) -> None:
     """A library without ``LLVMGetVersion`` is older than 16, whatever it is called."""
     impostor = tmp_path / "libLLVM-19.so"
     shutil.copy(_pydantic_core.__file__, impostor)
-    assert chosen._verified_version(impostor) is None
+    assert libraries._verified_version(impostor) is None
 
 
 def test_the_machine_of_the_tests_has_a_usable_library(no_wish: None) -> None:
@@ -90,7 +91,7 @@ def test_the_users_library_is_taken(monkeypatch: pytest.MonkeyPatch, no_wish: No
     found = find_llvm()
     assert found is not None
     monkeypatch.setenv(LLVM_VARIABLE, str(found.path))
-    monkeypatch.setattr(chosen, "_candidates", lambda: pytest.fail("the user has chosen already"))
+    monkeypatch.setattr(libraries, "_candidates", lambda: pytest.fail("the user has libraries already"))
     assert find_llvm() == found
 
 
@@ -112,7 +113,7 @@ def test_the_users_unusable_library_is_refused_with_the_remedy(
 def test_no_library_and_no_gpu_stops_with_one_remedy(
     monkeypatch: pytest.MonkeyPatch, candidates: list[Path]
 ) -> None:
-    monkeypatch.setattr(chosen, "_gpu_name", lambda: None)
+    monkeypatch.setattr(device, "gpu_name", lambda: None)
     for choice in ("auto", "cpu"):
         with pytest.raises(InputError, match="LLVM") as caught:
             activate(choice)
@@ -126,14 +127,14 @@ def test_a_missing_library_of_the_system_is_named_with_its_package(monkeypatch: 
     def missing(name: str) -> None:
         raise OSError(f"{name}: cannot open shared object file")
 
-    monkeypatch.setattr(chosen.sys, "platform", "linux")
-    monkeypatch.setattr(chosen.ctypes, "CDLL", missing)
+    monkeypatch.setattr(libraries.sys, "platform", "linux")
+    monkeypatch.setattr(libraries.ctypes, "CDLL", missing)
     with pytest.raises(InputError, match=r"libatomic\.so\.1.*apt-get install libatomic1"):
         activate("cpu")
 
 
 def test_a_gpu_that_is_not_there_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(chosen, "_gpu_name", lambda: None)
+    monkeypatch.setattr(device, "gpu_name", lambda: None)
     with pytest.raises(InputError, match="GPU") as caught:
         activate("cuda")
     assert "cpu" in caught.value.remedy
@@ -188,7 +189,7 @@ def test_kernels_with_minimum_and_maximum_compile(device: Device) -> None:
 
 def test_the_module_is_importable_without_the_renderer() -> None:
     code = (
-        "import sys, scanner_sim.render.device; sys.exit('mitsuba' in sys.modules or 'drjit' in sys.modules)"
+        "import sys, scanner_sim.render.libraries; sys.exit('mitsuba' in sys.modules or 'drjit' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
@@ -202,7 +203,7 @@ def test_documents_name_the_oldest_version_that_the_program_takes(repo_root: Pat
     assert {"README.md", "start.md"} <= {name for name, ages in said.items() if ages}
     assert set().union(*said.values()) == {str(OLDEST_LLVM)}
     told = subprocess.run(
-        [sys.executable, "-m", "scanner_sim.render.device", "--oldest"],
+        [sys.executable, "-m", "scanner_sim.render.libraries", "--oldest"],
         capture_output=True,
         text=True,
         check=True,
@@ -211,7 +212,7 @@ def test_documents_name_the_oldest_version_that_the_program_takes(repo_root: Pat
 
 
 def test_the_module_says_what_was_found() -> None:
-    command = [sys.executable, "-m", "scanner_sim.render.device"]
+    command = [sys.executable, "-m", "scanner_sim.render.libraries"]
     environment = {key: value for key, value in os.environ.items() if key != LLVM_VARIABLE}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 0

@@ -12,10 +12,10 @@ from pydantic import TypeAdapter, ValidationError
 
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import (
     BandpassFilter,
     FilterChoice,
-    band_irradiance,
     centre_at,
     filter_doubts,
     incidence,

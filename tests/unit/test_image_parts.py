@@ -42,7 +42,7 @@ def test_a_spot_cut_by_the_height_is_a_truncated_gaussian(device: Device, q: flo
 def test_bins_are_blurred_to_the_point_spread_and_no_further(device: Device, spread: float) -> None:
     """Claim: a lit bin becomes a Gaussian of the point spread's variance less 1/6, for bins and the interpolation
     between them blur by 1/12 each; its light stays."""
-    from scanner_sim.render.background import background
+    from scanner_sim.render.background import panorama as background
 
     mi: Any = mitsuba
     bins, rows, pitch = 101, 3, 50e-6

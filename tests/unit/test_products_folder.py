@@ -17,8 +17,9 @@ import pytest
 
 from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.products.files import run_folder as room
+from scanner_sim.products.files.contents import FILES, RUN, planned_files
 from scanner_sim.products.files.folder import check_target
-from scanner_sim.products.files.run_folder import FILES, RUN, planned_files, write_run
+from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.settings import Output
 

@@ -15,13 +15,13 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.frames import rotation_about
 from scanner_sim.instrument.closed_loop.poses import poses_of
 from scanner_sim.pose.settings import PoseSettings
+from scanner_sim.products.files.contents import RUN, TRACK, planned_track_files
 from scanner_sim.products.files.folder import check_target
-from scanner_sim.products.files.run_folder import RUN
 from scanner_sim.products.files.tables import read_parquet, table_csv, write_parquet
 from scanner_sim.products.files.track_folder import write_track
 from scanner_sim.products.pose import pose_columns, read_poses
 from scanner_sim.products.settings import Output
-from scanner_sim.products.track import TRACK, planned_track_files, read_track, track_columns
+from scanner_sim.products.track import read_track, track_columns
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.scene.targets import target_positions

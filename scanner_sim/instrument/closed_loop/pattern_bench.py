@@ -18,6 +18,12 @@ from scanner_sim.detector.encoders import reading_normals, readings
 from scanner_sim.instrument.closed_loop.windows import Windows
 from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.ranging.ranges import Deflections, finished_layers, layers_of
+from scanner_sim.render.beam.pattern import chief_beamlet, pattern_light
+from scanner_sim.render.beam.pattern_shots import fired_shots, packed_shots
+from scanner_sim.render.beam.swept_beamlets import SweptTables
+from scanner_sim.render.frozen import Frozen
+from scanner_sim.render.shots import Pointing
+from scanner_sim.render.transport import BeamletTables
 from scanner_sim.scan.raster import Aim
 
 _LINE = ("signal", "snr", "laser", "window", "window_error", "brightest")
@@ -64,9 +70,6 @@ class PatternBench:
                 for windows in (self.windows, self.field_windows)
             )
             return self.bench.measure(aim, line=line, field=field, details=True)
-        from scanner_sim.render.beam.pattern_shots import packed_shots
-        from scanner_sim.render.shots import Pointing
-
         bench, scanner = self.bench, self.bench.scenario.scanner
         mirrors, shining = scanner.mirrors, scanner.exposure / scanner.dwell
         still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
@@ -100,10 +103,6 @@ class PatternBench:
     @cached_property
     def _beamlets(self) -> tuple[Any, Any]:
         """The chief ray and the beamlets of every shot, on the device."""
-        from scanner_sim.render.beam.pattern import chief_beamlet
-        from scanner_sim.render.beam.swept_beamlets import SweptTables
-        from scanner_sim.render.transport import BeamletTables
-
         count = self.bench.scenario.transport.pattern_beamlets
         return BeamletTables.of(chief_beamlet()), SweptTables.of(count)
 
@@ -130,8 +129,6 @@ class PatternBench:
     def _step(self, points: int) -> Any:
         """Return the frozen kernels of patterns of a length."""
         if points not in self._steps:
-            from scanner_sim.render.frozen import Frozen
-
             self._steps[points] = Frozen(
                 lambda reads, numbers, integers, window: self._measured(numbers, integers, window, points)
             )
@@ -141,9 +138,6 @@ class PatternBench:
         self, numbers: Any, integers: Any, window: list[Any], points: int
     ) -> tuple[Any, dict[str, Any]]:
         """Return truth and measured values of a pattern, Dr.Jit arrays of shape (points,)."""
-        from scanner_sim.render.beam.pattern import pattern_light
-        from scanner_sim.render.beam.pattern_shots import fired_shots
-
         bench, seed = self.bench, self.bench.scenario.seed
         mirrors, bodies = bench.scenario.scanner.mirrors, len(bench.loaded.bodies)
         fired = fired_shots(numbers, integers, points, mirrors, bodies, seed)

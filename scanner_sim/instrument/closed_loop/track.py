@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.tracker import Tracker, made_by
 from scanner_sim.instrument.memory import check_patterns
-from scanner_sim.render.device import DeviceChoice
 from scanner_sim.render.guest import guest
+from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 
 Progress = Callable[[float, float], None]

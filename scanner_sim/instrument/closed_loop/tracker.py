@@ -19,8 +19,8 @@ from scanner_sim.instrument.closed_loop.state_file import FARTHEST, NEAREST, WID
 from scanner_sim.instrument.closed_loop.voxels import Eye
 from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.products.provenance import versions
-from scanner_sim.render.device import DeviceChoice
 from scanner_sim.render.guest import Stay, guest
+from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.schedule import MOST_VISITS, run_visit
 from scanner_sim.tracking.record import PatternRecord
 from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advanced, command, init

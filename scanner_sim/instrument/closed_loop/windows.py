@@ -25,6 +25,13 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import product
 from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.render.background.panorama import Panorama, render_panorama
+from scanner_sim.render.background.paths import Albedo
+from scanner_sim.render.background.sky import light_of
+from scanner_sim.render.background.view import Window, window_heights, window_place
+from scanner_sim.render.field import field_optics
+from scanner_sim.render.frozen import Frozen
+from scanner_sim.render.rays import one_kernel, posed
 from scanner_sim.scan.raster import Aim
 
 _ROW = 0.5
@@ -84,8 +91,6 @@ class Windows:
     @classmethod
     def of_field(cls, workbench: Workbench) -> Windows:
         """Return those of the photodiode's field of view."""
-        from scanner_sim.render.field import field_optics
-
         echoes = workbench.echoes
         optics, middle, half = (
             field_optics(echoes.bare, echoes.field),
@@ -108,9 +113,6 @@ class Windows:
 
     def panorama(self, parts: list[Any]) -> Any:
         """Return the panorama of what :meth:`seen_by` returned; None of an empty list."""
-        from scanner_sim.render.background.panorama import Panorama
-        from scanner_sim.render.background.view import Window
-
         if not parts:
             return None
         first, phi, rows, bins, *layers = parts
@@ -154,21 +156,15 @@ class Windows:
 
     @cached_property
     def _heights(self) -> Any:
-        from scanner_sim.render.background.view import window_heights
-
         return window_heights(self._optics, self.row_step)
 
     @cached_property
     def _light(self) -> Any:
-        from scanner_sim.render.background.sky import light_of
-
         return light_of(self._bench.scenario.lighting.sky())
 
     def _rendered(
         self, first: int, bins: int, first_row: int, rows: int, slot: int, halvings: int
     ) -> list[Any]:
-        from scanner_sim.render.background.view import window_place
-
         loaded = self._bench.loaded
         reads = [
             loaded.mitsuba,
@@ -186,9 +182,6 @@ class Windows:
     def _renderer(self, rows: int, bins: int) -> Callable[..., list[Any]]:
         """Return the frozen kernels that render windows of a size."""
         if (rows, bins) not in self._renderers:
-            from scanner_sim.render.frozen import Frozen
-            from scanner_sim.render.rays import one_kernel
-
             # Loops that a GPU runs turn by turn cannot be recorded.
             self._renderers[rows, bins] = Frozen(
                 lambda reads, place, poses: self._layers(place, poses, rows, bins),
@@ -198,11 +191,6 @@ class Windows:
 
     def _layers(self, place: list[Any], poses: Any, rows: int, bins: int) -> list[Any]:
         """Return the layers of a panorama over a window."""
-        from scanner_sim.render.background.panorama import render_panorama
-        from scanner_sim.render.background.paths import Albedo
-        from scanner_sim.render.background.view import Window
-        from scanner_sim.render.rays import posed
-
         scenario, moving = self._bench.scenario, bool(self._bench.loaded.bodies)
         sky, settings = scenario.lighting.sky(), scenario.transport
         found = render_panorama(

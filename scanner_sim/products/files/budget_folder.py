@@ -7,23 +7,10 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from scanner_sim.products.budget import BudgetRow, Dominance, budget_json
-from scanner_sim.products.files.folder import Kind, write_folder, write_text
+from scanner_sim.products.files.contents import BUDGET
+from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.files.tables import records_csv
 from scanner_sim.products.pictures.budget import draw_budget, draw_curves, draw_dominance
-
-BUDGET = Kind(
-    "budget.json",
-    (
-        "budget.json",
-        "budget.csv",
-        "budget.png",
-        "budget_tof.png",
-        "curves.png",
-        "dominance.png",
-        "scenario.yaml",
-    ),
-)
-"""The folder of an error budget."""
 
 
 def write_budget(

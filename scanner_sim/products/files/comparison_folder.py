@@ -7,12 +7,9 @@ from pathlib import Path
 
 from scanner_sim.products.comparison import Comparison, comparison_json
 from scanner_sim.products.comparison_page import comparison_page
-from scanner_sim.products.files.folder import Kind, write_folder, write_text
+from scanner_sim.products.files.contents import COMPARISON
+from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.pictures.comparison import draw_comparison
-
-RESULT = "compare.json"
-COMPARISON = Kind(RESULT, (RESULT, "compare.html", "compare.png", "scenario.yaml"))
-"""The folder of a comparison."""
 
 
 def write_comparison(
@@ -26,7 +23,7 @@ def write_comparison(
         As there.
     """
     writers: dict[str, Callable[[Path], None]] = {
-        RESULT: lambda path: write_text(path, comparison_json(comparison)),
+        COMPARISON.result: lambda path: write_text(path, comparison_json(comparison)),
         "compare.html": lambda path: write_text(path, comparison_page(comparison, scenario_yaml)),
         "compare.png": lambda path: draw_comparison(comparison, path),
         "scenario.yaml": lambda path: write_text(path, scenario_yaml),

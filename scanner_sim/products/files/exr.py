@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+import OpenEXR
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
@@ -53,8 +54,6 @@ def write_exr(path: str | Path, image: RangeImage, compression: Compression = "z
     OSError
         If the file cannot be written.
     """
-    import OpenEXR
-
     kind = getattr(
         OpenEXR, "NO_COMPRESSION" if compression == "none" else f"{compression.upper()}_COMPRESSION"
     )
@@ -88,8 +87,6 @@ def read_range_image(path: str | Path) -> RangeImage:
     InputError
         If the file is missing, broken, no OpenEXR file or not one of ours.
     """
-    import OpenEXR
-
     _check(Path(path))
     try:
         with _all_cores(OpenEXR), _library_is_quiet():

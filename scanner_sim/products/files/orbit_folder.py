@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from scanner_sim.products.files.folder import Kind, write_folder, write_text
+from scanner_sim.products.files.contents import ORBIT
+from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.pictures.timeline import draw_timeline
 from scanner_sim.products.timeline import Timeline, orbit_csv, orbit_json
-
-ORBIT = Kind("orbit.json", ("orbit.json", "orbit.csv", "orbit.png", "scenario.yaml"))
-"""The folder of an orbit."""
 
 
 def write_orbit(timeline: Timeline, folder: str | Path, *, overwrite: bool = False) -> tuple[Path, ...]:

@@ -5,25 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from scanner_sim.products.files.folder import Kind, write_folder, write_text
+from scanner_sim.products.files.contents import POSE_STUDY
+from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.files.tables import records_csv
 from scanner_sim.products.pictures.pose_study import draw_arrays, draw_figure_15
 from scanner_sim.products.pose_study import PoseStudy, study_json
-
-POSE_STUDY = Kind(
-    "pose_study.json",
-    (
-        "pose_study.json",
-        "pose_study.csv",
-        "exponents.csv",
-        "gains.csv",
-        "targets.csv",
-        "figure_15.png",
-        "arrays.png",
-        "scenario.yaml",
-    ),
-)
-"""The folder of a pose study."""
 
 
 def write_pose_study(

@@ -5,53 +5,22 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.products.files.contents import RUN, WAVEFORMS, planned_files
 from scanner_sim.products.files.exchange import Writers
 from scanner_sim.products.files.exr import write_exr
-from scanner_sim.products.files.folder import Kind, write_folder, write_text
+from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.pictures.image import PICTURES_OF, draw_background, lit
+from scanner_sim.products.pictures.style import save_grey
+from scanner_sim.products.pictures.waveform import draw_grey
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.settings import Output
 from scanner_sim.products.summary import summary_json
 from scanner_sim.products.waveforms import WaveformSet, write_waveforms
-
-RESULT = "range.exr"
-"""The file whose presence makes a folder a result."""
-
-PICTURES = ("range.png", "shaded.png", "signal.png")
-
-FILES = (RESULT, "scenario.yaml", "summary.json", *PICTURES, "points.ply")
-"""Every file that a run in the dark may write."""
-
-LIT_PICTURES = ("background.png", "camera.png")
-"""Pictures that a run adds where the Sun shines."""
-
-TIMED_PICTURES = ("tof.png",)
-"""Pictures that a run adds with time of flight."""
-
-WAVEFORMS = "waveforms.nc"
-"""The waveforms of time of flight, where the scenario asks for some."""
-
-RUN = Kind(RESULT, (*FILES, *TIMED_PICTURES, *LIT_PICTURES, WAVEFORMS))
-"""The folder of a run."""
-
-
-def planned_files(
-    output: Output, *, lit: bool = False, ranging: Literal["triangulation", "tof", "both"] = "triangulation"
-) -> tuple[str, ...]:
-    """Return the names of the files that a run writes, in the order of presentation; ``lit`` under the Sun."""
-    left_out = (() if output.pictures else PICTURES) + (() if output.points else ("points.ply",))
-    added: tuple[str, ...] = ()
-    if output.pictures:
-        added = (() if ranging == "triangulation" else TIMED_PICTURES) + (LIT_PICTURES if lit else ())
-        # The charge of the background is one on the line sensor.
-        left_out += ("background.png",) if ranging == "tof" else ()
-    added += () if output.waveforms == "none" else (WAVEFORMS,)
-    return tuple(name for name in (*FILES, *added) if name not in left_out)
 
 
 def write_run(
@@ -101,17 +70,12 @@ def _writers(
 ) -> Writers:
     """Return what writes the files of a run."""
     writers: dict[str, Callable[[Path], None]] = {
-        RESULT: lambda path: write_exr(path, image, output.compression),
+        RUN.result: lambda path: write_exr(path, image, output.compression),
         "scenario.yaml": lambda path: write_text(path, image.scenario_yaml),
         "summary.json": lambda path: write_text(path, summary_json(image)),
         "points.ply": lambda path: write_ply(path, image),
     }
     if output.pictures:
-        # Matplotlib takes longer to load than most runs take to write: only where pictures are wanted.
-        from scanner_sim.products.pictures.image import PICTURES_OF, draw_background, lit
-        from scanner_sim.products.pictures.style import save_grey
-        from scanner_sim.products.pictures.waveform import draw_grey
-
         writers |= {name: partial(draw, image) for name, draw in PICTURES_OF.items()}
         if lit(image):
             writers["background.png"] = lambda path: draw_background(image, path)

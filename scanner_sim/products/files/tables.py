@@ -12,6 +12,9 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import numpy as np
+import pyarrow
+import pyarrow.compute
+import pyarrow.parquet
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
@@ -83,9 +86,6 @@ def write_parquet(path: Path, columns: Columns, about: Mapping[str, Any]) -> Non
     OSError
         If the file cannot be written.
     """
-    import pyarrow
-    import pyarrow.parquet
-
     table = pyarrow.table({name: _array(values) for name, values in columns.items()})
     stated = json.dumps(about, ensure_ascii=False, allow_nan=False)
     table = table.replace_schema_metadata({_ABOUT: stated.encode()})
@@ -103,9 +103,6 @@ def read_parquet(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     InputError
         If the file is missing, broken, not one of ours, or would take more memory than any run's table.
     """
-    import pyarrow
-    import pyarrow.parquet
-
     content = read_ordinary(path, _LARGEST)
     try:
         # One thread reads in one order: a broken file is then refused for the same reason each time.
@@ -130,8 +127,6 @@ def read_parquet(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
 
 def _check_size(metadata: Any, schema: Any) -> None:
     """Refuse nested columns, two of one name, and more cells than a run has."""
-    import pyarrow
-
     plain = (pyarrow.types.is_floating, pyarrow.types.is_integer, pyarrow.types.is_string)
     if len(set(schema.names)) < len(schema.names) or not all(
         any(fits(field.type) for fits in plain) for field in schema
@@ -145,9 +140,6 @@ def _unpacked(column: Any, text: bool) -> NDArray[Any]:
     """Return a column, its texts in full where none is longer than any of ours."""
     if not text:
         return np.asarray(column.to_numpy())
-    import pyarrow
-    import pyarrow.compute
-
     for part in column.chunks:
         longest = pyarrow.compute.max(pyarrow.compute.binary_length(part.dictionary)).as_py()
         if longest is not None and longest > MOST_LETTERS:
@@ -212,8 +204,6 @@ def _spelt(values: NDArray[Any]) -> list[str]:
 
 
 def _array(values: NDArray[Any]) -> Any:
-    import pyarrow
-
     if values.dtype == object:
         return pyarrow.array(values.tolist(), pyarrow.string())
     if values.dtype.kind == "f":

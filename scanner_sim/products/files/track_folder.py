@@ -9,12 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.pose.series import PoseSeries
+from scanner_sim.products.files.contents import TABLE, TRACK, VOXELS
 from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.files.tables import table_csv, write_parquet
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.pictures.pattern import draw_pattern, telling_visit
+from scanner_sim.products.pictures.pose import draw_outlines, draw_poses
+from scanner_sim.products.pictures.track import draw_field, draw_track
 from scanner_sim.products.pose import about_poses, pose_columns
 from scanner_sim.products.settings import Output
-from scanner_sim.products.track import TABLE, TRACK, VOXELS, about_track, track_columns, voxel_columns
+from scanner_sim.products.track import about_track, track_columns, voxel_columns
 from scanner_sim.products.track_summary import track_json
 from scanner_sim.tracking.record import PatternRecord, Track
 
@@ -87,10 +91,6 @@ def pictures_of(
 ) -> dict[str, Callable[[Path], None]]:
     """Return for each picture of a run its name, and what draws it to a path; arguments as :func:`write_track`."""
     # Matplotlib takes long to load: only where pictures are wanted.
-    from scanner_sim.products.pictures.pattern import draw_pattern, telling_visit
-    from scanner_sim.products.pictures.pose import draw_outlines, draw_poses
-    from scanner_sim.products.pictures.track import draw_field, draw_track
-
     pictures: dict[str, Callable[[Path], None]] = {}
     visit = telling_visit(track)
     if visit is not None:

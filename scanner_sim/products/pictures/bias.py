@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from matplotlib import colormaps
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from scanner_sim.products.pictures.style import FAINT, house_style, save
@@ -46,9 +48,6 @@ def draw_bias(estimator: str, curves: Sequence[BiasCurve], path: str | Path) -> 
     """
     chosen = sorted({round(place) for place in np.linspace(0, len(curves) - 1, _SHOWN)})
     with house_style():
-        from matplotlib import colormaps
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(6.4, 4.6), dpi=150, layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
         for number, colour in zip(chosen, np.linspace(_FROM, _TO, len(chosen)), strict=True):

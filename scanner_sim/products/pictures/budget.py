@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from scanner_sim.products.budget import BudgetRow, Dominance, Mode, crossing
 from scanner_sim.products.pictures.style import FAINT, INK, house_style, save
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 COLOURS = {
     "all": INK,
@@ -78,8 +78,6 @@ def draw_budget(
     """
     rows = [row for row in rows if row.mode == mode]
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(7.4, 5.0), dpi=150, layout="constrained")
         axes = figure.subplots()
         for name in dict.fromkeys(row.source for row in rows):
@@ -105,8 +103,6 @@ def draw_curves(
     """
     rows = [row for row in rows if row.source == "all"]
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(7.4, 4.6), dpi=150, layout="constrained")
         axes = figure.subplots()
         for mode, (colour, label) in CURVES.items():
@@ -166,10 +162,6 @@ def draw_dominance(dominance: Dominance, path: str | Path) -> None:
     shown = [number for number, name in enumerate(dominance.sources) if shares[name] > 0.0]
     shown.sort(key=lambda number: -shares[dominance.sources[number]])
     with house_style():
-        from matplotlib.colors import to_rgb
-        from matplotlib.figure import Figure
-        from matplotlib.patches import Patch
-
         picture = np.empty((*largest.shape, 3))
         picture[...] = to_rgb(_NOWHERE)
         for number in shown:

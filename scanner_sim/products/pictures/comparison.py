@@ -6,15 +6,13 @@ import base64
 import io
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from scanner_sim.products.comparison import CONFIDENCE, Check, Comparison, Finding
 from scanner_sim.products.pictures.style import FAINT, INK, house_style, save
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 HOLDS, BROKEN, NEUTRAL = "#2b6f8f", "#b4331a", "#cfd6db"
 """Colours of what holds, of what is broken, and of the accuracy of a closed form."""
@@ -28,8 +26,6 @@ def draw_comparison(comparison: Comparison, path: str | Path) -> None:
     """
     judged = [finding for finding in comparison.findings if finding.checks]
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(7.4, 1.3 + 0.26 * max(len(judged), 1)), dpi=150, layout="constrained")
         axes = figure.subplots()
         axes.axvspan(-1.0, 1.0, color="#f2f4f5", lw=0)
@@ -79,8 +75,6 @@ def finding_picture(finding: Finding) -> str:
     them, where a law holds at several ranges, simulated numbers and the line of their predictions in logarithms.
     """
     with house_style():
-        from matplotlib.figure import Figure
-
         checks, ranged = finding.checks, _ranged(finding)
         height = 0.8 + 0.19 * max(len(checks), 8 if ranged else 0)
         figure = Figure(figsize=(8.2, height), dpi=130, layout="constrained")

@@ -8,9 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from textwrap import shorten
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import matplotlib
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import FuncNorm, LogNorm, Normalize, to_rgba
+from matplotlib.patches import Patch
+from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
@@ -42,8 +47,6 @@ __all__ = [
     "slope",
 ]
 
-if TYPE_CHECKING:
-    from matplotlib.colors import Normalize
 
 _SMALLEST, _LARGEST = 960, 2048
 """Dots of the longer side of an image."""
@@ -82,8 +85,6 @@ def draw_range(image: RangeImage, path: str | Path) -> None:
 
     The scale leaves out the outermost half per cent at either end.
     """
-    from matplotlib.colors import Normalize
-
     ranges = image["range_m"]
     low, high = _spread(ranges, 0.5, 99.5, least=1e-3)
     layer = Layer(
@@ -117,8 +118,6 @@ def _logarithmic(
     title: str, label: str, values: NDArray[np.float32], scaled_by: NDArray[np.float32], colours: str
 ) -> Layer:
     """Return a layer on a logarithmic scale that spans the bulk of some values, a factor of 1.5 at least."""
-    from matplotlib.colors import LogNorm
-
     low, high = _spread(scaled_by, 0.5, 99.8, least=0.0)
     low, high = (low, high) if high > 1.5 * low else (low / 1.5, high * 1.5)
     return Layer(title, label, values, LogNorm(low, high), colours, extend=_extend(values, low, high))
@@ -131,8 +130,6 @@ def draw_shaded(image: RangeImage, path: str | Path) -> None:
     arc tangent, with the scale taken from the image: surfaces that face the upper left are bright, as if lit from
     there.
     """
-    from matplotlib.colors import FuncNorm
-
     angle = np.degrees(np.arctan(slope(image)))
     size = np.abs(angle[np.isfinite(angle)])
     knee = max(1.5 * float(np.quantile(size, 0.6)), 0.5) if size.size else 45.0
@@ -174,10 +171,6 @@ def _draw(image: RangeImage, layer: Layer, path: str | Path) -> None:
     rows, columns = _voxels_of_dots(image)
     causes = _causes(image, np.isnan(layer.values))
     with house_style():
-        import matplotlib
-        from matplotlib.cm import ScalarMappable
-        from matplotlib.colors import to_rgba
-
         scale = ScalarMappable(layer.norm, matplotlib.colormaps[layer.colours])
         picture = scale.to_rgba(np.nan_to_num(layer.values[np.ix_(rows, columns)]), bytes=True)
         # Colours are laid on dot by dot: a picture made smaller must not blend voxels with and without a range.
@@ -231,8 +224,6 @@ def _axes(sheet: Canvas, image: RangeImage) -> None:
     half_x, half_y = np.degrees(_step(image.theta)) / 2.0, np.degrees(_step(image.phi)) / 2.0
     sheet.axes.set_xlim(across[0] - half_x, across[-1] + half_x)
     sheet.axes.set_ylim(down[-1] + half_y, down[0] - half_y)
-    from matplotlib.ticker import MaxNLocator, ScalarFormatter
-
     wide, high = sheet.axes.get_position().size * sheet.figure.get_size_inches()
     for axis, angles, room, name, long_name in (
         (sheet.axes.xaxis, across, wide, "Θ [°]", "Θ to the right [°]"),
@@ -247,9 +238,6 @@ def _axes(sheet: Canvas, image: RangeImage) -> None:
 
 
 def _colour_bar(sheet: Canvas, layer: Layer, scale: Any) -> None:
-    from matplotlib.colors import LogNorm
-    from matplotlib.ticker import EngFormatter, LogLocator, ScalarFormatter
-
     bar = sheet.figure.colorbar(scale, cax=sheet.bar, extend=layer.extend, extendfrac=0.025)
     bar.outline.set_linewidth(0.6)
     bar.set_label(layer.label)
@@ -290,8 +278,6 @@ def about(image: RangeImage) -> str:
 
 def _legend(sheet: Canvas, causes: dict[Status, NDArray[np.bool_]]) -> None:
     """Explain the colours of the voxels without a value, at the foot of the figure."""
-    from matplotlib.patches import Patch
-
     if not causes:
         return
     figure, left = sheet.figure, sheet.axes.get_position().x0

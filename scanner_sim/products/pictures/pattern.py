@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from scanner_sim.products.pictures.style import FAINT, INK, RANGE_MAP, SIGNAL_MAP, house_style, named, save
@@ -14,9 +16,6 @@ from scanner_sim.tracking.centroid import Centroid, circle_fit
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.response import Response, target_response
 from scanner_sim.tracking.state import TrackMode
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -74,8 +73,6 @@ def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = N
     response = response_of(track, record)
     circle = circle_fit(record.samples, response)
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(11.4, 4.3), dpi=150)
         places = ((0.055, 0.13, 0.25, 0.67), (0.43, 0.13, 0.25, 0.67), (0.82, 0.30, 0.165, 0.43))
         by_signal, by_range, centre = (figure.add_axes(place) for place in places)

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.pictures.style import FAINT, INK, house_style, named, save
 from scanner_sim.tracking.record import Track, TrackTarget
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
 
@@ -61,8 +59,6 @@ def draw_poses(series: Sequence[PoseSeries], path: str | Path) -> None:
     methods = list(dict.fromkeys(one.method for one in series))
     wide = max(2.9 * len(labels) + 0.9, 6.4)
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(wide, 8.6), dpi=150)
         grid = figure.subplots(6, len(labels), sharex=True, squeeze=False)
         figure.subplots_adjust(
@@ -128,8 +124,6 @@ def draw_outlines(track: Track, series: Sequence[PoseSeries], path: str | Path) 
     names = list(dict.fromkeys(one.name for one in own))[:_MOST_COLUMNS]
     wide = max(3.6 * len(names) + 0.3, 5.6)
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(wide, 6.9), dpi=150)
         grid = figure.subplots(2, len(names), squeeze=False, height_ratios=(1.6, 1.0))
         figure.subplots_adjust(
@@ -219,8 +213,6 @@ def _round(factor: float) -> float:
 def _methods(
     figure: Figure, methods: Sequence[str], corner: tuple[float, float], with_truth: bool = False
 ) -> None:
-    from matplotlib.lines import Line2D
-
     handles = [
         Line2D([], [], color=METHOD_COLOUR[method], marker=_MARK[method], ms=3.5, lw=1.2, label=method)
         for method in methods

@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from scanner_sim.products.pictures.style import FAINT, house_style, save
 from scanner_sim.products.pose_study import COMPONENTS, PoseRow, PoseStudy
@@ -43,8 +45,6 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
     """
     base = [row for row in study.rows if row.array == study.base and row.size_m == study.base_size]
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(9.6, 6.6), dpi=150, layout="constrained")
         panels = figure.subplots(2, 3, sharex=True)
         for axes, component in zip(panels.ravel(), COMPONENTS, strict=True):
@@ -91,8 +91,6 @@ def _draw_mode(axes: Any, own: list[PoseRow], name: str, colour: str, mark: str)
 
 def _plain_ticks(axis: Any, ends: tuple[float, float]) -> None:
     """Label an axis in logarithms with plain numbers: decades, and 2 and 5 between them where it spans few."""
-    from matplotlib.ticker import LogLocator, NullFormatter
-
     few = ends[1] < 60.0 * ends[0]
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
     axis.set_major_formatter("{x:g}")
@@ -105,8 +103,6 @@ def draw_arrays(study: PoseStudy, path: str | Path) -> None:
     rows = [row for row in study.rows if row.range_m == distance]
     arrays = list(dict.fromkeys((row.array, row.size_m, row.targets) for row in rows))
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(10.4, 1.6 + 0.26 * len(arrays)), dpi=150, layout="constrained")
         panels = figure.subplots(1, 4, sharey=True)
         shown = ("t_x", "t_z", "omega_y", "omega_z")

@@ -7,17 +7,19 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
+import matplotlib
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.image import imsave
 from numpy.typing import NDArray
+from PIL import Image
 
 from scanner_sim.foundation.errors import printable
 from scanner_sim.foundation.status import Status
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 INK = "#22262b"
 """Colour of text and axes."""
@@ -70,8 +72,6 @@ def named(name: str) -> str:
 @contextlib.contextmanager
 def house_style() -> Iterator[None]:
     """Draw in the house style, whatever the user's own matplotlib settings are."""
-    import matplotlib
-
     # The back end is no matter of style, and naming it here would make matplotlib look for a display.
     settings: dict[Any, Any] = {k: v for k, v in matplotlib.rcParamsDefault.items() if "backend" not in k}
     settings.update(_SETTINGS)
@@ -112,8 +112,6 @@ def canvas(width: int, height: int, legend_lines: int) -> Canvas:
     Type keeps its size relative to the longer side, so that large and small pictures look alike. ``legend_lines``
     lines are left free at the foot.
     """
-    from matplotlib.figure import Figure
-
     dpi = max(width, height) / _LONG_SIDE
     left, top = round(_LEFT * dpi), round(_TOP * dpi)
     below = round((_BOTTOM + legend_lines * _LINE) * dpi)
@@ -146,9 +144,6 @@ def lay(sheet: Canvas, picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 def save(drawing: Figure | NDArray[np.uint8], path: str | Path | BinaryIO) -> None:
     """Write a figure, or its dots, as PNG to a file without date or program name: same drawing, same bytes."""
-    from matplotlib.figure import Figure
-    from matplotlib.image import imsave
-
     dots = _drawn(drawing) if isinstance(drawing, Figure) else drawing
     nameless: Any = {"Software": None}
     imsave(path, dots, format="png", metadata=nameless, pil_kwargs={"compress_level": 3})
@@ -156,15 +151,11 @@ def save(drawing: Figure | NDArray[np.uint8], path: str | Path | BinaryIO) -> No
 
 def save_grey(levels: NDArray[np.uint8], path: str | Path) -> None:
     """Write grey levels, shape (rows, columns), as PNG without date or program name, dot by dot."""
-    from PIL import Image
-
     Image.fromarray(levels).save(path, format="png", compress_level=6)
 
 
 def _drawn(figure: Figure) -> NDArray[np.uint8]:
     """Return the dots of a figure, shape (dots down, dots across, 4)."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
     drawing: Any = FigureCanvasAgg(figure)
     drawing.draw()
     return np.array(drawing.buffer_rgba())

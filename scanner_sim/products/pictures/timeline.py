@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import BoundaryNorm, ListedColormap
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
 
 from scanner_sim.products.pictures.style import FAINT, INK, house_style, named, save
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from scanner_sim.products.timeline import Timeline
+from scanner_sim.products.timeline import Timeline
 
 _COLOURS = ("#f0c24b", "#8fb3c9", "#3f6b8c", "#d0522f", "#23272c", "#8a4f9e")
 """Of the conditions by number: sunny, shady, shadier, glaring, dark, and against the light."""
@@ -27,8 +27,6 @@ def draw_timeline(timeline: Timeline, path: str | Path) -> None:
     bands, curves, foot = 0.30 * count, 1.05, 0.30 * 2
     high = 0.62 + bands + 3 * (curves + 0.24) + 0.45 + foot
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(_WIDE, high), dpi=150)
 
         def place(top: float, tall: float) -> Axes:
@@ -59,8 +57,6 @@ def draw_timeline(timeline: Timeline, path: str | Path) -> None:
 
 
 def _bands(axes: Axes, timeline: Timeline, minutes: Any) -> None:
-    from matplotlib.colors import BoundaryNorm, ListedColormap
-
     codes = np.stack([track.condition for track in timeline.tracks])
     count = len(timeline.labels)
     norm = BoundaryNorm(np.arange(count + 1) - 0.5, count)
@@ -107,8 +103,6 @@ def _steps(axes: Axes, minutes: Any, values: Any, colour: str, label: str | None
 
 
 def _legend(figure: Any, timeline: Timeline, high: float) -> None:
-    from matplotlib.patches import Patch
-
     handles = [
         Patch(facecolor=colour, label=label.name)
         for colour, label in zip(_COLOURS, timeline.labels, strict=False)

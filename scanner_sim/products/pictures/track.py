@@ -5,18 +5,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.patheffects import AbstractPathEffect, withStroke
 from numpy.typing import NDArray
 
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pictures.style import FAINT, INK, house_style, named, save
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.state import TrackMode
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 Array = NDArray[np.float64]
 
@@ -51,8 +52,6 @@ def draw_track(track: Track, path: str | Path) -> None:
     tall = 1.15
     high = 0.78 + tall * len(shown) + 0.62
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(10.0, high), dpi=150)
         grid = figure.subplots(len(shown), 3, sharex=True, squeeze=False)
         figure.subplots_adjust(
@@ -109,8 +108,6 @@ def _stretches(records: Sequence[PatternRecord]) -> list[tuple[TrackMode, float,
 
 
 def _states(figure: Any, height: float) -> None:
-    from matplotlib.patches import Patch
-
     handles = [Patch(color=colour, label=mode.value) for mode, colour in STATE_COLOUR.items()]
     figure.legend(
         handles=handles, loc="lower left", bbox_to_anchor=(0.075, height), ncols=4, borderaxespad=0.0, borderpad=0.0,
@@ -138,8 +135,6 @@ def draw_field(track: Track, path: str | Path, backdrop: RangeImage | None = Non
     last = [track.of(target.name)[-1] for target in track.targets if track.of(target.name)]
     left, right, upper, lower = field_of(track)
     with house_style():
-        from matplotlib.figure import Figure
-
         wide, tall = right - left, lower - upper
         scale = 7.2 / max(wide, tall)
         size = (max(scale * wide, 3.6) + 0.9, scale * tall + 1.35)
@@ -202,8 +197,6 @@ def _visit(axes: Axes, record: PatternRecord, ink: str) -> None:
     angles = _path(axes, record, lw=0.9)
     if record.status is TrackStatus.MEASURED:
         axes.plot(*np.degrees(record.place[:2]), "+", color=ink, ms=5.0, mew=0.9)
-    from matplotlib.patheffects import AbstractPathEffect, withStroke
-
     x, y = np.degrees([angles[0].max(), angles[1].mean()])
     rim: list[AbstractPathEffect] = [withStroke(linewidth=2.0, foreground="black")] if ink == "white" else []
     label = axes.annotate(

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from scanner_sim.products.pictures.style import FAINT, INK, house_style, save
 from scanner_sim.products.voxel import VoxelRecord
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _SIGNAL, _LIGHT, _PEAK, _TRUTH, _LIMIT = "#9fb3c8", "#b4531a", "#0b4f8a", "#111111", "#8a2f52"
 _MARGIN = 12
@@ -27,8 +25,6 @@ def draw_voxel(record: VoxelRecord, path: str | Path) -> None:
     what came out, with the residual in pixels and millimetres.
     """
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(9.0, 6.0), dpi=150)
         strip = figure.add_axes((0.085, 0.765, 0.885, 0.115))
         close = figure.add_axes((0.085, 0.225, 0.885, 0.435))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
@@ -60,8 +61,6 @@ def draw_waveform(
     fit
         Times [s] and currents [A] of the pulse that was fitted, which is drawn over the record.
     """
-    from matplotlib.figure import Figure
-
     current = waveforms.number[number] * waveforms.step * 1e6
     time = waveforms.time * 1e9
     delay, sigma = waveforms.delay[number], waveforms.sigma[number]

@@ -10,8 +10,10 @@ import warnings
 from datetime import datetime
 from typing import Any
 
+import erfa
 import numpy as np
 from numpy.typing import NDArray
+from sgp4.api import SGP4_ERRORS, Satrec, jday
 
 from scanner_sim.scene.light.earth import EARTH_RADIUS
 
@@ -43,8 +45,6 @@ def elements_period(line1: str, line2: str) -> float:
 
 def elements_age(line1: str, line2: str, time: datetime) -> float:
     """Return how long ago the elements were measured at ``time`` [s]; SGP4 errs by kilometres after days."""
-    from sgp4.api import jday
-
     satellite = _satellite(line1, line2)
     whole, part = jday(*time.timetuple()[:6])
     return 86400.0 * float(whole - satellite.jdsatepoch + part - satellite.jdsatepochF)
@@ -81,8 +81,6 @@ def sun_from_elements(
     1900 to 2100), turned to the true equator of date by the IAU 2006/2000A precession and nutation, and to
     its mean equinox by the equation of the equinoxes.
     """
-    from sgp4.api import SGP4_ERRORS, jday
-
     whole, part = jday(*time.timetuple()[:6])
     part += (1e-6 * time.microsecond + after) / 86400.0
     error, position, velocity = _satellite(line1, line2).sgp4(whole, part)
@@ -97,15 +95,11 @@ def sun_from_elements(
 
 
 def _satellite(line1: str, line2: str) -> Any:
-    from sgp4.api import Satrec
-
     return Satrec.twoline2rv(line1, line2)
 
 
 def _sun_in_teme(whole: float, part: float) -> NDArray[np.float64]:
     """Return the direction to the Sun at a Julian date (UTC), true equator and mean equinox of date, (3,)."""
-    import erfa
-
     with warnings.catch_warnings():
         # Beyond its table of leap seconds ERFA warns; the Sun moves by 0.04″ in a second.
         warnings.simplefilter("ignore", erfa.ErfaWarning)

@@ -11,6 +11,8 @@ from functools import cache
 from typing import Final
 
 import numpy as np
+from colour.colorimetry.blackbody import planck_law
+from colour.plotting.datasets.astm_g_173 import SD_ASTMG173_ETR
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
@@ -46,8 +48,6 @@ def solar_irradiance(sun: Sun, wavelengths: ArrayLike) -> Floats:
     if sun.spectrum == "astm_g173":
         nodes, values = _astm_g173()
         return np.interp(wanted, nodes, values, left=0.0, right=0.0)
-    from colour.colorimetry.blackbody import planck_law
-
     c1 = 2.0 * math.pi * PLANCK * SPEED_OF_LIGHT**2
     c2 = PLANCK * SPEED_OF_LIGHT / BOLTZMANN
     with np.errstate(over="ignore"):  # exp(c2/λT) overflows where nothing is emitted
@@ -76,7 +76,5 @@ def total_irradiance(sun: Sun) -> float:
 @cache
 def _astm_g173() -> tuple[Floats, Floats]:
     """Return the table of ASTM G-173: wavelengths [m] and extraterrestrial irradiance [W/m²/m]."""
-    from colour.plotting.datasets.astm_g_173 import SD_ASTMG173_ETR
-
     nodes = 1e-9 * np.asarray(SD_ASTMG173_ETR.wavelengths, dtype=np.float64)
     return nodes, 1e9 * np.asarray(SD_ASTMG173_ETR.values, dtype=np.float64)

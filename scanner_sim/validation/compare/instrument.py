@@ -11,7 +11,8 @@ from scipy.optimize import brentq
 from scanner_sim.analytic.budget import Instrument, range_budget
 from scanner_sim.analytic.echo_budget import EchoInstrument, echo_budget, fused_sigma
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.optics.filter import band_irradiance, laser_gain, peak_transmission
+from scanner_sim.optics.band_irradiance import band_irradiance
+from scanner_sim.optics.filter import laser_gain, peak_transmission
 from scanner_sim.products.budget import BudgetRow
 from scanner_sim.validation.studies.budget import HALF, course_time, kelvins_of
 

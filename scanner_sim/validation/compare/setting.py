@@ -11,7 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.units import Length, Ratio
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.libraries import DeviceChoice
 
 REFLECTANCE = 0.5
 """Of the flat targets, where none is asked for."""

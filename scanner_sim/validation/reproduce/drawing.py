@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from scanner_sim.products.pictures.style import FAINT, house_style, save
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 BLUE, RED, GREEN, OCHRE, PURPLE = "#0b4f8a", "#b4331a", "#4b7f52", "#d08a1d", "#7a5195"
 """Colours of curves, in this order."""
@@ -42,8 +42,6 @@ def sheet(
         Of the sheet [inch].
     """
     with house_style():
-        from matplotlib.figure import Figure
-
         figure = Figure(figsize=(7.4, height), dpi=150, layout="constrained")
         axes = figure.subplots(1, panels, squeeze=False)[0]
         draw(list(axes))

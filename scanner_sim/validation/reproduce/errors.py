@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from scanner_sim.validation.compare.instrument import closed_budget, closed_crossing
 from scanner_sim.validation.reproduce.bench import Array, aim, bench, grid, layers_of, plate, slope
 from scanner_sim.validation.reproduce.drawing import BLUE, GREEN, RED, ranges, sheet
 from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, judged, within
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _HALF = 0.05
 _APART = 0.1

@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import sun
 from scanner_sim.config import load_scenario
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.instrument.photo import take_photo
+from scanner_sim.instrument.simulate import simulate
+from scanner_sim.products.image import RangeImage
+from scanner_sim.products.pictures.image import draw_shaded
+from scanner_sim.products.pictures.waveform import draw_grey
 from scanner_sim.validation.reproduce.bench import FOCAL
 from scanner_sim.validation.reproduce.drawing import BLUE, RED, sheet
 from scanner_sim.validation.reproduce.item import Item, Outcome, Row, Task, alike, judged, within
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from scanner_sim.products.image import RangeImage
 
 _PHOTOS = {
     "lighting_back": "the Sun in the field of view",
@@ -35,9 +35,6 @@ _REST = "scan.motion=stepped"
 
 def figure_1(task: Task) -> Outcome:
     """Take photographs of the same scene under the conditions of Table 1, and range images beside them."""
-    from scanner_sim.instrument.photo import take_photo
-    from scanner_sim.instrument.simulate import simulate
-
     size = task.choose(96, 32)
     photos, kept = {}, {}
     dark = simulate(_small(task, "lighting_dark", size), device=task.device)
@@ -96,8 +93,6 @@ def _small(task: Task, name: str, size: int) -> Scenario:
 
 def figure_2a(task: Task) -> Outcome:
     """Scan the Node by triangulation."""
-    from scanner_sim.products.pictures.image import draw_shaded
-
     image = _scan(task, "node_512", task.choose(512, 192))
     rows = (
         alike(
@@ -114,8 +109,6 @@ def figure_2a(task: Task) -> Outcome:
 
 def figure_2b(task: Task) -> Outcome:
     """Scan the Node by time of flight."""
-    from scanner_sim.products.pictures.waveform import draw_grey
-
     image = _scan(task, "tof_node", task.choose(384, 160))
     rows = (_median_error(image),)
     return Outcome(rows, lambda path: draw_grey(image, path))
@@ -139,8 +132,6 @@ def _median_error(image: RangeImage) -> Row:
 
 
 def _scan(task: Task, name: str, size: int) -> RangeImage:
-    from scanner_sim.instrument.simulate import simulate
-
     return simulate(
         load_scenario(task.config(name), [f"scan.rows={size}", f"scan.columns={size}", _REST]),
         device=task.device,
@@ -149,8 +140,6 @@ def _scan(task: Task, name: str, size: int) -> RangeImage:
 
 def figure_18(task: Task) -> Outcome:
     """Scan the worst case: a shadow's edge over targets at one range, with and without the filter."""
-    from scanner_sim.instrument.simulate import simulate
-
     size = [
         f"scan.rows={task.choose(144, 60)}",
         f"scan.columns={task.choose(168, 70)}",

@@ -12,7 +12,7 @@ from typing import TypeVar
 import numpy as np
 
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.libraries import DeviceChoice
 
 T = TypeVar("T")
 

@@ -5,26 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from scanner_sim.analytic import geometry
 from scanner_sim.analytic.pose import facing_errors
 from scanner_sim.config import load_scenario, scenario_from_text
+from scanner_sim.instrument.closed_loop.poses import poses_of
+from scanner_sim.instrument.closed_loop.track import track
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.transforms import vector_from_rotation
+from scanner_sim.products.pictures.pose_study import draw_figure_15
 from scanner_sim.products.pose_study import COMPONENTS, Exponent, PoseRow, PoseStudy
 from scanner_sim.validation.reproduce.bench import SEPARATION
 from scanner_sim.validation.reproduce.drawing import BLUE, RED, sheet
 from scanner_sim.validation.reproduce.item import Item, Outcome, Row, Task, against_print, judged
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
-    from scanner_sim.validation.studies.target_errors import TargetErrors
+from scanner_sim.validation.studies.pose_laws import exponents_of, gains_of
+from scanner_sim.validation.studies.pose_study import BASE, REFERENCE, StudyPlan, measure_study, target_rows
+from scanner_sim.validation.studies.target_errors import TargetErrors
+from scanner_sim.validation.studies.target_grid import StudyTarget, nearest_distance
 
 Array = NDArray[np.float64]
 
@@ -59,9 +61,6 @@ def _poses(task: Task, method: str) -> tuple[PoseSeries, ...]:
 
     Before a scene at rest all rounds of a run see the same speckle: runs are what is independent.
     """
-    from scanner_sim.instrument.closed_loop.poses import poses_of
-    from scanner_sim.instrument.closed_loop.track import track
-
     found = []
     for run in range(task.choose(_RUNS, 3)):
         text = _SQUARE.format(task.seed + 7919 * run, "0.5 s")
@@ -182,17 +181,6 @@ def figure_14(task: Task) -> Outcome:
 
 def figure_15(task: Task) -> Outcome:
     """Study the errors of the pose over range."""
-    from scanner_sim.products.pictures.pose_study import draw_figure_15
-    from scanner_sim.validation.studies.pose_laws import exponents_of, gains_of
-    from scanner_sim.validation.studies.pose_study import (
-        BASE,
-        REFERENCE,
-        StudyPlan,
-        measure_study,
-        target_rows,
-    )
-    from scanner_sim.validation.studies.target_grid import StudyTarget, nearest_distance
-
     scenario = load_scenario(task.config("target_board"))
     target = StudyTarget.of(scenario, 0.1)
     distances = task.choose((3.5, 5.0, 7.0, 10.0, 14.0, 20.0, 28.0), (5.0, 10.0, 20.0))

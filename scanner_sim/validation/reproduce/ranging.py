@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from scanner_sim.analytic import geometry
 from scanner_sim.validation.compare.instrument import closed_budget
@@ -27,9 +28,6 @@ from scanner_sim.validation.reproduce.bench import (
 )
 from scanner_sim.validation.reproduce.drawing import BLUE, COLOURS, GREEN, OCHRE, RED, ranges, sheet
 from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, judged, within
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _HALF = 0.45
 """Deflection to each side over which the field is tried [rad]."""

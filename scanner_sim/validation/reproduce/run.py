@@ -9,6 +9,7 @@ from pathlib import Path
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.exchange import Writers, exchange, failure
 from scanner_sim.products.files.folder import Kind, claimed, write_text
+from scanner_sim.validation.reproduce import errors, images, poses, ranging, sunlight, tables, tracking
 from scanner_sim.validation.reproduce.item import Item, Task
 from scanner_sim.validation.reproduce.page import page
 from scanner_sim.validation.reproduce.results import (
@@ -29,8 +30,6 @@ Progress = Callable[[int, int, str], None]
 
 def all_items() -> tuple[Item, ...]:
     """Return every item in the order of the paper's parts; their modules are loaded here."""
-    from scanner_sim.validation.reproduce import errors, images, poses, ranging, sunlight, tables, tracking
-
     items = (
         *ranging.ITEMS,
         *tables.ITEMS,

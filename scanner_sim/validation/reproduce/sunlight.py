@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from scanner_sim.analytic import spot, sun
 from scanner_sim.products.pictures.style import FAINT
+from scanner_sim.scene.light.lighting import Sun
+from scanner_sim.scene.light.sun import irradiance_between, solar_irradiance, total_irradiance
 from scanner_sim.validation.reproduce.bench import FOCAL, STILL, aim, bench, slope
 from scanner_sim.validation.reproduce.drawing import BLUE, COLOURS, RED, ranges, sheet
 from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, judged, within
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 _POWER, _WINDOW, _WAVELENGTH = 15e-3, 200e-6 * 250e-6, 1.5e-6
 _WAIST, _APERTURE, _TRANSMISSION, _REFLECTANCE = 2e-3, 25e-3, 0.5, 0.5
@@ -25,9 +24,6 @@ _GAIN = float(np.pi / 4.0 * _APERTURE**2 * _TRANSMISSION)
 
 def figure_16(_task: Task) -> Outcome:
     """Hold the simulator's Sun against eq 17 and the measured spectrum."""
-    from scanner_sim.scene.light.lighting import Sun
-    from scanner_sim.scene.light.sun import irradiance_between, solar_irradiance, total_irradiance
-
     planck, measured = Sun(), Sun(spectrum="astm_g173")
     total, line = total_irradiance(planck), 1e-9 * float(solar_irradiance(planck, _WAVELENGTH))
     near = irradiance_between(measured, 1.49e-6, 1.51e-6) / 20.0

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from scanner_sim.analytic.orbit import eclipse_fraction
 from scanner_sim.config import load_scenario
 from scanner_sim.optics.galvanometer import Galvanometers
+from scanner_sim.products.pictures.timeline import draw_timeline
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scan.schedule import Visiting, mirrors_at, run_visit
@@ -17,9 +18,7 @@ from scanner_sim.validation.reproduce.bench import DWELL
 from scanner_sim.validation.reproduce.drawing import BLUE, OCHRE, RED, sheet
 from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, judged, within
 from scanner_sim.validation.studies.conditions import ESTIMATES
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+from scanner_sim.validation.studies.sweep import sweep_orbit
 
 _PRINTED_TIMES = {128: 0.8, 256: 3.3, 512: 13.1}
 _BOUNDS = {"60 %": (0.5, 0.7), "35 %": (0.25, 0.45), "< 5 %": (0.0, 0.05), "< 1 %": (0.0, 0.01)}
@@ -28,9 +27,6 @@ _BOUNDS = {"60 %": (0.5, 0.7), "35 %": (0.25, 0.45), "< 5 %": (0.0, 0.05), "< 1 
 
 def table_1(task: Task) -> Outcome:
     """Sweep orbits and tell how long targets are in each condition."""
-    from scanner_sim.products.pictures.timeline import draw_timeline
-    from scanner_sim.validation.studies.sweep import sweep_orbit
-
     scenario = load_scenario(task.config("lighting_orbit"))
     timeline = sweep_orbit(scenario, task.choose(90, 12), device=task.device)
     shares = np.array([timeline.shares(track) for track in timeline.tracks])

@@ -7,6 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from scanner_sim.config import load_scenario, scenario_from_text
+from scanner_sim.instrument.closed_loop.poses import rims_of
+from scanner_sim.instrument.closed_loop.track import track
+from scanner_sim.instrument.simulate import simulate
+from scanner_sim.products.pictures.pattern import draw_pattern, telling_visit
+from scanner_sim.products.pictures.track import draw_field
 from scanner_sim.tracking.record import Track, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 from scanner_sim.validation.reproduce.item import (
@@ -26,10 +31,6 @@ _ANGULAR, _PRINTED = "50–100 µrad, all angular errors", (45.0, 105.0)
 
 def figure_4(task: Task) -> Outcome:
     """Follow one disc at 10 m."""
-    from scanner_sim.instrument.closed_loop.poses import rims_of
-    from scanner_sim.instrument.closed_loop.track import track
-    from scanner_sim.products.pictures.pattern import draw_pattern, telling_visit
-
     duration = task.choose("2 s", "0.5 s")
     run = track(load_scenario(task.config("track_still"), [f"scan.duration={duration}"]), device=task.device)
     measured = [
@@ -110,10 +111,6 @@ _RASTER = """\
 
 def figure_5(task: Task) -> Outcome:
     """Follow five targets before the Node, of two kinds, one of which has to be searched."""
-    from scanner_sim.instrument.closed_loop.track import track
-    from scanner_sim.instrument.simulate import simulate
-    from scanner_sim.products.pictures.track import draw_field
-
     node = task.config("quickstart").parent.parent / "scenes" / "node_z1.xml"
 
     def scene(scan: str) -> str:

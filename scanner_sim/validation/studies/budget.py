@@ -33,8 +33,8 @@ from scanner_sim.optics.deflection import ERRORS, Mirrors
 from scanner_sim.products.budget import BudgetRow, Mode
 from scanner_sim.ranging.fusion import fuse
 from scanner_sim.ranging.ranges import Ranges
-from scanner_sim.render.device import DeviceChoice
 from scanner_sim.render.guest import guest
+from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import Aim, RasterScan, raster_aim
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene

@@ -24,8 +24,8 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import RunError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.workbench import Workbench
-from scanner_sim.render.device import DeviceChoice
 from scanner_sim.render.guest import guest
+from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene

@@ -29,8 +29,8 @@ from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.products.pose_study import COMPONENTS, Method, PoseRow, Source, TargetRow
 from scanner_sim.ranging.coordinates import angles_and_range
-from scanner_sim.render.device import DeviceChoice
 from scanner_sim.render.guest import guest
+from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scene.objects import TargetArray
 from scanner_sim.scene.targets import target_positions
 from scanner_sim.validation.studies.target_errors import RANGINGS, Ranging, TargetErrors, measure_targets

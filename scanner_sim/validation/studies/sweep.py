@@ -4,25 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config import resolved_yaml
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.line.exposure import electrons_per_watt
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.products.timeline import Group, Label, Timeline, Track
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.ranging.triangulation import position_from_range
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.background import illumination as light
+from scanner_sim.render.background.illumination import Samples, Sight, half_height, visible_samples
+from scanner_sim.render.background.paths import Albedo
+from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.guest import guest
+from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scene.light.lighting import Sky, orbit_times
 from scanner_sim.scene.objects import TargetArray
 from scanner_sim.validation.studies.conditions import ESTIMATES, Condition, classify
-
-if TYPE_CHECKING:
-    from scanner_sim.render.background.illumination import Samples, Sight
 
 Progress = Callable[[int, int], None]
 """Called with the moments done and the moments in all."""
@@ -124,9 +127,6 @@ class _Stage:
     """The instrument before its targets, ready for any sky."""
 
     def __init__(self, scenario: Scenario, device: DeviceChoice) -> None:
-        from scanner_sim.detector.line.exposure import electrons_per_watt
-        from scanner_sim.instrument.workbench import Workbench
-
         bench = Workbench(scenario, device=device)
         self._bench, self._scenario, self._seed = bench, scenario, scenario.seed
         sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
@@ -141,8 +141,6 @@ class _Stage:
         self._grid = self._field_of_view()
 
     def _targets(self) -> None:
-        from scanner_sim.render.background.illumination import visible_samples
-
         loaded = self._bench.loaded
         arrays = tuple(item.name for item in self._scenario.scene.objects if isinstance(item, TargetArray))
         wanted = arrays or loaded.objects
@@ -165,8 +163,6 @@ class _Stage:
 
     def _sight(self, samples: Samples) -> Sight:
         """Return the lines of sight from the lens to points, as each is measured."""
-        from scanner_sim.render.background.illumination import Sight
-
         geometry = self._bench.geometry
         x, y, z = samples.point.numpy().astype(np.float64)
         r, theta, phi = angles_and_range(x, y, z, geometry.axis_separation)
@@ -175,8 +171,6 @@ class _Stage:
 
     def _field_of_view(self) -> Sight:
         """Return an even grid of all that the pixels see during the scan."""
-        from scanner_sim.render.background.illumination import Sight
-
         scan, (near, far) = self._scenario.raster, self._reach
         rows, columns = GRID
         angle = np.linspace(scan.horizontal[0] - far, scan.horizontal[1] - near, columns)
@@ -186,10 +180,6 @@ class _Stage:
 
     def look(self, sky: Sky) -> _Moment:
         """Return what one sky makes of the targets."""
-        from scanner_sim.render.background import illumination as light
-        from scanner_sim.render.background.paths import Albedo
-        from scanner_sim.render.background.sky import light_of
-
         bench, seed = self._bench, self._seed
         loaded, optics = bench.loaded, bench.optics
         if sky.sun_visible == 0.0:
@@ -222,8 +212,6 @@ class _Stage:
 
     def _sun_in_view(self, sun: Sight, free: NDArray[np.bool_]) -> float:
         """Return the share of the Sun's disc that some pixel sees during the scan."""
-        from scanner_sim.render.background.illumination import half_height
-
         scan, (near, far), margin = self._scenario.raster, self._reach, half_height(self._bench.optics)
         across = (sun.angle >= scan.horizontal[0] - far) & (sun.angle <= scan.horizontal[1] - near)
         down = (sun.phi >= scan.vertical[0] - margin) & (sun.phi <= scan.vertical[1] + margin)
@@ -231,8 +219,6 @@ class _Stage:
 
     def _sun_behind(self, samples: Samples, sun: Sight, free: NDArray[np.bool_]) -> float:
         """Return the share of a target's points at whose measurement a pixel looks into the Sun."""
-        from scanner_sim.render.background.illumination import half_height
-
         if not free.any():
             return 0.0
         x, y, z = samples.point.numpy().astype(np.float64)

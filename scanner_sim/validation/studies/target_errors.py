@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.voxels import Eye, aim_of
-from scanner_sim.render.device import DeviceChoice
 from scanner_sim.render.guest import guest
+from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.measurement import Measurement

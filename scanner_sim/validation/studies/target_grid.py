@@ -11,7 +11,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.optics.jump import attainable_amplitude
 from scanner_sim.ranging.triangulation import position_from_range, range_from_position
-from scanner_sim.render.device import DeviceChoice
+from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.lissajous import LissajousPattern, frequencies
 from scanner_sim.scan.schedule import PatternMotion, Visiting, mirrors_at, run_visit
 from scanner_sim.scene.light.lighting import Lighting

@@ -1,0 +1,109 @@
+"""The files of each kind of result, by name."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from scanner_sim.products.files.folder import Kind
+from scanner_sim.products.settings import Output
+
+PICTURES = ("range.png", "shaded.png", "signal.png")
+
+FILES = ("range.exr", "scenario.yaml", "summary.json", *PICTURES, "points.ply")
+"""Every file that a run in the dark may write."""
+
+LIT_PICTURES = ("background.png", "camera.png")
+"""Pictures that a run adds where the Sun shines."""
+
+TIMED_PICTURES = ("tof.png",)
+"""Pictures that a run adds with time of flight."""
+
+WAVEFORMS = "waveforms.nc"
+"""The waveforms of time of flight, where the scenario asks for some."""
+
+RUN = Kind("range.exr", (*FILES, *TIMED_PICTURES, *LIT_PICTURES, WAVEFORMS))
+"""The folder of a run."""
+
+TABLE, VOXELS = "track.parquet", "patterns.parquet"
+
+TABLES = ("track.csv", TABLE, VOXELS, "scenario.yaml", "summary.json")
+"""Files of every tracking run."""
+
+TRACK_PICTURES = ("pattern.png", "track.png", "field.png")
+"""Pictures of a tracking run."""
+
+POSES = ("pose.csv", "pose.parquet")
+"""Tables where an object has targets enough for a pose."""
+
+RELATIVE_POSES = ("relative_pose.csv", "relative_pose.parquet")
+"""Tables where there are two such objects."""
+
+POSE_PICTURES = ("pose.png", "outline.png")
+"""Pictures of poses."""
+
+TRACK = Kind("track.csv", (*TABLES, *POSES, *RELATIVE_POSES, *TRACK_PICTURES, *POSE_PICTURES))
+"""The folder of a tracking run."""
+
+BUDGET = Kind(
+    "budget.json",
+    (
+        "budget.json",
+        "budget.csv",
+        "budget.png",
+        "budget_tof.png",
+        "curves.png",
+        "dominance.png",
+        "scenario.yaml",
+    ),
+)
+"""The folder of an error budget."""
+
+ORBIT = Kind("orbit.json", ("orbit.json", "orbit.csv", "orbit.png", "scenario.yaml"))
+"""The folder of an orbit."""
+
+COMPARISON = Kind("compare.json", ("compare.json", "compare.html", "compare.png", "scenario.yaml"))
+"""The folder of a comparison."""
+
+POSE_STUDY = Kind(
+    "pose_study.json",
+    (
+        "pose_study.json",
+        "pose_study.csv",
+        "exponents.csv",
+        "gains.csv",
+        "targets.csv",
+        "figure_15.png",
+        "arrays.png",
+        "scenario.yaml",
+    ),
+)
+"""The folder of a pose study."""
+
+
+def planned_files(
+    output: Output, *, lit: bool = False, ranging: Literal["triangulation", "tof", "both"] = "triangulation"
+) -> tuple[str, ...]:
+    """Return the names of the files that a run writes, in the order of presentation; ``lit`` under the Sun."""
+    left_out = (() if output.pictures else PICTURES) + (() if output.points else ("points.ply",))
+    added: tuple[str, ...] = ()
+    if output.pictures:
+        added = (() if ranging == "triangulation" else TIMED_PICTURES) + (LIT_PICTURES if lit else ())
+        # The charge of the background is one on the line sensor.
+        left_out += ("background.png",) if ranging == "tof" else ()
+    added += () if output.waveforms == "none" else (WAVEFORMS,)
+    return tuple(name for name in (*FILES, *added) if name not in left_out)
+
+
+def planned_track_files(output: Output, carriers: int) -> tuple[str, ...]:
+    """Return the names of the files that a tracking run writes, in the order of presentation.
+
+    Parameters
+    ----------
+    output
+        Which files are wanted.
+    carriers
+        Number of objects that will have poses.
+    """
+    tables = (*TABLES, *(POSES if carriers else ()), *(RELATIVE_POSES if carriers > 1 else ()))
+    pictures = (*TRACK_PICTURES, *(POSE_PICTURES if carriers else ())) if output.pictures else ()
+    return tuple(name for name in (*tables, *pictures) if output.patterns or name != VOXELS)
