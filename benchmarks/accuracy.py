@@ -82,12 +82,12 @@ def lines(objects: list[dict[str, Any]], theta: Any, phi: Any, rays: int, travel
     from scanner_sim.render.background.reference import reference_line
     from scanner_sim.render.beam.light import render_light
     from scanner_sim.render.shots import Shots
-    from scanner_sim.render.transport import Bench
+    from scanner_sim.render.transport import OpticalLayout
     from scanner_sim.scene.files.loader import load_scene
 
     scanner = Scanner()
     sensor, separation = scanner.position_sensor, scanner.mirrors.axis_separation
-    bench = Bench(
+    bench = OpticalLayout(
         scanner.laser, scanner.receiver, separation, 1.0, sensor.pitch, sensor.height, sensor.offset
     )
     loaded = load_scene(Scene(objects=tuple(objects)))

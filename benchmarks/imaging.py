@@ -79,15 +79,15 @@ class Rays:
         import drjit as dr
         import mitsuba as mi
 
+        from scanner_sim.instrument.instrument import Instrument
         from scanner_sim.instrument.simulate import BATCH
-        from scanner_sim.instrument.workbench import Workbench
         from scanner_sim.render.beam import light
         from scanner_sim.render.beam.beamlets import edge_beamlets, smooth_beamlets
         from scanner_sim.render.shots import true_shots
         from scanner_sim.render.transport import frame_at, launch, trace_spots
         from scanner_sim.scan.raster import raster_aim, tiled_order
 
-        self.workbench = Workbench(scenario)
+        self.workbench = Instrument(scenario)
         scan, settings = scenario.scan, scenario.transport
         loaded, optics = self.workbench.loaded, self.workbench.optics
         order = tiled_order(scan)
@@ -111,7 +111,7 @@ class Rays:
                 finer += dr.width(members) if beamlets is not smooth else 0
                 k = len(beamlets.weights)
                 lane = dr.arange(mi.UInt32, dr.width(members) * k)
-                own = shots.some(dr.gather(mi.UInt32, members, lane // k))
+                own = shots.take(dr.gather(mi.UInt32, members, lane // k))
                 frame = frame_at(optics, own, dr.gather(mi.Float, mi.Float(beamlets.times), lane % k))
                 node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), lane % k) for axis in (0, 1)]
                 beam, lens = launch(optics, frame, node), mi.Point3f(frame.lens)

@@ -20,9 +20,9 @@ from rich.console import Console
 from rich.table import Table
 
 from scanner_sim.config import load_scenario
-from scanner_sim.instrument.closed_loop.pattern_bench import PatternBench
+from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.closed_loop.tracker import Tracker
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.device import activate
 from scanner_sim.scan.raster import Aim
 
@@ -104,7 +104,7 @@ def main() -> None:
     table = Table("patterns of 128 points", *columns)
     for name, (changes, speed) in CASES.items():
         known = scenario(changes, speed)
-        bench = PatternBench(Workbench(known, device="cpu"))
+        bench = FrozenInstrument(Instrument(known, device="cpu"))
         measured = seconds(lambda number, bench=bench: bench.measure(pattern(number)), visits)
         windows = "–" if bench.windows is None else f"{bench.windows.rendered / (1.1 * visits * PERIOD):.1f}"
         tracker = Tracker(known, device="cpu")

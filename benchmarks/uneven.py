@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from scanner_sim import simulate
-from scanner_sim.validation.compare.mixed_scenes import KINDS, Found, MixedScene
+from scanner_sim.validation.compare.mixed_scenes import KINDS, MixedCoverage, MixedScene
 
 SIDE = 96
 PITCHES = ((0.3, 0.7), (1.0, 3.0), (4.0, 8.0))
@@ -18,7 +18,7 @@ PITCHES = ((0.3, 0.7), (1.0, 3.0), (4.0, 8.0))
 PLAIN = {"processing": {"validation": {"mixed": None, "uneven": False}}}
 
 
-def row(found: list[Found]) -> str:
+def row(found: list[MixedCoverage]) -> str:
     """Return the pooled shares, in per cent."""
     size = np.abs(np.concatenate([one.pulls for one in found]))
     kept = 100.0 * np.mean([one.kept for one in found])
@@ -38,8 +38,8 @@ def main(scenes: int, first: int) -> None:
                 beam = drawn.scenario().scanner.laser.radius(drawn.distance)
                 pitch = beam * float(np.random.default_rng([number, 7]).uniform(least, most))
                 spaced = drawn.at(pitch=pitch)
-                now.append(Found.of(simulate(spaced.scenario(), device="cpu")))
-                before.append(Found.of(simulate(spaced.scenario(**PLAIN), device="cpu")))
+                now.append(MixedCoverage.of(simulate(spaced.scenario(), device="cpu")))
+                before.append(MixedCoverage.of(simulate(spaced.scenario(**PLAIN), device="cpu")))
             about = f"| {kind} | {least:g}–{most:g} |"
             print(f"{about} without neighbours | {row(before)} |")
             print(f"{about} as it is | {row(now)} |", flush=True)

@@ -127,14 +127,16 @@ def _rendered(name: str, R: float, coaxial: bool) -> float:
     from scanner_sim.render.beam.light import render_light
     from scanner_sim.render.settings import Transport
     from scanner_sim.render.shots import Shots
-    from scanner_sim.render.transport import Bench
+    from scanner_sim.render.transport import OpticalLayout
     from scanner_sim.scene.files.loader import load_scene
 
     scanner = Scanner()
     sensor, receiver, offset = scanner.position_sensor, scanner.receiver, 0.0
     if coaxial:
         receiver, offset = receiver.model_copy(update={"baseline": 1e-6}), -0.5 * sensor.length
-    bench = Bench(scanner.laser, receiver, scanner.mirrors.axis_separation, 1.0, sensor.pitch, 1e-3, offset)
+    bench = OpticalLayout(
+        scanner.laser, receiver, scanner.mirrors.axis_separation, 1.0, sensor.pitch, 1e-3, offset
+    )
     wall = {"name": "wall", "shape": "rectangle", "size": (20.0, 20.0), "position": (0.0, 0.0, R)}
     loaded = load_scene(Scene.model_validate({"objects": [{**wall, "material": name}]}))
     shot = Shots(number=mi.UInt32(0), theta=mi.Float(0.0), phi=mi.Float(0.0))

@@ -27,14 +27,14 @@ _NAMES = {
 }
 
 
-def spot(distance: float, aberration: float) -> speckle.Spot:
+def spot(distance: float, aberration: float) -> speckle.SpeckledSpot:
     """Return the preset's spot at a range [m], of whose blur the lens has an aberration [m] and the sensor the rest."""
     scanner = Scanner()
     laser, receiver, sensor = scanner.laser, scanner.receiver, scanner.position_sensor
     radius = float(
         beam_radius(distance, laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared)
     )
-    return speckle.Spot(
+    return speckle.SpeckledSpot(
         image=0.5 * radius * receiver.focal_length / distance,
         cell=laser.wavelength * receiver.focal_length / receiver.aperture,
         aberration=aberration,

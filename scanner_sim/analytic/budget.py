@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.analytic.geometry import range_error
-from scanner_sim.analytic.speckle import Spot, averaged, pixel_covariance
+from scanner_sim.analytic.speckle import SpeckledSpot, averaged, pixel_covariance
 from scanner_sim.analytic.spot import electrons, pixel_shares
 
 Floats = NDArray[np.float64]
@@ -29,7 +29,7 @@ _LINE, _PHASES = 24, 16
 
 
 @dataclass(frozen=True)
-class Instrument:
+class InstrumentNumbers:
     """Plain numbers of an instrument and its target, SI; pixels for what ends in ``_px``.
 
     ``estimator`` is a key of :data:`~scanner_sim.analytic.estimators.ESTIMATORS` or ``maximum_likelihood``;
@@ -80,7 +80,7 @@ class Instrument:
     kelvins: float = 0.0
 
 
-def range_budget(bench: Instrument, distance: float) -> dict[str, float]:
+def range_budget(bench: InstrumentNumbers, distance: float) -> dict[str, float]:
     """Return the standard deviation of the range [m] that each source makes at a distance [m], and ``all`` make.
 
     σ_p of the peak and of the angle between projection and reception, f (1 + p²/f²) σ_e, become R²σ_p/(f d) (eq 4 at
@@ -101,7 +101,7 @@ def range_budget(bench: Instrument, distance: float) -> dict[str, float]:
     )
     cell = bench.wavelength * bench.focal_length / bench.aperture
     image = 0.5 * radius * bench.focal_length / distance
-    grainy = Spot(image, cell, bench.aberration, bench.diffusion, bench.pitch)
+    grainy = SpeckledSpot(image, cell, bench.aberration, bench.diffusion, bench.pitch)
     along = grainy.sigma / bench.pitch
     left = averaged((bench.sweep * distance, 0.0), radius)
     watts = bench.power * bench.transmission * bench.reflectance * bench.aperture**2 / (4.0 * distance**2)
@@ -170,7 +170,7 @@ def _slopes(
     return slopes
 
 
-def _bias(bench: Instrument, m: Floats, centre: float) -> float:
+def _bias(bench: InstrumentNumbers, m: Floats, centre: float) -> float:
     if bench.corrected or bench.estimator == "maximum_likelihood":
         return 0.0
     return ESTIMATORS[bench.estimator](m.tolist()) - centre

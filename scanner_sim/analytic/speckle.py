@@ -99,7 +99,7 @@ def averaged(travel: tuple[float, float], radius: float) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class Spot:
+class SpeckledSpot:
     """A spot on the line [m]: its geometric image's standard deviation, λN, aberration, diffusion and the pitch."""
 
     image: float
@@ -142,7 +142,7 @@ class Spot:
 
 
 def pixel_covariance(
-    spot: Spot, centre: float, pixels: int, left: tuple[float, float] = (1.0, 1.0)
+    spot: SpeckledSpot, centre: float, pixels: int, left: tuple[float, float] = (1.0, 1.0)
 ) -> Floats:
     """Return the covariance of the pixels' shares of a round Gaussian spot, shape (pixels, pixels), for C = 1.
 

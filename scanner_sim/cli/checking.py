@@ -11,7 +11,7 @@ from pathlib import Path
 from scanner_sim.cli.plan import slow
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.tables import print_table
-from scanner_sim.config import doubts, load_scenario, resolved_yaml
+from scanner_sim.config import load_scenario, resolved_yaml, scenario_warnings
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 
@@ -25,7 +25,7 @@ def check_scenario(config: Path, overrides: Sequence[str]) -> None:
         If the scenario or its files have faults.
     """
     scenario = load_scenario(config, overrides)
-    for sentence in (*doubts(scenario), *slow(scenario)):
+    for sentence in (*scenario_warnings(scenario), *slow(scenario)):
         warn(sentence)
     with scenario_of(config):
         _open_scene(scenario)

@@ -46,12 +46,12 @@ def compare_scenario(
 
     scenario = load_and_warn(config, overrides, quiet)
     from scanner_sim.validation.compare.baseline import against, read_baseline
+    from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
     from scanner_sim.validation.compare.run import compare
-    from scanner_sim.validation.compare.setting import FlatTarget, Setting
 
     earlier = None if baseline is None else read_baseline(baseline)
     flat = None if target is None else FlatTarget.parse(target)
-    setting = Setting(scenario, flat, seeds, quick, device)
+    setting = ComparisonSetup(scenario, flat, seeds, quick, device)
     with claimed(folder, overwrite, COMPARISON):
         with progress_bar("law by law", quiet, "laws") as (advance, _), scenario_of(config):
             found = compare(setting, only=only, level=level, progress=advance)

@@ -15,7 +15,7 @@ from scanner_sim.cli.report import scenario_of
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
-from scanner_sim.pose.arrays import Layout
+from scanner_sim.pose.target_layouts import Layout
 from scanner_sim.products.files.contents import POSE_STUDY
 from scanner_sim.products.files.folder import claimed
 from scanner_sim.products.pose_study import COMPONENTS, PoseRow, PoseStudy, TargetRow

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from scanner_sim.cli.report import warn
-from scanner_sim.config import doubts, load_scenario
+from scanner_sim.config import load_scenario, scenario_warnings
 from scanner_sim.config.scenario import Scenario
 
 
@@ -20,6 +20,6 @@ def load_and_warn(config: Path, overrides: Sequence[str], quiet: bool) -> Scenar
     """
     scenario = load_scenario(config, overrides)
     if not quiet:
-        for sentence in doubts(scenario):
+        for sentence in scenario_warnings(scenario):
             warn(sentence)
     return scenario

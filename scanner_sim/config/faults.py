@@ -13,7 +13,7 @@ from scanner_sim.config.outline import Slot, flow, homes, slot_at
 from scanner_sim.scene.objects import KINDS, SHAPES
 
 
-class Found(NamedTuple):
+class RawFault(NamedTuple):
     """A fault whose place is not yet spelt out."""
 
     place: Place
@@ -21,9 +21,9 @@ class Found(NamedTuple):
     remedy: str
 
 
-def found_by(error: ValidationError, data: Any) -> list[Found]:
+def found_by(error: ValidationError, data: Any) -> list[RawFault]:
     """Return the faults that pydantic found in ``data``, in its own order and without repetitions."""
-    found: dict[Found, None] = {}
+    found: dict[RawFault, None] = {}
     for details in error.errors(include_url=False):
         tagged: Place = details["loc"]
         place = tuple(step for step in tagged if not (isinstance(step, str) and step.startswith("(")))
@@ -32,55 +32,59 @@ def found_by(error: ValidationError, data: Any) -> list[Found]:
     return list(found)
 
 
-def _translated(details: Mapping[str, Any], tagged: Place, place: Place, data: Any) -> Iterator[Found]:
+def _translated(details: Mapping[str, Any], tagged: Place, place: Place, data: Any) -> Iterator[RawFault]:
     context = details.get("ctx", {})
     slot, came = slot_at(tagged), value_at(data, place)
     match details["type"]:
         case "impossible":
             for fault in context["faults"]:
                 inside = tuple(int(step) if step.isdigit() else step for step in fault.place.split("."))
-                yield Found((*place, *inside), fault.problem, fault.remedy)
+                yield RawFault((*place, *inside), fault.problem, fault.remedy)
         case "extra_forbidden":
-            yield Found(place, *_unknown(str(place[-1]), slot_at(tagged[:-1])))
+            yield RawFault(place, *_unknown(str(place[-1]), slot_at(tagged[:-1])))
         case "missing" if isinstance(place[-1], int):
             yield _wrong_length(place[:-1], slot_at(tagged[:-1]), data)
         case "too_long" | "too_short":
             yield _wrong_length(place, slot, data)
         case "missing":
-            yield Found(place, "this key is missing.", f"Write for example '{place[-1]}: {slot.example}'.")
+            yield RawFault(place, "this key is missing.", f"Write for example '{place[-1]}: {slot.example}'.")
         case "object_kind":
             yield _kind_of_object(place, came)
         case "union_tag_invalid" if isinstance(came, dict) and "type" not in came:
             kinds = _kinds(context["expected_tags"])
-            yield Found(place, "the key 'type' is missing.", f"Possible: {', '.join(kinds)}.")
+            yield RawFault(place, "the key 'type' is missing.", f"Possible: {', '.join(kinds)}.")
         case "union_tag_invalid" if isinstance(came, dict):
             kinds = _kinds(context["expected_tags"])
             problem = f"{shown(came['type'])} is not possible here."
-            yield Found((*place, "type"), problem, choice(came["type"], kinds))
+            yield RawFault((*place, "type"), problem, choice(came["type"], kinds))
         case "literal_error" if place == ("schema",):
-            yield Found(place, f"{shown(came)} is no version that this program reads.", "Write 'schema: 1'.")
+            yield RawFault(
+                place, f"{shown(came)} is no version that this program reads.", "Write 'schema: 1'."
+            )
         case "literal_error":
-            yield Found(place, f"{shown(came)} is not possible here.", choice(came, slot.choices))
+            yield RawFault(place, f"{shown(came)} is not possible here.", choice(came, slot.choices))
         case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
-            yield Found(place, _out_of_bounds(details, slot, came), _default(slot))
+            yield RawFault(place, _out_of_bounds(details, slot, came), _default(slot))
         case "finite_number":
-            yield Found(place, f"{shown(came)} is not a finite number.", f"Write for example {slot.example}.")
+            yield RawFault(
+                place, f"{shown(came)} is not a finite number.", f"Write for example {slot.example}."
+            )
         case "string_pattern_mismatch":
             problem = f"{shown(came)} is no name: a letter, then letters, digits, - and _ are possible."
-            yield Found(place, problem, f"Write for example {slot.example}.")
+            yield RawFault(place, problem, f"Write for example {slot.example}.")
         case "string_too_long":
-            yield Found(
+            yield RawFault(
                 place, "this name is too long.", f"At most {context['max_length']} letters are possible."
             )
         case "quantity" | "unit_missing":
-            yield Found(place, f"{context['reason']}.", f"Write for example {slot.example}.")
+            yield RawFault(place, f"{context['reason']}.", f"Write for example {slot.example}.")
         case "material":
-            yield Found(place, context["problem"], context["remedy"])
+            yield RawFault(place, context["problem"], context["remedy"])
         case "input_file":
             problem, _, remedy = context["problem"].partition("; ")
-            yield Found(place, problem if problem.endswith(".") else f"{problem}.", _capital(remedy))
+            yield RawFault(place, problem if problem.endswith(".") else f"{problem}.", _capital(remedy))
         case _:
-            yield Found(place, f"{shown(came)} is not {_wanted(details['type'])}.", _write(slot))
+            yield RawFault(place, f"{shown(came)} is not {_wanted(details['type'])}.", _write(slot))
 
 
 def _kinds(tags: str) -> tuple[str, ...]:
@@ -123,31 +127,33 @@ def _unknown(key: str, slot: Slot) -> tuple[str, str]:
     return "there is no such key.", _capital(known)
 
 
-def _kind_of_object(place: Place, came: Any) -> Found:
+def _kind_of_object(place: Place, came: Any) -> RawFault:
     example = "{name: wall, shape: rectangle, size: [4 m, 4 m], material: grey_reference}"
     if not isinstance(came, dict):
-        return Found(place, f"{shown(came)} is not an object.", f"Write for example {example}.")
+        return RawFault(place, f"{shown(came)} is not an object.", f"Write for example {example}.")
     kinds = [key for key in KINDS if came.get(key) is not None]
     if kinds == ["shape"]:
-        return Found((*place, "shape"), f"{shown(came['shape'])} is no shape.", choice(came["shape"], SHAPES))
+        return RawFault(
+            (*place, "shape"), f"{shown(came['shape'])} is no shape.", choice(came["shape"], SHAPES)
+        )
     if kinds:
         named = f"{', '.join(kinds[:-1])} and {kinds[-1]}"
-        return Found(place, f"it has the keys {named}, which exclude one another.", "Keep one of them.")
+        return RawFault(place, f"it has the keys {named}, which exclude one another.", "Keep one of them.")
     for key in came:
         if near := nearest(key, KINDS):
-            return Found((*place, key), "there is no such key.", f"Did you mean '{near}'?")
-    return Found(
+            return RawFault((*place, key), "there is no such key.", f"Did you mean '{near}'?")
+    return RawFault(
         place,
         f"it has none of the keys {', '.join(KINDS)}, so it is no object.",
         f"Write for example {example}.",
     )
 
 
-def _wrong_length(place: Place, slot: Slot, data: Any) -> Found:
+def _wrong_length(place: Place, slot: Slot, data: Any) -> RawFault:
     came = value_at(data, place)
     count = len(came) if isinstance(came, list) else 0
     entries = "1 entry" if count == 1 else f"{count} entries"
-    return Found(place, f"this list has {entries}.", f"Write for example {slot.example}.")
+    return RawFault(place, f"this list has {entries}.", f"Write for example {slot.example}.")
 
 
 def _out_of_bounds(details: Mapping[str, Any], slot: Slot, came: Any) -> str:

@@ -66,7 +66,7 @@ class Scanner(Part):
     """Share of the dwell in which the laser is off: the line then sees the background alone, which is subtracted. 0 is
     a laser that always shines, as printed."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield an array that reaches into the near range, where the equations no longer hold."""
         if self.nearest_range <= self.receiver.baseline:
             end = self.position_sensor.offset + self.position_sensor.length

@@ -82,7 +82,7 @@ class Scenario(Part):
     output: Output = Output()
     """What is written."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield angles beyond the mirrors, range gates beyond what is recorded, and settings that find no room."""
         if isinstance(self.scan, RasterScan):
             yield from self._raster_contradictions(self.scan)

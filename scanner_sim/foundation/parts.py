@@ -43,13 +43,13 @@ class Part(BaseModel):
         validate_default=False,
     )
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield what is impossible about the values together; places are relative to this part."""
         return iter(())
 
     @model_validator(mode="after")
     def _is_possible(self) -> Self:
-        found = tuple(self.contradictions())
+        found = tuple(self.cross_checks())
         if found:
             text = printable("; ".join(str(fault) for fault in found))
             raise PydanticCustomError("impossible", "{text}", {"text": text, "faults": found})

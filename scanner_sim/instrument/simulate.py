@@ -11,10 +11,10 @@ from scanner_sim.config import resolved_yaml
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.memory import BATCH, check_raster, check_waveforms
 from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.instrument.voxel_records import voxel_record
-from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.products.waveforms import WaveformSet, joined
@@ -64,7 +64,7 @@ def simulate(
     if batch < 1:
         raise InputError("a batch needs at least one shot.")
     check_raster(scenario, batch)
-    bench = Workbench(scenario, device=device, threads=threads)
+    bench = Instrument(scenario, device=device, threads=threads)
     scan = scenario.raster
     order = tiled_order(scan)
     layers: dict[str, NDArray[np.float32]] = {}
@@ -105,7 +105,7 @@ def simulate_voxel(
     if scenario.ranging == "tof":
         raise InputError("time of flight reads no line.", remedy="Ask for the waveform instead.")
     _check_voxel(scenario, row, column)
-    bench = Workbench(scenario, device=device)
+    bench = Instrument(scenario, device=device)
     return voxel_record(bench, row, column)
 
 
@@ -145,7 +145,7 @@ def simulate_waveforms(
     if not len(shots):
         raise InputError("no voxel was named.", remedy="Name one as [row, column], or leave them out.")
     check_waveforms(scenario, len(shots))
-    bench = Workbench(scenario, device=device, threads=threads)
+    bench = Instrument(scenario, device=device, threads=threads)
     parts = []
     for start in range(0, len(shots), BATCH):
         some = shots[start : start + BATCH]

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.line.exposure import electrons_per_watt
 from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.neighbourhood import judge_neighbours, reach
-from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.raster import raster_aim
@@ -18,7 +18,7 @@ from scanner_sim.signals.line.calibration import Calibration, measured_lines
 from scanner_sim.signals.line.peaks import MARGIN
 
 
-def voxel_record(bench: Workbench, row: int, column: int) -> VoxelRecord:
+def voxel_record(bench: Instrument, row: int, column: int) -> VoxelRecord:
     """Return the record of one voxel of a workbench's raster: its line, peak and range, and the truth."""
     scanner, processing = bench.scenario.scanner, bench.scenario.processing
     sensor = scanner.position_sensor
@@ -58,7 +58,7 @@ def voxel_record(bench: Workbench, row: int, column: int) -> VoxelRecord:
     )
 
 
-def _among_neighbours(bench: Workbench, row: int, column: int) -> dict[str, float]:
+def _among_neighbours(bench: Instrument, row: int, column: int) -> dict[str, float]:
     """Measure a voxel with those around it, which have a say in its status and its σ."""
     scan, away = bench.scenario.raster, reach(bench.scenario)
     rows = np.arange(max(row - away, 0), min(row + away + 1, scan.rows))

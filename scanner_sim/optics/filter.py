@@ -40,7 +40,7 @@ class BandpassFilter(Part):
     effective_index: Number = Field(default=2.0, gt=1.0, le=4.0)
     """Effective index of refraction: a high one shifts less with incidence."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield a band that reaches to the wavelength zero."""
         if self.centre is not None and self.bandwidth >= self.centre:
             yield Fault(
@@ -130,7 +130,7 @@ def laser_gain(
     return np.asarray(seen * (inside + leak * (1.0 - inside)))
 
 
-def filter_doubts(
+def filter_warnings(
     filter: FilterChoice,  # noqa: A002
     laser: Laser,
     response: tuple[float, float],

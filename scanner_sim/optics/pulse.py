@@ -57,7 +57,7 @@ class Pulse(Part):
     repetition_rate: Frequency = Field(default=20e3, ge=1.0, le=1e9)
     """Pulses per second."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield power beside energy, a file that holds no pulse, and pulses longer than their period."""
         if self.peak_power is not None and self.energy is not None:
             yield Fault("energy", "a pulse has a peak power or an energy, not both.", "Keep one of them.")

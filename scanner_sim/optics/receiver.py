@@ -33,7 +33,7 @@ class Receiver(Part):
     printed; with 40 um instead of 12 the range errs 2.5 times as much by speckle, and an accuracy of a few millimetres
     at 10 m, as published for this family's flight instrument, would be out of reach."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield an aperture that is larger than the focal length."""
         if self.aperture > self.focal_length:
             yield Fault(

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import applied, product, pseudo_inverse, solve_linear
 from scanner_sim.pose.collinearity import project
-from scanner_sim.pose.sightings import Flags, Prior, several, some
+from scanner_sim.pose.observations import Flags, Prior, at_least_two, take
 from scanner_sim.pose.transforms import cayley, cross_matrix, vector_from_rotation
 
 Array = NDArray[np.float64]
@@ -68,20 +68,20 @@ class Problem:
     prior: Prior | None
     centre: Array
 
-    def some(self, index: NDArray[np.intp]) -> Problem:
+    def take(self, index: NDArray[np.intp]) -> Problem:
         """Return the poses ``index``."""
         return replace(
             self,
-            points=some(self.points, index),
+            points=take(self.points, index),
             measured=self.measured.take(index, axis=-1),
-            whitening=some(self.whitening, index),
-            prior=None if self.prior is None else self.prior.some(index),
-            centre=some(self.centre, index),
+            whitening=take(self.whitening, index),
+            prior=None if self.prior is None else self.prior.take(index),
+            centre=take(self.centre, index),
         )
 
 
 @dataclass
-class Fit:
+class PoseFit:
     """State of an adjustment of B poses.
 
     Attributes
@@ -103,9 +103,9 @@ class Fit:
     slope: Array
     settled: Flags
 
-    def some(self, index: NDArray[np.intp]) -> Fit:
+    def take(self, index: NDArray[np.intp]) -> PoseFit:
         """Return the poses ``index``."""
-        return Fit(*(getattr(self, name).take(index, axis=-1) for name in self.__dataclass_fields__))
+        return PoseFit(*(getattr(self, name).take(index, axis=-1) for name in self.__dataclass_fields__))
 
 
 def place_points(problem: Problem, rotation: Array, position: Array) -> tuple[Array, Array]:
@@ -208,9 +208,9 @@ def prior_residual(prior: Prior, centre: Array, rotation: Array, position: Array
     )
 
 
-def begin(problem: Problem, rotation: Array, position: Array) -> Fit:
+def begin(problem: Problem, rotation: Array, position: Array) -> PoseFit:
     """Return the state of an adjustment at poses (3, 3, B) and (3, B): see :func:`adjust`."""
-    return Fit(
+    return PoseFit(
         rotation.copy(),
         position.copy(),
         *linearise(problem, rotation, position),
@@ -218,7 +218,7 @@ def begin(problem: Problem, rotation: Array, position: Array) -> Fit:
     )
 
 
-def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
+def adjust(problem: Problem, start: PoseFit, *, until: float) -> PoseFit:
     """Improve poses until they settle.
 
     Parameters
@@ -254,12 +254,12 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
         step *= share
         turned = np.einsum("ijb,jkb->ikb", cayley(step[3:]), fit.rotation)
         moved = fit.position + step[:3]
-        trial = Fit(turned, moved, *linearise(problem, turned, moved), small)
+        trial = PoseFit(turned, moved, *linearise(problem, turned, moved), small)
         share = _next_share(share, np.einsum("ab,ab->b", step, trial.slope) / (promised * share))
         better = (trial.cost <= fit.cost) | (small & np.isfinite(trial.cost))
         if not better.all():
             worse = np.flatnonzero(~better)
-            _store(fit.some(worse), trial, worse)
+            _store(fit.take(worse), trial, worse)
             trial.settled = better & small
         fit = trial
         if damping.any() or not better.all():
@@ -272,17 +272,17 @@ def adjust(problem: Problem, start: Fit, *, until: float) -> Fit:
         if live is every and finished.all():
             return fit
         index = np.flatnonzero(finished)
-        _store(fit.some(index), done, live[index])
+        _store(fit.take(index), done, live[index])
         closed |= finished
         if closed.all():
             return done
         # Copying the open ones together pays only when there are clearly fewer of them.
         if closed.mean() > _SHARE_CLOSED:
-            going = several(np.flatnonzero(~closed))
-            live, fit, problem, damping = live[going], fit.some(going), problem.some(going), damping[going]
+            going = at_least_two(np.flatnonzero(~closed))
+            live, fit, problem, damping = live[going], fit.take(going), problem.take(going), damping[going]
             closed, share = closed[going], share[going]
     index = np.flatnonzero(~closed)
-    _store(fit.some(index), done, live[index])
+    _store(fit.take(index), done, live[index])
     return done
 
 
@@ -300,7 +300,7 @@ def _next_share(share: Array, left: Array) -> Array:
     return result
 
 
-def _store(fit: Fit, into: Fit, index: NDArray[np.intp]) -> None:
+def _store(fit: PoseFit, into: PoseFit, index: NDArray[np.intp]) -> None:
     for name in fit.__dataclass_fields__:
         getattr(into, name)[..., index] = getattr(fit, name)
 

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.pose.inputs import PosePrior, Values, sightings_from
+from scanner_sim.pose.inputs import PosePrior, Values, observations_from
+from scanner_sim.pose.observations import Observations, at_least_two, shared
 from scanner_sim.pose.result import PoseEstimate, empty_result, fill_result, joined_results
 from scanner_sim.pose.robust import agreeing
-from scanner_sim.pose.sightings import Sightings, several, shared
 from scanner_sim.pose.solution import fits_mirrored, solve
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.weights import Method, PointWeights
@@ -114,7 +114,7 @@ def estimate_pose(
         )
     if method != "uv" and (ranges is None or sigma_range is None):
         raise InputError(f"Method {method} needs ranges and sigma_range.", remedy="Give both, or take uv.")
-    sightings, leading = sightings_from(
+    observations, leading = observations_from(
         object_points,
         theta,
         phi,
@@ -128,20 +128,20 @@ def estimate_pose(
         prior=prior,
     )
     if method == "xyz":
-        sightings = sightings.only(sightings.ranged)
+        observations = observations.only(observations.ranged)
 
-    size = max(min(_POSES_AT_ONCE, -(-sightings.count // _cores())), _POSES_AT_LEAST)
+    size = max(min(_POSES_AT_ONCE, -(-observations.count // _cores())), _POSES_AT_LEAST)
 
     def work(first: int) -> PoseEstimate:
-        last = min(first + size, sightings.count)
-        if first == 0 and last == sightings.count > 1:
-            chosen = sightings
+        last = min(first + size, observations.count)
+        if first == 0 and last == observations.count > 1:
+            chosen = observations
         else:
-            chosen = sightings.some(several(np.arange(first, last)))
+            chosen = observations.take(at_least_two(np.arange(first, last)))
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             return _estimate(chosen, method, point_weights, robust)
 
-    starts = range(0, sightings.count, size)
+    starts = range(0, observations.count, size)
     if len(starts) == 1:
         parts = [work(0)]
     else:
@@ -153,7 +153,7 @@ def estimate_pose(
             "The measured targets fit the mirror image of object_points, and a reflection is not a rotation.",
             remedy="Check the signs and the order of the axes of the surveyed points.",
         )
-    return joined_results(parts, leading, sightings.count)
+    return joined_results(parts, leading, observations.count)
 
 
 def _cores() -> int:
@@ -161,26 +161,26 @@ def _cores() -> int:
 
 
 def _estimate(
-    sightings: Sightings, method: Method, point_weights: PointWeights, robust: Robust | None
+    observations: Observations, method: Method, point_weights: PointWeights, robust: Robust | None
 ) -> PoseEstimate:
     """Return the estimates of a pass, with one leading axis."""
-    status = _measurable(sightings)
+    status = _measurable(observations)
     if robust == "ransac":
-        index = several(np.flatnonzero(status == PoseStatus.VALID))
+        index = at_least_two(np.flatnonzero(status == PoseStatus.VALID))
         if index.size:
-            kept, enough = agreeing(sightings.some(index), method)
-            everywhere = np.ones(sightings.seen.shape, dtype=bool)
+            kept, enough = agreeing(observations.take(index), method)
+            everywhere = np.ones(observations.seen.shape, dtype=bool)
             everywhere[:, index] = kept
-            sightings = sightings.only(everywhere)
+            observations = observations.only(everywhere)
             status[index[~enough]] = PoseStatus.NO_CONSENSUS
-            again = _measurable(sightings)
+            again = _measurable(observations)
             status = np.where(status == PoseStatus.VALID, again, status)
-    index = several(np.flatnonzero(status == PoseStatus.VALID))
+    index = at_least_two(np.flatnonzero(status == PoseStatus.VALID))
     every = len(index) == len(status)
-    result = empty_result(sightings, method, status)
+    result = empty_result(observations, method, status)
     if not index.size:
         return result
-    chosen = sightings if every else sightings.some(index)
+    chosen = observations if every else observations.take(index)
     huber = _HUBER if robust == "huber" else 0.0
     solution = solve(chosen, method, point_weights, huber)
     if robust is None:
@@ -190,11 +190,11 @@ def _estimate(
     return result
 
 
-def _measurable(sightings: Sightings) -> NDArray[np.int8]:
+def _measurable(observations: Observations) -> NDArray[np.int8]:
     """Return VALID, or why no pose can be had (B,)."""
-    count = shared(sightings.seen).sum(axis=0)
-    widths = sightings.principal[1]
+    count = shared(observations.seen).sum(axis=0)
+    widths = observations.principal[1]
     status = np.full(max(len(count), widths.shape[1]), PoseStatus.VALID, dtype=np.int8)
     status[widths[1] <= _COLLINEAR * widths[2]] = PoseStatus.COLLINEAR
     status = np.where(count < 3, np.where(count == 0, PoseStatus.HIDDEN, PoseStatus.TOO_FEW), status)
-    return np.broadcast_to(status, (sightings.count,)).astype(np.int8)
+    return np.broadcast_to(status, (observations.count,)).astype(np.int8)

@@ -213,14 +213,17 @@ class PoseFilter:
         step, size = record.time - state.time, len(state.covariance)
         onward, noise = np.eye(size), np.zeros((size, size))
         turned = rotation_from_vector(step * state.turn_rate)
-        unrest = np.repeat([self.acceleration, self.turn_acceleration], 3)
+        acceleration_psd = np.repeat([self.acceleration, self.turn_acceleration], 3)
         first = np.arange(6)
         for body in range(len(self.objects)):
             place, rate = RIGID * body + first, RIGID * body + 6 + first
             onward[place, rate] = step
             onward[place[3:, None], place[3:]] = turned[body]
-            noise[place, place], noise[rate, rate] = unrest * abs(step) ** 3 / 3.0, unrest * abs(step)
-            noise[place, rate] = noise[rate, place] = unrest * step * abs(step) / 2.0
+            noise[place, place], noise[rate, rate] = (
+                acceleration_psd * abs(step) ** 3 / 3.0,
+                acceleration_psd * abs(step),
+            )
+            noise[place, rate] = noise[rate, place] = acceleration_psd * step * abs(step) / 2.0
         ahead = replace(
             state,
             time=record.time,

@@ -1,4 +1,4 @@
-"""The door: arrays or mappings by name become :class:`~scanner_sim.pose.sightings.Sightings`, or a clear error."""
+"""The door: arrays or mappings by name become observations, or a clear error."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.arithmetic import cholesky, inverse, product
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.pose.sightings import Prior, Sightings
+from scanner_sim.pose.observations import Observations, Prior
 
 Array = NDArray[np.float64]
 Values = ArrayLike | Mapping[str, ArrayLike]
@@ -37,7 +37,7 @@ class PosePrior:
     covariance: ArrayLike
 
 
-def sightings_from(
+def observations_from(
     object_points: Values,
     theta: Values,
     phi: Values,
@@ -50,8 +50,8 @@ def sightings_from(
     sigma_object: ArrayLike | None,
     axis_separation: float,
     prior: PosePrior | None,
-) -> tuple[Sightings, tuple[int, ...]]:
-    """Return the sightings and the leading axes of the batch.
+) -> tuple[Observations, tuple[int, ...]]:
+    """Return the observations and the leading axes of the batch.
 
     See :func:`~scanner_sim.pose.estimate.estimate_pose` for the arguments.
 
@@ -117,7 +117,7 @@ def sightings_from(
         about = np.broadcast_to(points, (*leading, count, 3)).reshape(-1, count, 3).transpose(2, 1, 0)
     centre = about.mean(axis=1)
     return (
-        Sightings(
+        Observations(
             points=np.ascontiguousarray(about - centre[:, None]),
             centre=centre,
             values=np.where(known, flat, 0.0),

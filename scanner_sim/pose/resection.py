@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import quartic_roots, tan
 from scanner_sim.pose.collinearity import bearings, virtual_origin
-from scanner_sim.pose.sightings import Flags, Sightings, shared
+from scanner_sim.pose.observations import Flags, Observations, shared
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,7 @@ _TRIED_THREES = 10
 """The widest of them, from which a doubtful pose starts again: all of five targets."""
 
 
-def planar_starts(sightings: Sightings) -> tuple[Array, Array]:
+def planar_starts(observations: Observations) -> tuple[Array, Array]:
     """Return both poses of planar arrays of at least four targets.
 
     With the plane's coordinates (X, Y) about the middle, u (1 + g·(X, Y)) = h_u·(1, X, Y) and the same for v: the
@@ -44,13 +44,13 @@ def planar_starts(sightings: Sightings) -> tuple[Array, Array]:
         R (3, 3, 2, B) and c [m] (3, 2, B): ``scanner_from_object``, for the centre of the array. NaN where four of
         the targets are not in general position.
     """
-    seen = shared(sightings.seen)
-    middle, _, axes = sightings.principal
+    seen = shared(observations.seen)
+    middle, _, axes = observations.principal
     along, across = axes[:, 1], axes[:, 2]
-    about = sightings.points - middle[:, None]
+    about = observations.points - middle[:, None]
     plane = np.stack([np.einsum("inb,ib->nb", about, along), np.einsum("inb,ib->nb", about, across)])
-    rays = bearings(*sightings.values[:2])
-    image = np.where(sightings.seen, rays[:2] / rays[2], 0.0)
+    rays = bearings(*observations.values[:2])
+    image = np.where(observations.seen, rays[:2] / rays[2], 0.0)
 
     design = np.stack([np.ones_like(plane[0]), *plane]) * np.broadcast_to(seen, plane[0].shape)
     inverse = _inverse_of_apart(design)
@@ -82,7 +82,7 @@ def planar_starts(sightings: Sightings) -> tuple[Array, Array]:
         np.sqrt(np.maximum(1.0 - b * b - d * d, 0.0)),
     )
     second = np.where(a * b + c * d > 0.0, -second, second)
-    origin = virtual_origin(_mean_phi(sightings), sightings.axis_separation)
+    origin = virtual_origin(_mean_phi(observations), observations.axis_separation)
     rotations, positions = [], []
     for sign in (1.0, -1.0):
         x, y = np.stack([a, c, sign * first]), np.stack([b, d, sign * second])
@@ -128,17 +128,17 @@ def _inverse_of_apart(design: Array) -> Array:
     return np.where(told, design / np.where(told, squares, 1.0), 0.0)
 
 
-def plane_strength(sightings: Sightings) -> Array:
+def plane_strength(observations: Observations) -> Array:
     """Return how well a plane's homography tells its attitude (B,): 1 for a square, 0 with all but one on a line.
 
     The parts of X², XY and Y² that no linear function of (X, Y) explains, as columns of two symmetric rows, are what
     the two equations for g of :func:`planar_starts` rest on: the least singular value of their stack, for coordinates
     of unit root mean square, over √n. It is small where of four targets three nearly stand on a line.
     """
-    seen = shared(sightings.seen)
-    middle, widths, axes = sightings.principal
+    seen = shared(observations.seen)
+    middle, widths, axes = observations.principal
     x, y = (
-        np.einsum("inb,ib->nb", sightings.points - middle[:, None], axes[:, k]) / widths[k] * seen
+        np.einsum("inb,ib->nb", observations.points - middle[:, None], axes[:, k]) / widths[k] * seen
         for k in (1, 2)
     )
     design = np.stack([np.broadcast_to(seen, x.shape), x, y])
@@ -148,31 +148,31 @@ def plane_strength(sightings: Sightings) -> Array:
     first, second = np.sum(xx * xx + xy * xy, axis=0), np.sum(xy * xy + yy * yy, axis=0)
     between = np.sum(xy * (xx + yy), axis=0)
     least = 0.5 * (first + second - np.hypot(first - second, 2.0 * between))
-    return np.broadcast_to(np.sqrt(np.maximum(least, 0.0) / seen.sum(axis=0)), (sightings.count,))
+    return np.broadcast_to(np.sqrt(np.maximum(least, 0.0) / seen.sum(axis=0)), (observations.count,))
 
 
-def wide_threes(sightings: Sightings) -> NDArray[np.intp]:
+def wide_threes(observations: Observations) -> NDArray[np.intp]:
     """Return the threes of targets with the largest triangles, shape (k ≤ 10, 3, B), of those that were measured."""
-    threes, area = _triangles(sightings)
+    threes, area = _triangles(observations)
     widest = np.argsort(-area, axis=0, kind="stable")[:_TRIED_THREES]
     return np.moveaxis(threes[widest], 2, 1)
 
 
-def _triangles(sightings: Sightings) -> tuple[NDArray[np.intp], Array]:
+def _triangles(observations: Observations) -> tuple[NDArray[np.intp], Array]:
     """Return threes of targets (k, 3) and twice the areas of their triangles [m²] (k, B); −1 where one is hidden."""
-    threes = np.array(list(combinations(range(len(sightings.seen)), 3)))
+    threes = np.array(list(combinations(range(len(observations.seen)), 3)))
     threes = threes[:: -(-len(threes) // MOST_THREES)]
-    first, second, third = (sightings.points[:, threes[:, corner]] for corner in range(3))
+    first, second, third = (observations.points[:, threes[:, corner]] for corner in range(3))
     area = np.sqrt(np.sum(_cross(second - first, third - first) ** 2, axis=0))
-    return threes, np.where(sightings.seen[threes].all(axis=1), area, -1.0)
+    return threes, np.where(observations.seen[threes].all(axis=1), area, -1.0)
 
 
-def three_point_starts(sightings: Sightings, three: NDArray[np.intp]) -> tuple[Array, Array]:
+def three_point_starts(observations: Observations, three: NDArray[np.intp]) -> tuple[Array, Array]:
     """Return the poses that three targets of each case allow.
 
     Parameters
     ----------
-    sightings
+    observations
         B poses.
     three
         Numbers of the targets, shape (3, B).
@@ -185,10 +185,12 @@ def three_point_starts(sightings: Sightings, three: NDArray[np.intp]) -> tuple[A
         adjustment chooses. NaN where there is no such root. Noise and the common origin of the beams make a pair of
         near roots complex, a ± ib: a + b and a − b stand for them, about as far apart as the pair was.
     """
-    poses = np.arange(sightings.count)
-    corners = np.broadcast_to(sightings.points, (3, *sightings.seen.shape))[:, three, poses]  # (3, 3, B)
-    theta, phi = sightings.values[:2, three, poses]
-    separation = sightings.axis_separation
+    poses = np.arange(observations.count)
+    corners = np.broadcast_to(observations.points, (3, *observations.seen.shape))[
+        :, three, poses
+    ]  # (3, 3, B)
+    theta, phi = observations.values[:2, three, poses]
+    separation = observations.axis_separation
     lateral = tan(theta)
     # By the distances of the poses found first the second look has nearly the exact beams.
     for _ in range(2 if separation else 1):
@@ -239,9 +241,9 @@ def _three_sides(rays: Array, corners: Array) -> Array:
     return placed
 
 
-def _mean_phi(sightings: Sightings) -> Array:
-    mean: Array = (sightings.values[1] * sightings.seen).sum(axis=0) / np.maximum(
-        sightings.seen.sum(axis=0), 1
+def _mean_phi(observations: Observations) -> Array:
+    mean: Array = (observations.values[1] * observations.seen).sum(axis=0) / np.maximum(
+        observations.seen.sum(axis=0), 1
     )
     return mean
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.pose.sightings import Sightings
+from scanner_sim.pose.observations import Observations
 from scanner_sim.pose.solution import Solution, residuals_of, squared_lengths
 from scanner_sim.pose.starts import ALTERNATIVES
 from scanner_sim.pose.status import PoseStatus
@@ -96,9 +96,9 @@ class PoseEstimate:
         return matrices
 
 
-def empty_result(sightings: Sightings, method: Method, status: NDArray[np.int8]) -> PoseEstimate:
+def empty_result(observations: Observations, method: Method, status: NDArray[np.int8]) -> PoseEstimate:
     """Return estimates of a pass that hold nothing but their status (B,), with one leading axis."""
-    batch, targets = len(status), len(sightings.seen)
+    batch, targets = len(status), len(observations.seen)
     return PoseEstimate(
         position=np.full((batch, 3), np.nan),
         rotation=np.full((batch, 3, 3), np.nan),
@@ -119,7 +119,7 @@ def empty_result(sightings: Sightings, method: Method, status: NDArray[np.int8])
 def fill_result(
     result: PoseEstimate,
     index: NDArray[np.intp],
-    sightings: Sightings,
+    observations: Observations,
     method: Method,
     solution: Solution,
     huber: float,
@@ -129,13 +129,13 @@ def fill_result(
     good = (solution.status != PoseStatus.MIRRORED) & np.isfinite(solution.covariance).all(axis=(0, 1))
     into = index[good]
     arm = np.einsum(
-        "ijb,jb->ib", solution.rotation, np.broadcast_to(sightings.centre, solution.position.shape)
+        "ijb,jb->ib", solution.rotation, np.broadcast_to(observations.centre, solution.position.shape)
     )
     covariance = _moved(solution.covariance, arm)
-    residuals = residuals_of(sightings, method, solution)
-    weights = sightings.seen.astype(np.float64)
+    residuals = residuals_of(observations, method, solution)
+    weights = observations.seen.astype(np.float64)
     if huber:
-        squares = squared_lengths(sightings, method, solution.rotation, solution.position)
+        squares = squared_lengths(observations, method, solution.rotation, solution.position)
         weights *= np.minimum(1.0, huber / np.sqrt(np.maximum(squares, 1e-300)))
     result.position[into] = (solution.position - arm).T[good]
     result.rotation[into] = np.moveaxis(solution.rotation, -1, 0)[good]
@@ -143,7 +143,7 @@ def fill_result(
     result.residuals[into] = residuals.transpose(2, 1, 0)[good]
     result.weights[into] = weights.T[good]
     result.chi2[into], result.dof[into] = solution.chi2[good], solution.dof[good]
-    centre = np.broadcast_to(sightings.centre[:, None], solution.other_position.shape)
+    centre = np.broadcast_to(observations.centre[:, None], solution.other_position.shape)
     others = solution.other_position - np.einsum("ijab,jab->iab", solution.other_rotation, centre)
     result.alternatives.position[into] = others.transpose(2, 1, 0)[good]
     result.alternatives.rotation[into] = solution.other_rotation.transpose(3, 2, 0, 1)[good]

@@ -24,9 +24,9 @@ from scanner_sim.pose.adjustment import (
     predict,
     whiten,
 )
-from scanner_sim.pose.points import point_fit
+from scanner_sim.pose.observations import Flags, Observations, at_least_two
+from scanner_sim.pose.point_fit import point_fit
 from scanner_sim.pose.resection import MOST_THREES, three_point_starts
-from scanner_sim.pose.sightings import Flags, Sightings, several
 from scanner_sim.pose.solution import solve
 from scanner_sim.pose.weights import Method, measured_points, problem_of
 
@@ -39,7 +39,7 @@ _GATE = 4.0
 _ROUNDS = 3
 
 
-def agreeing(sightings: Sightings, method: Method) -> tuple[Flags, Flags]:
+def agreeing(observations: Observations, method: Method) -> tuple[Flags, Flags]:
     """Return the targets that agree on one pose.
 
     Each three gives a pose and its covariance C; a further target agrees with it if its residual e does within its own
@@ -48,7 +48,7 @@ def agreeing(sightings: Sightings, method: Method) -> tuple[Flags, Flags]:
 
     Parameters
     ----------
-    sightings
+    observations
         B poses of n targets.
     method
         What the pose will be estimated from.
@@ -62,26 +62,33 @@ def agreeing(sightings: Sightings, method: Method) -> tuple[Flags, Flags]:
     channels, needed = (2, 4) if method == "uv" else (3, 3)
     limit = float(chdtri(channels, _CHANCE))
     # All of them first: a lone three of a small square says little about the fourth. Most often that is all.
-    plain = solve(sightings, method, "covariance", 0.0)
-    squares, kept = _refitted(sightings, method, plain.rotation, plain.position, sightings.seen, limit)
-    doubtful = np.flatnonzero((kept != sightings.seen).any(axis=0))
+    plain = solve(observations, method, "covariance", 0.0)
+    squares, kept = _refitted(observations, method, plain.rotation, plain.position, observations.seen, limit)
+    doubtful = np.flatnonzero((kept != observations.seen).any(axis=0))
     if doubtful.size:
-        doubtful = several(doubtful)
+        doubtful = at_least_two(doubtful)
         least = np.minimum(squares[:, doubtful], limit).sum(axis=0)
-        kept[:, doubtful] = _best_of_threes(sightings.some(doubtful), method, limit, least, kept[:, doubtful])
+        kept[:, doubtful] = _best_of_threes(
+            observations.take(doubtful), method, limit, least, kept[:, doubtful]
+        )
     return kept, kept.sum(axis=0) >= needed
 
 
-def _best_of_threes(sightings: Sightings, method: Method, limit: float, least: Array, kept: Flags) -> Flags:
+def _best_of_threes(
+    observations: Observations, method: Method, limit: float, least: Array, kept: Flags
+) -> Flags:
     """Return the targets (n, B) that agree with the best of the threes, where it is better than ``least`` (B,)."""
-    threes = list(combinations(range(len(sightings.seen)), 3))
+    threes = list(combinations(range(len(observations.seen)), 3))
     for three in threes[:: -(-len(threes) // MOST_THREES)]:
-        chosen = np.full(sightings.count, np.inf)
-        rotation, position = np.tile(np.eye(3)[:, :, None], sightings.count), np.ones((3, sightings.count))
-        agree = np.zeros_like(sightings.seen)
-        for turned, placed in _poses_of(sightings, three, method):
-            apart = _distances(_problem(sightings, method, (turned, placed)), turned, placed, three)
-            apart = np.where(sightings.seen & np.isfinite(apart), apart, np.inf)
+        chosen = np.full(observations.count, np.inf)
+        rotation, position = (
+            np.tile(np.eye(3)[:, :, None], observations.count),
+            np.ones((3, observations.count)),
+        )
+        agree = np.zeros_like(observations.seen)
+        for turned, placed in _poses_of(observations, three, method):
+            apart = _distances(_problem(observations, method, (turned, placed)), turned, placed, three)
+            apart = np.where(observations.seen & np.isfinite(apart), apart, np.inf)
             score = np.minimum(apart, _GATE * limit).sum(axis=0)
             score = np.where(
                 np.isfinite(placed).all(axis=0) & np.isfinite(turned).all(axis=(0, 1)), score, np.inf
@@ -90,7 +97,7 @@ def _best_of_threes(sightings: Sightings, method: Method, limit: float, least: A
             chosen[better] = score[better]
             agree[:, better] = apart[:, better] < _GATE * limit
             rotation[..., better], position[..., better] = turned[..., better], placed[..., better]
-        squares, agree = _refitted(sightings, method, rotation, position, agree, limit)
+        squares, agree = _refitted(observations, method, rotation, position, agree, limit)
         score = np.where(np.isfinite(chosen), np.minimum(squares, limit).sum(axis=0), np.inf)
         better = score < least
         least = np.where(better, score, least)
@@ -99,26 +106,26 @@ def _best_of_threes(sightings: Sightings, method: Method, limit: float, least: A
 
 
 def _refitted(
-    sightings: Sightings, method: Method, rotation: Array, position: Array, agree: Flags, limit: float
+    observations: Observations, method: Method, rotation: Array, position: Array, agree: Flags, limit: float
 ) -> tuple[Array, Flags]:
     """Fit to the targets that agree, and choose them again; return all squared residuals and the choice (n, B)."""
     squares = np.full(agree.shape, np.inf)
     for _ in range(_ROUNDS):
-        problem = _problem(sightings.only(agree), method, (rotation, position))
+        problem = _problem(observations.only(agree), method, (rotation, position))
         fit = adjust(problem, begin(problem, rotation, position), until=COARSE)
         rotation, position = fit.rotation, fit.position
-        whole = _problem(sightings, method, (rotation, position))
+        whole = _problem(observations, method, (rotation, position))
         _, placed = place_points(whole, rotation, position)
         whitened = whiten(whole, whole.measured - predict(whole, placed)[0])
         squares = np.nan_to_num(np.sum(whitened * whitened, axis=0), nan=np.inf)
-        squares = np.where(sightings.seen, squares, np.inf)
+        squares = np.where(observations.seen, squares, np.inf)
         agree = squares < limit
     return squares, agree
 
 
-def _problem(sightings: Sightings, method: Method, pose: tuple[Array, Array]) -> Problem:
+def _problem(observations: Observations, method: Method, pose: tuple[Array, Array]) -> Problem:
     return problem_of(
-        sightings, method, "covariance", pose=pose if sightings.object_variances is not None else None
+        observations, method, "covariance", pose=pose if observations.object_variances is not None else None
     )
 
 
@@ -139,19 +146,21 @@ def _distances(problem: Problem, rotation: Array, position: Array, three: tuple[
     return np.asarray((errors * solve_linear(spread, errors)).sum(axis=(-2, -1)))
 
 
-def _poses_of(sightings: Sightings, three: tuple[int, ...], method: Method) -> list[tuple[Array, Array]]:
+def _poses_of(
+    observations: Observations, three: tuple[int, ...], method: Method
+) -> list[tuple[Array, Array]]:
     """Return the poses R (3, 3, B), c (3, B) of three targets, NaN where they were not all measured."""
-    chosen = np.zeros_like(sightings.seen)
+    chosen = np.zeros_like(observations.seen)
     chosen[list(three)] = True
-    seen = sightings.seen[list(three)].all(axis=0)
-    ranged = seen & sightings.ranged[list(three)].all(axis=0)
+    seen = observations.seen[list(three)].all(axis=0)
+    ranged = seen & observations.ranged[list(three)].all(axis=0)
     found = []
     if method != "uv" and ranged.any():
-        rotation, position = point_fit(sightings.points, measured_points(sightings), chosen)
+        rotation, position = point_fit(observations.points, measured_points(observations), chosen)
         found.append((rotation, np.where(ranged, position, np.nan)))
     if method == "uv" or (method == "joint" and not ranged.all()):
-        index = np.tile(np.array(three)[:, None], sightings.count)
-        rotations, positions = three_point_starts(sightings, index)
+        index = np.tile(np.array(three)[:, None], observations.count)
+        rotations, positions = three_point_starts(observations, index)
         positions = np.where(seen, positions, np.nan)
         found += [(rotations[:, :, s], positions[:, s]) for s in range(rotations.shape[2])]
     return found

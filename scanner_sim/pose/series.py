@@ -8,10 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import inverse, product, pseudo_inverse
-from scanner_sim.pose.carried import Carried
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.covariance import relative_pose
 from scanner_sim.pose.estimate import Robust, estimate_pose
+from scanner_sim.pose.interpolation import Interpolated
 from scanner_sim.pose.result import PoseEstimate
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import quaternion_from_rotation, vector_from_rotation
@@ -51,11 +51,11 @@ class PoseSeries:
     truth_position, truth_rotation
         True pose, of the shapes of ``position`` and ``rotation``; NaN where nobody knows it.
     lasting
-        The part of ``covariance`` that neighbouring poses share beyond their common sightings, and that no mean over
+        The part of ``covariance`` that neighbouring poses share beyond their common observations, and that no mean over
         seconds makes smaller: the surfaces' speckle, unlike pixels and drift, shape (n, 6, 6).
     gains
-        By how much each sighting (Θ, φ, R) moves the pose, shape (n, targets, 6, 3); None of relative poses, and where
-        a table was read.
+        By how much each observation (Θ, φ, R) moves the pose, shape (n, targets, 6, 3); None of relative poses, and
+        where a table was read.
     """
 
     name: str
@@ -100,14 +100,14 @@ def pose_series(
     name: str,
     object_points: Array,
     at: Array,
-    sightings: Carried,
+    observations: Interpolated,
     *,
     axis_separation: float,
     method: Method,
     robust: Robust | None = None,
     truth: Array | None = None,
 ) -> PoseSeries:
-    """Return the poses of an object from sightings of its targets at common times.
+    """Return the poses of an object from observations of its targets at common times.
 
     Parameters
     ----------
@@ -117,11 +117,11 @@ def pose_series(
         Its targets along its own axes [m], shape (targets, 3).
     at
         Times [s], shape (n,).
-    sightings
+    observations
         Of its targets. Each pose is weighed by the covariances of single targets, of them Θ with R but not φ, which a
         symmetrical pattern leaves small. What targets share is added to the covariance of the pose, Σ K_i C_ij K_jᵀ
-        over i ≠ j with K the pose's rise with each sighting; the weights know nothing of it, and χ² comes out a little
-        too small.
+        over i ≠ j with K the pose's rise with each observation; the weights know nothing of it, and χ² comes out a
+        little too small.
     axis_separation
         D_g [m].
     method, robust
@@ -135,7 +135,7 @@ def pose_series(
         As :func:`~scanner_sim.pose.estimate.estimate_pose`.
     """
     target = np.arange(len(object_points))
-    place, own = sightings.place, sightings.covariance[:, target, target]
+    place, own = observations.place, observations.covariance[:, target, target]
     sigma = np.sqrt(np.diagonal(own, axis1=2, axis2=3))
     found = estimate_pose(
         object_points,
@@ -151,7 +151,7 @@ def pose_series(
         robust=robust,
     )
     gains = _gains(found, object_points, own, axis_separation, with_range=method != "uv")
-    apart = np.where(np.eye(len(target), dtype=bool)[..., None, None], 0.0, sightings.covariance)
+    apart = np.where(np.eye(len(target), dtype=bool)[..., None, None], 0.0, observations.covariance)
     unknown = np.full((len(at), 4, 4), np.nan)
     true = unknown if truth is None else truth
     return PoseSeries(
@@ -168,13 +168,13 @@ def pose_series(
         status=found.status,
         truth_position=true[:, :3, 3],
         truth_rotation=true[:, :3, :3],
-        lasting=between_poses(gains, sightings.lasting, gains),
+        lasting=between_poses(gains, observations.lasting, gains),
         gains=gains,
     )
 
 
 def between_poses(one: Array, covariance: Array, other: Array) -> Array:
-    """Return the covariance of two poses from that of their sightings, Σ K_i C_ij K_jᵀ, shape (n, 6, 6).
+    """Return the covariance of two poses from that of their observations, Σ K_i C_ij K_jᵀ, shape (n, 6, 6).
 
     ``one`` (n, i, 6, 3) and ``other`` (n, j, 6, 3) are their gains, ``covariance`` (n, i, j, 3, 3); what is NaN of it
     counts as none.
@@ -191,7 +191,7 @@ def _gains(
     *,
     with_range: bool,
 ) -> Array:
-    """Return by how much each sighting moves a pose, ∂(δt, δω)/∂(Θ, φ, R) of every target, shape (n, targets, 6, 3).
+    """Return by how much each observation moves a pose, ∂(δt, δω)/∂(Θ, φ, R) of every target, shape (n, targets, 6, 3).
 
     N⁻¹ Jᵀ W with J the derivatives of (Θ, φ, R) by (δt, δω), g and R p × g, W the weights of the estimate, and
     N = Σ Jᵀ W J: first order.
@@ -214,12 +214,14 @@ def _gains(
     return np.asarray(product(pseudo_inverse(normal)[:, None], weighted))
 
 
-def relative_series(reference: PoseSeries, other: PoseSeries, sightings: Carried | None = None) -> PoseSeries:
+def relative_series(
+    reference: PoseSeries, other: PoseSeries, observations: Interpolated | None = None
+) -> PoseSeries:
     """Return the poses of one object in the frame of another, M_a⁻¹ M_b, of series at the same times.
 
-    ``sightings``, those of the targets of the first and then of the second, say what both have in common; without them
-    they are taken as measured independently (:func:`~scanner_sim.pose.covariance.relative_pose`). χ² and degrees of
-    freedom add, and the status is that of the first of them that has no pose, or else is not valid.
+    ``observations``, those of the targets of the first and then of the second, say what both have in common; without
+    them they are taken as measured independently (:func:`~scanner_sim.pose.covariance.relative_pose`). χ² and degrees
+    of freedom add, and the status is that of the first of them that has no pose, or else is not valid.
 
     Raises
     ------
@@ -228,7 +230,7 @@ def relative_series(reference: PoseSeries, other: PoseSeries, sightings: Carried
     """
     if reference.method != other.method or not np.array_equal(reference.time, other.time):
         raise ValueError("relative poses need series of one method at the same times")
-    shared, lasting = _shared_by(reference, other, sightings)
+    shared, lasting = _shared_by(reference, other, observations)
     between = relative_pose(reference, other, shared)
     stays = relative_pose(
         replace(reference, covariance=reference.lasting), replace(other, covariance=other.lasting), lasting
@@ -256,14 +258,14 @@ def relative_series(reference: PoseSeries, other: PoseSeries, sightings: Carried
 
 
 def _shared_by(
-    one: PoseSeries, other: PoseSeries, sightings: Carried | None
+    one: PoseSeries, other: PoseSeries, observations: Interpolated | None
 ) -> tuple[Array | None, Array | None]:
     """Return the covariance between poses of two objects, and its lasting part, shape (n, 6, 6)."""
-    if sightings is None or one.gains is None or other.gains is None:
+    if observations is None or one.gains is None or other.gains is None:
         return None, None
     first = one.gains.shape[1]
     whole, lasting = (
         between_poses(one.gains, values[:, :first, first:], other.gains)
-        for values in (sightings.covariance, sightings.lasting)
+        for values in (observations.covariance, observations.lasting)
     )
     return whole, lasting

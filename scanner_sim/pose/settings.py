@@ -23,7 +23,7 @@ class PoseSettings(Part):
     """What survives wrong targets: ``huber`` counts doubtful ones less, ``ransac`` leaves out those that agree with no
     common pose."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield methods that are named twice."""
         for method in dict.fromkeys(self.methods):
             if self.methods.count(method) > 1:

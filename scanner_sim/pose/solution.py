@@ -1,4 +1,4 @@
-"""From sightings to poses: start, adjust, rank, and give the covariance."""
+"""From observations to poses: start, adjust, rank, and give the covariance."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.special import chdtrc, chdtri
 from scanner_sim.foundation.arithmetic import inverse as invert
 from scanner_sim.pose.adjustment import (
     FINE,
-    Fit,
+    PoseFit,
     adjust,
     begin,
     jacobian,
@@ -20,8 +20,8 @@ from scanner_sim.pose.adjustment import (
     predict,
     whiten,
 )
+from scanner_sim.pose.observations import Observations, at_least_two
 from scanner_sim.pose.resection import PLANAR, plane_strength
-from scanner_sim.pose.sightings import Sightings, several
 from scanner_sim.pose.starts import ALTERNATIVES, ranked_fits
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.weights import Method, PointWeights, point_covariances, problem_of
@@ -79,18 +79,18 @@ class Solution:
 
 
 def solve(
-    sightings: Sightings,
+    observations: Observations,
     method: Method,
     point_weights: PointWeights,
     huber: float,
     *,
     thorough: bool = False,
 ) -> Solution:
-    """Return the poses of sightings with at least three targets that are not on a line.
+    """Return the poses of observations with at least three targets that are not on a line.
 
     Parameters
     ----------
-    sightings
+    observations
         B poses.
     method, point_weights
         See :func:`~scanner_sim.pose.weights.problem_of`.
@@ -104,21 +104,21 @@ def solve(
     Solution
         Status VALID, AMBIGUOUS, NOT_CONVERGED, IMPLAUSIBLE or UNDETERMINED.
     """
-    ranked = ranked_fits(sightings, method, point_weights, thorough=thorough)
-    best = Fit(*(getattr(ranked, name)[..., 0, :].copy() for name in ranked.__dataclass_fields__))
-    carried = sightings.object_variances is not None
+    ranked = ranked_fits(observations, method, point_weights, thorough=thorough)
+    best = PoseFit(*(getattr(ranked, name)[..., 0, :].copy() for name in ranked.__dataclass_fields__))
+    carried = observations.object_variances is not None
     for _ in range(2 if carried else 1):
         pose = (best.rotation, best.position) if carried else None
-        problem = problem_of(sightings, method, point_weights, huber=huber, pose=pose)
+        problem = problem_of(observations, method, point_weights, huber=huber, pose=pose)
         if carried or huber:
             best = begin(problem, best.rotation, best.position)
         best = adjust(problem, best, until=FINE)
     covariance, determined = _inverse(best.normal)
-    chi2, dof = best.cost, _dof(sightings, method)
+    chi2, dof = best.cost, _dof(observations, method)
     if method == "xyz" and point_weights == "equal":
         pose = (best.rotation, best.position)
-        covariance = _sandwich(sightings, pose, covariance)
-        full = problem_of(sightings, method, "covariance", pose=pose if carried else None)
+        covariance = _sandwich(observations, pose, covariance)
+        full = problem_of(observations, method, "covariance", pose=pose if carried else None)
         chi2 = linearise(full, *pose)[0]
     # Of poses that need all starts the first-order covariance does not tell which others it covers.
     solution = _with_others(ranked, best, covariance, chi2, dof, SAME if thorough else APART)
@@ -128,8 +128,8 @@ def solve(
         if not huber:
             bad |= _probability(chi2, dof) < _SUSPECT
         if method == "uv":
-            bad |= _few(sightings)
-        _try_again(solution, np.flatnonzero(bad), sightings, method, point_weights, huber)
+            bad |= _few(observations)
+        _try_again(solution, np.flatnonzero(bad), observations, method, point_weights, huber)
     if not huber and point_weights != "equal":  # whose χ² is no least one, and follows another law
         misfit = (_probability(solution.chi2, dof) < IMPLAUSIBLE) & (solution.status <= PoseStatus.AMBIGUOUS)
         solution.status[misfit] = PoseStatus.IMPLAUSIBLE
@@ -137,39 +137,39 @@ def solve(
 
 
 def fits_mirrored(
-    sightings: Sightings, method: Method, point_weights: PointWeights, solution: Solution
+    observations: Observations, method: Method, point_weights: PointWeights, solution: Solution
 ) -> NDArray[np.bool_]:
     """Return which poses (B,) fit badly, and at least a hundred times better with the mirror image of the object.
 
     A planar array has no handedness that angles and ranges could show: it looks like itself from behind.
     """
-    mirrored = np.zeros(sightings.count, dtype=bool)
+    mirrored = np.zeros(observations.count, dtype=bool)
     bad = np.flatnonzero(
         (_probability(solution.chi2, solution.dof) < _MIRRORED) | ~np.isfinite(solution.chi2)
     )
-    bad = several(bad)
+    bad = at_least_two(bad)
     if bad.size:
-        other = solve(sightings.some(bad).mirrored(), method, point_weights, 0.0, thorough=True)
+        other = solve(observations.take(bad).mirrored(), method, point_weights, 0.0, thorough=True)
         with np.errstate(invalid="ignore"):
             mirrored[bad] = 100.0 * other.chi2 < np.nan_to_num(solution.chi2[bad], nan=np.inf)
         mirrored[bad] &= ~np.isin(other.status, _UNSETTLED)
     return mirrored
 
 
-def residuals_of(sightings: Sightings, method: Method, solution: Solution) -> Array:
+def residuals_of(observations: Observations, method: Method, solution: Solution) -> Array:
     """Return measured less predicted, shape (c, n, B): angles [rad] and range [m], or points [m]; NaN if hidden."""
-    problem = problem_of(sightings, method, "equal")
+    problem = problem_of(observations, method, "equal")
     _, placed = place_points(problem, solution.rotation, solution.position)
-    seen = np.broadcast_to(sightings.seen, problem.measured.shape).copy()
+    seen = np.broadcast_to(observations.seen, problem.measured.shape).copy()
     if method != "uv":
-        seen[2] &= sightings.ranged
+        seen[2] &= observations.ranged
     return np.where(seen, problem.measured - predict(problem, placed)[0], np.nan)
 
 
-def squared_lengths(sightings: Sightings, method: Method, rotation: Array, position: Array) -> Array:
+def squared_lengths(observations: Observations, method: Method, rotation: Array, position: Array) -> Array:
     """Return each target's squared whitened residual, shape (n, B)."""
-    pose = (rotation, position) if sightings.object_variances is not None else None
-    problem = problem_of(sightings, method, "covariance", pose=pose)
+    pose = (rotation, position) if observations.object_variances is not None else None
+    problem = problem_of(observations, method, "covariance", pose=pose)
     _, placed = place_points(problem, rotation, position)
     whitened = whiten(problem, problem.measured - predict(problem, placed)[0])
     result: Array = np.sum(whitened * whitened, axis=0)
@@ -177,7 +177,7 @@ def squared_lengths(sightings: Sightings, method: Method, rotation: Array, posit
 
 
 def _with_others(
-    ranked: Fit, best: Fit, covariance: Array, chi2: Array, dof: NDArray[np.int64], apart: float
+    ranked: PoseFit, best: PoseFit, covariance: Array, chi2: Array, dof: NDArray[np.int64], apart: float
 ) -> Solution:
     """Return the best poses with the other ones that are different; those ``apart`` that fit as well mark doubt."""
     batch = len(chi2)
@@ -228,7 +228,7 @@ def _distance(rotation: Array, position: Array, other: Array, place: Array, norm
 def _try_again(
     solution: Solution,
     index: NDArray[np.intp],
-    sightings: Sightings,
+    observations: Observations,
     method: Method,
     point_weights: PointWeights,
     huber: float,
@@ -236,8 +236,8 @@ def _try_again(
     """Solve the poses ``index`` from all starts, and keep what fits as well or better: it knows more others."""
     if not index.size:
         return
-    index = several(index)
-    other = solve(sightings.some(index), method, point_weights, huber, thorough=True)
+    index = at_least_two(index)
+    other = solve(observations.take(index), method, point_weights, huber, thorough=True)
     before = np.where(
         np.isin(solution.status[index], _UNSETTLED),
         np.inf,
@@ -248,24 +248,24 @@ def _try_again(
         getattr(solution, name)[..., index[better]] = getattr(other, name)[..., better]
 
 
-def _few(sightings: Sightings) -> NDArray[np.bool_]:
+def _few(observations: Observations) -> NDArray[np.bool_]:
     """Return which poses (B,) rest on so few targets that two starts may miss the best pose.
 
     Planes with a weak homography, and four targets, or five nearly in a plane, that are not a plane: to them both poses
     of the plane are strangers.
     """
-    widths, count = sightings.principal[1], sightings.seen.sum(axis=0)
+    widths, count = observations.principal[1], observations.seen.sum(axis=0)
     thickness = widths[0] / widths[1]
     solid = (count == 4) & (thickness > _THICK) | (count == 5) & (thickness > _THICK) & (thickness < _SOLID)
-    weak = (plane_strength(sightings) < _WEAK) & (thickness < PLANAR)
+    weak = (plane_strength(observations) < _WEAK) & (thickness < PLANAR)
     return np.asarray((count > 3) & (weak | solid))
 
 
-def _dof(sightings: Sightings, method: Method) -> NDArray[np.int64]:
+def _dof(observations: Observations, method: Method) -> NDArray[np.int64]:
     """Return the number of measured quantities less six, a prior's six added (B,)."""
-    seen, ranged = sightings.seen.sum(axis=0), (sightings.seen & sightings.ranged).sum(axis=0)
+    seen, ranged = observations.seen.sum(axis=0), (observations.seen & observations.ranged).sum(axis=0)
     quantities = {"uv": 2 * seen, "xyz": 3 * ranged, "joint": 2 * seen + ranged}[method]
-    result: NDArray[np.int64] = quantities - (6 if sightings.prior is None else 0)
+    result: NDArray[np.int64] = quantities - (6 if observations.prior is None else 0)
     return result
 
 
@@ -290,12 +290,12 @@ def _inverse(normal: Array) -> tuple[Array, NDArray[np.bool_]]:
     return np.where(determined, inverse, np.nan), determined
 
 
-def _sandwich(sightings: Sightings, pose: tuple[Array, Array], inverse: Array) -> Array:
+def _sandwich(observations: Observations, pose: tuple[Array, Array], inverse: Array) -> Array:
     """Return N⁻¹ (Σ Jᵀ W C W J) N⁻¹: the covariance of equal weights W under the true covariances C of the points."""
-    problem = problem_of(sightings, "xyz", "equal")
+    problem = problem_of(observations, "xyz", "equal")
     turned, _ = place_points(problem, *pose)
     rows = jacobian(problem, turned, None)[:6]
     weighted = rows * problem.whitening
-    spread = np.einsum("acnb,cdnb,ednb->aeb", weighted, point_covariances(sightings, pose), weighted)
+    spread = np.einsum("acnb,cdnb,ednb->aeb", weighted, point_covariances(observations, pose), weighted)
     result: Array = np.einsum("acb,cdb,deb->aeb", inverse, spread, inverse)
     return result

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.pose.adjustment import COARSE, Fit, adjust, begin, linearise
-from scanner_sim.pose.points import point_fit
+from scanner_sim.pose.adjustment import COARSE, PoseFit, adjust, begin, linearise
+from scanner_sim.pose.observations import Observations
+from scanner_sim.pose.point_fit import point_fit
 from scanner_sim.pose.resection import PLANAR, planar_starts, three_point_starts, wide_threes, widest_three
-from scanner_sim.pose.sightings import Sightings
 from scanner_sim.pose.transforms import exponential
 from scanner_sim.pose.weights import Method, PointWeights, measured_points, problem_of
 
@@ -18,24 +18,26 @@ ALTERNATIVES = 3
 """Further poses that are kept: three points have up to four in all, a plane two."""
 
 
-def ranked_fits(sightings: Sightings, method: Method, point_weights: PointWeights, *, thorough: bool) -> Fit:
+def ranked_fits(
+    observations: Observations, method: Method, point_weights: PointWeights, *, thorough: bool
+) -> PoseFit:
     """Return poses by their cost, the best first, with an axis (S,) before the batch; some may be the same.
 
     Parameters
     ----------
-    sightings
+    observations
         B poses.
     method, point_weights
         See :func:`~scanner_sim.pose.weights.problem_of`.
     thorough
         Start resection from the plane and from many threes of targets, whatever the array.
     """
-    rotations, positions = _starts(sightings, method, thorough)
-    fits = _adjusted(sightings, method, point_weights, rotations, positions)
+    rotations, positions = _starts(observations, method, thorough)
+    fits = _adjusted(observations, method, point_weights, rotations, positions)
     if thorough:
         best = _by_cost(fits)
-        again = _adjusted(sightings, method, point_weights, *_beside(sightings, best))
-        fits = Fit(
+        again = _adjusted(observations, method, point_weights, *_beside(observations, best))
+        fits = PoseFit(
             *(
                 np.concatenate([getattr(fits, name), getattr(again, name)], axis=-2)
                 for name in fits.__dataclass_fields__
@@ -44,59 +46,62 @@ def ranked_fits(sightings: Sightings, method: Method, point_weights: PointWeight
     return _by_cost(fits)
 
 
-def _starts(sightings: Sightings, method: Method, thorough: bool) -> tuple[Array, Array]:
+def _starts(observations: Observations, method: Method, thorough: bool) -> tuple[Array, Array]:
     """Return poses to start from: R (3, 3, S, B) and c (3, S, B), NaN where there is none."""
     rotations, positions = [], []
     if method != "uv":
-        measured, used = measured_points(sightings), sightings.seen & sightings.ranged
-        rotation, position = point_fit(sightings.points, measured, used)
+        measured, used = measured_points(observations), observations.seen & observations.ranged
+        rotation, position = point_fit(observations.points, measured, used)
         lacking = used.sum(axis=0) < 3
         rotations.append(np.where(lacking, np.nan, rotation)[:, :, None])
         positions.append(np.where(lacking, np.nan, position)[:, None])
     if method != "xyz":
-        rotation, position = _resection_starts(sightings, thorough)
+        rotation, position = _resection_starts(observations, thorough)
         rotations.append(rotation)
         positions.append(position)
-    if sightings.prior is not None:
-        turned = np.broadcast_to(sightings.prior.rotation, (3, 3, sightings.count))
-        centre = np.broadcast_to(sightings.centre, (3, sightings.count))
-        placed = sightings.prior.position + np.einsum("ijb,jb->ib", turned, centre)
+    if observations.prior is not None:
+        turned = np.broadcast_to(observations.prior.rotation, (3, 3, observations.count))
+        centre = np.broadcast_to(observations.centre, (3, observations.count))
+        placed = observations.prior.position + np.einsum("ijb,jb->ib", turned, centre)
         rotations.append(turned[:, :, None])
         positions.append(placed[:, None])
     return np.concatenate(rotations, axis=2), np.concatenate(positions, axis=1)
 
 
-def _resection_starts(sightings: Sightings, thorough: bool) -> tuple[Array, Array]:
+def _resection_starts(observations: Observations, thorough: bool) -> tuple[Array, Array]:
     """Return two starts of planar arrays of four targets and more, four of any three targets of all others."""
-    used = sightings.seen
-    widths = sightings.principal[1]
-    flat = np.broadcast_to(widths[0] < PLANAR * widths[1], (sightings.count,)) & (used.sum(axis=0) > 3)
+    used = observations.seen
+    widths = observations.principal[1]
+    flat = np.broadcast_to(widths[0] < PLANAR * widths[1], (observations.count,)) & (used.sum(axis=0) > 3)
     if thorough:
-        by_plane, by_threes = planar_starts(sightings), _three_starts(sightings, wide_threes(sightings), 4)
+        by_plane, by_threes = (
+            planar_starts(observations),
+            _three_starts(observations, wide_threes(observations), 4),
+        )
         return (
             np.concatenate([by_plane[0], by_threes[0]], axis=2),
             np.concatenate([by_plane[1], by_threes[1]], axis=1),
         )
     if flat.all():
-        return planar_starts(sightings)
-    rotations = np.full((3, 3, 4, sightings.count), np.nan)
-    positions = np.full((3, 4, sightings.count), np.nan)
+        return planar_starts(observations)
+    rotations = np.full((3, 3, 4, observations.count), np.nan)
+    positions = np.full((3, 4, observations.count), np.nan)
     if flat.any():
         index = np.flatnonzero(flat)
-        rotations[:, :, :2, index], positions[:, :2, index] = planar_starts(sightings.some(index))
+        rotations[:, :, :2, index], positions[:, :2, index] = planar_starts(observations.take(index))
     index = np.flatnonzero(~flat)
-    chosen = sightings.some(index)
+    chosen = observations.take(index)
     widest = widest_three(chosen.points, chosen.seen)
     rotations[..., index], positions[..., index] = _three_starts(chosen, widest[None], 4)
     return rotations, positions
 
 
-def _three_starts(sightings: Sightings, threes: NDArray[np.intp], most: int) -> tuple[Array, Array]:
+def _three_starts(observations: Observations, threes: NDArray[np.intp], most: int) -> tuple[Array, Array]:
     """Return the poses of threes (k, 3, B) that fit all targets best, ``most`` of each, with an axis for them."""
-    problem = problem_of(sightings, "uv", "covariance")
+    problem = problem_of(observations, "uv", "covariance")
     rotations, positions = [], []
     for three in threes:
-        turned, placed = three_point_starts(sightings, three)
+        turned, placed = three_point_starts(observations, three)
         costs = np.stack(
             [linearise(problem, turned[:, :, s], placed[:, s])[0] for s in range(placed.shape[1])]
         )
@@ -106,7 +111,7 @@ def _three_starts(sightings: Sightings, threes: NDArray[np.intp], most: int) -> 
     return np.concatenate(rotations, axis=2), np.concatenate(positions, axis=1)
 
 
-def _beside(sightings: Sightings, fits: Fit) -> tuple[Array, Array]:
+def _beside(observations: Observations, fits: PoseFit) -> tuple[Array, Array]:
     """Return starts R (3, 3, 8, B) and c (3, 8, B) that see the array much as the best of the fits does.
 
     The plane of the array tilted to the other side of the sight s, (1 − 2 s sᵀ) R (1 − 2 m mᵀ) with m its normal: from
@@ -115,7 +120,7 @@ def _beside(sightings: Sightings, fits: Fit) -> tuple[Array, Array]:
     """
     rotation, position = fits.rotation[..., 0, :], fits.position[:, 0]
     sight = position / np.sqrt(np.sum(position * position, axis=0))
-    normal, length = (np.broadcast_to(sightings.principal[2][:, k], sight.shape) for k in (0, 2))
+    normal, length = (np.broadcast_to(observations.principal[2][:, k], sight.shape) for k in (0, 2))
     seen, away = (np.eye(3)[:, :, None] - 2.0 * np.einsum("ib,jb->ijb", v, v) for v in (sight, normal))
     rotations = [np.einsum("ijb,jkb,klb->ilb", seen, rotation, away)]
     for part in range(1, 8):
@@ -124,32 +129,36 @@ def _beside(sightings: Sightings, fits: Fit) -> tuple[Array, Array]:
 
 
 def _adjusted(
-    sightings: Sightings, method: Method, point_weights: PointWeights, rotations: Array, positions: Array
-) -> Fit:
+    observations: Observations,
+    method: Method,
+    point_weights: PointWeights,
+    rotations: Array,
+    positions: Array,
+) -> PoseFit:
     """Adjust all starts far enough to compare them, an axis (S,) before the batch."""
     count = positions.shape[1]
-    every = np.tile(np.arange(sightings.count), count)
-    many = sightings.some(every) if count > 1 else sightings
+    every = np.tile(np.arange(observations.count), count)
+    many = observations.take(every) if count > 1 else observations
     problem = problem_of(many, method, point_weights)
     flat = adjust(
         problem, begin(problem, rotations.reshape(3, 3, -1), positions.reshape(3, -1)), until=COARSE
     )
-    if sightings.object_variances is not None:
+    if observations.object_variances is not None:
         problem = problem_of(many, method, point_weights, pose=(flat.rotation, flat.position))
         flat = adjust(problem, begin(problem, flat.rotation, flat.position), until=COARSE)
-    return Fit(
+    return PoseFit(
         *(
-            getattr(flat, name).reshape(*getattr(flat, name).shape[:-1], count, sightings.count)
+            getattr(flat, name).reshape(*getattr(flat, name).shape[:-1], count, observations.count)
             for name in flat.__dataclass_fields__
         )
     )
 
 
-def _by_cost(fits: Fit) -> Fit:
+def _by_cost(fits: PoseFit) -> PoseFit:
     """Return fits by their cost, the settled ones first."""
     worth = np.where(np.isfinite(fits.cost), fits.cost, np.inf) + np.where(fits.settled, 0.0, 1e200)
     order = np.argsort(worth, axis=0, kind="stable")
-    return Fit(
+    return PoseFit(
         *(
             np.take_along_axis(values, order.reshape((1,) * (values.ndim - 2) + order.shape), axis=-2)
             for values in (getattr(fits, name) for name in fits.__dataclass_fields__)

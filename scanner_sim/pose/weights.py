@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.arithmetic import inverse
 from scanner_sim.pose.adjustment import Problem
 from scanner_sim.pose.collinearity import project
-from scanner_sim.pose.sightings import Sightings
+from scanner_sim.pose.observations import Observations
 from scanner_sim.ranging.coordinates import coordinates
 
 Array = NDArray[np.float64]
@@ -19,18 +19,18 @@ Method = Literal["uv", "xyz", "joint"]
 PointWeights = Literal["covariance", "equal"]
 
 
-def measured_points(sightings: Sightings) -> Array:
+def measured_points(observations: Observations) -> Array:
     """Return the measured points (x, y, z) [m] in the scanner frame by eq 3, shape (3, n, B).
 
     Those without a range stand on their beam at a range of no meaning; their weight must be zero.
     """
-    theta, phi, r = sightings.values
-    r = np.where(sightings.ranged, r, 1.0 + 2.0 * sightings.axis_separation)
-    return np.stack(coordinates(r, theta, phi, sightings.axis_separation))
+    theta, phi, r = observations.values
+    r = np.where(observations.ranged, r, 1.0 + 2.0 * observations.axis_separation)
+    return np.stack(coordinates(r, theta, phi, observations.axis_separation))
 
 
 def problem_of(
-    sightings: Sightings,
+    observations: Observations,
     method: Method,
     point_weights: PointWeights,
     *,
@@ -41,7 +41,7 @@ def problem_of(
 
     Parameters
     ----------
-    sightings
+    observations
         B poses.
     method
         ``uv`` compares angles (eq 16), ``xyz`` points (eq 12), ``joint`` angles and ranges.
@@ -55,50 +55,50 @@ def problem_of(
         leaves them out.
     """
     channels = 2 if method == "uv" else 3
-    seen = np.broadcast_to(sightings.seen, (channels, *sightings.seen.shape)).copy()
+    seen = np.broadcast_to(observations.seen, (channels, *observations.seen.shape)).copy()
     if method != "uv":
-        seen[2] &= sightings.ranged
+        seen[2] &= observations.ranged
     in_space = method == "xyz"
     whitening: Array
     if in_space:
-        measured = measured_points(sightings)
-        _, gradients = project(measured, sightings.axis_separation, with_range=True)
+        measured = measured_points(observations)
+        _, gradients = project(measured, observations.axis_separation, with_range=True)
     else:
-        measured, gradients = sightings.values[:channels], None
+        measured, gradients = observations.values[:channels], None
     if in_space and point_weights == "equal":
         # Any common unit will do; that of the mean range keeps the cost near the number of residuals.
-        unit = np.sqrt(sightings.variances[2].mean(axis=0))
+        unit = np.sqrt(observations.variances[2].mean(axis=0))
         whitening = seen / unit
-    elif not in_space and pose is None and (channels == 2 or sightings.theta_range is None):
-        whitening = seen / np.sqrt(sightings.variances[:channels])
+    elif not in_space and pose is None and (channels == 2 or observations.theta_range is None):
+        whitening = seen / np.sqrt(observations.variances[:channels])
     else:
         if gradients is None and pose is not None:
-            placed = np.einsum("ijb,jnb->inb", pose[0], sightings.points) + pose[1][:, None]
-            _, gradients = project(placed, sightings.axis_separation, with_range=channels == 3)
-        whitening = _inverse_root(_covariance(sightings, channels, gradients, pose))
+            placed = np.einsum("ijb,jnb->inb", pose[0], observations.points) + pose[1][:, None]
+            _, gradients = project(placed, observations.axis_separation, with_range=channels == 3)
+        whitening = _inverse_root(_covariance(observations, channels, gradients, pose))
         whitening = whitening * seen
         if in_space and gradients is not None:
             whitening = np.einsum("cdnb,kdnb->cknb", whitening, gradients)
     return Problem(
-        sightings.points,
+        observations.points,
         measured,
         whitening,
         in_space,
-        sightings.axis_separation,
+        observations.axis_separation,
         huber,
-        sightings.prior,
-        sightings.centre,
+        observations.prior,
+        observations.centre,
     )
 
 
-def point_covariances(sightings: Sightings, pose: tuple[Array, Array]) -> Array:
+def point_covariances(observations: Observations, pose: tuple[Array, Array]) -> Array:
     """Return the covariances of measured less surveyed points [m²], shape (3, 3, n, B).
 
     J diag(σ_Θ², σ_φ², σ_R²) Jᵀ of eq 3, with the covariance of Θ and R where there is one, and R C_object Rᵀ.
     """
-    _, gradients = project(measured_points(sightings), sightings.axis_separation, with_range=True)
+    _, gradients = project(measured_points(observations), observations.axis_separation, with_range=True)
     covariance = _covariance(
-        sightings, 3, gradients, pose if sightings.object_variances is not None else None
+        observations, 3, gradients, pose if observations.object_variances is not None else None
     )
     back = inverse(np.moveaxis(gradients, (0, 1), (-1, -2)))  # ∂(x, y, z)/∂(Θ, φ, R)
     result: Array = np.einsum("nbij,jknb,nblk->ilnb", back, covariance, back)
@@ -106,17 +106,17 @@ def point_covariances(sightings: Sightings, pose: tuple[Array, Array]) -> Array:
 
 
 def _covariance(
-    sightings: Sightings, channels: int, gradients: Array | None, pose: tuple[Array, Array] | None
+    observations: Observations, channels: int, gradients: Array | None, pose: tuple[Array, Array] | None
 ) -> Array:
     """Return the covariances of (Θ, φ[, R]), shape (c, c, n, B)."""
-    covariance = np.zeros((channels, channels, *sightings.seen.shape))
+    covariance = np.zeros((channels, channels, *observations.seen.shape))
     index = np.arange(channels)
-    covariance[index, index] = sightings.variances[:channels]
-    if channels == 3 and sightings.theta_range is not None:
-        covariance[0, 2] = covariance[2, 0] = sightings.theta_range
-    if pose is not None and sightings.object_variances is not None and gradients is not None:
+    covariance[index, index] = observations.variances[:channels]
+    if channels == 3 and observations.theta_range is not None:
+        covariance[0, 2] = covariance[2, 0] = observations.theta_range
+    if pose is not None and observations.object_variances is not None and gradients is not None:
         carried = np.einsum("icnb,ijb->cjnb", gradients, pose[0])
-        covariance += np.einsum("cjnb,djnb->cdnb", carried * sightings.object_variances, carried)
+        covariance += np.einsum("cjnb,djnb->cdnb", carried * observations.object_variances, carried)
     return covariance
 
 

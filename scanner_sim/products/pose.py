@@ -15,7 +15,7 @@ from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus, legend
 from scanner_sim.pose.transforms import quaternion_from_rotation, rotation_from_quaternion
 from scanner_sim.pose.weights import Method
-from scanner_sim.products.files.tables import Columns, Kind, checked, read_parquet, stated, texts
+from scanner_sim.products.files.tables import ColumnKind, Columns, checked, read_parquet, stated, texts
 
 Array = NDArray[np.float64]
 
@@ -33,7 +33,7 @@ _COVARIANCE = tuple(
 )
 _LASTING = "lasting_"
 """Before the name of a covariance: its part that neighbouring poses share."""
-_KINDS: dict[str, Kind] = {
+_KINDS: dict[str, ColumnKind] = {
     "time_s": "finite",
     **dict.fromkeys(
         (prefix + name for prefix in ("", "truth_") for name in (*_POSITION, *_QUATERNION)), "number"
@@ -45,7 +45,7 @@ _KINDS: dict[str, Kind] = {
 
 
 @dataclass(frozen=True)
-class _About:
+class _AboutPoses:
     """What :func:`about_poses` says that is needed again: object, reference, method and rows of each series."""
 
     series: tuple[tuple[str, str, Method, int], ...]
@@ -111,7 +111,7 @@ def read_poses(path: Path) -> tuple[PoseSeries, ...]:
     columns, said = read_parquet(path)
     try:
         columns = checked(columns, _KINDS)
-        series = stated(said, _About).series
+        series = stated(said, _AboutPoses).series
         status = columns["status"]
         if min((one[3] for one in series), default=0) < 0 or sum(one[3] for one in series) != len(status):
             raise ValueError("the series and the rows differ in number")

@@ -34,7 +34,7 @@ class TargetRow:
         Median of the stated standard deviation of a single voxel.
     found
         Share of the patterns in which it was found.
-    sightings
+    observations
         Patterns.
     """
 
@@ -46,7 +46,7 @@ class TargetRow:
     common: float
     voxel: float
     found: float
-    sightings: int
+    observations: int
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class PoseRow:
     component, unit
         One of :data:`COMPONENTS`; m or rad.
     simulated, low, high
-        Root mean square of the errors of poses from simulated sightings, and its 95 % interval (χ²).
+        Root mean square of the errors of poses from simulated observations, and its 95 % interval (χ²).
     stated
         Root mean square of the standard deviation that the estimator stated.
     bias

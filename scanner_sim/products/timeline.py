@@ -27,7 +27,7 @@ class Label:
 
 
 @dataclass(frozen=True)
-class Group:
+class ConditionGroup:
     """Conditions that are counted together, and their share of time as somebody else estimates it, in words."""
 
     name: str
@@ -36,7 +36,7 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
-class Track:
+class TargetTimeline:
     """One target along the orbit; arrays of shape (n,).
 
     Attributes
@@ -104,14 +104,14 @@ class Timeline:
     sun_in_view: Floats
     brightest: Floats
     full_well: float
-    tracks: tuple[Track, ...]
+    tracks: tuple[TargetTimeline, ...]
     labels: tuple[Label, ...]
-    groups: tuple[Group, ...]
+    groups: tuple[ConditionGroup, ...]
     scenario_yaml: str
     warnings: tuple[str, ...] = ()
     made_by: Mapping[str, str] = field(default_factory=versions)
 
-    def shares(self, track: Track) -> Floats:
+    def shares(self, track: TargetTimeline) -> Floats:
         """Return the share of time of a target in each condition, shape (number of conditions,)."""
         return np.asarray(np.bincount(track.condition, minlength=len(self.labels)) / track.condition.size)
 

@@ -14,9 +14,9 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.products.error_columns import ERRORS, error_columns, errors_from
 from scanner_sim.products.files.contents import TABLE, VOXELS
 from scanner_sim.products.files.exchange import recover
-from scanner_sim.products.files.tables import MOST, Columns, Kind, checked, read_parquet, stated, texts
+from scanner_sim.products.files.tables import MOST, ColumnKind, Columns, checked, read_parquet, stated, texts
 from scanner_sim.tracking.errors import ErrorParts
-from scanner_sim.tracking.measurement import TargetLooks
+from scanner_sim.tracking.measurement import TargetAppearance
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
 from scanner_sim.tracking.state import Refusal, TrackMode
@@ -44,7 +44,7 @@ _VOXEL = {
 
 
 _SIGMAS = tuple(f"sigma_{name}" for name in (*_ANGULAR, *_SPATIAL))
-_TABLE_KINDS: dict[str, Kind] = {
+_TABLE_KINDS: dict[str, ColumnKind] = {
     **dict.fromkeys(("time_s", "amplitude_rad", "centre_theta_rad", "centre_phi_rad"), "finite"),
     **dict.fromkeys(
         (prefix + name for prefix in ("", "truth_") for name in (*_ANGULAR, *_SPATIAL)), "number"
@@ -54,7 +54,7 @@ _TABLE_KINDS: dict[str, Kind] = {
     **dict.fromkeys(("target", "state", "next_state", "refusal"), "text"),
     **dict.fromkeys(("visit", "status"), "whole"),
 }
-_VOXEL_KINDS: dict[str, Kind] = {
+_VOXEL_KINDS: dict[str, ColumnKind] = {
     "visit": "whole",
     **dict.fromkeys(_VOXEL.values(), "number"),
     "status": "whole",
@@ -75,7 +75,7 @@ class _Looks:
 
 
 @dataclass(frozen=True)
-class _About:
+class _AboutTrack:
     """What :func:`about_track` says of a run."""
 
     software: str
@@ -162,9 +162,9 @@ def about_track(track: Track) -> dict[str, Any]:
             {
                 "name": target.name,
                 "object": target.object,
-                "kind": target.looks.kind.value,
-                "diameter_m": target.looks.diameter,
-                "depth_m": target.looks.depth,
+                "kind": target.appearance.kind.value,
+                "diameter_m": target.appearance.diameter,
+                "depth_m": target.appearance.depth,
                 "expected_rad_rad_m": np.asarray(target.expected).tolist(),
                 "centre_on_object_m": np.asarray(target.centre).tolist(),
             }
@@ -202,7 +202,7 @@ def read_track(folder: str | Path) -> Track:
     columns, said = read_parquet(folder / TABLE)
     voxels = read_parquet(folder / VOXELS)[0] if (folder / VOXELS).exists() else None
     try:
-        about = stated(said, _About)
+        about = stated(said, _AboutTrack)
         targets = tuple(_target(one) for one in about.targets)
         columns = checked(columns, _TABLE_KINDS)
         voxels = None if voxels is None else checked(voxels, _VOXEL_KINDS)
@@ -242,7 +242,7 @@ def _target(said: _Looks) -> TrackTarget:
     return TrackTarget(
         name=said.name,
         object=said.object,
-        looks=TargetLooks.model_validate(
+        appearance=TargetAppearance.model_validate(
             {"kind": said.kind, "diameter": said.diameter_m, "depth": said.depth_m}
         ),
         expected=_place(said.expected_rad_rad_m),

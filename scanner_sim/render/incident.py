@@ -21,7 +21,7 @@ from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.view import WINDOW
 from scanner_sim.render.beam.light import Light
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import Bench
+from scanner_sim.render.transport import OpticalLayout
 
 
 class Throughput:
@@ -42,7 +42,7 @@ class Throughput:
 
     def __init__(
         self,
-        bench: Bench,
+        bench: OpticalLayout,
         pixels: int,
         laser: NDArray[np.float64],
         in_band: NDArray[np.float64],

@@ -34,7 +34,7 @@ def posed(loaded: LoadedScene, poses: tuple[Pose, ...] | None) -> LoadedScene:
 
 def some_poses(poses: tuple[Pose, ...], index: Any) -> tuple[Pose, ...]:
     """Return poses at some places."""
-    return tuple(pose.some(index) for pose in poses)
+    return tuple(pose.take(index) for pose in poses)
 
 
 def for_rows(loaded: LoadedScene, row: Any) -> LoadedScene:

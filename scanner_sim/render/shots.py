@@ -54,7 +54,7 @@ class Shots:
         """Angles by which each beam moves while the laser shines, along the line and across it: δΘ, cosΘ δφ [rad]."""
         return self.travel_theta, dr.cos(self.theta) * self.travel_phi
 
-    def some(self, index: Any) -> Shots:
+    def take(self, index: Any) -> Shots:
         """Return the shots at some places."""
         angles = (self.theta, self.phi, self.travel_theta, self.travel_phi, self.synchronisation)
         theta, phi, travel_theta, travel_phi, synchronisation = (
@@ -79,7 +79,7 @@ class Pointing:
 
 
 def true_shots(
-    aim: Aim, mirrors: Mirrors, seed: int, shining: float = 1.0, poses: tuple[Pose, ...] | None = None
+    aim: Aim, mirrors: Mirrors, seed: int, duty_cycle: float = 1.0, poses: tuple[Pose, ...] | None = None
 ) -> tuple[Shots, Pointing]:
     """Return the shots of an aim as they are fired.
 
@@ -91,7 +91,7 @@ def true_shots(
         The mirrors and their errors.
     seed
         Seed of the errors.
-    shining
+    duty_cycle
         Share of the dwell in which the laser shines; it is centred on the aim's time.
     poses
         Of the moving objects at the aim's times, from
@@ -113,8 +113,8 @@ def true_shots(
         number,
         _single(aim.theta + errors[0]),
         _single(aim.phi + errors[1]),
-        _single(shining * aim.travel_theta),
-        _single(shining * aim.travel_phi),
+        _single(duty_cycle * aim.travel_theta),
+        _single(duty_cycle * aim.travel_phi),
         synchronisation,
         poses,
     )

@@ -34,7 +34,7 @@ _TINY = 1e-30
 
 
 @dataclass(frozen=True)
-class Bench:
+class OpticalLayout:
     """The numbers of the optical bench that the light meets, SI."""
 
     laser: Laser
@@ -161,10 +161,10 @@ def lanes(beamlets: Beamlets | Split, shots: Shots) -> Lanes:
     shot = lane // count
     beamlet = lane - shot * count
     node, stop, weight, time = split.drawn(beamlet, shot)
-    return Lanes(shot, beamlet, shots.some(shot), node, stop, weight, time)
+    return Lanes(shot, beamlet, shots.take(shot), node, stop, weight, time)
 
 
-def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets | Split, shots: Shots) -> Spots:
+def trace_spots(loaded: LoadedScene, bench: OpticalLayout, beamlets: Beamlets | Split, shots: Shots) -> Spots:
     """Return the direct spots of all beamlets of all shots.
 
     Parameters
@@ -189,12 +189,12 @@ def trace_spots(loaded: LoadedScene, bench: Bench, beamlets: Beamlets | Split, s
     return _spots(loaded, bench, lane.own, frame, lane.node, lane.stop, lane.weight, beamlets.width)
 
 
-def frame_at(bench: Bench, shots: Shots, time: Any) -> Frame:
+def frame_at(bench: OpticalLayout, shots: Shots, time: Any) -> Frame:
     """Return the deflected optics of shots at moments of their dwell, in units of it about its middle."""
     return device_frame(bench, shots.theta + time * shots.travel_theta, shots.phi + time * shots.travel_phi)
 
 
-def device_frame(bench: Bench, theta: Any, phi: Any) -> Frame:
+def device_frame(bench: OpticalLayout, theta: Any, phi: Any) -> Frame:
     """Return the deflected optics with Dr.Jit vectors."""
     sin_theta, cos_theta = dr.sincos(theta)
     sin_phi, cos_phi = dr.sincos(phi)
@@ -212,7 +212,7 @@ class Launch:
     direction: Any
 
 
-def launch(bench: Bench, frame: Frame, node: Any) -> Launch:
+def launch(bench: OpticalLayout, frame: Frame, node: Any) -> Launch:
     """Return the straight lines of the beam's ruled hyperboloid through nodes (in standard deviations).
 
     A line that passes the waist at (a, b) with the slope (−b, a)/z_R stays at the same number of standard
@@ -238,7 +238,13 @@ def meet(loaded: LoadedScene, origin: Any, direction: Any, active: Any = True, c
 
 
 def connect(
-    loaded: LoadedScene, bench: Bench, frame: Frame, si: Any, stop: Any, active: Any, coherent: bool = True
+    loaded: LoadedScene,
+    bench: OpticalLayout,
+    frame: Frame,
+    si: Any,
+    stop: Any,
+    active: Any,
+    coherent: bool = True,
 ) -> tuple[Any, Any]:
     """Connect surface points to points of the receiving aperture.
 
@@ -262,7 +268,7 @@ def connect(
     return dr.select(seen, reflected * facing / squared * gain, 0.0), seen
 
 
-def image(bench: Bench, frame: Frame, point: Any) -> tuple[Any, Any, Any]:
+def image(bench: OpticalLayout, frame: Frame, point: Any) -> tuple[Any, Any, Any]:
     """Return where the lens images points: p along the line, q across it (eq 1, exactly), and their depth [m]."""
     place = mi.Vector3f(point - frame.lens)
     depth = dr.dot(place, frame.along)
@@ -270,7 +276,7 @@ def image(bench: Bench, frame: Frame, point: Any) -> tuple[Any, Any, Any]:
     return -scale * dr.dot(place, frame.across), scale * dr.dot(place, frame.normal), depth
 
 
-def out_of_step(bench: Bench, p: Any, synchronisation: Any) -> Any:
+def out_of_step(bench: OpticalLayout, p: Any, synchronisation: Any) -> Any:
     """Return where on the line light lands [m] whose receiver looks past the laser by an angle [rad].
 
     p = f tanα becomes f tan(α + e), to first order p + e (f + p²/f); the place across the line changes by e p/f of
@@ -280,14 +286,14 @@ def out_of_step(bench: Bench, p: Any, synchronisation: Any) -> Any:
     return p + synchronisation * (f + dr.square(p) / f)
 
 
-def to_pixels(bench: Bench, p: Any) -> Any:
+def to_pixels(bench: OpticalLayout, p: Any) -> Any:
     """Return positions p [m] in pixels."""
     return (p - dr.opaque(mi.Float, bench.offset)) / dr.opaque(mi.Float, bench.pitch) - 0.5
 
 
 def _spots(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     shots: Shots,
     frame: Frame,
     node: Any,

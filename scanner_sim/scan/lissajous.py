@@ -47,7 +47,7 @@ class LissajousPattern(Part):
     inversion: Switch = True
     """Run every second pattern with the amplitudes −A, which cancels the bias of lag and delay."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield figures that retrace themselves and figures with too few points for their cycles."""
         m, n = self.cycles
         if math.gcd(m, n) > 1:

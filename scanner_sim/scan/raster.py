@@ -37,7 +37,7 @@ class RasterScan(Part):
     """``continuous``: Θ sweeps along the row at an even rate, and the spot moves by a column while it is measured;
     ``stepped``: the mirrors rest at every voxel."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield ends in the wrong order and rasters that no memory holds."""
         for name, (first, last), count in (
             ("horizontal", self.horizontal, self.columns),

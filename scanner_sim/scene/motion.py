@@ -102,7 +102,7 @@ class Waypoints(Part):
     interpolation: Literal["linear", "smooth"] = "smooth"
     """``linear``: straight and even from pose to pose; ``smooth``: twice differentiable, places from rest to rest."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield times that do not ascend."""
         for index, (first, second) in enumerate(zip(self.points[:-1], self.points[1:], strict=True)):
             if second.time - first.time < LEAST_STEP:
@@ -128,7 +128,7 @@ class PoseFile(Part):
     interpolation: Literal["linear", "smooth"] = "linear"
     """``linear``: straight and even from row to row; ``smooth``: twice differentiable, places from rest to rest."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield what is wrong with the file."""
         try:
             self.poses()

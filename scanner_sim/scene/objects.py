@@ -206,7 +206,7 @@ class TargetPattern(Part):
     plate: Extent
     """Edge of the square plate around each disc."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield discs that overhang their plates, plates that overlap, and more of them than memory holds."""
         if self.diameter >= self.plate:
             yield Fault(
@@ -290,7 +290,7 @@ class Scene(Part):
         """Return the scene without motion, every object where it is at a time [s] since the start of the scan."""
         return self.model_copy(update={"objects": tuple(item.resting_at(time) for item in self.objects)})
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield names that are given twice, and more targets than memory holds."""
         arrays = [item for item in self.objects if isinstance(item, TargetArray)]
         targets = sum(item.array.rows * item.array.columns for item in arrays)

@@ -49,7 +49,7 @@ class Rotation(Part):
     angle: Angle
     """Angle of the turn."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield an axis without direction."""
         if not isinstance(self.axis, str) and not 1e-100 < np.linalg.norm(self.axis) < 1e100:
             yield Fault(

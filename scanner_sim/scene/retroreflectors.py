@@ -62,7 +62,7 @@ class RetroLobe(Part):
     refractive_index: Number | None = Field(default=None, ge=1.0, le=4.0)
     """Of a corner cube: index of refraction, 1 for a hollow one; by default 1.5."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield the entrance law of the other kind."""
         if self.kind == "bead_sheet" and self.refractive_index is not None:
             yield Fault(

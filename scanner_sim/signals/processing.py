@@ -82,7 +82,7 @@ class Validation(Part):
     """Whether σ of a range holds what reflectance and relief that change over the spot may move it by, as far as the
     neighbours in the raster show it: ``sigma_texture_m``."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield widths that do not ascend."""
         if not 0.0 <= self.beam_width[0] < self.beam_width[1]:
             yield Fault("beam_width", "the widths must ascend from 0 or more.", "Write [0.7, 1.5].")
@@ -113,7 +113,7 @@ class Processing(Part):
     pulse: PulseDetection = PulseDetection()
     """How the echoes of time of flight are found and timed."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield a range gate that does not ascend, and a table of systematic errors that cannot be used."""
         if self.range_gate is not None and not 0.0 <= self.range_gate[0] < self.range_gate[1]:
             yield Fault("range_gate", "the gate must ascend from 0 m or more.", "Write [nearest, farthest].")

@@ -33,7 +33,7 @@ def disc_fit(
     start: Centroid,
     *,
     spot: ArrayLike,
-    shining: float = 1.0,
+    duty_cycle: float = 1.0,
     pointing: ArrayLike = 0.0,
     radius: ArrayLike | None = None,
     sigma_radius: ArrayLike | None = None,
@@ -50,7 +50,7 @@ def disc_fit(
     spot
         Standard deviation of the spot's irradiance across the rim, as an angle: w/(2 R) [rad], (), (patterns,) or
         (patterns, points).
-    shining
+    duty_cycle
         Share of the dwell in which the laser shines.
     pointing
         Standard deviation of the read angles about the true ones, per axis and independent from voxel to voxel [rad],
@@ -69,7 +69,7 @@ def disc_fit(
         range over the disc.
     """
     theta, phi = samples.theta, samples.phi
-    travel = shining * rise_per_point(theta), shining * rise_per_point(phi)
+    travel = duty_cycle * rise_per_point(theta), duty_cycle * rise_per_point(phi)
     usable = response.clear & start.found
     rows = len(usable)
     centre, size = start.centre, start.radius

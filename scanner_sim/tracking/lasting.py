@@ -78,7 +78,7 @@ def surface_covariance(
     speckle: SurfaceSpeckle,
     kind: TargetKind,
     *,
-    shining: float,
+    duty_cycle: float,
     axis_separation: float,
 ) -> Array:
     """Return the covariance of (Θ, φ, R) that a flat target's surface gives to all visits alike.
@@ -91,7 +91,7 @@ def surface_covariance(
         The speckle there.
     kind
         What the target is. Black and white discs are looked at; of others the range alone.
-    shining
+    duty_cycle
         Share of the dwell in which the laser shines.
     axis_separation
         D_g [m].
@@ -105,7 +105,7 @@ def surface_covariance(
         return np.zeros((3, 3))
     # Of patterns that hardly show a target nothing is told.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        result = _surface(samples, seen, speckle, kind, shining, axis_separation)
+        result = _surface(samples, seen, speckle, kind, duty_cycle, axis_separation)
         limited = _limited(result, seen.covariance[0])
     return limited if np.isfinite(limited).all() else np.zeros((3, 3))
 
@@ -125,7 +125,7 @@ def _surface(
     seen: Measurement,
     speckle: SurfaceSpeckle,
     kind: TargetKind,
-    shining: float,
+    duty_cycle: float,
     axis_separation: float,
 ) -> Array:
     """Return :func:`surface_covariance` as the voxels' gains give it."""
@@ -135,7 +135,7 @@ def _surface(
     reach, spot = float(plane.distance[0]), 0.5 * speckle.radius
     place = reach * np.concatenate([shown.theta, shown.phi])
     rise = reach * np.concatenate([rise_per_point(shown.theta), rise_per_point(shown.phi)])
-    way, radius, off = shining * rise, reach * float(seen.radius[0]), np.hypot(*place)
+    way, radius, off = duty_cycle * rise, reach * float(seen.radius[0]), np.hypot(*place)
     if kind in (TargetKind.BLACK, TargetKind.WHITE):
         gains = _centre_gains(samples, place, off, way, radius, spot)
         light = np.sqrt(speckle.light) / reach * gains * np.nan_to_num(samples.signal[0])

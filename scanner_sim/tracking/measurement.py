@@ -31,7 +31,7 @@ _CAP = 0.8
 """Part of a sphere's radius within which its range is looked at."""
 
 
-class TargetLooks(Part):
+class TargetAppearance(Part):
     """What the tracker knows of a target's looks."""
 
     kind: TargetKind
@@ -76,11 +76,11 @@ class Measurement:
 
 def measure_target(
     samples: PatternSamples,
-    looks: TargetLooks,
+    appearance: TargetAppearance,
     expected_range: ArrayLike,
     *,
     spot: ArrayLike,
-    shining: float = 1.0,
+    duty_cycle: float = 1.0,
     pointing: ArrayLike = 0.0,
     axis_separation: float | None = None,
 ) -> Measurement:
@@ -90,11 +90,11 @@ def measure_target(
     ----------
     samples
         The patterns.
-    looks
+    appearance
         Kind, diameter and range gate.
     expected_range
         Range in whose neighbourhood it is looked for [m], () or (patterns,).
-    spot, shining, pointing
+    spot, duty_cycle, pointing
         Spot as an angle, share of the dwell with light and error of the angles: see
         :func:`~scanner_sim.tracking.disc_fit.disc_fit`.
     axis_separation
@@ -107,31 +107,31 @@ def measure_target(
         under 15° a disc looks narrower by 3 %, ten σ of its radius, and the pattern's few crossings of the rim would
         take that for a place. Centre of the disc fit with a free radius, or the mean of hits where that fails. It is
         that of the circle for targets whose values at the edge do not say how much of the spot is on them: those that
-        their range tells, and retro-reflectors, whose light is clipped; also for light with gaps (``shining`` below 1)
-        of which too few voxels are partly on the target. The range is that of the plane R cos δ = R₀ + g·δ, δ = angles
-        − centre, through the voxels on the target (for holes: around it; for black and retro-reflective discs both) at
-        the centre, weighed by 1/σ_R²: a flat target in space, to the second order in δ but for its tilt's. A sphere's
-        voxels are carried to its middle first.
+        their range tells, and retro-reflectors, whose light is clipped; also for light with gaps (``duty_cycle`` below
+        1) of which too few voxels are partly on the target. The range is that of the plane R cos δ = R₀ + g·δ, δ =
+        angles − centre, through the voxels on the target (for holes: around it; for black and retro-reflective discs
+        both) at the centre, weighed by 1/σ_R²: a flat target in space, to the second order in δ but for its tilt's. A
+        sphere's voxels are carried to its middle first.
     """
     middle = np.zeros(len(samples.theta)) + np.asarray(expected_range, dtype=np.float64)
     response = target_response(
-        samples, looks.kind, np.stack([middle - looks.depth, middle + looks.depth], axis=1)
+        samples, appearance.kind, np.stack([middle - appearance.depth, middle + appearance.depth], axis=1)
     )
     hits = hit_centroid(samples, response)
     stamp = _stamp(samples, response)
-    see = _Seeing(samples, response, looks, hits, spot, shining, pointing)
+    see = _Seeing(samples, response, appearance, hits, spot, duty_cycle, pointing)
     plane: TargetPlane | None = None
-    if axis_separation is None or looks.surface != "flat":
+    if axis_separation is None or appearance.surface != "flat":
         centre, ranged = see.directly()
     else:
-        first, _ = _plane_of(samples, response, looks, hits, middle, stamp, axis_separation)
+        first, _ = _plane_of(samples, response, appearance, hits, middle, stamp, axis_separation)
         centre, ranged = see.on(first)
         # Voxels at the rim would tilt the plane: the light's middle is not the spot's. Those away from it tell better.
-        plane, slope = _plane_of(samples, ranged, looks, centre, middle, stamp, axis_separation, first)
+        plane, slope = _plane_of(samples, ranged, appearance, centre, middle, stamp, axis_separation, first)
         centre, ranged = see.on(plane, centre)
         if see.fits:
             centre = centre.worse_by(see.by_slope(plane, slope, centre))
-    ranges, spread, enough = _ranges(samples, ranged, looks, centre, stamp, plane)
+    ranges, spread, enough = _ranges(samples, ranged, appearance, centre, stamp, plane)
     distance = np.where(enough, ranges[:, 0], np.nan)
     place = np.concatenate([centre.centre, distance[:, None]], axis=1)
     covariance = _covariance(centre, ranges, np.where(enough, spread[:, 0, 0], np.nan), plane)
@@ -154,21 +154,21 @@ class _Seeing:
 
     samples: PatternSamples
     response: Response
-    looks: TargetLooks
+    appearance: TargetAppearance
     hits: Centroid
     spot: ArrayLike
-    shining: float
+    duty_cycle: float
     pointing: ArrayLike
 
     @property
     def graded(self) -> bool:
         """Whether values at the edge say how much of the spot is on the target."""
-        return not self.looks.kind.by_range and self.looks.kind is not TargetKind.RETRO
+        return not self.appearance.kind.by_range and self.appearance.kind is not TargetKind.RETRO
 
     @property
     def fits(self) -> bool:
         """Whether a disc is fitted, and light has no gaps."""
-        return self.graded and self.shining == 1.0
+        return self.graded and self.duty_cycle == 1.0
 
     def directly(self) -> tuple[Centroid, Response]:
         """Return centres of targets that are round in the angles, and what of the response tells their range."""
@@ -207,7 +207,7 @@ class _Seeing:
     def _laid(self, plane: TargetPlane) -> tuple[PatternSamples, Response]:
         """Return samples and response on planes, their light divided by that of the plane's tilt and range."""
         shown, light = plane.flattened(self.samples)
-        if self.looks.kind.by_range:
+        if self.appearance.kind.by_range:
             return shown, self.response
         return shown, replace(self.response, value=self.response.value / light)
 
@@ -218,7 +218,7 @@ class _Seeing:
         if plane is not None:
             spot = plane.spot(spot, shown, np.where(start.found[:, None], start.centre, 0.0))
             error = error * plane.stretch[:, None]
-        return disc_fit(shown, response, start, spot=spot, shining=self.shining, pointing=error)
+        return disc_fit(shown, response, start, spot=spot, duty_cycle=self.duty_cycle, pointing=error)
 
     def _fitted(
         self,
@@ -233,13 +233,13 @@ class _Seeing:
         if not self.graded:
             return centre, self.response
         fitted = better_of(self._disc(shown, response, centre, plane), hits)
-        if self.shining < 1.0:
+        if self.duty_cycle < 1.0:
             # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
             away = np.abs(response.value - response.threshold[:, None])
             partly = away < _PARTLY * np.abs(response.target - response.ground)[:, None]
             told = (partly & response.used).sum(axis=1) >= _FEWEST_PARTLY
             fitted = better_of(replace(fitted, found=fitted.found & told), centre)
-        whole = _away_from_rim(shown, fitted, 3.0 * np.reshape(self.spot, (-1, 1)), self.shining)
+        whole = _away_from_rim(shown, fitted, 3.0 * np.reshape(self.spot, (-1, 1)), self.duty_cycle)
         inside = response.used & whole
         if (inside.sum(axis=1) >= _FEWEST_WHOLE).all():
             return fitted, replace(self.response, used=inside, hit=response.hit & whole)
@@ -270,7 +270,7 @@ def _covariance(centre: Centroid, ranges: Array, variance: Array, plane: TargetP
 def _plane_of(
     samples: PatternSamples,
     response: Response,
-    looks: TargetLooks,
+    appearance: TargetAppearance,
     centre: Centroid,
     middle: Array,
     stamp: Array,
@@ -281,7 +281,7 @@ def _plane_of(
 
     Where nothing was hit they face the scanner. ``before`` are planes that are known roughly.
     """
-    ranges, covariance, enough = _ranges(samples, response, looks, centre, stamp, before)
+    ranges, covariance, enough = _ranges(samples, response, appearance, centre, stamp, before)
     known = enough & centre.found
     about = np.stack([samples.theta.mean(axis=1), samples.phi.mean(axis=1)], axis=1)
     radius = np.where(centre.found & (centre.radius > 0.0), centre.radius, 1.0)
@@ -295,7 +295,7 @@ def _plane_of(
     return plane, np.where(known[:, None, None], spread, 1e-12 * np.eye(2))
 
 
-def _away_from_rim(samples: PatternSamples, centre: Centroid, blur: Array, shining: float) -> Mask:
+def _away_from_rim(samples: PatternSamples, centre: Centroid, blur: Array, duty_cycle: float) -> Mask:
     """Return the voxels whose whole spot lies on one side of the rim, but for ``blur`` [rad] and the way in a dwell.
 
     Where one side is darker, the light's middle is not the spot's: at 4 m that moves single ranges by 10 mm.
@@ -303,7 +303,7 @@ def _away_from_rim(samples: PatternSamples, centre: Centroid, blur: Array, shini
     off_theta, off_phi = samples.theta - centre.centre[:, :1], samples.phi - centre.centre[:, 1:]
     way = np.hypot(rise_per_point(samples.theta), rise_per_point(samples.phi))
     off = np.abs(np.hypot(off_theta, off_phi) - centre.radius[:, None])
-    return np.asarray(off > blur + 0.5 * shining * way)
+    return np.asarray(off > blur + 0.5 * duty_cycle * way)
 
 
 def _plain(response: Response) -> Mask:
@@ -319,7 +319,7 @@ def _plain(response: Response) -> Mask:
 def _ranges(
     samples: PatternSamples,
     response: Response,
-    looks: TargetLooks,
+    appearance: TargetAppearance,
     centre: Centroid,
     stamp: Array,
     plane: TargetPlane | None = None,
@@ -331,9 +331,9 @@ def _ranges(
     voxels that tell it were measured.
     """
     part = {TargetKind.BLACK: response.used, TargetKind.HOLE: response.used & ~response.hit}
-    if looks.kind is TargetKind.RETRO:
+    if appearance.kind is TargetKind.RETRO:
         part[TargetKind.RETRO] = _plain(response)
-    chosen = part.get(looks.kind, response.hit) & samples.valid & centre.found[:, None]
+    chosen = part.get(appearance.kind, response.hit) & samples.valid & centre.found[:, None]
     about = np.where(centre.found[:, None], centre.centre, 0.0)
     angles = samples.theta - about[:, :1], samples.phi - about[:, 1:]
     square = angles[0] ** 2 + angles[1] ** 2
@@ -342,9 +342,9 @@ def _ranges(
         value = samples.range * np.cos(np.sqrt(square))
     else:
         value = samples.range - plane.reach(samples.theta, samples.phi)
-    if looks.surface == "sphere":
+    if appearance.surface == "sphere":
         # The middle lies behind a point of the surface by √(r² − ρ²), which is steep near the limb.
-        radius, off = 0.5 * looks.diameter, square * samples.range**2
+        radius, off = 0.5 * appearance.diameter, square * samples.range**2
         chosen &= off < (_CAP * radius) ** 2
         value = value + np.sqrt(np.maximum(radius**2 - off, 0.0))
     sigma = np.where(chosen & (samples.sigma_range > 0.0), samples.sigma_range, 1.0)

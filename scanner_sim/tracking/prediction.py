@@ -32,7 +32,7 @@ class Motion(NamedTuple):
     time: Array
 
 
-def begun(place: ArrayLike, covariance: ArrayLike, sigma_rate: ArrayLike, time: ArrayLike) -> Motion:
+def initiate(place: ArrayLike, covariance: ArrayLike, sigma_rate: ArrayLike, time: ArrayLike) -> Motion:
     """Return motions that begin with a measured place and an unknown rate.
 
     Parameters
@@ -53,7 +53,7 @@ def begun(place: ArrayLike, covariance: ArrayLike, sigma_rate: ArrayLike, time: 
     )
 
 
-def predicted(motion: Motion, time: ArrayLike, unrest: ArrayLike) -> Motion:
+def predict(motion: Motion, time: ArrayLike, acceleration_psd: ArrayLike) -> Motion:
     """Return motions at a time.
 
     Parameters
@@ -62,7 +62,7 @@ def predicted(motion: Motion, time: ArrayLike, unrest: ArrayLike) -> Motion:
         What is known before.
     time
         Time [s], shape (...,).
-    unrest
+    acceleration_psd
         Spectral densities q of the accelerations of Θ, φ and R, [rad²/s³] and [m²/s³], shape (3,).
 
     Returns
@@ -77,7 +77,7 @@ def predicted(motion: Motion, time: ArrayLike, unrest: ArrayLike) -> Motion:
     noise = np.zeros_like(onward)
     onward[..., _PLACE, _RATE] = step[..., None]
     size = np.abs(step)[..., None]
-    density = np.asarray(unrest, dtype=np.float64)
+    density = np.asarray(acceleration_psd, dtype=np.float64)
     noise[..., _PLACE, _PLACE] = density * size**2 * size / 3.0
     noise[..., _RATE, _RATE] = density * size
     noise[..., _PLACE, _RATE] = noise[..., _RATE, _PLACE] = density * size**2 / 2.0
@@ -85,7 +85,7 @@ def predicted(motion: Motion, time: ArrayLike, unrest: ArrayLike) -> Motion:
     return Motion(mean, product(onward, motion.covariance, np.swapaxes(onward, -1, -2)) + noise, when)
 
 
-def surprise(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Array:
+def mahalanobis_squared(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Array:
     """Return the squared Mahalanobis distance of measured from predicted places, (m − x)ᵀ (P + R)⁻¹ (m − x), (...).
 
     ``motion`` is predicted to the time of the measurement; ``place`` (..., 3) and ``covariance`` (..., 3, 3).
@@ -95,7 +95,7 @@ def surprise(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Array:
     return np.asarray((away * solve_linear(spread, away[..., None])[..., 0]).sum(axis=-1))
 
 
-def updated(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Motion:
+def update(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Motion:
     """Return motions with a measurement taken in: K = P Hᵀ (P_HH + R)⁻¹, x ← x + K (m − H x), in Joseph's form.
 
     ``motion`` is predicted to the time of the measurement; ``place`` (..., 3) and ``covariance`` (..., 3, 3).

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.tracking.errors import ErrorParts
-from scanner_sim.tracking.measurement import TargetLooks
+from scanner_sim.tracking.measurement import TargetAppearance
 from scanner_sim.tracking.samples import PatternSamples
 from scanner_sim.tracking.state import Refusal, TrackMode
 
@@ -50,7 +50,7 @@ class TrackTarget:
         ``node/1`` for the first member of the array ``node``, row by row from the top left; else the object's name.
     object
         Name of the object that carries it.
-    looks
+    appearance
         What the tracker knows of it.
     expected
         (Θ, φ, R) where it is looked for first, shape (3,) [rad, rad, m].
@@ -60,7 +60,7 @@ class TrackTarget:
 
     name: str
     object: str
-    looks: TargetLooks
+    appearance: TargetAppearance
     expected: Array
     centre: Array
 

@@ -30,7 +30,7 @@ from scanner_sim.scene.objects import (
     TargetArray,
 )
 from scanner_sim.scene.targets import target_positions
-from scanner_sim.tracking.measurement import TargetLooks
+from scanner_sim.tracking.measurement import TargetAppearance
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.state import TrackerSettings
@@ -65,7 +65,7 @@ class FollowedTarget(Part):
     )
     """By how much the expected place is wrong: it is added to it, so that the search has work."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield expected ranges that are none, and one place for several targets."""
         if self.expected is not None and self.expected[2] <= 0.0:
             yield Fault(
@@ -175,8 +175,8 @@ def _members(
             place, f"'{name}' has {len(centres)} targets.", f"Write {name}/1 to {name}/{len(centres)}."
         )
         return
-    looks = _looks(asked, item)
-    if looks is None:
+    appearance = _looks(asked, item)
+    if appearance is None:
         missing = "kind" if asked.kind is None else "diameter"
         yield Fault(
             place,
@@ -211,10 +211,10 @@ def _members(
                 "Correct its offset, or the object's position.",
             )
             return
-        yield TrackTarget(label, name, looks, expected, centres[number])
+        yield TrackTarget(label, name, appearance, expected, centres[number])
 
 
-def _looks(asked: FollowedTarget, item: SceneObject) -> TargetLooks | None:
+def _looks(asked: FollowedTarget, item: SceneObject) -> TargetAppearance | None:
     """Return the looks of a target, from the scan or from the scene; None where neither tells."""
     kind, diameter = asked.kind, asked.diameter
     if isinstance(item, TargetArray):
@@ -224,7 +224,7 @@ def _looks(asked: FollowedTarget, item: SceneObject) -> TargetLooks | None:
     if kind is None or diameter is None:
         return None
     surface: Literal["flat", "sphere"] = "sphere" if isinstance(item, Sphere) else "flat"
-    return TargetLooks(kind=kind, diameter=diameter, depth=asked.depth, surface=surface)
+    return TargetAppearance(kind=kind, diameter=diameter, depth=asked.depth, surface=surface)
 
 
 def _contrast(item: TargetArray) -> TargetKind:
@@ -246,15 +246,15 @@ def _reflectance(choice: MaterialChoice) -> float:
 def _clash(target: TrackTarget, others: list[TrackTarget]) -> tuple[str, str] | None:
     """Return problem and remedy where a target is one of the others, or overlaps one; None where not."""
     theta, phi, distance = target.expected.tolist()
-    radius = 0.5 * target.looks.diameter / distance
+    radius = 0.5 * target.appearance.diameter / distance
     for other in others:
         if other.name == target.name:
             return f"'{target.name}' is named twice.", "Keep one of them."
         there = other.expected.tolist()
         apart = math.hypot(theta - there[0], phi - there[1])
-        radii = radius + 0.5 * other.looks.diameter / there[2]
+        radii = radius + 0.5 * other.appearance.diameter / there[2]
         along = abs(distance - there[2])
-        if apart < radii and along < target.looks.depth + other.looks.depth:
+        if apart < radii and along < target.appearance.depth + other.appearance.depth:
             return (
                 f"'{target.name}' overlaps '{other.name}': they are expected {1e3 * apart:.3g} mrad apart, and their "
                 f"radii together are {1e3 * radii:.3g} mrad.",

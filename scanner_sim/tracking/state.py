@@ -17,7 +17,7 @@ from scanner_sim.foundation.parts import Count, Number, Part
 from scanner_sim.foundation.units import Angle, Ratio
 from scanner_sim.tracking.identify import identify
 from scanner_sim.tracking.measurement import Measurement
-from scanner_sim.tracking.prediction import Motion, begun, predicted, surprise, updated
+from scanner_sim.tracking.prediction import Motion, initiate, mahalanobis_squared, predict, update
 
 Array = NDArray[np.float64]
 
@@ -78,9 +78,9 @@ class TrackerSettings(Part):
     """Largest χ² over degrees of freedom of a disc; speckle and tilt are well below it, other shapes above."""
     chance: Ratio = Field(default=1e-4, gt=0.0, lt=0.5)
     """Share of right measurements that the gate of the prediction may refuse."""
-    unrest: Number = Field(default=1e-4, ge=0.0, le=1e6)
+    acceleration_psd: Number = Field(default=1e-4, ge=0.0, le=1e6)
     """Spectral density of the target's angular acceleration [rad²/s³]."""
-    range_unrest: Number = Field(default=1e-2, ge=0.0, le=1e6)
+    range_acceleration_psd: Number = Field(default=1e-2, ge=0.0, le=1e6)
     """The same of its range [m²/s³]."""
     fastest: Number = Field(default=0.05, gt=0.0, le=100.0)
     """Standard deviation of the angular rate [rad/s] that is expected of a target seen for the first time."""
@@ -145,7 +145,7 @@ def command(state: TrackState, settings: TrackerSettings, diameter: float, time:
     if state.mode is TrackMode.SEARCH:
         place = state.motion.mean[:3]
     else:
-        place = predicted(state.motion, time, _unrest(settings)).mean[:3]
+        place = predict(state.motion, time, _unrest(settings)).mean[:3]
     radius = _radius(diameter, float(place[2]))
     if state.mode in (TrackMode.ACQUIRE, TrackMode.TRACK):
         amplitude = settings.track_amplitude * radius
@@ -211,7 +211,7 @@ def advanced(
     """
     ahead = None
     if measurement.found[row] and state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE):
-        ahead = predicted(state.motion, float(measurement.time[row]), _unrest(settings))
+        ahead = predict(state.motion, float(measurement.time[row]), _unrest(settings))
     refusal = _refusal(state, measurement, settings, diameter, ahead, row)
     if refusal is Refusal.NONE and ahead is None and _is_other(others, measurement, settings, row):
         refusal = Refusal.OTHER
@@ -242,7 +242,7 @@ def _refusal(
     loose = float(np.sqrt(np.trace(covariance[:2, :2]))) > 0.5 * expected
     if loose or misfit > settings.misfit or (np.isnan(misfit) and state.mode is TrackMode.TRACK):
         return Refusal.SHAPE
-    if ahead is not None and float(surprise(ahead, place, covariance)) > _gate(settings.chance):
+    if ahead is not None and float(mahalanobis_squared(ahead, place, covariance)) > _gate(settings.chance):
         return Refusal.PLACE
     return Refusal.NONE
 
@@ -253,7 +253,7 @@ def _is_other(
     """Return whether a measurement is one of the targets that are followed already."""
     if not others:
         return False
-    ahead = [predicted(other, float(measurement.time[row]), _unrest(settings)) for other in others]
+    ahead = [predict(other, float(measurement.time[row]), _unrest(settings)) for other in others]
     # Within a third of its radius nothing else can be.
     near = (measurement.radius[row] / 3.0) ** 2 * np.diag([1.0, 1.0, 0.0])
     found = identify(
@@ -273,9 +273,9 @@ def _taken(
     place, covariance = measurement.place[row], measurement.covariance[row]
     time = float(measurement.time[row])
     if ahead is not None:
-        motion, seen = updated(ahead, place, covariance), state.seen + 1
+        motion, seen = update(ahead, place, covariance), state.seen + 1
     else:
-        motion, seen = begun(place, covariance, _rates(settings), time), 1
+        motion, seen = initiate(place, covariance, _rates(settings), time), 1
     mode = TrackMode.TRACK if seen >= settings.acquire_patterns else TrackMode.ACQUIRE
     if state.mode is TrackMode.TRACK:
         mode = TrackMode.TRACK
@@ -298,7 +298,7 @@ def _missed(state: TrackState, settings: TrackerSettings, measurement_time: floa
 
 def _unknown(place: Array, settings: TrackerSettings, time: float) -> Motion:
     spread = np.diag([settings.search_most**2, settings.search_most**2, 1.0])
-    return begun(place, spread, _rates(settings), time)
+    return initiate(place, spread, _rates(settings), time)
 
 
 def _radius(diameter: float, distance: float) -> float:
@@ -313,7 +313,7 @@ def _gate(chance: float) -> float:
 
 
 def _unrest(settings: TrackerSettings) -> Array:
-    return np.array([settings.unrest, settings.unrest, settings.range_unrest])
+    return np.array([settings.acceleration_psd, settings.acceleration_psd, settings.range_acceleration_psd])
 
 
 def _rates(settings: TrackerSettings) -> Array:

@@ -47,9 +47,6 @@ DEVICE_FILES = {
 NUMPY_ROOMS = {"ranging", "tracking", "pose"}
 FORBIDDEN_AFTER_SIGNALS = {"mitsuba", "drjit", "torch", "jax"}
 
-HEAVY = {"pint", "colour", "matplotlib", "mitsuba", "drjit", "trimesh", "xarray"}
-QUICK_TO_IMPORT = {"__init__.py", "cli.py", "config/scenario.py", "config.py", "foundation/units.py"}
-
 LONGEST_MODULE = 450
 
 
@@ -189,17 +186,6 @@ def test_the_estimators_are_numpy_only() -> None:
         if target.split(".")[0] in FORBIDDEN_AFTER_SIGNALS
     ]
     assert not wrong, "\n".join(wrong)
-
-
-def test_what_is_loaded_first_loads_nothing_heavy() -> None:
-    wrong = [
-        f"{place(module, line)}: {target}"
-        for module in MODULES
-        if any(module.relative_to(PACKAGE).match(pattern) for pattern in QUICK_TO_IMPORT)
-        for target, line, when_loaded in imports_in(module)
-        if when_loaded and target.split(".")[0] in HEAVY
-    ]
-    assert not wrong, "import these inside the function that needs them:\n" + "\n".join(wrong)
 
 
 def test_imports_stand_at_the_top() -> None:

@@ -76,3 +76,26 @@ def test_importing_the_package_loads_no_library() -> None:
         "print(sorted(new - set(sys.stdlib_module_names) - {'scanner_sim'}))"
     )
     assert python(code) == "[]"
+
+
+@pytest.mark.parametrize(
+    ("module", "heavy"),
+    [
+        ("scanner_sim.cli", {"numpy", "pydantic", "yaml"}),
+        ("scanner_sim.config", set()),
+    ],
+)
+def test_the_command_line_and_the_scenarios_load_nothing_heavy(module: str, heavy: set[str]) -> None:
+    """Help and the faults of a scenario are there before the renderer and the libraries of pictures are loaded."""
+    heavy = heavy | {
+        "OpenEXR",
+        "colour",
+        "drjit",
+        "matplotlib",
+        "mitsuba",
+        "pyarrow",
+        "scipy.io",
+        "trimesh",
+        "xarray",
+    }
+    assert python(f"import sys, {module}; print(sorted({heavy!r} & set(sys.modules)))") == "[]"

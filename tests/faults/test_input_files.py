@@ -34,7 +34,7 @@ from scanner_sim.instrument.simulate import simulate, simulate_waveforms
 from scanner_sim.products.files.contents import RUN
 from scanner_sim.products.files.folder import check_target
 from scanner_sim.products.track import read_track
-from scanner_sim.validation.compare.setting import FlatTarget
+from scanner_sim.validation.compare.comparison_setup import FlatTarget
 
 TRACK: dict[str, Any] = {
     "schema": 1,

@@ -21,7 +21,7 @@ from typing import Any
 
 from open_results import open_result
 
-from scanner_sim.config import doubts, load_scenario, resolved_yaml, scenario_from_text
+from scanner_sim.config import load_scenario, resolved_yaml, scenario_from_text, scenario_warnings
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError, RunError, ScannerSimError
 from scanner_sim.instrument.closed_loop.track import finished_track
@@ -79,7 +79,7 @@ def open_scenario(path: Path, overrides: list[str], *, thorough: bool, pictures:
     from scanner_sim.instrument.memory import check_memory
 
     scenario = load_scenario(path, overrides)
-    doubts(scenario)
+    scenario_warnings(scenario)
     text = resolved_yaml(scenario)
     plan(scenario, path.parent / "out")
     with contextlib.suppress(InputError):

@@ -7,7 +7,7 @@ import pytest
 
 from scanner_sim import Scenario
 from scanner_sim.analytic import spot, sun
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.scan.raster import raster_aim
 
 RANGES = (2.0, 5.0, 10.0, 20.0, 30.0)
@@ -40,7 +40,7 @@ def light(
         scan={"rows": 1, "columns": 1, "horizontal": (0.0, 0.0), "vertical": (0.0, 0.0)},
         transport={"background_bounces": 1},
     )
-    bench = Workbench(scenario, device="cpu")
+    bench = Instrument(scenario, device="cpu")
     _, groups = bench.expose(raster_aim(scenario.scan, np.array([0], dtype=np.uint32), 50e-6))
     (group,) = groups
     budget = group.light.link_budget()

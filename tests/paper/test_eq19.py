@@ -15,7 +15,7 @@ from scanner_sim.render.beam.light import render_light
 from scanner_sim.render.device import Device
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import Bench
+from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import load_scene
 from scanner_sim.scene.objects import Rectangle, Scene, Surface
 from scanner_sim.scene.poses import Rotation
@@ -115,7 +115,7 @@ def _line_of(theta: float, phi: float, about_y: float, about_x: float, z: float)
         material=Surface(reflectance=RHO),
     )
     scanner = Scanner()
-    bench = Bench(
+    bench = OpticalLayout(
         laser=scanner.laser,
         receiver=scanner.receiver,
         axis_separation=scanner.mirrors.axis_separation,

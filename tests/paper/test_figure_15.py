@@ -14,7 +14,7 @@ from scanner_sim import Scenario, estimate_pose
 from scanner_sim.analytic import geometry
 from scanner_sim.analytic import pose as judge
 from scanner_sim.cli.pose_study import closed_forms
-from scanner_sim.pose.arrays import Layout, circle, line_and_one, pyramid, square
+from scanner_sim.pose.target_layouts import Layout, circle, line_and_one, pyramid, square
 from scanner_sim.products.pose_study import COMPONENTS, PoseRow
 from scanner_sim.validation.studies.pose_laws import exponents_of, gains_of, power_law
 from scanner_sim.validation.studies.pose_study import BASE, MODES, StudyPlan, measure_study, target_rows
@@ -140,14 +140,14 @@ def test_targets_are_measured_within_the_papers_accuracy(
 
 
 def first_order(layout: Layout, pool: TargetErrors, method: str, ranging: str, count: int) -> Array:
-    """Return errors of poses to first order, (count, 6): each target errs by a simulated sighting, weighed by its σ."""
+    """Return errors of poses to first order, (count, 6): each target errs by a simulated one, weighed by its σ."""
     errors, sigmas = pool.of("tof" if ranging == "tof" else "triangulation")
     rng, n = np.random.default_rng(12), len(layout.points)
-    place, sighting = (
+    place, observation = (
         rng.integers(errors.shape[0], size=(count, 1)),
         rng.integers(errors.shape[1], size=(count, n)),
     )
-    error, sigma = errors[place, sighting], sigmas[place, sighting]
+    error, sigma = errors[place, observation], sigmas[place, observation]
     x, y, z = layout.points.T
     one, none, R = np.ones(n), np.zeros(n), pool.distance
     moves = np.array(
@@ -172,10 +172,10 @@ def first_order(layout: Layout, pool: TargetErrors, method: str, ranging: str, c
 def test_poses_from_pixels_are_the_closed_forms(
     studied: tuple[tuple[TargetErrors, ...], tuple[PoseRow, ...]],
 ) -> None:
-    """Claim: poses from simulated sightings err as the first order says: of points that count alike by the closed form,
-    of angles and of both by their weights, which are the stated σ.
+    """Claim: poses from simulated observations err as the first order says: of points that count alike by the closed
+    form, of angles and of both by their weights, which are the stated σ.
 
-    Set-up: 1500 poses of the square and of the pyramid at 6, 8 and 10 m, five methods; errors of the sightings are
+    Set-up: 1500 poses of the square and of the pyramid at 6, 8 and 10 m, five methods; errors of the observations are
     drawn from 144 simulated ones, and are neither normal nor of the stated σ. The judge draws 20 000 from the same and
     weighs them by the judge's derivatives. Expected: the same scatter. Tolerance: F at a level of 10⁻⁴ for all 180
     together, with degrees of freedom by the kurtosis of the errors (2n/(k − 1)); 3 % for what the first order leaves

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scanner_sim import Scenario
 from scanner_sim.analytic import geometry
 from scanner_sim.detector.line.noise import NoiseSwitches
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.scan.raster import Aim, raster_aim
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ pytestmark = pytest.mark.usefixtures("device")
 
 def bench(
     target: dict[str, Any], scan: dict[str, Any], seed: int, peak: str = "maximum_likelihood", **scanner: Any
-) -> Workbench:
+) -> Instrument:
     """Return a quiet instrument before a white plate, but for the named parts."""
     parts = {
         "laser": UNIFORM,
@@ -59,7 +59,7 @@ def bench(
             },
         }
     )
-    return Workbench(scenario, device="cpu")
+    return Instrument(scenario, device="cpu")
 
 
 def spread(distance: float, seed: int, peak: str, phases: int = 1, **scanner: Any) -> float:

@@ -95,10 +95,10 @@ def test_corner_cube_closes_where_geometry_says() -> None:
 
 def bench(coaxial: bool) -> Any:
     """Return the preset's bench, or one whose lens is around the laser and whose line sees p = 0 at its middle."""
-    from scanner_sim.render.transport import Bench
+    from scanner_sim.render.transport import OpticalLayout
 
     sensor = SCANNER.position_sensor
-    beside = Bench(
+    beside = OpticalLayout(
         SCANNER.laser,
         SCANNER.receiver,
         SCANNER.mirrors.axis_separation,

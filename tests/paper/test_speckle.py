@@ -24,7 +24,7 @@ from scanner_sim.analytic import speckle as judge
 from scanner_sim.analytic.geometry import range_error
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.detector.packets import gamma_like
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.speckle import Optics, packets, slope_packets
 from scanner_sim.products.image import RangeImage
@@ -52,7 +52,7 @@ def test_closed_limits_of_the_judge() -> None:
     """
     for width in (60e-6, 90e-6):
         pixels, pitch = 61, 10e-6
-        spot = judge.Spot(width, 2.0 * WAVELENGTH, 0.0, 0.0, pitch)
+        spot = judge.SpeckledSpot(width, 2.0 * WAVELENGTH, 0.0, 0.0, pitch)
         covariance = judge.pixel_covariance(spot, 30.0, pixels)
         x = (np.arange(pixels) - 30.0) * pitch
         middle = np.sqrt(x @ covariance @ x)
@@ -171,7 +171,7 @@ def test_charges_have_the_judges_covariance(
     optics, relative = optics_of(f_number, aberration, diffusion, image), image / PITCH
     light = one_spot(shots, optics, relative)
     got = lines(light, speckle(light, optics, relative, apart(shots)))[:, 38:43]
-    spot = judge.Spot(image, WAVELENGTH * f_number, aberration, diffusion, PITCH)
+    spot = judge.SpeckledSpot(image, WAVELENGTH * f_number, aberration, diffusion, PITCH)
     mean = judge.pixel_shares(1.0, MIDDLE, spot.sigma / PITCH, PIXELS)[38:43]
     covariance = judge.pixel_covariance(spot, MIDDLE, PIXELS)[38:43, 38:43]
     deviation = np.sqrt(np.diag(covariance))
@@ -289,7 +289,7 @@ def standing_beam(offsets: Array) -> Array:
             "motion": "stepped",
         },
     }
-    bench = Workbench(Scenario.model_validate(scenario), device="cpu")
+    bench = Instrument(Scenario.model_validate(scenario), device="cpu")
     zero = np.zeros(len(offsets))
     # A velocity of 1 m/s: times are places.
     aim = Aim(np.zeros(len(offsets), np.uint32), zero, zero, offsets, zero, zero)
@@ -306,7 +306,9 @@ def test_plate_that_moves_under_a_standing_beam_changes_its_pattern() -> None:
     = 0.23 of the deviation and, of neighbours, 4.5/√200 = 0.32.
     """
     errors = standing_beam(np.linspace(-1.0, 1.0, 200))
-    spot = judge.Spot(0.5 * Laser().radius(5.0) * FOCAL / 5.0, 4.0 * WAVELENGTH, 12e-6, 38.2e-6, PITCH)
+    spot = judge.SpeckledSpot(
+        0.5 * Laser().radius(5.0) * FOCAL / 5.0, 4.0 * WAVELENGTH, 12e-6, 38.2e-6, PITCH
+    )
     expected = DEPOLARISED * spot.centroid_sigma * float(range_error(5.0, 0.0, FOCAL, BASE, 1.0))
     assert errors.std() == pytest.approx(expected, rel=0.23)
     assert np.corrcoef(errors[1:], errors[:-1])[0, 1] == pytest.approx(0.0, abs=0.32)
@@ -510,6 +512,6 @@ def test_echoes_have_the_speckle_of_the_aperture(distance: float) -> None:
         )
         found.append(simulate(scenario, device="cpu")["tof.Y"])
     ratio = found[0] / found[1]
-    spot = judge.Spot(0.5 * radius * FOCAL / distance, 4.0 * WAVELENGTH, 0.0, 0.0, PITCH)
+    spot = judge.SpeckledSpot(0.5 * radius * FOCAL / distance, 4.0 * WAVELENGTH, 0.0, 0.0, PITCH)
     assert ratio.std() == pytest.approx(DEPOLARISED * math.sqrt(spot.energy_variance), rel=0.073)
     assert ratio.mean() == pytest.approx(1.0, abs=4.5 * 0.1 / side)

@@ -15,8 +15,8 @@ from every_path import CHANGES, CONFIG
 from scanner_sim import load_scenario, simulate
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.simulate import simulate_voxel
-from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.device import Device
 
@@ -83,7 +83,7 @@ def test_a_voxel_alone_is_the_voxel_of_the_image(scenario: Scenario, image: Rang
 def test_an_instrument_can_be_used_again(scenario: Scenario, image: RangeImage) -> None:
     from scanner_sim.scan.raster import raster_aim, tiled_order
 
-    bench = Workbench(scenario, device="cpu")
+    bench = Instrument(scenario, device="cpu")
     aim = raster_aim(scenario.scan, tiled_order(scenario.scan), scenario.scanner.dwell)
     for _ in range(2):
         layers = bench.measure(aim)

@@ -33,12 +33,12 @@ pytestmark = pytest.mark.usefixtures("device")
 
 
 def bench() -> Any:
-    from scanner_sim.render.transport import Bench
+    from scanner_sim.render.transport import OpticalLayout
 
     sensor = SCANNER.position_sensor
     separation = SCANNER.mirrors.axis_separation
     place = sensor.pitch, sensor.height, sensor.offset, sensor.diffusion
-    return Bench(SCANNER.laser, SCANNER.receiver, separation, 1.0, *place)
+    return OpticalLayout(SCANNER.laser, SCANNER.receiver, separation, 1.0, *place)
 
 
 def panorama_lines(

@@ -30,11 +30,11 @@ def lines(objects: list[dict[str, Any]], bounces: int, paths: int, count: int) -
 
     from scanner_sim.render.beam.light import render_light
     from scanner_sim.render.shots import Shots
-    from scanner_sim.render.transport import Bench
+    from scanner_sim.render.transport import OpticalLayout
     from scanner_sim.scene.files.loader import load_scene
 
     sensor = SCANNER.position_sensor
-    bench = Bench(
+    bench = OpticalLayout(
         SCANNER.laser,
         SCANNER.receiver,
         SCANNER.mirrors.axis_separation,

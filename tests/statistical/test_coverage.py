@@ -19,7 +19,7 @@ from scipy.stats import chi2
 
 from scanner_sim import Scenario
 from scanner_sim.analytic.geometry import point_from_shot
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.scan.raster import raster_aim
 
 Array = NDArray[np.float64]
@@ -140,7 +140,7 @@ def pulls(
     for number, plane in enumerate(settings()):
         made = scenario(plane, processing, material, pattern)
         shots = np.arange(made.scan.shots, dtype=np.uint32)
-        layers = Workbench(made, device="cpu").measure(raster_aim(made.scan, shots, made.scanner.dwell))
+        layers = Instrument(made, device="cpu").measure(raster_aim(made.scan, shots, made.scanner.dwell))
         valid = layers["status"] == 0
         got = {name: np.asarray(values, dtype=np.float64)[valid] for name, values in layers.items()}
         true_range = got["truth.range_m"]

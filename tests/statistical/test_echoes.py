@@ -40,10 +40,10 @@ def wall(distance: float, degrees: float = 0.0, **changes: Any) -> dict[str, Any
 
 
 def bench(laser: Laser | None = None) -> Any:
-    from scanner_sim.render.transport import Bench
+    from scanner_sim.render.transport import OpticalLayout
 
     sensor = SCANNER.position_sensor
-    return Bench(
+    return OpticalLayout(
         laser or SCANNER.laser,
         SCANNER.receiver,
         SCANNER.mirrors.axis_separation,
@@ -70,7 +70,7 @@ def echoes(
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.beam.echo_clusters import View
+    from scanner_sim.render.beam.echo_clusters import PhotodiodeView
     from scanner_sim.render.beam.echoes import render_echoes
     from scanner_sim.render.shots import Shots
     from scanner_sim.scene.files.loader import load_scene
@@ -79,7 +79,7 @@ def echoes(
     theta, phi = (np.atleast_1d(np.asarray(angle, dtype=np.float32)) for angle in (theta, phi))
     shots = Shots(dr.arange(mi.UInt32, len(theta)), mi.Float(theta), mi.Float(phi))
     truth, groups = render_echoes(
-        loaded, bench(laser), View(offset, field), settings or Transport(), shots, seed
+        loaded, bench(laser), PhotodiodeView(offset, field), settings or Transport(), shots, seed
     )
     return truth.distance.numpy().astype(np.float64), list(groups)
 
@@ -221,7 +221,7 @@ def late_light(objects: list[dict[str, Any]], shots: int, paths: int, laser: Las
 
     from scanner_sim.render.beam.beamlets import edge_beamlets
     from scanner_sim.render.beam.echo_bounces import trace_late
-    from scanner_sim.render.beam.echo_clusters import View
+    from scanner_sim.render.beam.echo_clusters import PhotodiodeView
     from scanner_sim.render.shots import Shots
     from scanner_sim.scene.files.loader import load_scene
 
@@ -229,7 +229,7 @@ def late_light(objects: list[dict[str, Any]], shots: int, paths: int, laser: Las
     fired = Shots(dr.arange(mi.UInt32, shots), *(dr.zeros(mi.Float, shots) for _ in range(2)))
     reference = dr.full(mi.Float, 8.0, shots)
     beamlets = edge_beamlets(paths)
-    late = trace_late(loaded, bench(laser), View(False, field), beamlets, 2, fired, reference, 0)
+    late = trace_late(loaded, bench(laser), PhotodiodeView(False, field), beamlets, 2, fired, reference, 0)
     share, path = (
         values.numpy().reshape(shots, paths).astype(np.float64) for values in (late.share, late.path)
     )

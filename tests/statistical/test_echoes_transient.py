@@ -72,16 +72,18 @@ def by_beamlets(shots: int, paths: int) -> np.ndarray:
 
     from scanner_sim.render.beam.beamlets import edge_beamlets
     from scanner_sim.render.beam.echo_bounces import trace_late
-    from scanner_sim.render.beam.echo_clusters import View
+    from scanner_sim.render.beam.echo_clusters import PhotodiodeView
     from scanner_sim.render.shots import Shots
-    from scanner_sim.render.transport import Bench
+    from scanner_sim.render.transport import OpticalLayout
     from scanner_sim.scene.files.loader import load_scene
 
     scanner = Scanner()
     sensor, receiver = scanner.position_sensor, scanner.receiver
     # No distance between the axes: all beams leave one point, as the other program's spot light does.
     laser = Laser(waist_radius=0.2e-3, wavelength=0.3e-6)
-    bench = Bench(laser, receiver, 0.0, 1.0, sensor.pitch, sensor.height, sensor.offset, sensor.diffusion)
+    bench = OpticalLayout(
+        laser, receiver, 0.0, 1.0, sensor.pitch, sensor.height, sensor.offset, sensor.diffusion
+    )
     common = {"shape": "rectangle", "size": (400.0, 400.0), "material": {"reflectance": 0.5}}
     turned = {"axis": "y", "angle": -0.5 * np.pi}
     walls = (
@@ -94,7 +96,7 @@ def by_beamlets(shots: int, paths: int) -> np.ndarray:
     x, y = sine * np.cos(around), sine * np.sin(around)
     angles = np.arcsin(x), np.arctan2(y, cosine)
     fired = Shots(dr.arange(mi.UInt32, shots), *(mi.Float(angle.astype(np.float32)) for angle in angles))
-    beamlets, view = edge_beamlets(paths), View(False, 2.0 * HALF_FIELD)
+    beamlets, view = edge_beamlets(paths), PhotodiodeView(False, 2.0 * HALF_FIELD)
     loaded = load_scene(Scene(objects=walls))
     late = trace_late(loaded, bench, view, beamlets, 2, fired, dr.full(mi.Float, 8.0, shots), 0)
     area = receiver.aperture_area * receiver.transmission

@@ -24,7 +24,7 @@ from scipy.spatial.transform import Rotation
 from scanner_sim import Scenario
 from scanner_sim.analytic.geometry import laser_origin, scanner_axes
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.scan.raster import raster_aim
 
 SEPARATION = 0.05
@@ -58,7 +58,7 @@ def test_sigma_is_true_for_a_moving_plate() -> None:
     )
     shots = np.arange(told.raster.shots, dtype=np.uint32)
     aim = raster_aim(told.raster, shots, told.scanner.dwell)
-    layers = Workbench(told, device="cpu").measure(aim)
+    layers = Instrument(told, device="cpu").measure(aim)
     turn = Rotation.from_rotvec(aim.time[:, None] * TURN_RATE).as_matrix()
     normal = turn @ np.array([np.sin(TILT), 0.0, np.cos(TILT)])
     place = PLACE + aim.time[:, None] * VELOCITY

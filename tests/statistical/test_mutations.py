@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from scanner_sim import Scenario, load_scenario
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
 from scanner_sim.validation.compare.run import compare
-from scanner_sim.validation.compare.setting import FlatTarget, Setting
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -53,7 +53,7 @@ def optics(patch: Patch, part: str, **factors: float) -> None:
         values = {name: getattr(piece, name) * factor for name, factor in factors.items()}
         self.optics = dataclasses.replace(self.optics, **{part: piece.model_copy(update=values)})
 
-    wrapped(patch, Workbench, "__init__", changed)
+    wrapped(patch, Instrument, "__init__", changed)
 
 
 def mirrors(patch: Patch, **factors: float) -> None:
@@ -99,7 +99,7 @@ def cosine(patch: Patch) -> None:
 
 def sunlight(patch: Patch) -> None:
     """Forget the 1/π of the sunlit wall."""
-    import scanner_sim.instrument.workbench as bench
+    import scanner_sim.instrument.instrument as bench
 
     wrapped(
         patch,
@@ -120,7 +120,7 @@ def sigma(patch: Patch) -> None:
             )
         return layers
 
-    wrapped(patch, Workbench, "measure", changed)
+    wrapped(patch, Instrument, "measure", changed)
 
 
 def baseline(patch: Patch) -> None:
@@ -221,7 +221,7 @@ def well(patch: Patch) -> None:
 
 def speed(patch: Patch) -> None:
     """Take light for 1e-4 faster than it is."""
-    import scanner_sim.instrument.lidar as lidar
+    import scanner_sim.instrument.time_of_flight as lidar
 
     def changed(original: Any, delay: Any, *given: Any) -> Any:
         return original(1.0001 * delay, *given)
@@ -340,7 +340,7 @@ def test_a_planted_fault_is_found(
     the seed is fixed. Faults are larger than what each law detects with 99 %.
     """
     quick = law != "coverage"
-    setting = Setting(scenario, FlatTarget(0.5, (2.5, 6.0, 15.0)), quick=quick, device="cpu")
+    setting = ComparisonSetup(scenario, FlatTarget(0.5, (2.5, 6.0, 15.0)), quick=quick, device="cpu")
     if law not in right:
         right[law] = compare(setting, only=[law], level=LEVEL).findings[0].verdict
     fault(monkeypatch)
@@ -369,7 +369,7 @@ def test_a_right_program_is_not_accused(scenario: Scenario) -> None:
     )
     accused = []
     for seed in range(12):
-        setting = Setting(
+        setting = ComparisonSetup(
             scenario.model_copy(update={"seed": 500 + 10_000 * seed}),
             FlatTarget(0.5, (2.5, 6.0, 15.0)),
             quick=True,

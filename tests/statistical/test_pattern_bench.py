@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scanner_sim.config import load_scenario
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.closed_loop.pattern_bench import PatternBench
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.device import Device
 from scanner_sim.scan.raster import Aim, raster_aim
 
@@ -112,10 +112,10 @@ def same(one: dict[str, NDArray[Any]], other: dict[str, NDArray[Any]]) -> bool:
 
 
 @pytest.fixture(scope="module")
-def benches(device: Device) -> tuple[Workbench, PatternBench]:
+def benches(device: Device) -> tuple[Instrument, FrozenInstrument]:
     """With all noise, in the dark."""
-    bench = Workbench(scenario(), device="cpu")
-    return bench, PatternBench(bench)
+    bench = Instrument(scenario(), device="cpu")
+    return bench, FrozenInstrument(bench)
 
 
 @pytest.fixture(scope="module")
@@ -133,8 +133,8 @@ def test_light_and_places_are_the_workbench_s(device: Device) -> None:
     (0.003 found); nine places of ten within 0.005 pixel on disc and ball (0.001 found). Where an edge in depth parts
     the light in two like halves, another one may win: 2 % of the voxels (1 % found).
     """
-    bench = Workbench(quiet(scenario()), device="cpu")
-    fast = PatternBench(bench)
+    bench = Instrument(quiet(scenario()), device="cpu")
+    fast = FrozenInstrument(bench)
     differing = 0
     for centre in PLACES:
         signals, places = [], []
@@ -154,7 +154,7 @@ def test_light_and_places_are_the_workbench_s(device: Device) -> None:
     assert differing <= 0.02 * 3 * 4 * POINTS
 
 
-def test_random_numbers_are_the_workbench_s(benches: tuple[Workbench, PatternBench]) -> None:
+def test_random_numbers_are_the_workbench_s(benches: tuple[Instrument, FrozenInstrument]) -> None:
     """Claim: noise, speckle and the mirrors' errors of a shot are those that the workbench draws for it.
 
     Set-up: patterns on the black disc with all noise. Expected: the mirrors' errors and the encoders alike, ranges that
@@ -173,16 +173,16 @@ def test_random_numbers_are_the_workbench_s(benches: tuple[Workbench, PatternBen
         assert np.quantile(apart, 0.9) < 0.4
 
 
-def test_one_recording_serves_all_patterns(benches: tuple[Workbench, PatternBench]) -> None:
+def test_one_recording_serves_all_patterns(benches: tuple[Instrument, FrozenInstrument]) -> None:
     """Claim: patterns at any place are measured by the kernels of the first."""
     bench, _ = benches
-    fast = PatternBench(bench)
+    fast = FrozenInstrument(bench)
     for number, centre in enumerate((*PLACES, (0.2, -0.1), (-0.25, 0.2))):
         fast.measure(pattern(number, centre))
     assert fast.recordings == 1
 
 
-def test_other_lengths_are_other_kernels(benches: tuple[Workbench, PatternBench]) -> None:
+def test_other_lengths_are_other_kernels(benches: tuple[Instrument, FrozenInstrument]) -> None:
     """Claim: patterns of several lengths may alternate; each shot's voxel depends on its number, not on the length."""
     _, fast = benches
     long, short = pattern(0), pattern(0, points=32)
@@ -198,15 +198,15 @@ def test_what_was_measured_before_does_not_matter(moving_sunlit: Scenario) -> No
     import drjit as dr
 
     late = pattern(40, PLACES[1])
-    alone = PatternBench(Workbench(moving_sunlit, device="cpu")).measure(late)
-    bench = PatternBench(Workbench(moving_sunlit, device="cpu"))
+    alone = FrozenInstrument(Instrument(moving_sunlit, device="cpu")).measure(late)
+    bench = FrozenInstrument(Instrument(moving_sunlit, device="cpu"))
     for number in (0, 20, 39):
         bench.measure(pattern(number, PLACES[number % 2]))
     assert same(alone, bench.measure(late))
     threads = dr.thread_count()
     try:
         dr.set_thread_count(1)
-        assert same(alone, PatternBench(Workbench(moving_sunlit, device="cpu")).measure(late))
+        assert same(alone, FrozenInstrument(Instrument(moving_sunlit, device="cpu")).measure(late))
     finally:
         dr.set_thread_count(threads)
 
@@ -218,7 +218,7 @@ def test_moving_objects_are_where_they_are(moving_sunlit: Scenario) -> None:
     is that of its pose; a bin of 0.5 mrad takes 0.55 s, so windows are rendered for slots of 1/2 s. Tolerance:
     a disc's voxels lie within its radius of its centre, and 20 µm (float32) from its plane.
     """
-    fast = PatternBench(Workbench(moving_sunlit, device="cpu"))
+    fast = FrozenInstrument(Instrument(moving_sunlit, device="cpu"))
     assert fast.windows is not None
     for number in (0, 50, 150, 200):
         aim = pattern(number)
@@ -248,9 +248,9 @@ def test_background_is_the_raster_s(device: Device) -> None:
         "vertical": [-0.02, 0.02],
     }
     known = scenario(scan=scan, lighting=SUN)
-    bench = Workbench(known, device="cpu")
+    bench = Instrument(known, device="cpu")
     aim = raster_aim(bench.scenario.raster, np.arange(480, dtype=np.uint32), known.scanner.dwell)
-    ours, theirs = PatternBench(bench).measure(aim), bench.measure(aim)
+    ours, theirs = FrozenInstrument(bench).measure(aim), bench.measure(aim)
     assert theirs["background"].min() > 0.0
     error = np.hypot(ours["background_error"], theirs["background_error"])
     apart = (ours["background"] - theirs["background"]) / error
@@ -274,8 +274,8 @@ def test_photodiode_sees_the_raster_s_background(device: Device) -> None:
         "vertical": [-0.02, 0.02],
     }
     known = scenario(scan=scan, lighting=SUN, ranging="both")
-    bench = Workbench(known, device="cpu")
-    fast, aim = PatternBench(bench), raster_aim(known.raster, np.arange(192, dtype=np.uint32), DWELL)
+    bench = Instrument(known, device="cpu")
+    fast, aim = FrozenInstrument(bench), raster_aim(known.raster, np.arange(192, dtype=np.uint32), DWELL)
     assert not fast.fast
     ours, theirs = (measured["tof.background_w"] for measured in (fast.measure(aim), bench.measure(aim)))
     assert theirs.min() > 0.0
@@ -285,7 +285,7 @@ def test_photodiode_sees_the_raster_s_background(device: Device) -> None:
 
 def test_other_ranging_is_the_workbench_s(device: Device) -> None:
     """Claim: time of flight is measured by the workbench itself."""
-    bench = Workbench(scenario(ranging="tof"), device="cpu")
-    fast, aim = PatternBench(bench), pattern(0, points=16)
+    bench = Instrument(scenario(ranging="tof"), device="cpu")
+    fast, aim = FrozenInstrument(bench), pattern(0, points=16)
     assert not fast.fast
     assert same(fast.measure(aim), bench.measure(aim))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy import stats
 
 from scanner_sim.analytic import geometry
-from scanner_sim.pose.carried import carried
+from scanner_sim.pose.interpolation import interpolate
 from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import rotation_from_vector
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 SEPARATION, PERIOD = 0.05, 0.01
 SIGMA = np.array([40e-6, 60e-6, 3e-3])
-"""Of a sighting: Θ, φ [rad], R [m]."""
+"""Of an observation: Θ, φ [rad], R [m]."""
 ROUNDS, RUNS = 40, 320
 POINTS = np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [-0.5, 0.5, 0.0], [0.5, 0.5, 0.0], [0.1, 0.0, 0.4]])
 FAST = (0.05, 0.02)
@@ -74,7 +74,7 @@ def runs(
                 name,
                 POINTS,
                 at,
-                carried(time, place, errors, at),
+                interpolate(time, place, errors, at),
                 axis_separation=SEPARATION,
                 method=method,
                 truth=truth,
@@ -114,7 +114,7 @@ def judge(made: list[PoseSeries]) -> None:
 
 @pytest.mark.parametrize("method", ["uv", "joint"])
 def test_poses_of_moving_objects_are_covered(method: Method) -> None:
-    """Claim: carried to a common time, sightings give poses whose errors are normal with the stated covariance.
+    """Claim: carried to a common time, observations give poses whose errors are normal with the stated covariance.
 
     Set-up: 320 runs of 40 rounds over five targets not in a plane, visited 10 ms apart between those of another object,
     on objects that move by up to 50 mm/s and 20 mrad/s along each axis: some forty σ of an angle in a round. 6400

@@ -21,8 +21,8 @@ from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.schedule import MirrorPair, Visiting, mirrors_at, run_visit
 from scanner_sim.tracking.identify import identify
-from scanner_sim.tracking.measurement import Measurement, TargetLooks, measure_target
-from scanner_sim.tracking.prediction import begun, predicted, surprise, updated
+from scanner_sim.tracking.measurement import Measurement, TargetAppearance, measure_target
+from scanner_sim.tracking.prediction import initiate, mahalanobis_squared, predict, update
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.samples import PatternSamples
 from scanner_sim.tracking.state import (
@@ -40,7 +40,7 @@ Array = NDArray[np.float64]
 
 DWELL, DIAMETER, RANGE = 50e-6, 0.1, 10.0
 SPOT = 0.155e-3
-LOOKS = TargetLooks(kind=TargetKind.BLACK, diameter=DIAMETER)
+LOOKS = TargetAppearance(kind=TargetKind.BLACK, diameter=DIAMETER)
 SETTINGS = TrackerSettings()
 SERVO = Galvanometers()
 Disturb = Callable[[Array, Array, Array, Array], Array]
@@ -241,23 +241,23 @@ def test_the_filter_is_consistent() -> None:
     """
     rng = np.random.default_rng(31)
     count, delta = 2000, 0.04
-    unrest, noise = np.array([1e-4, 1e-4, 1e-2]), np.diag([50e-6, 80e-6, 5e-3]) ** 2
+    acceleration_psd, noise = np.array([1e-4, 1e-4, 1e-2]), np.diag([50e-6, 80e-6, 5e-3]) ** 2
     rates = np.array([2e-3, 2e-3, 0.05])
     place, rate = np.zeros((count, 3)), rates * rng.standard_normal((count, 3))
 
     def measured() -> Array:
         return np.asarray(place + rng.standard_normal((count, 3)) @ np.sqrt(noise))
 
-    motion = begun(measured(), noise, rates, np.zeros(count))
+    motion = initiate(measured(), noise, rates, np.zeros(count))
     a, b = np.sqrt(delta**3 / 3.0), 0.5 * np.sqrt(3.0 * delta)
     for visit in range(1, 31):
-        one, two = rng.standard_normal((2, count, 3)) * np.sqrt(unrest)
+        one, two = rng.standard_normal((2, count, 3)) * np.sqrt(acceleration_psd)
         place = place + rate * delta + a * one
         rate = rate + b * one + 0.5 * np.sqrt(delta) * two
-        motion = predicted(motion, np.full(count, visit * delta), unrest)
+        motion = predict(motion, np.full(count, visit * delta), acceleration_psd)
         seen = measured()
-        distance = surprise(motion, seen, noise)
-        motion = updated(motion, seen, noise)
+        distance = mahalanobis_squared(motion, seen, noise)
+        motion = update(motion, seen, noise)
     error = motion.mean - np.concatenate([place, rate], axis=1)
     whole = np.einsum("ci,ci->c", error, np.linalg.solve(motion.covariance, error[..., None])[..., 0])
     assert whole.mean() == pytest.approx(6.0, abs=4.0 * np.sqrt(12.0 / count))

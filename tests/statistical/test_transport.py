@@ -30,10 +30,10 @@ def wall(distance: float, axis: Any = "y", degrees: float = 0.0, **changes: Any)
 
 
 def bench(**laser: float) -> Any:
-    from scanner_sim.render.transport import Bench
+    from scanner_sim.render.transport import OpticalLayout
 
     sensor = SCANNER.position_sensor
-    return Bench(
+    return OpticalLayout(
         SCANNER.laser.model_copy(update=laser),
         SCANNER.receiver,
         SCANNER.mirrors.axis_separation,

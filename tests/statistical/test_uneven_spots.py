@@ -9,7 +9,7 @@ import pytest
 
 from scanner_sim import load_scenario, simulate
 from scanner_sim.foundation.status import Status
-from scanner_sim.validation.compare.mixed_scenes import Found, Kind, MixedScene
+from scanner_sim.validation.compare.mixed_scenes import Kind, MixedCoverage, MixedScene
 
 SCENES = 5
 FIRST = 4000
@@ -31,7 +31,7 @@ def found(
         drawn = MixedScene.drawn(kind, FIRST + number, side=96)
         beam = drawn.scenario().scanner.laser.radius(drawn.distance)
         spaced = drawn.at(pitch=beam * float(np.random.default_rng([FIRST + number, 7]).uniform(*pitch)))
-        rows.append(Found.of(simulate(spaced.scenario(**changes), device="cpu")))
+        rows.append(MixedCoverage.of(simulate(spaced.scenario(**changes), device="cpu")))
     return np.array([row.shares() for row in rows]), np.array([row.kept for row in rows])
 
 

@@ -72,10 +72,12 @@ def patterns(kind: str, distance: float) -> tuple[Array, Array, Array]:
     return np.array(energy), np.array(place), both.transpose(1, 0, 2)
 
 
-def spot(kind: str, distance: float) -> closed.Spot:
+def spot(kind: str, distance: float) -> closed.SpeckledSpot:
     """Return the spot of the closed forms."""
     aberration = ABERRATIONS[kind]
-    return closed.Spot(image_sigma(distance), CELL, aberration, math.sqrt(BLUR**2 - aberration**2), PITCH)
+    return closed.SpeckledSpot(
+        image_sigma(distance), CELL, aberration, math.sqrt(BLUR**2 - aberration**2), PITCH
+    )
 
 
 @pytest.mark.parametrize("distance", RANGES)
@@ -116,7 +118,7 @@ def _find(kind: str, distance: float, peak: str) -> tuple[Array, Array, Array]:
 
     from scanner_sim.config.scenario import Scenario
     from scanner_sim.detector.line.exposure import electrons_per_watt, expose
-    from scanner_sim.instrument.workbench import Workbench
+    from scanner_sim.instrument.instrument import Instrument
 
     aberration = ABERRATIONS[kind]
     scenario = Scenario.model_validate(
@@ -150,7 +152,7 @@ def _find(kind: str, distance: float, peak: str) -> tuple[Array, Array, Array]:
             "processing": {"peak": peak},
         }
     )
-    bench, sensor = Workbench(scenario, device="cpu"), scenario.scanner.position_sensor
+    bench, sensor = Instrument(scenario, device="cpu"), scenario.scanner.position_sensor
     _, _, lines = patterns(kind, distance)
     pixel = round(float(bench.spot.pixel(distance, 0.0, 1.0)))
     first = pixel - round(PHASES[0])

@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 from scanner_sim import load_scenario
 from scanner_sim.analytic import geometry
 from scanner_sim.analytic.beam import beam_radius
-from scanner_sim.analytic.budget import Instrument, range_budget
+from scanner_sim.analytic.budget import InstrumentNumbers, range_budget
 from scanner_sim.analytic.estimators import blais_rioux
 from scanner_sim.analytic.spot import pixel_shares
 from scanner_sim.analytic.time_of_flight import crossing_range
@@ -174,7 +174,7 @@ def test_simulated_is_analytic(config: Path, peak: str) -> None:
             )
 
 
-def bias_at_four_places(bench: Instrument, distance: float, separation: float) -> float:
+def bias_at_four_places(bench: InstrumentNumbers, distance: float, separation: float) -> float:
     """Return the root mean square bias of ``blais_rioux_4`` [m] at the places of the budget, and at no others.
 
     Each place is that of the shot straight ahead; over the plate, which is flat, the spot moves by a part of a pixel.

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from scanner_sim import Scenario, simulate
 from scanner_sim.cli import app
-from scanner_sim.config import doubts
+from scanner_sim.config import scenario_warnings
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.signals.line.bias_table import BiasTable, read_bias, write_bias
 
@@ -170,8 +170,10 @@ def test_estimators_that_find_no_room_are_refused(config: Path) -> None:
     ],
 )  # fmt: skip
 def test_estimators_that_work_badly_are_named(peak: str, scanner: dict[str, Any], words: str) -> None:
-    assert any(words in doubt for doubt in doubts(scenario(processing={"peak": peak}, scanner=scanner)))
+    assert any(
+        words in doubt for doubt in scenario_warnings(scenario(processing={"peak": peak}, scanner=scanner))
+    )
     corrected = {"peak": "maximum_likelihood", "bias_correction": "computed"}
     assert not any(
-        "estimator" in doubt or "core" in doubt for doubt in doubts(scenario(processing=corrected))
+        "estimator" in doubt or "core" in doubt for doubt in scenario_warnings(scenario(processing=corrected))
     )

@@ -25,12 +25,12 @@ from scanner_sim.products.files.exr import read_range_image
 # Says when the first batch is about to be measured.
 BEGUN = """
 from scanner_sim.cli import main
-from scanner_sim.instrument.workbench import Workbench
-measure = Workbench.measure
+from scanner_sim.instrument.instrument import Instrument
+measure = Instrument.measure
 def told(*arguments):
     print("begun", flush=True)
     return measure(*arguments)
-Workbench.measure = told
+Instrument.measure = told
 main()
 """
 # The package's own attribute of that name is the function.

@@ -17,9 +17,9 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.comparison import comparison_from_json, comparison_json
 from scanner_sim.products.comparison_page import comparison_page
 from scanner_sim.validation.compare.baseline import against, read_baseline
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
 from scanner_sim.validation.compare.laws import LAWS
 from scanner_sim.validation.compare.run import compare
-from scanner_sim.validation.compare.setting import FlatTarget, Setting
 
 WALL = """\
 schema: 1
@@ -97,7 +97,7 @@ def test_a_noisier_run_of_another_seed_is_found(config: Path) -> None:
     Set-up: ``covariance``, 8000 shots in each direction: the ratio of two deviations is known to 1.6 %, and five
     directions of four numbers ask for 4.4 standard errors, 7 %. Expected and tolerance: these verdicts.
     """
-    setting = Setting(load_scenario(config), FlatTarget(0.5, (3.0, 8.0)), device="cpu")
+    setting = ComparisonSetup(load_scenario(config), FlatTarget(0.5, (3.0, 8.0)), device="cpu")
     before = compare(setting, only=["covariance"])
     now = compare(
         dataclasses.replace(setting, scenario=load_scenario(config, ["seed=9"])), only=["covariance"]
@@ -127,7 +127,7 @@ def test_a_broken_law_fails_the_run(config: Path, monkeypatch: pytest.MonkeyPatc
 
 
 def test_a_comparison_survives_its_file(config: Path) -> None:
-    setting = Setting(load_scenario(config), quick=True, device="cpu")
+    setting = ComparisonSetup(load_scenario(config), quick=True, device="cpu")
     found = compare(setting, only=["sigma_synchronisation", "tof_bound"])
     again = comparison_from_json(comparison_json(found))
     assert again == found
@@ -146,7 +146,7 @@ def test_what_does_not_apply_says_why(config: Path) -> None:
         "saturation": (("scanner.position_sensor.noise.saturation=false",), "switched off"),
     }
     for law, (changes, reason) in cases.items():
-        setting = Setting(load_scenario(config, list(changes)), device="cpu")
+        setting = ComparisonSetup(load_scenario(config, list(changes)), device="cpu")
         (finding,) = compare(setting, only=[law]).findings
         assert finding.verdict == "does not apply"
         assert reason in finding.reason, finding.reason
@@ -168,7 +168,7 @@ def test_laws_hold_for_other_instruments(config: Path) -> None:
         "scanner.mirrors={axis_separation: 80 mm, jitter: 20 urad, readout_noise: 5 urad}",
         "processing.peak=blais_rioux_4",
     ]
-    setting = Setting(
+    setting = ComparisonSetup(
         load_scenario(config, changes), FlatTarget(0.3, (4.0, 7.0, 14.0)), quick=True, device="cpu"
     )
     found = compare(setting)
@@ -222,7 +222,7 @@ def test_laws_have_names_of_their_own() -> None:
 
 
 def test_a_baseline_without_a_law_leaves_it_out(config: Path) -> None:
-    setting = Setting(load_scenario(config), quick=True, device="cpu")
+    setting = ComparisonSetup(load_scenario(config), quick=True, device="cpu")
     before = compare(setting, only=["spot_width"])
     now = compare(setting, only=["spot_width", "saturation"])
     Path("old.json").write_text(comparison_json(before), encoding="utf-8")

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from scanner_sim import load_scenario
 from scanner_sim.cli import app
-from scanner_sim.config import doubts, json_schema
+from scanner_sim.config import json_schema, scenario_warnings
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.files.contents import planned_files
 from scanner_sim.products.files.exr import read_range_image
@@ -84,7 +84,7 @@ def test_it_names_its_schema_and_raises_no_doubts(path: Path) -> None:
     assert path.read_text(encoding="utf-8").startswith(
         "# yaml-language-server: $schema=scenario.schema.json\n"
     )
-    assert path.stem == "empty" or not doubts(load_scenario(path))
+    assert path.stem == "empty" or not scenario_warnings(load_scenario(path))
 
 
 def test_the_shipped_schema_is_the_generated_one(repo_root: Path) -> None:

@@ -210,12 +210,12 @@ def test_a_dry_run_names_them() -> None:
 
 def test_the_directions_of_a_background_are_counted_before_it_is_rendered() -> None:
     """Memory and time are told from this number: that of the panorama itself, within a pixel or two a row."""
-    from scanner_sim.instrument.workbench import Workbench
+    from scanner_sim.instrument.instrument import Instrument
     from scanner_sim.render.background.view import panorama_view
 
     scenario = load_scenario(CONFIGS / "lighting_normal.yaml", ["scanner.position_sensor.pitch=7 um"])
     scan, pixels = scenario.raster, scenario.scanner.position_sensor.pixels
-    view = panorama_view(scan.horizontal, scan.angles()[1], Workbench(scenario, device="cpu").optics, pixels)
+    view = panorama_view(scan.horizontal, scan.angles()[1], Instrument(scenario, device="cpu").optics, pixels)
     assert background_bins(scenario) == pytest.approx(view.rows * view.bins, rel=0.02)
     assert background_bins(load_scenario(CONFIGS / "lighting_dark.yaml")) == 0
     assert background_bins(load_scenario(CONFIGS / "lighting_normal.yaml", ["ranging=tof"])) == 0

@@ -15,12 +15,12 @@ from typer.testing import CliRunner
 
 from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
-from scanner_sim.config import doubts, scenario_from_text
+from scanner_sim.config import scenario_from_text, scenario_warnings
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.lidar import fitted_pulse
 from scanner_sim.instrument.simulate import simulate_voxel, simulate_waveforms
+from scanner_sim.instrument.time_of_flight import fitted_pulse
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import peak_transmission
 from scanner_sim.products.files.contents import planned_files
@@ -175,7 +175,7 @@ def test_any_batch_gives_the_same_bytes(module: Scenario, whole: RangeImage, bat
 def test_the_bench_works_in_parts(
     module: Scenario, whole: RangeImage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("scanner_sim.instrument.lidar._SAMPLES_TOGETHER", 256 * 50)
+    monkeypatch.setattr("scanner_sim.instrument.time_of_flight._SAMPLES_TOGETHER", 256 * 50)
     assert same(simulate(module, device="cpu"), whole)
 
 
@@ -262,8 +262,8 @@ def test_what_cannot_be_is_said_at_the_door() -> None:
 
 
 def test_doubts_speak_of_time_of_flight() -> None:
-    assert not doubts(wall(10.0, "tof"))
-    deep = doubts(wall(60.0, "tof", "lidar: {pulse: {repetition_rate: 5 MHz}}"))
+    assert not scenario_warnings(wall(10.0, "tof"))
+    deep = scenario_warnings(wall(60.0, "tof", "lidar: {pulse: {repetition_rate: 5 MHz}}"))
     assert any("ambiguity range" in sentence for sentence in deep)
     assert any("digitiser" in sentence for sentence in deep)
 

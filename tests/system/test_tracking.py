@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from scanner_sim import Scenario, Tracker, load_scenario, track
 from scanner_sim.cli import app
-from scanner_sim.config import doubts
+from scanner_sim.config import scenario_warnings
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
 from scanner_sim.tracking.state import TrackMode
@@ -141,7 +141,7 @@ def test_a_target_outside_of_the_field_waits_and_the_others_go_on() -> None:
     """Claim: a target that the mirrors cannot reach has a status, costs the others no time, and raises a doubt."""
     far = NODE | {"name": "far", "position": (6.0, 0.0, 9.0), "motion": None}
     asked = scenario(objects=(NODE, far), targets=["node/1", "far/2", "node/2"], duration=0.1)
-    assert any("'far/2' is expected at" in doubt for doubt in doubts(asked))
+    assert any("'far/2' is expected at" in doubt for doubt in scenario_warnings(asked))
     made = track(asked)
     out = made.of("far/2")
     assert out
@@ -175,7 +175,7 @@ def test_every_kind_of_target_is_followed(target: dict[str, Any], kind: str) -> 
     """
     thing = {"name": "thing", "position": (0.2, 0.1, 9.0)} | target
     asked = scenario(objects=(thing,), targets=["thing"], duration=0.15)
-    assert asked.targets[0].looks.kind == kind
+    assert asked.targets[0].appearance.kind == kind
     for ranging in ("triangulation",) if kind == "retro" else ("triangulation", "tof"):
         made = track(asked.model_copy(update={"ranging": ranging}))
         good = [record for record in made.records if record.status is TrackStatus.MEASURED]
@@ -237,15 +237,17 @@ def test_other_impossible_tracking_scans_are_faults() -> None:
 
 
 def test_patterns_beyond_the_mirrors_are_doubted_with_the_attainable_ones() -> None:
-    found = doubts(scenario("scan.pattern.points=32", "scan.tracker.search_most=100 mrad"))
+    found = scenario_warnings(scenario("scan.pattern.points=32", "scan.tracker.search_most=100 mrad"))
     assert any(doubt.startswith("scan.tracker.search_most: the mirror of Θ cannot follow") for doubt in found)
     assert any("at most" in doubt and "points" in doubt for doubt in found)
-    crowded = doubts(
+    crowded = scenario_warnings(
         scenario("scan.tracker.track_amplitude=10", "scene.objects.node.array.spacing=[0.4 m, 1 m]")
     )
     assert any("also meets 'node/2'" in doubt for doubt in crowded)
-    assert any("not all of 2 targets are visited" in doubt for doubt in doubts(scenario(duration=0.005)))
-    assert not doubts(scenario(duration=1.0))
+    assert any(
+        "not all of 2 targets are visited" in doubt for doubt in scenario_warnings(scenario(duration=0.005))
+    )
+    assert not scenario_warnings(scenario(duration=1.0))
 
 
 def test_files_that_are_no_state_are_refused(tmp_path: Path) -> None:

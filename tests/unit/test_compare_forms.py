@@ -13,9 +13,10 @@ from scanner_sim.analytic import geometry as judge
 from scanner_sim.analytic.spot import share_within_height
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.frames import rotation_about
-from scanner_sim.validation.compare import light, noise, pulses, stand
-from scanner_sim.validation.compare.closed import Closed
-from scanner_sim.validation.compare.setting import FlatTarget, Setting
+from scanner_sim.validation.compare import light, noise, pulses
+from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare.closed_forms import ClosedForms
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
 
 R, GREY = 9.0, 0.4
 
@@ -25,8 +26,8 @@ def scenario(**changes: Any) -> Scenario:
     return load_scenario({"schema": 1, "seed": 7, "scan": scan} | changes)
 
 
-def setting(**changes: Any) -> Setting:
-    return Setting(scenario(**changes), FlatTarget(GREY, (3.0, R, 20.0)))
+def setting(**changes: Any) -> ComparisonSetup:
+    return ComparisonSetup(scenario(**changes), FlatTarget(GREY, (3.0, R, 20.0)))
 
 
 @pytest.mark.parametrize(("theta", "phi"), [(0.0, 0.0), (0.3, -0.2), (-0.2, 0.4)])
@@ -61,9 +62,9 @@ def test_errors_are_measured_less_true(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_settings_share_out_seeds_and_shots() -> None:
-    one = Setting(scenario(), seeds=3)
+    one = ComparisonSetup(scenario(), seeds=3)
     assert one.shots(100) == 100
-    assert Setting(scenario(), quick=True).shots(100) == 25
+    assert ComparisonSetup(scenario(), quick=True).shots(100) == 25
     every = [seed for place in ((1,), (2,), (1, 2), (2, 1), (1, 2, 3)) for seed in one.seed(*place)]
     assert len(set(every)) == 15
     flat = one.flat.ranges
@@ -76,7 +77,7 @@ def test_settings_share_out_seeds_and_shots() -> None:
 def test_a_facing_spot_has_the_light_and_width_of_eq_19() -> None:
     """Claim: N = P ρ A T/(π R²) · cos³ of the base · QE t λ/hc, within the pixels' height; σ by beam and lens."""
     known = scenario()
-    scanner, closed = known.scanner, Closed(known)
+    scanner, closed = known.scanner, ClosedForms(known)
     laser, receiver, sensor = scanner.laser, scanner.receiver, scanner.position_sensor
     seen = closed.facing(R, GREY)
     away = math.hypot(R, receiver.baseline)
@@ -104,7 +105,7 @@ def test_angles_err_by_what_encoders_do_not_see() -> None:
         "jitter": 10e-6, "jitter_seen": 0.36, "wobble": 7e-6, "readout_noise": 5e-6, "readout_step": 20e-6,
         "synchronisation": 4e-6,
     }  # fmt: skip
-    closed = Closed(scenario(scanner={"mirrors": mirrors}))
+    closed = ClosedForms(scenario(scanner={"mirrors": mirrors}))
     random = 0.64 * 10e-6**2 + 7e-6**2 + 5e-6**2 + 20e-6**2 / 12.0
     assert closed.angle_sigma == pytest.approx(math.sqrt(random))
     f, d = closed.f, closed.d
@@ -115,7 +116,7 @@ def test_angles_err_by_what_encoders_do_not_see() -> None:
 def test_noise_of_a_pixel_is_light_read_and_dark() -> None:
     told = setting()
     sensor = told.scenario.scanner.position_sensor
-    seen = Closed(told.scenario).facing(R, GREY)
+    seen = ClosedForms(told.scenario).facing(R, GREY)
     dark = sensor.dark_current / told.scenario.scanner.rate
     found = noise._both_variances(told, seen)
     np.testing.assert_allclose(found, seen.line + sensor.read_noise**2 + dark)
@@ -125,7 +126,7 @@ def test_noise_of_a_pixel_is_light_read_and_dark() -> None:
 def test_sunlight_falls_with_the_fourth_power_of_the_cosine() -> None:
     """Claim: (ρ/π) (S/f²) A T E cos⁴ψ, in electrons, S = 200 µm times the pixels' height."""
     told = setting()
-    scanner, closed = told.scenario.scanner, Closed(told.scenario)
+    scanner, closed = told.scenario.scanner, ClosedForms(told.scenario)
     near = 1.2
     assert closed.band is not None
     tangent = closed.d / near
@@ -158,7 +159,7 @@ def test_the_band_moves_to_the_blue_and_leaks() -> None:
         "effective_index": 1.8,
         "blocking": 1e-3,
     }
-    band = Closed(scenario(scanner={"filter": filtered})).band
+    band = ClosedForms(scenario(scanner={"filter": filtered})).band
     assert band is not None
     assert band.centre_at(0.3) == pytest.approx(1.5e-6 * math.sqrt(1.0 - (math.sin(0.3) / 1.8) ** 2))
     inside = 1.0 / (1.0 + 2.0**4)
@@ -170,7 +171,7 @@ def test_sunlight_behind_the_filter_counts_photons() -> None:
     """Claim: ∫ E T λ/λ₀ dλ by a fine sum, within the response."""
     from scanner_sim.analytic.sun import planck_irradiance
 
-    band = Closed(
+    band = ClosedForms(
         scenario(scanner={"filter": {"bandwidth": 60e-9, "shape": "cavities", "blocking": 1e-3}})
     ).band
     assert band is not None
@@ -186,7 +187,7 @@ def test_sunlight_behind_the_filter_counts_photons() -> None:
 def test_an_echo_has_its_peak_and_the_dark_its_noise() -> None:
     """Claim: E ρ A T/(π R²) over √(2π) times the width of pulse and electronics, times M R₀; noise i²B and step²/12."""
     told = setting(ranging="both")
-    scanner, closed = told.scenario.scanner, Closed(told.scenario)
+    scanner, closed = told.scenario.scanner, ClosedForms(told.scenario)
     unit = scanner.lidar
     pulse = unit.pulse.width / (2.0 * math.sqrt(2.0 * math.log(2.0)))
     response = math.sqrt(math.log(2.0)) / (2.0 * math.pi * unit.photodiode.bandwidth)

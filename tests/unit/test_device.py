@@ -188,9 +188,7 @@ def test_kernels_with_minimum_and_maximum_compile(device: Device) -> None:
 
 
 def test_the_module_is_importable_without_the_renderer() -> None:
-    code = (
-        "import sys, scanner_sim.render.libraries; sys.exit('mitsuba' in sys.modules or 'drjit' in sys.modules)"
-    )
+    code = "import sys, scanner_sim.render.libraries; sys.exit('mitsuba' in sys.modules or 'drjit' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 

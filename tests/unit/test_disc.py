@@ -167,25 +167,25 @@ def start_at(centre: Array, radius: float) -> Centroid:
 
 
 def exact(
-    spot: float, *, noise: float = 0.01, shining: float = 1.0
+    spot: float, *, noise: float = 0.01, duty_cycle: float = 1.0
 ) -> tuple[PatternSamples, Any, Array, Array]:
     """Return a pattern over a disc with the judge's response and no noise, but a stated one."""
     place, travel = figure()
-    value = judge.disc_signal(place, shining * travel, CENTRE, RADIUS, spot, (0.1, 1.0))
+    value = judge.disc_signal(place, duty_cycle * travel, CENTRE, RADIUS, spot, (0.1, 1.0))
     samples = samples_of(place, value, noise)
     return samples, target_response(samples, TargetKind.BLACK, GATE), place, travel
 
 
 @pytest.mark.parametrize("spot", [4e-4, 8e-4])
-@pytest.mark.parametrize("shining", [1.0, 0.5])
-def test_a_clean_disc_is_found_with_its_size(spot: float, shining: float) -> None:
+@pytest.mark.parametrize("duty_cycle", [1.0, 0.5])
+def test_a_clean_disc_is_found_with_its_size(spot: float, duty_cycle: float) -> None:
     """Claim: centre and radius to 2e-3 of the spot, the rim's bend s²/2r and the travel along it taken in.
 
     Without the bend the radius would be off by s²/2r, 64 µrad of the wide spot.
     """
-    samples, response, _, _ = exact(spot, shining=shining)
+    samples, response, _, _ = exact(spot, duty_cycle=duty_cycle)
     start = start_at(CENTRE + np.array([1e-3, -8e-4]), 0.8 * RADIUS)
-    found = disc_fit(samples, response, start, spot=spot, shining=shining)
+    found = disc_fit(samples, response, start, spot=spot, duty_cycle=duty_cycle)
     assert found.found[0]
     bend = 0.5 * spot**2 / RADIUS
     np.testing.assert_allclose(found.centre[0], CENTRE, atol=2e-3 * spot)
@@ -199,15 +199,15 @@ def test_the_way_along_the_rim_carries_the_spot_outwards() -> None:
     off = RADIUS + np.tile([-1.0, -0.4, 0.0, 0.4, 1.0, 3.0, -8.0, 5.0], 8) * spot
     place = CENTRE + off[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=1)
     travel = np.stack([rise_per_point(place[None, :, axis])[0] for axis in (0, 1)], axis=1)
-    shining = travel_length / float(np.median(np.hypot(*travel.T)))
-    value = judge.disc_signal(place, shining * travel, CENTRE, RADIUS, spot, (0.1, 1.0))
+    duty_cycle = travel_length / float(np.median(np.hypot(*travel.T)))
+    value = judge.disc_signal(place, duty_cycle * travel, CENTRE, RADIUS, spot, (0.1, 1.0))
     samples = samples_of(place, value, 0.01)
     one, yes = np.ones(1), np.ones(value.shape, dtype=bool)[None]
     levels = {"threshold": 0.55 * one, "target": 0.1 * one, "ground": one, "fraction": 0.5 * one}
     response = Response(
         samples.signal, samples.sigma_signal, yes, yes & (samples.signal < 0.55), **levels, clear=one > 0.0
     )
-    found = disc_fit(samples, response, start_at(CENTRE, RADIUS), spot=spot, shining=shining)
+    found = disc_fit(samples, response, start_at(CENTRE, RADIUS), spot=spot, duty_cycle=duty_cycle)
     shift = travel_length**2 / (24.0 * RADIUS)
     assert found.radius[0] == pytest.approx(RADIUS, abs=0.35 * shift)
 

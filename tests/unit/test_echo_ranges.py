@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
-from scanner_sim.instrument.lidar import EchoBench, Timed
+from scanner_sim.instrument.time_of_flight import Timed, TimeOfFlight
 from scanner_sim.ranging.ranges import Deflections
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ class Optics:
     axis_separation: float = D
 
 
-def bench(place: str, **more: object) -> EchoBench:
+def bench(place: str, **more: object) -> TimeOfFlight:
     known: Scenario = load_scenario(
         {
             "schema": 1,
@@ -39,7 +39,7 @@ def bench(place: str, **more: object) -> EchoBench:
         }
         | more
     )
-    return EchoBench(known, None, Optics())
+    return TimeOfFlight(known, None, Optics())
 
 
 def delay_of(reach: Array, theta: Array, base: float) -> Array:

@@ -17,7 +17,7 @@ from scanner_sim.optics.filter import (
     BandpassFilter,
     FilterChoice,
     centre_at,
-    filter_doubts,
+    filter_warnings,
     incidence,
     laser_gain,
     passband,
@@ -150,7 +150,7 @@ def test_the_blue_shift_moves_the_sunlight_too() -> None:
 )
 def test_doubts(chosen: FilterChoice, laser: Laser, words: str) -> None:
     """A filter that misses the line is possible, and said."""
-    found = filter_doubts(chosen, laser, INGAAS, 0.128)
+    found = filter_warnings(chosen, laser, INGAAS, 0.128)
     assert len(found) == (1 if words else 0)
     assert words in "".join(found)
 

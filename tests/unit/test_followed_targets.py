@@ -26,17 +26,17 @@ def array(name: str = "node", x: float = 0.0, z: float = 8.0, **more: Any) -> di
 
 
 @pytest.mark.parametrize(
-    ("looks", "kind"),
+    ("appearance", "kind"),
     [
         ({}, TargetKind.BLACK),
         ({"disc": "target_white", "material": "target_black"}, TargetKind.WHITE),
         ({"disc": "retro_sheet"}, TargetKind.RETRO),
     ],
 )
-def test_discs_are_what_they_are_beside_their_plates(looks: dict[str, Any], kind: TargetKind) -> None:
-    target = followed(array(**looks)).targets[0]
-    assert target.looks.kind is kind
-    assert target.looks.diameter == pytest.approx(0.1)
+def test_discs_are_what_they_are_beside_their_plates(appearance: dict[str, Any], kind: TargetKind) -> None:
+    target = followed(array(**appearance)).targets[0]
+    assert target.appearance.kind is kind
+    assert target.appearance.diameter == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(("apart", "overlap"), [(0.09, True), (0.12, False), (0.16, False)])

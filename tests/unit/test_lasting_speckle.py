@@ -100,7 +100,7 @@ def surface(light: float) -> Array:
     samples, seen, _ = visit()
     speckle = lasting.SurfaceSpeckle(BEAM, np.full(samples.theta.shape[1], light), 0.0, 1e-4)
     return lasting.surface_covariance(
-        samples, seen, speckle, TargetKind.BLACK, shining=1.0, axis_separation=0.0
+        samples, seen, speckle, TargetKind.BLACK, duty_cycle=1.0, axis_separation=0.0
     )
 
 

@@ -58,7 +58,7 @@ def test_shots_travel_while_the_laser_shines_and_drift_with_the_temperature() ->
     """Claim: travels are those of the share with light; drift is ΔT (zero + scale · angle)."""
     course = TemperatureCourse(rate=0.5)
     mirrors = QUIET.model_copy(update={"temperature": course, "drift_zero": 15e-6, "drift_scale": 40e-6})
-    shots, found = true_shots(aim(0.1, -0.2, time=2.0), mirrors, 5, shining=0.25)
+    shots, found = true_shots(aim(0.1, -0.2, time=2.0), mirrors, 5, duty_cycle=0.25)
     np.testing.assert_allclose(shots.travel_theta.numpy(), 0.25e-3, rtol=1e-6)
     np.testing.assert_allclose(shots.travel_phi.numpy(), -0.5e-3, rtol=1e-6)
     np.testing.assert_allclose(found.theta, 1.0 * (15e-6 + 40e-6 * 0.1), rtol=1e-12)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from scanner_sim import Scenario, simulate
 from scanner_sim.analytic.geometry import laser_origin, range_to_sphere, scanner_axes
-from scanner_sim.config import doubts
+from scanner_sim.config import scenario_warnings
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.photo import take_photo
-from scanner_sim.instrument.workbench import Workbench
 from scanner_sim.products.image import RangeImage
 from scanner_sim.scan.raster import raster_aim
 from scanner_sim.scene.objects import Scene
@@ -65,7 +65,7 @@ def measured(told: Scenario) -> tuple[dict[str, Array], Array]:
     """Return the layers of all voxels of a raster, in the order of the shots, and their times [s]."""
     shots = np.arange(told.raster.shots, dtype=np.uint32)
     aim = raster_aim(told.raster, shots, told.scanner.dwell)
-    return Workbench(told, device="cpu").measure(aim), aim.time
+    return Instrument(told, device="cpu").measure(aim), aim.time
 
 
 def test_a_plate_with_a_twist_is_where_it_is_at_each_voxels_instant() -> None:
@@ -261,7 +261,7 @@ def test_motion_compiles_nothing_anew() -> None:
 
     def compiled(velocity: tuple[float, float, float], shots: NDArray[np.uint32]) -> int:
         told = scenario(plate(motion={"type": "twist", "velocity": velocity}), WALL)
-        bench = Workbench(told, device="cpu")
+        bench = Instrument(told, device="cpu")
         aim = raster_aim(told.raster, shots, told.scanner.dwell)
         poses = bench.loaded.poses_at(aim.time)
         fired, _ = true_shots(aim, told.scanner.mirrors, 1, 1.0, poses)
@@ -329,8 +329,8 @@ def test_the_sunlit_side_of_a_moving_target_is_known() -> None:
 def test_motions_that_make_little_sense_are_doubted(
     motion: dict[str, Any], keys: dict[str, Any], words: str
 ) -> None:
-    assert any(words in doubt for doubt in doubts(scenario(plate(motion=motion), WALL, **keys)))
+    assert any(words in doubt for doubt in scenario_warnings(scenario(plate(motion=motion), WALL, **keys)))
     slow = {"type": "twist", "velocity": (0.01, 0.0, 0.0), "turn_rate": (0.0, 0.0, 0.01)}
     # The raster is coarse, which is another matter.
-    others = doubts(scenario(plate(motion=slow), WALL, **keys))
+    others = scenario_warnings(scenario(plate(motion=slow), WALL, **keys))
     assert not [doubt for doubt in others if not doubt.startswith("scan.columns")]

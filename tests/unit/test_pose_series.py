@@ -1,4 +1,4 @@
-"""Sightings at a common time, and poses over time."""
+"""Observations at a common time, and poses over time."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scanner_sim.foundation.frames import rotation_about
-from scanner_sim.pose.carried import FARTHEST, Carried, carried, rounds_of
+from scanner_sim.pose.interpolation import FARTHEST, Interpolated, interpolate, rounds_of
 from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.pose.status import PoseStatus
@@ -20,7 +20,7 @@ from scanner_sim.tracking.errors import ErrorParts
 SQUARE = 0.5 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [1.0, 1.0, 0.0]])
 
 
-def sightings(rounds: int = 8, targets: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def observations(rounds: int = 8, targets: int = 4) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Targets in even motion: times, places, covariances, common times."""
     time = 0.04 * np.arange(rounds)[:, None] + 0.01 * np.arange(targets)
     start = np.arange(3.0 * targets).reshape(targets, 3) + 1.0
@@ -29,15 +29,15 @@ def sightings(rounds: int = 8, targets: int = 4) -> tuple[np.ndarray, np.ndarray
     return time, start + rate * time[..., None], covariance, time.mean(axis=1)
 
 
-def own(found: Carried) -> np.ndarray:
+def own(found: Interpolated) -> np.ndarray:
     """Covariances of single targets, shape (rounds, targets, 3, 3)."""
     target = np.arange(found.place.shape[1])
     return found.covariance[:, target, target]
 
 
 def test_even_motion_is_carried_exactly() -> None:
-    time, place, covariance, at = sightings()
-    found = carried(time, place, ErrorParts.all_white(covariance), at)
+    time, place, covariance, at = observations()
+    found = interpolate(time, place, ErrorParts.all_white(covariance), at)
     moved, spread = found.place, own(found)
     (later,) = {round(float(value), 12) for value in at - time[:, 0]}
     rate = (place[1] - place[0]) / (time[1] - time[0])[:, None]
@@ -46,38 +46,38 @@ def test_even_motion_is_carried_exactly() -> None:
     share = later / 0.04
     np.testing.assert_allclose(spread[:-1, 0], ((1 - share) ** 2 + share**2) * covariance[:-1, 0], rtol=1e-9)
     np.testing.assert_allclose(spread[-1, 0], ((1 + share) ** 2 + share**2) * covariance[-1, 0], rtol=1e-9)
-    # The last target is seen after it: the sighting before counts with it.
+    # The last target is seen after it: the observation before counts with it.
     np.testing.assert_allclose(spread[1:, 3], spread[:-1, 0], rtol=1e-9)
 
 
 def test_a_target_that_was_missed_in_a_round_does_not_count_in_it() -> None:
-    time, place, covariance, at = sightings()
+    time, place, covariance, at = observations()
     time, place = time.copy(), place.copy()
     time[3, 1], place[3, 1] = np.nan, np.nan
-    found = carried(time, place, ErrorParts.all_white(covariance), at)
+    found = interpolate(time, place, ErrorParts.all_white(covariance), at)
     moved, spread = found.place, own(found)
     assert np.isnan(moved[3, 1]).all()
     assert np.isnan(spread[3, 1]).all()
-    time, place, covariance, at = sightings()
-    whole = carried(time, place, ErrorParts.all_white(covariance), at).place
+    time, place, covariance, at = observations()
+    whole = interpolate(time, place, ErrorParts.all_white(covariance), at).place
     np.testing.assert_allclose(np.delete(moved, 3, axis=0), np.delete(whole, 3, axis=0), rtol=1e-12)
 
 
 @pytest.mark.parametrize("gap", [FARTHEST - 1, FARTHEST])
 def test_a_lone_sighting_says_nothing_of_the_motion(gap: int) -> None:
-    time, place, covariance, at = sightings()
+    time, place, covariance, at = observations()
     time = time.copy()
     time[: 4 + gap + 1, 0] = np.nan
     time[4, 0] = 0.16
-    moved = carried(time, place, ErrorParts.all_white(covariance), at).place
+    moved = interpolate(time, place, ErrorParts.all_white(covariance), at).place
     assert np.isfinite(moved[4, 0]).all() == (gap < FARTHEST)
 
 
 def test_no_target_depends_on_another() -> None:
-    time, place, covariance, at = sightings()
+    time, place, covariance, at = observations()
     errors = ErrorParts.all_white(covariance)
-    every = carried(time, place, errors, at)
-    one = carried(time[:, 2:3], place[:, 2:3], errors.at((slice(None), slice(2, 3))), at)
+    every = interpolate(time, place, errors, at)
+    one = interpolate(time[:, 2:3], place[:, 2:3], errors.at((slice(None), slice(2, 3))), at)
     np.testing.assert_array_equal(every.place[:, 2:3], one.place)
     np.testing.assert_array_equal(every.of([2]).covariance, one.covariance)
 
@@ -158,7 +158,7 @@ def test_a_relative_pose_has_the_status_of_the_worse_one(
 
 @pytest.mark.parametrize("method", ["uv", "joint"])
 def test_covariances_between_targets_are_carried_to_the_pose(method: Method) -> None:
-    """Σ over i, j of K_i C_ij K_jᵀ, i ≠ j, with K the derivatives of the pose by sightings, taken by differences."""
+    """Σ over i, j of K_i C_ij K_jᵀ, i ≠ j, with K the derivatives of the pose by observations, taken by differences."""
     rng = np.random.default_rng(5)
     turned, centre = rotation_about([1.0, 2.0, 0.0], 0.3), np.array([0.4, -0.2, 8.0])
     points = SQUARE + np.outer([0.1, 0.0, 0.0, 0.2], [0.0, 0.0, 1.0])
@@ -173,7 +173,7 @@ def test_covariances_between_targets_are_carried_to_the_pose(method: Method) -> 
 
     def found(moved: np.ndarray, between: np.ndarray) -> PoseSeries:
         place = np.stack([theta, phi, r], axis=-1)[None] + moved
-        sighted = Carried(place, between[None], 0.5 * between[None])
+        sighted = Interpolated(place, between[None], 0.5 * between[None])
         return pose_series("plate", points, np.zeros(1), sighted, axis_separation=0.05, method=method)
 
     base = found(np.zeros((4, 3)), alone)
@@ -201,7 +201,7 @@ def test_what_two_objects_share_cancels_in_their_relative_pose() -> None:
     a, b = series("a", [0.0, 0.0, 8.0], 0.0), series("b", [1.0, 0.0, 8.0], 0.0)
     gains = np.zeros((1, 1, 6, 3))
     gains[0, 0, 1, 1] = 8.0
-    common = Carried(np.zeros((1, 2, 3)), np.full((1, 2, 2, 3, 3), 1e-8), np.zeros((1, 2, 2, 3, 3)))
+    common = Interpolated(np.zeros((1, 2, 3)), np.full((1, 2, 2, 3, 3), 1e-8), np.zeros((1, 2, 2, 3, 3)))
     own = np.zeros((1, 6, 6))
     own[0, 1, 1] = 64.0 * 1e-8
     a, b = (replace(one, covariance=own, gains=gains) for one in (a, b))
@@ -210,24 +210,26 @@ def test_what_two_objects_share_cancels_in_their_relative_pose() -> None:
 
 
 def test_what_lasts_is_not_averaged() -> None:
-    time, place, covariance, at = sightings()
+    time, place, covariance, at = observations()
     white = ErrorParts.all_white(0.4 * covariance)
     stays = replace(white, surface=0.5 * covariance, pixels=0.1 * covariance[..., 2, 2])
-    spread = own(carried(time, place, stays, at))
-    alone = own(carried(time, place, ErrorParts.all_white(covariance), at))
+    spread = own(interpolate(time, place, stays, at))
+    alone = own(interpolate(time, place, ErrorParts.all_white(covariance), at))
     wanted = 0.4 * alone + 0.5 * covariance
     wanted[..., 2, 2] += 0.1 * covariance[..., 2, 2]
     np.testing.assert_allclose(spread, wanted, rtol=1e-9)
-    np.testing.assert_allclose(own_lasting(carried(time, place, stays, at)), wanted - 0.4 * alone, atol=1e-18)
+    np.testing.assert_allclose(
+        own_lasting(interpolate(time, place, stays, at)), wanted - 0.4 * alone, atol=1e-18
+    )
 
 
-def own_lasting(found: Carried) -> np.ndarray:
+def own_lasting(found: Interpolated) -> np.ndarray:
     """What lasts of single targets."""
     target = np.arange(found.place.shape[1])
     return found.lasting[:, target, target]
 
 
 def test_a_method_named_twice_is_a_fault() -> None:
-    (fault,) = PoseSettings(methods=("uv",)).model_copy(update={"methods": ("uv", "uv")}).contradictions()
+    (fault,) = PoseSettings(methods=("uv",)).model_copy(update={"methods": ("uv", "uv")}).cross_checks()
     assert fault.place == "methods"
     assert "twice" in fault.problem

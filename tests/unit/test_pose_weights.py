@@ -47,13 +47,13 @@ def seen(turn: Array, place: Array, points: Array = POINTS) -> Array:
 
 
 def measured() -> Array:
-    """Return sightings with errors of about three standard deviations, shape (n, 3)."""
+    """Return observations with errors of about three standard deviations, shape (n, 3)."""
     scatter = np.random.default_rng(8).normal(size=(COUNT, 3))
     return seen(TURN, PLACE) + 3.0 * scatter * np.stack([SIGMA_THETA, SIGMA_PHI, SIGMA_RANGE], axis=-1)
 
 
 def covariances(*, together: bool) -> Array:
-    """Return the covariance of each sighting, shape (n, 3, 3)."""
+    """Return the covariance of each observation, shape (n, 3, 3)."""
     found = np.zeros((COUNT, 3, 3))
     for axis, sigma in enumerate((SIGMA_THETA, SIGMA_PHI, SIGMA_RANGE)):
         found[:, axis, axis] = sigma**2

@@ -22,7 +22,7 @@ from scanner_sim.products.summary import beyond, summary
 from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.tracking.errors import ErrorParts
-from scanner_sim.tracking.measurement import TargetLooks
+from scanner_sim.tracking.measurement import TargetAppearance
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.samples import PatternSamples
@@ -63,8 +63,8 @@ def record(number: int, **changes: Any) -> PatternRecord:
 
 
 def run(*records: PatternRecord) -> Track:
-    looks = TargetLooks(kind=TargetKind.BLACK, diameter=0.1)
-    target = TrackTarget("node/1", "node", looks, np.array([0.1, 0.2, 8.0]), np.zeros(3))
+    appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
+    target = TrackTarget("node/1", "node", appearance, np.array([0.1, 0.2, 8.0]), np.zeros(3))
     return Track(records, (target,), 5, "schema: 1", "a program")
 
 

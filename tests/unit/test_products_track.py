@@ -26,7 +26,7 @@ from scanner_sim.products.track_summary import track_summary
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.scene.targets import target_positions
 from scanner_sim.tracking.errors import ErrorParts
-from scanner_sim.tracking.measurement import TargetLooks
+from scanner_sim.tracking.measurement import TargetAppearance
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.samples import PatternSamples
@@ -34,7 +34,7 @@ from scanner_sim.tracking.state import Refusal, TrackMode
 
 DG, STEP, POINTS = 0.05, 0.01, 128
 SIGMA = np.array([40e-6, 40e-6, 4e-3])
-"""Of a made-up sighting: Θ, φ [rad], R [m]."""
+"""Of a made-up observation: Θ, φ [rad], R [m]."""
 
 BARE = Output(pictures=False)
 
@@ -66,7 +66,7 @@ def make_track(seconds: float = 0.4, seed: int = 1, objects: int = 2) -> Track:
     names = [f"{item['name']}/{member}" for item in scene for member in range(1, 5)]
     scan = {"type": "track", "targets": names}
     scenario = load_scenario({"schema": 1, "scene": {"objects": scene}, "scan": scan})
-    looks = TargetLooks(kind=TargetKind.BLACK, diameter=0.1, depth=0.3)
+    appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1, depth=0.3)
     centres = target_positions(2, 2, 1.0, 1.0)
     members = [(item, centre) for item in scenario.scene.objects for centre in centres]
     records = []
@@ -105,7 +105,7 @@ def make_track(seconds: float = 0.4, seed: int = 1, objects: int = 2) -> Track:
         )
     targets = tuple(
         TrackTarget(
-            name, name.split("/")[0], looks, next(r.truth for r in records if r.target == name), centre
+            name, name.split("/")[0], appearance, next(r.truth for r in records if r.target == name), centre
         )
         for name, (_, centre) in zip(names, members, strict=True)
     )

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scanner_sim import load_scenario
-from scanner_sim.config import doubts, resolved_yaml
+from scanner_sim.config import resolved_yaml, scenario_warnings
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.scene.objects import Retroreflector, Scene
 from scanner_sim.scene.retroreflectors import NARROWEST, RetroLobe, roughness
@@ -77,13 +77,15 @@ def test_roughness_is_that_of_half_the_gain() -> None:
 
 
 def test_a_retro_reflector_above_the_brightest_surface_is_doubted() -> None:
-    assert any("max_reflectance" in sentence for sentence in doubts(scenario("retro_sheet")))
-    assert any("max_reflectance" in sentence for sentence in doubts(scenario(PLAIN)))
+    assert any("max_reflectance" in sentence for sentence in scenario_warnings(scenario("retro_sheet")))
+    assert any("max_reflectance" in sentence for sentence in scenario_warnings(scenario(PLAIN)))
     allowed = {"validation": {"max_reflectance": 3000.0}}
     for processing in (allowed, {"validation": {"max_reflectance": None}}):
-        found = doubts(scenario("retro_sheet", processing=processing))
+        found = scenario_warnings(scenario("retro_sheet", processing=processing))
         assert not [sentence for sentence in found if "max_reflectance" in sentence]
-    assert not [sentence for sentence in doubts(scenario("target_white")) if "max_reflectance" in sentence]
+    assert not [
+        sentence for sentence in scenario_warnings(scenario("target_white")) if "max_reflectance" in sentence
+    ]
 
 
 def test_loader_shares_equal_materials_and_knows_both_bands(device: Any) -> None:

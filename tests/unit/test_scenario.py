@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from scanner_sim import load_scenario
-from scanner_sim.config import doubts
+from scanner_sim.config import scenario_warnings
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.scan.raster import RasterScan, raster_aim, tiled_order
 
@@ -125,13 +125,13 @@ def test_tiled_order_visits_every_voxel_once() -> None:
 )
 def test_what_makes_little_sense_is_doubted(override: str, words: str) -> None:
     good = {"objects": [{**TARGETS, "position": (0.0, 0.0, 5.0)}]}
-    assert not doubts(scenario("scan.motion=stepped", scene=good))
-    assert any(words in sentence for sentence in doubts(scenario(override, scene=good)))
+    assert not scenario_warnings(scenario("scan.motion=stepped", scene=good))
+    assert any(words in sentence for sentence in scenario_warnings(scenario(override, scene=good)))
 
 
 @pytest.mark.parametrize(("end", "doubted"), [(9.9, False), (10.1, True)])
 def test_a_gate_beyond_the_far_end_of_the_array_is_doubted(end: float, doubted: bool) -> None:
     """Claim: an array that starts at f d/R sees as far as R, here 10 m."""
     parts = "scanner.position_sensor.offset=2 mm", f"processing.range_gate=[3 m, {end} m]"
-    found = doubts(scenario(*parts, scene={"objects": [{**TARGETS, "position": (0.0, 0.0, 5.0)}]}))
+    found = scenario_warnings(scenario(*parts, scene={"objects": [{**TARGETS, "position": (0.0, 0.0, 5.0)}]}))
     assert any("reaches beyond" in sentence for sentence in found) is doubted

@@ -86,11 +86,11 @@ def test_they_turn_with_the_travel_and_the_beam(device: Device) -> None:
     from scanner_sim.optics.filter import peak_transmission
     from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
     from scanner_sim.render.shots import Shots
-    from scanner_sim.render.transport import Bench
+    from scanner_sim.render.transport import OpticalLayout
 
     scanner = Scanner()
     sensor = scanner.position_sensor
-    bench = Bench(
+    bench = OpticalLayout(
         scanner.laser,
         scanner.receiver,
         scanner.mirrors.axis_separation,

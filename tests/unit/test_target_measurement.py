@@ -13,7 +13,7 @@ from scanner_sim.analytic import tracking as judge
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
-from scanner_sim.tracking.measurement import Measurement, TargetLooks, measure_target
+from scanner_sim.tracking.measurement import Measurement, TargetAppearance, measure_target
 from scanner_sim.tracking.response import TargetKind, target_response, two_levels
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
@@ -50,8 +50,10 @@ def voxels(
 
 
 def seen(samples: PatternSamples, kind: str = "black", **changes: Any) -> Measurement:
-    looks = TargetLooks(kind=TargetKind(kind), diameter=2.0 * RADIUS, **changes.pop("looks", {}))
-    return measure_target(samples, looks, DISTANCE, spot=SPOT, **NONE | changes)
+    appearance = TargetAppearance(
+        kind=TargetKind(kind), diameter=2.0 * RADIUS, **changes.pop("appearance", {})
+    )
+    return measure_target(samples, appearance, DISTANCE, spot=SPOT, **NONE | changes)
 
 
 def off() -> Array:
@@ -111,7 +113,7 @@ def test_a_sphere_has_the_range_of_its_middle() -> None:
             np.maximum(RADIUS**2 - (DISTANCE * np.sin(off())) ** 2, 0.0)
         )
     reach = np.where(off() < RADIUS / DISTANCE, reach, DISTANCE + 0.2)
-    found = seen(voxels(reach), "raised", looks={"surface": "sphere"})
+    found = seen(voxels(reach), "raised", appearance={"surface": "sphere"})
     assert found.found[0]
     assert found.place[0, 2] == pytest.approx(DISTANCE, abs=1e-4)
     # Voxels up to 0.8 of the radius count, and those beyond do not.
@@ -121,7 +123,7 @@ def test_a_sphere_has_the_range_of_its_middle() -> None:
         (inside & (off() > 0.6 * RADIUS / DISTANCE), True),
     ):
         assert part.sum() > 3
-        moved = seen(voxels(np.where(part, reach + 2e-3, reach)), "raised", looks={"surface": "sphere"})
+        moved = seen(voxels(np.where(part, reach + 2e-3, reach)), "raised", appearance={"surface": "sphere"})
         assert (abs(moved.place[0, 2] - found.place[0, 2]) > 1e-5) == moves
 
 

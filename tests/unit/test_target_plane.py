@@ -13,7 +13,7 @@ from scanner_sim.foundation.frames import rotation_about
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures, sample_shares
 from scanner_sim.tracking.centroid import centroid_of
-from scanner_sim.tracking.measurement import Measurement, TargetLooks, measure_target
+from scanner_sim.tracking.measurement import Measurement, TargetAppearance, measure_target
 from scanner_sim.tracking.plane import TargetPlane, target_plane
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.samples import PatternSamples
@@ -150,8 +150,8 @@ def measured(
         range=reach[:, half][None],
         sigma_range=np.full((1, pattern.points), 1.5e-3),
     )
-    looks = TargetLooks(kind=TargetKind.BLACK, diameter=2.0 * RADIUS)
-    found = measure_target(samples, looks, 8.0, spot=spot, axis_separation=axis_separation)
+    appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=2.0 * RADIUS)
+    found = measure_target(samples, appearance, 8.0, spot=spot, axis_separation=axis_separation)
     return found, np.array([theta0, phi0, 8.0])
 
 

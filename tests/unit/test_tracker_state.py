@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from scanner_sim.tracking.measurement import Measurement
-from scanner_sim.tracking.prediction import Motion, begun, predicted, surprise, updated
+from scanner_sim.tracking.prediction import Motion, initiate, mahalanobis_squared, predict, update
 from scanner_sim.tracking.state import (
     Refusal,
     TrackerSettings,
@@ -72,8 +72,8 @@ def tracked(settings: TrackerSettings) -> TrackState:
 
 def test_two_half_steps_are_one() -> None:
     """Claim: mean and covariance ahead do not depend on how many steps lead there: exact for Δ³/3, Δ²/2, Δ alone."""
-    whole = predicted(motion(), 1.7, UNREST)
-    halves = predicted(predicted(motion(), 1.6, UNREST), 1.7, UNREST)
+    whole = predict(motion(), 1.7, UNREST)
+    halves = predict(predict(motion(), 1.6, UNREST), 1.7, UNREST)
     np.testing.assert_allclose(halves.mean, whole.mean, rtol=1e-12)
     np.testing.assert_allclose(halves.covariance, whole.covariance, rtol=1e-10)
 
@@ -81,7 +81,7 @@ def test_two_half_steps_are_one() -> None:
 def test_a_target_without_doubt_scatters_as_white_accelerations_make_it() -> None:
     """Claim: of a target known exactly, place and rate have the covariance q [[Δ³/3, Δ²/2], [Δ²/2, Δ]] after Δ."""
     exact = Motion(motion().mean, np.zeros((6, 6)), motion().time)
-    ahead, step = predicted(exact, 1.9, UNREST), 0.4
+    ahead, step = predict(exact, 1.9, UNREST), 0.4
     np.testing.assert_allclose(ahead.mean[:3], exact.mean[:3] + step * exact.mean[3:], rtol=1e-14)
     for axis, q in enumerate(UNREST):
         part = ahead.covariance[np.ix_([axis, axis + 3], [axis, axis + 3])]
@@ -93,7 +93,7 @@ def test_an_update_adds_information() -> None:
     """Claim: the update is the inverse of the sum of informations, and the mean that of both weighed by them."""
     before, noise = motion(), np.array([[4.0, 1.0, 0.5], [1.0, 9.0, -2.0], [0.5, -2.0, 5.0]]) * 1e-8
     place = before.mean[:3] + np.array([1e-4, -2e-4, 1e-3])
-    after = updated(before, place, noise)
+    after = update(before, place, noise)
     seen = np.eye(3, 6)
     known, told = np.linalg.inv(before.covariance), seen.T @ np.linalg.inv(noise) @ seen
     whole = np.linalg.inv(known + told)
@@ -102,12 +102,12 @@ def test_an_update_adds_information() -> None:
     np.testing.assert_allclose(after.mean, mean, rtol=1e-9)
     away = place - before.mean[:3]
     spread = before.covariance[:3, :3] + noise
-    assert surprise(before, place, noise) == pytest.approx(away @ np.linalg.inv(spread) @ away)
+    assert mahalanobis_squared(before, place, noise) == pytest.approx(away @ np.linalg.inv(spread) @ away)
 
 
 def test_a_motion_begins_with_the_rates_it_is_told() -> None:
     covariance = np.diag([1e-8, 4e-8, 9e-6])
-    start = begun(EXPECTED, covariance, [0.1, 0.2, 0.3], 2.0)
+    start = initiate(EXPECTED, covariance, [0.1, 0.2, 0.3], 2.0)
     np.testing.assert_array_equal(start.mean, [*EXPECTED, 0.0, 0.0, 0.0])
     np.testing.assert_allclose(np.diag(start.covariance), [1e-8, 4e-8, 9e-6, 0.01, 0.04, 0.09])
 
@@ -118,8 +118,8 @@ def test_the_gate_refuses_right_measurements_with_its_chance(chance: float) -> N
     settings = TrackerSettings(chance=chance)
     state = tracked(settings)
     time = PERIOD * (state.patterns + 1)
-    unrest = [settings.unrest, settings.unrest, settings.range_unrest]
-    ahead = predicted(state.motion, time, unrest)
+    acceleration_psd = [settings.acceleration_psd, settings.acceleration_psd, settings.range_acceleration_psd]
+    ahead = predict(state.motion, time, acceleration_psd)
     seen = measured(EXPECTED, time)
     spread = ahead.covariance[:3, :3] + seen.covariance[0]
     # One standard deviation of all three axes together.
@@ -130,7 +130,7 @@ def test_the_gate_refuses_right_measurements_with_its_chance(chance: float) -> N
         after = advanced(state, replace(seen, place=place[None], radius=radius), settings, DIAMETER, time)
         assert after.refusal is refusal
         if refusal is Refusal.NONE:
-            wanted = updated(ahead, place, seen.covariance[0])
+            wanted = update(ahead, place, seen.covariance[0])
             np.testing.assert_allclose(after.motion.covariance, wanted.covariance, rtol=1e-12)
 
 
@@ -196,7 +196,7 @@ def test_search_patterns_grow_begin_anew_and_go_to_both_places() -> None:
     sizes = [min(first * 1.4**k, 20e-3) for k in range(4)]
     assert first * 1.4**3 > 20e-3 > first * 1.4**2
     elsewhere = EXPECTED + np.array([0.05, 0.02, 0.0])
-    lost = begun(elsewhere, np.eye(3), np.ones(3), 0.0)
+    lost = initiate(elsewhere, np.eye(3), np.ones(3), 0.0)
     state = replace(init(EXPECTED, settings), motion=lost)
     orders = [command(replace(state, searched=k), settings, DIAMETER, 1.0) for k in range(12)]
     np.testing.assert_allclose([order.amplitude for order in orders], 3 * sizes, rtol=1e-12)
@@ -213,7 +213,9 @@ def test_a_search_does_not_take_a_followed_target() -> None:
     for share, refusal in ((0.97, Refusal.OTHER), (1.03, Refusal.NONE)):
         place = EXPECTED + np.array([share * limit * RADIUS, 0.0, 0.0])
         tight = {"covariance": 1e-18 * np.eye(3)[None]}
-        settings_at_rest = settings.model_copy(update={"unrest": 0.0, "range_unrest": 0.0})
+        settings_at_rest = settings.model_copy(
+            update={"acceleration_psd": 0.0, "range_acceleration_psd": 0.0}
+        )
         seen = measured(place, PERIOD, **tight)
         after = advanced(init(EXPECTED, settings), seen, settings_at_rest, DIAMETER, 1.0, others=[other])
         assert after.refusal is refusal

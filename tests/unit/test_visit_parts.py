@@ -16,15 +16,15 @@ from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.instrument.closed_loop import visit_errors
 from scanner_sim.instrument.closed_loop.visit_errors import (
     alike,
+    duty_cycle_of,
     error_parts,
     image_variance,
     range_variances,
-    shining_share,
 )
 from scanner_sim.optics.speckle import packets_of
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.lasting import SurfaceSpeckle
-from scanner_sim.tracking.measurement import Measurement, TargetLooks
+from scanner_sim.tracking.measurement import Measurement, TargetAppearance
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.samples import PatternSamples
 
@@ -132,8 +132,8 @@ def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
         time=10.0 + 50e-6 * np.arange(32), commanded_theta=theta, commanded_phi=2.0 * theta, true_theta=theta,
         true_phi=zero, latched_theta=theta, latched_phi=zero, travel_theta=zero, travel_phi=zero, limited=False,
     )  # fmt: skip
-    looks = TargetLooks(kind=TargetKind.BLACK, diameter=0.1)
-    parts = error_parts(known, samples, seen, looks, motion, np.full(32, 1e-3), 0.0)
+    appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
+    parts = error_parts(known, samples, seen, appearance, motion, np.full(32, 1e-3), 0.0)
     return parts, seen, motion
 
 
@@ -184,4 +184,4 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
     assert speckle.on_surface == pytest.approx(
         packets_of(speckle_optics(scanner), variance, variance).on_surface
     )
-    assert shining_share(known) == pytest.approx(1.0)
+    assert duty_cycle_of(known) == pytest.approx(1.0)

@@ -59,7 +59,7 @@ class TrueEye:
         one = np.ones(1)
         covariance = np.diag([1e-10, 2e-10, 1e-6])
         place = self.recorder.truth(target, time)[0]
-        radius = 0.5 * target.looks.diameter / place[2] * one
+        radius = 0.5 * target.appearance.diameter / place[2] * one
         seen = Measurement(
             time * one, place[None], covariance[None], radius, 1e-6 * one, one, 0.4 * one, one > 0.0
         )
@@ -71,9 +71,9 @@ class TrueEye:
 @pytest.fixture
 def run(device: Device, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Return what makes a tracker of a scenario, without any scene to render."""
-    monkeypatch.setattr(module, "Workbench", lambda *_, **__: None)
-    monkeypatch.setattr(module, "PatternBench", lambda _: None)
-    monkeypatch.setattr(module, "Eye", TrueEye)
+    monkeypatch.setattr(module, "Instrument", lambda *_, **__: None)
+    monkeypatch.setattr(module, "FrozenInstrument", lambda _: None)
+    monkeypatch.setattr(module, "TargetSensor", TrueEye)
     return Tracker
 
 

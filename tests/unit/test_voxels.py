@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.detector.encoders import reading_noise
-from scanner_sim.instrument.closed_loop import voxels
+from scanner_sim.instrument.closed_loop import target_sensor as voxels
 from scanner_sim.instrument.closed_loop.records import point_of
 from scanner_sim.instrument.closed_loop.saved_state import first_state, load_state, save_state
-from scanner_sim.instrument.closed_loop.voxels import (
+from scanner_sim.instrument.closed_loop.target_sensor import (
     Encoders,
-    Eye,
     SignalNoise,
+    TargetSensor,
     aim_of,
     samples_of,
     unevenness,
@@ -188,7 +188,7 @@ def test_the_tracker_knows_how_well_it_points(device: Device, monkeypatch: pytes
     order = TrackCommand(TrackMode.TRACK, np.array([0.1, -0.05, 9.0]), 6e-3, 0)
     run = motion()
     with pytest.raises(AskedError):
-        Eye(known, Instrument()).see(target, order, run, 3)
+        TargetSensor(known, Instrument()).see(target, order, run, 3)
     angles = Encoders(known).read(run, 3)
     white = 0.75 * 4e-6**2 + 3e-6**2 + 12e-6**2 / 12.0
     np.testing.assert_allclose(told["pointing"], np.sqrt(white + unevenness(angles) ** 2)[None], rtol=1e-9)

@@ -52,7 +52,7 @@ class PositionSensor(Part):
     noise: NoiseSwitches = NoiseSwitches()
     """A switch for every term."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield a response that does not ascend and a bias that eats up the converter."""
         if not 0.0 < self.response[0] < self.response[1]:
             yield Fault(

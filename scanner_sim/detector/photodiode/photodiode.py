@@ -76,7 +76,7 @@ class Photodiode(Part):
     noise: PhotodiodeNoise = PhotodiodeNoise()
     """A switch for every term."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield dark current that saturates the amplifier."""
         dark = self.surface_dark_current + self.gain * self.bulk_dark_current
         if dark > self.saturation:
@@ -135,7 +135,7 @@ class Digitiser(Part):
     drift: Ratio = Field(default=0.0, ge=-0.01, le=0.01)
     """Relative error of the clock's frequency, which the instrument does not know of."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield a gate that does not ascend and a record too long to keep."""
         if not 0.0 <= self.gate[0] < self.gate[1]:
             yield Fault("gate", "the ranges must ascend from 0 m or more.", "Write [nearest, farthest].")

@@ -34,7 +34,7 @@ _REACH = 7.0
 """Standard deviations to which an echo is followed."""
 
 
-class Echoes(Protocol):
+class ReceivedEchoes(Protocol):
     """Light that comes back, of m shots with c Gaussian echoes each: k · m + j is echo k of shot j.
 
     ``share`` of the pulse's power that reaches the photodiode; ``path`` there and back [m], counted from the shot's
@@ -123,7 +123,7 @@ class Arrivals:
 
 
 def record(
-    echoes: Echoes,
+    echoes: ReceivedEchoes,
     shot: Any,
     pulse: Pulse,
     photodiode: Photodiode,
@@ -192,7 +192,7 @@ def record(
 
 
 def arrive(
-    echoes: Echoes, shot: Any, pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, seed: int
+    echoes: ReceivedEchoes, shot: Any, pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, seed: int
 ) -> Arrivals:
     """Return when echoes arrive by the digitiser's clock; what comes after the next pulse folds back.
 

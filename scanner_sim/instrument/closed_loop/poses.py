@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scanner_sim.config import scenario_from_text
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.arithmetic import product
-from scanner_sim.pose.carried import carried, rounds_of
+from scanner_sim.pose.interpolation import interpolate, rounds_of
 from scanner_sim.pose.series import PoseSeries, pose_series, relative_series
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.ranging.coordinates import angles_and_range
@@ -40,12 +40,12 @@ def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSe
     Returns
     -------
     tuple of PoseSeries
-        For each object and method; then, for each pair of objects and method, the second seen from the first,
-        M_a⁻¹ M_b. All are at the mean time of each round, to which the sightings are carried
-        (:func:`scanner_sim.pose.carried.carried`). What counts is what was measured of a target that the tracker
-        follows: the first sightings while it acquires the target, and all refused ones, do not. A last round that was
-        cut short is left out. The covariances know what targets, neighbouring visits and objects have in common
-        (:class:`~scanner_sim.tracking.errors.ErrorParts`).
+        For each object and method; then, for each pair of objects and method, the second seen from the first, M_a⁻¹
+        M_b. All are at the mean time of each round, to which the observations are carried
+        (:func:`scanner_sim.pose.interpolation.interpolate`). What counts is what was measured of a target that the
+        tracker follows: the first observations while it acquires the target, and all refused ones, do not. A last round
+        that was cut short is left out. The covariances know what targets, neighbouring visits and objects have in
+        common (:class:`~scanner_sim.tracking.errors.ErrorParts`).
 
     Raises
     ------
@@ -71,7 +71,7 @@ def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSe
                 name,
                 np.array([target.centre for target in targets], dtype=np.float64),
                 visits.at,
-                visits.sightings.of(columns[name]),
+                visits.observations.of(columns[name]),
                 axis_separation=scenario.scanner.mirrors.axis_separation,
                 method=method,
                 robust=robust,
@@ -80,7 +80,7 @@ def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSe
             for method in chosen.methods
         ]
     relative = [
-        relative_series(a, b, visits.sightings.of([*columns[a.name], *columns[b.name]]))
+        relative_series(a, b, visits.observations.of([*columns[a.name], *columns[b.name]]))
         for a, b in combinations(found, 2)
         if a.name != b.name and a.method == b.method
     ]
@@ -118,7 +118,7 @@ def rims_of(track: Track) -> Callable[[PatternRecord], Array]:
 
     def rim(record: PatternRecord) -> Array:
         target = targets[record.target]
-        item, radius = items[target.object], 0.5 * target.looks.diameter
+        item, radius = items[target.object], 0.5 * target.appearance.diameter
         round_ = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
         if not isinstance(item, Disc | TargetArray):
             seen: Array = record.truth[:2] + radius / record.truth[2] * round_
@@ -158,4 +158,4 @@ class _Visits:
         self.at = np.nanmean(visited, axis=1) if rounds else np.zeros(0)
         if rounds:
             parts = ErrorParts.stacked(errors).reshaped(shape)
-            self.sightings = carried(time, place, parts, self.at)
+            self.observations = interpolate(time, place, parts, self.at)

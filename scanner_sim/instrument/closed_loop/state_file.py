@@ -58,7 +58,7 @@ class SavedTrack(Part):
     missed: _Counted
     searched: _Counted
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield a matrix that is no covariance: not symmetric, or with a negative variance in some direction."""
         matrix = np.array(self.covariance, dtype=np.float64)
         scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
@@ -82,7 +82,7 @@ class SavedState(Part):
     followed: tuple[Switch, ...]
     amplitudes: tuple[_Amplitude | None, ...]
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield lists of unequal length, a turn beyond them, and mirrors that are ahead of the clock."""
         count = len(self.tracks)
         for name in ("followed", "amplitudes"):

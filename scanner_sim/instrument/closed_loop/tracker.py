@@ -12,12 +12,12 @@ import numpy as np
 from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument.closed_loop.pattern_bench import PatternBench
+from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.closed_loop.records import NOTHING, Recorder
 from scanner_sim.instrument.closed_loop.saved_state import TrackerState, first_state, load_state, save_state
 from scanner_sim.instrument.closed_loop.state_file import FARTHEST, NEAREST, WIDEST
-from scanner_sim.instrument.closed_loop.voxels import Eye
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.products.provenance import versions
 from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
@@ -65,8 +65,8 @@ class Tracker:
                 remedy="Go on with the scenario that the state was saved with.",
             )
         with guest():
-            bench = PatternBench(Workbench(scenario, device=device, threads=threads))
-            self._eye, self._recorder = Eye(scenario, bench), Recorder(scenario)
+            bench = FrozenInstrument(Instrument(scenario, device=device, threads=threads))
+            self._eye, self._recorder = TargetSensor(scenario, bench), Recorder(scenario)
             self._stay = Stay()
         self._periods: dict[int, float] = {}
 
@@ -193,7 +193,9 @@ class Tracker:
             for place, other in enumerate(state.tracks)
             if place != index and state.followed[place] and other.mode is TrackMode.TRACK
         ]
-        after = advanced(track, seen, self.scan.tracker, target.looks.diameter, mirrors.time, others=others)
+        after = advanced(
+            track, seen, self.scan.tracker, target.appearance.diameter, mirrors.time, others=others
+        )
         limited = motion.limited
         record = self._recorder.record(state.visits, target, order, after, samples, seen, parts, limited)
         # A pattern that began late because the mirrors needed longer moves all that follow.
@@ -234,7 +236,7 @@ class Tracker:
     def _order(self, state: TrackerState, index: int, middle: float) -> TrackCommand:
         """Return the next pattern at a target; searches are no larger than the field of view leaves room for."""
         target = self.targets[index]
-        order = command(state.tracks[index], self.scan.tracker, target.looks.diameter, middle)
+        order = command(state.tracks[index], self.scan.tracker, target.appearance.diameter, middle)
         fixed = state.amplitudes[index]
         if fixed is not None:
             return replace(order, amplitude=fixed)
@@ -242,7 +244,9 @@ class Tracker:
             limit = self.scenario.scanner.mirrors.max_deflection
             aspect = np.array([1.0, self.scan.pattern.aspect])
             room = float(((limit - np.abs(order.place[:2])) / aspect).min())
-            least = self.scan.tracker.track_amplitude * 0.5 * target.looks.diameter / float(order.place[2])
+            least = (
+                self.scan.tracker.track_amplitude * 0.5 * target.appearance.diameter / float(order.place[2])
+            )
             return replace(order, amplitude=min(order.amplitude, max(room, least)))
         return order
 
@@ -259,7 +263,7 @@ class Tracker:
         It takes no time, so that the others lose none; only where none is in view a period goes by.
         """
         target = self.targets[index]
-        after = advanced(state.tracks[index], NOTHING, self.scan.tracker, target.looks.diameter, middle)
+        after = advanced(state.tracks[index], NOTHING, self.scan.tracker, target.appearance.diameter, middle)
         followed = sum(state.followed)
         waiting = state.skipped + 1 >= followed
         record = self._recorder.out_of_view(state.visits, target, order, after, middle)

@@ -16,7 +16,7 @@ from scanner_sim.optics.speckle import packets_of
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.errors import ErrorParts, pixel_correlation
 from scanner_sim.tracking.lasting import SurfaceSpeckle, surface_covariance
-from scanner_sim.tracking.measurement import Measurement, TargetLooks
+from scanner_sim.tracking.measurement import Measurement, TargetAppearance
 from scanner_sim.tracking.samples import PatternSamples
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ def error_parts(
     scenario: Scenario,
     samples: PatternSamples,
     seen: Measurement,
-    looks: TargetLooks,
+    appearance: TargetAppearance,
     motion: PatternMotion,
     light: Array,
     grain: float,
@@ -42,7 +42,7 @@ def error_parts(
         Instrument.
     samples, seen
         A pattern, and where its voxels show a target.
-    looks
+    appearance
         What is known of the target.
     motion
         How the mirrors ran the pattern.
@@ -61,13 +61,13 @@ def error_parts(
     by_line = scenario.ranging == "triangulation"
     surface = np.zeros((3, 3))
     beam = float(scanner.laser.radius(distance))
-    if known and scanner.laser.speckle and looks.surface == "flat":
+    if known and scanner.laser.speckle and appearance.surface == "flat":
         surface = surface_covariance(
             samples,
             seen,
             SurfaceSpeckle(beam, light, _on_surface(scanner, distance), noise if by_line else math.inf),
-            looks.kind,
-            shining=shining_share(scenario),
+            appearance.kind,
+            duty_cycle=duty_cycle_of(scenario),
             axis_separation=mirrors.axis_separation,
         )
     reach = distance - scanner.receiver.baseline * math.sin(theta)
@@ -76,7 +76,7 @@ def error_parts(
         white,
         white=white.white - surface,
         surface=surface,
-        turn=np.asarray(beam / (0.5 * looks.diameter)),
+        turn=np.asarray(beam / (0.5 * appearance.diameter)),
         pixels=np.asarray(unlike * alike(scanner, samples, distance) if by_line else 0.0),
         image=np.asarray(image / scanner.position_sensor.pitch),
         image_width=np.asarray(math.sqrt(image_variance(scanner, distance))),
@@ -157,7 +157,7 @@ def image_variance(scanner: Scanner, distance: float) -> float:
     return (scanner.point_spread**2 + beam**2) / pitch**2
 
 
-def shining_share(scenario: Scenario) -> float:
+def duty_cycle_of(scenario: Scenario) -> float:
     """Return the share of a dwell in which there is light; a pulse lasts none."""
     scanner = scenario.scanner
     return 0.0 if scenario.ranging == "tof" else scanner.exposure / scanner.dwell

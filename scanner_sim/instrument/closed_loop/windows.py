@@ -24,12 +24,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import product
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.background.view import Window, window_heights, window_place
-from scanner_sim.render.field import field_optics
+from scanner_sim.render.field_of_view import field_optics
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.render.rays import one_kernel, posed
 from scanner_sim.scan.raster import Aim
@@ -71,7 +71,7 @@ class Windows:
         Least and largest angle less Θ that the sensor sees [rad].
     """
 
-    def __init__(self, workbench: Workbench, optics: Any, seen: tuple[float, float]) -> None:
+    def __init__(self, workbench: Instrument, optics: Any, seen: tuple[float, float]) -> None:
         self._bench, self._optics, self._seen = workbench, optics, seen
         self.step = optics.pitch / optics.receiver.focal_length
         self.row_step = _ROW * optics.height / optics.receiver.focal_length
@@ -81,7 +81,7 @@ class Windows:
         self.rendered = 0
 
     @classmethod
-    def of_line(cls, workbench: Workbench) -> Windows:
+    def of_line(cls, workbench: Instrument) -> Windows:
         """Return those of the line sensor: a pixel at p looks along Θ − atan(p/f)."""
         optics, pixels = workbench.optics, workbench.scenario.scanner.position_sensor.pixels
         ends = optics.offset + pixels * optics.pitch, optics.offset
@@ -89,7 +89,7 @@ class Windows:
         return cls(workbench, optics, (left, right))
 
     @classmethod
-    def of_field(cls, workbench: Workbench) -> Windows:
+    def of_field(cls, workbench: Instrument) -> Windows:
         """Return those of the photodiode's field of view."""
         echoes = workbench.echoes
         optics, middle, half = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from scanner_sim.products.files.folder import Kind
+from scanner_sim.products.files.folder import ResultFolder
 from scanner_sim.products.settings import Output
 
 PICTURES = ("range.png", "shaded.png", "signal.png")
@@ -21,7 +21,7 @@ TIMED_PICTURES = ("tof.png",)
 WAVEFORMS = "waveforms.nc"
 """The waveforms of time of flight, where the scenario asks for some."""
 
-RUN = Kind("range.exr", (*FILES, *TIMED_PICTURES, *LIT_PICTURES, WAVEFORMS))
+RUN = ResultFolder("range.exr", (*FILES, *TIMED_PICTURES, *LIT_PICTURES, WAVEFORMS))
 """The folder of a run."""
 
 TABLE, VOXELS = "track.parquet", "patterns.parquet"
@@ -41,10 +41,10 @@ RELATIVE_POSES = ("relative_pose.csv", "relative_pose.parquet")
 POSE_PICTURES = ("pose.png", "outline.png")
 """Pictures of poses."""
 
-TRACK = Kind("track.csv", (*TABLES, *POSES, *RELATIVE_POSES, *TRACK_PICTURES, *POSE_PICTURES))
+TRACK = ResultFolder("track.csv", (*TABLES, *POSES, *RELATIVE_POSES, *TRACK_PICTURES, *POSE_PICTURES))
 """The folder of a tracking run."""
 
-BUDGET = Kind(
+BUDGET = ResultFolder(
     "budget.json",
     (
         "budget.json",
@@ -58,13 +58,13 @@ BUDGET = Kind(
 )
 """The folder of an error budget."""
 
-ORBIT = Kind("orbit.json", ("orbit.json", "orbit.csv", "orbit.png", "scenario.yaml"))
+ORBIT = ResultFolder("orbit.json", ("orbit.json", "orbit.csv", "orbit.png", "scenario.yaml"))
 """The folder of an orbit."""
 
-COMPARISON = Kind("compare.json", ("compare.json", "compare.html", "compare.png", "scenario.yaml"))
+COMPARISON = ResultFolder("compare.json", ("compare.json", "compare.html", "compare.png", "scenario.yaml"))
 """The folder of a comparison."""
 
-POSE_STUDY = Kind(
+POSE_STUDY = ResultFolder(
     "pose_study.json",
     (
         "pose_study.json",

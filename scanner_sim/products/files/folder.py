@@ -22,14 +22,14 @@ from scanner_sim.products.files.exchange import (
 
 
 @dataclass(frozen=True)
-class Kind:
+class ResultFolder:
     """A kind of output folder: the file that marks it, and the names of all files that may be ours."""
 
     result: str
     files: tuple[str, ...]
 
 
-def check_target(folder: str | Path, overwrite: bool, kind: Kind) -> None:
+def check_target(folder: str | Path, overwrite: bool, kind: ResultFolder) -> None:
     """Check before the work that its result can be written.
 
     Nothing is created; what a dead process began there is brought to its end.
@@ -63,7 +63,7 @@ def check_target(folder: str | Path, overwrite: bool, kind: Kind) -> None:
 
 
 @contextlib.contextmanager
-def claimed(folder: str | Path, overwrite: bool, kind: Kind) -> Iterator[None]:
+def claimed(folder: str | Path, overwrite: bool, kind: ResultFolder) -> Iterator[None]:
     """Check as :func:`check_target`, and keep other runs out of the folder while the work goes on.
 
     Raises
@@ -82,7 +82,7 @@ def claimed(folder: str | Path, overwrite: bool, kind: Kind) -> Iterator[None]:
 
 
 def write_folder(
-    folder: str | Path, kind: Kind, writers: Writers, *, overwrite: bool = False
+    folder: str | Path, kind: ResultFolder, writers: Writers, *, overwrite: bool = False
 ) -> tuple[Path, ...]:
     """Write the files of an output folder.
 
@@ -130,7 +130,7 @@ def write_text(path: Path, text: str) -> None:
     path.write_bytes(text.encode())
 
 
-def _check_content(folder: Path, overwrite: bool, kind: Kind) -> None:
+def _check_content(folder: Path, overwrite: bool, kind: ResultFolder) -> None:
     if os.path.lexists(folder) and not folder.is_dir():
         raise InputError(f"{folder} is not a folder.", remedy="Choose another folder with -o.")
     present = [name for name in kind.files if os.path.lexists(folder / name)]

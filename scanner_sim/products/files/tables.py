@@ -39,7 +39,7 @@ _LARGEST = 1 << 32
 MOST = 1e30
 """Size of a number that has any sense."""
 
-Kind = Literal["any", "number", "finite", "whole", "text"]
+ColumnKind = Literal["any", "number", "finite", "whole", "text"]
 """What a column holds: float64 of any size, of some sense or NaN, or without NaN; integers; texts."""
 
 
@@ -147,7 +147,7 @@ def _unpacked(column: Any, text: bool) -> NDArray[Any]:
     return np.asarray(column.cast(pyarrow.string()).to_numpy())
 
 
-def checked(columns: Columns, kinds: Mapping[str, Kind]) -> dict[str, NDArray[Any]]:
+def checked(columns: Columns, kinds: Mapping[str, ColumnKind]) -> dict[str, NDArray[Any]]:
     """Return the columns of a table that are wanted, each of its kind.
 
     Raises
@@ -188,7 +188,7 @@ def stated(about: Any, form: type[T]) -> T:
         raise ValueError(f"{place or 'what is said of it'}: {first['msg']}") from None
 
 
-_MEANT: Mapping[Kind, str] = {
+_MEANT: Mapping[ColumnKind, str] = {
     "any": "numbers",
     "number": "numbers of any sense",
     "finite": "finite numbers",

@@ -44,10 +44,10 @@ def response_of(track: Track, record: PatternRecord) -> Response:
 
     The range gate lies about the measured range, or about the expected one where nothing was found.
     """
-    looks = next(target for target in track.targets if target.name == record.target)
-    middle = record.place[2] if np.isfinite(record.place[2]) else looks.expected[2]
-    depth = looks.looks.depth
-    return target_response(record.samples, looks.looks.kind, (middle - depth, middle + depth))
+    appearance = next(target for target in track.targets if target.name == record.target)
+    middle = record.place[2] if np.isfinite(record.place[2]) else appearance.expected[2]
+    depth = appearance.appearance.depth
+    return target_response(record.samples, appearance.appearance.kind, (middle - depth, middle + depth))
 
 
 def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = None) -> None:
@@ -163,8 +163,8 @@ def _circles(axes: Axes, record: PatternRecord, circle: Centroid, outline: Array
 
 
 def _outline(track: Track, record: PatternRecord) -> Array:
-    looks = next(target.looks for target in track.targets if target.name == record.target)
-    radius = 0.5 * looks.diameter / record.truth[2]
+    appearance = next(target.appearance for target in track.targets if target.name == record.target)
+    radius = 0.5 * appearance.diameter / record.truth[2]
     round_: Array = record.truth[:2] + radius * np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
     return round_
 

@@ -184,7 +184,7 @@ def _lines(targets: Sequence[TrackTarget]) -> list[Array]:
     centres = np.array([target.centre for target in targets])
     rims = []
     for target, centre in zip(targets, centres, strict=True):
-        radius = 0.5 * target.looks.diameter
+        radius = 0.5 * target.appearance.diameter
         flat = [np.cos(_TURN), np.sin(_TURN), np.zeros_like(_TURN)]
         rims.append(centre + radius * np.stack(flat, axis=1))
     every = np.concatenate(rims)

@@ -20,7 +20,7 @@ from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.render.background import sky
 from scanner_sim.render.background.paths import Albedo, trace_paths
 from scanner_sim.render.rays import occluded
-from scanner_sim.render.transport import Bench, device_frame
+from scanner_sim.render.transport import OpticalLayout, device_frame
 from scanner_sim.scene.files.loader import LoadedScene
 
 _PLACES = 0xFFFFFFF0
@@ -130,7 +130,7 @@ def earth_irradiance(
 
 def sunlight_seen(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     light: sky.SkyLight,
     albedo: Albedo,
     sight: Sight,
@@ -166,7 +166,7 @@ def sunlight_seen(
 
 
 def sun_at(
-    loaded: LoadedScene, bench: Bench, light: sky.SkyLight, seed: int
+    loaded: LoadedScene, bench: OpticalLayout, light: sky.SkyLight, seed: int
 ) -> tuple[Sight, NDArray[np.bool_]]:
     """Return lines of sight through the lens to points of the Sun's disc, and which of them are free.
 
@@ -185,7 +185,7 @@ def sun_at(
     return sight, np.asarray((useful & ~hidden).numpy(), dtype=bool)
 
 
-def half_height(bench: Bench) -> float:
+def half_height(bench: OpticalLayout) -> float:
     """Return half the angle that a pixel's height sees [rad]."""
     return math.atan(0.5 * bench.height / bench.receiver.focal_length)
 

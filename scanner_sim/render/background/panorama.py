@@ -32,10 +32,10 @@ from scanner_sim.render.background.filtering import Features, convolved, smooth
 from scanner_sim.render.background.paths import Albedo, FirstHit, Radiance, trace_paths
 from scanner_sim.render.background.sharp import contrast, evenly_sharp_light, sharp_light
 from scanner_sim.render.background.sky import SkyLight
-from scanner_sim.render.background.view import WINDOW, View, Window, rays_through
+from scanner_sim.render.background.view import WINDOW, PanoramaView, Window, rays_through
 from scanner_sim.render.rays import for_rows, posed
 from scanner_sim.render.settings import times_finer
-from scanner_sim.render.transport import Bench
+from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
 
 _PATHS_TOGETHER = 1 << 21
@@ -57,7 +57,7 @@ class Panorama:
     of 200 µm about the bin.
     """
 
-    view: View | Window
+    view: PanoramaView | Window
     in_band: Any
     out_of_band: Any
     error: Any
@@ -82,10 +82,10 @@ class Panorama:
 
 def render_panorama(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
-    view: View | Window,
+    view: PanoramaView | Window,
     *,
     bounces: int,
     samples: int,
@@ -151,10 +151,10 @@ def render_panorama(
 
 def _sharp_by_contrast(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
-    view: View | Window,
+    view: PanoramaView | Window,
     sums: list[list[Any]],
     finer: int,
     seed: int,
@@ -168,7 +168,7 @@ def _sharp_by_contrast(
     return sharp_light(loaded, bench, sky, albedo, view, uneven, finer=finer, seed=seed)
 
 
-def _assembled(view: View | Window, bench: Bench, halves: list[Any]) -> Panorama:
+def _assembled(view: PanoramaView | Window, bench: OpticalLayout, halves: list[Any]) -> Panorama:
     """Blur both halves, and take the error of a window from their difference."""
     # A bin's own width, and the interpolation between bins, blur as well.
     spread = math.sqrt(max((bench.point_spread / bench.pitch) ** 2 - 1.0 / 6.0, 0.0))
@@ -189,7 +189,7 @@ def _assembled(view: View | Window, bench: Bench, halves: list[Any]) -> Panorama
     return Panorama(view, *layers)
 
 
-def _over_rows(layer: Any, view: View | Window) -> Any:
+def _over_rows(layer: Any, view: PanoramaView | Window) -> Any:
     """Return the mean of each row with the next to either side; the first and last are repeated."""
     lane = dr.arange(mi.UInt32, view.rows * view.bins)
     up = dr.select(lane >= view.bins, lane - view.bins, lane)
@@ -212,10 +212,10 @@ def _evenly(number: Any, draw: Any, axis: int, seed: int, part: int) -> Any:
 
 def _trace_rows(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
-    view: View | Window,
+    view: PanoramaView | Window,
     rows: NDArray[np.intp],
     first_sample: int,
     samples: int,

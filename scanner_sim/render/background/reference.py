@@ -22,7 +22,7 @@ from scanner_sim.optics.deflection import deflected_frame
 from scanner_sim.render.background.paths import Albedo, trace_paths
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.rays import intersect, occluded
-from scanner_sim.render.transport import Bench
+from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
 
 _RAYS_TOGETHER = 1 << 21
@@ -38,7 +38,7 @@ class ReferenceLine:
 
 def reference_line(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     pixels: int,
     theta: float,
     phi: float,
@@ -84,7 +84,7 @@ def reference_line(
 
 def reference_background(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     light: SkyLight,
     albedo: Albedo,
     pixels: int,
@@ -147,7 +147,7 @@ def reference_background(
     return ReferenceLine(power.mean(axis=1), power.std(axis=1, ddof=1) / math.sqrt(samples))
 
 
-def _optics(bench: Bench, theta: Any, phi: Any) -> tuple[Any, ...]:
+def _optics(bench: OpticalLayout, theta: Any, phi: Any) -> tuple[Any, ...]:
     """Return the deflected optics at pairs of angles [rad]: along, across, normal, laser, lens."""
     parts = deflected_frame(
         *dr.sincos(mi.Float(theta)),
@@ -160,7 +160,7 @@ def _optics(bench: Bench, theta: Any, phi: Any) -> tuple[Any, ...]:
 
 def _land(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     aim: tuple[Any, Any],
     synchronisation: float,
     number: mi.UInt32,

@@ -18,9 +18,9 @@ import mitsuba as mi
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.render.background.paths import Albedo, trace_sharp
 from scanner_sim.render.background.sky import SkyLight
-from scanner_sim.render.background.view import View, Window, rays_through
+from scanner_sim.render.background.view import PanoramaView, Window, rays_through
 from scanner_sim.render.rays import for_rows
-from scanner_sim.render.transport import Bench
+from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
 
 _LEVELS = ((0.0, 2), (0.02, 6), (0.2, 24))
@@ -37,7 +37,7 @@ _DISC = (0.8191725134, 0.6710436067)
 """Powers of the reciprocal of the real root of x⁴ = x + 1: steps of a sequence even in two further dimensions."""
 
 
-def contrast(low: Any, high: Any, view: View | Window, reach_rows: int) -> Any:
+def contrast(low: Any, high: Any, view: PanoramaView | Window, reach_rows: int) -> Any:
     """Return the contrast of the pilot's samples around each bin, (high − low)/(high + faint).
 
     Parameters
@@ -63,10 +63,10 @@ def contrast(low: Any, high: Any, view: View | Window, reach_rows: int) -> Any:
 
 def sharp_light(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
-    view: View | Window,
+    view: PanoramaView | Window,
     uneven: Any,
     *,
     finer: int,
@@ -112,10 +112,10 @@ def sharp_light(
 
 def evenly_sharp_light(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
-    view: View | Window,
+    view: PanoramaView | Window,
     samples: int,
     seed: int,
 ) -> list[list[Any]]:
@@ -128,10 +128,10 @@ def evenly_sharp_light(
 
 def _trace(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
-    view: View | Window,
+    view: PanoramaView | Window,
     bins: Any,
     samples: int,
     part: int,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import Bench, device_frame
+from scanner_sim.render.transport import OpticalLayout, device_frame
 
 WINDOW = 200e-6
 """Length of the window in which the paper counts the background, along the line [m] (eq 18)."""
@@ -22,7 +22,7 @@ _QUANTILES = 1024
 
 
 @dataclass(frozen=True)
-class View:
+class PanoramaView:
     """The angles of a raster's panoramas.
 
     Attributes
@@ -58,7 +58,7 @@ class View:
         first, step, last = (dr.opaque(mi.Float, value) for value in (self.first, self.step, self.bins - 1))
         return first, step, last
 
-    def tables(self, bench: Bench) -> tuple[Any, Any]:
+    def tables(self, bench: OpticalLayout) -> tuple[Any, Any]:
         """Return φ of the rows [rad] and the quantiles of the pixels' height [m], Dr.Jit."""
         heights = height_quantiles(bench.height, bench.point_spread)
         return mi.Float(self.phi.astype(np.float32)), mi.Float(heights.astype(np.float32))
@@ -100,7 +100,7 @@ class Window:
         """Return angle of the first bin's centre and of a bin [rad], and number of the last bin, Dr.Jit."""
         return self.first, dr.opaque(mi.Float, self.step), mi.Float(self.bins) - 1.0
 
-    def tables(self, bench: Bench) -> tuple[Any, Any]:  # noqa: ARG002 (a raster's view needs it)
+    def tables(self, bench: OpticalLayout) -> tuple[Any, Any]:  # noqa: ARG002 (a raster's view needs it)
         """Return φ of the rows [rad] and the quantiles of the pixels' height [m], Dr.Jit."""
         lane = dr.arange(mi.Float, self.rows)
         return dr.fma(lane, dr.opaque(mi.Float, self.row_step), self.phi), self.heights
@@ -117,7 +117,7 @@ def window_place(first: float, phi: float, rows: int, bins: int) -> list[Any]:
     return [*angles, *(dr.opaque(mi.UInt32, value) for value in (rows, bins))]
 
 
-def window_heights(bench: Bench, row_step: float) -> Any:
+def window_heights(bench: OpticalLayout, row_step: float) -> Any:
     """Return the quantiles of a pixel's height [m] for rows a step [rad] apart, between which one interpolates, Dr.Jit.
 
     h²/12 less (f δ)²/6, as a height: for steps up to 0.6 of a pixel's height, h/f.
@@ -130,23 +130,23 @@ def window_heights(bench: Bench, row_step: float) -> Any:
 def panorama_view(
     theta: tuple[float, float],
     phi: NDArray[np.float64],
-    bench: Bench,
+    bench: OpticalLayout,
     pixels: int,
     time: NDArray[np.float64] | None = None,
-) -> View:
+) -> PanoramaView:
     """Return the angles that the pixels of all voxels of a raster see: Θ from ``theta``, rows at ``phi`` [rad].
 
-    ``time`` is that of :class:`View`.
+    ``time`` is that of :class:`PanoramaView`.
     """
     f, step = bench.receiver.focal_length, bench.pitch / bench.receiver.focal_length
     first = theta[0] - math.atan((bench.offset + pixels * bench.pitch) / f) - step
     last = theta[1] - math.atan(bench.offset / f) + step
     bins = math.ceil((last - first) / step) + 1
-    return View(np.asarray(phi, dtype=np.float64), first, step, bins, time)
+    return PanoramaView(np.asarray(phi, dtype=np.float64), first, step, bins, time)
 
 
 def rays_through(
-    bench: Bench, view: View | Window, row: Any, column: Any, along: Any, across: Any
+    bench: OpticalLayout, view: PanoramaView | Window, row: Any, column: Any, along: Any, across: Any
 ) -> tuple[Any, Any]:
     """Return the rays from the lens node through places of bins.
 

@@ -1,7 +1,7 @@
 """Laser light that meets several surfaces before it is seen: false spots and a faint veil.
 
-Random paths start on the beamlets of the spot (:mod:`scanner_sim.render.beam.walks`). Each later surface that the lens
-sees is imaged with the lens's point spread.
+Random paths start on the beamlets of the spot (:mod:`scanner_sim.render.beam.random_walks`). Each later surface that
+the lens sees is imaged with the lens's point spread.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ import drjit as dr
 import mitsuba as mi
 
 from scanner_sim.render.beam.beamlets import Beamlets
-from scanner_sim.render.beam.walks import Vertex, walk
+from scanner_sim.render.beam.random_walks import Vertex, walk
 from scanner_sim.render.rays import posed
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import (
-    Bench,
+    OpticalLayout,
     connect,
     cut_by_height,
     frame_at,
@@ -47,7 +47,7 @@ class BounceSpots:
 
 def trace_bounces(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     beamlets: Beamlets,
     bounces: int,
     shots: Shots,
@@ -93,7 +93,7 @@ def trace_bounces(
 
 
 def _seen(
-    loaded: LoadedScene, bench: Bench, shots: Shots, frame: Any, stop: Any, vertex: Vertex
+    loaded: LoadedScene, bench: OpticalLayout, shots: Shots, frame: Any, stop: Any, vertex: Vertex
 ) -> BounceSpots:
     """Return the image of the light at surface points."""
     strength, seen = connect(loaded, bench, frame, vertex.si, stop, vertex.alive, coherent=False)

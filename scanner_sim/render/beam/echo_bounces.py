@@ -1,6 +1,7 @@
 """Late echoes: pulses that meet several surfaces before they are seen.
 
-Random paths start on the beamlets (:mod:`scanner_sim.render.beam.walks`), and each carries the length of its whole way.
+Random paths start on the beamlets (:mod:`scanner_sim.render.beam.random_walks`), and each carries the length of its
+whole way.
 """
 
 from __future__ import annotations
@@ -13,12 +14,12 @@ import drjit as dr
 import mitsuba as mi
 
 from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets
-from scanner_sim.render.beam.echo_clusters import Echoes, View, gather_echoes
-from scanner_sim.render.beam.walks import walk
+from scanner_sim.render.beam.echo_clusters import Echoes, PhotodiodeView, gather_echoes
+from scanner_sim.render.beam.random_walks import walk
 from scanner_sim.render.rays import posed
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import Bench, connect, device_frame, lanes, launch, meet
+from scanner_sim.render.transport import OpticalLayout, connect, device_frame, lanes, launch, meet
 from scanner_sim.scene.files.loader import LoadedScene
 
 _CLUSTERS = 64
@@ -41,8 +42,8 @@ class LateReturns:
 
 def with_bounces(
     loaded: LoadedScene,
-    bench: Bench,
-    view: View,
+    bench: OpticalLayout,
+    view: PhotodiodeView,
     settings: Transport,
     shots: Shots,
     seed: int,
@@ -58,7 +59,7 @@ def with_bounces(
     for start in range(0, dr.width(direct.index), together):
         some = dr.arange(mi.UInt32, start, min(start + together, dr.width(direct.index)))
         part = direct.part(some)
-        own = shots.some(part.index)
+        own = shots.take(part.index)
         late = trace_late(loaded, bench, view, beamlets, settings.bounces, own, part.reference, seed)
         every = dr.arange(mi.UInt32, dr.width(part.index))
         echoes = gather_echoes(late.share, late.path, late.spread, every, points, _CLUSTERS)
@@ -67,8 +68,8 @@ def with_bounces(
 
 def trace_late(
     loaded: LoadedScene,
-    bench: Bench,
-    view: View,
+    bench: OpticalLayout,
+    view: PhotodiodeView,
     beamlets: Beamlets,
     bounces: int,
     shots: Shots,

@@ -20,7 +20,7 @@ _LEAST_EXTENT = 1e-6
 
 
 @dataclass(frozen=True)
-class View:
+class PhotodiodeView:
     """How the photodiode looks at the scene.
 
     Attributes

@@ -21,12 +21,12 @@ import mitsuba as mi
 
 from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets, smooth_beamlets
 from scanner_sim.render.beam.echo_bounces import with_bounces
-from scanner_sim.render.beam.echo_clusters import Echoes, View, gather_echoes
+from scanner_sim.render.beam.echo_clusters import Echoes, PhotodiodeView, gather_echoes
 from scanner_sim.render.beam.light import Truth, chief_truth, in_parts
 from scanner_sim.render.rays import posed
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import Bench, connect, device_frame, lanes, launch, meet
+from scanner_sim.render.transport import OpticalLayout, connect, device_frame, lanes, launch, meet
 from scanner_sim.scene.files.loader import LoadedScene
 
 CLUSTERS = 16
@@ -72,8 +72,8 @@ class Returns:
 
 def render_echoes(
     loaded: LoadedScene,
-    bench: Bench,
-    view: View,
+    bench: OpticalLayout,
+    view: PhotodiodeView,
     settings: Transport,
     shots: Shots,
     seed: int,
@@ -111,24 +111,24 @@ def render_echoes(
         smooth: Any = dr.compress(ground == _SMOOTH)
         if dr.width(smooth):
             own = dr.gather(mi.Float, reference, smooth)
-            some = shots.some(smooth)
+            some = shots.take(smooth)
             direct = _gathered(returns, smooth, len(beamlets.weights), 1, smooth, some, own)
-            direct = _grainy(direct, some, truth.some(smooth), speckle)
+            direct = _grainy(direct, some, truth.take(smooth), speckle)
             yield from with_bounces(loaded, bench, view, settings, shots, seed, direct)
         for kind, fine in ((_UNEVEN, settings.uneven_beamlets), (_EDGE, settings.edge_beamlets)):
             for index in in_parts(dr.compress(ground == kind), fine):
-                own_shots = shots.some(index)
+                own_shots = shots.take(index)
                 many, own = trace_returns(loaded, bench, view, edge_beamlets(fine), own_shots)
                 every = dr.arange(mi.UInt32, dr.width(index))
                 direct = _gathered(many, every, fine, CLUSTERS, index, own_shots, own)
-                direct = _grainy(direct, own_shots, truth.some(index), speckle)
+                direct = _grainy(direct, own_shots, truth.take(index), speckle)
                 yield from with_bounces(loaded, bench, view, settings, shots, seed, direct)
 
     return truth, groups()
 
 
 def trace_returns(
-    loaded: LoadedScene, bench: Bench, view: View, beamlets: Beamlets, shots: Shots
+    loaded: LoadedScene, bench: OpticalLayout, view: PhotodiodeView, beamlets: Beamlets, shots: Shots
 ) -> tuple[Returns, Any]:
     """Return what comes back of all beamlets of all shots, and the reference of the paths of each shot [m]."""
     count, lane = len(beamlets.weights), lanes(beamlets, shots)
@@ -196,7 +196,9 @@ def _grainy(echoes: Echoes, shots: Shots, truth: Truth, speckle: Speckle | None)
     return dataclasses.replace(echoes, share=share)
 
 
-def _ground(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, returns: Returns, chief: Any) -> Any:
+def _ground(
+    loaded: LoadedScene, bench: OpticalLayout, beamlets: Beamlets, returns: Returns, chief: Any
+) -> Any:
     """Tell what each shot's beam meets: smooth ground, uneven ground or an edge."""
 
     def beamlet(values: Any, number: int) -> Any:

@@ -22,7 +22,7 @@ from scanner_sim.render.beam.bounces import trace_bounces
 from scanner_sim.render.beam.clusters import Clusters, cluster
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import Bench, Spots, trace_spots
+from scanner_sim.render.transport import OpticalLayout, Spots, trace_spots
 from scanner_sim.scene.files.loader import LoadedScene
 
 _CLUSTERS = 16
@@ -91,7 +91,7 @@ class Truth:
     object: Any
     material: Any
 
-    def some(self, index: Any) -> Truth:
+    def take(self, index: Any) -> Truth:
         """Return what the chief rays of the shots at some places meet."""
         return Truth(
             dr.gather(mi.Float, self.distance, index),
@@ -119,7 +119,7 @@ def in_parts(places: Any, beamlets: int) -> Iterator[Any]:
 
 
 def render_light(
-    loaded: LoadedScene, bench: Bench, settings: Transport, shots: Shots, seed: int
+    loaded: LoadedScene, bench: OpticalLayout, settings: Transport, shots: Shots, seed: int
 ) -> tuple[Truth, Iterator[Light]]:
     """Follow the laser's light of a batch of shots onto the line.
 
@@ -152,7 +152,7 @@ def render_light(
         smooth = dr.compress(ground == _SMOOTH)
         if dr.width(smooth):
             clusters = cluster(spots, smooth, len(beamlets.weights), 1)
-            direct = Light(smooth, shots.some(smooth).number, clusters)
+            direct = Light(smooth, shots.take(smooth).number, clusters)
             yield from _with_bounces(loaded, bench, settings, shots, seed, direct)
         finer = {
             _UNEVEN: settings.uneven_beamlets,
@@ -161,14 +161,14 @@ def render_light(
         }
         for kind, count in finer.items():
             for index in in_parts(dr.compress(ground == kind), count):
-                own = shots.some(index)
+                own = shots.take(index)
                 direct = Light(index, own.number, _finely(loaded, bench, edge_beamlets(count), own))
                 yield from _with_bounces(loaded, bench, settings, shots, seed, direct)
 
     return truth, groups()
 
 
-def _finely(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, shots: Shots) -> Clusters:
+def _finely(loaded: LoadedScene, bench: OpticalLayout, beamlets: Beamlets, shots: Shots) -> Clusters:
     """Trace shots again with many beamlets, and keep the shape of their light."""
     spots = trace_spots(loaded, bench, beamlets, shots)
     dr.eval(spots.power, spots.position, spots.sigma, spots.coherence)
@@ -177,7 +177,7 @@ def _finely(loaded: LoadedScene, bench: Bench, beamlets: Beamlets, shots: Shots)
 
 def _with_bounces(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     settings: Transport,
     shots: Shots,
     seed: int,
@@ -193,7 +193,7 @@ def _with_bounces(
     for start in range(0, dr.width(direct.index), together):
         some = dr.arange(mi.UInt32, start, min(start + together, dr.width(direct.index)))
         index = dr.gather(mi.UInt32, direct.index, some)
-        own = shots.some(index)
+        own = shots.take(index)
         spots = trace_bounces(loaded, bench, beamlets, settings.bounces, own, seed)
         dr.eval(index, own, spots)
         points = settings.bounce_paths * vertices
@@ -202,7 +202,7 @@ def _with_bounces(
 
 
 def _ground(
-    loaded: LoadedScene, bench: Bench, beamlets: Beamlets, shots: Shots, spots: Spots, chief: Any
+    loaded: LoadedScene, bench: OpticalLayout, beamlets: Beamlets, shots: Shots, spots: Spots, chief: Any
 ) -> Any:
     """Tell what each shot's beam meets: smooth ground, uneven ground, an edge, or an edge that only grazes it.
 

@@ -21,7 +21,7 @@ from scanner_sim.render.beam.clusters import cluster
 from scanner_sim.render.beam.light import Light, Truth, chief_truth
 from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import BeamletTables, Bench, trace_spots
+from scanner_sim.render.transport import BeamletTables, OpticalLayout, trace_spots
 from scanner_sim.scene.files.loader import LoadedScene
 
 CLUSTERS = 16
@@ -35,7 +35,7 @@ def chief_beamlet() -> Beamlets:
 
 
 def pattern_light(
-    loaded: LoadedScene, bench: Bench, chief: BeamletTables, tables: SweptTables, shots: Shots
+    loaded: LoadedScene, bench: OpticalLayout, chief: BeamletTables, tables: SweptTables, shots: Shots
 ) -> tuple[Truth, Light]:
     """Follow the laser's light of a pattern's shots onto the line.
 

@@ -43,7 +43,7 @@ class Fired:
 
 
 def packed_shots(
-    aim: Aim, still: Sequence[Array], mirrors: Mirrors, shining: float, bodies: Sequence[Body]
+    aim: Aim, still: Sequence[Array], mirrors: Mirrors, duty_cycle: float, bodies: Sequence[Body]
 ) -> tuple[Any, Any]:
     """Return the shots of an aim as two Dr.Jit arrays, column after column, for :func:`fired_shots`.
 
@@ -53,7 +53,7 @@ def packed_shots(
         The commanded shots.
     still
         Errors of Θ and φ that are known beforehand [rad], each of shape (points,): the drift.
-    mirrors, shining
+    mirrors, duty_cycle
         The mirrors, and the share of the dwell in which the laser shines.
     bodies
         The objects that move.
@@ -62,8 +62,8 @@ def packed_shots(
         aim.theta,
         aim.theta + still[0],
         aim.phi + still[1],
-        shining * aim.travel_theta,
-        shining * aim.travel_phi,
+        duty_cycle * aim.travel_theta,
+        duty_cycle * aim.travel_phi,
     ]
     integers: list[NDArray[Any]] = [aim.shot]
     if mirrors.wobble > 0.0:

@@ -10,7 +10,7 @@ import mitsuba as mi
 
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import Bench, device_frame
+from scanner_sim.render.transport import OpticalLayout, device_frame
 from scanner_sim.scene.files.loader import LoadedScene, Pose
 
 
@@ -32,7 +32,7 @@ class SurfacePlaces:
     distance: Any
 
 
-def surface_places(loaded: LoadedScene, bench: Bench, shots: Shots, truth: Truth) -> SurfacePlaces:
+def surface_places(loaded: LoadedScene, bench: OpticalLayout, shots: Shots, truth: Truth) -> SurfacePlaces:
     """Return where the beams of m shots meet their surfaces.
 
     A beam whose axis meets nothing counts as one that does at its Rayleigh length: what is beside it may be lit.

@@ -22,7 +22,7 @@ from scipy.special import ndtr, ndtri
 
 from scanner_sim.render.beam.beamlets import aperture_spiral, edge_width
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import Bench
+from scanner_sim.render.transport import OpticalLayout
 
 Array = NDArray[np.float64]
 
@@ -82,7 +82,7 @@ class SweptBeamlets:
     sine: Any
 
     @classmethod
-    def of(cls, tables: SweptTables, bench: Bench, shots: Shots, distance: Any) -> SweptBeamlets:
+    def of(cls, tables: SweptTables, bench: OpticalLayout, shots: Shots, distance: Any) -> SweptBeamlets:
         """Return the beamlets of shots whose chief rays go a distance [m], NaN for nothing."""
         laser = bench.laser
         waist = dr.opaque(mi.Float, laser.waist_distance)

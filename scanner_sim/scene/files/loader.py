@@ -31,7 +31,7 @@ class Pose:
     rotation: Any
     place: Any
 
-    def some(self, index: Any) -> Pose:
+    def take(self, index: Any) -> Pose:
         """Return the poses at some places."""
         return Pose(dr.gather(mi.Matrix3f, self.rotation, index), dr.gather(mi.Vector3f, self.place, index))
 

@@ -48,7 +48,7 @@ class Sun(Part):
     distance: Distance = Field(default=149.68e9, ge=1e6, le=1e15)
     """Distance."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield a direction without length and a Sun that would swallow the scene."""
         yield from _directionless(self.direction)
         if self.radius >= 0.1 * self.distance:
@@ -76,7 +76,7 @@ class Earth(Part):
     albedo_out_of_band: Ratio = Field(default=0.29, ge=0.0, le=1.0)
     """Reflectance in the rest of the detector's response; the mean over the Earth and the spectrum is 0.29."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield a direction without length."""
         yield from _directionless(self.direction)
 
@@ -162,7 +162,7 @@ class Lighting(Part):
             return data
         return {"sun": {}, "earth": {}, **data}
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield directions given twice or not at all, and a Sun behind the Earth."""
         if self.orbit is not None and self.tle is not None:
             yield Fault("tle", "there is an orbit already.", "Keep one of orbit and tle.")

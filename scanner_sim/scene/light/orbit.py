@@ -92,7 +92,7 @@ class Attitude(Part):
     rotation: Turns = ()
     """Turns of the scanner about its own axes after that, the first one first."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield two directions on one line."""
         if abs(np.dot(AXES[self.forward], AXES[self.down])) > 0.5:
             yield Fault(
@@ -124,7 +124,7 @@ class Orbit(Part):
     attitude: Attitude = Attitude()
     """Where the scanner looks."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield a Sun higher above the orbit's plane than it ever stands."""
         limit = largest_beta(self.inclination)
         if abs(self.beta) > limit + 1e-9:
@@ -149,7 +149,7 @@ class TwoLineElements(Part):
     attitude: Attitude = Attitude()
     """Where the scanner looks."""
 
-    def contradictions(self) -> Iterator[Fault]:
+    def cross_checks(self) -> Iterator[Fault]:
         """Yield lines that are damaged, and a time at which the orbit does not exist."""
         found = elements_fault(self.line1, self.line2)
         if found is not None:

@@ -24,7 +24,7 @@ import numpy as np
 
 from scanner_sim.signals.line.bias_table import BiasTable, inverted
 from scanner_sim.signals.line.digital_line import Baseline, no_baseline
-from scanner_sim.signals.line.estimators import Estimate, estimate
+from scanner_sim.signals.line.estimators import PeakEstimate, estimate
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.likelihood import Width
 from scanner_sim.signals.processing import PeakMethod
@@ -130,7 +130,9 @@ def computed_bias(method: PeakMethod, narrowest: float, widest: float) -> BiasTa
     shifts = np.linspace(-_FARTHEST, _FARTHEST, _SHIFTS)
     place = auto.Float(np.tile(truth, _WIDTHS).astype(np.float32))
     sigma = auto.Float(np.repeat(widths, _PLACES).astype(np.float32))
-    result: Estimate = estimate(method, _Template(place, sigma, no_baseline()), Width.certain(sigma, widest))
+    result: PeakEstimate = estimate(
+        method, _Template(place, sigma, no_baseline()), Width.certain(sigma, widest)
+    )
     found = result.shift.numpy().astype(np.float64).reshape(_WIDTHS, _PLACES)
     return BiasTable(method, widths, shifts, np.stack([inverted(row, truth, shifts) for row in found]))
 

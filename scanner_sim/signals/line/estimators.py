@@ -33,7 +33,7 @@ Correction = Callable[[Any, Any], tuple[Any, Any]]
 
 
 @dataclass
-class Estimate:
+class PeakEstimate:
     """Positions, Dr.Jit arrays of shape (m,).
 
     ``shift`` from the centre of the brightest pixel [pixel]; ``variance`` [pixel²]; ``within`` whether the position
@@ -52,7 +52,7 @@ def estimate(
     width: Width | None = None,
     correction: Correction | None = None,
     speckle: SpotSpeckle | None = None,
-) -> Estimate:
+) -> PeakEstimate:
     """Estimate the place of the spot about its brightest pixel.
 
     Parameters
@@ -106,7 +106,7 @@ def estimate(
     variance *= dr.square(stretch) * _bent(method, around, shift, speckle)
     if method == "centre_of_mass":
         variance += _jumps(around, shift, lambda position: corrected(position)[0], speckle)
-    return Estimate(shift, variance, within, settled)
+    return PeakEstimate(shift, variance, within, settled)
 
 
 def _bent(method: PeakMethod, around: Pixels, shift: Any, speckle: SpotSpeckle | None) -> Any:

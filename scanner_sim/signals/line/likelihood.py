@@ -147,7 +147,7 @@ class Width:
 
 
 @dataclass
-class Fit:
+class LineFit:
     """Fitted spots, Dr.Jit arrays of shape (m,).
 
     ``shift`` from the centre pixel [pixel]; ``slopes`` its derivatives by the charges; ``prior_variance`` the part of
@@ -163,7 +163,7 @@ class Fit:
     variance: Any
 
 
-def fit_spot(around: Pixels, width: Width, first: Any, speckle: Any = None) -> Fit:
+def fit_spot(around: Pixels, width: Width, first: Any, speckle: Any = None) -> LineFit:
     """Fit charge, place and width of the spot.
 
     Parameters
@@ -264,7 +264,7 @@ def fit_spot(around: Pixels, width: Width, first: Any, speckle: Any = None) -> F
     }
     settled = dr.abs(moved) <= dr.maximum(_SETTLED * dr.sqrt(row[1]), _SETTLED_PIXEL)
     settled &= dr.abs(place) <= auto.Float(width.guard)
-    return Fit(place, slopes, dr.square(row[2]) * known, settled, charge, spread)
+    return LineFit(place, slopes, dr.square(row[2]) * known, settled, charge, spread)
 
 
 def _inverse(matrix: list[Any]) -> list[list[Any]]:

@@ -24,9 +24,9 @@ from scanner_sim.signals.line.estimators import estimate
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.likelihood import Width
 from scanner_sim.signals.line.search import (
-    Found,
     Gate,
     Limits,
+    StrongestPeak,
     brightest_pixel,
     distance_of_sides,
     flank_limit,
@@ -177,7 +177,7 @@ def find_peaks(
     return peaks
 
 
-def _search(line: Line, spot: ExpectedSpot, processing: Processing, sine: Any, cosine: Any) -> Found:
+def _search(line: Line, spot: ExpectedSpot, processing: Processing, sine: Any, cosine: Any) -> StrongestPeak:
     """Search for the spot among what is neither too bright nor too faint for its place."""
     validation = processing.validation
     # A white surface's charge over (pixel + ½)², at R = f d cosΘ/p: d sinΘ is small, and the limits are generous.

@@ -37,7 +37,7 @@ _FARTHEST = 16
 
 
 @dataclass
-class Found:
+class StrongestPeak:
     """The strongest peak of each line, Dr.Jit arrays of shape (m,).
 
     ``pixel`` brightest pixel; ``height`` what its rival is compared with, and ``rival`` the same of the next
@@ -56,7 +56,7 @@ class Found:
     broad: Any
 
 
-def brightest_pixel(line: Line) -> Found:
+def brightest_pixel(line: Line) -> StrongestPeak:
     """Return the brightest pixel of each line (the first of equals)."""
 
     def compare(pixel: Any, best: Any, height: Any) -> tuple[Any, Any, Any]:
@@ -80,7 +80,7 @@ def brightest_pixel(line: Line) -> Found:
     start_apart = (auto.UInt32(0), dr.full(auto.Float, -dr.inf, line.shots))
     second = dr.while_loop(start_apart, lambda pixel, second: pixel < line.pixels, compare_apart)[1]
     level, second_level = height / line.floor_sigma, second / line.floor_sigma
-    return Found(
+    return StrongestPeak(
         auto.Int32(best), height, level, second, second_level, height, auto.Bool(False), auto.Bool(False)
     )
 
@@ -133,7 +133,7 @@ def distance_of_sides(sigma: float) -> int:
     return min(2 * int(-(-_REACH * sigma // 2)), _FARTHEST)
 
 
-def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Found:
+def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> StrongestPeak:
     """Return the brightest pixel of the peak of each line that stands out most like a spot.
 
     Parameters
@@ -246,7 +246,7 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Foun
         rival[0] = dr.select(best[1] < _EXPECTED, rival[0], rival[0] - _EXPECTED)
     side = mean - best[2]
     level = (charge - side) * dr.rsqrt(dr.maximum(line.variance(top, side), 1e-12))
-    return Found(
+    return StrongestPeak(
         top, best[2], level, rival[1], rival[0], brightest, too_bright > best[2], too_broad > best[2]
     )
 

@@ -45,7 +45,7 @@ _PIXEL = 1.0 / 12.0
 
 
 @dataclass
-class Shape:
+class SpotFit:
     """How well peaks fit the spot, Dr.Jit arrays of shape (m,).
 
     ``fits`` whether width and shape pass; ``charge`` of the fitted spot [electron]; ``misfit`` root mean square of
@@ -78,7 +78,7 @@ def judge_shape(
     cosine: Any,
     settings: Validation,
     speckle: SpotSpeckle | None = None,
-) -> Shape:
+) -> SpotFit:
     """Compare peaks with the spot.
 
     Parameters
@@ -131,7 +131,7 @@ def judge_shape(
     fits &= (charge > 0.0) & (chi_squared <= _quantile(freedom, dr.opaque(auto.Float, deviate)))
     height = dr.maximum(three[1][0], 1.0)
     excess = dr.maximum(residual - _BY_CHANCE * expected, 0.0)
-    return Shape(fits, charge, dr.sqrt(excess) / height, saturated)
+    return SpotFit(fits, charge, dr.sqrt(excess) / height, saturated)
 
 
 def _fit(

@@ -15,7 +15,7 @@ from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import Waveforms, record
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.optics.pulse import Pulse
-from scanner_sim.signals.waveform.filter import Shape
+from scanner_sim.signals.waveform.filter import SampledPulse
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,9 @@ def bench_of(
 
 def peak_of(pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser) -> float:
     """Return the height of a pulse of area 1 behind the electronics [1/sample]."""
-    return Shape(PulseResponse.of(pulse, digitiser.rate), photodiode.response_sigma * digitiser.rate).peak
+    return SampledPulse(
+        PulseResponse.of(pulse, digitiser.rate), photodiode.response_sigma * digitiser.rate
+    ).peak
 
 
 def send(share: Array, truth: Array, pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser) -> Waveforms:

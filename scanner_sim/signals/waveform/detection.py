@@ -32,13 +32,13 @@ from scanner_sim.signals.waveform.filter import (
     MatchedFilter,
     Moments,
     Noise,
-    Shape,
+    SampledPulse,
     moments_of,
     threshold_for,
 )
-from scanner_sim.signals.waveform.fit import Fit, TimingFilter, fit_gaussian, fit_weights
+from scanner_sim.signals.waveform.fit import PulseFit, TimingFilter, fit_gaussian, fit_weights
 from scanner_sim.signals.waveform.overlap import OverlapTest
-from scanner_sim.signals.waveform.search import Found, filtered, find_echoes
+from scanner_sim.signals.waveform.search import FoundEcho, filtered, find_echoes
 from scanner_sim.signals.waveform.settings import PulseDetection
 
 _CLIPPED_LEVEL = 0.5
@@ -120,7 +120,7 @@ class PulseDetector:
             photodiode.response_sigma * digitiser.rate,
         )
         response = PulseResponse.of(pulse, digitiser.rate)
-        self.shape = Shape(response, self.noise.sigma)
+        self.shape = SampledPulse(response, self.noise.sigma)
         self.filter = MatchedFilter.of(response, self.noise)
         self.overlap: OverlapTest | None = None
         if laser is not None and settings.overlap:
@@ -236,7 +236,7 @@ class PulseDetector:
         ]
 
     def _timed(
-        self, waveforms: Waveforms, found: Found, samples: list[Any], coloured: Any, good: Any
+        self, waveforms: Waveforms, found: FoundEcho, samples: list[Any], coloured: Any, good: Any
     ) -> tuple[Any, Any, Any, Any, Any]:
         """Return sample, shift and its variance [sample²], amplitude [digital number], and whether all went well."""
         place, height = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
@@ -261,7 +261,7 @@ class PulseDetector:
             return edges.sample, shift, variance, height, edges.whole
         return self.edges.fraction_of(waveforms, found.sample, coloured, good)
 
-    def _overlapping(self, found: Found, samples: list[Any], coloured: Any) -> Any:
+    def _overlapping(self, found: FoundEcho, samples: list[Any], coloured: Any) -> Any:
         """Tell which pulses are wider than a surface makes them."""
         if self.overlap is None:
             return auto.Bool(False)
@@ -306,6 +306,8 @@ class PulseDetector:
         """Mean error of the Gaussian fit on this pulse [sample]: 0 for a Gaussian one."""
         waveforms, truth, top = send_all_phases(self.pulse, self.photodiode, self.digitiser, _CALIBRATION)
         samples = self._around(waveforms, top, top >= 0)
-        start = Fit(dr.zeros(auto.Float, truth.size), samples[self.half], dr.zeros(auto.UInt32, truth.size))
+        start = PulseFit(
+            dr.zeros(auto.Float, truth.size), samples[self.half], dr.zeros(auto.UInt32, truth.size)
+        )
         fit, _ = fit_gaussian(samples, start, self._gaussian_width)
         return float(np.mean(top.numpy() + fit.shift.numpy().astype(np.float64) - truth))

@@ -94,7 +94,7 @@ class MatchedFilter:
     @classmethod
     def of(cls, response: PulseResponse, noise: Noise) -> MatchedFilter:
         """Return the filter for a pulse that no slope has stretched."""
-        pulse = Shape(response, noise.sigma)
+        pulse = SampledPulse(response, noise.sigma)
         half = pulse.half
         away = np.arange(-half, half + 1, dtype=np.float64)
         _, covariance = noise.covariance(away.size)
@@ -120,7 +120,7 @@ class MatchedFilter:
         return cls(half, search, plain, lagged, shift, matched / energy, moments)
 
 
-class Shape:
+class SampledPulse:
     """A pulse behind the electronics, with a peak of 1; times in samples from the pulse's centroid."""
 
     def __init__(self, response: PulseResponse, sigma: float) -> None:
@@ -153,7 +153,7 @@ class Shape:
         return self.response.values(time, 0.5 * self.variance) / self.peak
 
 
-def moments_of(weights: Array, noise: Noise, pulse: Shape, phases: Array) -> Moments:
+def moments_of(weights: Array, noise: Noise, pulse: SampledPulse, phases: Array) -> Moments:
     """Return the variances of sums by rows of weights; the signal's shot noise with the pulse at each row's phase.
 
     The covariance of shot noise at two samples is the light in their middle, smoothed by h², times the correlation.

@@ -20,7 +20,7 @@ _TINY = 1e-20
 
 
 @dataclass
-class Fit:
+class PulseFit:
     """A pulse fitted to each record, Dr.Jit arrays.
 
     ``shift`` of its centroid from the peak's sample [sample], ``amplitude`` in the records' unit, ``phase`` the row of
@@ -50,7 +50,7 @@ class TimingFilter:
         ]
         return cls(flat[0], flat[1], (flat[2], flat[3], flat[4]), matched.shift.shape[1])
 
-    def fit(self, samples: list[Any], start: Any) -> Fit:
+    def fit(self, samples: list[Any], start: Any) -> PulseFit:
         """Maximise the likelihood of delay and amplitude by Newton's steps from ``start`` [sample].
 
         Parameters
@@ -70,7 +70,7 @@ class TimingFilter:
                 amplitude = dr.fma(dr.gather(auto.Float, self.amplitude, at), sample, amplitude)
             step = beyond / dr.maximum(amplitude, _TINY)
             shift = (auto.Float(row) - PHASES) / PHASES + dr.clip(step, -0.5, 0.5)
-        return Fit(shift, amplitude, row)
+        return PulseFit(shift, amplitude, row)
 
     def variances(self, row: Any) -> tuple[Any, Any, Any]:
         """Return the variance of the shift per coloured, white and shot variance over the amplitude's square."""
@@ -83,7 +83,7 @@ def variance_terms(moments: Moments) -> tuple[Array, Array, Array]:
     return moments.coloured, moments.white, moments.shot
 
 
-def fit_gaussian(samples: list[Any], start: Fit, width: float) -> tuple[Fit, Any]:
+def fit_gaussian(samples: list[Any], start: PulseFit, width: float) -> tuple[PulseFit, Any]:
     """Fit a Gaussian of free height, place and width to the samples about each peak (Gauss–Newton least squares).
 
     (Wagner et al., *ISPRS J. Photogramm.* 60, 2006, on the Gaussian decomposition of waveforms.)
@@ -125,7 +125,7 @@ def fit_gaussian(samples: list[Any], start: Fit, width: float) -> tuple[Fit, Any
 
     begin = (auto.UInt32(0), start.amplitude, start.shift, auto.Float(width) + 0.0 * start.shift)
     _, height, place, sigma = dr.while_loop(begin, lambda number, *rest: number < _FIT_ROUNDS, round_of)
-    return Fit(place, height, start.phase), sigma
+    return PulseFit(place, height, start.phase), sigma
 
 
 def _solved(sums: list[Any]) -> tuple[Any, Any, Any]:

@@ -24,8 +24,8 @@ from scanner_sim.detector.photodiode.photodiode import Digitiser
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.optics.laser import Laser
-from scanner_sim.signals.waveform.filter import PHASES, Moments, Noise, Shape, moments_of
-from scanner_sim.signals.waveform.fit import Fit
+from scanner_sim.signals.waveform.filter import PHASES, Moments, Noise, SampledPulse, moments_of
+from scanner_sim.signals.waveform.fit import PulseFit
 
 Array = NDArray[np.float64]
 
@@ -67,7 +67,7 @@ class OverlapTest:
         return cls(flat[0], (flat[1], flat[2], flat[3]), weights.shape[1], _KNOWN * whole, laser, digitiser)
 
     def __call__(
-        self, samples: list[Any], fit: Fit, place: Any, current: Any, noise: tuple[Any, Any, Any]
+        self, samples: list[Any], fit: PulseFit, place: Any, current: Any, noise: tuple[Any, Any, Any]
     ) -> Any:
         """Tell which pulses are too wide, Dr.Jit, shape (m,).
 
@@ -110,7 +110,7 @@ def width_filter(response: PulseResponse, noise: Noise) -> tuple[Array, Moments]
     For each phase of the pulse, −1 to 1 in steps of 1/PHASES; shape (2 · PHASES + 1, 2K + 1). The last row of
     (B R⁻¹ Bᵀ)⁻¹ B R⁻¹, with B the pulse, its derivatives by delay and by variance, and R the noise's covariance.
     """
-    pulse = Shape(response, noise.sigma)
+    pulse = SampledPulse(response, noise.sigma)
     away = np.arange(-pulse.half, pulse.half + 1, dtype=np.float64)
     _, covariance = noise.covariance(away.size)
     phases = np.arange(-PHASES, PHASES + 1) / PHASES

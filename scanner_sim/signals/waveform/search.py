@@ -18,7 +18,7 @@ _VALLEY = 0.1
 
 
 @dataclass
-class Found:
+class FoundEcho:
     """One echo of each record, Dr.Jit arrays of shape (m,).
 
     ``sample`` of its peak, ``height`` of the line there, ``count`` of echoes in the record: 0 where there is none.
@@ -68,7 +68,7 @@ def find_echoes(
     threshold: Any,
     ends: int,
     wanted: Literal["first", "last", "strongest"],
-) -> Found:
+) -> FoundEcho:
     """Find the echoes in each record and return the one that is wanted.
 
     A peak is an echo if it exceeds the threshold and the line falls behind it, and has risen before it, by the
@@ -133,7 +133,7 @@ def find_echoes(
     # What still stands high at the end of the record is an echo that the end cuts off.
     open_end = rising & (extreme > threshold)
     take = open_end & choose(count, extreme, height)
-    found = Found(
+    found = FoundEcho(
         dr.select(take, at, sample),
         dr.select(take, extreme, height),
         count + dr.select(open_end, auto.UInt32(1), 0),

@@ -6,16 +6,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import geometry
-from scanner_sim.validation.compare import stand
-from scanner_sim.validation.compare.closed import Closed
+from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare.closed_forms import ClosedForms
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, spread_of
 from scanner_sim.validation.compare.noise import plate_side, slope_expected, slope_over
-from scanner_sim.validation.compare.setting import Setting
 
 Array = NDArray[np.float64]
 
 
-def _unsynchronised(setting: Setting) -> str:
+def _unsynchronised(setting: ComparisonSetup) -> str:
     if not setting.scenario.scanner.mirrors.synchronisation:
         return "projection and reception have no error between them"
     return setting.slopeless() or (
@@ -23,14 +23,14 @@ def _unsynchronised(setting: Setting) -> str:
     )
 
 
-def _synchronised(setting: Setting) -> tuple[float, ...]:
-    closed = Closed(setting.scenario)
+def _synchronised(setting: ComparisonSetup) -> tuple[float, ...]:
+    closed = ClosedForms(setting.scenario)
     return tuple(
         R for R in setting.flat.ranges if closed.on_array(closed.facing(R, setting.flat.reflectance))
     )
 
 
-def _measure_synchronisation(setting: Setting) -> dict[str, Measured]:
+def _measure_synchronisation(setting: ComparisonSetup) -> dict[str, Measured]:
     told, shots, ranges = {}, setting.shots(8000), _synchronised(setting)
     mirrors = setting.scenario.scanner.mirrors.still(but="synchronisation")
     for step, R in enumerate(ranges):
@@ -44,8 +44,8 @@ def _measure_synchronisation(setting: Setting) -> dict[str, Measured]:
     return told | slope_over(ranges, told, True)
 
 
-def _predict_synchronisation(setting: Setting) -> dict[str, Predicted]:
-    closed, told, ranges = Closed(setting.scenario), {}, _synchronised(setting)
+def _predict_synchronisation(setting: ComparisonSetup) -> dict[str, Predicted]:
+    closed, told, ranges = ClosedForms(setting.scenario), {}, _synchronised(setting)
     for R in ranges:
         apart = closed.synchronisation_error(R)
         value = 1e3 * float(geometry.range_error(R, 0.0, closed.f, closed.d, apart))

@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from scanner_sim.analytic import geometry
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.scan.raster import Aim, RasterScan, raster_aim
 from scanner_sim.scene.objects import Scene
-from scanner_sim.validation.compare import stand
-from scanner_sim.validation.compare.closed import Closed
+from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare.closed_forms import ClosedForms
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of
-from scanner_sim.validation.compare.setting import Setting
 
 Array = NDArray[np.float64]
 
@@ -47,7 +47,7 @@ _HALF = 0.03
 """Deflections to each side of a plane's middle [rad]."""
 
 
-def _honest(setting: Setting) -> str:
+def _honest(setting: ComparisonSetup) -> str:
     scenario = setting.scenario
     chosen, mirrors = scenario.processing, scenario.scanner.mirrors
     if scenario.ranging == "tof":
@@ -66,7 +66,7 @@ def _honest(setting: Setting) -> str:
     return ""
 
 
-def _reseeded(bench: Workbench, seed: int) -> Workbench:
+def _reseeded(bench: Instrument, seed: int) -> Instrument:
     """Return a bench before the same loaded scene with another seed."""
     fresh = copy.copy(bench)
     fresh.scenario = bench.scenario.model_copy(update={"seed": seed})
@@ -79,11 +79,11 @@ def _numbers(layers: dict[str, Any]) -> dict[str, Array]:
 
 
 def _on_scene(
-    setting: Setting, seeds: tuple[int, ...]
+    setting: ComparisonSetup, seeds: tuple[int, ...]
 ) -> Iterator[tuple[dict[str, Array], NDArray[np.bool_]]]:
     """Yield the layers of voxels drawn from the scenario's scan for each seed, and which of them σ speaks of."""
     scenario = setting.scenario.model_copy(update={"ranging": "triangulation"})
-    bench = Workbench(scenario, device=setting.device)
+    bench = Instrument(scenario, device=setting.device)
     scan, dwell = scenario.raster, scenario.scanner.dwell
     # What the bench keeps, such as the background, is then that of all seeds.
     bench.measure(raster_aim(scan, np.arange(min(64, scan.shots), dtype=np.uint32), dwell))
@@ -96,7 +96,9 @@ def _on_scene(
         yield layers, _smooth(setting, fresh, aim, layers)
 
 
-def _smooth(setting: Setting, bench: Workbench, aim: Aim, layers: dict[str, Array]) -> NDArray[np.bool_]:
+def _smooth(
+    setting: ComparisonSetup, bench: Instrument, aim: Aim, layers: dict[str, Array]
+) -> NDArray[np.bool_]:
     """Return which voxels lie on one surface that is plane, not steep, and has the speckle that σ is told of."""
     scenario = setting.scenario
     # A spot on an edge may have a range though its axis goes by.
@@ -123,7 +125,7 @@ def _smooth(setting: Setting, bench: Workbench, aim: Aim, layers: dict[str, Arra
     return good
 
 
-def _truth(bench: Workbench, aim: Aim, some: NDArray[np.intp], axis: str, apart: Array) -> tuple[Array, ...]:
+def _truth(bench: Instrument, aim: Aim, some: NDArray[np.intp], axis: str, apart: Array) -> tuple[Array, ...]:
     """Return range, object and material at some shots of an aim, moved along one axis."""
     moved = {name: getattr(aim, name)[some] for name in Aim.__dataclass_fields__}
     moved[axis] = moved[axis] + apart
@@ -134,10 +136,10 @@ def _truth(bench: Workbench, aim: Aim, some: NDArray[np.intp], axis: str, apart:
 
 
 def _on_planes(
-    setting: Setting, seeds: tuple[int, ...]
+    setting: ComparisonSetup, seeds: tuple[int, ...]
 ) -> Iterator[tuple[dict[str, Array], NDArray[np.bool_]]]:
     """Yield the layers of a small scan of a plane drawn at random for each seed; all its voxels count."""
-    scenario, closed = setting.scenario, Closed(setting.scenario)
+    scenario, closed = setting.scenario, ClosedForms(setting.scenario)
     ranges, side = setting.flat.ranges, math.isqrt(_VOXELS)
     for seed in seeds:
         random = np.random.default_rng(seed)
@@ -176,7 +178,7 @@ def _on_planes(
         yield layers, np.ones(scan.shots, dtype=bool)
 
 
-def _pulls(setting: Setting) -> Iterator[tuple[Array, Array]]:
+def _pulls(setting: ComparisonSetup) -> Iterator[tuple[Array, Array]]:
     """Yield (estimate − truth)/σ of the range, and χ² of the point, of the voxels of each seed."""
     count = setting.shots(_RUNS) * setting.seeds
     first = setting.seed(16)[0]
@@ -188,7 +190,10 @@ def _pulls(setting: Setting) -> Iterator[tuple[Array, Array]]:
             continue
         some = {name: values[valid] for name, values in layers.items()}
         truth = geometry.point_from_shot(
-            some["truth.range_m"], some["truth.theta_rad"], some["truth.phi_rad"], Closed(setting.scenario).D
+            some["truth.range_m"],
+            some["truth.theta_rad"],
+            some["truth.phi_rad"],
+            ClosedForms(setting.scenario).D,
         )
         error = np.stack([some["P.X"], some["P.Y"], some["P.Z"]], axis=-1) - truth
         covariance = np.empty((len(error), 3, 3))
@@ -206,7 +211,7 @@ def _pulls(setting: Setting) -> Iterator[tuple[Array, Array]]:
 _CASES = ("mean", "mean square", "share within 1.96 σ", "point: χ² of three, over three")
 
 
-def _measure(setting: Setting) -> dict[str, Measured]:
+def _measure(setting: ComparisonSetup) -> dict[str, Measured]:
     rows = np.array(
         [
             (pull.mean(), np.mean(pull**2), np.mean(np.abs(pull) < 1.959964), squares.mean() / 3.0)
@@ -218,7 +223,7 @@ def _measure(setting: Setting) -> dict[str, Measured]:
     return {case: mean_of(rows[:, column]) for column, case in enumerate(_CASES)}
 
 
-def _predict(setting: Setting) -> dict[str, Predicted]:  # noqa: ARG001 (σ is true of every instrument)
+def _predict(setting: ComparisonSetup) -> dict[str, Predicted]:  # noqa: ARG001 (σ is true of every instrument)
     about = "(R̂ − R)/σ"
     numbers = (
         Predicted(about, "", 0.0, _MEAN, 1.0, "σ"),

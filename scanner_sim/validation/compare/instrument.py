@@ -8,7 +8,7 @@ from dataclasses import replace
 
 from scipy.optimize import brentq
 
-from scanner_sim.analytic.budget import Instrument, range_budget
+from scanner_sim.analytic.budget import InstrumentNumbers, range_budget
 from scanner_sim.analytic.echo_budget import EchoInstrument, echo_budget, fused_sigma
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.optics.band_irradiance import band_irradiance
@@ -66,7 +66,7 @@ def with_closed_forms(
     return tuple(found)
 
 
-def _ends_of_speckle(bench: Instrument, distances: Sequence[float]) -> list[BudgetRow]:
+def _ends_of_speckle(bench: InstrumentNumbers, distances: Sequence[float]) -> list[BudgetRow]:
     """Return what speckle would make if all of the spot's blur were the sensor's, or all the lens's."""
     blur = math.hypot(bench.aberration, bench.diffusion)
     ends = {
@@ -122,7 +122,7 @@ def echo_instrument_of(scenario: Scenario, reflectance: float) -> EchoInstrument
     )
 
 
-def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instrument:
+def instrument_of(scenario: Scenario, reflectance: float, half: float) -> InstrumentNumbers:
     """Return the numbers of a scenario's instrument before a target, for the closed forms."""
     scanner, processing = scenario.scanner, scenario.processing
     laser, mirrors, sensor = scanner.laser, scanner.mirrors, scanner.position_sensor
@@ -131,7 +131,7 @@ def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instru
     # In the dark nothing is subtracted.
     off = 0.0 if scenario.lighting.sky().dark else scanner.laser_off
     exposure, subtracted = (1.0 - off) * scanner.dwell, (1.0 - off) / off if off else 0.0
-    return Instrument(
+    return InstrumentNumbers(
         estimator=processing.peak,
         corrected=processing.bias_correction != "none",
         focal_length=receiver.focal_length,

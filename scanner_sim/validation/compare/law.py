@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.stats import kurtosis
 
 from scanner_sim.products.comparison import Form
-from scanner_sim.validation.compare.setting import Setting
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 
 Array = NDArray[np.float64]
 
@@ -97,9 +97,9 @@ class Law:
     source: str
     statement: str
     scene: Literal["target", "scene", "signals"]
-    applies: Callable[[Setting], str]
-    measure: Callable[[Setting], Mapping[str, Measured]]
-    predict: Callable[[Setting], Mapping[str, Predicted]]
+    applies: Callable[[ComparisonSetup], str]
+    measure: Callable[[ComparisonSetup], Mapping[str, Measured]]
+    predict: Callable[[ComparisonSetup], Mapping[str, Predicted]]
     nothing: str = "the scene holds nothing of what it speaks of"
 
 

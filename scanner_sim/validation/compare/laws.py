@@ -7,7 +7,6 @@ from typing import Final
 from scanner_sim.validation.compare import (
     constant_error,
     coverage,
-    field,
     light,
     noise,
     pulses,
@@ -15,8 +14,9 @@ from scanner_sim.validation.compare import (
     speckle,
     targets,
     uneven,
-    walk,
 )
+from scanner_sim.validation.compare import point_errors as field
+from scanner_sim.validation.compare import time_walk as walk
 from scanner_sim.validation.compare.law import Law
 
 LAWS: Final[tuple[Law, ...]] = (

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from scanner_sim.analytic import spot, sun
 from scanner_sim.foundation.status import Status
 from scanner_sim.scene.light.lighting import Lighting, Sun
-from scanner_sim.validation.compare import stand
-from scanner_sim.validation.compare.closed import Closed
+from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare.closed_forms import ClosedForms
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, exact
-from scanner_sim.validation.compare.setting import Setting
 
 Array = NDArray[np.float64]
 
@@ -26,16 +26,16 @@ _STRENGTHS = (0.8, 1.25)
 """Charge of the brightest pixel over the full well."""
 
 
-def _sunlit_ranges(setting: Setting) -> Iterator[float]:
-    closed = Closed(setting.scenario)
+def _sunlit_ranges(setting: ComparisonSetup) -> Iterator[float]:
+    closed = ClosedForms(setting.scenario)
     for R in setting.flat.ranges:
         seen = closed.facing(R, setting.flat.reflectance)
         if closed.on_array(seen) and closed.passed(math.atan((closed.d) / R)) > 0.5:
             yield R
 
 
-def _filtered(setting: Setting) -> str:
-    closed = Closed(setting.scenario)
+def _filtered(setting: ComparisonSetup) -> str:
+    closed = ClosedForms(setting.scenario)
     if closed.band is None:
         return "there is no filter, and eqs 17 to 19 are written for one"
     chosen = setting.scenario.lighting.sun
@@ -51,12 +51,12 @@ def _filtered(setting: Setting) -> str:
     return "" if next(_sunlit_ranges(setting), None) else "the array sees no spot at these ranges"
 
 
-def _temperature(setting: Setting) -> float:
+def _temperature(setting: ComparisonSetup) -> float:
     chosen = setting.scenario.lighting.sun
     return Sun().temperature if chosen == "none" else chosen.temperature
 
 
-def _dilution(setting: Setting) -> float:
+def _dilution(setting: ComparisonSetup) -> float:
     """Return the square of the Sun's radius over its distance, relative to that of the judge."""
     chosen = setting.scenario.lighting.sun
     if chosen == "none":
@@ -64,7 +64,7 @@ def _dilution(setting: Setting) -> float:
     return float((chosen.radius / chosen.distance * sun.SUN_DISTANCE / sun.SUN_RADIUS) ** 2)
 
 
-def _lit_layers(setting: Setting) -> Iterator[tuple[float, dict[str, Array]]]:
+def _lit_layers(setting: ComparisonSetup) -> Iterator[tuple[float, dict[str, Array]]]:
     """Yield ranges, and the layers of one noise-free shot at a wall that scanner and Sun face."""
     chosen = setting.scenario.lighting.sun
     source = (Sun() if chosen == "none" else chosen).model_copy(update={"direction": (0.0, 0.0, -1.0)})
@@ -77,17 +77,17 @@ def _lit_layers(setting: Setting) -> Iterator[tuple[float, dict[str, Array]]]:
         yield R, stand.measure(setting, made, stand.directions(0.0, 0.0, made.scanner.mirrors, 0.0))
 
 
-def _measure_sun(setting: Setting) -> dict[str, Measured]:
+def _measure_sun(setting: ComparisonSetup) -> dict[str, Measured]:
     return {f"{R:.4g} m": exact(float(layers["background"][0])) for R, layers in _lit_layers(setting)}
 
 
-def _measure_ratio(setting: Setting) -> dict[str, Measured]:
+def _measure_ratio(setting: ComparisonSetup) -> dict[str, Measured]:
     return {f"{R:.4g} m": exact(float(layers["snr"][0])) for R, layers in _lit_layers(setting)}
 
 
-def _sun_charge(setting: Setting, R: float) -> float:
+def _sun_charge(setting: ComparisonSetup, R: float) -> float:
     """Return the charge of sunlight in the window [electron]: eq 18, repaired, with cos⁴ψ off the axis."""
-    closed, scanner = Closed(setting.scenario), setting.scenario.scanner
+    closed, scanner = ClosedForms(setting.scenario), setting.scenario.scanner
     assert closed.band is not None
     seen = closed.facing(R, setting.flat.reflectance)
     tangent = (seen.centre - closed.pixel(0.0)) * closed.pitch / closed.f
@@ -105,11 +105,11 @@ def _sun_charge(setting: Setting, R: float) -> float:
     return float(spot.electrons(watts, 1.0 / scanner.rate, scanner.laser.wavelength, efficiency))
 
 
-def _light_accuracy(setting: Setting, R: float) -> float:
+def _light_accuracy(setting: ComparisonSetup, R: float) -> float:
     return (setting.scenario.scanner.receiver.aperture / R) ** 2 + _PRECISION
 
 
-def _predict_sun(setting: Setting) -> dict[str, Predicted]:
+def _predict_sun(setting: ComparisonSetup) -> dict[str, Predicted]:
     told = {}
     for R in _sunlit_ranges(setting):
         charge = _sun_charge(setting, R)
@@ -117,8 +117,8 @@ def _predict_sun(setting: Setting) -> dict[str, Predicted]:
     return told
 
 
-def _predict_ratio(setting: Setting) -> dict[str, Predicted]:
-    closed, told = Closed(setting.scenario), {}
+def _predict_ratio(setting: ComparisonSetup) -> dict[str, Predicted]:
+    closed, told = ClosedForms(setting.scenario), {}
     for R in _sunlit_ranges(setting):
         ratio = closed.facing(R, setting.flat.reflectance).charge / _sun_charge(setting, R)
         told[f"{R:.4g} m"] = Predicted("SNR", "", ratio, _light_accuracy(setting, R) * ratio)
@@ -148,8 +148,8 @@ SNR = Law(
 )
 
 
-def _fills(setting: Setting) -> str:
-    closed = Closed(setting.scenario)
+def _fills(setting: ComparisonSetup) -> str:
+    closed = ClosedForms(setting.scenario)
     if not setting.scenario.scanner.position_sensor.noise.saturation:
         return "saturation is switched off"
     if not closed.on_array(closed.facing(setting.middle, setting.flat.reflectance)):
@@ -157,20 +157,20 @@ def _fills(setting: Setting) -> str:
     return "" if closed.passed(0.0) > 0.5 else "the filter blocks the laser's line"
 
 
-def _well(setting: Setting) -> float:
+def _well(setting: ComparisonSetup) -> float:
     """Return the charge at which a pixel or the converter is full [electron]."""
     sensor = setting.scenario.scanner.position_sensor
     largest = 2**sensor.adc_bits - 1 - sensor.bias
     return sensor.full_well if sensor.gain is None else min(sensor.full_well, largest * sensor.gain)
 
 
-def _power(setting: Setting, strength: float) -> float:
+def _power(setting: ComparisonSetup, strength: float) -> float:
     """Return the laser's power [W] with which the brightest pixel holds a share of the full well."""
-    seen = Closed(setting.scenario).facing(setting.middle, setting.flat.reflectance)
+    seen = ClosedForms(setting.scenario).facing(setting.middle, setting.flat.reflectance)
     return setting.scenario.scanner.laser.power * strength * _well(setting) / float(seen.line.max())
 
 
-def _measure_saturation(setting: Setting) -> dict[str, Measured]:
+def _measure_saturation(setting: ComparisonSetup) -> dict[str, Measured]:
     told = {}
     for strength in _STRENGTHS:
         plate = stand.plate(setting.middle, setting.flat.reflectance, size=0.5 * setting.middle)
@@ -185,7 +185,7 @@ def _measure_saturation(setting: Setting) -> dict[str, Measured]:
     return told
 
 
-def _predict_saturation(setting: Setting) -> dict[str, Predicted]:
+def _predict_saturation(setting: ComparisonSetup) -> dict[str, Predicted]:
     told, well = {}, _well(setting)
     accuracy = _light_accuracy(setting, setting.middle) + 1e-3
     for strength in _STRENGTHS:

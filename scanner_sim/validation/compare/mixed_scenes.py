@@ -189,14 +189,14 @@ def _material(random: np.random.Generator, kind: Kind) -> Any:
 
 
 @dataclass(frozen=True)
-class Found:
+class MixedCoverage:
     """What an image of such a scene shows: (range − truth)/σ of its ranges, and the share of hits that have one."""
 
     pulls: NDArray[np.float64]
     kept: float
 
     @classmethod
-    def of(cls, image: RangeImage) -> Found:
+    def of(cls, image: RangeImage) -> MixedCoverage:
         """Return what an image shows; ranges without a truth along the chief ray are left out."""
         measured, sigma, truth = (
             image[name].astype(np.float64) for name in ("range_m", "sigma_range_m", "truth.range_m")

@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.signals.processing import PeakMethod
-from scanner_sim.validation.compare import stand
-from scanner_sim.validation.compare.closed import FIT, LINE, Closed, Spot
+from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare.closed_forms import FIT, LINE, ClosedForms, ClosedSpot
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, slope_of, slope_predicted, spread_of
-from scanner_sim.validation.compare.setting import Setting
 
 Array = NDArray[np.float64]
-Variance = Callable[[Setting, Spot], Array]
+Variance = Callable[[ComparisonSetup, ClosedSpot], Array]
 
 PLACES = 4
 """Places of the spot in its pixel over which σ is averaged, none of them half-way between two pixels."""
@@ -37,34 +37,36 @@ def phases(count: int = PLACES) -> Array:
     return (np.arange(count) + 0.5) / count - 0.5
 
 
-def spots(setting: Setting, distance: float, count: int = PLACES) -> Iterator[tuple[float, Spot]]:
+def spots(
+    setting: ComparisonSetup, distance: float, count: int = PLACES
+) -> Iterator[tuple[float, ClosedSpot]]:
     """Yield ranges [m] about one at which the spot lies at even places in its pixel, and the judge's spots."""
-    closed = Closed(setting.scenario)
+    closed = ClosedForms(setting.scenario)
     for phase in phases(count):
         where = closed.place(distance, float(phase))
         yield where, closed.facing(where, setting.flat.reflectance)
 
 
-def _dark(setting: Setting) -> float:
+def _dark(setting: ComparisonSetup) -> float:
     scanner = setting.scenario.scanner
     return scanner.position_sensor.dark_current / scanner.rate
 
 
-def _shot_variance(setting: Setting, seen: Spot) -> Array:  # noqa: ARG001 (one signature for all variances)
+def _shot_variance(setting: ComparisonSetup, seen: ClosedSpot) -> Array:  # noqa: ARG001 (one signature for all variances)
     return seen.line
 
 
-def _read_variance(setting: Setting, seen: Spot) -> Array:  # noqa: ARG001 (as above)
+def _read_variance(setting: ComparisonSetup, seen: ClosedSpot) -> Array:  # noqa: ARG001 (as above)
     return np.full(LINE, setting.scenario.scanner.position_sensor.read_noise**2)
 
 
-def _both_variances(setting: Setting, seen: Spot) -> Array:
+def _both_variances(setting: ComparisonSetup, seen: ClosedSpot) -> Array:
     return _shot_variance(setting, seen) + _read_variance(setting, seen) + _dark(setting)
 
 
-def _sigma(setting: Setting, distance: float, variance: Variance, peak: str) -> Predicted:
+def _sigma(setting: ComparisonSetup, distance: float, variance: Variance, peak: str) -> Predicted:
     """Return the predicted σ of the range [mm] about a distance, root mean square over the places in a pixel."""
-    closed, squares, slack = Closed(setting.scenario), [], []
+    closed, squares, slack = ClosedForms(setting.scenario), [], []
     for where, seen in spots(setting, distance):
         sigma = closed.sigma_pixel(seen, peak, variance(setting, seen))
         squares.append((closed.range_per_pixel(where) * sigma) ** 2)
@@ -73,9 +75,9 @@ def _sigma(setting: Setting, distance: float, variance: Variance, peak: str) -> 
     return Predicted("σ of R", "mm", value, max(slack) * value)
 
 
-def _usable(setting: Setting, variance: Variance, peak: str) -> tuple[float, ...]:
+def _usable(setting: ComparisonSetup, variance: Variance, peak: str) -> tuple[float, ...]:
     """Return the ranges at which the spot is on the array and errors are of the first order."""
-    closed, kept = Closed(setting.scenario), []
+    closed, kept = ClosedForms(setting.scenario), []
     for distance in setting.flat.ranges:
         seen = closed.facing(distance, setting.flat.reflectance)
         if closed.on_array(seen) and closed.passed(math.atan(closed.d / distance)) > 0.5:
@@ -87,10 +89,10 @@ def _usable(setting: Setting, variance: Variance, peak: str) -> tuple[float, ...
     return tuple(kept)
 
 
-def _first_order(setting: Setting, *, variance: Variance, peak: str | None, slope: bool) -> str:
+def _first_order(setting: ComparisonSetup, *, variance: Variance, peak: str | None, slope: bool) -> str:
     chosen = peak or setting.scenario.processing.peak
     if chosen == "centre_of_mass" and any(
-        Closed(setting.scenario).facing(R, 1.0).sigma > 1.2 for R in setting.flat.ranges
+        ClosedForms(setting.scenario).facing(R, 1.0).sigma > 1.2 for R in setting.flat.ranges
     ):
         return "the window of the centre of mass jumps with the brightest pixel, which is of no order in the noise"
     missing = len(setting.flat.ranges) - len(_usable(setting, variance, chosen))
@@ -101,14 +103,14 @@ def _first_order(setting: Setting, *, variance: Variance, peak: str | None, slop
     return ""
 
 
-def _has_noise(setting: Setting, *, noise: str, **rest: Any) -> str:
+def _has_noise(setting: ComparisonSetup, *, noise: str, **rest: Any) -> str:
     if not getattr(setting.scenario.scanner.position_sensor.noise, noise):
         return f"the scenario's sensor has no {noise} noise"
     return _first_order(setting, **rest)
 
 
 def _measure_sigma(
-    setting: Setting,
+    setting: ComparisonSetup,
     *,
     number: int,
     noise: tuple[str, ...],
@@ -133,7 +135,7 @@ def _measure_sigma(
 
 
 def _predict_sigma(
-    setting: Setting, *, variance: Variance, peak: str | None, slope: bool, pure: str
+    setting: ComparisonSetup, *, variance: Variance, peak: str | None, slope: bool, pure: str
 ) -> dict[str, Predicted]:
     chosen = peak or setting.scenario.processing.peak
     ranges = _usable(setting, variance, chosen)
@@ -155,7 +157,7 @@ def slope_expected(
     return {SLOPE: slope_predicted(np.array(ranges), list(told.values()), f"exponent ({pure})")}
 
 
-def plate_side(setting: Setting, distance: float) -> float:
+def plate_side(setting: ComparisonSetup, distance: float) -> float:
     """Return the side [m] of a plate that holds the beam and all directions in which it is met."""
     return 2.4 * SPREAD * distance + 16.0 * setting.scenario.scanner.laser.radius(distance)
 

@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from scanner_sim.analytic import time_of_flight as judge
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
-from scanner_sim.validation.compare import stand
-from scanner_sim.validation.compare.closed import Closed
+from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare.closed_forms import ClosedForms
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of, spread_of
-from scanner_sim.validation.compare.setting import Setting
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ _BIAS = 1e-3
 """Error of the interpolation of a delay [sample]."""
 
 
-def timed(setting: Setting) -> str:
+def timed(setting: ComparisonSetup) -> str:
     """Return why the closed forms do not cover the scenario's time of flight; empty where they do."""
     if setting.scenario.ranging == "triangulation":
         return "the scenario ranges by triangulation alone"
@@ -45,15 +45,15 @@ def timed(setting: Setting) -> str:
     )
 
 
-def pulse_widths(setting: Setting) -> tuple[float, float]:
+def pulse_widths(setting: ComparisonSetup) -> tuple[float, float]:
     """Return the standard deviations of pulse and electronics [s]."""
     unit = setting.scenario.scanner.lidar
     return unit.pulse.width * TO_SIGMA, math.sqrt(math.log(2.0)) / (2.0 * math.pi * unit.photodiode.bandwidth)
 
 
-def echo_peak(setting: Setting, R: float, reflectance: float) -> float:
+def echo_peak(setting: ComparisonSetup, R: float, reflectance: float) -> float:
     """Return the peak current of an echo [A]: eq 19 for the pulse, its spread by the electronics, and the avalanche."""
-    scanner, closed = setting.scenario.scanner, Closed(setting.scenario)
+    scanner, closed = setting.scenario.scanner, ClosedForms(setting.scenario)
     pulse, response = pulse_widths(setting)
     unit = scanner.lidar
     energy = unit.pulse.pulse_energy * closed.peak_transmission * closed.passed(0.0)
@@ -62,7 +62,7 @@ def echo_peak(setting: Setting, R: float, reflectance: float) -> float:
     return height * unit.photodiode.gain * unit.photodiode.responsivity
 
 
-def dark_noise(setting: Setting) -> tuple[float, float]:
+def dark_noise(setting: ComparisonSetup) -> tuple[float, float]:
     """Return σ of the noise in the dark [A] without shot noise, and the share of its variance that is white."""
     unit = setting.scenario.scanner.lidar
     diode, clock = unit.photodiode, unit.digitiser
@@ -73,13 +73,13 @@ def dark_noise(setting: Setting) -> tuple[float, float]:
     return math.sqrt(variance), rounding / variance if variance else 0.0
 
 
-def _recorded(setting: Setting, R: float) -> bool:
+def _recorded(setting: ComparisonSetup, R: float) -> bool:
     near, far = setting.scenario.scanner.lidar.digitiser.gate
     margin = SPEED_OF_LIGHT * math.hypot(*pulse_widths(setting)) * 2.0
     return near + margin < R < far - margin
 
 
-def _echoes(setting: Setting) -> dict[str, tuple[float, float]]:
+def _echoes(setting: ComparisonSetup) -> dict[str, tuple[float, float]]:
     """Return echoes of chosen ratios of peak to noise, by name: their range [m] and the plate's reflectance.
 
     The plate stands in the middle of the ranges, and is as grey as the echo asks for.
@@ -97,20 +97,20 @@ def _echoes(setting: Setting) -> dict[str, tuple[float, float]]:
     return found
 
 
-def echo_range(setting: Setting) -> float | None:
+def echo_range(setting: ComparisonSetup) -> float | None:
     """Return the target's range next to the middle that the digitiser records; None where there is none."""
     kept = [R for R in setting.flat.ranges if _recorded(setting, R)]
     return kept[len(kept) // 2] if kept else None
 
 
-def _near(setting: Setting, R: float) -> Iterator[float]:
+def _near(setting: ComparisonSetup, R: float) -> Iterator[float]:
     """Yield ranges about one at which the echo lies at even places between two samples."""
     step = 0.5 * SPEED_OF_LIGHT / setting.scenario.scanner.lidar.digitiser.rate
     for place in (np.arange(_PLACES) + 0.5) / _PLACES - 0.5:
         yield R + float(place) * step
 
 
-def silent(setting: Setting, *on: str, **timing: Any) -> dict[str, Any]:
+def silent(setting: ComparisonSetup, *on: str, **timing: Any) -> dict[str, Any]:
     """Return the changes of the scenario that leave the named imperfections of the receiver only."""
     scenario = setting.scenario
     unit, still = scenario.scanner.lidar, scenario.scanner.mirrors.still()
@@ -128,13 +128,13 @@ def silent(setting: Setting, *on: str, **timing: Any) -> dict[str, Any]:
 
 
 def plate_errors(
-    setting: Setting, R: float, reflectance: float, seed: int, shots: int, made: dict[str, Any]
+    setting: ComparisonSetup, R: float, reflectance: float, seed: int, shots: int, made: dict[str, Any]
 ) -> Array:
     """Return errors of the range [mm] on plates at even places between two samples, shape (places, shots).
 
     The plates stand side by side, each faces the beam in a direction of its own.
     """
-    closed, ranges = Closed(setting.scenario), list(_near(setting, R))
+    closed, ranges = ClosedForms(setting.scenario), list(_near(setting, R))
     aside = min(_ASIDE, setting.scenario.scanner.mirrors.max_deflection)
     theta = np.linspace(-aside, aside, len(ranges))
     plates = [
@@ -153,7 +153,7 @@ def plate_errors(
     return 1e3 * stand.range_errors(setting, scenario, aim).reshape(len(ranges), shots)
 
 
-def _scatter(setting: Setting, number: int, *on: str) -> dict[str, Measured]:
+def _scatter(setting: ComparisonSetup, number: int, *on: str) -> dict[str, Measured]:
     told = {}
     made = silent(setting, *on, timing="matched_filter", echo="strongest")
     for step, (case, (R, grey)) in enumerate(_echoes(setting).items()):
@@ -165,7 +165,7 @@ def _scatter(setting: Setting, number: int, *on: str) -> dict[str, Measured]:
     return told
 
 
-def _measure_bias(setting: Setting) -> dict[str, Measured]:
+def _measure_bias(setting: ComparisonSetup) -> dict[str, Measured]:
     made, told = silent(setting, "amplifier", "quantisation", timing="matched_filter", echo="strongest"), {}
     for step, (case, (R, grey)) in enumerate(_echoes(setting).items()):
         errors = [
@@ -175,7 +175,7 @@ def _measure_bias(setting: Setting) -> dict[str, Measured]:
     return told
 
 
-def _predict_bias(setting: Setting) -> dict[str, Predicted]:
+def _predict_bias(setting: ComparisonSetup) -> dict[str, Predicted]:
     step = 0.5e3 * SPEED_OF_LIGHT / setting.scenario.scanner.lidar.digitiser.rate
     return {
         case: Predicted("mean error of R", "mm", 0.0, _BIAS * step, 1e3 * R, "range")
@@ -183,7 +183,7 @@ def _predict_bias(setting: Setting) -> dict[str, Predicted]:
     }
 
 
-def _bound(setting: Setting, R: float, reflectance: float) -> float:
+def _bound(setting: ComparisonSetup, R: float, reflectance: float) -> float:
     """Return the bound on σ of the range [mm], root mean square over the places between two samples."""
     sigma, white = dark_noise(setting)
     step = 1.0 / setting.scenario.scanner.lidar.digitiser.rate
@@ -196,7 +196,7 @@ def _bound(setting: Setting, R: float, reflectance: float) -> float:
     return 0.5e3 * SPEED_OF_LIGHT * math.sqrt(float(np.mean(np.square(bounds))))
 
 
-def _predict_bound(setting: Setting) -> dict[str, Predicted]:
+def _predict_bound(setting: ComparisonSetup) -> dict[str, Predicted]:
     told = {}
     for case, echo in _echoes(setting).items():
         bound = _bound(setting, *echo)
@@ -204,14 +204,14 @@ def _predict_bound(setting: Setting) -> dict[str, Predicted]:
     return told
 
 
-def _clocked(setting: Setting) -> str:
+def _clocked(setting: ComparisonSetup) -> str:
     unit = setting.scenario.scanner.lidar
     if not unit.photodiode.noise.clock or not unit.digitiser.jitter:
         return "the clock has no jitter"
     return timed(setting)
 
 
-def _predict_floor(setting: Setting) -> dict[str, Predicted]:
+def _predict_floor(setting: ComparisonSetup) -> dict[str, Predicted]:
     told = {}
     floor = 0.5e3 * SPEED_OF_LIGHT * setting.scenario.scanner.lidar.digitiser.jitter
     for case, echo in _echoes(setting).items():

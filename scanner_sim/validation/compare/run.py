@@ -8,10 +8,10 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.comparison import Comparison, Finding
 from scanner_sim.products.provenance import versions
 from scanner_sim.render.guest import guest
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, named
 from scanner_sim.validation.compare.judge import judged
 from scanner_sim.validation.compare.law import Law
 from scanner_sim.validation.compare.laws import LAWS
-from scanner_sim.validation.compare.setting import Setting, named
 
 LEVEL = 1e-3
 """Probability with which a right program breaks any law, by default."""
@@ -38,7 +38,7 @@ def chosen_laws(names: Collection[str]) -> tuple[Law, ...]:
 
 @guest()
 def compare(
-    setting: Setting,
+    setting: ComparisonSetup,
     *,
     only: Collection[str] = (),
     level: float = LEVEL,
@@ -103,7 +103,7 @@ def compare(
     )
 
 
-def _scene(law: Law, setting: Setting) -> str:
+def _scene(law: Law, setting: ComparisonSetup) -> str:
     match law.scene:
         case "signals":
             return "noise put onto signals"

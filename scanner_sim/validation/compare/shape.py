@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.validation.compare import stand
-from scanner_sim.validation.compare.closed import Closed, Spot
+from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare.closed_forms import ClosedForms, ClosedSpot
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, exact
-from scanner_sim.validation.compare.setting import Setting
 
 Array = NDArray[np.float64]
 
@@ -32,7 +32,7 @@ class Place(NamedTuple):
     phi: float
 
 
-def places(setting: Setting, ranges: tuple[float, ...]) -> Iterator[Place]:
+def places(setting: ComparisonSetup, ranges: tuple[float, ...]) -> Iterator[Place]:
     """Yield the axis and four corners of the field at some ranges, where the array sees the spot.
 
     The corners are not mirror images of one another, so that no sign or exchange of axes goes unseen.
@@ -47,29 +47,31 @@ def places(setting: Setting, ranges: tuple[float, ...]) -> Iterator[Place]:
             (far, -far),
         ):
             place = Place(f"{distance:.4g} m, Θ {theta:+.2f}, φ {phi:+.2f}", distance, theta, phi)
-            if Closed(setting.scenario).on_array(_on_wall(setting, place)):
+            if ClosedForms(setting.scenario).on_array(_on_wall(setting, place)):
                 yield place
 
 
-def _on_wall(setting: Setting, place: Place) -> Spot:
+def _on_wall(setting: ComparisonSetup, place: Place) -> ClosedSpot:
     """Return the judge's spot on a wall square to the z axis."""
     point = np.array([0.0, 0.0, place.distance])
-    return Closed(setting.scenario).spot(place.theta, place.phi, point, _TOWARDS, setting.flat.reflectance)
+    return ClosedForms(setting.scenario).spot(
+        place.theta, place.phi, point, _TOWARDS, setting.flat.reflectance
+    )
 
 
-def wall_ranges(setting: Setting) -> tuple[float, ...]:
+def wall_ranges(setting: ComparisonSetup) -> tuple[float, ...]:
     """Return the nearest, the middle and the farthest range of the targets [m]."""
     ranges = setting.flat.ranges
     return tuple(dict.fromkeys((ranges[0], setting.middle, ranges[-1])))
 
 
-def _seen(setting: Setting) -> str:
+def _seen(setting: ComparisonSetup) -> str:
     return (
         "" if next(places(setting, wall_ranges(setting)), None) else "the array sees no spot at these ranges"
     )
 
 
-def _wall_lines(setting: Setting) -> Iterator[tuple[Place, Array]]:
+def _wall_lines(setting: ComparisonSetup) -> Iterator[tuple[Place, Array]]:
     """Yield places of the field and the noise-free charges of their lines on a wall."""
     for distance in wall_ranges(setting):
         own = list(places(setting, (distance,)))
@@ -95,18 +97,18 @@ def _width(line: Array) -> float:
     return math.sqrt(float(away**2 @ line / line.sum()) - 1.0 / 12.0)
 
 
-def _of_lines(value: Callable[[Array], float]) -> Callable[[Setting], dict[str, Measured]]:
+def _of_lines(value: Callable[[Array], float]) -> Callable[[ComparisonSetup], dict[str, Measured]]:
     """Return what measures a number of the noise-free lines."""
     return lambda setting: {place.name: exact(value(line)) for place, line in _wall_lines(setting)}
 
 
-def lens_extent(setting: Setting, place: Place) -> float:
+def lens_extent(setting: ComparisonSetup, place: Place) -> float:
     """Return (D/R)², by which the extent of the lens, which the closed forms take as small, changes light and shape."""
     return (setting.scenario.scanner.receiver.aperture / place.distance) ** 2
 
 
-def _predict_position(setting: Setting) -> dict[str, Predicted]:
-    closed, told = Closed(setting.scenario), {}
+def _predict_position(setting: ComparisonSetup) -> dict[str, Predicted]:
+    closed, told = ClosedForms(setting.scenario), {}
     for place in places(setting, wall_ranges(setting)):
         seen = _on_wall(setting, place)
         from_infinity = seen.centre - closed.pixel(0.0)
@@ -117,7 +119,7 @@ def _predict_position(setting: Setting) -> dict[str, Predicted]:
     return told
 
 
-def _measure_position(setting: Setting) -> dict[str, Measured]:
+def _measure_position(setting: ComparisonSetup) -> dict[str, Measured]:
     sensor = setting.scenario.scanner.position_sensor
     return {
         place.name: exact(1e3 * (sensor.offset + (_centroid(line) + 0.5) * sensor.pitch))
@@ -125,7 +127,7 @@ def _measure_position(setting: Setting) -> dict[str, Measured]:
     }
 
 
-def _predict_width(setting: Setting) -> dict[str, Predicted]:
+def _predict_width(setting: ComparisonSetup) -> dict[str, Predicted]:
     told = {}
     for place in places(setting, wall_ranges(setting)):
         width = _on_wall(setting, place).sigma
@@ -135,7 +137,7 @@ def _predict_width(setting: Setting) -> dict[str, Predicted]:
     return told
 
 
-def _predict_charge(setting: Setting) -> dict[str, Predicted]:
+def _predict_charge(setting: ComparisonSetup) -> dict[str, Predicted]:
     told = {}
     for place in places(setting, wall_ranges(setting)):
         charge = _on_wall(setting, place).charge
@@ -145,9 +147,9 @@ def _predict_charge(setting: Setting) -> dict[str, Predicted]:
     return told
 
 
-def unlit(setting: Setting) -> str:
+def unlit(setting: ComparisonSetup) -> str:
     """Return why there is no light of a spot to speak of; empty where there is."""
-    closed = Closed(setting.scenario)
+    closed = ClosedForms(setting.scenario)
     if closed.passed(0.0) < 0.5:
         return "the filter or the detector's response blocks the laser's line"
     if closed.band is not None and not closed.band.cavities:

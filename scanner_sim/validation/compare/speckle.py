@@ -12,11 +12,11 @@ from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.analytic.speckle import fitted_place
 from scanner_sim.analytic.wave_optics import Lens, defocus, images, on_pixels
-from scanner_sim.validation.compare import stand
-from scanner_sim.validation.compare.closed import FIT, Closed
+from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare.closed_forms import FIT, ClosedForms
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, spread_of
 from scanner_sim.validation.compare.noise import SPREAD, phases, plate_side, slope_expected, slope_over, spots
-from scanner_sim.validation.compare.setting import Setting
 
 Array = NDArray[np.float64]
 
@@ -31,12 +31,12 @@ _SURFACES = 1000
 _CHANCE = 3.0
 
 
-def _coherent(setting: Setting) -> str:
+def _coherent(setting: ComparisonSetup) -> str:
     if not setting.scenario.scanner.laser.speckle:
         return "the scenario's laser makes no speckle"
     if not _ranges(setting):
         return "the array sees no spot at these ranges"
-    if max(Closed(setting.scenario).facing(R, 1.0).sigma for R in _ranges(setting)) > 2.0:
+    if max(ClosedForms(setting.scenario).facing(R, 1.0).sigma for R in _ranges(setting)) > 2.0:
         return "the spot is wider than the line over which wave optics integrates it"
     receiver = setting.scenario.scanner.receiver
     if receiver.aberration > 4.0 * setting.scenario.scanner.position_sensor.pitch:
@@ -44,20 +44,20 @@ def _coherent(setting: Setting) -> str:
     return ""
 
 
-def _ranges(setting: Setting) -> tuple[float, ...]:
-    closed = Closed(setting.scenario)
+def _ranges(setting: ComparisonSetup) -> tuple[float, ...]:
+    closed = ClosedForms(setting.scenario)
     return tuple(
         R for R in setting.flat.ranges if closed.on_array(closed.facing(R, setting.flat.reflectance))
     )
 
 
-def _judged(setting: Setting) -> str:
+def _judged(setting: ComparisonSetup) -> str:
     """Return the estimator of the range: the window of the centre of mass jumps, which is of no order in the noise."""
     chosen = setting.scenario.processing.peak
     return FIT if chosen == "centre_of_mass" else chosen
 
 
-def _surfaces(setting: Setting) -> int:
+def _surfaces(setting: ComparisonSetup) -> int:
     return setting.shots(_SURFACES)
 
 
@@ -78,7 +78,7 @@ def _lines(
     return np.array(found).transpose(1, 0, 2)
 
 
-def _seen(setting: Setting, R: float) -> Array:
+def _seen(setting: ComparisonSetup, R: float) -> Array:
     """Return the judge's lines at a range."""
     scanner = setting.scenario.scanner
     laser, receiver, sensor = scanner.laser, scanner.receiver, scanner.position_sensor
@@ -88,13 +88,13 @@ def _seen(setting: Setting, R: float) -> Array:
     return _lines(lens, (receiver.aberration, sensor.diffusion), sensor.pitch, image, _surfaces(setting))
 
 
-def _separate(setting: Setting, R: float) -> float:
+def _separate(setting: ComparisonSetup, R: float) -> float:
     """Return to which side directions reach so that no two shots share a pattern: four beam radii apart."""
     side = math.isqrt(setting.shots(4900))
     return min(SPREAD, 2.0 * (side - 1) * setting.scenario.scanner.laser.radius(R) / R)
 
 
-def _shots(setting: Setting, step: int, R: float) -> tuple[list[Array], list[Array]]:
+def _shots(setting: ComparisonSetup, step: int, R: float) -> tuple[list[Array], list[Array]]:
     """Return errors of the range by speckle [mm] and relative charges, of places in a pixel and seeds about a range."""
     errors, charges = [], []
     for place, (where, _) in enumerate(spots(setting, R)):
@@ -113,15 +113,15 @@ def _shots(setting: Setting, step: int, R: float) -> tuple[list[Array], list[Arr
     return errors, charges
 
 
-def _measure_limit(setting: Setting) -> dict[str, Measured]:
+def _measure_limit(setting: ComparisonSetup) -> dict[str, Measured]:
     told, ranges = {}, _ranges(setting)
     for step, R in enumerate(ranges):
         told[f"{R:.4g} m"] = spread_of(np.stack(_shots(setting, step, R)[0]))
     return told | slope_over(ranges, told, True)
 
 
-def _predict_limit(setting: Setting) -> dict[str, Predicted]:
-    closed, told, ranges, peak = Closed(setting.scenario), {}, _ranges(setting), _judged(setting)
+def _predict_limit(setting: ComparisonSetup) -> dict[str, Predicted]:
+    closed, told, ranges, peak = ClosedForms(setting.scenario), {}, _ranges(setting), _judged(setting)
     slack = _MODEL + _CHANCE / math.sqrt(2.0 * _surfaces(setting))
     for R in ranges:
         squares = []
@@ -138,14 +138,14 @@ def _predict_limit(setting: Setting) -> dict[str, Predicted]:
     return told | slope_expected(ranges, told, True, "2 for a spot of one width")
 
 
-def _measure_contrast(setting: Setting) -> dict[str, Measured]:
+def _measure_contrast(setting: ComparisonSetup) -> dict[str, Measured]:
     told = {}
     for step, R in enumerate(_ranges(setting)):
         told[f"{R:.4g} m"] = spread_of(100.0 * np.stack(_shots(setting, step, R)[1]))
     return told
 
 
-def _predict_contrast(setting: Setting) -> dict[str, Predicted]:
+def _predict_contrast(setting: ComparisonSetup) -> dict[str, Predicted]:
     told, slack = {}, _MODEL + _CHANCE / math.sqrt(2.0 * _surfaces(setting))
     for R in _ranges(setting):
         whole = _seen(setting, R).sum(axis=2)

@@ -20,10 +20,10 @@ from scanner_sim.tracking.centroid import better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.response import TargetKind, target_response
 from scanner_sim.tracking.samples import PatternSamples
-from scanner_sim.validation.compare import stand
-from scanner_sim.validation.compare.closed import FIT, LINE, Closed
+from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare.closed_forms import FIT, LINE, ClosedForms
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of, spread_of
-from scanner_sim.validation.compare.setting import Setting
 
 Array = NDArray[np.float64]
 
@@ -39,20 +39,20 @@ _EDGE = 0.02
 """What the fit's straight edge across the spot and its straight travel leave of the bound."""
 
 
-def _pattern(setting: Setting) -> LissajousPattern:
+def _pattern(setting: ComparisonSetup) -> LissajousPattern:
     """Return the scenario's figure, or the usual one for a scenario that has none."""
     scan = setting.scenario.scan
     return LissajousPattern() if isinstance(scan, RasterScan) else scan.pattern
 
 
-def _disc(setting: Setting) -> tuple[float, float]:
+def _disc(setting: ComparisonSetup) -> tuple[float, float]:
     """Return the radius of a disc and the spot's standard deviation, as angles [rad]."""
     laser, R = setting.scenario.scanner.laser, setting.middle
     radius = beam_radius(R, laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared)
     return _SHARE * _pattern(setting).amplitude, 0.5 * float(radius) / R
 
 
-def _round(setting: Setting) -> str:
+def _round(setting: ComparisonSetup) -> str:
     pattern, (radius, spot) = _pattern(setting), _disc(setting)
     if pattern.aspect != 1.0:
         return "the pattern is wider than high, and the disc of the closed form fills it evenly"
@@ -73,7 +73,7 @@ def _figure(pattern: LissajousPattern, count: int) -> tuple[Array, Array]:
     return place, end - start
 
 
-def _measure_centre(setting: Setting) -> dict[str, Measured]:
+def _measure_centre(setting: ComparisonSetup) -> dict[str, Measured]:
     pattern, (radius, spot), count = _pattern(setting), _disc(setting), setting.shots(3200)
     errors, pulls = [], []
     for seed in setting.seed(14):
@@ -107,7 +107,7 @@ def _measure_centre(setting: Setting) -> dict[str, Measured]:
     return told
 
 
-def _predict_centre(setting: Setting) -> dict[str, Predicted]:
+def _predict_centre(setting: ComparisonSetup) -> dict[str, Predicted]:
     pattern, (radius, spot) = _pattern(setting), _disc(setting)
     place, travel = _figure(pattern, _BOUNDS)
     bounds = [
@@ -148,16 +148,16 @@ _METHODS: dict[str, dict[str, Any]] = {
 _COMPONENTS = ("t_x", "t_y", "t_z", "ω_x", "ω_y", "ω_z")
 
 
-def _array(setting: Setting) -> tuple[Array, tuple[Array, Array, Array]]:
+def _array(setting: ComparisonSetup) -> tuple[Array, tuple[Array, Array, Array]]:
     """Return the corners of the square [m], shape (4, 3), and their exact (R, Θ, φ) before the scanner."""
     points = _SIDE * setting.middle * _CORNERS
     return points, geometry.shot_from_point(
-        points + np.array([0.0, 0.0, setting.middle]), Closed(setting.scenario).D
+        points + np.array([0.0, 0.0, setting.middle]), ClosedForms(setting.scenario).D
     )
 
 
-def _posed(setting: Setting) -> str:
-    scenario, closed = setting.scenario, Closed(setting.scenario)
+def _posed(setting: ComparisonSetup) -> str:
+    scenario, closed = setting.scenario, ClosedForms(setting.scenario)
     if scenario.ranging == "tof":
         return "the scenario has no triangulation, whose ranges the array is measured with"
     if scenario.processing.peak != FIT and scenario.processing.bias_correction != "none":
@@ -171,9 +171,9 @@ def _posed(setting: Setting) -> str:
     return "" if reach < scenario.scanner.mirrors.max_deflection else "the mirrors do not reach the corners"
 
 
-def _sigmas(setting: Setting) -> tuple[float, float]:
+def _sigmas(setting: ComparisonSetup) -> tuple[float, float]:
     """Return σ of an angle [rad] and of the range [m] of a corner, by closed forms."""
-    closed, scanner = Closed(setting.scenario), setting.scenario.scanner
+    closed, scanner = ClosedForms(setting.scenario), setting.scenario.scanner
     sensor = scanner.position_sensor
     squares = []
     _, (ranges, thetas, phis) = _array(setting)
@@ -187,7 +187,7 @@ def _sigmas(setting: Setting) -> tuple[float, float]:
     return closed.angle_sigma, math.sqrt(float(np.mean(squares)))
 
 
-def _corner_errors(setting: Setting, seed: int, shots: int) -> Array:
+def _corner_errors(setting: ComparisonSetup, seed: int, shots: int) -> Array:
     """Return errors of (Θ, φ, R) of the corners from simulated pixels, shape (3, shots, 4)."""
     wall = stand.plate(setting.middle, setting.flat.reflectance, size=2.0 * _SIDE * setting.middle)
     noise = ("shot", "read", "dark")
@@ -196,7 +196,7 @@ def _corner_errors(setting: Setting, seed: int, shots: int) -> Array:
     aim = stand.directions(np.tile(theta, shots), np.tile(phi, shots), made.scanner.mirrors, 0.0)
     layers = stand.measure(setting, made, aim)
     point = np.stack([layers["P.X"], layers["P.Y"], layers["P.Z"]], axis=-1)
-    _, seen_theta, seen_phi = geometry.shot_from_point(point, Closed(setting.scenario).D)
+    _, seen_theta, seen_phi = geometry.shot_from_point(point, ClosedForms(setting.scenario).D)
     errors = (
         seen_theta - layers["truth.theta_rad"],
         seen_phi - layers["truth.phi_rad"],
@@ -207,7 +207,7 @@ def _corner_errors(setting: Setting, seed: int, shots: int) -> Array:
     return np.asarray(found - np.nanmean(found, axis=1, keepdims=True))
 
 
-def _measure_pose(setting: Setting) -> dict[str, Measured]:
+def _measure_pose(setting: ComparisonSetup) -> dict[str, Measured]:
     points, (distance, theta, phi) = _array(setting)
     angle, sigma = _sigmas(setting)
     shots = setting.shots(16000)
@@ -222,7 +222,7 @@ def _measure_pose(setting: Setting) -> dict[str, Measured]:
             sigma_theta=angle,
             sigma_phi=angle,
             sigma_range=sigma,
-            axis_separation=Closed(setting.scenario).D,
+            axis_separation=ClosedForms(setting.scenario).D,
             **how,
         )
         position = 1e3 * (pose.position - [0.0, 0.0, setting.middle])
@@ -235,11 +235,11 @@ def _measure_pose(setting: Setting) -> dict[str, Measured]:
     return told
 
 
-def _predict_pose(setting: Setting) -> dict[str, Predicted]:
+def _predict_pose(setting: ComparisonSetup) -> dict[str, Predicted]:
     angle, sigma = _sigmas(setting)
     R, side = setting.middle, _SIDE * setting.middle
     # The judge's first order leaves D_g/R and (h/R)² out, which count twice in the tilts.
-    slack = 2.0 * Closed(setting.scenario).D / R + 2.0 * (0.5 * _SIDE) ** 2
+    slack = 2.0 * ClosedForms(setting.scenario).D / R + 2.0 * (0.5 * _SIDE) ** 2
     forms = {
         "uv": square.square_resection(angle, R, side),
         "xyz": square.square_points(angle, sigma, R, side),

@@ -8,9 +8,9 @@ from functools import cache
 import numpy as np
 
 from scanner_sim.instrument.simulate import simulate
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of
-from scanner_sim.validation.compare.mixed_scenes import Found, Kind, MixedScene
-from scanner_sim.validation.compare.setting import Setting
+from scanner_sim.validation.compare.mixed_scenes import Kind, MixedCoverage, MixedScene
 
 _SCENES = 12
 """Scenes of each kind."""
@@ -23,7 +23,7 @@ _BEYOND = (5e-3, 2e-4)
 """Shares beyond 3 σ and beyond 6 σ at most."""
 
 
-def _fitting(setting: Setting) -> str:
+def _fitting(setting: ComparisonSetup) -> str:
     scenario = setting.scenario
     if scenario.ranging == "tof":
         return "the scenario ranges by time of flight alone"
@@ -34,7 +34,7 @@ def _fitting(setting: Setting) -> str:
     return ""
 
 
-def _scene(setting: Setting, kind: Kind, seed: int) -> Found:
+def _scene(setting: ComparisonSetup, kind: Kind, seed: int) -> MixedCoverage:
     """Return what the scenario's instrument makes of a scene that is drawn about the beam's own size."""
     drawn = MixedScene.drawn(kind, seed, side=_SIDE)
     beam = setting.scenario.scanner.laser.radius(drawn.distance)
@@ -49,14 +49,14 @@ def _scene(setting: Setting, kind: Kind, seed: int) -> Found:
         "ranging": "triangulation",
     }
     processing = setting.scenario.processing.model_copy(update={"range_gate": None})
-    return Found.of(
+    return MixedCoverage.of(
         simulate(
             setting.scenario.model_copy(update=parts | {"processing": processing}), device=setting.device
         )
     )
 
 
-def _measure(setting: Setting) -> dict[str, Measured]:
+def _measure(setting: ComparisonSetup) -> dict[str, Measured]:
     found: dict[str, Measured] = {}
     for number, kind in enumerate(_KINDS):
         count = max(2, setting.shots(_SCENES)) * setting.seeds
@@ -75,7 +75,7 @@ def _expected() -> tuple[Predicted, ...]:
     return within, *far
 
 
-def _predict(setting: Setting) -> dict[str, Predicted]:  # noqa: ARG001 (σ is true of every instrument)
+def _predict(setting: ComparisonSetup) -> dict[str, Predicted]:  # noqa: ARG001 (σ is true of every instrument)
     return {f"{kind}: {case}": one for kind in _KINDS for case, one in zip(_CASES, _expected(), strict=True)}
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.scan.raster import Aim
 from scanner_sim.validation.reproduce.item import Task
 
@@ -60,7 +60,7 @@ def bench(
     *,
     step: int = 0,
     **rest: Any,
-) -> Workbench:
+) -> Instrument:
     """Return the preset, changed, before objects; ``step`` makes the random numbers those of another experiment."""
     scenario = Scenario.model_validate(
         {
@@ -72,7 +72,7 @@ def bench(
             **rest,
         }
     )
-    return Workbench(scenario, device=task.device)
+    return Instrument(scenario, device=task.device)
 
 
 def aim(theta: ArrayLike, phi: ArrayLike, apart: float = DWELL) -> Aim:
@@ -91,7 +91,7 @@ def grid(half: float, side: int) -> tuple[Array, Array]:
     return theta.ravel(), phi.ravel()
 
 
-def layers_of(made: Workbench, shots: Aim) -> dict[str, Array]:
+def layers_of(made: Instrument, shots: Aim) -> dict[str, Array]:
     """Return the measured layers of shots, float64."""
     return {name: np.asarray(values, dtype=np.float64) for name, values in made.measure(shots).items()}
 

@@ -41,7 +41,7 @@ scene:
 scan: {{type: track, duration: {1}, targets: [array]}}
 """
 _ENOUGH = 0.5
-"""Share of the sightings that must have a range for a closed form to be of use."""
+"""Share of the observations that must have a range for a closed form to be of use."""
 _RUNS = 8
 """Runs whose random numbers differ."""
 _TAIL = 5e-4
@@ -297,7 +297,7 @@ ITEMS = (
         "Figure 15: errors of the pose by each method",
         "For four targets on 1 m × 1 m UV grows as R and XYZ as R^1.5; combining the methods gains a factor "
         "of ten. No numbers can be read.",
-        "Single targets measured from simulated pixels at each range, then poses from many such sightings.",
+        "Single targets measured from simulated pixels at each range, then poses from many such observations.",
         "Each component has a law of its own: where the error of a target's angles does not depend on range, "
         "lateral and roll grow as R, depth and tilt of a plane array as R². The paper's exponents belong to "
         "no named component. Discs of 100 mm hold fewer spots far away, and where fits go astray (first row) "

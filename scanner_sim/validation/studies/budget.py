@@ -27,8 +27,8 @@ from scipy.stats import chi2
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument.lidar import Timed
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.instrument.time_of_flight import Timed
 from scanner_sim.optics.deflection import ERRORS, Mirrors
 from scanner_sim.products.budget import BudgetRow, Mode
 from scanner_sim.ranging.fusion import fuse
@@ -184,7 +184,7 @@ def measure_budget(
         For each way of ranging, source and distance, with 95 % intervals of χ² (of ``sun`` by the normal law); the
         analytic value is left open. NaN where fewer than half of the shots have a range.
     """
-    told = Workbench(_alone(scenario, _ALL, Scene()), device=device)
+    told = Instrument(_alone(scenario, _ALL, Scene()), device=device)
     modes = modes_of(scenario)
     names = {mode: sources_of(scenario, mode) for mode in modes}
     rows: dict[tuple[Mode, str], list[BudgetRow]] = {
@@ -252,7 +252,7 @@ def _enough(errors: list[Array]) -> bool:
     return all(own.any() for own in finite) and float(np.mean(np.concatenate(finite))) >= 0.5
 
 
-def _places(told: Workbench, distance: float) -> Iterator[float]:
+def _places(told: Instrument, distance: float) -> Iterator[float]:
     """Yield distances about one, at which the spot lies at evenly spaced places in its pixel."""
     pixel = round(float(told.spot.pixel(distance, 0.0, 1.0)))
     for place in range(PLACES):
@@ -260,7 +260,7 @@ def _places(told: Workbench, distance: float) -> Iterator[float]:
 
 
 @dataclass(frozen=True)
-class _Measured:
+class _RangedShots:
     """Ranges of the shots on a target by one way of ranging, and the true ones [m], shape (n,)."""
 
     ranges: Ranges
@@ -277,7 +277,7 @@ class _Target:
     def __init__(
         self,
         scenario: Scenario,
-        told: Workbench,
+        told: Instrument,
         distance: float,
         reflectance: float,
         seed: int,
@@ -287,8 +287,8 @@ class _Target:
         self.told, self.device = told, device
         self.scene = _plate(scenario, distance, reflectance)
         self.aim = _aim(scenario)
-        self.lit = Workbench(_alone(self.scenario, _ALL, self.scene), device=device)
-        self._kept: dict[tuple[Mode, str], _Measured] = {}
+        self.lit = Instrument(_alone(self.scenario, _ALL, self.scene), device=device)
+        self._kept: dict[tuple[Mode, str], _RangedShots] = {}
 
     def error(self, mode: Mode, name: str) -> Array:
         """Return the errors of the range of all shots [m] by one source alone; NaN where there is no range."""
@@ -300,11 +300,11 @@ class _Target:
         # The bias counts as a source of its own; in the dark, of the laser's shot noise, it is much the same.
         return found if name in (_QUIET, _ALL) else found - self._measured(mode, _QUIET).error
 
-    def _measured(self, mode: Mode, name: str) -> _Measured:
+    def _measured(self, mode: Mode, name: str) -> _RangedShots:
         if (mode, name) in self._kept:
             return self._kept[mode, name]
         made = _alone(self.scenario, name, self.scene)
-        bench = self.lit if name == _ALL else Workbench(made, device=self.device, like=self.lit)
+        bench = self.lit if name == _ALL else Instrument(made, device=self.device, like=self.lit)
         found = _timed(bench, self.told, self.aim) if mode == "tof" else _seen(bench, self.told, self.aim)
         if name in (_QUIET, _ALL):
             self._kept[mode, name] = found
@@ -319,7 +319,7 @@ class _Target:
         return np.asarray(both.range - one.truth)
 
 
-def _seen(bench: Workbench, told: Workbench, aim: Aim) -> _Measured:
+def _seen(bench: Instrument, told: Instrument, aim: Aim) -> _RangedShots:
     """Return what an instrument triangulates that takes itself for another one."""
     deflections = bench.deflections(aim, bench.fire(aim)[1])
     truth, groups = bench.expose(aim)
@@ -331,10 +331,10 @@ def _seen(bench: Workbench, told: Workbench, aim: Aim) -> _Measured:
         sigma[group.index] = found.sigma.numpy()
         status[group.index] = found.status.numpy()
     ranges = told.ranges(peak, sigma, status, deflections)
-    return _Measured(ranges, truth.distance.numpy().astype(np.float64))
+    return _RangedShots(ranges, truth.distance.numpy().astype(np.float64))
 
 
-def _timed(bench: Workbench, told: Workbench, aim: Aim) -> _Measured:
+def _timed(bench: Instrument, told: Instrument, aim: Aim) -> _RangedShots:
     """Return what it measures by time of flight."""
     shots, pointing = bench.fire(aim)
     deflections = bench.deflections(aim, pointing)
@@ -343,7 +343,7 @@ def _timed(bench: Workbench, told: Workbench, aim: Aim) -> _Measured:
     for group in groups:
         timed.take(group.index, group.delays, told.echoes.unit.digitiser)
     ranges = told.echoes.ranges(timed, deflections)
-    return _Measured(ranges, truth.distance.numpy().astype(np.float64))
+    return _RangedShots(ranges, truth.distance.numpy().astype(np.float64))
 
 
 def _raster(scenario: Scenario) -> RasterScan:

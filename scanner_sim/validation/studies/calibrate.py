@@ -23,7 +23,7 @@ from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import RunError
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan, raster_aim
@@ -98,7 +98,7 @@ def measure_bias(
     RunError
         If the target is not found often enough for a table.
     """
-    bench = Workbench(_quiet(scenario, Scene(), _scan(scenario, 1)), device=device)
+    bench = Instrument(_quiet(scenario, Scene(), _scan(scenario, 1)), device=device)
     nodes = tuple(_nodes(scenario, bench.spot))
     passages: dict[float, Passage] = {}
     for number, node in enumerate(nodes):
@@ -139,7 +139,7 @@ def _passage(scenario: Scenario, node: int, spot: Any, device: DeviceChoice) -> 
     position, status, nearest = (np.full(PLACES, np.nan) for _ in range(3))
     for part in _parts(scenario, float(ranges.min())):
         scene, scan = _targets(scenario, ranges[part], reflectance)
-        bench = Workbench(_quiet(scenario, scene, scan), device=device)
+        bench = Instrument(_quiet(scenario, scene, scan), device=device)
         count = len(ranges[part])
         aim = raster_aim(scan, np.arange(count, dtype=np.uint32), scenario.scanner.dwell)
         _, groups = bench.expose(aim)

@@ -60,7 +60,7 @@ _MEANING = {
 }
 
 
-class Estimate(NamedTuple):
+class PublishedShare(NamedTuple):
     """What the paper estimates for an orbit: a share in words, and the conditions that it covers."""
 
     name: str
@@ -69,10 +69,10 @@ class Estimate(NamedTuple):
 
 
 ESTIMATES: Final = (
-    Estimate("normal", "60 %", (Condition.NORMAL,)),
-    Estimate("shadow", "35 %", (Condition.PARTIAL_SHADOW, Condition.FULL_SHADOW)),
-    Estimate("saturation and poor illumination", "< 5 %", (Condition.SATURATION, Condition.NO_LIGHT)),
-    Estimate("back illumination", "< 1 %", (Condition.BACK_ILLUMINATION,)),
+    PublishedShare("normal", "60 %", (Condition.NORMAL,)),
+    PublishedShare("shadow", "35 %", (Condition.PARTIAL_SHADOW, Condition.FULL_SHADOW)),
+    PublishedShare("saturation and poor illumination", "< 5 %", (Condition.SATURATION, Condition.NO_LIGHT)),
+    PublishedShare("back illumination", "< 1 %", (Condition.BACK_ILLUMINATION,)),
 )
 """The paper's four figures. It does not say where the eclipse counts, a third of a low orbit: with "no light" as
 here it cannot fit below 5 %. The 35 % of "shadow conditions" may well be the Earth's own shadow."""

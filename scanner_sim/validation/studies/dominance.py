@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.products.budget import Dominance
 from scanner_sim.ranging.triangulation import position_sigma, range_jacobian
 from scanner_sim.render.guest import guest
@@ -63,7 +63,7 @@ def dominating(
     -------
     Dominance
     """
-    bench = Workbench(scenario, device=device)
+    bench = Instrument(scenario, device=device)
     scan, geometry = scenario.raster, bench.geometry
     f, d, mirrors = geometry.focal_length, geometry.baseline, scenario.scanner.mirrors
     names = (*(part.name for part in _PARTS), "synchronisation", "deflection")
@@ -85,7 +85,7 @@ def dominating(
     return Dominance(names, variances.reshape(len(names), scan.rows, scan.columns), theta, phi)
 
 
-def _peak_parts(bench: Workbench, aim: Aim) -> tuple[Array, Array]:
+def _peak_parts(bench: Instrument, aim: Aim) -> tuple[Array, Array]:
     """Return peaks [pixel], shape (n,), and the parts of their variance [pixel²], shape (parts, n)."""
     scenario = bench.scenario
     sensor, processing = scenario.scanner.position_sensor, scenario.processing

@@ -1,9 +1,10 @@
 """The pose study: which error the pose of an array has, by its layout, size, range and method (Figure 15).
 
-Errors of single targets come from simulated pixels (:mod:`scanner_sim.target_errors`). An array that faces the scanner
-on its axis is then sighted many times: each of its targets gets the angles and the range it truly has, with the errors
-and the stated σ of one simulated sighting at that range. All targets of a pose take theirs from one place of the spot
-in its pixel, since at one range they share it. From each set of sightings the pose is estimated and compared.
+Errors of single targets come from simulated pixels (:mod:`scanner_sim.validation.studies.target_errors`). An array that
+faces the scanner on its axis is then sighted many times: each of its targets gets the angles and the range it truly
+has, with the errors and the stated σ of one simulated observation at that range. All targets of a pose take theirs from
+one place of the spot in its pixel, since at one range they share it. From each set of observations the pose is
+estimated and compared.
 
 Not modelled: correlations between the targets of a visit beyond that, the motion of the object between them, errors of
 the survey, and Sun and Earth. Nothing is fitted to the paper's figures.
@@ -22,10 +23,10 @@ from scipy.stats import chi2
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.streams import Stream, host_generator
-from scanner_sim.pose.arrays import Layout, circle, line_and_one, pyramid, square
 from scanner_sim.pose.estimate import estimate_pose
 from scanner_sim.pose.result import PoseEstimate
 from scanner_sim.pose.status import PoseStatus
+from scanner_sim.pose.target_layouts import Layout, circle, line_and_one, pyramid, square
 from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.products.pose_study import COMPONENTS, Method, PoseRow, Source, TargetRow
 from scanner_sim.ranging.coordinates import angles_and_range
@@ -179,7 +180,7 @@ def target_rows(pools: Iterable[TargetErrors]) -> tuple[TargetRow, ...]:
                     common=float(pool.common[column]),
                     voxel=float(pool.voxel[column]),
                     found=float(pool.found[column]),
-                    sightings=pool.error[..., 0].size,
+                    observations=pool.error[..., 0].size,
                 )
             )
     return tuple(rows)

@@ -13,8 +13,8 @@ from scanner_sim.config import resolved_yaml
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.line.exposure import electrons_per_watt
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument.workbench import Workbench
-from scanner_sim.products.timeline import Group, Label, Timeline, Track
+from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.products.timeline import ConditionGroup, Label, TargetTimeline, Timeline
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.render.background import illumination as light
@@ -93,7 +93,7 @@ def sweep_orbit(
             np.array([moment.targets[number][entry] for moment in moments]) for entry in range(4)
         )
         condition = classify(visible, in_view, brightest, full_well, lit)
-        tracks.append(Track(name, condition, lit, earth, background, behind))
+        tracks.append(TargetTimeline(name, condition, lit, earth, background, behind))
     nowhere = np.full(3, np.nan)
     return Timeline(
         times=times,
@@ -105,7 +105,7 @@ def sweep_orbit(
         full_well=full_well,
         tracks=tuple(tracks),
         labels=tuple(Label(condition.words, condition.meaning) for condition in Condition),
-        groups=tuple(Group(e.name, e.share, tuple(map(int, e.conditions))) for e in ESTIMATES),
+        groups=tuple(ConditionGroup(e.name, e.share, tuple(map(int, e.conditions))) for e in ESTIMATES),
         scenario_yaml=resolved_yaml(scenario),
         warnings=stage.warnings,
     )
@@ -127,7 +127,7 @@ class _Stage:
     """The instrument before its targets, ready for any sky."""
 
     def __init__(self, scenario: Scenario, device: DeviceChoice) -> None:
-        bench = Workbench(scenario, device=device)
+        bench = Instrument(scenario, device=device)
         self._bench, self._scenario, self._seed = bench, scenario, scenario.seed
         sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
         electrons = electrons_per_watt(sensor, scenario.scanner.laser.wavelength, scenario.scanner.exposure)

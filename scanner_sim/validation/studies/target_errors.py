@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.instrument.closed_loop.voxels import Eye, aim_of
+from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor, aim_of
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import Aim
@@ -48,11 +48,11 @@ class TargetErrors:
     distance
         Of the grid's plane [m].
     error
-        Θ, φ [rad], R by triangulation, R by time of flight [m], shape (places, sightings, 4); NaN where the target was
-        not found. A place is one of the spot in its pixel: what the peak's estimator errs there is common to all
+        Θ, φ [rad], R by triangulation, R by time of flight [m], shape (places, observations, 4); NaN where the target
+        was not found. A place is one of the spot in its pixel: what the peak's estimator errs there is common to all
         targets at that range.
     sigma
-        The standard deviations that were stated, shape (places, sightings, 4).
+        The standard deviations that were stated, shape (places, observations, 4).
     voxel
         Median of the stated σ of single voxels' angles and ranges, shape (4,).
     """
@@ -63,13 +63,13 @@ class TargetErrors:
     voxel: Array
 
     def of(self, ranging: Ranging) -> tuple[Array, Array]:
-        """Return errors and stated σ of (Θ, φ, R) with one way of ranging, each (places, sightings, 3)."""
+        """Return errors and stated σ of (Θ, φ, R) with one way of ranging, each (places, observations, 3)."""
         chosen = [0, 1, 2 + RANGINGS.index(ranging)]
         return self.error[..., chosen], self.sigma[..., chosen]
 
     @property
     def found(self) -> Array:
-        """Shares of the sightings with each of the four quantities, shape (4,)."""
+        """Shares of the observations with each of the four quantities, shape (4,)."""
         return np.asarray(np.isfinite(self.error).mean(axis=(0, 1)))
 
     @property
@@ -128,7 +128,7 @@ def measure_targets(
     Returns
     -------
     TargetErrors
-        Of places × 36 · patterns sightings. Each pattern is measured by itself.
+        Of places × 36 · patterns observations. Each pattern is measured by itself.
     """
     errors, sigmas, voxels = [], [], []
     for place, where in enumerate(spread_distances(scenario, distance, places)):
@@ -149,7 +149,7 @@ def measure_targets(
     return TargetErrors(distance, np.stack(errors), np.stack(sigmas), np.mean(voxels, axis=0))
 
 
-class _Measured:
+class _MeasuredPatterns:
     """Shots that were measured together, given back one pattern at a time: what an instrument is to the eye."""
 
     def __init__(self, layers: dict[str, NDArray[Any]]) -> None:
@@ -172,7 +172,7 @@ def _seen(
     target: StudyTarget,
     ranging: Ranging,
 ) -> tuple[Array, Array]:
-    """Return places and stated σ as the tracker's eye measures them, each (sightings, 3); NaN where it does not.
+    """Return places and stated σ as the tracker's eye measures them, each (observations, 3); NaN where it does not.
 
     Light is the line sensor's: the photodiode's pulses last no dwell, and near targets saturate it.
     """
@@ -182,7 +182,7 @@ def _seen(
     # With its own light and another's range it is neither of both; of what triangulation's voxels share, time of flight
     # has nothing.
     kind = "triangulation" if ranging == "triangulation" else "both"
-    eye = Eye(scenario.model_copy(update={"ranging": kind}), _Measured(own))
+    eye = TargetSensor(scenario.model_copy(update={"ranging": kind}), _MeasuredPatterns(own))
     places, sigmas = np.full(truth.shape, np.nan), np.full(truth.shape, np.nan)
     followed = scenario.targets[0]  # all look alike
     for visit, motion in enumerate(motions):

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.optics.jump import attainable_amplitude
 from scanner_sim.ranging.triangulation import position_from_range, range_from_position
 from scanner_sim.render.libraries import DeviceChoice
@@ -92,7 +92,7 @@ def spread_distances(scenario: Scenario, distance: float, count: int) -> Array:
 
 def target_grid(
     scenario: Scenario, target: StudyTarget, distance: float, seed: int, device: DeviceChoice
-) -> tuple[Workbench, Array]:
+) -> tuple[Instrument, Array]:
     """Return an instrument before a facing grid of targets, and the centres (Θ, φ, R) of these, shape (36, 3)."""
     scanner = scenario.scanner
     amplitude = 0.5 * target.diameter * target.tracker.track_amplitude * max(1.0, target.pattern.aspect)
@@ -124,7 +124,7 @@ def target_grid(
             "processing": scenario.processing.model_copy(update={"range_gate": None}),
         }
     )
-    return Workbench(changed, device=device), np.stack([item.expected for item in changed.targets])
+    return Instrument(changed, device=device), np.stack([item.expected for item in changed.targets])
 
 
 def grid_motions(

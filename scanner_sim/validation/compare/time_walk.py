@@ -8,6 +8,7 @@ import numpy as np
 
 from scanner_sim.analytic.edge import sampled_crossing
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of
 from scanner_sim.validation.compare.pulses import (
     dark_noise,
@@ -18,7 +19,6 @@ from scanner_sim.validation.compare.pulses import (
     silent,
     timed,
 )
-from scanner_sim.validation.compare.setting import Setting
 
 _RATIOS = (2.0, 4.0, 8.0, 16.0)
 """Peaks over the level, of which the first is the reference."""
@@ -26,7 +26,7 @@ _WALK = 0.5
 """What is left of the law of the walk [mm]: four places between two samples stand for all."""
 
 
-def _walks(setting: Setting) -> str:
+def _walks(setting: ComparisonSetup) -> str:
     reason = timed(setting)
     if reason:
         return reason
@@ -35,13 +35,13 @@ def _walks(setting: Setting) -> str:
     return ""
 
 
-def _walk_range(setting: Setting) -> float:
+def _walk_range(setting: ComparisonSetup) -> float:
     R = echo_range(setting)
     assert R is not None
     return R
 
 
-def _walk_level(setting: Setting) -> float:
+def _walk_level(setting: ComparisonSetup) -> float:
     """Return the level [A] that the strongest echo exceeds by the largest ratio, below the amplifier's saturation."""
     strongest = min(
         echo_peak(setting, _walk_range(setting), 1.0),
@@ -50,12 +50,12 @@ def _walk_level(setting: Setting) -> float:
     return strongest / _RATIOS[-1]
 
 
-def _walk_reflectance(setting: Setting, ratio: float) -> float:
+def _walk_reflectance(setting: ComparisonSetup, ratio: float) -> float:
     """Return the reflectance of a plate whose echo has a ratio of peak to level."""
     return ratio * _walk_level(setting) / echo_peak(setting, _walk_range(setting), 1.0)
 
 
-def _measure_walk(setting: Setting) -> dict[str, Measured]:
+def _measure_walk(setting: ComparisonSetup) -> dict[str, Measured]:
     made = silent(
         setting,
         "amplifier",
@@ -87,7 +87,7 @@ def _measure_walk(setting: Setting) -> dict[str, Measured]:
     }
 
 
-def _predict_walk(setting: Setting) -> dict[str, Predicted]:
+def _predict_walk(setting: ComparisonSetup) -> dict[str, Predicted]:
     width = math.hypot(*pulse_widths(setting))
     step = 1.0 / setting.scenario.scanner.lidar.digitiser.rate
     crossings = {ratio: sampled_crossing(width, step, ratio) for ratio in _RATIOS}

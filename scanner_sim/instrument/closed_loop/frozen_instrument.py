@@ -2,7 +2,7 @@
 
 What Dr.Jit traces for a pattern is the same for every pattern, so it is traced once and launched from then on
 (``drjit.freeze``). All that changes goes in as two arrays; all that is measured comes out together. The physics is
-:class:`~scanner_sim.instrument.workbench.Workbench`'s, function by function, and so are the random numbers, whose
+:class:`~scanner_sim.instrument.instrument.Instrument`'s, function by function, and so are the random numbers, whose
 addresses are the shots' numbers. What differs is how the beam is split (:mod:`scanner_sim.render.beam.pattern`).
 """
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.encoders import reading_normals, readings
 from scanner_sim.instrument.closed_loop.windows import Windows
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.ranging.ranges import Deflections, finished_layers, layers_of
 from scanner_sim.render.beam.pattern import chief_beamlet, pattern_light
 from scanner_sim.render.beam.pattern_shots import fired_shots, packed_shots
@@ -30,7 +30,7 @@ _LINE = ("signal", "snr", "laser", "window", "window_error", "brightest")
 """What the line sensor's layers are made of, in the order of their arguments."""
 
 
-class PatternBench:
+class FrozenInstrument:
     """A workbench that measures patterns of a few hundred shots fast.
 
     Parameters
@@ -44,7 +44,7 @@ class PatternBench:
     background.
     """
 
-    def __init__(self, workbench: Workbench) -> None:
+    def __init__(self, workbench: Instrument) -> None:
         self.bench = workbench
         self._steps: dict[int, Any] = {}
         lit, ranging = not workbench.scenario.lighting.sky().dark, workbench.scenario.ranging
@@ -63,7 +63,7 @@ class PatternBench:
         return sum(step.recordings for step in self._steps.values())
 
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
-        """Return the layers of a pattern's shots: see :meth:`~scanner_sim.instrument.workbench.Workbench.measure`."""
+        """Return the layers of a pattern's shots: see :meth:`~scanner_sim.instrument.instrument.Instrument.measure`."""
         if not self.fast:
             line, field = (
                 None if windows is None else windows.panorama(windows.seen_by(aim))
@@ -71,9 +71,9 @@ class PatternBench:
             )
             return self.bench.measure(aim, line=line, field=field, details=True)
         bench, scanner = self.bench, self.bench.scenario.scanner
-        mirrors, shining = scanner.mirrors, scanner.exposure / scanner.dwell
+        mirrors, duty_cycle = scanner.mirrors, scanner.exposure / scanner.dwell
         still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
-        packed = packed_shots(aim, still, mirrors, shining, bench.loaded.bodies)
+        packed = packed_shots(aim, still, mirrors, duty_cycle, bench.loaded.bodies)
         window = [] if self.windows is None else self.windows.seen_by(aim)
         truth, found = self._step(len(aim.shot))(self._reads, *packed, window)
         status = found.pop("status").numpy()

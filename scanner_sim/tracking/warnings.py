@@ -13,7 +13,7 @@ from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.scan import TrackScan
 
 
-def track_doubts(
+def track_warnings(
     scan: TrackScan,
     targets: Sequence[TrackTarget],
     galvanometers: Galvanometers,
@@ -54,8 +54,8 @@ def track_doubts(
         for other in targets[index + 1 :]:
             away = np.abs(target.expected - other.expected)
             room = max(amplitude, _amplitude(scan, other)) * reach
-            size = 0.5 * max(other.looks.diameter, target.looks.diameter) / other.expected[2]
-            if (away[:2] < room + size).all() and away[2] < target.looks.depth + other.looks.depth:
+            size = 0.5 * max(other.appearance.diameter, target.appearance.diameter) / other.expected[2]
+            if (away[:2] < room + size).all() and away[2] < target.appearance.depth + other.appearance.depth:
                 yield (
                     f"scan.targets: the pattern of '{target.name}' also meets '{other.name}', which lies within the "
                     "range gate; make scan.tracker.track_amplitude or the target's depth smaller"
@@ -70,7 +70,7 @@ def track_doubts(
 
 def _amplitude(scan: TrackScan, target: TrackTarget) -> float:
     """Return the amplitude of the pattern that follows a target [rad]."""
-    return float(scan.tracker.track_amplitude * 0.5 * target.looks.diameter / target.expected[2])
+    return float(scan.tracker.track_amplitude * 0.5 * target.appearance.diameter / target.expected[2])
 
 
 def _sized(pattern: LissajousPattern, amplitude: float) -> LissajousPattern:

@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 
-def some(values: Any, index: NDArray[np.intp]) -> Any:
+def take(values: Any, index: NDArray[np.intp]) -> Any:
     """Return the poses ``index`` of an array whose last axis is the batch, or is 1 and common to all poses.
 
     ``take`` and not an index in brackets, which would give another order in memory, and so other last bits of sums.
@@ -23,7 +23,7 @@ def some(values: Any, index: NDArray[np.intp]) -> Any:
     return values if values is None or values.shape[-1] == 1 else values.take(index, axis=-1)
 
 
-def several(index: NDArray[np.intp]) -> NDArray[np.intp]:
+def at_least_two(index: NDArray[np.intp]) -> NDArray[np.intp]:
     """Return pose numbers (k,), a lone one twice.
 
     NumPy adds up in another order where the last axis has the length 1; without this the last bit of a pose would
@@ -78,13 +78,13 @@ class Prior:
     position: Array
     root: Array
 
-    def some(self, index: NDArray[np.intp]) -> Prior:
+    def take(self, index: NDArray[np.intp]) -> Prior:
         """Return the poses ``index``."""
-        return Prior(*(some(getattr(self, field.name), index) for field in fields(self)))
+        return Prior(*(take(getattr(self, field.name), index) for field in fields(self)))
 
 
 @dataclass(frozen=True)
-class Sightings:
+class Observations:
     """Targets as surveyed and as measured, of B poses; an axis of length 1 is common to all poses.
 
     Attributes
@@ -130,22 +130,22 @@ class Sightings:
         """Middle, widths and axes of the targets seen: see :func:`principal_axes`."""
         return principal_axes(self.points, shared(self.seen))
 
-    def some(self, index: NDArray[np.intp]) -> Sightings:
+    def take(self, index: NDArray[np.intp]) -> Observations:
         """Return the poses ``index``."""
         batched = ("points", "centre", "values", "seen", "ranged", "variances", "theta_range")
-        chosen = {name: some(getattr(self, name), index) for name in batched}
+        chosen = {name: take(getattr(self, name), index) for name in batched}
         if self.count == 1:  # an axis of length 1 that is the whole batch may be asked for twice
             chosen |= {
                 name: getattr(self, name).take(index, axis=-1) for name in ("values", "seen", "ranged")
             }
-        prior = None if self.prior is None else self.prior.some(index)
+        prior = None if self.prior is None else self.prior.take(index)
         return replace(self, **chosen, prior=prior)
 
-    def only(self, kept: Flags) -> Sightings:
-        """Return the sightings with all targets but ``kept``, shape (n, B), left out."""
+    def only(self, kept: Flags) -> Observations:
+        """Return the observations with all targets but ``kept``, shape (n, B), left out."""
         return replace(self, seen=self.seen & kept, ranged=self.ranged & kept)
 
-    def mirrored(self) -> Sightings:
-        """Return the sightings of the mirror image of the object, its x axis turned round."""
+    def mirrored(self) -> Observations:
+        """Return the observations of the mirror image of the object, its x axis turned round."""
         sign = np.array([-1.0, 1.0, 1.0])
         return replace(self, points=self.points * sign[:, None, None], centre=self.centre * sign[:, None])

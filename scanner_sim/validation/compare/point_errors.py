@@ -12,10 +12,10 @@ from scanner_sim.analytic import geometry
 from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.optics.deflection import ERRORS
-from scanner_sim.validation.compare import stand
-from scanner_sim.validation.compare.closed import FIT, LINE, Closed, Spot
+from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare.closed_forms import FIT, LINE, ClosedForms, ClosedSpot
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of, spread_of
-from scanner_sim.validation.compare.setting import Setting
 from scanner_sim.validation.compare.shape import PRECISION, Place, lens_extent, places, unlit
 
 Array = NDArray[np.float64]
@@ -28,9 +28,9 @@ _STEADY = 5.0
 """Times of the wobble between two shots: nothing is left of it then."""
 
 
-def plate_scenario(setting: Setting, place: Place, **more: object) -> Scenario:
+def plate_scenario(setting: ComparisonSetup, place: Place, **more: object) -> Scenario:
     """Return the instrument before a plate that faces the beam at a place; ``more`` is for the stand."""
-    closed = Closed(setting.scenario)
+    closed = ClosedForms(setting.scenario)
     size = 0.02 * place.distance + 16.0 * setting.scenario.scanner.laser.radius(place.distance)
     target = stand.plate(
         place.distance,
@@ -43,16 +43,16 @@ def plate_scenario(setting: Setting, place: Place, **more: object) -> Scenario:
     return stand.on_stand(setting, target, **more)  # type: ignore[arg-type]
 
 
-def facing_places(setting: Setting, ranges: tuple[float, ...]) -> Iterator[tuple[Place, Spot]]:
+def facing_places(setting: ComparisonSetup, ranges: tuple[float, ...]) -> Iterator[tuple[Place, ClosedSpot]]:
     """Yield places of the field whose plates face the beam, and the judge's spot there."""
-    closed = Closed(setting.scenario)
+    closed = ClosedForms(setting.scenario)
     for place in places(setting, ranges):
         seen = closed.facing(place.distance, setting.flat.reflectance, place.theta, place.phi)
         if closed.on_array(seen):
             yield place, seen
 
 
-def _errors_at(setting: Setting, made: Scenario, place: Place, shots: int) -> Array:
+def _errors_at(setting: ComparisonSetup, made: Scenario, place: Place, shots: int) -> Array:
     """Return errors of x, y, z and R [m] in one direction, shape (n, 4)."""
     mirrors = made.scanner.mirrors
     aim = stand.directions(np.full(shots, place.theta), place.phi, mirrors, 1.0 / made.scanner.rate)
@@ -62,7 +62,7 @@ def _errors_at(setting: Setting, made: Scenario, place: Place, shots: int) -> Ar
         layers["truth.range_m"],
         layers["truth.theta_rad"],
         layers["truth.phi_rad"],
-        Closed(setting.scenario).D,
+        ClosedForms(setting.scenario).D,
     )
     point = np.stack([layers["P.X"], layers["P.Y"], layers["P.Z"]], axis=-1)
     return np.column_stack([point - truth, layers["range_m"] - layers["truth.range_m"]])
@@ -71,14 +71,14 @@ def _errors_at(setting: Setting, made: Scenario, place: Place, shots: int) -> Ar
 _COORDINATES = ("x", "y", "z", "R")
 
 
-def _biased(setting: Setting) -> str:
+def _biased(setting: ComparisonSetup) -> str:
     chosen = setting.scenario.processing
     if chosen.bias_correction not in ("none", "computed"):
         return "the correction of the estimator was measured, not computed: it has no closed form"
     return unlit(setting)
 
 
-def _point_places(setting: Setting) -> Iterator[tuple[Place, Spot, tuple[str, ...]]]:
+def _point_places(setting: ComparisonSetup) -> Iterator[tuple[Place, ClosedSpot, tuple[str, ...]]]:
     """Yield places, spots and coordinates: ranges on the axis, and all coordinates over the field in the middle."""
     for distance in setting.flat.ranges:
         for place, seen in facing_places(setting, (distance,)):
@@ -86,7 +86,7 @@ def _point_places(setting: Setting) -> Iterator[tuple[Place, Spot, tuple[str, ..
                 yield place, seen, _COORDINATES if distance == setting.middle else ("R",)
 
 
-def _measure_points(setting: Setting) -> dict[str, Measured]:
+def _measure_points(setting: ComparisonSetup) -> dict[str, Measured]:
     noise, told = ("shot", "read", "dark", "quantisation"), {}
     for number, (place, _, names) in enumerate(_point_places(setting)):
         errors = np.concatenate(
@@ -105,8 +105,8 @@ def _measure_points(setting: Setting) -> dict[str, Measured]:
     return told
 
 
-def _predict_points(setting: Setting) -> dict[str, Predicted]:
-    closed, chosen, told = Closed(setting.scenario), setting.scenario.processing, {}
+def _predict_points(setting: ComparisonSetup) -> dict[str, Predicted]:
+    closed, chosen, told = ClosedForms(setting.scenario), setting.scenario.processing, {}
     for place, seen, names in _point_places(setting):
         systematic = 0.0
         if chosen.peak != FIT and chosen.bias_correction == "none":
@@ -132,7 +132,7 @@ def _predict_points(setting: Setting) -> dict[str, Predicted]:
     return told
 
 
-def _shaken(setting: Setting) -> str:
+def _shaken(setting: ComparisonSetup) -> str:
     mirrors = setting.scenario.scanner.mirrors
     if not any(getattr(mirrors, key) for name, keys in ERRORS.items() if name != "drift" for key in keys):
         return "the mirrors have no errors"
@@ -141,7 +141,7 @@ def _shaken(setting: Setting) -> str:
     return _biased(setting)
 
 
-def _measure_covariance(setting: Setting) -> dict[str, Measured]:
+def _measure_covariance(setting: ComparisonSetup) -> dict[str, Measured]:
     told = {}
     for number, (place, _) in enumerate(facing_places(setting, (setting.middle,))):
         errors = np.stack(
@@ -160,8 +160,8 @@ def _measure_covariance(setting: Setting) -> dict[str, Measured]:
     return told
 
 
-def _predict_covariance(setting: Setting) -> dict[str, Predicted]:
-    closed, told = Closed(setting.scenario), {}
+def _predict_covariance(setting: ComparisonSetup) -> dict[str, Predicted]:
+    closed, told = ClosedForms(setting.scenario), {}
     angle = closed.angle_sigma
     for place, seen in facing_places(setting, (setting.middle,)):
         apart = closed.synchronisation_error(place.distance, place.theta) * closed.follows(seen)

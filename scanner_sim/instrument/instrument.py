@@ -19,7 +19,7 @@ from scanner_sim.detector.encoders import read_encoders
 from scanner_sim.detector.line.exposure import electrons_per_watt, expose
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import line_speckle
-from scanner_sim.instrument.lidar import EchoBench
+from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import incidence, laser_gain, peak_transmission
 from scanner_sim.optics.speckle import Optics
@@ -42,7 +42,7 @@ from scanner_sim.render.device import activate
 from scanner_sim.render.incident import Incident, Throughput
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.render.shots import true_shots
-from scanner_sim.render.transport import Bench
+from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.raster import Aim, RasterScan
 from scanner_sim.scene.files.loader import LoadedScene, load_scene
 from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
@@ -54,7 +54,7 @@ from scanner_sim.signals.processing import Processing
 
 
 @dataclass(frozen=True)
-class Group:
+class ShotGroup:
     """Shots of a batch that went through the sensor together, with everything on the way."""
 
     index: NDArray[np.uint32]
@@ -63,7 +63,7 @@ class Group:
     peaks: Any
 
 
-class Workbench:
+class Instrument:
     """An instrument before a loaded scene, ready to measure any aim.
 
     Parameters
@@ -83,7 +83,7 @@ class Workbench:
         *,
         device: DeviceChoice = "auto",
         threads: int | None = None,
-        like: Workbench | None = None,
+        like: Instrument | None = None,
     ) -> None:
         activate(device, threads)
         scanner = scenario.scanner
@@ -91,7 +91,7 @@ class Workbench:
         self.scenario = scenario
         self.like = like
         self.loaded: LoadedScene = load_scene(scenario.scene) if like is None else like.loaded
-        self.optics = Bench(
+        self.optics = OpticalLayout(
             laser=scanner.laser,
             receiver=receiver,
             axis_separation=scanner.mirrors.axis_separation,
@@ -219,10 +219,10 @@ class Workbench:
         )
 
     @cached_property
-    def echoes(self) -> EchoBench:
+    def echoes(self) -> TimeOfFlight:
         """The time-of-flight unit before the same scene."""
         like = None if self.like is None else self.like.echoes
-        return EchoBench(self.scenario, self.loaded, self.optics, like)
+        return TimeOfFlight(self.scenario, self.loaded, self.optics, like)
 
     def measure(
         self, aim: Aim, *, line: Any = None, field: Any = None, details: bool = False
@@ -311,7 +311,7 @@ class Workbench:
             "sigma_peak_px": sigma_peak,
         }
 
-    def expose(self, aim: Aim) -> tuple[Any, Iterator[Group]]:
+    def expose(self, aim: Aim) -> tuple[Any, Iterator[ShotGroup]]:
         """Render, expose and read the shots of an aim: their truth, and the shots in groups."""
         return self._exposed(aim, self.fire(aim)[0])
 
@@ -321,17 +321,17 @@ class Workbench:
         poses = self.loaded.poses_at(aim.time)
         return true_shots(aim, scanner.mirrors, self.scenario.seed, scanner.exposure / scanner.dwell, poses)
 
-    def _exposed(self, aim: Aim, shots: Any, panorama: Any = None) -> tuple[Any, Iterator[Group]]:
+    def _exposed(self, aim: Aim, shots: Any, panorama: Any = None) -> tuple[Any, Iterator[ShotGroup]]:
         scenario = self.scenario
         seen = self.panorama if panorama is None else panorama
         truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, scenario.seed)
 
-        def groups() -> Iterator[Group]:
+        def groups() -> Iterator[ShotGroup]:
             for light in lights:
                 index = light.index.numpy()
                 theta = aim.theta[index].astype(np.float32)
-                own, met = shots.some(light.index), truth.some(light.index)
-                yield Group(index, *self.sense(light, own, met, theta, seen))
+                own, met = shots.take(light.index), truth.take(light.index)
+                yield ShotGroup(index, *self.sense(light, own, met, theta, seen))
 
         return truth, groups()
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.optics.filter import filter_doubts
+from scanner_sim.optics.filter import filter_warnings
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.light.lighting import lighting_doubts
 from scanner_sim.scene.materials import MATERIALS
@@ -16,8 +16,8 @@ from scanner_sim.scene.motion import ConstantTwist
 from scanner_sim.scene.objects import MitsubaFile, Retroreflector, TargetArray
 from scanner_sim.scene.retroreflectors import RetroLobe
 from scanner_sim.signals.processing import MARGIN
-from scanner_sim.tracking.doubts import track_doubts
 from scanner_sim.tracking.scan import TrackScan
+from scanner_sim.tracking.warnings import track_warnings
 
 _NARROWEST = 0.35
 """Standard deviation of a spot [pixel] below which its light is in one pixel nearly everywhere."""
@@ -36,7 +36,7 @@ _STRAY = 3.0
 """Error of a shadow's place in pixels that could be seen in the background."""
 
 
-def doubts(scenario: Scenario) -> tuple[str, ...]:
+def scenario_warnings(scenario: Scenario) -> tuple[str, ...]:
     """Return a sentence for everything that is possible but makes little sense."""
     return (
         *_scene(scenario),
@@ -106,11 +106,11 @@ def _sweep(scenario: Scenario) -> Iterator[str]:
     scan, laser = scenario.scan, scenario.scanner.laser
     if not isinstance(scan, RasterScan) or scenario.ranging == "tof":
         return
-    shining = scan.travel * scenario.scanner.exposure / scenario.scanner.dwell
+    duty_cycle = scan.travel * scenario.scanner.exposure / scenario.scanner.dwell
     widest, name, far = 0.0, "", 0.0
     for item in scenario.scene.objects:
         distance = math.hypot(*item.pose_at(0.0)[0, :3, 3])
-        diameters = shining * distance / (2.0 * laser.radius(distance))
+        diameters = duty_cycle * distance / (2.0 * laser.radius(distance))
         if diameters > widest:
             widest, name, far = diameters, item.name, distance
     if widest > _SWEPT:
@@ -151,7 +151,7 @@ def _tracking(scenario: Scenario) -> Iterator[str]:
     scan, scanner = scenario.scan, scenario.scanner
     if isinstance(scan, TrackScan):
         limit = scanner.mirrors.max_deflection
-        yield from track_doubts(scan, scenario.targets, scanner.galvanometers, scanner.dwell, limit)
+        yield from track_warnings(scan, scenario.targets, scanner.galvanometers, scanner.dwell, limit)
 
 
 def _instrument(scenario: Scenario) -> Iterator[str]:
@@ -200,7 +200,7 @@ def _light(scenario: Scenario) -> Iterator[str]:
     sensor, receiver = scanner.position_sensor, scanner.receiver
     yield from lighting_doubts(scenario.lighting)
     steepest = math.atan((sensor.offset + sensor.length) / receiver.focal_length)
-    yield from filter_doubts(scanner.filter, scanner.laser, sensor.response, steepest)
+    yield from filter_warnings(scanner.filter, scanner.laser, sensor.response, steepest)
 
 
 def _retro_reflectors(scenario: Scenario) -> Iterator[str]:

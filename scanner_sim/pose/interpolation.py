@@ -1,4 +1,4 @@
-"""Sightings of targets, made one after another, at a common time."""
+"""Observations of targets, made one after another, at a common time."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ def rounds_of(targets: Sequence[str]) -> NDArray[np.int64]:
 
 
 @dataclass(frozen=True)
-class Carried:
-    """Sightings at common times; NaN where a target was not measured in the round, or not a second time near it.
+class Interpolated:
+    """Observations at common times; NaN where a target was not measured in the round, or not a second time near it.
 
     Attributes
     ----------
     place
         (Θ, φ, R) [rad, m], shape (rounds, targets, 3).
     covariance
-        Between the sightings of a round, shape (rounds, targets, targets, 3, 3).
+        Between the observations of a round, shape (rounds, targets, targets, 3, 3).
     lasting
         Its part that neighbouring rounds have, too: surfaces, pixels and drift.
     """
@@ -57,17 +57,17 @@ class Carried:
     covariance: Array
     lasting: Array
 
-    def of(self, targets: Sequence[int]) -> Carried:
-        """Return the sightings of some of the targets."""
+    def of(self, targets: Sequence[int]) -> Interpolated:
+        """Return the observations of some of the targets."""
         chosen = np.asarray(targets)
         rows, columns = chosen[:, None], chosen
-        return Carried(
+        return Interpolated(
             self.place[:, chosen], self.covariance[:, rows, columns], self.lasting[:, rows, columns]
         )
 
 
-def carried(time: Array, place: Array, errors: ErrorParts, at: Array) -> Carried:
-    """Return where targets were at the time of each round, from the sightings before and after it.
+def interpolate(time: Array, place: Array, errors: ErrorParts, at: Array) -> Interpolated:
+    """Return where targets were at the time of each round, from the observations before and after it.
 
     Parameters
     ----------
@@ -83,15 +83,16 @@ def carried(time: Array, place: Array, errors: ErrorParts, at: Array) -> Carried
     Returns
     -------
     Carried
-        On the straight line through the sighting of the round and the nearest one within ``FARTHEST`` rounds on the
+        On the straight line through the observation of the round and the nearest one within ``FARTHEST`` rounds on the
         other side of the common time, m = (1 − s) m₁ + s m₂ with s = (t − t₁)/(t₂ − t₁). Where there is none on that
-        side the line is that of the side that has one. White parts C add up to (1 − s)² C₁ + s² C₂; of what sightings
-        have in common (:func:`~scanner_sim.tracking.errors.common_covariance`) each pair counts with both its shares.
+        side the line is that of the side that has one. White parts C add up to (1 − s)² C₁ + s² C₂; of what
+        observations have in common (:func:`~scanner_sim.tracking.errors.common_covariance`) each pair counts with both
+        its shares.
 
     Notes
     -----
-    Steady rates between two sightings: an acceleration a is wrong by a (t₂ − t₁)²/8 at most, 2e-5 m of 0.1 m/s² and
-    40 ms. Neighbouring rounds share sightings, so that their errors are correlated by more than what lasts.
+    Steady rates between two observations: an acceleration a is wrong by a (t₂ − t₁)²/8 at most, 2e-5 m of 0.1 m/s² and
+    40 ms. Neighbouring rounds share observations, so that their errors are correlated by more than what lasts.
     """
     rounds, targets = time.shape
     second = _second(time, np.isfinite(time) & np.isfinite(place).all(axis=2), at)
@@ -101,7 +102,7 @@ def carried(time: Array, place: Array, errors: ErrorParts, at: Array) -> Carried
     with np.errstate(invalid="ignore", divide="ignore"):
         share = (at[:, None] - time) / (time[other, column] - time)
     share = np.where(known, share, np.nan)
-    # Both sightings of every target side by side: first all of the round, then all of the others.
+    # Both observations of every target side by side: first all of the round, then all of the others.
     row = np.concatenate([own, other], axis=1)
     target = np.concatenate([column, column])
     weight = np.concatenate([1.0 - share, share], axis=1)
@@ -116,11 +117,11 @@ def carried(time: Array, place: Array, errors: ErrorParts, at: Array) -> Carried
         return np.asarray(shares.reshape(rounds, 2, targets, 2, targets, 3, 3).sum(axis=(1, 3)))
 
     moved = (1.0 - share[..., None]) * place + share[..., None] * place[other, column]
-    return Carried(moved, white + summed(False), summed(True))
+    return Interpolated(moved, white + summed(False), summed(True))
 
 
 def _second(time: Array, seen: NDArray[np.bool_], at: Array) -> NDArray[np.int64]:
-    """Return the round of each sighting's partner, the nearest on the other side of the common time; −1 for none."""
+    """Return the round of each observation's partner, the nearest on the other side of the common time; −1 for none."""
     rounds, targets = time.shape
     second = np.full((rounds, targets), -1, dtype=np.int64)
     after = seen & (time <= at[:, None])

@@ -13,7 +13,7 @@ from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import averaged
-from scanner_sim.instrument.closed_loop.visit_errors import error_parts, shining_share
+from scanner_sim.instrument.closed_loop.visit_errors import duty_cycle_of, error_parts
 from scanner_sim.optics.speckle import packets, packets_of
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
@@ -34,7 +34,7 @@ _TOGETHER = 8192
 """Shots whose encoder noise is drawn together: it depends on their numbers alone."""
 
 
-class Instrument(Protocol):
+class MeasuresShots(Protocol):
     """What measures the shots of an aim."""
 
     def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
@@ -139,9 +139,9 @@ class SignalNoise:
         contrast = self._scenario.processing.speckle_contrast
         return float(contrast**2 * light.energy * np.mean(others) * light.ratio**4)
 
-    def _averaged(self, motion: PatternMotion, distance: float, shining: float) -> tuple[Array, Array]:
+    def _averaged(self, motion: PatternMotion, distance: float, duty_cycle: float) -> tuple[Array, Array]:
         """Return what the dwells of a pattern leave of the variance of energies and places, at a range [m]."""
-        way, radius = shining * distance, float(self._scenario.scanner.laser.radius(distance))
+        way, radius = duty_cycle * distance, float(self._scenario.scanner.laser.radius(distance))
         return averaged(
             way * motion.travel_theta, way * np.cos(motion.true_theta) * motion.travel_phi, radius
         )
@@ -155,7 +155,7 @@ class SignalNoise:
         radius = float(laser.radius(distance))
         # σ_b/(λN) with σ_b = (w/2) f/R: the focal length goes.
         energy = 1.0 / packets(0.5 * radius * receiver.aperture / (laser.wavelength * distance))
-        left, _ = self._averaged(motion, distance, shining_share(self._scenario))
+        left, _ = self._averaged(motion, distance, duty_cycle_of(self._scenario))
         return np.asarray(self._scenario.processing.speckle_contrast**2 * energy * left)
 
 
@@ -204,7 +204,7 @@ def samples_of(
     return samples.later(delay) if delay > 0.0 else samples
 
 
-class Eye:
+class TargetSensor:
     """What the tracker sees through an instrument: voxels of patterns, and the places of targets in them.
 
     Parameters
@@ -215,7 +215,7 @@ class Eye:
         What measures shots.
     """
 
-    def __init__(self, scenario: Scenario, instrument: Instrument) -> None:
+    def __init__(self, scenario: Scenario, instrument: MeasuresShots) -> None:
         self._scenario, self._instrument = scenario, instrument
         self._encoders, self._noise = Encoders(scenario), SignalNoise(scenario)
         mirrors = scenario.scanner.mirrors
@@ -245,16 +245,16 @@ class Eye:
         spot = float(scanner.laser.radius(expected)) / (2.0 * expected)
         seen = measure_target(
             samples,
-            target.looks,
+            target.appearance,
             expected,
             spot=spot,
-            shining=shining_share(self._scenario),
+            duty_cycle=duty_cycle_of(self._scenario),
             pointing=np.hypot(self._pointing, unevenness(angles))[None],
             axis_separation=scanner.mirrors.axis_separation,
         )
         noise = self._noise
         light, grain = noise.speckle(motion, expected), noise.grain(motion, expected)
-        parts = error_parts(self._scenario, samples, seen, target.looks, motion, light, grain)
+        parts = error_parts(self._scenario, samples, seen, target.appearance, motion, light, grain)
         return samples, replace(seen, covariance=parts.whole[None]), parts
 
 

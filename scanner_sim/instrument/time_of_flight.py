@@ -31,10 +31,10 @@ from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
-from scanner_sim.render.beam.echo_clusters import View
+from scanner_sim.render.beam.echo_clusters import PhotodiodeView
 from scanner_sim.render.beam.echoes import render_echoes
 from scanner_sim.render.beam.surface_places import coherence_of, surface_places
-from scanner_sim.render.field import Field, field_light, field_panorama, in_parts
+from scanner_sim.render.field_of_view import Field, field_light, field_panorama, in_parts
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.signals.waveform.detection import PulseDetector
 
@@ -84,7 +84,7 @@ class Timed:
         self.status[index] = found.status.numpy()
 
 
-class EchoBench:
+class TimeOfFlight:
     """The pulsed laser and its photodiode before a loaded scene.
 
     Parameters
@@ -99,7 +99,9 @@ class EchoBench:
         A unit before the same scene, under the same light and with the same raster, whose background is used again.
     """
 
-    def __init__(self, scenario: Scenario, loaded: Any, optics: Any, like: EchoBench | None = None) -> None:
+    def __init__(
+        self, scenario: Scenario, loaded: Any, optics: Any, like: TimeOfFlight | None = None
+    ) -> None:
         scanner = scenario.scanner
         self.like = like
         self.scenario, self.loaded, self.unit = scenario, loaded, scanner.lidar
@@ -187,7 +189,7 @@ class EchoBench:
         columns = scenario.scan.columns if isinstance(scenario.scan, RasterScan) else 1
         seen = self.panorama if panorama is None else panorama
         light = field_light(seen, self.field, shots, columns, self.collected)
-        view = View(diode.place == "offset", diode.field_of_view)
+        view = PhotodiodeView(diode.place == "offset", diode.field_of_view)
         speckle = self._speckle if scenario.scanner.laser.speckle else None
         truth, echoes = render_echoes(
             self.loaded, self.optics, view, scenario.transport, shots, scenario.seed, speckle

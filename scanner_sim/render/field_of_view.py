@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import SkyLight
-from scanner_sim.render.background.view import View
+from scanner_sim.render.background.view import PanoramaView
 from scanner_sim.render.beam.echo_clusters import Echoes
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import Bench
+from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.files.loader import LoadedScene
 
@@ -54,7 +54,7 @@ class Field:
 
 def field_panorama(
     loaded: LoadedScene,
-    bench: Bench,
+    bench: OpticalLayout,
     field: Field,
     sky: SkyLight,
     albedo: Albedo,
@@ -83,7 +83,7 @@ def field_panorama(
     margin = 0.5 * field.side + 2.0 * step
     first, last = (end - field.aside for end in scan.horizontal)
     bins = math.ceil((last - first + 2.0 * margin) / step) + 1
-    view = View(scan.angles()[1], first - margin, step, bins, time)
+    view = PanoramaView(scan.angles()[1], first - margin, step, bins, time)
     return render_panorama(
         loaded,
         optics,
@@ -96,7 +96,7 @@ def field_panorama(
     )
 
 
-def field_optics(bench: Bench, field: Field) -> Bench:
+def field_optics(bench: OpticalLayout, field: Field) -> OpticalLayout:
     """Return the optics whose pixels would see what is averaged over a field: its bins, as high as the field."""
     f = bench.receiver.focal_length
     step = max(field.side / _BINS, bench.pitch / f)

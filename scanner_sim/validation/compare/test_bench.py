@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.line.noise import NoiseSwitches
-from scanner_sim.instrument.workbench import Workbench
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.optics.deflection import Mirrors, TemperatureCourse
 from scanner_sim.scan.raster import Aim, RasterScan
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene
 from scanner_sim.signals.processing import PeakMethod, Validation
-from scanner_sim.validation.compare.setting import Setting
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ def plate(
 
 
 def on_stand(
-    setting: Setting,
+    setting: ComparisonSetup,
     *targets: dict[str, Any],
     seed: int,
     noise: tuple[str, ...] = (),
@@ -129,7 +129,7 @@ def on_stand(
     return scenario.model_copy(update=whole | changes)
 
 
-def erring(setting: Setting) -> Mirrors:
+def erring(setting: ComparisonSetup) -> Mirrors:
     """Return the scenario's mirrors with their random errors, at an even temperature."""
     return setting.scenario.scanner.mirrors.model_copy(update={"temperature": TemperatureCourse()})
 
@@ -148,24 +148,24 @@ def square(half: float, shots: int) -> tuple[Array, Array]:
     return theta.ravel(), phi.ravel()
 
 
-def measure(setting: Setting, scenario: Scenario, aim: Aim) -> dict[str, Array]:
+def measure(setting: ComparisonSetup, scenario: Scenario, aim: Aim) -> dict[str, Array]:
     """Return all layers of shots as float64, NaN where a shot has no range."""
-    layers = Workbench(scenario, device=setting.device).measure(aim)
+    layers = Instrument(scenario, device=setting.device).measure(aim)
     return {name: values.astype(np.float64) for name, values in layers.items()}
 
 
-def lines(setting: Setting, scenario: Scenario, aim: Aim) -> Array:
+def lines(setting: ComparisonSetup, scenario: Scenario, aim: Aim) -> Array:
     """Return the charges [electron] of the lines of shots, shape (n, pixels), as the converter has them."""
     sensor = scenario.scanner.position_sensor
     charges = np.zeros((len(aim.shot), sensor.pixels))
-    _, groups = Workbench(scenario, device=setting.device).expose(aim)
+    _, groups = Instrument(scenario, device=setting.device).expose(aim)
     for group in groups:
         number = group.signal.lines().astype(np.float64)
         charges[group.index] = (number - sensor.bias) * sensor.electrons_per_number
     return charges
 
 
-def range_errors(setting: Setting, scenario: Scenario, aim: Aim) -> Array:
+def range_errors(setting: ComparisonSetup, scenario: Scenario, aim: Aim) -> Array:
     """Return measured ranges less those along the true directions [m], shape (n,)."""
     layers = measure(setting, scenario, aim)
     return layers["range_m"] - layers["truth.range_m"]

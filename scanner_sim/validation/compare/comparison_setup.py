@@ -65,7 +65,7 @@ class FlatTarget:
 
 
 @dataclass(frozen=True)
-class Setting:
+class ComparisonSetup:
     """What laws are judged on.
 
     Attributes

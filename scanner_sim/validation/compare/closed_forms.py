@@ -24,7 +24,7 @@ FIT = "maximum_likelihood"
 
 
 @dataclass(frozen=True)
-class Spot:
+class ClosedSpot:
     """A spot on the line: its place and width [pixel], the place's chief ray [pixel], and its charge [electron]."""
 
     centre: float
@@ -44,7 +44,7 @@ class Spot:
 
 
 @dataclass(frozen=True)
-class Closed:
+class ClosedForms:
     """Closed forms with the numbers of a scenario's instrument."""
 
     scenario: Scenario
@@ -99,7 +99,7 @@ class Closed:
         """Return the pixel of a place p [m] on the sensor."""
         return (position - self.scenario.scanner.position_sensor.offset) / self.pitch - 0.5
 
-    def spot(self, theta: float, phi: float, point: Array, normal: Array, reflectance: float) -> Spot:
+    def spot(self, theta: float, phi: float, point: Array, normal: Array, reflectance: float) -> ClosedSpot:
         """Return the spot on a plane through a point with a normal, shapes (3,), at deflections [rad]."""
         scanner = self.scenario.scanner
         laser, receiver, sensor = scanner.laser, scanner.receiver, scanner.position_sensor
@@ -117,16 +117,16 @@ class Closed:
             laser.power, reflectance, receiver.aperture, transmission, seen, u, unit
         ) * spot.share_within_height(image.sigma_height, sensor.height)
         charge = spot.electrons(watts, 1.0 / scanner.rate, laser.wavelength, sensor.quantum_efficiency)
-        return Spot(
+        return ClosedSpot(
             self.pixel(image.centroid), self.pixel(image.chief), image.sigma / self.pitch, float(charge)
         )
 
-    def facing(self, R: float, reflectance: float, theta: float = 0.0, phi: float = 0.0) -> Spot:
+    def facing(self, R: float, reflectance: float, theta: float = 0.0, phi: float = 0.0) -> ClosedSpot:
         """Return the spot on a plate that faces the beam at the range R [m]."""
         u = geometry.scanner_axes(theta, phi)[0]
         return self.spot(theta, phi, geometry.point_from_shot(R, theta, phi, self.D), u, reflectance)
 
-    def on_array(self, seen: Spot) -> bool:
+    def on_array(self, seen: ClosedSpot) -> bool:
         """Return whether the spot lies on the array with six standard deviations to each side."""
         reach = 6.0 * max(seen.sigma, 1.0)
         return reach < seen.centre < self.scenario.scanner.position_sensor.pixels - 1 - reach
@@ -151,7 +151,7 @@ class Closed:
         p = float(geometry.image_position(R, theta, self.f, self.d))
         return self.f * (1.0 + (p / self.f) ** 2) * self.scenario.scanner.mirrors.synchronisation
 
-    def follows(self, seen: Spot) -> float:
+    def follows(self, seen: ClosedSpot) -> float:
         """Return by how much the estimate moves with the spot, ∂p̂/∂p: 1 but for the slope of a systematic error."""
         chosen = self.scenario.processing
         if chosen.peak == FIT or chosen.bias_correction != "none":
@@ -170,14 +170,14 @@ class Closed:
             R += (self.facing(R, 1.0).centre - target) * self.range_per_pixel(R)
         return R
 
-    def sigma_pixel(self, seen: Spot, estimator: str, variance: Array) -> float:
+    def sigma_pixel(self, seen: ClosedSpot, estimator: str, variance: Array) -> float:
         """Return σ of the estimate [pixel] for the variances of the judge's pixels: first order, or the bound."""
         if estimator == FIT:
             return bound_of(seen, variance)
         return first_order(ESTIMATORS[estimator], seen.line, variance)
 
 
-def bound_of(seen: Spot, variance: Array) -> float:
+def bound_of(seen: ClosedSpot, variance: Array) -> float:
     """Return the Cramér–Rao bound [pixel] of a spot's place for a variance of each pixel, shape (41,).
 
     1/√Σ (∂m_i/∂µ)²/v_i (Winick, *J. Opt. Soc. Am. A* 3, 1986); ∂m/∂µ by central differences of the pixel integrals.

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import eigen
-from scanner_sim.pose.sightings import Flags
+from scanner_sim.pose.observations import Flags
 from scanner_sim.pose.transforms import rotation_from_quaternion
 
 Array = NDArray[np.float64]
