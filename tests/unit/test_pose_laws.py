@@ -268,7 +268,7 @@ def test_ellipsoids_have_the_longest_axis_first() -> None:
 @pytest.mark.parametrize("together", [False, True])
 def test_one_object_seen_from_another_errs_by_both(together: bool) -> None:
     """Claim: M_a⁻¹ M_b, and J C Jᵀ with J by differences of its place and its turn, of both poses."""
-    a, b = Known(OMEGA, PLACE, 6), Known(-0.5 * OMEGA, PLACE + [1.0, 2.0, -0.7], 7)
+    a, b = Known(OMEGA, PLACE, 6), Known(-0.5 * OMEGA, PLACE + np.array([1.0, 2.0, -0.7]), 7)
     between = np.random.default_rng(8).normal(size=(6, 6)) if together else None
     found = relative_pose(a, b, between)
 

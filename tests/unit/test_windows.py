@@ -21,10 +21,10 @@ class Recorded(Windows):
 
     asked: tuple[Any, float]
 
-    def _speed(self, time: Any) -> float:
+    def _speed(self, *_: Any) -> float:
         return 3.0 * self.step  # bins in a second: slots of a quarter of one
 
-    def _renderer(self, rows: int, bins: int) -> Any:
+    def _renderer(self, *_: int) -> Any:
         def render(reads: Any, place: Any, poses: float) -> list[Any]:
             self.asked = place, poses
             return []
@@ -79,7 +79,7 @@ def test_a_span_has_a_step_more_at_each_end_and_little_beyond(low: float, high: 
 
 def test_a_window_holds_all_that_the_pixels_see(windows: Recorded) -> None:
     """Claim: Θ − atan(p/f) of the first pixel at the leftmost and the last at the rightmost shot, with half a dwell's
-    travel, and the same for φ, lie within the first and last bins and rows; at most 67 bins and 18 rows are too many."""
+    travel, and the same for φ, lie within the first and last bins and rows; 67 bins and 18 rows too many at most."""
     windows.seen_by(aim())
     (first, top), _ = windows.asked
     _, bins, _, rows, _, _ = windows._key(aim())
