@@ -286,7 +286,7 @@ def test_a_narrow_peak_passes_where_noise_may_have_made_it(device: Device, share
 
 
 def test_a_table_of_errors_is_read_with_its_slope(device: Device) -> None:
-    """Claim: of errors 0.1 s + 0.02 w the value at s = 0.3 and w = 1.2, and the slope: 0.1 in the table, 0 beyond it."""
+    """Claim: of errors 0.1 s + 0.02 w the value at s = 0.3, w = 1.2, and the slope: 0.1 in the table, 0 beyond."""
     widths, shifts = np.linspace(0.5, 2.0, 7), np.linspace(-1.0, 1.0, 11)
     table = BiasTable("gaussian", widths, shifts, 0.1 * shifts + 0.02 * widths[:, None])
     error, rise = Bias(table)(auto.Float(0.3), auto.Float(1.2))
