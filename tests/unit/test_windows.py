@@ -13,7 +13,7 @@ from scanner_sim.instrument.closed_loop.windows import Windows, _span
 from scanner_sim.render.device import Device
 from scanner_sim.scan.raster import Aim
 
-FOCAL, PITCH, HEIGHT, OFFSET, PIXELS = 0.1, 50e-6, 250e-6, 1e-3, 400
+FOCAL, PITCH, HEIGHT, OFFSET, PIXELS = 0.1, 50e-6, 250e-6, 5e-3, 400
 
 
 class Recorded(Windows):
@@ -34,7 +34,7 @@ class Recorded(Windows):
 
 @pytest.fixture
 def windows(device: Device) -> Recorded:
-    """Those of a line of 400 pixels of 50 µm behind 0.1 m, 1 mm beside the axis."""
+    """Those of a line of 400 pixels of 50 µm behind 0.1 m, from 5 mm beside the axis on."""
     optics = SimpleNamespace(
         pitch=PITCH, height=HEIGHT, offset=OFFSET, receiver=SimpleNamespace(focal_length=FOCAL)
     )
