@@ -1,0 +1,27 @@
+"""Names for arrays on the device, for signatures: what an array holds, where its class cannot be said.
+
+The class of an array is that of the variant which is active when it is made, and the type stubs of Mitsuba and of
+Dr.Jit name different classes for one and the same. So a type checker sees :data:`~typing.Any` behind each of these, and
+a reader sees what is meant. All are as wide as a batch: entry i belongs to shot, lane or beamlet i.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+Float: TypeAlias = Any
+"""Single precision, shape (n,)."""
+Int32: TypeAlias = Any
+"""Signed whole numbers, shape (n,)."""
+UInt32: TypeAlias = Any
+"""Whole numbers, shape (n,): indices and counts."""
+UInt64: TypeAlias = Any
+"""Long whole numbers, shape (n,): counters of random numbers."""
+Mask: TypeAlias = Any
+"""Truth values, shape (n,)."""
+Vector2f: TypeAlias = Any
+"""Two single-precision numbers each: coordinates in a plane."""
+Vector3f: TypeAlias = Any
+"""Directions and points in space [m], single precision."""
+Matrix4f: TypeAlias = Any
+"""Rigid motions, 4 × 4 each."""
