@@ -253,25 +253,28 @@ def few_targets(name: str, count: int, rng: np.random.Generator) -> Array:
     points = rng.uniform(-0.5, 0.5, (count, 5 if name == "five" else 4, 3))
     if name == "T":
         return np.tile([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]], (count, 1, 1))
-    if name in ("quadrangle", "three on a line"):
+    if name in ("quadrangle", "three on a line", "narrow"):
         points[..., 2] = 0.0
     else:
         points[..., 2] *= 10.0 ** rng.uniform(-4.0, 0.0, (count, 1))
     if name in ("three on a line", "nearly on a line"):
         off = 0.0 if name == "three on a line" else 10.0 ** rng.uniform(-6.0, -1.5, (count, 1, 1))
         points[:, :3, 1:] = off * rng.standard_normal((count, 3, 2))
+    if name == "narrow":
+        points[..., 1] *= 10.0 ** rng.uniform(-3.0, -1.0, (count, 1))
     return points
 
 
 @pytest.mark.parametrize(
-    "name", ["quadrangle", "three on a line", "nearly on a line", "T", "thick or thin", "five"]
+    "name", ["quadrangle", "three on a line", "nearly on a line", "T", "thick or thin", "five", "narrow"]
 )
 def test_exact_angles_never_give_a_wrong_valid_pose(name: str) -> None:
     """Claim: with exact angles a pose of status VALID is the true one, whatever the layout and the attitude.
 
     Set-up: 2000 layouts and attitudes of a kind, planes from behind and nearly edge-on included, 3–20 m. Expected: none
     lies farther from the truth than its covariance covers, 99 % of χ²₆. Tolerance: none; errors are exact. With starts
-    from the plane and one three of targets alone 0.2 to 4 % of the cases on a line or nearly so are wrong.
+    from the plane and one three of targets alone 0.2 to 4 % of the cases on a line or nearly so are wrong, and 2 % of
+    those where all four are within 0.5 to 50 mm of a line, of which one in ten is told well enough to be valid.
     """
     rng = np.random.default_rng(37)
     points = few_targets(name, 2000, rng)
@@ -282,7 +285,7 @@ def test_exact_angles_never_give_a_wrong_valid_pose(name: str) -> None:
     _, theta, phi = geometry.shot_from_point(placed, SEPARATION)
     pose = estimate_pose(points, theta, phi, **NOISE)
     valid = pose.status == PoseStatus.VALID
-    assert valid.mean() > 0.3
+    assert valid.mean() > (0.05 if name == "narrow" else 0.3)
     apart = errors(pose.rotation, pose.position, rotation, position)[valid]
     distance = np.einsum("ki,kij,kj->k", apart, np.linalg.inv(pose.covariance[valid]), apart)
     assert distance.max() < stats.chi2(6).ppf(0.99)
