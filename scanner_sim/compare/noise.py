@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +14,7 @@ from scanner_sim.compare import stand
 from scanner_sim.compare.closed import FIT, LINE, Closed, Spot
 from scanner_sim.compare.law import Law, Measured, Predicted, slope_of, slope_predicted, spread_of
 from scanner_sim.compare.setting import Setting
+from scanner_sim.scenario import Scenario
 from scanner_sim.signals.processing import PeakMethod
 
 Array = NDArray[np.float64]
@@ -39,10 +40,17 @@ def phases(count: int = PLACES) -> Array:
 
 def spots(setting: Setting, distance: float, count: int = PLACES) -> Iterator[tuple[float, Spot]]:
     """Yield ranges [m] about one at which the spot lies at even places in its pixel, and the judge's spots."""
-    closed = Closed(setting.scenario)
-    for phase in phases(count):
-        where = closed.place(distance, float(phase))
-        yield where, closed.facing(where, setting.flat.reflectance)
+    yield from _spots(setting.scenario, distance, setting.flat.reflectance, count)
+
+
+@lru_cache(maxsize=64)
+def _spots(
+    scenario: Scenario, distance: float, reflectance: float, count: int
+) -> tuple[tuple[float, Spot], ...]:
+    """Return what ``spots`` yields: each law asks several times, and all laws for the same."""
+    closed = Closed(scenario)
+    places = [closed.place(distance, float(phase)) for phase in phases(count)]
+    return tuple((where, closed.facing(where, reflectance)) for where in places)
 
 
 def _dark(setting: Setting) -> float:
