@@ -115,6 +115,7 @@ def judge(made: PoseSeries) -> None:
     assert stats.kstest(np.sum(white**2, axis=1), stats.chi2(6).cdf).pvalue > 5e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["uv", "joint"])
 def test_poses_of_moving_objects_are_covered(method: Method) -> None:
     """Claim: carried to a common time, sightings give poses whose errors are normal with the stated covariance.
@@ -135,6 +136,7 @@ def test_poses_of_moving_objects_are_covered(method: Method) -> None:
     assert stats.kstest(made.chi2, stats.chi2(dof).cdf).pvalue > 5e-6
 
 
+@pytest.mark.slow
 def test_relative_poses_of_moving_objects_are_covered() -> None:
     """Claim: M_a⁻¹ M_b of two moving objects has the errors that its covariance states.
 
