@@ -82,6 +82,7 @@ def test_reported_covariance_is_the_closed_form(method: str, R: float) -> None:
     np.testing.assert_allclose(got, closed_form(method, R, SIGMA, sigma_r), rtol=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_scatter_is_the_closed_form(method: str) -> None:
     """Claim: the scatter of estimated poses is the closed form.

@@ -99,6 +99,7 @@ CASES: dict[str, tuple[Array, dict[str, Any], int]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_coverage_and_residuals(name: str) -> None:
     """Claim: (truth − estimate)/σ of all six components is standard normal, and χ² of the residuals is a χ².
@@ -123,6 +124,7 @@ def test_coverage_and_residuals(name: str) -> None:
         check_chi2(pose.chi2[found], dof)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["uv", "xyz", "joint"])
 def test_uncertain_survey(method: Method) -> None:
     """Claim: errors of the surveyed points go into covariance and χ².
@@ -141,6 +143,7 @@ def test_uncertain_survey(method: Method) -> None:
     assert abs(pose.chi2.mean() / pose.dof[0] - 1.0) < 0.03
 
 
+@pytest.mark.slow
 def test_prior_points_and_relative_poses() -> None:
     """Claim: priors, points of the object and relative poses have the covariance they state.
 
@@ -203,6 +206,7 @@ def test_triangulation_ranges_follow_the_angle() -> None:
     check_chi2(pose.chi2, 18)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["uv", "xyz", "joint"])
 def test_wrong_targets_are_found(method: Method) -> None:
     """Claim: two wrong targets of eight do not touch a pose by ``ransac``.
@@ -228,6 +232,7 @@ def test_wrong_targets_are_found(method: Method) -> None:
     assert abs(distance.mean() - 6.0) < 0.9
 
 
+@pytest.mark.slow
 def test_huber_bounds_the_pull_of_a_doubtful_target() -> None:
     """Claim: one target off by 30 σ pulls a pose by ``huber`` less than a third as far as plain least squares.
 
@@ -265,6 +270,7 @@ def few_targets(name: str, count: int, rng: np.random.Generator) -> Array:
     return points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["quadrangle", "three on a line", "nearly on a line", "T", "thick or thin", "five", "narrow"]
 )
@@ -291,6 +297,7 @@ def test_exact_angles_never_give_a_wrong_valid_pose(name: str) -> None:
     assert distance.max() < stats.chi2(6).ppf(0.99)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["uv", "xyz", "joint"])
 def test_implausible_residuals_are_never_valid(method: Method) -> None:
     """Claim: a target that is not where it was surveyed makes a pose implausible, and chance does once in 10⁴.
