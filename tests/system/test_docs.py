@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 
 import pytest
 import yaml
-from scanner_sim.studies.pose_study import StudyPlan
 from typer.testing import CliRunner
 
 from scanner_sim.cli import app
 from scanner_sim.config import load_scenario, scenario_from_text
 from scanner_sim.products.image import CHANNELS
+from scanner_sim.validation.studies.pose_study import StudyPlan
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "```" in path.read_text(encoding="utf-8"))
