@@ -188,7 +188,7 @@ def cost_of(problem: Problem, rotation: Array, position: Array) -> Array:
     cost = _sum_of_squares(problem, whiten(problem, problem.measured - predict(problem, placed)[0]))
     if problem.prior is not None:
         apart, _ = prior_residual(problem.prior, problem.centre, rotation, position)
-        cost = cost + np.einsum("kb,kb->b", apart, apart)
+        cost += np.sum(apart * apart, axis=0)
     return cost
 
 
