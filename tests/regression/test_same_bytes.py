@@ -20,6 +20,8 @@ from scanner_sim.simulate import simulate_voxel
 from scanner_sim.status import Status
 from scanner_sim.workbench import Workbench
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def scenario(repo_root: Path) -> Scenario:

@@ -123,6 +123,7 @@ def test_fused_is_as_good_as_the_better(plane: RangeImage) -> None:
     assert spread[2] <= 1.02 * min(spread[:2])
 
 
+@pytest.mark.slow
 def test_the_ways_cross_where_the_closed_form_says() -> None:
     """Claim: stated σ of both are equal at R = √(σ_TOF f d/Δp).
 
@@ -166,6 +167,7 @@ def whole(device: object, module: Scenario) -> RangeImage:
     return simulate(module, device="cpu")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [97, 400])
 def test_any_batch_gives_the_same_bytes(module: Scenario, whole: RangeImage, batch: int) -> None:
     assert same(simulate(module, device="cpu", batch=batch), whole)
@@ -346,6 +348,7 @@ def test_charge_is_that_of_the_link_budget() -> None:
     assert simulate(scenario)["tof.Y"][4, 4] == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.slow
 def test_under_the_sun_the_planned_files_are_written(repo_root: Path, tmp_path: Path) -> None:
     """With time of flight alone there is no background of the line to draw; the camera still takes its picture."""
     config = repo_root / "configs" / "lighting_normal.yaml"
