@@ -173,6 +173,7 @@ def test_any_batch_gives_the_same_bytes(module: Scenario, whole: RangeImage, bat
     assert same(simulate(module, device="cpu", batch=batch), whole)
 
 
+@pytest.mark.slow
 def test_the_bench_works_in_parts(
     module: Scenario, whole: RangeImage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -180,6 +181,7 @@ def test_the_bench_works_in_parts(
     assert same(simulate(module, device="cpu"), whole)
 
 
+@pytest.mark.slow
 def test_either_way_alone_is_what_it_is_in_both(module: Scenario) -> None:
     """Truth, and each way's ranges where nothing was refused, do not depend on the other way.
 
@@ -269,6 +271,7 @@ def test_doubts_speak_of_time_of_flight() -> None:
     assert any("digitiser" in sentence for sentence in deep)
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_waveforms_and_draws_them(repo_root: Path, tmp_path: Path) -> None:
     """The waveforms of the file are those of the voxels, and their delays those of the image."""
     size = [
