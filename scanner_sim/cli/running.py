@@ -65,8 +65,7 @@ def _run_raster(
     scenario: Scenario, config: Path, folder: Path, *, device: DeviceChoice, overwrite: bool, quiet: bool
 ) -> None:
     # Loads the renderer: only after everything that can be refused without it.
-    from scanner_sim.instrument.photo import take_photo
-    from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+    from scanner_sim.instrument.simulate import simulate, simulate_waveforms, take_photo
     from scanner_sim.products.files.run_folder import write_run
 
     camera = waveforms = None

@@ -93,8 +93,7 @@ def open_scenario(path: Path, overrides: list[str], *, thorough: bool, pictures:
 def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
     from scanner_sim.cli.plan import sunlit
     from scanner_sim.instrument.closed_loop.poses import poses_of
-    from scanner_sim.instrument.photo import take_photo
-    from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+    from scanner_sim.instrument.simulate import simulate, simulate_waveforms, take_photo
     from scanner_sim.products.files.run_folder import write_run
     from scanner_sim.products.files.track_folder import write_track
 

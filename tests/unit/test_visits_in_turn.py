@@ -86,7 +86,7 @@ def test_targets_are_visited_in_turn_and_on_time(run: Any) -> None:
     for visit in range(8):
         state = tracker.state
         record = next(tracker)
-        asked = tracker._eye.asked[-1]
+        asked = tracker._sensor.asked[-1]
         index = visit % 2
         assert (record.number, asked.visit, record.target) == (visit, visit, ("a/1", "b/1")[index])
         assert asked.order.number == visit // 2
@@ -178,7 +178,7 @@ def test_targets_out_of_view_take_no_time_but_where_there_are_no_others(run: Any
     assert skipped == [1, 0, 1, 0]
     mixed = run(scenario(out[0], "c"))
     assert [next(mixed).target for _ in range(4)] == ["a/1", "c/1", "a/1", "c/1"]
-    assert len(mixed._eye.asked) == 2
+    assert len(mixed._sensor.asked) == 2
 
 
 def test_a_pattern_is_in_view_with_all_of_its_width(run: Any) -> None:

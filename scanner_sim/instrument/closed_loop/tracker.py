@@ -65,8 +65,8 @@ class Tracker:
                 remedy="Go on with the scenario that the state was saved with.",
             )
         with guest():
-            bench = FrozenInstrument(Instrument(scenario, device=device, threads=threads))
-            self._eye, self._recorder = TargetSensor(scenario, bench), Recorder(scenario)
+            instrument = FrozenInstrument(Instrument(scenario, device=device, threads=threads))
+            self._sensor, self._recorder = TargetSensor(scenario, instrument), Recorder(scenario)
             self._stay = Stay()
         self._periods: dict[int, float] = {}
 
@@ -187,7 +187,7 @@ class Tracker:
             visiting=self.scan.visiting,
         )
         with self._stay.resumed():
-            samples, seen, parts = self._eye.see(target, order, motion, state.visits)
+            samples, seen, parts = self._sensor.see(target, order, motion, state.visits)
         others = [
             other.motion
             for place, other in enumerate(state.tracks)
