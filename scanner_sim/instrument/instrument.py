@@ -29,9 +29,9 @@ from scanner_sim.ranging.ranges import (
     Geometry,
     Layers,
     Ranges,
-    finished_layers,
     layers_of,
     ranges_from_peaks,
+    with_truth,
 )
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
@@ -256,7 +256,7 @@ class Instrument:
                 layers |= layers_of(fused, "fused.")
             layers |= layers_of(echo, "tof.")
         layers |= layers_of(ranges)
-        return finished_layers(layers, ranges, aim, pointing, truth)
+        return with_truth(layers, ranges, aim, pointing, truth)
 
     def _triangulated(
         self, aim: Aim, shots: Shots, deflections: Deflections, panorama: Panorama | None

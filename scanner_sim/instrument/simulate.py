@@ -17,7 +17,7 @@ from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.instrument.voxel_records import voxel_record
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
-from scanner_sim.products.waveforms import WaveformSet, joined
+from scanner_sim.products.waveforms import WaveformSet, concatenate_waveforms
 from scanner_sim.render.camera import photograph
 from scanner_sim.render.device import activate
 from scanner_sim.render.guest import guest
@@ -155,7 +155,7 @@ def simulate_waveforms(
         aim = raster_aim(scan, part, scenario.scanner.dwell)
         rows, columns = np.divmod(part.astype(np.int32), np.int32(scan.columns))
         parts.append(instrument.echoes.records(instrument.fire(aim)[0], rows, columns))
-    return joined(parts)
+    return concatenate_waveforms(parts)
 
 
 @guest()

@@ -177,7 +177,7 @@ def ranges_with_points(
     return Ranges(r, sigma, *coordinates(r, theta, phi, separation), covariance, status)
 
 
-def refused(ranges: Ranges, status: NDArray[np.uint32]) -> Ranges:
+def with_status(ranges: Ranges, status: NDArray[np.uint32]) -> Ranges:
     """Return ranges of n shots with another status, shape (n,): NaN wherever it is not 0."""
 
     def kept(values: Array) -> Array:
@@ -216,9 +216,7 @@ def layers_of(ranges: Ranges, prefix: str = "") -> Layers:
     return {prefix + name: values for name, values in layers.items()}
 
 
-def finished_layers(
-    layers: Layers, ranges: Ranges, aim: Aim, pointing: TruePointing, truth: ChiefTruth
-) -> Layers:
+def with_truth(layers: Layers, ranges: Ranges, aim: Aim, pointing: TruePointing, truth: ChiefTruth) -> Layers:
     """Return layers without the peaks of refused voxels, and with the truth about all."""
     for name in ("peak_px", "sigma_peak_px"):
         if name in layers:

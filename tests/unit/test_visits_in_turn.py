@@ -131,14 +131,14 @@ def test_a_late_pattern_moves_those_that_follow(run: Any, monkeypatch: pytest.Mo
 
 def test_others_are_those_that_are_followed(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: a target that was dropped cannot take another's measurement."""
-    tracker, true = run(scenario()), module.advanced
+    tracker, true = run(scenario()), module.advance
     seen = []
 
-    def advanced(*state: Any, others: Any = ()) -> Any:
+    def advance(*state: Any, others: Any = ()) -> Any:
         seen.append(len(others))
         return true(*state, others=others)
 
-    monkeypatch.setattr(module, "advanced", advanced)
+    monkeypatch.setattr(module, "advance", advance)
     for _ in range(6):
         next(tracker)
     assert seen[-1] == 1
@@ -225,7 +225,7 @@ def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, statu
     record = next(tracker)
     lost = tracker.state.tracks[0]
     nothing = replace(module.NOTHING)
-    after = module.advanced(lost, nothing, tracker.scan.tracker, 0.1, 1.0)
+    after = module.advance(lost, nothing, tracker.scan.tracker, 0.1, 1.0)
     order = TrackCommand(TrackMode.TRACK, record.place, 6e-3, 1)
     made = tracker._recorder.record(
         1, tracker.targets[0], order, after, record.samples, nothing, record.errors, limited

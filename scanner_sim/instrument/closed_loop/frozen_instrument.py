@@ -16,7 +16,7 @@ from scanner_sim.detector.encoders import reading_normals, readings
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.ranging.ranges import Deflections, Layers, finished_layers, layers_of
+from scanner_sim.ranging.ranges import Deflections, Layers, layers_of, with_truth
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.beam.pattern import chief_beamlet, pattern_light
 from scanner_sim.render.beam.pattern_shots import fired_shots, packed_shots
@@ -98,7 +98,7 @@ class FrozenInstrument:
             values["seen_phi"],
         )
         layers["sigma_Y"] = values["sigma_signal"]
-        return finished_layers(layers, ranges, aim, pointing, truth)
+        return with_truth(layers, ranges, aim, pointing, truth)
 
     @cached_property
     def _beamlets(self) -> tuple[BeamletTables, SweptTables]:
