@@ -186,7 +186,7 @@ def cost(console: Console) -> None:
     table = Table("light", "visit, best", "of it measuring", "patterns/s")
     for name, more in (("dark", {}), ("Sun and Earth", {"lighting": SUN})):
         tracker = Tracker(scenario({"position": [0.0, 0.0, 10.0]}, **more))
-        instrument, inside = tracker._eye._instrument, [0.0]
+        instrument, inside = tracker._sensor._instrument, [0.0]
         plain = instrument.measure
 
         def timed(aim: Any, plain: Any = plain, inside: list[float] = inside) -> Any:

@@ -17,7 +17,7 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.units import FROM_FILE, Angle
 from scanner_sim.products.budget import BudgetRow, crossing
 from scanner_sim.products.files.contents import BUDGET
-from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.folder import claim_folder
 from scanner_sim.render.libraries import DeviceChoice
 
 
@@ -45,7 +45,7 @@ def budget_scenario(
 
     scenario = load_and_warn(config, overrides, quiet)
     chosen = None if sweep is None else _angle(sweep)
-    with claimed(folder, overwrite, BUDGET):
+    with claim_folder(folder, overwrite, BUDGET):
         from scanner_sim.validation.compare.instrument import closed_crossing, with_closed_forms
         from scanner_sim.validation.studies.budget import distances_of, measure_budget, swept
         from scanner_sim.validation.studies.dominance import dominating

@@ -192,11 +192,11 @@ def step(
         A measurement counts as the target where it is seen, has its size and shape and, once the target moves steadily,
         lies where the prediction allows: all else, shadows' edges and glints above all, moves nothing.
     """
-    after = advanced(state, measurement, settings, diameter, next_time, row)
+    after = advance(state, measurement, settings, diameter, next_time, row)
     return after, command(after, settings, diameter, next_time)
 
 
-def advanced(
+def advance(
     state: TrackState,
     measurement: Measurement,
     settings: TrackerSettings,

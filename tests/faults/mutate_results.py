@@ -30,7 +30,7 @@ def write_originals(folder: Path) -> None:
     """Make an image, waveforms, a tracking run with poses, and small files of the other kinds."""
     from scanner_sim.config import load_scenario
     from scanner_sim.instrument.closed_loop.poses import poses_of
-    from scanner_sim.instrument.closed_loop.track import finished_track
+    from scanner_sim.instrument.closed_loop.track import track_of
     from scanner_sim.instrument.closed_loop.tracker import Tracker
     from scanner_sim.instrument.simulate import simulate, simulate_waveforms
     from scanner_sim.products.files.exr import write_exr
@@ -46,7 +46,7 @@ def write_originals(folder: Path) -> None:
     write_waveforms(folder / "waveforms.nc", simulate_waveforms(scenario, [(0, 0), (3, 3)], device="cpu"))
     moving = load_scenario(REPOSITORY / "configs/track_moving.yaml", ["scan.pattern.points=32"])
     tracker = Tracker(moving, device="cpu")
-    found = finished_track(tracker, tuple(record for record, _ in zip(tracker, range(16), strict=False)))
+    found = track_of(tracker, tuple(record for record, _ in zip(tracker, range(16), strict=False)))
     write_track(found, folder / "run", Output(pictures=False), poses=poses_of(found))
     _write_texts(folder)
 

@@ -201,7 +201,7 @@ def test_show_draws_the_background_as_the_run_did(tmp_path: Path) -> None:
 def test_without_pictures_there_is_no_photograph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The photograph costs as much as the scan: it is not even taken."""
     monkeypatch.setattr(
-        "scanner_sim.instrument.photo.take_photo", lambda *_, **__: pytest.fail("a photograph was taken")
+        "scanner_sim.instrument.simulate.take_photo", lambda *_, **__: pytest.fail("a photograph was taken")
     )
     arguments = ["--set", "output.pictures=false"]
     result = invoke("run", CONFIGS / "lighting_normal.yaml", "-o", tmp_path / "out", *SMALL, *arguments)

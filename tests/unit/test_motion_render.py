@@ -15,7 +15,7 @@ from scanner_sim import Scenario, simulate
 from scanner_sim.analytic.geometry import laser_origin, range_to_sphere, scanner_axes
 from scanner_sim.config import scenario_warnings
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.instrument.photo import take_photo
+from scanner_sim.instrument.simulate import take_photo
 from scanner_sim.products.image import RangeImage
 from scanner_sim.scan.raster import raster_aim
 from scanner_sim.scene.objects import Scene

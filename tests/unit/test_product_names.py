@@ -14,7 +14,7 @@ from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.products.budget import BudgetRow, Dominance, crossing
-from scanner_sim.products.files.tables import checked, six_digits, table_csv
+from scanner_sim.products.files.tables import check_columns, six_digits, table_csv
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.pose import pose_columns
@@ -284,11 +284,11 @@ def test_numbers_of_studies_keep_six_digits() -> None:
 @pytest.mark.parametrize("value", [-1e31, 1e31])
 def test_numbers_of_no_sense_are_refused(value: float) -> None:
     with pytest.raises(ValueError, match="any sense"):
-        checked({"a": np.array([1.0, value])}, {"a": "number"})
-    assert checked({"a": np.array([1.0, value])}, {"a": "any"})
-    assert checked({"a": np.array([1.0, np.nan])}, {"a": "number"})
+        check_columns({"a": np.array([1.0, value])}, {"a": "number"})
+    assert check_columns({"a": np.array([1.0, value])}, {"a": "any"})
+    assert check_columns({"a": np.array([1.0, np.nan])}, {"a": "number"})
     with pytest.raises(ValueError, match="finite"):
-        checked({"a": np.array([1.0, np.nan])}, {"a": "finite"})
+        check_columns({"a": np.array([1.0, np.nan])}, {"a": "finite"})
 
 
 def test_a_table_for_people_keeps_twelve_digits() -> None:

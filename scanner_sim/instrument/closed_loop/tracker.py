@@ -23,7 +23,7 @@ from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.schedule import MOST_VISITS, run_visit
 from scanner_sim.tracking.record import PatternRecord
-from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advanced, command, init
+from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advance, command, init
 
 
 class Tracker:
@@ -65,8 +65,8 @@ class Tracker:
                 remedy="Go on with the scenario that the state was saved with.",
             )
         with guest():
-            bench = FrozenInstrument(Instrument(scenario, device=device, threads=threads))
-            self._eye, self._recorder = TargetSensor(scenario, bench), Recorder(scenario)
+            instrument = FrozenInstrument(Instrument(scenario, device=device, threads=threads))
+            self._sensor, self._recorder = TargetSensor(scenario, instrument), Recorder(scenario)
             self._stay = Stay()
         self._periods: dict[int, float] = {}
 
@@ -187,13 +187,13 @@ class Tracker:
             visiting=self.scan.visiting,
         )
         with self._stay.resumed():
-            samples, seen, parts = self._eye.see(target, order, motion, state.visits)
+            samples, seen, parts = self._sensor.see(target, order, motion, state.visits)
         others = [
             other.motion
             for place, other in enumerate(state.tracks)
             if place != index and state.followed[place] and other.mode is TrackMode.TRACK
         ]
-        after = advanced(
+        after = advance(
             track, seen, self.scan.tracker, target.appearance.diameter, mirrors.time, others=others
         )
         limited = motion.limited
@@ -263,7 +263,7 @@ class Tracker:
         It takes no time, so that the others lose none; only where none is in view a period goes by.
         """
         target = self.targets[index]
-        after = advanced(state.tracks[index], NOTHING, self.scan.tracker, target.appearance.diameter, middle)
+        after = advance(state.tracks[index], NOTHING, self.scan.tracker, target.appearance.diameter, middle)
         followed = sum(state.followed)
         waiting = state.skipped + 1 >= followed
         record = self._recorder.out_of_view(state.visits, target, order, after, middle)

@@ -4,14 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from scanner_sim.products.pictures.style import FAINT, INK, RANGE_MAP, SIGNAL_MAP, house_style, named, save
+from scanner_sim.products.pictures.style import (
+    FAINT,
+    INK,
+    RANGE_MAP,
+    SIGNAL_MAP,
+    house_style,
+    save,
+)
 from scanner_sim.tracking.centroid import Centroid, circle_fit
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.response import Response, target_response
@@ -104,7 +110,7 @@ def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = N
             columnspacing=1.2,
         )
         _centre(centre, record)
-        figure.text(0.055, 0.945, f"Pattern over {named(record.target)}", size=10.5, weight="bold")
+        figure.text(0.055, 0.945, f"Pattern over {plot_label(record.target)}", size=10.5, weight="bold")
         figure.text(0.055, 0.90, _about(record, response), color=FAINT)
         save(figure, path)
 
@@ -123,19 +129,27 @@ def _away(record: PatternRecord, angles: Array) -> Array:
 
 
 def _voxels(
-    axes: Axes, record: PatternRecord, response: Response, value: Array, shown: Any, colours: str, label: str
+    axes: Axes,
+    record: PatternRecord,
+    response: Response,
+    value: Array,
+    shown: NDArray[np.bool_],
+    colours: str,
+    label: str,
 ) -> None:
     """Draw the path and its voxels: hits large and rimmed, misses small, what was not measured as a cross."""
     samples, hit = record.samples, response.hit[0]
     x, y = _away(record, np.stack([samples.theta[0], samples.phi[0]], axis=1)).T
     axes.plot(x, y, color="#c9ced4", lw=0.7, zorder=1)
-    limits: dict[str, Any] = {}
+    low: float | None = None
+    high: float | None = None
     if shown.any():
         low, high = np.percentile(value[shown], (1.0, 99.0))
-        limits = {"vmin": low, "vmax": max(high, low + 1e-6)}
+        high = max(high, low + 1e-6)
     for chosen, size, edge in ((shown & ~hit, _OPEN, "none"), (shown & hit, _FILLED, INK)):
         dots = axes.scatter(
-            x[chosen], y[chosen], size, value[chosen], cmap=colours, edgecolors=edge, linewidths=0.5, zorder=3, **limits
+            x[chosen], y[chosen], size, value[chosen], cmap=colours, vmin=low, vmax=high, edgecolors=edge,
+            linewidths=0.5, zorder=3,
         )  # fmt: skip
     axes.scatter(x[~shown], y[~shown], 12.0, "#9aa3ac", marker="x", linewidths=0.7, zorder=2)
     axes.set_aspect("equal")

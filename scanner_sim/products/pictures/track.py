@@ -15,7 +15,7 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 from numpy.typing import NDArray
 
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, named, save
+from scanner_sim.products.pictures.style import FAINT, INK, house_style, plot_label, save
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
@@ -61,7 +61,7 @@ def draw_track(track: Track, path: str | Path) -> None:
             records = track.of(target.name)
             for axis, axes in enumerate(grid[row]):
                 _errors(axes, records, axis)
-            grid[row, 0].set_title(named(target.name), loc="left", fontsize=8.0, weight="bold", pad=3.0)
+            grid[row, 0].set_title(plot_label(target.name), loc="left", fontsize=8.0, weight="bold", pad=3.0)
         for axis, axes in enumerate(grid[-1]):
             axes.set_xlabel("time [s]")
             grid[0, axis].text(1.0, 1.04, _QUANTITIES[axis][0], transform=grid[0, axis].transAxes, ha="right")
@@ -107,7 +107,7 @@ def _stretches(records: Sequence[PatternRecord]) -> list[tuple[TrackMode, float,
     return found
 
 
-def _states(figure: Any, height: float) -> None:
+def _states(figure: Figure, height: float) -> None:
     handles = [Patch(color=colour, label=mode.value) for mode, colour in STATE_COLOUR.items()]
     figure.legend(
         handles=handles, loc="lower left", bbox_to_anchor=(0.075, height), ncols=4, borderaxespad=0.0, borderpad=0.0,
@@ -200,7 +200,7 @@ def _visit(axes: Axes, record: PatternRecord, ink: str) -> None:
     x, y = np.degrees([angles[0].max(), angles[1].mean()])
     rim: list[AbstractPathEffect] = [withStroke(linewidth=2.0, foreground="black")] if ink == "white" else []
     label = axes.annotate(
-        named(record.target),
+        plot_label(record.target),
         (x, y),
         (4.0, 0.0),
         textcoords="offset points",

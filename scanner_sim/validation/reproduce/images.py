@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from scanner_sim.analytic import sun
 from scanner_sim.config import load_scenario
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.instrument.photo import take_photo
-from scanner_sim.instrument.simulate import simulate
+from scanner_sim.instrument.simulate import simulate, take_photo
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pictures.image import draw_shaded
 from scanner_sim.products.pictures.waveform import draw_grey

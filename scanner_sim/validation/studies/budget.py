@@ -28,7 +28,7 @@ from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.instrument.time_of_flight import Timed
+from scanner_sim.instrument.time_of_flight import EchoDelays
 from scanner_sim.optics.deflection import ERRORS, Mirrors
 from scanner_sim.products.budget import BudgetRow, Mode
 from scanner_sim.ranging.fusion import fuse
@@ -304,7 +304,7 @@ class _Target:
         if (mode, name) in self._kept:
             return self._kept[mode, name]
         made = _alone(self.scenario, name, self.scene)
-        bench = self.lit if name == _ALL else Instrument(made, device=self.device, like=self.lit)
+        bench = self.lit if name == _ALL else Instrument(made, device=self.device, reuse=self.lit)
         found = _timed(bench, self.told, self.aim) if mode == "tof" else _seen(bench, self.told, self.aim)
         if name in (_QUIET, _ALL):
             self._kept[mode, name] = found
@@ -339,10 +339,10 @@ def _timed(bench: Instrument, told: Instrument, aim: Aim) -> _RangedShots:
     shots, pointing = bench.fire(aim)
     deflections = bench.deflections(aim, pointing)
     truth, _, groups = bench.echoes.listen(shots, told.echoes.detector)
-    timed = Timed.empty(aim.theta.size)
+    delays = EchoDelays.empty(aim.theta.size)
     for group in groups:
-        timed.take(group.index, group.delays, told.echoes.unit.digitiser)
-    ranges = told.echoes.ranges(timed, deflections)
+        delays.fill(group.index, group.delays, told.echoes.unit.digitiser)
+    ranges = told.echoes.ranges(delays, deflections)
     return _RangedShots(ranges, truth.distance.numpy().astype(np.float64))
 
 
