@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 import numpy as np
 import pyarrow
@@ -21,8 +21,6 @@ from pydantic import TypeAdapter, ValidationError
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import read_ordinary
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
 T = TypeVar("T")
 
@@ -59,7 +57,7 @@ def table_csv(columns: Columns) -> str:
     return text.getvalue()
 
 
-def records_csv(rows: Sequence[DataclassInstance]) -> str:
+def records_csv(rows: Sequence[Any]) -> str:
     """Return dataclasses of one kind as a table, a column for each field; floats as :func:`six_digits`."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
