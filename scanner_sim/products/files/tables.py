@@ -21,7 +21,6 @@ from pydantic import TypeAdapter, ValidationError
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import read_ordinary
 
-
 T = TypeVar("T")
 
 Column: TypeAlias = NDArray[Any]
