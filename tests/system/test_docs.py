@@ -59,7 +59,7 @@ def examples(page: Path) -> list[Example]:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, repo_root: Path) -> Path:
     """A folder that looks like the repository's root, in which examples may leave files."""
     # A budget takes half as long, and its example stays as it is written.
-    monkeypatch.setattr(importlib.import_module("scanner_sim.validation.studies.budget"), "PLACES", 2)
+    monkeypatch.setattr(importlib.import_module("scanner_sim.validation.studies.budget"), "PIXEL_PHASES", 2)
     for name in ("configs", "scenes"):
         (tmp_path / name).symlink_to(repo_root / name)
     monkeypatch.chdir(tmp_path)

@@ -16,6 +16,7 @@ from scanner_sim.products.pictures.style import (
     RANGE_MAP,
     SIGNAL_MAP,
     house_style,
+    plot_label,
     save,
 )
 from scanner_sim.tracking.centroid import Centroid, circle_fit

@@ -132,6 +132,6 @@ class ComparisonSetup:
         return tuple(float(f"{R:.3g}") for R in np.geomspace(low, high, RANGES))
 
 
-def named(text: str) -> str:
+def law_name(text: str) -> str:
     """Return a word of an option as a law's name: small letters, underscores."""
     return re.sub(r"[\s-]+", "_", text.strip().lower())

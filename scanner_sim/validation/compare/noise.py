@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.signals.processing import PeakMethod
-from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import FIT, LINE, ClosedForms, ClosedSpot
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, slope_of, slope_predicted, spread_of
@@ -119,19 +119,19 @@ def _measure_sigma(
     slope: bool,
 ) -> dict[str, Measured]:
     """Measure σ of the range on facing plates at the ranges that can be used, and its exponent."""
-    chosen, told = peak or setting.scenario.processing.peak, {}
+    chosen, cases = peak or setting.scenario.processing.peak, {}
     ranges = _usable(setting, variance, chosen)
     shots = setting.shots(4000)
     for step, distance in enumerate(ranges):
         groups = []
         for place, (where, _) in enumerate(spots(setting, distance)):
             for seed in setting.seed(number, step, place):
-                plate = stand.plate(where, setting.flat.reflectance, size=plate_side(setting, where))
-                made = stand.on_stand(setting, plate, seed=seed, noise=noise, peak=peak)
-                aim = stand.directions(np.zeros(shots), 0.0, made.scanner.mirrors, 0.0)
-                groups.append(1e3 * stand.range_errors(setting, made, aim))
-        told[f"{distance:.4g} m"] = spread_of(np.stack(groups))
-    return told | slope_over(ranges, told, slope)
+                plate = test_bench.plate(where, setting.flat.reflectance, size=plate_side(setting, where))
+                made = test_bench.on_test_bench(setting, plate, seed=seed, noise=noise, peak=peak)
+                aim = test_bench.directions(np.zeros(shots), 0.0, made.scanner.mirrors, 0.0)
+                groups.append(1e3 * test_bench.range_errors(setting, made, aim))
+        cases[f"{distance:.4g} m"] = spread_of(np.stack(groups))
+    return cases | slope_over(ranges, cases, slope)
 
 
 def _predict_sigma(
@@ -139,22 +139,22 @@ def _predict_sigma(
 ) -> dict[str, Predicted]:
     chosen = peak or setting.scenario.processing.peak
     ranges = _usable(setting, variance, chosen)
-    told = {f"{R:.4g} m": _sigma(setting, R, variance, chosen) for R in ranges}
-    return told | slope_expected(ranges, told, slope, pure)
+    cases = {f"{R:.4g} m": _sigma(setting, R, variance, chosen) for R in ranges}
+    return cases | slope_expected(ranges, cases, slope, pure)
 
 
-def slope_over(ranges: tuple[float, ...], told: dict[str, Measured], slope: bool) -> dict[str, Measured]:
+def slope_over(ranges: tuple[float, ...], cases: dict[str, Measured], slope: bool) -> dict[str, Measured]:
     """Return the exponent of measured standard deviations against range, if there is a slope."""
-    return {SLOPE: slope_of(np.array(ranges), list(told.values()))} if slope and len(ranges) > 2 else {}
+    return {SLOPE: slope_of(np.array(ranges), list(cases.values()))} if slope and len(ranges) > 2 else {}
 
 
 def slope_expected(
-    ranges: tuple[float, ...], told: dict[str, Predicted], slope: bool, pure: str
+    ranges: tuple[float, ...], cases: dict[str, Predicted], slope: bool, pure: str
 ) -> dict[str, Predicted]:
     """Return the predicted exponent; ``pure`` says what it would be of the law alone."""
     if not slope or len(ranges) < 3:
         return {}
-    return {SLOPE: slope_predicted(np.array(ranges), list(told.values()), f"exponent ({pure})")}
+    return {SLOPE: slope_predicted(np.array(ranges), list(cases.values()), f"exponent ({pure})")}
 
 
 def plate_side(setting: ComparisonSetup, distance: float) -> float:

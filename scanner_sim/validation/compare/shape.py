@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import ClosedForms, ClosedSpot
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, exact
@@ -23,7 +23,7 @@ PRECISION = 3e-4
 _TOWARDS = np.array([0.0, 0.0, -1.0])
 
 
-class Place(NamedTuple):
+class FieldPosition(NamedTuple):
     """A place in the field: its name, range of the wall or plate [m], deflections [rad]."""
 
     name: str
@@ -32,7 +32,7 @@ class Place(NamedTuple):
     phi: float
 
 
-def places(setting: ComparisonSetup, ranges: tuple[float, ...]) -> Iterator[Place]:
+def field_positions(setting: ComparisonSetup, ranges: tuple[float, ...]) -> Iterator[FieldPosition]:
     """Yield the axis and four corners of the field at some ranges, where the array sees the spot.
 
     The corners are not mirror images of one another, so that no sign or exchange of axes goes unseen.
@@ -46,12 +46,12 @@ def places(setting: ComparisonSetup, ranges: tuple[float, ...]) -> Iterator[Plac
             (0.8 * far, 0.9 * far),
             (far, -far),
         ):
-            place = Place(f"{distance:.4g} m, Θ {theta:+.2f}, φ {phi:+.2f}", distance, theta, phi)
+            place = FieldPosition(f"{distance:.4g} m, Θ {theta:+.2f}, φ {phi:+.2f}", distance, theta, phi)
             if ClosedForms(setting.scenario).on_array(_on_wall(setting, place)):
                 yield place
 
 
-def _on_wall(setting: ComparisonSetup, place: Place) -> ClosedSpot:
+def _on_wall(setting: ComparisonSetup, place: FieldPosition) -> ClosedSpot:
     """Return the judge's spot on a wall square to the z axis."""
     point = np.array([0.0, 0.0, place.distance])
     return ClosedForms(setting.scenario).spot(
@@ -65,26 +65,28 @@ def wall_ranges(setting: ComparisonSetup) -> tuple[float, ...]:
     return tuple(dict.fromkeys((ranges[0], setting.middle, ranges[-1])))
 
 
-def _seen(setting: ComparisonSetup) -> str:
+def _shape_uncovered(setting: ComparisonSetup) -> str:
     return (
-        "" if next(places(setting, wall_ranges(setting)), None) else "the array sees no spot at these ranges"
+        ""
+        if next(field_positions(setting, wall_ranges(setting)), None)
+        else "the array sees no spot at these ranges"
     )
 
 
-def _wall_lines(setting: ComparisonSetup) -> Iterator[tuple[Place, Array]]:
+def _wall_lines(setting: ComparisonSetup) -> Iterator[tuple[FieldPosition, Array]]:
     """Yield places of the field and the noise-free charges of their lines on a wall."""
     for distance in wall_ranges(setting):
-        own = list(places(setting, (distance,)))
+        own = list(field_positions(setting, (distance,)))
         if not own:
             continue
         size = 2.5 * distance * math.tan(max(max(abs(place.theta), abs(place.phi)) for place in own) + 0.1)
-        wall = stand.plate(distance, setting.flat.reflectance, size=size)
+        wall = test_bench.plate(distance, setting.flat.reflectance, size=size)
         # Noise-free light hides nothing behind the converter, and a strong laser no pixel behind its full well.
-        made = stand.on_stand(setting, wall, seed=setting.seed(1)[0])
-        aim = stand.directions(
+        made = test_bench.on_test_bench(setting, wall, seed=setting.seed(1)[0])
+        aim = test_bench.directions(
             [place.theta for place in own], [place.phi for place in own], made.scanner.mirrors, 0.0
         )
-        yield from zip(own, stand.lines(setting, made, aim), strict=True)
+        yield from zip(own, test_bench.lines(setting, made, aim), strict=True)
 
 
 def _centroid(line: Array) -> float:
@@ -102,21 +104,21 @@ def _of_lines(value: Callable[[Array], float]) -> Callable[[ComparisonSetup], di
     return lambda setting: {place.name: exact(value(line)) for place, line in _wall_lines(setting)}
 
 
-def lens_extent(setting: ComparisonSetup, place: Place) -> float:
+def lens_extent(setting: ComparisonSetup, place: FieldPosition) -> float:
     """Return (D/R)², by which the extent of the lens, which the closed forms take as small, changes light and shape."""
     return (setting.scenario.scanner.receiver.aperture / place.distance) ** 2
 
 
 def _predict_position(setting: ComparisonSetup) -> dict[str, Predicted]:
-    closed, told = ClosedForms(setting.scenario), {}
-    for place in places(setting, wall_ranges(setting)):
+    closed, cases = ClosedForms(setting.scenario), {}
+    for place in field_positions(setting, wall_ranges(setting)):
         seen = _on_wall(setting, place)
         from_infinity = seen.centre - closed.pixel(0.0)
         accuracy = lens_extent(setting, place) / 16.0 * from_infinity + PRECISION
-        told[place.name] = Predicted(
+        cases[place.name] = Predicted(
             "p", "mm", 1e3 * from_infinity * closed.pitch, 1e3 * accuracy * closed.pitch
         )
-    return told
+    return cases
 
 
 def _measure_position(setting: ComparisonSetup) -> dict[str, Measured]:
@@ -128,23 +130,23 @@ def _measure_position(setting: ComparisonSetup) -> dict[str, Measured]:
 
 
 def _predict_width(setting: ComparisonSetup) -> dict[str, Predicted]:
-    told = {}
-    for place in places(setting, wall_ranges(setting)):
+    cases = {}
+    for place in field_positions(setting, wall_ranges(setting)):
         width = _on_wall(setting, place).sigma
-        told[place.name] = Predicted(
+        cases[place.name] = Predicted(
             "σ", "pixel", width, (2.0 * lens_extent(setting, place) + PRECISION) * width
         )
-    return told
+    return cases
 
 
 def _predict_charge(setting: ComparisonSetup) -> dict[str, Predicted]:
-    told = {}
-    for place in places(setting, wall_ranges(setting)):
+    cases = {}
+    for place in field_positions(setting, wall_ranges(setting)):
         charge = _on_wall(setting, place).charge
-        told[place.name] = Predicted(
+        cases[place.name] = Predicted(
             "charge", "electron", charge, (lens_extent(setting, place) + PRECISION) * charge
         )
-    return told
+    return cases
 
 
 def unlit(setting: ComparisonSetup) -> str:
@@ -156,7 +158,7 @@ def unlit(setting: ComparisonSetup) -> str:
         nearest = min(setting.flat.ranges)
         if closed.passed(math.atan(closed.d / nearest)) < 0.5:
             return "the band's steep edge lies within the spot, whose light the closed form takes as one incidence"
-    return _seen(setting)
+    return _shape_uncovered(setting)
 
 
 SPOT_POSITION = Law(

@@ -16,8 +16,8 @@ from scanner_sim.validation.compare.pulses import (
     echo_range,
     plate_errors,
     pulse_widths,
+    pulses_uncovered,
     silent,
-    timed,
 )
 
 _RATIOS = (2.0, 4.0, 8.0, 16.0)
@@ -27,7 +27,7 @@ _WALK = 0.5
 
 
 def _walks(setting: ComparisonSetup) -> str:
-    reason = timed(setting)
+    reason = pulses_uncovered(setting)
     if reason:
         return reason
     if _walk_level(setting) < 10.0 * dark_noise(setting)[0]:

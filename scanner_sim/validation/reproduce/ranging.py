@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,7 +26,7 @@ from scanner_sim.validation.reproduce.bench import (
     slope,
 )
 from scanner_sim.validation.reproduce.drawing import BLUE, COLOURS, GREEN, OCHRE, RED, ranges, sheet
-from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, judged, within
+from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, row_of_claim, within
 
 _HALF = 0.45
 """Deflection to each side over which the field is tried [rad]."""
@@ -48,14 +47,14 @@ def eq1(task: Task) -> Outcome:
     off = (place - expected)[seen] / PITCH
     error = (measured - true)[seen] / true[seen] ** 2
     rows = (
-        judged(
+        row_of_claim(
             "spot on the line, rendered less eq 1 (rms)",
             "eq 1",
             "0",
             f"{np.sqrt(np.mean(off**2)):.4f} pixel",
             np.sqrt(np.mean(off**2)) < 0.01,
         ),
-        judged(
+        row_of_claim(
             "range error without noise at 10 m (rms)",
             "",
             "0",
@@ -109,7 +108,7 @@ def eq2(task: Task) -> Outcome:
     standard = spread / count
     worst = float(np.abs(mean / standard).max())
     rows = (
-        judged(
+        row_of_claim(
             "mean range less truth, worst of all distances",
             "R = c τ/2",
             "0",
@@ -123,7 +122,7 @@ def eq2(task: Task) -> Outcome:
             f"{1e3 * spread.min():.1f} to {1e3 * spread.max():.1f} mm",
             bool(spread[distances < 30.0].max() < 2.0 * spread.min()),
         ),
-        judged(
+        row_of_claim(
             "the same over its closed form, worst of all distances",
             "",
             "1",
@@ -159,15 +158,15 @@ def eq3(task: Task) -> Outcome:
     rounding = 1e6 * float(np.nanmax(np.abs(points - judge)))
     left = np.linalg.norm(points - without, axis=1)
     rows = (
-        judged("points against eq 3, largest", "eq 3", "0", f"{rounding:.3f} µm", rounding < 2.0),
-        judged(
+        row_of_claim("points against eq 3, largest", "eq 3", "0", f"{rounding:.3f} µm", rounding < 2.0),
+        row_of_claim(
             "flatness of the measured plane at 8 m (rms)",
             "",
             "0",
             f"{np.sqrt(np.nanmean(flat**2)):.3f} mm",
             np.sqrt(np.nanmean(flat**2)) < 0.2,
         ),
-        judged(
+        row_of_claim(
             "points if D_g is left out, largest shift",
             "D_g ≪ R",
             f"{1e3 * 2.0 * SEPARATION * np.sin(_HALF / 2.0):.1f} mm at any range",
@@ -196,7 +195,7 @@ def eq3(task: Task) -> Outcome:
 def eq4(task: Task) -> Outcome:
     """Measure σ_R for a constant error of the spot's place, over range and over the field."""
     error = 10e-6
-    scanner: dict[str, Any] = {**QUIET, "mirrors": {**STILL, "synchronisation": error}}
+    scanner: dict[str, object] = {**QUIET, "mirrors": {**STILL, "synchronisation": error}}
     distances, side = np.geomspace(3.0, 35.0, task.choose(12, 6)), task.choose(48, 32)
     sigma = np.empty(len(distances))
     for row, distance in enumerate(distances.tolist()):
@@ -221,9 +220,13 @@ def eq4(task: Task) -> Outcome:
     exponent, mean = slope(distances, sigma), float(np.mean(sigma / printed))
     tolerance = 4.0 / np.sqrt(2.0 * side**2)
     rows = (
-        judged("exponent of σ_R in R, constant Δp", "2", "2", f"{exponent:.3f}", abs(exponent - 2.0) < 0.05),
-        judged("σ_R over the printed form on the axis", "1", "1", f"{mean:.3f}", abs(mean - 1.0) < tolerance),
-        judged(
+        row_of_claim(
+            "exponent of σ_R in R, constant Δp", "2", "2", f"{exponent:.3f}", abs(exponent - 2.0) < 0.05
+        ),
+        row_of_claim(
+            "σ_R over the printed form on the axis", "1", "1", f"{mean:.3f}", abs(mean - 1.0) < tolerance
+        ),
+        row_of_claim(
             "the same at Θ = ∓0.45 rad",
             "1",
             f"{exact[0]:.3f}, {exact[-1]:.3f}",
@@ -270,14 +273,14 @@ def eq5(task: Task) -> Outcome:
     tolerance = 4.5 / np.sqrt(2.0 * shots)
     worst, short = found / full, found / printed
     rows = (
-        judged(
+        row_of_claim(
             "σ of x, y, z over the full Jacobian",
             "",
             "1",
             f"{worst.min():.3f} to {worst.max():.3f}",
             np.abs(worst - 1.0).max() < tolerance,
         ),
-        judged(
+        row_of_claim(
             "σ of x, y, z over the printed form",
             "1",
             f"{(full / printed).min():.2f} to {(full / printed).max():.2f}",

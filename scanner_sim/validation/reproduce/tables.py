@@ -16,7 +16,7 @@ from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scan.schedule import Visiting, mirrors_at, run_visit
 from scanner_sim.validation.reproduce.bench import DWELL
 from scanner_sim.validation.reproduce.drawing import BLUE, OCHRE, RED, sheet
-from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, judged, within
+from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, row_of_claim, within
 from scanner_sim.validation.studies.conditions import ESTIMATES
 from scanner_sim.validation.studies.sweep import sweep_orbit
 
@@ -36,7 +36,7 @@ def table_1(task: Task) -> Outcome:
         found = shares[:, [int(condition) for condition in estimate.conditions]].sum(axis=1)
         low, high = _BOUNDS[estimate.share]
         rows.append(
-            judged(
+            row_of_claim(
                 f"{estimate.name}: {names}",
                 estimate.share,
                 "",
@@ -49,14 +49,14 @@ def table_1(task: Task) -> Outcome:
     lit = 1.0 - eclipse
     normal = shares[:, 0] / lit
     rows += [
-        judged(
+        row_of_claim(
             "the Earth hides the Sun, 400 km, β = 15°",
             "",
             f"{100.0 * dark:.1f} %",
             f"{100.0 * eclipse:.1f} %",
             abs(eclipse - dark) < 1.5 / timeline.times.size,
         ),
-        judged(
+        row_of_claim(
             "normal, of the time in sunlight",
             "60 %",
             "",

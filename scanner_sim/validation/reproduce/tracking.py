@@ -21,7 +21,7 @@ from scanner_sim.validation.reproduce.item import (
     against_print,
     alike,
     chosen,
-    judged,
+    row_of_claim,
     within,
 )
 
@@ -59,8 +59,8 @@ def figure_4(task: Task) -> Outcome:
             size / np.sqrt(2.0 * error.size),
             "µrad",
         ),
-        judged("error over the σ that is stated (rms)", "", "1", f"{pull:.2f}", 0.7 < pull < 1.4),
-        judged(
+        row_of_claim("error over the σ that is stated (rms)", "", "1", f"{pull:.2f}", 0.7 < pull < 1.4),
+        row_of_claim(
             "mean error with inverted patterns, Θ and φ",
             "inversion removes delay and bias",
             "0",

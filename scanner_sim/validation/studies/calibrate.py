@@ -14,13 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.errors import RunError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
@@ -30,6 +30,7 @@ from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene
 from scanner_sim.signals.line.bias_table import BiasTable
+from scanner_sim.signals.line.expected import ExpectedSpot
 
 NODES, PLACES = 12, 48
 """Places along the line, and places of the target within a pixel."""
@@ -98,11 +99,11 @@ def measure_bias(
     RunError
         If the target is not found often enough for a table.
     """
-    bench = Instrument(_quiet(scenario, Scene(), _scan(scenario, 1)), device=device)
-    nodes = tuple(_nodes(scenario, bench.spot))
+    instrument = Instrument(_quiet(scenario, Scene(), _scan(scenario, 1)), device=device)
+    nodes = tuple(_nodes(scenario, instrument.spot))
     passages: dict[float, Passage] = {}
     for number, node in enumerate(nodes):
-        passage = _passage(scenario, node, bench.spot, device)
+        passage = _passage(scenario, node, instrument.spot, device)
         if passage is not None:
             passages[round(passage.width, 3)] = passage
         if progress is not None:
@@ -118,7 +119,7 @@ def measure_bias(
     return BiasTable(scenario.processing.peak, widths, _SHIFTS, rows), found
 
 
-def _nodes(scenario: Scenario, spot: Any) -> Iterator[int]:
+def _nodes(scenario: Scenario, spot: ExpectedSpot) -> Iterator[int]:
     """Yield the pixels through which the target passes."""
     pixels = scenario.scanner.position_sensor.pixels
     margin = min(12, pixels // 4)
@@ -126,7 +127,7 @@ def _nodes(scenario: Scenario, spot: Any) -> Iterator[int]:
     yield from sorted({round(pixel) for pixel in np.linspace(first, pixels - 1 - margin, NODES)})
 
 
-def _passage(scenario: Scenario, node: int, spot: Any, device: DeviceChoice) -> Passage | None:
+def _passage(scenario: Scenario, node: int, spot: ExpectedSpot, device: DeviceChoice) -> Passage | None:
     """Move the target through a pixel; None where it is not measured at half of its places or more."""
     phase = (np.arange(PLACES) + 0.5) / PLACES - 0.5
     truth = node + phase
@@ -135,17 +136,17 @@ def _passage(scenario: Scenario, node: int, spot: Any, device: DeviceChoice) -> 
     width = math.sqrt(sum(spot.variances(float(node), *deflection)))
     brightest = spot.white / ranges.min() ** 2 * min(1.0, 0.4 / width)
     reflectance = min(1.0, _FRACTION * scenario.scanner.position_sensor.full_well / brightest)
-    told = _told(scenario.scanner)
+    assumed = _assumed_sensor(scenario.scanner)
     position, status, nearest = (np.full(PLACES, np.nan) for _ in range(3))
     for part in _parts(scenario, float(ranges.min())):
         scene, scan = _targets(scenario, ranges[part], reflectance)
-        bench = Instrument(_quiet(scenario, scene, scan), device=device)
+        instrument = Instrument(_quiet(scenario, scene, scan), device=device)
         count = len(ranges[part])
         aim = raster_aim(scan, np.arange(count, dtype=np.uint32), scenario.scanner.dwell)
-        _, groups = bench.expose(aim)
+        _, groups = instrument.expose(aim)
         for group in groups:
             theta = np.full(len(group.index), _theta(scenario), dtype=np.float32)
-            peaks = bench.find(group.signal, theta, sensor=told)
+            peaks = instrument.find(group.signal, theta, sensor=assumed)
             here = np.arange(PLACES)[part][group.index]
             position[here], status[here] = peaks.position.numpy(), peaks.status.numpy()
             nearest[here] = group.signal.lines().argmax(axis=1)
@@ -238,7 +239,7 @@ def _quiet(scenario: Scenario, scene: Scene, scan: RasterScan) -> Scenario:
     sensor = scanner.position_sensor
     sensor = sensor.model_copy(update={"noise": sensor.noise.only()})
     laser = scanner.laser.model_copy(update={"speckle": False})
-    bench = scanner.model_copy(
+    instrument = scanner.model_copy(
         update={
             "laser": laser,
             "position_sensor": sensor,
@@ -249,7 +250,7 @@ def _quiet(scenario: Scenario, scene: Scene, scan: RasterScan) -> Scenario:
     processing = scenario.processing.model_copy(update={"bias_correction": "none", "range_gate": None})
     return scenario.model_copy(
         update={
-            "scanner": bench,
+            "scanner": instrument,
             "scene": scene,
             "scan": scan,
             "lighting": Lighting(),
@@ -258,7 +259,7 @@ def _quiet(scenario: Scenario, scene: Scene, scan: RasterScan) -> Scenario:
     )
 
 
-def _told(scanner: Scanner) -> Any:
+def _assumed_sensor(scanner: Scanner) -> PositionSensor:
     """Return the sensor as its estimators know it: with its noise, which gives the pixels their weights."""
     sensor = scanner.position_sensor
     noise = sensor.noise.model_copy(update={"saturation": False, "dark": False, "quantisation": False})

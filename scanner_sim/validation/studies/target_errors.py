@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor, aim_of
+from scanner_sim.ranging.ranges import Layers
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import Aim
@@ -133,14 +134,14 @@ def measure_targets(
     errors, sigmas, voxels = [], [], []
     for place, where in enumerate(spread_distances(scenario, distance, places)):
         seed = (scenario.seed + 7919 * place + round(1e6 * distance)) % 2**63
-        bench, centres = target_grid(scenario, target, where, seed, device)
-        motions = grid_motions(bench.scenario, target, centres, patterns)
-        layers = bench.measure(
+        instrument, centres = target_grid(scenario, target, where, seed, device)
+        motions = grid_motions(instrument.scenario, target, centres, patterns)
+        layers = instrument.measure(
             _whole([aim_of(motion, visit) for visit, motion in enumerate(motions)]), details=True
         )
         truth = np.repeat(centres, patterns, axis=0)
         by_line, by_pulse = (
-            _seen(bench.scenario, layers, motions, truth, target, ranging) for ranging in RANGINGS
+            _seen(instrument.scenario, layers, motions, truth, target, ranging) for ranging in RANGINGS
         )
         measured = np.concatenate([by_line[0], by_pulse[0][:, 2:]], axis=1)
         errors.append(measured - truth[:, [0, 1, 2, 2]])
@@ -152,10 +153,10 @@ def measure_targets(
 class _MeasuredPatterns:
     """Shots that were measured together, given back one pattern at a time: what an instrument is to the eye."""
 
-    def __init__(self, layers: dict[str, NDArray[Any]]) -> None:
+    def __init__(self, layers: Layers) -> None:
         self._layers = layers
 
-    def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
+    def measure(self, aim: Aim) -> Layers:
         """Return the layers of the shots of an aim."""
         return {name: values[aim.shot] for name, values in self._layers.items()}
 
@@ -166,7 +167,7 @@ def _whole(aims: list[Aim]) -> Aim:
 
 def _seen(
     scenario: Scenario,
-    layers: dict[str, NDArray[Any]],
+    layers: Layers,
     motions: tuple[PatternMotion, ...],
     truth: Array,
     target: StudyTarget,
@@ -194,7 +195,7 @@ def _seen(
     return places, sigmas
 
 
-def _voxel_sigma(scenario: Scenario, layers: dict[str, NDArray[Any]]) -> Array:
+def _voxel_sigma(scenario: Scenario, layers: Layers) -> Array:
     """Return the medians of the stated σ of single voxels: Θ, φ, R by triangulation, R by time of flight."""
     angle = float(scenario.scanner.mirrors.reading_sigma(np.zeros(1), np.zeros(1))[0])
     ranges = []
