@@ -11,6 +11,10 @@ from typing import Any, TypeAlias
 
 Float: TypeAlias = Any
 """Single precision, shape (n,)."""
+Float64: TypeAlias = Any
+"""Double precision, shape (n,)."""
+FloatLike: TypeAlias = Any
+"""A number, a NumPy array or a :data:`Float`: for laws that are written for all three."""
 Int32: TypeAlias = Any
 """Signed whole numbers, shape (n,)."""
 UInt32: TypeAlias = Any
@@ -23,5 +27,13 @@ Vector2f: TypeAlias = Any
 """Two single-precision numbers each: coordinates in a plane."""
 Vector3f: TypeAlias = Any
 """Directions and points in space [m], single precision."""
+Vector4f: TypeAlias = Any
+"""Four single-precision numbers each."""
+Matrix3f: TypeAlias = Any
+"""Rotations, 3 × 3 each."""
 Matrix4f: TypeAlias = Any
 """Rigid motions, 4 × 4 each."""
+Spectrum: TypeAlias = Any
+"""Reflectance, radiance or importance at the one wavelength of the variant."""
+Local: TypeAlias = Any
+"""A small array of each lane's own, :class:`drjit.Local`."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.detector.packets import averaged
+from scanner_sim.detector.packets import dwell_average
 from scanner_sim.foundation.status import Status
 from scanner_sim.optics.speckle import Packets, packets_of
 from scanner_sim.products.image import MEASURED, MEASURED_BY
@@ -166,7 +166,7 @@ def _packets(scenario: Scenario, range_m: Array, raster: Raster) -> tuple[Packet
     """Return the packets of the spots' speckle, and what a dwell leaves of the variances of energy and position."""
     sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
     image = np.square(raster.spot * focal / (range_m * sensor.pitch))
-    left = averaged(raster.travel, 0.0 * raster.travel, 2.0 * raster.spot)
+    left = dwell_average(raster.travel, 0.0 * raster.travel, 2.0 * raster.spot)
     return packets_of(speckle_optics(scenario.scanner), image, image), left
 
 

@@ -82,7 +82,7 @@ def interpolate(time: Array, place: Array, errors: ErrorParts, at: Array) -> Int
 
     Returns
     -------
-    Carried
+    Interpolated
         On the straight line through the observation of the round and the nearest one within ``FARTHEST`` rounds on the
         other side of the common time, m = (1 − s) m₁ + s m₂ with s = (t − t₁)/(t₂ − t₁). Where there is none on that
         side the line is that of the side that has one. White parts C add up to (1 − s)² C₁ + s² C₂; of what

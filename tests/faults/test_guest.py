@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 
 HOST = """
@@ -76,6 +78,7 @@ print(json.dumps([next(tracker).place.tolist() for _ in range(3)]))
 """
 
 
+@pytest.mark.slow
 def test_a_host_finds_everything_as_it_was(small: Path, tmp_path: Path, python: Any) -> None:
     """Claim: variant, log level, threads, back end, environment, error states, warnings, styles, signals, locale,
     random numbers and search paths of a host are the same after each public function, its arrays and scenes stay valid,

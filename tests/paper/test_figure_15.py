@@ -125,6 +125,7 @@ def test_power_laws_are_found_with_their_errors() -> None:
     assert bent[1] > 5.0 * least[1]
 
 
+@pytest.mark.slow
 def test_targets_are_measured_within_the_papers_accuracy(
     studied: tuple[tuple[TargetErrors, ...], tuple[PoseRow, ...]],
 ) -> None:
@@ -169,6 +170,7 @@ def first_order(layout: Layout, pool: TargetErrors, method: str, ranging: str, c
     return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0])
 
 
+@pytest.mark.slow
 def test_poses_from_pixels_are_the_closed_forms(
     studied: tuple[tuple[TargetErrors, ...], tuple[PoseRow, ...]],
 ) -> None:
@@ -207,6 +209,7 @@ def test_poses_from_pixels_are_the_closed_forms(
                         )
 
 
+@pytest.mark.slow
 def test_a_study_does_not_depend_on_what_else_is_studied(
     scenario: Scenario, studied: tuple[tuple[TargetErrors, ...], tuple[PoseRow, ...]]
 ) -> None:

@@ -96,6 +96,7 @@ def test_holm_by_hand() -> None:
     assert holm([]) == []
 
 
+@pytest.mark.slow
 def test_the_family_keeps_its_level() -> None:
     """Claim: a family of 20 true checks has a broken one in at most the stated share of runs.
 
@@ -115,6 +116,7 @@ def test_the_family_keeps_its_level() -> None:
     assert outcome[1].adjusted_p == outcome[1].p
 
 
+@pytest.mark.slow
 def test_long_tails_cost_degrees_of_freedom() -> None:
     """Claim: the standard error of a standard deviation is true for normal errors and for long tails.
 

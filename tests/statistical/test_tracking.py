@@ -175,6 +175,7 @@ def test_a_target_hidden_for_a_second_is_found_within_five_patterns() -> None:
     assert back[-1]["mode"] is TrackMode.TRACK
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dark", [0.05, 0.3])
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_a_shadow_edge_of_equal_range_does_not_capture(dark: float, direction: float) -> None:

@@ -19,7 +19,7 @@ from scanner_sim import Tracker, load_scenario
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
-pytestmark = pytest.mark.usefixtures("device")
+pytestmark = [pytest.mark.usefixtures("device"), pytest.mark.slow]
 
 Array = NDArray[np.float64]
 BAND = 0.12

@@ -50,6 +50,7 @@ def rows_of(name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
+@pytest.mark.slow
 def test_study_writes_its_folder(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Fewer poses and patterns than --quick has: what is looked at here is the folder.
     few = StudyPlan.__init__

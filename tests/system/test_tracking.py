@@ -49,6 +49,7 @@ def numbers(records: list[PatternRecord]) -> list[bytes]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sun", ["none", "{direction: [0, -0.6, -0.8]}"])
 def test_a_run_cut_in_two_equals_the_whole(tmp_path: Path, sun: str) -> None:
     """Claim: a run that is saved to a file and continued elsewhere gives the records of the whole run, byte by byte."""
@@ -286,6 +287,7 @@ def test_yaml_and_python_are_two_spellings_of_one_scan(tmp_path: Path) -> None:
     assert load_scenario(path) == scenario()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
 def test_the_shipped_runs_find_their_targets(path: Path, tmp_path: Path) -> None:
     """Every scenario that tracks runs through the command line, and measures all of its targets."""

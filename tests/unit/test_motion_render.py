@@ -233,6 +233,7 @@ def test_a_moving_object_hides_the_spot_from_the_lens() -> None:
     assert not dark[time > 0.005].any()
 
 
+@pytest.mark.slow
 def test_the_same_bytes_for_any_batch_and_threads(threads_restored: None) -> None:
     told = scenario(plate(motion=TWIST), WALL, lighting=SUN, rows=10, columns=16, transport={"bounces": 2})
     whole = simulate(told, device="cpu")

@@ -214,6 +214,7 @@ def test_the_table_begins_as_the_contract_says(track: Track, tmp_path: Path) -> 
     assert about["scenario"] == track.scenario_yaml
 
 
+@pytest.mark.slow
 def test_the_same_track_gives_the_same_bytes(track: Track, tmp_path: Path) -> None:
     poses = poses_of(track)
     for name in ("one", "two"):

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import reading_noise
-from scanner_sim.detector.packets import averaged
+from scanner_sim.detector.packets import dwell_average
 from scanner_sim.instrument.closed_loop.visit_errors import duty_cycle_of, error_parts
 from scanner_sim.optics.speckle import packets, packets_of
 from scanner_sim.ranging.ranges import Layers
@@ -135,14 +135,16 @@ class SignalNoise:
             0.5 * radius * scanner.receiver.focal_length / (distance * scanner.position_sensor.pitch)
         ) ** 2
         light = packets_of(optics, beam, beam)
-        _, others = light.moving(*self._averaged(motion, distance, scanner.exposure / scanner.dwell))
+        _, others = light.moving(*self._dwell_average(motion, distance, scanner.exposure / scanner.dwell))
         contrast = self._scenario.processing.speckle_contrast
         return float(contrast**2 * light.energy * np.mean(others) * light.ratio**4)
 
-    def _averaged(self, motion: PatternMotion, distance: float, duty_cycle: float) -> tuple[Array, Array]:
+    def _dwell_average(
+        self, motion: PatternMotion, distance: float, duty_cycle: float
+    ) -> tuple[Array, Array]:
         """Return what the dwells of a pattern leave of the variance of energies and positions, at a range [m]."""
         way, radius = duty_cycle * distance, float(self._scenario.scanner.laser.radius(distance))
-        return averaged(
+        return dwell_average(
             way * motion.travel_theta, way * np.cos(motion.true_theta) * motion.travel_phi, radius
         )
 
@@ -155,7 +157,7 @@ class SignalNoise:
         radius = float(laser.radius(distance))
         # σ_b/(λN) with σ_b = (w/2) f/R: the focal length goes.
         energy = 1.0 / packets(0.5 * radius * receiver.aperture / (laser.wavelength * distance))
-        left, _ = self._averaged(motion, distance, duty_cycle_of(self._scenario))
+        left, _ = self._dwell_average(motion, distance, duty_cycle_of(self._scenario))
         return np.asarray(self._scenario.processing.speckle_contrast**2 * energy * left)
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.config.scenario import Scenario
 from scanner_sim.signals.processing import PeakMethod
 from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import FIT, LINE, ClosedForms, ClosedSpot
@@ -41,10 +42,17 @@ def spots(
     setting: ComparisonSetup, distance: float, count: int = PLACES
 ) -> Iterator[tuple[float, ClosedSpot]]:
     """Yield ranges [m] about one at which the spot lies at even places in its pixel, and the judge's spots."""
-    closed = ClosedForms(setting.scenario)
-    for phase in phases(count):
-        where = closed.place(distance, float(phase))
-        yield where, closed.facing(where, setting.flat.reflectance)
+    yield from _spots(setting.scenario, distance, setting.flat.reflectance, count)
+
+
+@lru_cache(maxsize=64)
+def _spots(
+    scenario: Scenario, distance: float, reflectance: float, count: int
+) -> tuple[tuple[float, ClosedSpot], ...]:
+    """Return what ``spots`` yields: each law asks several times, and all laws for the same."""
+    closed = ClosedForms(scenario)
+    places = [closed.place(distance, float(phase)) for phase in phases(count)]
+    return tuple((where, closed.facing(where, reflectance)) for where in places)
 
 
 def _dark(setting: ComparisonSetup) -> float:

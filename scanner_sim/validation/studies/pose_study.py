@@ -188,7 +188,7 @@ def target_rows(pools: Iterable[TargetErrors]) -> tuple[TargetRow, ...]:
 
 def _array_rows(scenario: Scenario, plan: StudyPlan, array: Layout, pool: TargetErrors) -> Iterator[PoseRow]:
     """Yield the errors of an array's poses at one range."""
-    drawn = {ranging: _sightings(scenario, plan, array, pool, ranging) for ranging in RANGINGS}
+    drawn = {ranging: _observed(scenario, plan, array, pool, ranging) for ranging in RANGINGS}
     for method, source in MODES:
         ranging: Ranging = "tof" if source == "tof" else "triangulation"
         measured = drawn[ranging]
@@ -227,7 +227,7 @@ def _array_rows(scenario: Scenario, plan: StudyPlan, array: Layout, pool: Target
             )
 
 
-def _sightings(
+def _observed(
     scenario: Scenario, plan: StudyPlan, array: Layout, pool: TargetErrors, ranging: Ranging
 ) -> tuple[Array, Array] | None:
     """Return measured (Θ, φ, R) and their stated σ, each (poses, targets, 3); None where targets are rarely found."""
