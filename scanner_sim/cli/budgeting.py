@@ -124,7 +124,7 @@ def _meeting(rows: Sequence[BudgetRow], sweep: float, at_rest: float) -> dict[st
 def budget_rows(rows: Sequence[BudgetRow]) -> list[list[str]]:
     """Return the table of a budget [mm]: a heading, then for each source simulated and analytic at each range."""
     ranges = list(dict.fromkeys(row.range_m for row in rows))
-    chosen = [ranges[round(place * (len(ranges) - 1) / 4)] for place in range(5)]
+    chosen = [ranges[round(index * (len(ranges) - 1) / 4)] for index in range(5)]
     chosen = list(dict.fromkeys(chosen))
     table = [["σ of the range [mm]: simulated (analytic)", *(f"{distance:.3g} m" for distance in chosen)]]
     several = len({row.mode for row in rows}) > 1

@@ -66,7 +66,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, repo_root: Path) -> 
     monkeypatch.setattr(
         StudyPlan,
         "__init__",
-        lambda self, distances, arrays, *_: plan(self, distances, arrays, poses=40, places=1, patterns=1),
+        lambda self, distances, arrays, *_: plan(self, distances, arrays, poses=40, positions=1, patterns=1),
     )
     for name in ("configs", "scenes"):
         (tmp_path / name).symlink_to(repo_root / name)

@@ -1,4 +1,4 @@
-"""Law of an error of the spot's place that is the same at every range, and whose range error hence grows as R²."""
+"""Law of an error of the spot's position that is the same at every range, and whose range error hence grows as R²."""
 
 from __future__ import annotations
 

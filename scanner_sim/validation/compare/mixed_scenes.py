@@ -1,6 +1,6 @@
 """Scenes drawn at random whose spots fall on more than one surface: clutter, stripes, gloss, sunlight.
 
-Nothing in them is chosen for an estimator: sizes, places, turns, reflectances, range and raster come from the seed.
+Nothing in them is chosen for an estimator: sizes, positions, turns, reflectances, range and raster come from the seed.
 """
 
 from __future__ import annotations

@@ -21,27 +21,27 @@ Array = NDArray[np.float64]
 Variance = Callable[[ComparisonSetup, ClosedSpot], Array]
 
 PLACES = 4
-"""Places of the spot in its pixel over which σ is averaged, none of them half-way between two pixels."""
+"""Positions of the spot in its pixel over which σ is averaged, none of them half-way between two pixels."""
 SLOPE = "slope over all ranges"
 _FIRST_ORDER = 0.05
-"""Largest σ of a place over the spot's width for which errors are of the first order."""
+"""Largest σ of a position over the spot's width for which errors are of the first order."""
 _SECOND = 8.0
 """Second order over first order of σ, in units of (σ/width)²."""
 _DISCRETE = 0.01
-"""Closed forms of the bound leave out that width and charge are fitted with the place."""
+"""Closed forms of the bound leave out that width and charge are fitted with the position."""
 SPREAD = 0.05
 """Deflection to each side over which shots do not share speckle [rad]."""
 
 
 def phases(count: int = PLACES) -> Array:
-    """Return evenly spaced places in a pixel, −1/2 to 1/2."""
+    """Return evenly spaced positions in a pixel, −1/2 to 1/2."""
     return (np.arange(count) + 0.5) / count - 0.5
 
 
 def spots(
     setting: ComparisonSetup, distance: float, count: int = PLACES
 ) -> Iterator[tuple[float, ClosedSpot]]:
-    """Yield ranges [m] about one at which the spot lies at even places in its pixel, and the judge's spots."""
+    """Yield ranges [m] about one at which the spot lies at even positions in its pixel, and the judge's spots."""
     yield from _spots(setting.scenario, distance, setting.flat.reflectance, count)
 
 
@@ -51,8 +51,8 @@ def _spots(
 ) -> tuple[tuple[float, ClosedSpot], ...]:
     """Return what ``spots`` yields: each law asks several times, and all laws for the same."""
     closed = ClosedForms(scenario)
-    places = [closed.place(distance, float(phase)) for phase in phases(count)]
-    return tuple((where, closed.facing(where, reflectance)) for where in places)
+    positions = [closed.position(distance, float(phase)) for phase in phases(count)]
+    return tuple((where, closed.facing(where, reflectance)) for where in positions)
 
 
 def _dark(setting: ComparisonSetup) -> float:
@@ -73,7 +73,7 @@ def _both_variances(setting: ComparisonSetup, seen: ClosedSpot) -> Array:
 
 
 def _sigma(setting: ComparisonSetup, distance: float, variance: Variance, peak: str) -> Predicted:
-    """Return the predicted σ of the range [mm] about a distance, root mean square over the places in a pixel."""
+    """Return the predicted σ of the range [mm] about a distance, root mean square over the positions in a pixel."""
     closed, squares, slack = ClosedForms(setting.scenario), [], []
     for where, seen in spots(setting, distance):
         sigma = closed.sigma_pixel(seen, peak, variance(setting, seen))
@@ -132,8 +132,8 @@ def _measure_sigma(
     shots = setting.shots(4000)
     for step, distance in enumerate(ranges):
         groups = []
-        for place, (where, _) in enumerate(spots(setting, distance)):
-            for seed in setting.seed(number, step, place):
+        for index, (where, _) in enumerate(spots(setting, distance)):
+            for seed in setting.seed(number, step, index):
                 plate = test_bench.plate(where, setting.flat.reflectance, size=plate_side(setting, where))
                 made = test_bench.on_test_bench(setting, plate, seed=seed, noise=noise, peak=peak)
                 aim = test_bench.directions(np.zeros(shots), 0.0, made.scanner.mirrors, 0.0)

@@ -28,15 +28,15 @@ _STEADY = 5.0
 """Times of the wobble between two shots: nothing is left of it then."""
 
 
-def plate_scenario(setting: ComparisonSetup, place: FieldPosition, **more: object) -> Scenario:
-    """Return the instrument before a plate that faces the beam at a place; ``more`` is for the test bench."""
+def plate_scenario(setting: ComparisonSetup, position: FieldPosition, **more: object) -> Scenario:
+    """Return the instrument before a plate that faces the beam at a position; ``more`` is for the test bench."""
     closed = ClosedForms(setting.scenario)
-    size = 0.02 * place.distance + 16.0 * setting.scenario.scanner.laser.radius(place.distance)
+    size = 0.02 * position.distance + 16.0 * setting.scenario.scanner.laser.radius(position.distance)
     target = test_bench.plate(
-        place.distance,
+        position.distance,
         setting.flat.reflectance,
-        theta=place.theta,
-        phi=place.phi,
+        theta=position.theta,
+        phi=position.phi,
         separation=closed.D,
         size=size,
     )
@@ -46,18 +46,20 @@ def plate_scenario(setting: ComparisonSetup, place: FieldPosition, **more: objec
 def facing_positions(
     setting: ComparisonSetup, ranges: tuple[float, ...]
 ) -> Iterator[tuple[FieldPosition, ClosedSpot]]:
-    """Yield places of the field whose plates face the beam, and the judge's spot there."""
+    """Yield positions of the field whose plates face the beam, and the judge's spot there."""
     closed = ClosedForms(setting.scenario)
-    for place in field_positions(setting, ranges):
-        seen = closed.facing(place.distance, setting.flat.reflectance, place.theta, place.phi)
+    for position in field_positions(setting, ranges):
+        seen = closed.facing(position.distance, setting.flat.reflectance, position.theta, position.phi)
         if closed.on_array(seen):
-            yield place, seen
+            yield position, seen
 
 
-def _errors_at(setting: ComparisonSetup, made: Scenario, place: FieldPosition, shots: int) -> Array:
+def _errors_at(setting: ComparisonSetup, made: Scenario, position: FieldPosition, shots: int) -> Array:
     """Return errors of x, y, z and R [m] in one direction, shape (n, 4)."""
     mirrors = made.scanner.mirrors
-    aim = test_bench.directions(np.full(shots, place.theta), place.phi, mirrors, 1.0 / made.scanner.rate)
+    aim = test_bench.directions(
+        np.full(shots, position.theta), position.phi, mirrors, 1.0 / made.scanner.rate
+    )
     aim.time[:] *= 0.5 * _STEADY
     layers = test_bench.measure(setting, made, aim)
     truth = geometry.point_from_shot(
@@ -81,60 +83,64 @@ def _bias_uncovered(setting: ComparisonSetup) -> str:
 
 
 def _point_positions(setting: ComparisonSetup) -> Iterator[tuple[FieldPosition, ClosedSpot, tuple[str, ...]]]:
-    """Yield places, spots and coordinates: ranges on the axis, and all coordinates over the field in the middle."""
+    """Yield positions, spots and coordinates: ranges on the axis, and all coordinates over the field in the middle."""
     for distance in setting.flat.ranges:
-        for place, seen in facing_positions(setting, (distance,)):
-            if distance == setting.middle or place.theta == place.phi == 0.0:
-                yield place, seen, _COORDINATES if distance == setting.middle else ("R",)
+        for position, seen in facing_positions(setting, (distance,)):
+            if distance == setting.middle or position.theta == position.phi == 0.0:
+                yield position, seen, _COORDINATES if distance == setting.middle else ("R",)
 
 
 def _measure_points(setting: ComparisonSetup) -> dict[str, Measured]:
     noise, cases = ("shot", "read", "dark", "quantisation"), {}
-    for number, (place, _, names) in enumerate(_point_positions(setting)):
+    for number, (position, _, names) in enumerate(_point_positions(setting)):
         errors = np.concatenate(
             [
                 _errors_at(
                     setting,
                     plate_scenario(
                         setting,
-                        place,
+                        position,
                         seed=seed,
                         noise=noise,
                         mirrors=test_bench.mirrors_with_errors(setting),
                     ),
-                    place,
+                    position,
                     setting.shots(4000),
                 )
                 for seed in setting.seed(2, number)
             ]
         )
         for name in names:
-            cases[f"{name} at {place.name}"] = mean_of(1e3 * errors[:, _COORDINATES.index(name)])
+            cases[f"{name} at {position.name}"] = mean_of(1e3 * errors[:, _COORDINATES.index(name)])
     return cases
 
 
 def _predict_points(setting: ComparisonSetup) -> dict[str, Predicted]:
     closed, chosen, cases = ClosedForms(setting.scenario), setting.scenario.processing, {}
-    for place, seen, names in _point_positions(setting):
+    for position, seen, names in _point_positions(setting):
         systematic = 0.0
         if chosen.peak != FIT and chosen.bias_correction == "none":
             systematic = ESTIMATORS[chosen.peak](seen.line.tolist()) - LINE // 2 - seen.phase
-        per_pixel = closed.range_per_pixel(place.distance, place.theta)
+        per_pixel = closed.range_per_pixel(position.distance, position.theta)
         bias = -per_pixel * (systematic + seen.centre - seen.chief)
         p = seen.centre - closed.pixel(0.0)
-        accuracy = per_pixel * (lens_extent(setting, place) / 16.0 * p + PRECISION)
+        accuracy = per_pixel * (lens_extent(setting, position) / 16.0 * p + PRECISION)
         if chosen.bias_correction == "computed":
             accuracy += per_pixel * _TABLE
         along = dict(
-            zip(_COORDINATES, (*geometry.scanner_axes(place.theta, place.phi)[0].tolist(), 1.0), strict=True)
+            zip(
+                _COORDINATES,
+                (*geometry.scanner_axes(position.theta, position.phi)[0].tolist(), 1.0),
+                strict=True,
+            )
         )
         for name in names:
-            cases[f"{name} at {place.name}"] = Predicted(
+            cases[f"{name} at {position.name}"] = Predicted(
                 f"mean error of {name}",
                 "mm",
                 1e3 * bias * along[name],
-                1e3 * accuracy * abs(along[name]) + 1e3 * _ROUNDING * place.distance,
-                1e3 * place.distance,
+                1e3 * accuracy * abs(along[name]) + 1e3 * _ROUNDING * position.distance,
+                1e3 * position.distance,
                 "range",
             )
     return cases
@@ -151,37 +157,37 @@ def _shaken(setting: ComparisonSetup) -> str:
 
 def _measure_covariance(setting: ComparisonSetup) -> dict[str, Measured]:
     cases = {}
-    for number, (place, _) in enumerate(facing_positions(setting, (setting.middle,))):
+    for number, (position, _) in enumerate(facing_positions(setting, (setting.middle,))):
         errors = np.stack(
             [
                 _errors_at(
                     setting,
                     plate_scenario(
-                        setting, place, seed=seed, mirrors=test_bench.mirrors_with_errors(setting)
+                        setting, position, seed=seed, mirrors=test_bench.mirrors_with_errors(setting)
                     ),
-                    place,
+                    position,
                     setting.shots(16000),
                 )
                 for seed in setting.seed(3, number)
             ]
         )
         for axis, name in enumerate(_COORDINATES):
-            cases[f"{name} at {place.name}"] = spread_of(1e3 * errors[..., axis])
+            cases[f"{name} at {position.name}"] = spread_of(1e3 * errors[..., axis])
     return cases
 
 
 def _predict_covariance(setting: ComparisonSetup) -> dict[str, Predicted]:
     closed, cases = ClosedForms(setting.scenario), {}
     angle = closed.angle_sigma
-    for place, seen in facing_positions(setting, (setting.middle,)):
-        apart = closed.synchronisation_error(place.distance, place.theta) * closed.follows(seen)
+    for position, seen in facing_positions(setting, (setting.middle,)):
+        apart = closed.synchronisation_error(position.distance, position.theta) * closed.follows(seen)
         errors = geometry.propagated_errors(
-            place.distance, place.theta, place.phi, closed.f, closed.d, closed.D, apart, angle, angle
+            position.distance, position.theta, position.phi, closed.f, closed.d, closed.D, apart, angle, angle
         )
         # Rounding of a peak to single precision: 2⁻²⁴ of its pixel, uniform.
-        rounding = closed.range_per_pixel(place.distance, place.theta) * 256.0 * 2.0**-24
+        rounding = closed.range_per_pixel(position.distance, position.theta) * 256.0 * 2.0**-24
         for name, error in zip(_COORDINATES, errors.tolist(), strict=True):
-            cases[f"{name} at {place.name}"] = Predicted(
+            cases[f"{name} at {position.name}"] = Predicted(
                 f"σ of {name}", "mm", 1e3 * error, 1e3 * (0.002 * error + rounding**2 / error)
             )
     return cases

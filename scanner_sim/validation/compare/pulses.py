@@ -20,14 +20,14 @@ from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of
 Array = NDArray[np.float64]
 
 _PLACES = 4
-"""Places of the echo between two samples."""
+"""Positions of the echo between two samples."""
 TO_SIGMA = 1.0 / 2.3548200450309493
 _SNR = 20.0, 100.0, 500.0
 """Ratios of peak to noise: above them the filter's table of delays counts, below them false alarms."""
 _EFFICIENCY = 0.02
 """What interpolation between samples loses against the bound, at most."""
 _ASIDE = 0.15
-"""Deflection to each side over which the plates for the places stand [rad]."""
+"""Deflection to each side over which the plates for the positions stand [rad]."""
 _BIAS = 1e-3
 """Error of the interpolation of a delay [sample]."""
 
@@ -104,10 +104,10 @@ def echo_range(setting: ComparisonSetup) -> float | None:
 
 
 def _near(setting: ComparisonSetup, R: float) -> Iterator[float]:
-    """Yield ranges about one at which the echo lies at even places between two samples."""
+    """Yield ranges about one at which the echo lies at even positions between two samples."""
     step = 0.5 * SPEED_OF_LIGHT / setting.scenario.scanner.lidar.digitiser.rate
-    for place in (np.arange(_PLACES) + 0.5) / _PLACES - 0.5:
-        yield R + float(place) * step
+    for position in (np.arange(_PLACES) + 0.5) / _PLACES - 0.5:
+        yield R + float(position) * step
 
 
 def silent(setting: ComparisonSetup, *on: str, **timing: str | float | bool) -> dict[str, object]:
@@ -130,7 +130,7 @@ def silent(setting: ComparisonSetup, *on: str, **timing: str | float | bool) -> 
 def plate_errors(
     setting: ComparisonSetup, R: float, reflectance: float, seed: int, shots: int, made: dict[str, Any]
 ) -> Array:
-    """Return errors of the range [mm] on plates at even places between two samples, shape (places, shots).
+    """Return errors of the range [mm] on plates at even positions between two samples, shape (positions, shots).
 
     The plates stand side by side, each faces the beam in a direction of its own.
     """
@@ -184,7 +184,7 @@ def _predict_bias(setting: ComparisonSetup) -> dict[str, Predicted]:
 
 
 def _bound(setting: ComparisonSetup, R: float, reflectance: float) -> float:
-    """Return the bound on σ of the range [mm], root mean square over the places between two samples."""
+    """Return the bound on σ of the range [mm], root mean square over the positions between two samples."""
     sigma, white = dark_noise(setting)
     step = 1.0 / setting.scenario.scanner.lidar.digitiser.rate
     bounds = [

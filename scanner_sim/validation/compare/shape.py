@@ -1,4 +1,4 @@
-"""Laws of the image of the spot: its place, width and light (eqs 1, 3 and 19, the Gaussian beam)."""
+"""Laws of the image of the spot: its position, width and light (eqs 1, 3 and 19, the Gaussian beam)."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ Array = NDArray[np.float64]
 _FIELD = 0.8
 """Share of the mirrors' deflection over which the field is tested."""
 PRECISION = 3e-4
-"""Rounding of simulated places [pixel], and of widths and charges relative to themselves: single precision."""
+"""Rounding of simulated positions [pixel], and of widths and charges relative to themselves: single precision."""
 _TOWARDS = np.array([0.0, 0.0, -1.0])
 
 
 class FieldPosition(NamedTuple):
-    """A place in the field: its name, range of the wall or plate [m], deflections [rad]."""
+    """A position in the field: its name, range of the wall or plate [m], deflections [rad]."""
 
     name: str
     distance: float
@@ -46,16 +46,16 @@ def field_positions(setting: ComparisonSetup, ranges: tuple[float, ...]) -> Iter
             (0.8 * far, 0.9 * far),
             (far, -far),
         ):
-            place = FieldPosition(f"{distance:.4g} m, Θ {theta:+.2f}, φ {phi:+.2f}", distance, theta, phi)
-            if ClosedForms(setting.scenario).on_array(_on_wall(setting, place)):
-                yield place
+            position = FieldPosition(f"{distance:.4g} m, Θ {theta:+.2f}, φ {phi:+.2f}", distance, theta, phi)
+            if ClosedForms(setting.scenario).on_array(_on_wall(setting, position)):
+                yield position
 
 
-def _on_wall(setting: ComparisonSetup, place: FieldPosition) -> ClosedSpot:
+def _on_wall(setting: ComparisonSetup, position: FieldPosition) -> ClosedSpot:
     """Return the judge's spot on a wall square to the z axis."""
-    point = np.array([0.0, 0.0, place.distance])
+    point = np.array([0.0, 0.0, position.distance])
     return ClosedForms(setting.scenario).spot(
-        place.theta, place.phi, point, _TOWARDS, setting.flat.reflectance
+        position.theta, position.phi, point, _TOWARDS, setting.flat.reflectance
     )
 
 
@@ -74,17 +74,24 @@ def _shape_uncovered(setting: ComparisonSetup) -> str:
 
 
 def _wall_lines(setting: ComparisonSetup) -> Iterator[tuple[FieldPosition, Array]]:
-    """Yield places of the field and the noise-free charges of their lines on a wall."""
+    """Yield positions of the field and the noise-free charges of their lines on a wall."""
     for distance in wall_ranges(setting):
         own = list(field_positions(setting, (distance,)))
         if not own:
             continue
-        size = 2.5 * distance * math.tan(max(max(abs(place.theta), abs(place.phi)) for place in own) + 0.1)
+        size = (
+            2.5
+            * distance
+            * math.tan(max(max(abs(position.theta), abs(position.phi)) for position in own) + 0.1)
+        )
         wall = test_bench.plate(distance, setting.flat.reflectance, size=size)
         # Noise-free light hides nothing behind the converter, and a strong laser no pixel behind its full well.
         made = test_bench.on_test_bench(setting, wall, seed=setting.seed(1)[0])
         aim = test_bench.directions(
-            [place.theta for place in own], [place.phi for place in own], made.scanner.mirrors, 0.0
+            [position.theta for position in own],
+            [position.phi for position in own],
+            made.scanner.mirrors,
+            0.0,
         )
         yield from zip(own, test_bench.lines(setting, made, aim), strict=True)
 
@@ -101,21 +108,21 @@ def _width(line: Array) -> float:
 
 def _of_lines(value: Callable[[Array], float]) -> Callable[[ComparisonSetup], dict[str, Measured]]:
     """Return what measures a number of the noise-free lines."""
-    return lambda setting: {place.name: exact(value(line)) for place, line in _wall_lines(setting)}
+    return lambda setting: {position.name: exact(value(line)) for position, line in _wall_lines(setting)}
 
 
-def lens_extent(setting: ComparisonSetup, place: FieldPosition) -> float:
+def lens_extent(setting: ComparisonSetup, position: FieldPosition) -> float:
     """Return (D/R)², by which the extent of the lens, which the closed forms take as small, changes light and shape."""
-    return (setting.scenario.scanner.receiver.aperture / place.distance) ** 2
+    return (setting.scenario.scanner.receiver.aperture / position.distance) ** 2
 
 
 def _predict_position(setting: ComparisonSetup) -> dict[str, Predicted]:
     closed, cases = ClosedForms(setting.scenario), {}
-    for place in field_positions(setting, wall_ranges(setting)):
-        seen = _on_wall(setting, place)
+    for position in field_positions(setting, wall_ranges(setting)):
+        seen = _on_wall(setting, position)
         from_infinity = seen.centre - closed.pixel(0.0)
-        accuracy = lens_extent(setting, place) / 16.0 * from_infinity + PRECISION
-        cases[place.name] = Predicted(
+        accuracy = lens_extent(setting, position) / 16.0 * from_infinity + PRECISION
+        cases[position.name] = Predicted(
             "p", "mm", 1e3 * from_infinity * closed.pitch, 1e3 * accuracy * closed.pitch
         )
     return cases
@@ -124,27 +131,27 @@ def _predict_position(setting: ComparisonSetup) -> dict[str, Predicted]:
 def _measure_position(setting: ComparisonSetup) -> dict[str, Measured]:
     sensor = setting.scenario.scanner.position_sensor
     return {
-        place.name: exact(1e3 * (sensor.offset + (_centroid(line) + 0.5) * sensor.pitch))
-        for place, line in _wall_lines(setting)
+        position.name: exact(1e3 * (sensor.offset + (_centroid(line) + 0.5) * sensor.pitch))
+        for position, line in _wall_lines(setting)
     }
 
 
 def _predict_width(setting: ComparisonSetup) -> dict[str, Predicted]:
     cases = {}
-    for place in field_positions(setting, wall_ranges(setting)):
-        width = _on_wall(setting, place).sigma
-        cases[place.name] = Predicted(
-            "σ", "pixel", width, (2.0 * lens_extent(setting, place) + PRECISION) * width
+    for position in field_positions(setting, wall_ranges(setting)):
+        width = _on_wall(setting, position).sigma
+        cases[position.name] = Predicted(
+            "σ", "pixel", width, (2.0 * lens_extent(setting, position) + PRECISION) * width
         )
     return cases
 
 
 def _predict_charge(setting: ComparisonSetup) -> dict[str, Predicted]:
     cases = {}
-    for place in field_positions(setting, wall_ranges(setting)):
-        charge = _on_wall(setting, place).charge
-        cases[place.name] = Predicted(
-            "charge", "electron", charge, (lens_extent(setting, place) + PRECISION) * charge
+    for position in field_positions(setting, wall_ranges(setting)):
+        charge = _on_wall(setting, position).charge
+        cases[position.name] = Predicted(
+            "charge", "electron", charge, (lens_extent(setting, position) + PRECISION) * charge
         )
     return cases
 

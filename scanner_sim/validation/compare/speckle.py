@@ -65,7 +65,7 @@ def _surfaces(setting: ComparisonSetup) -> int:
 def _lines(
     lens: tuple[float, float], blur: tuple[float, float], pitch: float, image: float, count: int
 ) -> Array:
-    """Return lines of C = 1/√2 for a spot at each place in a pixel, shape (places, count, pixels), of mean total 1.
+    """Return lines of C = 1/√2 for a spot at each position in a pixel, shape (positions, count, pixels), mean total 1.
 
     ``lens`` λ and N, ``blur`` aberration, taken as defocus, and diffusion [m], ``image`` of the beam [m].
     """
@@ -95,14 +95,14 @@ def _separate(setting: ComparisonSetup, R: float) -> float:
 
 
 def _shots(setting: ComparisonSetup, step: int, R: float) -> tuple[list[Array], list[Array]]:
-    """Return errors of the range by speckle [mm] and relative charges, of places in a pixel and seeds about a range."""
+    """Return errors of the range by speckle [mm] and relative charges, of phases in a pixel and seeds about a range."""
     errors, charges = [], []
-    for place, (where, _) in enumerate(spots(setting, R)):
-        for seed in setting.seed(8, step, place):
+    for index, (where, _) in enumerate(spots(setting, R)):
+        for seed in setting.seed(8, step, index):
             plate = test_bench.plate(where, setting.flat.reflectance, size=plate_side(setting, where))
             theta, phi = test_bench.square(_separate(setting, where), setting.shots(4900))
             found = []
-            # Directions differ, and with them the place in the pixel: what the estimator errs there is no noise.
+            # Directions differ, and with them the position in the pixel: what the estimator errs there is no noise.
             for speckle in (True, False):
                 made = test_bench.on_test_bench(setting, plate, seed=seed, speckle=speckle)
                 aim = test_bench.directions(theta, phi, made.scanner.mirrors, 0.0)
@@ -128,11 +128,11 @@ def _predict_limit(setting: ComparisonSetup) -> dict[str, Predicted]:
         for (where, seen), lines in zip(spots(setting, R), _seen(setting, R), strict=True):
             if peak == FIT:
                 guard = math.ceil(4.0 * seen.sigma)
-                place = fitted_place(lines, _LINE // 2 + seen.phase, seen.sigma, guard)
+                position = fitted_place(lines, _LINE // 2 + seen.phase, seen.sigma, guard)
             else:
                 padded = np.pad(lines, ((0, 0), (_SIDE, _SIDE)))
-                place = np.array([ESTIMATORS[peak](line.tolist()) for line in padded])
-            squares.append((closed.range_per_pixel(where) * float(place.std(ddof=1))) ** 2)
+                position = np.array([ESTIMATORS[peak](line.tolist()) for line in padded])
+            squares.append((closed.range_per_pixel(where) * float(position.std(ddof=1))) ** 2)
         value = 1e3 * math.sqrt(float(np.mean(squares)))
         cases[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, slack * value)
     return cases | slope_expected(ranges, cases, True, "2 for a spot of one width")

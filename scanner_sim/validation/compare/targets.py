@@ -63,28 +63,28 @@ def _round(setting: ComparisonSetup) -> str:
 
 
 def _figure(pattern: LissajousPattern, count: int) -> tuple[Array, Array]:
-    """Return places and travels of patterns run by mirrors without lag, shape (count, points, 2)."""
+    """Return positions and travels of patterns run by mirrors without lag, shape (count, points, 2)."""
     figure, half = figures(pattern, np.arange(count), np.zeros(2)), 0.5 / pattern.points
     middle = (np.arange(pattern.points) + 0.5) / pattern.points
-    start, place, end = (
+    start, position, end = (
         np.stack(figure_angles(figure, pattern.cycles, middle + shift), axis=-1)
         for shift in (-half, 0.0, half)
     )
-    return place, end - start
+    return position, end - start
 
 
 def _measure_centre(setting: ComparisonSetup) -> dict[str, Measured]:
     pattern, (radius, spot), count = _pattern(setting), _disc(setting), setting.shots(3200)
     errors, pulls = [], []
     for seed in setting.seed(14):
-        place, travel = _figure(pattern, count)
-        value = tracking.disc_signal(place, travel, np.zeros(2), radius, spot, _LEVELS)
+        position, travel = _figure(pattern, count)
+        value = tracking.disc_signal(position, travel, np.zeros(2), radius, spot, _LEVELS)
         value = value + _NOISE * np.random.default_rng(seed).standard_normal(value.shape)
         one = np.ones_like(value)
         samples = PatternSamples(
             time=(np.arange(pattern.points) + 0.5) / setting.scenario.scanner.rate * one,
-            theta=place[..., 0],
-            phi=place[..., 1],
+            theta=position[..., 0],
+            phi=position[..., 1],
             signal=value,
             sigma_signal=_NOISE * one,
             range=setting.middle * one,
@@ -109,9 +109,9 @@ def _measure_centre(setting: ComparisonSetup) -> dict[str, Measured]:
 
 def _predict_centre(setting: ComparisonSetup) -> dict[str, Predicted]:
     pattern, (radius, spot) = _pattern(setting), _disc(setting)
-    place, travel = _figure(pattern, _BOUNDS)
+    position, travel = _figure(pattern, _BOUNDS)
     bounds = [
-        np.diagonal(tracking.centre_bound(place[k], travel[k], radius, spot, _LEVELS, _NOISE))
+        np.diagonal(tracking.centre_bound(position[k], travel[k], radius, spot, _LEVELS, _NOISE))
         for k in range(_BOUNDS)
     ]
     cases = {}

@@ -68,8 +68,10 @@ def figure_12(task: Task) -> Outcome:
     flat, form = scatter["tof."][fitted], closed["tof."][fitted]
     crossing = _equal(distances, scatter[""] / scatter["tof."])
     meeting = closed_crossing(made.scenario, _REFLECTANCE, float(distances[0]), float(distances[-1]))
-    place = int(np.abs(distances - crossing).argmin())
-    steep = slope(distances[place - 1 : place + 2], (closed[""] / closed["tof."])[place - 1 : place + 2])
+    position = int(np.abs(distances - crossing).argmin())
+    steep = slope(
+        distances[position - 1 : position + 2], (closed[""] / closed["tof."])[position - 1 : position + 2]
+    )
     slack = (3.0 * np.sqrt(2.0) * blur + _ORDERS) / steep
     meetings = [_equal(distances, values / stated["tof."]) for values in ends.values()]
     reach = 4.5 * blur
@@ -163,7 +165,7 @@ def figure_12(task: Task) -> Outcome:
             )
         for (name, values), style in zip(ends.items(), ("--", "-."), strict=True):
             axes[0].plot(distances, 1e3 * values, color=BLUE, lw=0.9, ls=style, label=f"blur: {name}")
-        guide = 1e3 * scatter[""][place] * (distances / distances[place]) ** 2
+        guide = 1e3 * scatter[""][position] * (distances / distances[position]) ** 2
         axes[0].plot(distances, guide, color="black", lw=0.8, ls=":", label="R²")
         axes[0].set(yscale="log", ylabel="σ of the range [mm]")
         ranges(axes[0])

@@ -36,15 +36,15 @@ def eq1(task: Task) -> Outcome:
     """Hold rendered spots against eq 1."""
     distances = np.geomspace(1.8, 40.0, task.choose(14, 6))
     theta = np.linspace(-_HALF, _HALF, 9)
-    place, true = np.empty((len(distances), len(theta))), np.empty((len(distances), len(theta)))
-    measured = np.empty_like(place)
+    position, true = np.empty((len(distances), len(theta))), np.empty((len(distances), len(theta)))
+    measured = np.empty_like(position)
     for row, distance in enumerate(distances.tolist()):
         layers = layers_of(bench(task, [plate(distance, _HALF)], QUIET, processing=FIT), aim(theta, 0.2))
-        place[row], true[row] = (layers["peak_px"] + 0.5) * PITCH, layers["truth.range_m"]
+        position[row], true[row] = (layers["peak_px"] + 0.5) * PITCH, layers["truth.range_m"]
         measured[row] = layers["range_m"]
     expected = geometry.image_position(true, theta, FOCAL, BASE)
-    seen = np.isfinite(place)
-    off = (place - expected)[seen] / PITCH
+    seen = np.isfinite(position)
+    off = (position - expected)[seen] / PITCH
     error = (measured - true)[seen] / true[seen] ** 2
     rows = (
         row_of_claim(
@@ -76,7 +76,7 @@ def eq1(task: Task) -> Outcome:
             label = f"Θ = {theta[column]:+.2f} rad"
             line = geometry.image_position(fine, theta[column], FOCAL, BASE)
             axes[0].plot(fine, 1e3 * line, color=colour, lw=1.2, label=label)
-            axes[0].plot(true[:, column], 1e3 * place[:, column], "o", color=colour, ms=3.5)
+            axes[0].plot(true[:, column], 1e3 * position[:, column], "o", color=colour, ms=3.5)
         axes[0].set(yscale="log", ylabel="p [mm]")
         ranges(axes[0])
         axes[0].legend()
@@ -193,7 +193,7 @@ def eq3(task: Task) -> Outcome:
 
 
 def eq4(task: Task) -> Outcome:
-    """Measure σ_R for a constant error of the spot's place, over range and over the field."""
+    """Measure σ_R for a constant error of the spot's position, over range and over the field."""
     error = 10e-6
     scanner: dict[str, object] = {**QUIET, "mirrors": {**STILL, "synchronisation": error}}
     distances, side = np.geomspace(3.0, 35.0, task.choose(12, 6)), task.choose(48, 32)
@@ -202,8 +202,8 @@ def eq4(task: Task) -> Outcome:
         made = bench(task, [plate(distance, 0.05)], scanner, processing=FIT, step=row)
         layers = layers_of(made, aim(*grid(0.05, side)))
         sigma[row] = np.nanstd(layers["range_m"] - layers["truth.range_m"])
-    place = FOCAL * error * (1.0 + (geometry.image_position(distances, 0.0, FOCAL, BASE) / FOCAL) ** 2)
-    printed = geometry.range_error_printed(distances, FOCAL, BASE, place)
+    position = FOCAL * error * (1.0 + (geometry.image_position(distances, 0.0, FOCAL, BASE) / FOCAL) ** 2)
+    printed = geometry.range_error_printed(distances, FOCAL, BASE, position)
     theta = np.linspace(-_HALF, _HALF, 7)
     ratio = np.empty(len(theta))
     for row, angle in enumerate(theta.tolist()):
@@ -267,9 +267,11 @@ def eq5(task: Task) -> Outcome:
         measured = np.stack([layers[f"P.{axis}"] for axis in "XYZ"], axis=-1)
         found[row] = np.nanstd(measured - truth, axis=0)
         p = float(geometry.image_position(R, one, FOCAL, BASE))
-        place = FOCAL * (1.0 + (p / FOCAL) ** 2) * apart
-        full[row] = geometry.propagated_errors(R, one, phi, FOCAL, BASE, SEPARATION, place, angle, angle)[:3]
-        printed[row] = geometry.propagated_errors_printed(R, one, phi, FOCAL, BASE, place, angle, angle)
+        position = FOCAL * (1.0 + (p / FOCAL) ** 2) * apart
+        full[row] = geometry.propagated_errors(R, one, phi, FOCAL, BASE, SEPARATION, position, angle, angle)[
+            :3
+        ]
+        printed[row] = geometry.propagated_errors_printed(R, one, phi, FOCAL, BASE, position, angle, angle)
     tolerance = 4.5 / np.sqrt(2.0 * shots)
     worst, short = found / full, found / printed
     rows = (

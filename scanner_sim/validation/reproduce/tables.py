@@ -112,16 +112,23 @@ def table_2(task: Task) -> Outcome:
     return Outcome(tuple(rows), lambda path: sheet(path, "Times of acquisition (Table 2)", about, draw, 2))
 
 
-def _visit_times(places: Sequence[tuple[float, float]], turns: int) -> tuple[float, float]:
+def _visit_times(positions: Sequence[tuple[float, float]], turns: int) -> tuple[float, float]:
     """Return the mean time from pattern to pattern [s], and how far the first voxel is from its command [rad]."""
     servo, visiting, pattern = Galvanometers(), Visiting(), LissajousPattern(amplitude=6e-3)
-    period = visiting.period(pattern.points, DWELL, len(places), servo)
-    mirrors, begun, late = mirrors_at(*places[0]), [], 0.0
-    for number in range(turns * len(places)):
+    period = visiting.period(pattern.points, DWELL, len(positions), servo)
+    mirrors, begun, late = mirrors_at(*positions[0]), [], 0.0
+    for number in range(turns * len(positions)):
         start = (number + 1) * period - pattern.points * DWELL
-        place = places[number % len(places)]
+        position = positions[number % len(positions)]
         motion, mirrors = run_visit(
-            servo, mirrors, pattern, number // len(places), place, start=start, dwell=DWELL, visiting=visiting
+            servo,
+            mirrors,
+            pattern,
+            number // len(positions),
+            position,
+            start=start,
+            dwell=DWELL,
+            visiting=visiting,
         )
         begun.append(float(motion.time[0]))
         # Lag along the figure is no matter of the jump: the middle voxel has the same.

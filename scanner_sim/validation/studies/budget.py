@@ -1,6 +1,6 @@
 """The error budget: each source of error alone and all together, for both ways of ranging and for their fusion.
 
-On a facing flat target the range is measured many times at a few places of the spot in its pixel, with one source
+On a facing flat target the range is measured many times at a few positions of the spot in its pixel, with one source
 switched on while the estimator knows of them all: it weighs the samples as it does in a scan, so that the sources alone
 add up to the whole in quadrature. What the estimator errs without any noise is taken off the errors, shot by shot,
 and is a source of its own.
@@ -45,7 +45,7 @@ Progress = Callable[[int, int], None]
 FARTHEST = 30.0
 """Farthest distance of the target [m]."""
 PIXEL_PHASES = 4
-"""Places of the spot in its pixel."""
+"""Positions of the spot in its pixel."""
 _SIDE = 22
 """Shots along each side of the target."""
 HALF = 0.05
@@ -58,11 +58,11 @@ _NOISE = {"shot": "shot", "read": "read", "quantisation": "quantisation", "respo
 _ECHO_NOISE = ("shot", "amplifier", "quantisation", "clock")
 """Switches of the photodiode, which are the sources of time of flight."""
 _FIXED = (_QUIET, "response")
-"""Sources that are the same for all shots at one place: one value for each place."""
+"""Sources that are the same for all shots at one position: one value for each position."""
 _SQUARES = (_ALL, "clock")
 """Sources of which the mean error counts, too."""
 _LIFTED = ("jitter", "wobble")
-"""Sources that move the light, and whose error far away is below the rounding of the spot's place."""
+"""Sources that move the light, and whose error far away is below the rounding of the spot's position."""
 _LIFT = 32.0
 """By how much these are enlarged, and their errors, which are linear in them, divided again."""
 
@@ -193,8 +193,8 @@ def measure_budget(
     done, total = 0, len(distances) * PIXEL_PHASES * sum(len(own) for own in names.values())
     for step, distance in enumerate(distances.tolist()):
         errors: dict[tuple[Mode, str], list[Array]] = {key: [] for key in rows}
-        for place, where in enumerate(_pixel_phases(assumed, distance)):
-            seed = (scenario.seed + 101 * step + 17 * place + 1) % 2**63
+        for index, where in enumerate(_pixel_phases(assumed, distance)):
+            seed = (scenario.seed + 101 * step + 17 * index + 1) % 2**63
             target = _Target(scenario, assumed, where, reflectance, seed, device)
             for mode, name in rows:
                 errors[mode, name].append(target.error(mode, name) * _scale(mode, name, distance / where))
@@ -209,14 +209,14 @@ def measure_budget(
 
 
 def _scale(mode: Mode, name: str, ratio: float) -> float:
-    """Return what an error at a place about a distance is at it: R² for triangulation, but R for its bias."""
+    """Return what an error at a position about a distance is at it: R² for triangulation, but R for its bias."""
     if mode != "triangulation":
         return 1.0
     return ratio if name == _QUIET else ratio**2
 
 
 def _row(name: str, errors: list[Array]) -> tuple[float, float, float, int]:
-    """Return the standard deviation of the errors at a few places, its interval and degrees of freedom."""
+    """Return the standard deviation of the errors at a few positions, its interval and degrees of freedom."""
     if not _enough(errors):
         return math.nan, math.nan, math.nan, 0
     count = sum(int(np.isfinite(values).sum()) for values in errors)
@@ -247,16 +247,16 @@ def _row_of_sun(lit: list[Array], dark: list[Array]) -> tuple[float, float, floa
 
 
 def _enough(errors: list[Array]) -> bool:
-    """Tell whether at least half of the shots have a range, and some at each place."""
+    """Tell whether at least half of the shots have a range, and some at each position."""
     finite = [np.isfinite(values) for values in errors]
     return all(own.any() for own in finite) and float(np.mean(np.concatenate(finite))) >= 0.5
 
 
 def _pixel_phases(assumed: Instrument, distance: float) -> Iterator[float]:
-    """Yield distances about one, at which the spot lies at evenly spaced places in its pixel."""
+    """Yield distances about one, at which the spot lies at evenly spaced positions in its pixel."""
     pixel = round(float(assumed.spot.pixel(distance, 0.0, 1.0)))
-    for place in range(PIXEL_PHASES):
-        yield float(assumed.spot.range(pixel + (place + 0.5) / PIXEL_PHASES - 0.5, 0.0, 1.0))
+    for index in range(PIXEL_PHASES):
+        yield float(assumed.spot.range(pixel + (index + 0.5) / PIXEL_PHASES - 0.5, 0.0, 1.0))
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,11 @@
 
 A flat white target, square to the beam, is moved through the range in fractions of a pixel, and the measured position
 is compared with the one that eq 1 gives for the target's range. The detector has no noise, the mirrors are still, the
-light makes no speckle, and it is dark. At each of a few places along the line, hence widths of the spot, the target
-passes through one pixel. To simulate many places of it at once, targets stand above one another, each before the beam
-at a φ of its own: the second mirror turns the whole triangulation, so that they are one target. Θ and φ are positive
-throughout: Embree may lose hits of rays that it traces together as coherent when a component of their directions
-changes its sign among them.
+light makes no speckle, and it is dark. At each of a few positions along the line, hence widths of the spot, the target
+passes through one pixel. To simulate many positions of it at once, targets stand above one another, each before the
+beam at a φ of its own: the second mirror turns the whole triangulation, so that they are one target. Θ and φ are
+positive throughout: Embree may lose hits of rays that it traces together as coherent when a component of their
+directions changes its sign among them.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from scanner_sim.signals.line.bias_table import BiasTable
 from scanner_sim.signals.line.expected import ExpectedSpot
 
 NODES, PLACES = 12, 48
-"""Places along the line, and places of the target within a pixel."""
+"""Positions along the line, and positions of the target within a pixel."""
 _SHIFTS = np.linspace(-1.0, 1.0, 97)
 _BEYOND = 0.25
 """How far beyond the measured estimates the error is continued along a straight line [pixel]: noise can make a pixel
@@ -87,7 +87,7 @@ def measure_bias(
     device
         Where to compute.
     progress
-        Called with the places done and the places in all.
+        Called with the positions done and the positions in all.
 
     Returns
     -------
@@ -128,7 +128,7 @@ def _nodes(scenario: Scenario, spot: ExpectedSpot) -> Iterator[int]:
 
 
 def _passage(scenario: Scenario, node: int, spot: ExpectedSpot, device: DeviceChoice) -> Passage | None:
-    """Move the target through a pixel; None where it is not measured at half of its places or more."""
+    """Move the target through a pixel; None where it is not measured at half of its positions or more."""
     phase = (np.arange(PLACES) + 0.5) / PLACES - 0.5
     truth = node + phase
     deflection = _deflection(scenario)
@@ -170,9 +170,9 @@ def _row(passage: Passage) -> Floats:
     few = max(3, len(bias) // 8)
     low, high = (np.polyfit(estimate[part], bias[part], 1) for part in (slice(0, few), slice(-few, None)))
     start, end = estimate[0] - _BEYOND, estimate[-1] + _BEYOND
-    places = np.concatenate([[start], estimate, [end]])
+    positions = np.concatenate([[start], estimate, [end]])
     values = np.concatenate([[bias[0] - low[0] * _BEYOND], bias, [bias[-1] + high[0] * _BEYOND]])
-    return np.asarray(np.clip(np.interp(_SHIFTS, places, values), -1.0, 1.0), dtype=np.float64)
+    return np.asarray(np.clip(np.interp(_SHIFTS, positions, values), -1.0, 1.0), dtype=np.float64)
 
 
 def _parts(scenario: Scenario, nearest: float) -> Iterator[slice]:

@@ -132,7 +132,7 @@ class _Stage:
         sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
         electrons = electrons_per_watt(sensor, scenario.scanner.laser.wavelength, scenario.scanner.exposure)
         through = instrument.throughput
-        # Any pixel may look at any place: the one that makes most of it counts.
+        # Any pixel may look at any position: the one that makes most of it counts.
         self._gain = tuple(
             electrons * float(table.numpy().max()) for table in (through.in_band, through.out_of_band)
         )
