@@ -43,7 +43,7 @@ def scenario(node: dict[str, Any], *overrides: str, seed: int = 4, **more: Any) 
 
 def errors(records: list[PatternRecord]) -> Array:
     """Return the errors of measured places, (records, 3)."""
-    return np.array([r.place - r.truth for r in records if r.status == TrackStatus.MEASURED])
+    return np.array([r.position - r.truth for r in records if r.status == TrackStatus.MEASURED])
 
 
 def minute(console: Console) -> None:

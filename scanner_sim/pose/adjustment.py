@@ -87,7 +87,7 @@ class PoseFit:
     Attributes
     ----------
     rotation, position
-        ``scanner_from_object`` (3, 3, B) and the place of the centre of the array [m] (3, B).
+        ``scanner_from_object`` (3, 3, B) and the position of the centre of the array [m] (3, B).
     cost
         Σ of the squared whitened residuals, or of Huber's function of them (B,).
     normal, slope

@@ -204,13 +204,13 @@ def _with_others(
         rotation, position = ranked.rotation[..., s, :], ranked.position[..., s, :]
         far = _distance(rotation, position, best.rotation, best.position, best.normal)
         new = ranked.settled[s] & ~(far < SAME) & (filled < ALTERNATIVES)
-        for k in range(int(filled.max())):  # an empty place is NaN, and nearer to nothing
+        for k in range(int(filled.max())):  # an empty slot is NaN, and nearer to nothing
             other = solution.other_rotation[:, :, k], solution.other_position[:, k]
             new &= ~(_distance(rotation, position, *other, best.normal) < SAME)
-        place, index = filled[new], poses[new]
-        solution.other_rotation[:, :, place, index] = rotation[..., new]
-        solution.other_position[:, place, index] = position[..., new]
-        solution.other_chi2[place, index] = ranked.cost[s, new]
+        slot, index = filled[new], poses[new]
+        solution.other_rotation[:, :, slot, index] = rotation[..., new]
+        solution.other_position[:, slot, index] = position[..., new]
+        solution.other_chi2[slot, index] = ranked.cost[s, new]
         filled += new
         doubtful = new & (ranked.cost[s] - best.cost < DOUBTFUL) & (far > apart)
         solution.status[doubtful & (solution.status == PoseStatus.VALID)] = PoseStatus.AMBIGUOUS
@@ -222,11 +222,11 @@ def _with_others(
     return solution
 
 
-def _distance(rotation: Array, position: Array, other: Array, place: Array, normal: Array) -> Array:
+def _distance(rotation: Array, position: Array, other: Array, other_position: Array, normal: Array) -> Array:
     """Return the squared Mahalanobis distance (B,) of two poses; infinite where they differ by a quarter turn."""
     apart = np.einsum("ijb,kjb->ikb", rotation, other)
     turn = 0.5 * np.stack([apart[2, 1] - apart[1, 2], apart[0, 2] - apart[2, 0], apart[1, 0] - apart[0, 1]])
-    change = np.concatenate([position - place, turn])
+    change = np.concatenate([position - other_position, turn])
     distance: Array = np.einsum("ab,acb,cb->b", change, normal, change)
     return np.where(np.trace(apart) < 1.0, np.inf, distance)
 

@@ -116,7 +116,7 @@ def track_columns(track: Track) -> Table:
     def stacked(name: str, shape: tuple[int, ...]) -> Array:
         return np.array([getattr(record, name) for record in records], dtype=np.float64).reshape(-1, *shape)
 
-    place, point = stacked("place", (3,)), stacked("point", (3,))
+    position, point = stacked("position", (3,)), stacked("point", (3,))
     angular, spatial = stacked("covariance", (3, 3)), stacked("point_covariance", (3, 3))
     truth, truth_point, centre = stacked("truth", (3,)), stacked("truth_point", (3,)), stacked("centre", (2,))
     columns: Table = {
@@ -124,7 +124,7 @@ def track_columns(track: Track) -> Table:
         "target": texts([record.target for record in records]),
         "state": texts([record.mode.value for record in records]),
     }
-    for names, values in ((_ANGULAR, place), (_SPATIAL, point)):
+    for names, values in ((_ANGULAR, position), (_SPATIAL, point)):
         columns |= dict(zip(names, values.T, strict=True))
     for names, matrices in ((_ANGULAR, angular), (_SPATIAL, spatial)):
         sigmas = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
@@ -280,7 +280,7 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
         result[np.isnan(columns[cross[0]])] = np.nan
         return result
 
-    place, point, centre = (
+    position, point, centre = (
         together(_ANGULAR),
         together(_SPATIAL),
         together(("centre_theta_rad", "centre_phi_rad")),
@@ -302,7 +302,7 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
             status=TrackStatus(int(columns["status"][row])),
             amplitude=float(columns["amplitude_rad"][row]),
             centre=centre[row],
-            place=place[row],
+            position=position[row],
             covariance=angular[row],
             errors=errors.at(row),
             point=point[row],
@@ -311,7 +311,7 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
             truth_point=truth_point[row],
             samples=samples[row],
         )
-        for row in range(len(place))
+        for row in range(len(position))
     ]
 
 

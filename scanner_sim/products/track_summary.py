@@ -56,7 +56,7 @@ def track_json(track: Track, poses: Sequence[PoseSeries] = ()) -> str:
 def errors_of(records: Sequence[PatternRecord]) -> tuple[Array, Array]:
     """Return measured less true (Θ, φ, R) [rad, rad, m] of the measured visits, and σ of each, shapes (n, 3)."""
     measured = [record for record in records if record.status is TrackStatus.MEASURED]
-    error = np.array([record.place - record.truth for record in measured]).reshape(-1, 3)
+    error = np.array([record.position - record.truth for record in measured]).reshape(-1, 3)
     variance = np.array([np.diagonal(record.covariance) for record in measured]).reshape(-1, 3)
     return error, np.sqrt(variance)
 

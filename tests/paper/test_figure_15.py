@@ -42,7 +42,7 @@ def scenario(device: object) -> Scenario:
 def studied(scenario: Scenario) -> tuple[tuple[TargetErrors, ...], tuple[PoseRow, ...]]:
     """Return a study of two arrays at three ranges, with closed forms."""
     target = StudyTarget.of(scenario)
-    plan = StudyPlan((6.0, 8.0, 10.0), (BASE, pyramid(1.0)), poses=1500, places=2, patterns=2)
+    plan = StudyPlan((6.0, 8.0, 10.0), (BASE, pyramid(1.0)), poses=1500, positions=2, patterns=2)
     pools, rows = measure_study(scenario, plan, target, device="cpu")
     return pools, closed_forms(rows, plan.arrays, target_rows(pools), 10.0)
 
@@ -214,7 +214,7 @@ def test_a_study_does_not_depend_on_what_else_is_studied(
     scenario: Scenario, studied: tuple[tuple[TargetErrors, ...], tuple[PoseRow, ...]]
 ) -> None:
     """One range alone gives the same bytes as among others."""
-    alone = measure_targets(scenario, StudyTarget.of(scenario), 8.0, places=2, patterns=2, device="cpu")
+    alone = measure_targets(scenario, StudyTarget.of(scenario), 8.0, positions=2, patterns=2, device="cpu")
     np.testing.assert_array_equal(alone.error, studied[0][1].error)
     np.testing.assert_array_equal(alone.sigma, studied[0][1].sigma)
 

@@ -37,7 +37,7 @@ def scenario(*overrides: str, objects: list[Any], seed: int = 7, **scan: Any) ->
 
 def errors(records: list[PatternRecord] | tuple[PatternRecord, ...]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Errors of the measured places, and their standard deviations, shape (records, 3)."""
-    error = np.array([record.place - record.truth for record in records])
+    error = np.array([record.position - record.truth for record in records])
     return error, np.array([np.sqrt(np.diagonal(record.covariance)) for record in records])
 
 
@@ -66,7 +66,7 @@ def test_single_patterns_reach_the_papers_accuracy_with_honest_sigmas() -> None:
     numbers = {target.name: number for number, target in enumerate(made.targets)}
     covariance = common_covariance(
         parts,
-        np.array([record.place for record in late]),
+        np.array([record.position for record in late]),
         np.array([record.time for record in late]),
         [numbers[record.target] for record in late],
     )
@@ -145,7 +145,7 @@ def test_inversion_cancels_the_bias_of_a_delay_and_knowing_it_does_too() -> None
                 tracker.point(target.name, theta, phi, distance)
             for _ in tracker.targets:
                 record = next(tracker)
-                found[record.target].append((record.place - record.truth)[:2])
+                found[record.target].append((record.position - record.truth)[:2])
         pairs = np.array(list(found.values())).reshape(-1, 2, 2)
         assert np.isfinite(pairs).all()
         assert np.abs(pairs.mean(axis=(0, 1))).max() < 5e-6

@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from scanner_sim.validation.compare.judge import POWERS, detectable, holm, interval, judged, p_value, same
+from scanner_sim.validation.compare.judge import (
+    POWERS,
+    detectable,
+    holm,
+    interval,
+    judge_checks,
+    p_value,
+    same,
+)
 from scanner_sim.validation.compare.law import Measured, Predicted, exact, mean_of, slope_of, spread_of
 
 RUNS, SHOTS, LEVEL = 4000, 60, 0.01
@@ -100,10 +108,10 @@ def test_the_family_keeps_its_level() -> None:
     ]
     law = Predicted("x", "", 0.0, 0.0, 1.0)
     broken = sum(
-        any(check.broken for check in judged([("x", one, law) for one in row], 0.05)) for row in rows
+        any(check.broken for check in judge_checks([("x", one, law) for one in row], 0.05)) for row in rows
     )
     assert broken < 38
-    outcome = judged([("a", exact(1.0), Predicted("x", "", 1.1, 0.05)), ("b", rows[0][0], law)], 0.05)
+    outcome = judge_checks([("a", exact(1.0), Predicted("x", "", 1.1, 0.05)), ("b", rows[0][0], law)], 0.05)
     assert [check.broken for check in outcome] == [True, False]
     assert outcome[1].adjusted_p == outcome[1].p
 

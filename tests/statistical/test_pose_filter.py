@@ -114,7 +114,7 @@ def run(rng: np.random.Generator, visits: int) -> tuple[list[PatternRecord], Arr
                 status=TrackStatus.MEASURED,
                 amplitude=7e-3,
                 centre=place[which, :2],
-                place=place[which] + error,
+                position=place[which] + error,
                 covariance=parts.whole,
                 errors=replace(parts, image=image[which]),
                 point=np.zeros(3),

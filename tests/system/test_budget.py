@@ -26,7 +26,7 @@ from scanner_sim.cli import app
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.products.budget import crossing
 from scanner_sim.validation.compare.instrument import closed_crossing, instrument_of, with_closed_forms
-from scanner_sim.validation.studies.budget import HALF, measure_budget, sources_of, swept
+from scanner_sim.validation.studies.budget import HALF, measure_budget, sources_of, with_sweep
 from scanner_sim.validation.studies.dominance import dominating
 
 WALL = """\
@@ -102,10 +102,10 @@ def test_the_sweep_can_be_chosen(config: Path, few_places: None) -> None:
     """Claim: the sweep averages speckle, moves the crossing, and the output says both."""
     scenario = load_scenario(config, ["ranging=both"])
     near, far = 2.0, 30.0
-    rest, fast = (closed_crossing(swept(scenario, sweep), 0.5, near, far) for sweep in (0.0, 5e-3))
+    rest, fast = (closed_crossing(with_sweep(scenario, sweep), 0.5, near, far) for sweep in (0.0, 5e-3))
     assert rest < 0.9 * fast
-    assert swept(scenario, None) is scenario
-    assert [swept(scenario, sweep).raster.travel for sweep in (0.0, 5e-3)] == pytest.approx([0.0, 5e-3])
+    assert with_sweep(scenario, None) is scenario
+    assert [with_sweep(scenario, sweep).raster.travel for sweep in (0.0, 5e-3)] == pytest.approx([0.0, 5e-3])
     for wrong, word in (("5", "no unit"), ("5 rad", "is not between"), ("-1 mrad", "is not between")):
         refused = invoke("budget", config, "-o", "out", f"--sweep={wrong}")
         assert refused.exit_code == 2

@@ -61,12 +61,12 @@ def examples(page: Path) -> list[Example]:
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, repo_root: Path) -> Path:
     """A folder that looks like the repository's root, in which examples may leave files."""
     # Budgets and studies take fewer places and poses than can be asked for.
-    monkeypatch.setattr(importlib.import_module("scanner_sim.validation.studies.budget"), "PLACES", 2)
+    monkeypatch.setattr(importlib.import_module("scanner_sim.validation.studies.budget"), "PIXEL_PHASES", 2)
     plan = StudyPlan.__init__
     monkeypatch.setattr(
         StudyPlan,
         "__init__",
-        lambda self, distances, arrays, *_: plan(self, distances, arrays, poses=40, places=1, patterns=1),
+        lambda self, distances, arrays, *_: plan(self, distances, arrays, poses=40, positions=1, patterns=1),
     )
     for name in ("configs", "scenes"):
         (tmp_path / name).symlink_to(repo_root / name)

@@ -116,7 +116,7 @@ def test_commands_change_what_comes_next() -> None:
     tracker.point("node/1", truth[0] + 0.2, truth[1], 9.0)
     missed = next(tracker)
     assert missed.status is TrackStatus.NOT_FOUND
-    assert np.isnan(missed.place).all()
+    assert np.isnan(missed.position).all()
     np.testing.assert_allclose(missed.centre, [truth[0] + 0.2, truth[1]])
     tracker.drop("node/1")
     assert tracker.finished
@@ -147,7 +147,7 @@ def test_a_target_outside_of_the_field_waits_and_the_others_go_on() -> None:
     out = made.of("far/2")
     assert out
     assert all(record.status is TrackStatus.OUT_OF_VIEW for record in out)
-    assert all(record.samples.time.shape == (1, 0) and np.isnan(record.place).all() for record in out)
+    assert all(record.samples.time.shape == (1, 0) and np.isnan(record.position).all() for record in out)
     assert all(record.status is TrackStatus.MEASURED for record in made.of("node/1"))
     assert len(made.of("node/1")) == 5
     assert any("'far/2' was never measured" in warning for warning in made.warnings)
@@ -183,7 +183,7 @@ def test_every_kind_of_target_is_followed(target: dict[str, Any], kind: str) -> 
         assert len(good) >= 16
         for record in good:
             sigma = np.sqrt(np.diagonal(record.covariance))
-            assert (np.abs(record.place - record.truth) < 5.0 * sigma + (20e-6, 20e-6, 1e-3)).all()
+            assert (np.abs(record.position - record.truth) < 5.0 * sigma + (20e-6, 20e-6, 1e-3)).all()
 
 
 def test_where_no_target_is_in_view_time_goes_by() -> None:

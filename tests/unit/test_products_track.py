@@ -93,7 +93,7 @@ def make_track(seconds: float = 0.4, seed: int = 1, objects: int = 2) -> Track:
                 status=TrackStatus.NOT_FOUND if late else TrackStatus.MEASURED,
                 amplitude=30e-3 if late else 10e-3,
                 centre=truth[:2] + 1e-4,
-                place=place + blank,
+                position=place + blank,
                 covariance=np.diag(SIGMA**2) + blank,
                 errors=errors_of(blank),
                 point=np.stack(coordinates(place[2], place[0], place[1], DG)) + blank,

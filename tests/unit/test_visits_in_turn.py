@@ -93,7 +93,7 @@ def test_targets_are_visited_in_turn_and_on_time(run: Any) -> None:
         start = state.clock + period - points * dwell
         middle = start + 0.5 * points * dwell
         expected = command(state.tracks[index], known.following.tracker, 0.1, middle)
-        np.testing.assert_allclose(asked.order.place, expected.place, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(asked.order.position, expected.position, rtol=0.0, atol=1e-12)
         assert asked.motion.time[0] >= start
         assert tracker.state.clock == pytest.approx(
             max(start + points * dwell, tracker.state.mirrors.time), abs=1e-12
@@ -210,7 +210,8 @@ def test_a_point_has_the_covariance_that_its_place_gives_it(run: Any) -> None:
     record = next(tracker)
     separation = tracker.scenario.scanner.mirrors.axis_separation
     rows = [
-        (point_of(record.place + step, separation)[0] - point_of(record.place - step, separation)[0]) / 2e-6
+        (point_of(record.position + step, separation)[0] - point_of(record.position - step, separation)[0])
+        / 2e-6
         for step in 1e-6 * np.eye(3)
     ]
     slope = np.array(rows).T
@@ -226,7 +227,7 @@ def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, statu
     lost = tracker.state.tracks[0]
     nothing = replace(module.NOTHING)
     after = module.advance(lost, nothing, tracker.scan.tracker, 0.1, 1.0)
-    order = TrackCommand(TrackMode.TRACK, record.place, 6e-3, 1)
+    order = TrackCommand(TrackMode.TRACK, record.position, 6e-3, 1)
     made = tracker._recorder.record(
         1, tracker.targets[0], order, after, record.samples, nothing, record.errors, limited
     )

@@ -238,7 +238,7 @@ class TargetSensor:
         visit
             Number of the visit, which addresses every random number.
         """
-        scanner, expected = self._scenario.scanner, float(order.place[2])
+        scanner, expected = self._scenario.scanner, float(order.position[2])
         layers = self._instrument.measure(aim_of(motion, visit))
         delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
         sigma = self._noise.sigma(layers, motion, expected)

@@ -7,9 +7,9 @@ import io
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import Field, asdict, fields
 from pathlib import Path
-from typing import Any, Literal, TypeAlias, TypeVar
+from typing import Any, ClassVar, Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 import pyarrow
@@ -47,6 +47,12 @@ ColumnKind = Literal["any", "number", "finite", "whole", "text"]
 """What a column holds: float64 of any size, of some sense or NaN, or without NaN; integers; texts."""
 
 
+class Record(Protocol):
+    """Any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+
 def table_csv(columns: Columns) -> str:
     """Return a table with a heading; floats with twelve digits, nothing for NaN."""
     text = io.StringIO()
@@ -56,7 +62,7 @@ def table_csv(columns: Columns) -> str:
     return text.getvalue()
 
 
-def records_csv(rows: Sequence[Any]) -> str:
+def records_csv(rows: Sequence[Record]) -> str:
     """Return dataclasses of one kind as a table, a column for each field; floats as :func:`six_digits`."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")

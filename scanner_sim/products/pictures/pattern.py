@@ -52,7 +52,7 @@ def response_of(track: Track, record: PatternRecord) -> Response:
     The range gate lies about the measured range, or about the expected one where nothing was found.
     """
     appearance = next(target for target in track.targets if target.name == record.target)
-    middle = record.place[2] if np.isfinite(record.place[2]) else appearance.expected[2]
+    middle = record.position[2] if np.isfinite(record.position[2]) else appearance.expected[2]
     depth = appearance.appearance.depth
     return target_response(record.samples, appearance.appearance.kind, (middle - depth, middle + depth))
 
@@ -81,8 +81,8 @@ def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = N
     circle = circle_fit(record.samples, response)
     with house_style():
         figure = Figure(figsize=(11.4, 4.3), dpi=150)
-        places = ((0.055, 0.13, 0.25, 0.67), (0.43, 0.13, 0.25, 0.67), (0.82, 0.30, 0.165, 0.43))
-        by_signal, by_range, centre = (figure.add_axes(place) for place in places)
+        positions = ((0.055, 0.13, 0.25, 0.67), (0.43, 0.13, 0.25, 0.67), (0.82, 0.30, 0.165, 0.43))
+        by_signal, by_range, centre = (figure.add_axes(position) for position in positions)
         outline = _outline(track, record) if rim is None else rim(record)
         samples = record.samples
         measured = samples.valid[0]
@@ -164,8 +164,8 @@ def _voxels(
 
 
 def _circles(axes: Axes, record: PatternRecord, circle: Centroid, outline: Array) -> None:
-    if np.isfinite(record.place[:2]).all():
-        x, y = _away(record, record.place[None, :2])[0]
+    if np.isfinite(record.position[:2]).all():
+        x, y = _away(record, record.position[None, :2])[0]
         axes.plot(x, y, "+", color=_FIT, ms=7.0, mew=1.2, zorder=5)
         if circle.found[0]:
             radius = 1e3 * circle.radius[0]
@@ -193,7 +193,7 @@ def _centre(axes: Axes, record: PatternRecord) -> None:
     axes.set_aspect("equal")
     axes.spines[["top", "right"]].set_visible(False)
     axes.locator_params(nbins=4)
-    error = 1e6 * (record.place - record.truth)[:2]
+    error = 1e6 * (record.position - record.truth)[:2]
     if not np.isfinite(error).all():
         axes.text(0.5, 0.6, "not found", transform=axes.transAxes, ha="center", color=FAINT)
         axes.set(xlim=(-1.0, 1.0), ylim=(1.0, -1.0), xticks=[], yticks=[])

@@ -91,9 +91,15 @@ def _component(axes: Axes, chosen: Sequence[PoseSeries], component: int) -> None
         if (known := good & np.isfinite(error)).any():
             largest = float(np.percentile(np.abs(error[known]), 99.0))
             reach = max(reach, 2.6 * float(np.median(sigma[known])), 1.1 * largest)
-        place = np.full(np.count_nonzero(~good), 0.97 - 0.05 * number)
+        position = np.full(np.count_nonzero(~good), 0.97 - 0.05 * number)
         axes.plot(
-            one.time[~good], place, "|", color=colour, ms=4.0, mew=0.7, transform=axes.get_xaxis_transform()
+            one.time[~good],
+            position,
+            "|",
+            color=colour,
+            ms=4.0,
+            mew=0.7,
+            transform=axes.get_xaxis_transform(),
         )
     axes.axhline(0.0, color=INK, lw=0.5)
     axes.set_ylim(-reach, reach)

@@ -110,9 +110,11 @@ def draw_arrays(study: PoseStudy, path: str | Path) -> None:
         for axes, component in zip(panels, shown, strict=True):
             for mode, (name, colour, mark) in MODES.items():
                 own = [row for row in rows if row.mode == mode and row.component == component]
-                place = [arrays.index((row.array, row.size_m, row.targets)) for row in own]
-                axes.plot([1e3 * row.analytic for row in own], place, "|", ms=9.0, mew=1.0, color=colour)
-                axes.plot([1e3 * row.simulated for row in own], place, mark, ms=3.6, color=colour, label=name)
+                position = [arrays.index((row.array, row.size_m, row.targets)) for row in own]
+                axes.plot([1e3 * row.analytic for row in own], position, "|", ms=9.0, mew=1.0, color=colour)
+                axes.plot(
+                    [1e3 * row.simulated for row in own], position, mark, ms=3.6, color=colour, label=name
+                )
             unit = "mm" if component.startswith("t") else "mrad"
             axes.set(xscale="log", xlabel=f"error [{unit}]")
             _plain_ticks(axes.xaxis, axes.get_xlim())

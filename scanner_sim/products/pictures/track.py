@@ -78,7 +78,7 @@ def _errors(axes: Axes, records: Sequence[PatternRecord], axis: int) -> None:
     measured = [record for record in records if record.status is TrackStatus.MEASURED]
     scale = _QUANTITIES[axis][1]
     time = np.array([record.time for record in measured])
-    error = scale * np.array([record.place[axis] - record.truth[axis] for record in measured])
+    error = scale * np.array([record.position[axis] - record.truth[axis] for record in measured])
     sigma = scale * np.array([np.sqrt(record.covariance[axis, axis]) for record in measured])
     reach = 1.0
     if len(measured):
@@ -172,10 +172,10 @@ def field_of(track: Track) -> tuple[float, float, float, float]:
     """Return the part of the field that holds all patterns and targets: ends of Θ, then of φ [rad]."""
     spots = [record.centre + sign * record.amplitude for record in track.records for sign in (-1.0, 1.0)]
     spots += [record.truth[:2] for record in track.records]
-    places = np.array([spot for spot in spots if np.isfinite(spot).all()]).reshape(-1, 2)
-    if not len(places):
+    positions = np.array([spot for spot in spots if np.isfinite(spot).all()]).reshape(-1, 2)
+    if not len(positions):
         return -0.5, 0.5, -0.5, 0.5
-    low, high = places.min(axis=0), places.max(axis=0)
+    low, high = positions.min(axis=0), positions.max(axis=0)
     margin = np.maximum(_MARGIN * (high - low).max(), _LEAST - 0.5 * (high - low))
     low, high = low - margin, high + margin
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
@@ -196,7 +196,7 @@ def _visit(axes: Axes, record: PatternRecord, ink: str) -> None:
     """Draw the last visit to a target: its pattern, the measured centre and the name."""
     angles = _path(axes, record, lw=0.9)
     if record.status is TrackStatus.MEASURED:
-        axes.plot(*np.degrees(record.place[:2]), "+", color=ink, ms=5.0, mew=0.9)
+        axes.plot(*np.degrees(record.position[:2]), "+", color=ink, ms=5.0, mew=0.9)
     x, y = np.degrees([angles[0].max(), angles[1].mean()])
     rim: list[AbstractPathEffect] = [withStroke(linewidth=2.0, foreground="black")] if ink == "white" else []
     label = axes.annotate(
