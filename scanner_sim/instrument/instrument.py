@@ -37,7 +37,7 @@ from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.background.view import panorama_view
 from scanner_sim.render.beam.light import render_light
-from scanner_sim.render.beam.surface_places import surface_places
+from scanner_sim.render.beam.surface_positions import surface_positions
 from scanner_sim.render.device import activate
 from scanner_sim.render.incident import Incident, Throughput
 from scanner_sim.render.libraries import DeviceChoice
@@ -209,7 +209,7 @@ class Instrument:
             return None
         return line_speckle(
             light.clusters,
-            surface_places(self.loaded, self.optics, shots, truth),
+            surface_positions(self.loaded, self.optics, shots, truth),
             self.speckle,
             self.optics.receiver.focal_length / self.optics.pitch,
             self.travel(shots),
@@ -259,7 +259,7 @@ class Instrument:
         """Return truth, ranges and the line sensor's own layers."""
         truth, groups = self._exposed(aim, shots, panorama)
         n = len(aim.shot)
-        peak, sigma_peak, signal, sigma_signal, snr, laser, window, error, brightest = (
+        peak, sigma_peak, signal, sigma_signal, snr, laser, window, error, background_peak = (
             np.full(n, np.nan) for _ in range(9)
         )
         status = np.zeros(n, dtype=np.uint32)
@@ -274,10 +274,10 @@ class Instrument:
             laser[group.index] = budget.laser.numpy()
             window[group.index] = budget.background.numpy()
             error[group.index] = budget.background_error.numpy()
-            brightest[group.index] = budget.brightest.numpy()
+            background_peak[group.index] = budget.background_peak.numpy()
             status[group.index] = peaks.status.numpy()
         ranges = self.ranges(peak, sigma_peak, status, deflections)
-        layers = self.line_layers(peak, sigma_peak, signal, snr, laser, window, error, brightest)
+        layers = self.line_layers(peak, sigma_peak, signal, snr, laser, window, error, background_peak)
         return truth, ranges, layers | {"sigma_Y": sigma_signal}
 
     def line_layers(
@@ -289,7 +289,7 @@ class Instrument:
         laser: NDArray[Any],
         window: NDArray[Any],
         error: NDArray[Any],
-        brightest: NDArray[Any],
+        background_peak: NDArray[Any],
     ) -> dict[str, NDArray[Any]]:
         """Return the line sensor's own layers, from its peaks and the light of each shot as the paper counts it.
 
@@ -306,7 +306,7 @@ class Instrument:
             "snr_detection": snr,
             "background": window * electrons,
             "background_error": error * electrons,
-            "background_peak": brightest * electrons,
+            "background_peak": background_peak * electrons,
             "peak_px": peak,
             "sigma_peak_px": sigma_peak,
         }

@@ -33,8 +33,8 @@ from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.beam.echo_clusters import PhotodiodeView
 from scanner_sim.render.beam.echoes import render_echoes
-from scanner_sim.render.beam.surface_places import coherence_of, surface_places
-from scanner_sim.render.field_of_view import Field, field_light, field_panorama, in_parts
+from scanner_sim.render.beam.surface_positions import coherence_of, surface_positions
+from scanner_sim.render.field_of_view import Field, batches_of_echoes, field_light, field_panorama
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.signals.waveform.detection import PulseDetector
 
@@ -197,7 +197,7 @@ class TimeOfFlight:
         detector = self.detector if detector is None else detector
 
         def groups() -> Iterator[EchoGroup]:
-            for some, own in in_parts(echoes, light, max(1, _SAMPLES_TOGETHER // clock.samples)):
+            for some, own in batches_of_echoes(echoes, light, max(1, _SAMPLES_TOGETHER // clock.samples)):
                 waveforms = record(some, some.shot, unit.pulse, diode, clock, scenario.seed, own)
                 yield EchoGroup(some.index.numpy(), waveforms, detector.detect(waveforms))
 
@@ -208,7 +208,7 @@ class TimeOfFlight:
         scanner = self.scenario.scanner
         return echo_speckle(
             echoes,
-            surface_places(self.loaded, self.optics, shots, truth),
+            surface_positions(self.loaded, self.optics, shots, truth),
             coherence_of(self.loaded, truth),
             scanner.receiver.aperture / scanner.laser.wavelength,
             self.scenario.seed,

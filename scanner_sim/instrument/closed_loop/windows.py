@@ -28,10 +28,10 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
-from scanner_sim.render.background.view import Window, window_heights, window_place
+from scanner_sim.render.background.view import Window, window_heights, window_position
 from scanner_sim.render.field_of_view import field_optics
 from scanner_sim.render.frozen import Frozen
-from scanner_sim.render.rays import one_kernel, posed
+from scanner_sim.render.rays import one_kernel, pose_scene
 from scanner_sim.scan.raster import Aim
 
 _ROW = 0.5
@@ -175,7 +175,7 @@ class Windows:
             self._light,
             self._heights,
         ]
-        place = window_place(first * self.step, first_row * self.row_step, rows, bins)
+        place = window_position(first * self.step, first_row * self.row_step, rows, bins)
         poses = loaded.poses_at((slot + 0.5) * _BLOCK / 2**halvings) if loaded.bodies else ()
         return [*place, *self._renderer(rows, bins)(reads, place[:2], poses)]
 
@@ -194,7 +194,7 @@ class Windows:
         scenario, moving = self._bench.scenario, bool(self._bench.loaded.bodies)
         sky, settings = scenario.lighting.sky(), scenario.transport
         found = render_panorama(
-            posed(self._bench.loaded, poses),
+            pose_scene(self._bench.loaded, poses),
             self._optics,
             self._light,
             Albedo(sky.albedo, sky.albedo_out_of_band),
