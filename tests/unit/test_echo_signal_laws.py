@@ -12,6 +12,7 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scanner_sim.render.beam.surface_places import SurfacePlaces
 from scipy.special import ndtr
 from scipy.stats import multivariate_normal, norm
 
@@ -24,7 +25,6 @@ from scanner_sim.instrument.time_of_flight import Timed, TimeOfFlight
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections
-from scanner_sim.render.beam.surface_places import SurfacePlaces
 from scanner_sim.signals.waveform.edges import _sent, cross
 from scanner_sim.signals.waveform.filter import (
     MatchedFilter,

@@ -40,8 +40,8 @@ def test_three_targets_are_ambiguous_however_wide_their_covariance() -> None:
 
 def test_both_tilts_of_a_plane_are_one_pose_while_the_covariance_covers_them() -> None:
     """Claim: a square of 1 m, 9 m ahead and tilted by 30°, has two poses. Angles of 50 µrad tell which is right; of
-    3 mrad they do not, and both differ by more than the covariance covers; of 20 mrad it covers them, for a tilt is then
-    known to no better than 2 σR²/a² = 3 rad."""
+    3 mrad they do not, and both differ by more than the covariance covers; of 20 mrad it covers them, for a tilt is
+    then known to no better than 2 σR²/a² = 3 rad."""
     tilted = Rotation.from_rotvec([[0.0, 0.52, 0.0]]).as_matrix()
     for place in ([0.0, 0.0, 9.0], [0.1, 0.2, 9.0], [1.0, 1.0, 9.0]):
         found = [int(statuses(SQUARE, tilted, np.array([place]), sigma)[0]) for sigma in (50e-6, 3e-3, 20e-3)]
