@@ -17,7 +17,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.memory import check_memory
 from scanner_sim.products.files.contents import RUN, TRACK
-from scanner_sim.products.files.folder import check_target, claimed
+from scanner_sim.products.files.folder import check_target, claim_folder
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.tracking.scan import TrackScan
 
@@ -54,7 +54,7 @@ def run_scenario(
     check_memory(scenario)
     for sentence in () if quiet else slow(scenario):
         warn(sentence)
-    with claimed(folder, overwrite, kind):
+    with claim_folder(folder, overwrite, kind):
         if follows:
             run_tracking(scenario, config, folder, device=device, overwrite=overwrite, quiet=quiet)
         else:
@@ -65,8 +65,7 @@ def _run_raster(
     scenario: Scenario, config: Path, folder: Path, *, device: DeviceChoice, overwrite: bool, quiet: bool
 ) -> None:
     # Loads the renderer: only after everything that can be refused without it.
-    from scanner_sim.instrument.photo import take_photo
-    from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+    from scanner_sim.instrument.simulate import simulate, simulate_waveforms, take_photo
     from scanner_sim.products.files.run_folder import write_run
 
     camera = waveforms = None

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Float, UInt32, Vector4f
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.render.shots import drawn_errors
+from scanner_sim.render.shots import draw_errors
 
 Array = NDArray[np.float64]
 
@@ -47,14 +46,18 @@ def read_encoders(
     return readings(theta, phi, drawn[0], drawn[1], mirrors)
 
 
-def reading_normals(shot: Any, seed: int) -> tuple[Any, Any]:
+def reading_normals(shot: UInt32, seed: int) -> tuple[Float, Float]:
     """Return the standard normal numbers of both encoders' noise for shots by number, Dr.Jit, shape (n,)."""
-    drawn: Any = generator(seed, Stream.READOUT, shot, auto.UInt32(0)).next_float32x4_normal()
+    drawn: Vector4f = generator(seed, Stream.READOUT, shot, auto.UInt32(0)).next_float32x4_normal()
     return drawn[0], drawn[1]
 
 
 def readings(
-    theta: Array, phi: Array, normal_theta: NDArray[Any], normal_phi: NDArray[Any], mirrors: Mirrors
+    theta: Array,
+    phi: Array,
+    normal_theta: NDArray[np.float32],
+    normal_phi: NDArray[np.float32],
+    mirrors: Mirrors,
 ) -> tuple[Array, Array]:
     """Return what encoders read at deflections of the shafts [rad] with noise of given standard normal numbers."""
     read = [
@@ -73,7 +76,7 @@ def reading_noise(shot: NDArray[np.uint32], mirrors: Mirrors, seed: int) -> tupl
     the angles.
     """
     number = auto.UInt32(shot)
-    seen = drawn_errors(number, [], mirrors, seed)[1]
+    seen = draw_errors(number, [], mirrors, seed)[1]
     drawn = reading_normals(number, seed)
     dr.eval(seen, drawn)
     theta, phi = (

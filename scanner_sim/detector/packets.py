@@ -14,13 +14,14 @@ import numpy as np
 from scipy.special import erf
 
 from scanner_sim.foundation.arithmetic import exp
+from scanner_sim.foundation.device_types import Float, FloatLike
 from scanner_sim.optics.speckle import Optics
 
-_SHORT = 0.1
+_SHORT_TRAVEL = 0.1
 """Travel in radii of the beam below which averages follow their series: their differences drown in rounding."""
 
 
-def averaged(along: Any, across: Any, radius: Any) -> tuple[Any, Any]:
+def dwell_average(along: FloatLike, across: FloatLike, radius: FloatLike) -> tuple[FloatLike, FloatLike]:
     """Return what a dwell leaves of the variance of energy and of centroid: 1 for a beam at rest.
 
     Parameters
@@ -35,13 +36,13 @@ def averaged(along: Any, across: Any, radius: Any) -> tuple[Any, Any]:
     (2/L²) ∫₀^L (L − δ) ρ(δ) dδ of ρ = exp(−δ²/w²) and (1 − 2 (δ cosα)²/w²) exp(−δ²/w²), with t = L/w and
     c = cosα = along/L: A = √π erf(t)/t − (1 − exp(−t²))/t² and A (1 − c²) + c² (1 − exp(−t²))/t².
     """
-    squared: Any = (along * along + across * across) / (radius * radius)
-    short = squared < _SHORT**2
+    squared: FloatLike = (along * along + across * across) / (radius * radius)
+    short = squared < _SHORT_TRAVEL**2
     device = dr.is_jit_v(squared)
     library: Any = dr if device else np
     select: Any = dr.select if device else np.where
     decay: Any = dr.exp if device else exp
-    safe = select(short, _SHORT**2, squared)
+    safe = select(short, _SHORT_TRAVEL**2, squared)
     t = library.sqrt(safe)
     by_slope = (1.0 - decay(-safe)) / safe
     energy = math.sqrt(math.pi) * (library.erf(t) if device else erf(t)) / t - by_slope
@@ -51,8 +52,8 @@ def averaged(along: Any, across: Any, radius: Any) -> tuple[Any, Any]:
     return energy, energy + share * (by_slope - energy)
 
 
-def mode_edges(optics: Optics, ratio: Any, place: Any) -> list[Any]:
-    """Return the integrals of the modes up to a place: what a pixel has of them are differences.
+def mode_edges(optics: Optics, ratio: Float, distance: Float) -> list[Float]:
+    """Return the integrals of the modes up to an edge: the share of a pixel is the difference of two.
 
     Parameters
     ----------
@@ -60,26 +61,26 @@ def mode_edges(optics: Optics, ratio: Any, place: Any) -> list[Any]:
         Says how many modes there are.
     ratio
         r.
-    place
+    distance
         Distance of an edge from the spot's middle over σ, Dr.Jit.
 
     Notes
     -----
     Φ(x) for n = 0; then −rⁿ He_{n−1}(x) φ(x)/√n!, by the recurrence of normalised Hermite polynomials.
     """
-    found = [0.5 * dr.erf(place * math.sqrt(0.5))]
-    density = dr.exp(-0.5 * dr.square(place)) * (1.0 / math.sqrt(2.0 * math.pi))
-    power, before, now = -ratio * density, 0.0 * place, 0.0 * place + 1.0
+    found = [0.5 * dr.erf(distance * math.sqrt(0.5))]
+    density = dr.exp(-0.5 * dr.square(distance)) * (1.0 / math.sqrt(2.0 * math.pi))
+    power, before, now = -ratio * density, 0.0 * distance, 0.0 * distance + 1.0
     for order in range(1, optics.modes):
         # now is He_{n−1}/√(n−1)!
         found.append(power * now * (1.0 / math.sqrt(order)))
-        after = (place * now - math.sqrt(order - 1.0) * before) * (1.0 / math.sqrt(order))
+        after = (distance * now - math.sqrt(order - 1.0) * before) * (1.0 / math.sqrt(order))
         before, now = now, after
         power = power * ratio
     return found
 
 
-def gamma_like(deviation: Any, normal: Any) -> Any:
+def gamma_like(deviation: Float, normal: Float) -> Float:
     """Return numbers of mean 1 and a standard deviation, nearly gamma distributed, from standard normal ones.
 
     (1 − v/9 + √v z/3)³ with the variance v (Wilson and Hilferty, *PNAS* 17, 1931), not below 0.

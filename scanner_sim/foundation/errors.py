@@ -98,7 +98,7 @@ class Fault:
 
     Attributes
     ----------
-    place
+    location
         Path in the file, ``scanner.laser.power``; empty for the file as a whole.
     problem
         What came and what was wanted.
@@ -108,13 +108,13 @@ class Fault:
         Line in the file, counted from 1; None where the scenario did not come from a file.
     """
 
-    place: str
+    location: str
     problem: str
     remedy: str = ""
     line: int | None = None
 
     def __str__(self) -> str:
-        where = self.place or "scenario"
+        where = self.location or "scenario"
         if self.line is not None:
             where = f"line {self.line}, {where}"
         return f"{where}: {self.problem}" + (f" {self.remedy}" if self.remedy else "")

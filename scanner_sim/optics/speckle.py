@@ -26,7 +26,7 @@ beam stays on its way (Goodman, sec 5.7; Starikov, Wolf, *J. Opt. Soc. Am.* 72, 
 The pattern belongs to the surface. A beam of 1/e² radius w that moves by δ keeps exp(−δ²/w²) of the energy's
 fluctuation and, along the line, (1 − 2δ²/w²) exp(−δ²/w²) of the centroid's: the centroid is Σ (x − x₀) e, and where the
 beam moves by w a grain goes from one side to the other. What a dwell averages follows
-(:func:`~scanner_sim.detector.packets.averaged`).
+(:func:`~scanner_sim.detector.packets.dwell_average`).
 
 Not modelled: laser lines so broad that they lose coherence over the depth of the surface, speckle that is not fully
 developed on polished surfaces, a surface that turns under the beam, and fine errors of the wavefront whose slope
@@ -128,7 +128,7 @@ class Packets:
     on_surface: Any
 
     def moving(self, energy: Any, place: Any) -> tuple[Any, Any]:
-        """Return what a dwell leaves of the variance of the first mode and of all others (:func:`averaged`)."""
+        """Return what a dwell leaves of the variance of the first mode and of all others."""
         return energy, self.on_surface * place + (1.0 - self.on_surface) * energy
 
 

@@ -171,7 +171,7 @@ def _numbers(name: str, values: Any) -> Array:
 
 
 def _distinct(points: Array) -> None:
-    """Raise where two targets of an object stand on the same place."""
+    """Raise where two targets of an object stand on the same position."""
     flat = points.reshape(-1, *points.shape[-2:])
     size = np.ptp(flat, axis=1).max(axis=1)
     for step in range(1, flat.shape[1]):

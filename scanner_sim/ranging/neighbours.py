@@ -89,7 +89,7 @@ def _pair(shape: tuple[int, ...], down: int, right: int) -> tuple[tuple[slice, s
 
 
 def _steps(angles: NDArray[np.float64], distance: int) -> NDArray[np.float64]:
-    """Return the angle from each place to the one some places further on, shape (n − |distance|,)."""
+    """Return the angle from each position to the one some positions further on, shape (n − |distance|,)."""
     if distance == 0:
         return np.zeros(len(angles))
     return np.abs(angles[abs(distance) :] - angles[: -abs(distance)])

@@ -66,7 +66,7 @@ _STEP_TRUST = (8.0, 2.0)
 _CERTAIN = 25.0
 """The same that noise does not make: five standard deviations."""
 _RUGGED = 3.0
-"""Standard deviations of the spot about such a place within which surfaces are taken to be uneven."""
+"""Standard deviations of the spot about such a position within which surfaces are taken to be uneven."""
 _ALONE = 1e3
 """Pitch of a raster of one column or row [rad]."""
 
@@ -122,7 +122,7 @@ def farthest_step(reach: float, ratio: float) -> int:
 
 
 def around(steps: int) -> Iterator[tuple[int, int]]:
-    """Yield the places of all neighbours up to some steps away, down and right."""
+    """Yield the positions of all neighbours up to some steps away, down and right."""
     for down in range(-steps, steps + 1):
         for right in range(-steps, steps + 1):
             if (down, right) != (0, 0):
@@ -130,7 +130,7 @@ def around(steps: int) -> Iterator[tuple[int, int]]:
 
 
 def rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
-    """Tell which voxels lie near a place where surfaces certainly bend, step or end.
+    """Tell which voxels lie near a position where surfaces certainly bend, step or end.
 
     Parameters
     ----------
@@ -175,9 +175,9 @@ def texture(signal: Array, noise: SharedNoise, raster: Raster, rugged: Mask) -> 
     -------
     numpy.ndarray
         min(s² g, 0.8 s). The gradient g is the central difference of ln Y, which a pitch δ wider than the spot makes
-        too small: by √(1 + δ²/(δ² + 5 s²)), root mean square over the places of an edge under a sweep of δ. Mirrors at
-        rest on such a pitch see an edge only as a share t = Φ(x/s) of the difference D of both neighbours: then
-        g = D φ(Φ⁻¹(t))/(s Y), but at least half the central difference. A voxel brighter or darker than both neighbours
+        too small: by √(1 + δ²/(δ² + 5 s²)), root mean square over the positions of an edge under a sweep of δ. Mirrors
+        at rest on such a pitch see an edge only as a share t = Φ(x/s) of the difference D of both neighbours: then g =
+        D φ(Φ⁻¹(t))/(s Y), but at least half the central difference. A voxel brighter or darker than both neighbours
         holds a line; 0.6 of its contrast counts. What noise explains is taken off. At the rim, which has one neighbour,
         the gradient next to it counts too. 0 without neighbours.
     """
@@ -261,7 +261,7 @@ def _axes(raster: Raster) -> Iterator[tuple[tuple[int, int], int, Array, Mask]]:
 
 def _along(weights: tuple[tuple[int, float], ...], way: tuple[int, int], step: int) -> Stencil:
     """Return the stencil of a difference over some steps in a direction."""
-    return {(place * step * way[0], place * step * way[1]): weight for place, weight in weights}
+    return {(position * step * way[0], position * step * way[1]): weight for position, weight in weights}
 
 
 def _sum_of(values: Array, stencil: Stencil) -> Array:

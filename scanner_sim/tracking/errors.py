@@ -34,7 +34,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ErrorParts:
-    """Parts of the covariance of measured places (Θ, φ, R), which add up to it; leading axes (...).
+    """Parts of the covariance of measured positions (Θ, φ, R), which add up to it; leading axes (...).
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class ErrorParts:
     pixels
         Variance of R by unlike pixels [m²], (...).
     image, image_width
-        Place of the spot's image on the line and its standard deviation [pixel], (...).
+        Position of the spot's image on the line and its standard deviation [pixel], (...).
     wobble
         Variance of Θ and of φ by the mirrors' wobble [rad²], (...).
     wobble_time, wobble_angle
@@ -109,7 +109,7 @@ class ErrorParts:
 
 
 def common_covariance(
-    parts: ErrorParts, place: Array, time: Array, target: ArrayLike, *, lasting: bool = False
+    parts: ErrorParts, position: Array, time: Array, target: ArrayLike, *, lasting: bool = False
 ) -> Array:
     """Return what the errors of several visits have in common.
 
@@ -117,7 +117,7 @@ def common_covariance(
     ----------
     parts
         Of m visits, leading axes (..., m).
-    place, time
+    position, time
         Measured (Θ, φ, R) [rad, m], shape (..., m, 3), and when [s], shape (..., m).
     target
         Number of the target of each visit, shape (m,).
@@ -152,7 +152,7 @@ def common_covariance(
     if not lasting:
         together = geometric(parts.wobble) * wobble_correlation(apart(time) / parts.wobble_time[..., None])
         for axis in (0, 1):
-            other = apart(place[..., 1 - axis]) / parts.wobble_angle[..., None]
+            other = apart(position[..., 1 - axis]) / parts.wobble_angle[..., None]
             result[..., axis, axis] += together * wobble_correlation(other)
     return result
 

@@ -1,4 +1,4 @@
-"""From a pattern's voxels to the place of a target, with its covariance."""
+"""From a pattern's voxels to the position of a target, with its covariance."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Mask = NDArray[np.bool_]
 _PARTLY = 0.45
 """Distance from the middle of both levels, over theirs, below which a voxel is partly on the target."""
 _FEWEST_PARTLY = 6
-"""Voxels partly on the target that tell a disc's place and size, with some to spare."""
+"""Voxels partly on the target that tell a disc's position and size, with some to spare."""
 _FEWEST_WHOLE = 12
 """Voxels away from the rim by which a range is found without those at it."""
 _CAP = 0.8
@@ -46,13 +46,13 @@ class TargetAppearance(Part):
 
 @dataclass(frozen=True)
 class Measurement:
-    """Places of a target by pattern; NaN where it was not found.
+    """Positions of a target by pattern; NaN where it was not found.
 
     Attributes
     ----------
     time
         When [s], shape (patterns,): the mean over the hits.
-    place, covariance
+    position, covariance
         (Θ, φ, R), shape (patterns, 3), and its covariance (patterns, 3, 3).
     radius, sigma_radius
         Its radius as an angle [rad], shape (patterns,).
@@ -65,7 +65,7 @@ class Measurement:
     """
 
     time: Array
-    place: Array
+    position: Array
     covariance: Array
     radius: Array
     sigma_radius: Array
@@ -105,7 +105,7 @@ def measure_target(
     Measurement
         Flat targets are looked at in their own plane (:mod:`~scanner_sim.tracking.plane`), whose tilt the ranges tell:
         under 15° a disc looks narrower by 3 %, ten σ of its radius, and the pattern's few crossings of the rim would
-        take that for a place. Centre of the disc fit with a free radius, or the mean of hits where that fails. It is
+        take that for a position. Centre of the disc fit with a free radius, or the mean of hits where that fails. It is
         that of the circle for targets whose values at the edge do not say how much of the spot is on them: those that
         their range tells, and retro-reflectors, whose light is clipped; also for light with gaps (``duty_cycle`` below
         1) of which too few voxels are partly on the target. The range is that of the plane R cos δ = R₀ + g·δ, δ =
@@ -133,11 +133,11 @@ def measure_target(
             centre = centre.worse_by(see.by_slope(plane, slope, centre))
     ranges, spread, enough = _ranges(samples, ranged, appearance, centre, stamp, plane)
     distance = np.where(enough, ranges[:, 0], np.nan)
-    place = np.concatenate([centre.centre, distance[:, None]], axis=1)
+    position = np.concatenate([centre.centre, distance[:, None]], axis=1)
     covariance = _covariance(centre, ranges, np.where(enough, spread[:, 0, 0], np.nan), plane)
     return Measurement(
         time=stamp + np.where(centre.found, 0.0, np.nan),
-        place=place,
+        position=position,
         covariance=covariance,
         radius=centre.radius,
         sigma_radius=centre.sigma_radius,
@@ -247,13 +247,13 @@ class _Seeing:
 
 
 def _stamp(samples: PatternSamples, response: Response) -> Array:
-    """Return the time to which places belong [s], shape (patterns,): the mean over the hits."""
+    """Return the time to which positions belong [s], shape (patterns,): the mean over the hits."""
     count = np.maximum(response.hit.sum(axis=1), 1)
     return np.asarray(np.where(response.hit, samples.time, 0.0).sum(axis=1) / count)
 
 
 def _covariance(centre: Centroid, ranges: Array, variance: Array, plane: TargetPlane | None) -> Array:
-    """Return the covariance of places, shape (patterns, 3, 3).
+    """Return the covariance of positions, shape (patterns, 3, 3).
 
     The range is that of the plane at the centre that was found, so that an error δ of the centre on a target with the
     slope g = ∂R/∂(Θ, φ) moves it by g·δ; ``variance`` [m²] is that of the plane's range where it was asked for.
@@ -309,7 +309,7 @@ def _away_from_rim(samples: PatternSamples, centre: Centroid, blur: Array, duty_
 def _plain(response: Response) -> Mask:
     """Return the voxels beside a retro-reflector that none of its light reaches, or all where there are too few.
 
-    A little of it on a dull ground outshines that, and its place in the spot moves the range.
+    A little of it on a dull ground outshines that, and its position in the spot moves the range.
     """
     level = response.ground[:, None]
     plain = response.used & ~response.hit & (np.abs(response.value - level) < 0.5 * np.abs(level))

@@ -15,7 +15,7 @@ from scanner_sim.cli import app
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.contents import RUN
 from scanner_sim.products.files.exchange import held, write_file
-from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.folder import claim_folder
 
 CLAIMS = """
 import sys
@@ -63,7 +63,7 @@ def test_a_folder_in_which_a_run_works_is_refused_at_once(small: Path, tmp_path:
         assert result.exit_code == 2
         assert "another run is writing to" in result.stderr
         assert "choose another folder" in result.stderr
-        with pytest.raises(InputError, match="another run"), claimed(out, True, RUN):
+        with pytest.raises(InputError, match="another run"), claim_folder(out, True, RUN):
             pass
     finally:
         first.communicate("", timeout=60)
@@ -76,7 +76,7 @@ def test_the_lock_of_a_dead_process_is_free(tmp_path: Path) -> None:
     first = begun(CLAIMS, out)
     os.kill(first.pid, signal.SIGKILL)
     first.communicate(timeout=60)
-    with claimed(out, False, RUN):
+    with claim_folder(out, False, RUN):
         assert [path.name for path in out.iterdir()] == [".scanner-sim.lock"]
     assert not list(out.iterdir())
 

@@ -17,10 +17,12 @@ from numpy.typing import NDArray
 
 from scanner_sim.analytic import speckle as closed
 from scanner_sim.analytic.wave_optics import Lens, centroid, defocus, images, on_pixels, random_wavefront
-from scanner_sim.detector.packets import averaged
+from scanner_sim.detector.packets import dwell_average
 from scanner_sim.render.device import activate
 
 Array = NDArray[np.float64]
+
+pytestmark = pytest.mark.slow
 
 WAVELENGTH, F_NUMBER, FOCAL, PITCH = 1.5e-6, 4.0, 0.1, 50e-6
 CELL = WAVELENGTH * F_NUMBER
@@ -261,7 +263,7 @@ def test_travel_averages_energy_and_centroid_apart(axis: int) -> None:
         way = (travel, 0.0) if axis == 0 else (0.0, travel)
         expected = closed.averaged(way, 1.0)
         np.testing.assert_allclose(
-            averaged(*(np.array([part]) for part in way), 1.0), np.c_[expected].reshape(2, 1), rtol=2e-3
+            dwell_average(*(np.array([part]) for part in way), 1.0), np.c_[expected].reshape(2, 1), rtol=2e-3
         )
         # The mean of the dwell's light: centroids weigh by energy.
         weight = np.ones(last)

@@ -19,7 +19,7 @@ from scanner_sim.detector.encoders import reading_normals, readings
 from scanner_sim.detector.line import exposure
 from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pixel_response, poisson
 from scanner_sim.detector.line.position_sensor import PositionSensor
-from scanner_sim.detector.packets import averaged, gamma_like, mode_edges
+from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges
 from scanner_sim.detector.photodiode import noise_colour, photodiode, waveform
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.optics.deflection import Mirrors
@@ -215,7 +215,7 @@ def test_a_dwell_averages_what_the_path_correlates(along: float, across: float) 
     place = quad(
         lambda x: 2.0 * (1.0 - x) * (1.0 - 2.0 * (along * x) ** 2) * math.exp(-whole * x * x), 0.0, 1.0
     )[0]
-    found = averaged(np.array(along), np.array(across), np.array(1.0))
+    found = dwell_average(np.array(along), np.array(across), np.array(1.0))
     assert (float(found[0]), float(found[1])) == pytest.approx((energy, place), rel=2e-4)
 
 

@@ -14,7 +14,7 @@ def complaints(**changed: Any) -> list[str]:
     """Return the keys that two tracks, at 1 s, are refused for."""
     told: dict[str, Any] = {"tracks": (None, None), "followed": (True, True), "amplitudes": (None, None)}
     told |= {"turn": 1, "skipped": 1, "clock": 1.0, "mirrors": SimpleNamespace(time=1.0)}
-    return [fault.place for fault in SavedState.model_construct(**(told | changed)).cross_checks()]
+    return [fault.location for fault in SavedState.model_construct(**(told | changed)).cross_checks()]
 
 
 @pytest.mark.parametrize(("changed", "key"), [

@@ -123,5 +123,5 @@ def test_a_fault_in_what_an_override_made_names_the_override() -> None:
             {"schema": 1, "scan": SCAN, "scene": {"objects": [ball]}},
             ["scene.objects.ball.material.retro.half_width=1 deg"],
         )
-    (missing,) = (fault.place for fault in caught.value.faults if "material.reflectance" in fault.place)
+    (missing,) = (fault.location for fault in caught.value.faults if "material.reflectance" in fault.location)
     assert missing.endswith("set by 'scene.objects.ball.material.retro.half_width=1 deg'")

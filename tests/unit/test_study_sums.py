@@ -70,7 +70,7 @@ def test_errors_that_are_the_same_for_all_shots_count_once_for_each_place() -> N
 
 
 def test_light_adds_the_difference_of_two_variances() -> None:
-    """Claim: errors ±5 with and ±3 without light leave 4 for every shot; with scatter the interval is a mean's."""
+    """Claim: errors ±5 with and ±3 without light leave 4 for every shot; the interval is that of a mean."""
     dark = np.array([3.0, -3.0] * 200)
     sigma, low, high, freedom = budget._row_of_sun([dark * 5.0 / 3.0], [dark])
     assert (sigma, low, high) == pytest.approx((4.0, 4.0, 4.0))
@@ -97,7 +97,7 @@ def test_an_error_that_was_enlarged_is_made_small_again() -> None:
 def test_a_budget_measures_at_even_places_of_a_pixel_out_to_30_m() -> None:
     """Claim: ±1/8 and ±3/8 of the nearest pixel; 30 m are the farthest."""
     spot = SimpleNamespace(pixel=lambda r, *_: 7.0 + 0.3, range=lambda pixel, *_: pixel)
-    found = list(budget._places(SimpleNamespace(spot=spot), 5.0))  # type: ignore[arg-type]
+    found = list(budget._pixel_phases(SimpleNamespace(spot=spot), 5.0))  # type: ignore[arg-type]
     assert found == pytest.approx([7.0 - 0.375, 7.0 - 0.125, 7.0 + 0.125, 7.0 + 0.375])
     assert budget.distances_of(scenario(), 5)[-1] == pytest.approx(30.0)
 
@@ -199,7 +199,7 @@ def stage(**more: Any) -> Any:
     """Return a stage of an orbit without a scene: pixels see from 0 to 0.1 rad to the left of the lens's axis."""
     made = object.__new__(sweep._Stage)
     made._scenario, made._reach, made._seed = scenario(), (0.0, 0.1), 1
-    made._bench = SimpleNamespace(
+    made._instrument = SimpleNamespace(
         geometry=Geometry(0.1, 0.2, 0.05, 50e-6, 0.0, 1e-6), optics=None, loaded=None
     )
     made.__dict__ |= more

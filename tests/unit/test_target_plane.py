@@ -162,7 +162,7 @@ def test_a_tilted_disc_is_measured_as_well_as_a_facing_one(yaw: float, pitch: fl
     for number in range(8):
         found, truth = measured(yaw, pitch, number, DG)
         assert found.found[0]
-        errors.append(found.place[0] - truth)
+        errors.append(found.position[0] - truth)
         radii.append(found.radius[0])
     # The made-up spot has not the edge of a Gaussian and does not widen with the tilt: some of 6250 µrad are left.
     assert np.abs(errors)[:, :2].max() < 10e-6
@@ -170,7 +170,7 @@ def test_a_tilted_disc_is_measured_as_well_as_a_facing_one(yaw: float, pitch: fl
     np.testing.assert_allclose(radii, RADIUS / 8.0, rtol=0.003)
     if yaw or pitch:
         blind = [measured(yaw, pitch, number, None) for number in range(8)]
-        worst = max(np.abs(found.place[0] - truth)[:2].max() for found, truth in blind)
+        worst = max(np.abs(found.position[0] - truth)[:2].max() for found, truth in blind)
         assert worst > 25e-6
         assert max(found.radius[0] for found, _ in blind) < 0.96 * RADIUS / 8.0
 

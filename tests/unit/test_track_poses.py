@@ -37,7 +37,7 @@ def visit(name: str, time: float, status: TrackStatus = TrackStatus.MEASURED, at
         time=time,
         status=status,
         after=TrackMode.TRACK,
-        place=np.array([0.0, 0.0, at]),
+        position=np.array([0.0, 0.0, at]),
         errors=ErrorParts.all_white(np.eye(3)),
         truth=np.array([0.1, -0.2, 5.0]),
     )

@@ -4,7 +4,7 @@ The chain of a charge-integrating array: photons to electrons (quantum efficienc
 charge, Poisson noise, full well with anti-blooming, read noise, converter. (Janesick, *Photon transfer*, 2007,
 chs 3 to 5.)
 
-The line may be exposed twice in a dwell, with the laser on and off, at the same place of the mirrors: the second
+The line may be exposed twice in a dwell, with the laser on and off, at the same angles of the mirrors: the second
 exposure sees the background alone, to be subtracted later. Each is read and digitised on its own, with its own
 noise; the pixels' response is that of both. Not modelled: the mirrors' motion between the exposures, image lag, the
 time of the second read-out, and the laser's rise and decay.
@@ -14,21 +14,23 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
+import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
+from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.foundation.streams import Stream, generator
 
-LinePower = Callable[[Any, Any], Any]
-"""Power on the line [W] as a function of (pixel, place of the shot)."""
+LinePower = Callable[[UInt32, UInt32], Float]
+"""Power on the line [W] as a function of (pixel, index of the shot in its group)."""
 
-_INVERSION = 40.0
+_INVERSION_LIMIT = 40.0
 """Mean below which Poisson numbers are found by inversion; above, the series is good enough."""
-_ROUNDING = 2.0**-24
+_FLOAT_EPSILON = 2.0**-24
 """What float32 does not notice beside 1."""
 
 
@@ -51,7 +53,7 @@ class Signal:
         Share of the dwell that the exposure without the laser took; 0 where there is none.
     """
 
-    number: Any
+    number: Float
     shots: int
     pixels: int
     laser_off: float = 0.0
@@ -61,20 +63,21 @@ class Signal:
         """Number of exposures of each line, 1 or 2."""
         return 2 if self.laser_off > 0.0 else 1
 
-    def pair(self, pixel: Any, place: Any) -> Any:
-        """Return the index of the pair of a pixel (0 to pixels − 1) of the shot at a place (0 to m − 1)."""
-        row = place // _BLOCK * ((self.pixels + 1) // 2) + pixel // 2
-        return row * _BLOCK + place % _BLOCK
+    def pair(self, pixel: UInt32, index: UInt32) -> UInt32:
+        """Return where in ``number`` the pair of a pixel (0 to pixels − 1) of shot ``index`` (0 to m − 1) stands."""
+        row = index // _BLOCK * ((self.pixels + 1) // 2) + pixel // 2
+        return row * _BLOCK + index % _BLOCK
 
-    def address(self, pixel: Any, place: Any) -> Any:
-        """Return the index of a pixel of the shot at a place; 2 more is that of the exposure without the laser."""
-        return 2 * self.exposures * self.pair(pixel, place) + pixel % 2
+    def address(self, pixel: UInt32, index: UInt32) -> UInt32:
+        """Return where a pixel of shot ``index`` stands; 2 further is that of the exposure without the laser."""
+        return 2 * self.exposures * self.pair(pixel, index) + pixel % 2
 
-    def lines(self, exposure: int = 0) -> Any:
+    def lines(self, exposure: int = 0) -> NDArray[np.float32]:
         """Return the digital numbers of an exposure as a NumPy array of shape (m, pixels)."""
         pairs = (self.pixels + 1) // 2
         blocks = self.number.numpy().reshape(-1, pairs, _BLOCK, self.exposures, 2)[:, :, :, exposure]
-        return blocks.transpose(0, 2, 1, 3).reshape(-1, 2 * pairs)[: self.shots, : self.pixels]
+        lines = blocks.transpose(0, 2, 1, 3).reshape(-1, 2 * pairs)
+        return np.asarray(lines[: self.shots, : self.pixels])
 
 
 def electrons_per_watt(sensor: PositionSensor, wavelength: float, dwell: float) -> float:
@@ -84,7 +87,7 @@ def electrons_per_watt(sensor: PositionSensor, wavelength: float, dwell: float) 
 
 def expose(
     power: LinePower,
-    shot: Any,
+    shot: UInt32,
     sensor: PositionSensor,
     wavelength: float,
     dwell: float,
@@ -98,7 +101,7 @@ def expose(
     Parameters
     ----------
     power
-        Function of (pixel, place) that gives the power [W] on a pixel of the shot at a place, 0 to m − 1;
+        Function of (pixel, index) that gives the power [W] on a pixel of the shot with an index, 0 to m − 1;
         both are Dr.Jit unsigned arrays of one shape.
     shot
         Numbers of the m shots (they address the noise), Dr.Jit unsigned.
@@ -133,8 +136,8 @@ def expose(
     lane = dr.arange(auto.UInt32, blocks * pairs * _BLOCK)
     row = lane // _BLOCK
     block = row // pairs
-    pair, place = row - block * pairs, block * _BLOCK + lane % _BLOCK
-    place = dr.minimum(place, dr.opaque(auto.UInt32, shots - 1))  # the last block may be filled in part
+    pair, index = row - block * pairs, block * _BLOCK + lane % _BLOCK
+    index = dr.minimum(index, dr.opaque(auto.UInt32, shots - 1))  # the last block may be filled in part
     response = pixel_response(sensor, seed)
     exposures = len(lights)
     number = dr.empty(auto.Float, blocks * pairs * _BLOCK * 2 * exposures)
@@ -142,10 +145,10 @@ def expose(
     numbers = []
     for light, stream, time in lights:
         # One call of the generator makes four numbers: light and read noise of two pixels.
-        normal = generator(seed, stream, dr.gather(auto.UInt32, shot, place), pair).next_float32x4_normal()
+        normal = generator(seed, stream, dr.gather(auto.UInt32, shot, index), pair).next_float32x4_normal()
         for side in (0, 1):
             pixel = 2 * pair + side
-            charge = light(pixel, place) * dr.opaque(auto.Float, electrons_per_watt(sensor, wavelength, time))
+            charge = light(pixel, index) * dr.opaque(auto.Float, electrons_per_watt(sensor, wavelength, time))
             charge *= dr.gather(auto.Float, response, pixel, pixel < sensor.pixels)
             numbers.append(_read_out(charge, normal[2 * side], normal[2 * side + 1], sensor, time))
     packet = auto.Array2f if exposures == 1 else auto.Array4f
@@ -154,7 +157,7 @@ def expose(
     return signal
 
 
-def pixel_response(sensor: PositionSensor, seed: int) -> Any:
+def pixel_response(sensor: PositionSensor, seed: int) -> Float:
     """Return the relative response of each pixel, shape (pixels,): the same for every shot of a seed."""
     pixel = dr.arange(auto.UInt32, sensor.pixels)
     normal = generator(seed, Stream.RESPONSE, auto.UInt32(0), pixel).next_float32x4_normal()[0]
@@ -164,7 +167,9 @@ def pixel_response(sensor: PositionSensor, seed: int) -> Any:
     return response
 
 
-def _read_out(charge: Any, shot_normal: Any, read_normal: Any, sensor: PositionSensor, dwell: float) -> Any:
+def _read_out(
+    charge: Float, shot_normal: Float, read_normal: Float, sensor: PositionSensor, dwell: float
+) -> Float:
     """Return the digital numbers of pixels that a mean charge [electron] of light falls on."""
     switches = sensor.noise
     dark = sensor.dark_current * dwell if switches.dark else 0.0
@@ -183,7 +188,7 @@ def _read_out(charge: Any, shot_normal: Any, read_normal: Any, sensor: PositionS
     return number
 
 
-def poisson(mean: Any, normal: Any, least: float = 0.0) -> Any:
+def poisson(mean: Float, normal: Float, least: float = 0.0) -> Float:
     """Return Poisson numbers of the given means, each from one standard normal number.
 
     Above a mean of 40 the quantile follows from the Cornish-Fisher series to the fourth cumulant (Johnson, Kotz,
@@ -203,18 +208,18 @@ def poisson(mean: Any, normal: Any, least: float = 0.0) -> Any:
     z = normal
     series = z * root + (dr.square(z) - 1.0) / 6.0 - (z * dr.square(z) - z) / (72.0 * dr.maximum(root, 1.0))
     large = dr.maximum(dr.floor(mean + series + 0.5), 0.0)
-    if least >= _INVERSION:
+    if least >= _INVERSION_LIMIT:
         return large
-    few = mean < _INVERSION
+    few = mean < _INVERSION_LIMIT
 
-    def search(count: Any, term: Any, total: Any) -> Any:
+    def search(count: Float, term: Float, total: Float) -> tuple[Float, Float, Float]:
         count = count + 1.0
         term = term * mean / count
         return count, term, total + term
 
-    def unfinished(count: Any, term: Any, total: Any) -> Any:
+    def unfinished(count: Float, term: Float, total: Float) -> Mask:
         # Near 1 the sum stops short of a target by rounding: beyond the mean a term below it ends the search.
-        return few & (target > total) & ((term > _ROUNDING) | (count < mean))
+        return few & (target > total) & ((term > _FLOAT_EPSILON) | (count < mean))
 
     first = dr.exp(-mean)
     target = 0.5 * (1.0 + dr.erf(z * 0.7071067811865476))

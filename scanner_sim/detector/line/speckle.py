@@ -11,7 +11,7 @@ several surfaces is taken as two spots, before and behind its largest gap along 
 
 The pattern belongs to the surface (:mod:`~scanner_sim.detector.surface_noise`).
 
-Not modelled: what consecutive dwells of a continuous sweep have in common beyond the places of their middles.
+Not modelled: what consecutive dwells of a continuous sweep have in common beyond the positions of their middles.
 """
 
 from __future__ import annotations
@@ -22,8 +22,9 @@ from typing import Any, Protocol
 import drjit as dr
 import drjit.auto.ad as auto
 
-from scanner_sim.detector.packets import averaged, gamma_like, mode_edges
-from scanner_sim.detector.surface_noise import LatticePlaces, Places, coarse_numbers, fine_numbers
+from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges
+from scanner_sim.detector.surface_noise import LatticePositions, SurfacePoints, coarse_numbers, fine_numbers
+from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 
 _FOLLOWED = 4.0
@@ -43,10 +44,10 @@ class LineLight(Protocol):
     the light, 0 for what has no speckle; ``shots`` m, ``count`` c.
     """
 
-    amount: Any
-    position: Any
-    sigma: Any
-    coherence: Any
+    amount: Float
+    position: Float
+    sigma: Float
+    coherence: Float
     shots: int
 
     @property
@@ -61,16 +62,16 @@ class LineSpeckle:
     ``factor`` entry k · m + j is pixel ``first``[j] + k of shot j; all other pixels keep their light.
     """
 
-    factor: Any
-    first: Any
+    factor: Float
+    first: Int32
     pixels: int
     shots: int
 
-    def __call__(self, pixel: Any, place: Any) -> Any:
-        """Return the factors of pixels of the shots at some places, 0 to m − 1; Dr.Jit arrays of one shape."""
-        step = auto.Int32(pixel) - dr.gather(auto.Int32, self.first, place)
+    def __call__(self, pixel: UInt32, index: UInt32) -> Float:
+        """Return the factors of pixels of shots by their indices, 0 to m − 1; Dr.Jit arrays of one shape."""
+        step = auto.Int32(pixel) - dr.gather(auto.Int32, self.first, index)
         near = (step >= 0) & (step < dr.opaque(auto.Int32, self.pixels))
-        at = auto.UInt32(step) * dr.opaque(auto.UInt32, self.shots) + place
+        at = auto.UInt32(step) * dr.opaque(auto.UInt32, self.shots) + index
         return dr.select(near, dr.gather(auto.Float, self.factor, at, near), 1.0)
 
 
@@ -78,18 +79,18 @@ class LineSpeckle:
 class _Spot:
     """A spot of m shots, Dr.Jit arrays of shape (m,): its light, and C² of it."""
 
-    amount: Any
-    position: Any
-    variance: Any
-    coherence: Any
+    amount: Float
+    position: Float
+    variance: Float
+    coherence: Float
 
 
 def line_speckle(
     light: LineLight,
-    places: Places,
+    positions: SurfacePoints,
     optics: Optics,
     focal_length: float,
-    travel: tuple[Any, Any],
+    travel: tuple[Float, Float],
     pixels: int,
     seed: int,
     *,
@@ -101,7 +102,7 @@ def line_speckle(
     ----------
     light
         Their light as it is on the average.
-    places
+    positions
         Where their beams are.
     optics
         The optics.
@@ -113,7 +114,7 @@ def line_speckle(
     pixels
         Pixels of the line.
     seed
-        Seed of the patterns: a function of (seed, object, place of the beam on it) and of nothing else.
+        Seed of the patterns: a function of (seed, object, position of the beam on it) and of nothing else.
     whole
         Whether the tables have room for the whole line, whatever is lit: their size then does not depend on the light.
 
@@ -121,13 +122,13 @@ def line_speckle(
     -------
     LineSpeckle
     """
-    beam = dr.square(0.5 * dr.opaque(auto.Float, focal_length) * places.radius / places.distance)
+    beam = dr.square(0.5 * dr.opaque(auto.Float, focal_length) * positions.radius / positions.distance)
     spots = _spots(light, beam)
     along, across = (
-        (dr.opaque(auto.Float, way) if isinstance(way, float) else way) * places.distance for way in travel
+        (dr.opaque(auto.Float, way) if isinstance(way, float) else way) * positions.distance for way in travel
     )
-    left = averaged(along, across, places.radius)
-    lattice = LatticePlaces.of(places)
+    left = dwell_average(along, across, positions.radius)
+    lattice = LatticePositions.of(positions)
     blur = dr.opaque(auto.Float, optics.aberration**2 + optics.diffusion**2)
     parts = []
     for number, spot in enumerate(spots):
@@ -139,12 +140,12 @@ def line_speckle(
     return LineSpeckle(_factors(optics, parts, first, count, steps), first, steps, light.shots)
 
 
-def _spots(light: LineLight, beam: Any) -> list[_Spot]:
+def _spots(light: LineLight, beam: Float) -> list[_Spot]:
     """Gather the coherent light of each shot into one spot, or into two where its clusters leave a gap."""
     m = light.shots
     shot = dr.arange(auto.UInt32, m)
 
-    def cluster(number: Any) -> list[Any]:
+    def cluster(number: UInt32) -> list[Float]:
         at = shot + number * dr.opaque(auto.UInt32, m)
         return [
             dr.gather(auto.Float, values, at)
@@ -156,7 +157,7 @@ def _spots(light: LineLight, beam: Any) -> list[_Spot]:
         return [_Spot(amount, position, dr.square(sigma), coherence)]
     gap = _APART * dr.sqrt(beam)
 
-    def add(number: Any, last: Any, second: Any, *sums: Any) -> tuple[Any, ...]:
+    def add(number: UInt32, last: Float, second: Mask, *sums: Float) -> tuple[Any, ...]:
         amount, position, sigma, coherence = cluster(number)
         amount = dr.select(coherence > 0.0, amount, 0.0)
         lit = amount > 0.0
@@ -185,7 +186,7 @@ def _spots(light: LineLight, beam: Any) -> list[_Spot]:
     return spots
 
 
-def _pixels_lit(spots: list[_Spot], pixels: int) -> tuple[Any, Any]:
+def _pixels_lit(spots: list[_Spot], pixels: int) -> tuple[Int32, Int32]:
     """Return the first pixel that speckle is followed on, and their number, shape (m,)."""
     low, high = auto.Float(dr.inf), auto.Float(-dr.inf)
     for spot in spots:
@@ -202,23 +203,23 @@ def _amplitudes(
     optics: Optics,
     spot: _Spot,
     own: Packets,
-    left: tuple[Any, Any],
-    lattice: LatticePlaces,
+    left: tuple[Float, Float],
+    lattice: LatticePositions,
     number: int,
     seed: int,
-) -> list[Any]:
+) -> list[Float]:
     """Return the amplitudes of the modes, each over (rσ)ⁿ/√n!, shape (m,)."""
-    energy, place = own.moving(*left)
+    energy, position = own.moving(*left)
     spread = dr.sqrt(spot.coherence * own.energy)
     if number == 0:
         first = fine_numbers(lattice, seed)
         others = coarse_numbers(lattice, optics.modes - 1, 1, seed)
     else:
-        # The second of two spots is seldom there: its energy and place may have the other modes' correlation.
+        # The second of two spots is seldom there: its energy and position may have the other modes' correlation.
         others = coarse_numbers(lattice, optics.modes + 1, 2, seed)
         first, others = (others[0], others[1]), others[2:]
     tilt = dr.sqrt(own.on_surface) * first[1] + dr.sqrt(1.0 - own.on_surface) * others[0]
-    lasting = spread * dr.sqrt(place)
+    lasting = spread * dr.sqrt(position)
     return [
         gamma_like(spread * dr.sqrt(energy), first[0]) - 1.0,
         lasting * tilt,
@@ -227,19 +228,19 @@ def _amplitudes(
 
 
 def _factors(
-    optics: Optics, parts: list[tuple[_Spot, Packets, list[Any]]], first: Any, count: Any, steps: int
-) -> Any:
+    optics: Optics, parts: list[tuple[_Spot, Packets, list[Float]]], first: Int32, count: Int32, steps: int
+) -> Float:
     """Return the table of :class:`LineSpeckle`."""
     m = dr.width(first)
     shot, shots = dr.arange(auto.UInt32, m), dr.opaque(auto.UInt32, m)
     table = dr.full(auto.Float, 1.0, steps * m)
     dr.make_opaque(table)
 
-    def edges(place: Any) -> list[Any]:
-        """Return light and fluctuation of each spot up to a place [pixel]."""
+    def edges(position: Float) -> list[Float]:
+        """Return light and fluctuation of each spot up to a position [pixel]."""
         found = []
         for spot, own, amplitudes in parts:
-            away = place - spot.position
+            away = position - spot.position
             mean = 0.5 * dr.erf(away * dr.rsqrt(2.0 * spot.variance))
             modes = mode_edges(optics, own.ratio, away / own.sigma)
             total = auto.Float(0.0)
@@ -248,7 +249,7 @@ def _factors(
             found += [mean, total]
         return found
 
-    def settle(step: Any, *before: Any) -> tuple[Any, ...]:
+    def settle(step: UInt32, *before: Float) -> tuple[Any, ...]:
         after = edges(auto.Float(first + auto.Int32(step)) + 0.5)
         charge, change = auto.Float(0.0), auto.Float(0.0)
         for number, (spot, _, _) in enumerate(parts):

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.detector.packets import gamma_like
-from scanner_sim.detector.surface_noise import LatticePlaces, Places, coarse_numbers, fine_numbers
+from scanner_sim.detector.surface_noise import LatticePositions, SurfacePoints, coarse_numbers, fine_numbers
+from scanner_sim.foundation.device_types import Float
 from scanner_sim.optics.speckle import packets
 
 
 class PulseLight(Protocol):
     """Shares of the pulse's power that come back, Dr.Jit, shape (c · m,): entry k · m + j is echo k of shot j."""
 
-    share: Any
-    reference: Any
+    share: Float
+    reference: Float
 
 
-def echo_speckle(light: PulseLight, places: Places, coherence: Any, aperture: float, seed: int) -> Any:
+def echo_speckle(
+    light: PulseLight, positions: SurfacePoints, coherence: Float, aperture: float, seed: int
+) -> Float:
     """Return what multiplies the echoes of m shots, shape (c · m,).
 
     Parameters
     ----------
     light
         Their light as it is on the average.
-    places
+    positions
         Where their beams are.
     coherence
         C² of the light, shape (m,).
@@ -44,9 +47,9 @@ def echo_speckle(light: PulseLight, places: Places, coherence: Any, aperture: fl
     m = dr.width(light.reference)
     count = dr.width(light.share) // m
     shot = dr.arange(auto.UInt32, m)
-    ratio = 0.5 * dr.opaque(auto.Float, aperture) * places.radius / places.distance
+    ratio = 0.5 * dr.opaque(auto.Float, aperture) * positions.radius / positions.distance
     energy = coherence / packets(ratio)
-    lattice = LatticePlaces.of(places)
+    lattice = LatticePositions.of(positions)
     if count == 1:
         return gamma_like(dr.sqrt(energy), fine_numbers(lattice, seed)[0])
     shares = [dr.gather(auto.Float, light.share, shot + number * m) for number in range(count)]

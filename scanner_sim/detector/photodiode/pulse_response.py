@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.optics.pulse import Pulse
 
 Array = NDArray[np.float64]
@@ -145,20 +145,20 @@ def _table(response: PulseResponse, least: float) -> tuple[NDArray[np.float32], 
 class Table:
     """Rows of responses over scaled time: values, the least variance, the first node and the nodes per width."""
 
-    values: Any
-    least: Any
-    first: Any
-    density: Any
+    values: Float
+    least: Float
+    first: Float
+    density: Float
 
 
 @dataclass(frozen=True, eq=False)
 class DeviceResponse:
     """A response for kernels: variance of the pulse (for a table, with the least variance) and the table."""
 
-    whole: Any
+    whole: Float
     table: Table | None = None
 
-    def values(self, time: Any, variance: Any) -> Any:
+    def values(self, time: Float, variance: Float) -> Float:
         """Return the response at times [sample] for Gaussians of some variances [sample²]; Dr.Jit arrays."""
         if self.table is None:
             inverse = dr.rcp(self.whole + variance)
@@ -172,7 +172,7 @@ class DeviceResponse:
         high = self._row(first + 1.0, dr.sqrt(self.whole * below * _GROWTH), time)
         return dr.fma(share, high - low, low)
 
-    def four(self, time: Any, variance: Any) -> list[Any]:
+    def four(self, time: Float, variance: Float) -> list[Float]:
         """Return the response at a time [sample] and at the three samples after it."""
         if self.table is not None:
             return [self.values(time + step, variance) for step in range(4)]
@@ -180,11 +180,11 @@ class DeviceResponse:
         height, half = dr.sqrt(inverse * (0.5 / math.pi)), -0.5 * inverse
         return [height * dr.exp(dr.square(time + step) * half) for step in range(4)]
 
-    def _row(self, row: Any, width: Any, time: Any) -> Any:
+    def _row(self, row: UInt32, width: Float, time: Float) -> Float:
         assert self.table is not None
-        place = dr.clip((time / width - self.table.first) * self.table.density, 0.0, _NODES - 1.001)
-        node = dr.floor(place)
+        node_position = dr.clip((time / width - self.table.first) * self.table.density, 0.0, _NODES - 1.001)
+        node = dr.floor(node_position)
         at = auto.UInt32(row) * _NODES + auto.UInt32(node)
         left = dr.gather(auto.Float, self.table.values, at)
         right = dr.gather(auto.Float, self.table.values, at + 1)
-        return dr.fma(place - node, right - left, left) / width
+        return dr.fma(node_position - node, right - left, left) / width

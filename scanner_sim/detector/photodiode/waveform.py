@@ -25,12 +25,13 @@ from scanner_sim.detector.photodiode.noise_colour import colouring_taps, light_n
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.photodiode.pulse_response import DeviceResponse, PulseResponse
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.device_types import Float, Int32, UInt32
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.optics.pulse import Pulse
 
 BLOCK = 64
 """Shots whose records are stored interleaved: a block fits the cache, and neighbours load together."""
-_REACH = 7.0
+_ECHO_SIGMAS = 7.0
 """Standard deviations to which an echo is followed."""
 
 
@@ -41,10 +42,10 @@ class ReceivedEchoes(Protocol):
     ``reference`` (shape (m,)), and its standard deviation ``spread`` [m].
     """
 
-    share: Any
-    path: Any
-    spread: Any
-    reference: Any
+    share: Float
+    path: Float
+    spread: Float
+    reference: Float
 
 
 @dataclass
@@ -61,15 +62,15 @@ class Waveforms:
         Light of the background [W] that the bias monitor told, shape (m,).
     """
 
-    number: Any
+    number: Float
     shots: int
     samples: int
-    background: Any
+    background: Float
 
-    def address(self, sample: Any, place: Any) -> Any:
-        """Return the index of a sample (0 to n − 1) of the shot at a place (0 to m − 1)."""
-        row = place // BLOCK * (self.samples // 4) + sample // 4
-        return 4 * (row * BLOCK + place % BLOCK) + sample % 4
+    def address(self, sample: UInt32, index: UInt32) -> UInt32:
+        """Return where in ``number`` a sample (0 to n − 1) of shot ``index`` (0 to m − 1) stands."""
+        row = index // BLOCK * (self.samples // 4) + sample // 4
+        return 4 * (row * BLOCK + index % BLOCK) + sample % 4
 
     def records(self) -> NDArray[np.float32]:
         """Return the digital numbers as a NumPy array of shape (m, n)."""
@@ -86,28 +87,28 @@ class Arrivals:
     light arrives.
     """
 
-    first: Any
-    position: Any
-    variance: Any
-    power: Any
-    early: Any
-    late: Any
+    first: Int32
+    position: Float
+    variance: Float
+    power: Float
+    early: Float
+    late: Float
     shots: int
     count: int
 
-    def light(self, sample: Any, place: Any, response: DeviceResponse, extra: float) -> list[Any]:
+    def light(self, sample: Int32, index: UInt32, response: DeviceResponse, extra: float) -> list[Float]:
         """Return the light [W] at four samples in a row, smoothed by a Gaussian of ``extra`` [sample²].
 
         Four at a time, because reading an echo takes as long as evaluating it.
         """
         more = dr.opaque(auto.Float, extra)
-        early, late = (dr.gather(auto.Float, end, place) for end in (self.early, self.late))
-        sample = auto.Float(auto.Int32(sample) - dr.gather(auto.Int32, self.first, place))
+        early, late = (dr.gather(auto.Float, end, index) for end in (self.early, self.late))
+        sample = auto.Float(auto.Int32(sample) - dr.gather(auto.Int32, self.first, index))
         near = (sample + 3.0 > early) & (sample < late)
 
         def added(*state: Any) -> tuple[Any, ...]:
             number, *totals = state
-            at = place + number * dr.opaque(auto.UInt32, self.shots)
+            at = index + number * dr.opaque(auto.UInt32, self.shots)
             apart = sample - dr.gather(auto.Float, self.position, at)
             variance = dr.gather(auto.Float, self.variance, at) + more
             power = dr.gather(auto.Float, self.power, at)
@@ -116,7 +117,7 @@ class Arrivals:
                 dr.fma(power, value, total) for value, total in zip(four, totals, strict=True)
             )
 
-        start = (auto.UInt32(0), *(dr.zeros(auto.Float, dr.width(place)) for _ in range(4)))
+        start = (auto.UInt32(0), *(dr.zeros(auto.Float, dr.width(index)) for _ in range(4)))
         if self.count == 1:
             return [dr.select(near, value, 0.0) for value in added(*start)[1:]]
         return list(dr.while_loop(start, lambda number, *totals: near & (number < self.count), added)[1:])
@@ -124,12 +125,12 @@ class Arrivals:
 
 def record(
     echoes: ReceivedEchoes,
-    shot: Any,
+    shot: UInt32,
     pulse: Pulse,
     photodiode: Photodiode,
     digitiser: Digitiser,
     seed: int,
-    background: Any = 0.0,
+    background: Float = 0.0,
 ) -> Waveforms:
     """Record the waveforms of m shots.
 
@@ -159,20 +160,20 @@ def record(
     electrical = response.on_device(sigma**2)
     blocks = (m + BLOCK - 1) // BLOCK
     lane = dr.arange(auto.UInt32, blocks * (n // 4) * BLOCK)
-    quad, place = _quad_and_place(lane, n // 4, m)
+    quad, index = _quad_and_index(lane, n // 4, m)
     noisy = photodiode.noise.shot or photodiode.noise.amplifier
     taps = colouring_taps(sigma)
     if noisy:
         white = _white(arrivals, shot, photodiode, response, sigma, seed, background, n)
         quads = n // 4 + (taps.size - 1) // 4
         around = [
-            dr.gather(auto.Array4f, white, _lane(quad + step, place, quads))
+            dr.gather(auto.Array4f, white, _lane(quad + step, index, quads))
             for step in range((taps.size - 1) // 4 + 1)
         ]
         under = [four[component] for four in around for component in range(4)]
         weights = [dr.opaque(auto.Float, float(tap)) for tap in taps]
     numbers = []
-    lit = arrivals.light(4 * quad, place, electrical, sigma**2)
+    lit = arrivals.light(4 * quad, index, electrical, sigma**2)
     scale = dr.opaque(auto.Float, photodiode.amperes_per_watt)
     step = dr.opaque(auto.Float, digitiser.step(photodiode.saturation))
     for side in range(4):
@@ -192,7 +193,12 @@ def record(
 
 
 def arrive(
-    echoes: ReceivedEchoes, shot: Any, pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, seed: int
+    echoes: ReceivedEchoes,
+    shot: UInt32,
+    pulse: Pulse,
+    photodiode: Photodiode,
+    digitiser: Digitiser,
+    seed: int,
 ) -> Arrivals:
     """Return when echoes arrive by the digitiser's clock; what comes after the next pulse folds back.
 
@@ -209,9 +215,9 @@ def arrive(
     when = when + auto.Float64(normal * dr.opaque(auto.Float, jitter * digitiser.rate))
     first = dr.floor(when)
     fraction = auto.Float(when - first)
-    place = dr.arange(auto.UInt32, m * count) % m
+    index = dr.arange(auto.UInt32, m * count) % m
     to_samples = dr.opaque(auto.Float, rate / SPEED_OF_LIGHT)
-    position = echoes.path * to_samples + dr.gather(auto.Float, fraction, place)
+    position = echoes.path * to_samples + dr.gather(auto.Float, fraction, index)
     spread = echoes.spread * to_samples
     power = echoes.share * dr.opaque(auto.Float, pulse.pulse_energy * digitiser.rate)
     response = PulseResponse.of(pulse, digitiser.rate)
@@ -223,7 +229,7 @@ def arrive(
     for number in range(count):
         at = shots + number * m
         lit = dr.gather(auto.Float, power, at) > 0.0
-        middle, reach = dr.gather(auto.Float, position, at), _REACH * dr.gather(auto.Float, spread, at)
+        middle, reach = dr.gather(auto.Float, position, at), _ECHO_SIGMAS * dr.gather(auto.Float, spread, at)
         early = dr.select(lit, dr.minimum(early, middle + dr.opaque(auto.Float, low) - reach), early)
         late = dr.select(lit, dr.maximum(late, middle + dr.opaque(auto.Float, high) + reach), late)
     arrivals = Arrivals(auto.Int32(first), position, dr.square(spread), power, early, late, m, count)
@@ -231,51 +237,51 @@ def arrive(
     return arrivals
 
 
-def quad_lanes(shots: int, samples: int) -> tuple[Any, Any, Any]:
-    """Return lanes of four samples each in the order of storage: lane, number of the four, place of the shot."""
+def quad_lanes(shots: int, samples: int) -> tuple[UInt32, UInt32, UInt32]:
+    """Return lanes of four samples each in the order of storage: lane, number of the four, index of the shot."""
     blocks = (shots + BLOCK - 1) // BLOCK
     lane = dr.arange(auto.UInt32, blocks * (samples // 4) * BLOCK)
-    return (lane, *_quad_and_place(lane, samples // 4, shots))
+    return (lane, *_quad_and_index(lane, samples // 4, shots))
 
 
-def _quad_and_place(lane: Any, quads: int, shots: int) -> tuple[Any, Any]:
+def _quad_and_index(lane: UInt32, quads: int, shots: int) -> tuple[UInt32, UInt32]:
     row = lane // BLOCK
     block = row // quads
-    place = block * BLOCK + lane % BLOCK
+    index = block * BLOCK + lane % BLOCK
     # The last block may be filled in part.
-    return row - block * quads, dr.minimum(place, dr.opaque(auto.UInt32, shots - 1))
+    return row - block * quads, dr.minimum(index, dr.opaque(auto.UInt32, shots - 1))
 
 
-def _lane(quad: Any, place: Any, quads: int) -> Any:
-    return (place // BLOCK * quads + quad) * BLOCK + place % BLOCK
+def _lane(quad: UInt32, index: UInt32, quads: int) -> UInt32:
+    return (index // BLOCK * quads + quad) * BLOCK + index % BLOCK
 
 
 def _white(
     arrivals: Arrivals,
-    shot: Any,
+    shot: UInt32,
     photodiode: Photodiode,
     response: PulseResponse,
     sigma: float,
     seed: int,
-    background: Any,
+    background: Float,
     samples: int,
-) -> Any:
+) -> Float:
     """Return white noise [A] before the electronics, for the samples and half a filter on either side."""
     half = colouring_taps(sigma).size // 2
     quads = samples // 4 + half // 2
-    lane, quad, place = quad_lanes(arrivals.shots, 4 * quads)
+    lane, quad, index = quad_lanes(arrivals.shots, 4 * quads)
     normal = generator(
-        seed, Stream.PHOTODIODE, dr.gather(auto.UInt32, shot, place), quad
+        seed, Stream.PHOTODIODE, dr.gather(auto.UInt32, shot, index), quad
     ).next_float32x4_normal()
     extra = light_noise_variance(sigma)
     optical = response.on_device(extra)
     per_light = dr.opaque(auto.Float, photodiode.light_variance)
     steady = dr.opaque(auto.Float, photodiode.dark_variance) + per_light * dr.gather(
-        auto.Float, background, place
+        auto.Float, background, index
     )
     variances = [steady] * 4
     if photodiode.noise.shot:
-        lit = arrivals.light(auto.Int32(4 * quad) - half, place, optical, extra)
+        lit = arrivals.light(auto.Int32(4 * quad) - half, index, optical, extra)
         variances = [dr.fma(per_light, light, steady) for light in lit]
     values = [dr.sqrt(variance) * normal[side] for side, variance in enumerate(variances)]
     white = dr.empty(auto.Float, 4 * dr.width(lane))

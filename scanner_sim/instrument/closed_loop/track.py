@@ -52,10 +52,10 @@ def track(
         records.append(record)
         if progress is not None:
             progress(min(tracker.state.clock, tracker.scan.duration), tracker.scan.duration)
-    return finished_track(tracker, tuple(records))
+    return track_of(tracker, tuple(records))
 
 
-def finished_track(tracker: Tracker, records: tuple[PatternRecord, ...]) -> Track:
+def track_of(tracker: Tracker, records: tuple[PatternRecord, ...]) -> Track:
     """Return a run of a tracker with everything that is told of it beside its records."""
     return Track(
         records=records,

@@ -60,7 +60,7 @@ def inverted(estimate: Floats, truth: Floats, shifts: Floats) -> Floats:
     Parameters
     ----------
     estimate, truth
-        Estimates and true places of the spot, both from the centre of one pixel [pixel], shape (k,), ``truth``
+        Estimates and true positions of the spot, both from the centre of one pixel [pixel], shape (k,), ``truth``
         ascending.
     shifts
         Estimates at which the error is wanted, shape (m,).

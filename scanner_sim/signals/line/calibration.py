@@ -15,13 +15,13 @@ that of the background is the same in both and goes with it (propagation of inde
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.detector.line.exposure import Signal
 from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.device_types import Float
 
 _NEAR_FULL = 5.0
 """Standard deviations of the read noise below the full well from which a pixel counts as saturated."""
@@ -88,20 +88,20 @@ class Calibration:
         """Standard deviation of a pixel without light [electron]."""
         return float(self.floor**0.5)
 
-    def charge(self, number: Any) -> Any:
+    def charge(self, number: Float) -> Float:
         """Return the charge above the dark level [electron] of a digital number."""
         return (number - self.bias) * self.gain - self.dark
 
-    def ambient(self, number: Any) -> Any:
+    def ambient(self, number: Float) -> Float:
         """Return the charge that is to be subtracted, k c_off [electron], of a number read without the laser."""
         return (number - self.bias) * self.gain * self.off_scale - self.dark
 
-    def variance(self, charge: Any) -> Any:
+    def variance(self, charge: Float) -> Float:
         """Return the variance [electron²] of a pixel with a charge above the dark level [electron]."""
         light = (charge + abs(charge)) * 0.5
         return self.floor + self.shot_noise * light + (self.prnu * light) ** 2
 
-    def variance_above(self, ambient: Any, charge: Any) -> Any:
+    def variance_above(self, ambient: Float, charge: Float) -> Float:
         """Return the variance [electron²] of a charge [electron] that is left above a subtracted one."""
         beneath = (ambient + abs(ambient)) * 0.5
         return self.variance(charge) + self.shot_noise * (1.0 + self.off_scale) * beneath

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.detector.line.exposure import Signal
+from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.signals.line.calibration import Calibration
 
 _MEDIAN_VARIANCE = 0.2104
@@ -27,44 +27,44 @@ class Line:
         self.subtracted = signal.exposures == 2
         self._signal = signal
         self._shot = dr.arange(auto.UInt32, signal.shots)
-        values: dict[str, Any] = {
+        values: dict[str, Float] = {
             field.name: dr.opaque(auto.Float, getattr(calibration, field.name))
             for field in fields(calibration)
         }
         self.known = Calibration(**values)
-        self.floor_sigma: Any = dr.opaque(auto.Float, calibration.floor_sigma)
+        self.floor_sigma: Float = dr.opaque(auto.Float, calibration.floor_sigma)
 
-    def charge(self, pixel: Any) -> Any:
+    def charge(self, pixel: Int32) -> Float:
         """Return the charge above the dark level and above what was subtracted [electron]."""
         lit, unlit = self._numbers(pixel)
         return self._difference(lit, unlit) if self.subtracted else self.known.charge(lit)
 
-    def pair(self, pixel: Any) -> tuple[Any, Any, Any]:
+    def pair(self, pixel: UInt32) -> tuple[Float, Float, Float]:
         """Return the charges of an even pixel and of the next, faster than one by one, and the fuller one's well.
 
         The well is the largest charge of an exposure above the dark level [electron].
         """
-        place = self._signal.pair(auto.UInt32(pixel), self._shot)
+        index = self._signal.pair(auto.UInt32(pixel), self._shot)
         if not self.subtracted:
-            numbers = dr.gather(auto.Array2f, self._signal.number, place)
+            numbers = dr.gather(auto.Array2f, self._signal.number, index)
             charges = self.known.charge(numbers[0]), self.known.charge(numbers[1])
             return *charges, dr.maximum(*charges)
-        both = dr.gather(auto.Array4f, self._signal.number, place)
+        both = dr.gather(auto.Array4f, self._signal.number, index)
         fullest = self.known.charge(dr.max(both))
         return self._difference(both[0], both[2]), self._difference(both[1], both[3]), fullest
 
-    def variance(self, pixel: Any, charge: Any) -> Any:
+    def variance(self, pixel: Int32, charge: Float) -> Float:
         """Return the variance [electron²] of a pixel if it holds a charge above what was subtracted."""
         if not self.subtracted:
             return self.known.variance(charge)
         return self.known.variance_above(self.known.ambient(self._numbers(pixel)[1]), charge)
 
-    def full(self, pixel: Any) -> Any:
+    def full(self, pixel: Int32) -> Mask:
         """Tell where a pixel is saturated in an exposure."""
         lit, unlit = self._numbers(pixel)
         return self._is_full(dr.maximum(lit, unlit) if self.subtracted else lit)
 
-    def beneath(self, pixel: Any, charge: Any, side: Any, active: Any) -> tuple[Any, Any]:
+    def beneath(self, pixel: Int32, charge: Float, side: Float, active: Mask) -> tuple[Float, Mask]:
         """Return the variance of a peak's pixel without the peak, and whether it is full.
 
         Parameters
@@ -82,7 +82,7 @@ class Line:
         variance = self.known.variance_above(self.known.ambient(unlit), side)
         return variance, self._is_full(dr.maximum(lit, unlit))
 
-    def _numbers(self, pixel: Any, active: Any = True) -> tuple[Any, Any]:
+    def _numbers(self, pixel: Int32, active: Mask = True) -> tuple[Float, Float]:
         """Return the digital numbers with and without the laser; the first twice where there is one exposure."""
         address = self._signal.address(auto.UInt32(pixel), self._shot)
         lit = dr.gather(auto.Float, self._signal.number, address, active)
@@ -90,12 +90,12 @@ class Line:
             return lit, lit
         return lit, dr.gather(auto.Float, self._signal.number, address + 2, active)
 
-    def _difference(self, lit: Any, unlit: Any) -> Any:
+    def _difference(self, lit: Float, unlit: Float) -> Float:
         """Return c; 0 where the background alone fills the pixel, so that nothing is known of the laser."""
         difference = self.known.charge(lit) - self.known.ambient(unlit)
         return dr.select(self._is_full(unlit), 0.0, difference)
 
-    def _is_full(self, number: Any) -> Any:
+    def _is_full(self, number: Float) -> Mask:
         return self.known.charge(number) + self.known.dark >= self.known.full
 
 
@@ -108,11 +108,11 @@ class Baseline:
     of the two sides.
     """
 
-    level: Any
-    slope: Any
-    level_variance: Any
-    slope_variance: Any
-    doubt: Any
+    level: Float
+    slope: Float
+    level_variance: Float
+    slope_variance: Float
+    doubt: Float
 
 
 def no_baseline() -> Baseline:
@@ -120,7 +120,7 @@ def no_baseline() -> Baseline:
     return Baseline(*(auto.Float(0.0) for _ in range(5)))
 
 
-def baseline_beside(line: Line, centre: Any, guard: Any) -> Baseline:
+def baseline_beside(line: Line, centre: Int32, guard: Int32) -> Baseline:
     """Return the straight line through the medians of seven pixels on either side of a peak.
 
     Parameters
@@ -145,9 +145,9 @@ def baseline_beside(line: Line, centre: Any, guard: Any) -> Baseline:
         inside.append((farthest >= 0) & (farthest < line.pixels))
         start = dr.select(inside[-1], nearest, centre)
         step = dr.select(inside[-1], direction, 0)
-        places = [start + number * step for number in range(SIDE)]
-        sides.append(_median([line.charge(place) for place in places]))
-        noise.append(_MEDIAN_VARIANCE * _mean_variance(line, places, sides[-1]))
+        pixels = [start + number * step for number in range(SIDE)]
+        sides.append(_median([line.charge(pixel) for pixel in pixels]))
+        noise.append(_MEDIAN_VARIANCE * _mean_variance(line, pixels, sides[-1]))
     (left, right), (on_left, on_right) = sides, inside
     both = on_left & on_right
     distance = auto.Float(guard) + 0.5 * (SIDE + 1)
@@ -162,24 +162,24 @@ def baseline_beside(line: Line, centre: Any, guard: Any) -> Baseline:
     )
 
 
-def _mean_variance(line: Line, places: list[Any], charge: Any) -> Any:
+def _mean_variance(line: Line, pixels: list[Int32], charge: Float) -> Float:
     """Return the variance of pixels that hold a charge: their mean, where what was subtracted differs."""
     if not line.subtracted:
         return line.known.variance(charge)
-    return sum(line.variance(place, charge) for place in places) / len(places)
+    return sum(line.variance(pixel, charge) for pixel in pixels) / len(pixels)
 
 
-def _median(values: list[Any]) -> Any:
+def _median(values: list[Float]) -> Float:
     """Return the median of an odd number of values: the ends are sorted away two by two."""
     values = list(values)
     while len(values) > 1:
-        for place in range(len(values) - 1):
-            low, high = values[place], values[place + 1]
-            values[place], values[place + 1] = dr.minimum(low, high), dr.maximum(low, high)
+        for index in range(len(values) - 1):
+            low, high = values[index], values[index + 1]
+            values[index], values[index + 1] = dr.minimum(low, high), dr.maximum(low, high)
         values.pop()
-        for place in range(len(values) - 1, 0, -1):
-            low, high = values[place - 1], values[place]
-            values[place - 1], values[place] = dr.minimum(low, high), dr.maximum(low, high)
+        for index in range(len(values) - 1, 0, -1):
+            low, high = values[index - 1], values[index]
+            values[index - 1], values[index] = dr.minimum(low, high), dr.maximum(low, high)
         values.pop(0)
     return values[0]
 
@@ -187,24 +187,24 @@ def _median(values: list[Any]) -> Any:
 class Around:
     """Charges about the brightest pixel of each peak, above a baseline; called with a step in pixels."""
 
-    def __init__(self, line: Line, centre: Any, baseline: Baseline) -> None:
+    def __init__(self, line: Line, centre: Int32, baseline: Baseline) -> None:
         self.line, self.centre, self.baseline = line, centre, baseline
         self.floor_sigma = line.floor_sigma
 
-    def pixel(self, step: int) -> Any:
+    def pixel(self, step: int) -> Int32:
         """Return the pixel at a step; beyond the array's ends its last one."""
         return dr.clip(self.centre + step, 0, self.line.pixels - 1)
 
-    def full(self, step: int) -> Any:
+    def full(self, step: int) -> Mask:
         """Tell where a pixel is saturated."""
         return self.line.full(self.pixel(step))
 
-    def inside(self, step: int) -> Any:
+    def inside(self, step: int) -> Mask:
         """Tell where a pixel lies on the array."""
         pixel = self.centre + step
         return (pixel >= 0) & (pixel < self.line.pixels)
 
-    def __call__(self, step: int) -> tuple[Any, Any]:
+    def __call__(self, step: int) -> tuple[Float, Float]:
         """Return the charge above the baseline, and the variance of the whole charge."""
         pixel = self.pixel(step)
         raw = self.line.charge(pixel)

@@ -15,20 +15,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 
+from scanner_sim.foundation.device_types import Float, Mask
 from scanner_sim.signals.line.likelihood import Pixels, Slopes, Width, fit_spot
 from scanner_sim.signals.line.speckle import SpotSpeckle
 from scanner_sim.signals.processing import MARGIN, PeakMethod
 
-_MOST_BENT = 0.5
-"""Largest relative variance of a vertex's bend that σ still follows."""
+_LARGEST_CURVATURE_VARIANCE = 0.5
+"""Largest relative variance of a vertex's curvature that σ still follows."""
 
-Estimator = Callable[[Pixels], tuple[Any, Slopes]]
-Correction = Callable[[Any, Any], tuple[Any, Any]]
+Estimator = Callable[[Pixels], tuple[Float, Slopes]]
+Correction = Callable[[Float, Float], tuple[Float, Float]]
 """Systematic error [pixel], and its derivative by the estimate, of (estimate, standard deviation of the spot)."""
 
 
@@ -40,10 +40,10 @@ class PeakEstimate:
     lies in the estimator's window; ``settled`` whether a fit came to rest.
     """
 
-    shift: Any
-    variance: Any
-    within: Any
-    settled: Any
+    shift: Float
+    variance: Float
+    within: Mask
+    settled: Mask
 
 
 def estimate(
@@ -53,7 +53,7 @@ def estimate(
     correction: Correction | None = None,
     speckle: SpotSpeckle | None = None,
 ) -> PeakEstimate:
-    """Estimate the place of the spot about its brightest pixel.
+    """Estimate the position of the spot about its brightest pixel.
 
     Parameters
     ----------
@@ -73,11 +73,11 @@ def estimate(
     Estimate
         The variance is the first-order propagation of every pixel's variance through the estimator's derivatives, of
         the two terms of the baseline, whose errors all pixels share, and of the covariance that speckle gives the
-        charges. Of ``centre_of_mass`` that of the window's place is added (:func:`_jumps`).
+        charges. Of ``centre_of_mass`` that of the window's position is added (:func:`_window_variance`).
     """
     known = width if width is not None else Width.unknown()
     apart, settled = auto.Float(0.0), auto.Bool(True)
-    limit: Any = MARGIN[method]
+    limit: Float = MARGIN[method]
     if method == "maximum_likelihood":
         grainy = None if speckle is None else speckle.single
         fit = fit_spot(around, known, dr.clip(_gaussian(around)[0], -0.6, 0.6), grainy)
@@ -87,7 +87,7 @@ def estimate(
         shift, slopes = _ESTIMATORS[method](around)
     within = dr.abs(shift) <= limit
 
-    def corrected(position: Any) -> tuple[Any, Any]:
+    def corrected(position: Float) -> tuple[Float, Float]:
         if correction is None or width is None:
             return position, auto.Float(1.0)
         error, rise = correction(position, dr.sqrt(width.variance))
@@ -95,7 +95,7 @@ def estimate(
 
     variance, level, tilt = apart, auto.Float(0.0), auto.Float(0.0)
     if speckle is not None:
-        variance += speckle.carried(slopes, {step: around(step)[0] for step in slopes}, shift)
+        variance += speckle.propagated_variance(slopes, {step: around(step)[0] for step in slopes}, shift)
     shift, stretch = corrected(shift)
     for step, slope in slopes.items():
         variance += dr.square(slope) * around(step)[1]
@@ -103,19 +103,21 @@ def estimate(
         tilt += step * slope
     baseline = around.baseline
     variance += dr.square(level) * baseline.level_variance + dr.square(tilt) * baseline.slope_variance
-    variance *= dr.square(stretch) * _bent(method, around, shift, speckle)
+    variance *= dr.square(stretch) * _curvature_inflation(method, around, shift, speckle)
     if method == "centre_of_mass":
-        variance += _jumps(around, shift, lambda position: corrected(position)[0], speckle)
+        variance += _window_variance(around, shift, lambda position: corrected(position)[0], speckle)
     return PeakEstimate(shift, variance, within, settled)
 
 
-def _bent(method: PeakMethod, around: Pixels, shift: Any, speckle: SpotSpeckle | None) -> Any:
-    """Return by how much speckle in the bend raises the variance of a vertex; 1 for the other estimators.
+def _curvature_inflation(
+    method: PeakMethod, around: Pixels, shift: Float, speckle: SpotSpeckle | None
+) -> Float:
+    """Return by how much speckle in the curvature raises the variance of a vertex; 1 for the other estimators.
 
-    With the half difference A of the outer points and the bend B the vertex is s = A/B, of the variance
-    (var A + s² var B)/B² at its true place s. What is known is the measured one; that of the true place is, on the
+    With the half difference A of the outer points and the curvature B the vertex is s = A/B, of the variance (var A +
+    s² var B)/B² at its true position s. What is known is the measured one; that of the true position is, on the
     average, larger by the variance itself, hence var s = (var A + ŝ² var B)/(B² − var B). It matters where a pixel's
-    relative noise is large: there the places that noise moves towards a pixel's centre would claim too small a σ.
+    relative noise is large: there the positions that noise moves towards a pixel's centre would claim too small a σ.
     """
     if speckle is None or method not in ("gaussian", "parabola"):
         return auto.Float(1.0)
@@ -125,13 +127,15 @@ def _bent(method: PeakMethod, around: Pixels, shift: Any, speckle: SpotSpeckle |
         floored = {step: positive(charge, around.floor_sigma) for step, charge in charges.items()}
         points = {step: dr.log(charge) for step, charge in floored.items()}
         slopes = {step: slope / floored[step] for step, slope in slopes.items()}
-    bend = 2.0 * points[0] - points[-1] - points[1]
+    curvature = 2.0 * points[0] - points[-1] - points[1]
     noise = sum((dr.square(slope) * around(step)[1] for step, slope in slopes.items()), auto.Float(0.0))
-    noise += speckle.carried(slopes, charges, shift)
-    return dr.rcp(1.0 - dr.minimum(noise / dr.maximum(dr.square(bend), 1e-30), _MOST_BENT))
+    noise += speckle.propagated_variance(slopes, charges, shift)
+    return dr.rcp(
+        1.0 - dr.minimum(noise / dr.maximum(dr.square(curvature), 1e-30), _LARGEST_CURVATURE_VARIANCE)
+    )
 
 
-def _mass(around: Pixels, middle: int) -> tuple[Any, Any]:
+def _mass(around: Pixels, middle: int) -> tuple[Float, Float]:
     """Return the centre of mass of the seven pixels about a step, counted from that step, and their charge."""
     reach = MARGIN["centre_of_mass"]
     total, moment = auto.Float(0.0), auto.Float(0.0)
@@ -142,12 +146,14 @@ def _mass(around: Pixels, middle: int) -> tuple[Any, Any]:
     return moment / total, total
 
 
-def _jumps(around: Pixels, shift: Any, corrected: Callable[[Any], Any], speckle: SpotSpeckle | None) -> Any:
-    """Return the variance that the window's place adds to the centre of mass [pixel²].
+def _window_variance(
+    around: Pixels, shift: Float, corrected: Callable[[Float], Float], speckle: SpotSpeckle | None
+) -> Float:
+    """Return the variance that the window's position adds to the centre of mass [pixel²].
 
     Noise makes a neighbour the brightest pixel with the probability q = Φ(−Δ/√(var_0 + var_1)), Δ the difference of
     the two charges; the window moves with it, and the estimate by D. A position that is one of two has the variance
-    q (1 − q) D². Taken at the measured Δ it is right on the average over the places in a pixel.
+    q (1 − q) D². Taken at the measured Δ it is right on the average over the positions in a pixel.
     """
     added = auto.Float(0.0)
     charge, noise = around(0)
@@ -156,7 +162,7 @@ def _jumps(around: Pixels, shift: Any, corrected: Callable[[Any], Any], speckle:
         both = noise + noise_beside
         if speckle is not None:
             apart = {0: auto.Float(1.0), side: auto.Float(-1.0)}
-            both += speckle.carried(apart, {0: charge, side: beside}, shift)
+            both += speckle.propagated_variance(apart, {0: charge, side: beside}, shift)
         deviate = (charge - beside) * dr.rsqrt(dr.maximum(both, 1e-12))
         other = 0.5 * (1.0 - dr.erf(dr.maximum(deviate, 0.0) * math.sqrt(0.5)))
         moved = side + corrected(_mass(around, side)[0]) - shift
@@ -165,33 +171,33 @@ def _jumps(around: Pixels, shift: Any, corrected: Callable[[Any], Any], speckle:
     return added
 
 
-def _centre_of_mass(around: Pixels) -> tuple[Any, Slopes]:
+def _centre_of_mass(around: Pixels) -> tuple[Float, Slopes]:
     reach = MARGIN["centre_of_mass"]
     shift, total = _mass(around, 0)
     return shift, {step: (step - shift) / total for step in range(-reach, reach + 1)}
 
 
-def _vertex(left: Any, middle: Any, right: Any) -> tuple[Any, Slopes]:
+def _vertex(left: Float, middle: Float, right: Float) -> tuple[Float, Slopes]:
     """Return the vertex of a parabola through three points and its derivatives by them."""
-    bend = left - 2.0 * middle + right
-    shift = 0.5 * (left - right) / bend
+    curvature = left - 2.0 * middle + right
+    shift = 0.5 * (left - right) / curvature
     return shift, {
-        -1: (1.0 - 2.0 * shift) / (2.0 * bend),
-        0: 2.0 * shift / bend,
-        1: -(1.0 + 2.0 * shift) / (2.0 * bend),
+        -1: (1.0 - 2.0 * shift) / (2.0 * curvature),
+        0: 2.0 * shift / curvature,
+        1: -(1.0 + 2.0 * shift) / (2.0 * curvature),
     }
 
 
-def _parabola(around: Pixels) -> tuple[Any, Slopes]:
+def _parabola(around: Pixels) -> tuple[Float, Slopes]:
     return _vertex(*(around(step)[0] for step in (-1, 0, 1)))
 
 
-def positive(charge: Any, floor_sigma: Any) -> Any:
+def positive(charge: Float, floor_sigma: Float) -> Float:
     """Return a charge that has a logarithm: at or below the noise floor it counts as half the floor."""
     return dr.maximum(charge, dr.maximum(0.5 * floor_sigma, 1e-3))
 
 
-def _gaussian(around: Pixels) -> tuple[Any, Slopes]:
+def _gaussian(around: Pixels) -> tuple[Float, Slopes]:
     charges = {step: positive(around(step)[0], around.floor_sigma) for step in (-1, 0, 1)}
     shift, slopes = _vertex(*(dr.log(charge) for charge in charges.values()))
     return shift, {step: slopes[step] / charge for step, charge in charges.items()}
@@ -200,11 +206,11 @@ def _gaussian(around: Pixels) -> tuple[Any, Slopes]:
 def _blais_rioux(half: int) -> Estimator:
     """Return the estimator of Blais and Rioux with ``2 half`` filter taps."""
 
-    def estimator(around: Pixels) -> tuple[Any, Slopes]:
+    def estimator(around: Pixels) -> tuple[Float, Slopes]:
         reach = half + 1
         charges = {step: around(step)[0] for step in range(-reach, reach + 1)}
 
-        def response(at: int) -> Any:
+        def response(at: int) -> Float:
             total = auto.Float(0.0)
             for step in range(1, half + 1):
                 total += charges[at - step] - charges[at + step]

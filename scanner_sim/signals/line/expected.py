@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.detector.line.exposure import electrons_per_watt
 from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.device_types import FloatLike
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
 
@@ -26,7 +26,7 @@ class ExpectedSpot:
     focal_length, baseline
         f and d of eq 1.
     waist_radius, waist_distance, rayleigh_length
-        The beam: 1/e² radius at the waist, place of the waist, Rayleigh length [m].
+        The beam: 1/e² radius at the waist, distance of the waist, Rayleigh length [m].
     point_spread
         Standard deviation of the image of a point on the line [m].
     pitch, offset
@@ -70,17 +70,17 @@ class ExpectedSpot:
             white=watts * electrons_per_watt(sensor, laser.wavelength, dwell),
         )
 
-    def range(self, pixel: Any, sine: Any, cosine: Any) -> Any:
+    def range(self, pixel: FloatLike, sine: FloatLike, cosine: FloatLike) -> FloatLike:
         """Return the range [m] of a fractional pixel at a deflection Θ given as sine and cosine (eq 1)."""
         position = self.offset + (pixel + 0.5) * self.pitch
         return self.focal_length * self.baseline * cosine / position + self.baseline * sine
 
-    def pixel(self, range_m: Any, sine: Any, cosine: Any) -> Any:
+    def pixel(self, range_m: FloatLike, sine: FloatLike, cosine: FloatLike) -> FloatLike:
         """Return the fractional pixel of a range [m] at a deflection Θ: :meth:`range` solved for it."""
         position = self.focal_length * self.baseline * cosine / (range_m - self.baseline * sine)
         return (position - self.offset) / self.pitch - 0.5
 
-    def variances(self, pixel: Any, sine: Any, cosine: Any) -> tuple[Any, Any]:
+    def variances(self, pixel: FloatLike, sine: FloatLike, cosine: FloatLike) -> tuple[FloatLike, FloatLike]:
         """Return the two parts of the spot's variance [pixel²] on a surface that faces the scanner.
 
         The beam's image, (w(R)/2 · m)² with the magnification m = f/(R − d sinΘ) = p/(d cosΘ) of eq 1, and the

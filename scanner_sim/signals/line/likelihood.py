@@ -33,26 +33,27 @@ from typing import Any, Protocol
 import drjit as dr
 import drjit.auto.ad as auto
 
+from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.signals.line.digital_line import EVEN, Baseline
 from scanner_sim.signals.line.expected import ExpectedSpot
 
-_STEPS = 6
+_SCORING_STEPS = 6
 """Steps of the scoring: at a peak of five times the noise one line in 1000 has then not come to rest, at ten none."""
-_SETTLED = 0.2
-"""Largest last step, in standard deviations of the position, of a fit that has found its place."""
-_SETTLED_PIXEL = 1e-3
+_CONVERGED_SIGMAS = 0.2
+"""Largest last step, in standard deviations of the position, of a fit that has converged."""
+_CONVERGED_PIXELS = 1e-3
 """The same in pixels: where there is hardly any noise."""
-_KNOWN = 0.005
+_WIDTH_UNCERTAINTY = 0.005
 """Relative standard deviation to which the variance v on a facing surface is known, from a calibration of the focus."""
-_UNKNOWN = 1e3
+_FREE_WIDTH = 1e3
 _SIDES = 8
 """Pixels to each side that are fitted where nothing is known of the spot."""
-_LEAST, _MOST = 0.02, 400.0
+_LEAST_SPOT, _LARGEST_SPOT = 0.02, 400.0
 """Limits of the variance of a spot [pixel²]."""
 _LEAST_VARIANCE = 1.0
 """Least variance of a pixel [electron²]: without any noise all count alike."""
 
-Slopes = dict[int, Any]
+Slopes = dict[int, Float]
 """Derivative of the position by the charge of the pixel at each step [pixel/electron]."""
 
 
@@ -68,16 +69,16 @@ class Pixels(Protocol):
         """What knows the variance of a pixel that holds a charge."""
 
     @property
-    def floor_sigma(self) -> Any:
+    def floor_sigma(self) -> Float:
         """Standard deviation of a pixel without light [electron]."""
 
-    def pixel(self, step: int) -> Any:
+    def pixel(self, step: int) -> Int32:
         """Return the pixel at a step."""
 
-    def inside(self, step: int) -> Any:
+    def inside(self, step: int) -> Mask:
         """Tell where a pixel lies on the array."""
 
-    def __call__(self, step: int) -> tuple[Any, Any]:
+    def __call__(self, step: int) -> tuple[Float, Float]:
         """Return the charge above the baseline [electron] and its variance [electron²]."""
 
 
@@ -97,18 +98,18 @@ class Width:
         Largest of them anywhere on the line.
     """
 
-    variance: Any
-    spread: Any
-    guard: Any
+    variance: Float
+    spread: Float
+    guard: Int32
     reach: int
 
     @classmethod
     def of(
         cls,
         spot: ExpectedSpot,
-        centre: Any,
-        guard: Any,
-        deflection: tuple[Any, Any],
+        centre: Int32,
+        guard: Int32,
+        deflection: tuple[Float, Float],
         limits: tuple[float, float],
         reach: int,
     ) -> Width:
@@ -131,19 +132,19 @@ class Width:
         beam, spread = spot.variances(auto.Float(centre), *deflection)
         variance = beam + spread
         quarter = dr.opaque(auto.Float, 0.25 * (limits[1] ** 2 - limits[0] ** 2)) * beam / variance
-        return cls(variance, dr.sqrt(dr.square(quarter) + _KNOWN**2), guard, reach)
+        return cls(variance, dr.sqrt(dr.square(quarter) + _WIDTH_UNCERTAINTY**2), guard, reach)
 
     @classmethod
-    def certain(cls, sigma: Any, widest: float) -> Width:
+    def certain(cls, sigma: Float, widest: float) -> Width:
         """Return the width of spots of known standard deviations [pixel], shape (m,), none above the widest."""
         guard = auto.Int32(dr.clip(dr.ceil(4.0 * sigma), 3.0, 24.0))
-        return cls(dr.square(sigma), auto.Float(_KNOWN), guard, min(math.ceil(4.0 * widest), 24))
+        return cls(dr.square(sigma), auto.Float(_WIDTH_UNCERTAINTY), guard, min(math.ceil(4.0 * widest), 24))
 
     @classmethod
     def unknown(cls) -> Width:
         """Return the width of a spot that nothing is known of: it is fitted freely."""
         one = auto.Float(1.0)
-        return cls(one, _UNKNOWN * one, auto.Int32(_SIDES), _SIDES)
+        return cls(one, _FREE_WIDTH * one, auto.Int32(_SIDES), _SIDES)
 
 
 @dataclass
@@ -155,16 +156,16 @@ class LineFit:
     ``charge`` N [electron] and ``variance`` v [pixel²] of the spot.
     """
 
-    shift: Any
+    shift: Float
     slopes: Slopes
-    prior_variance: Any
-    settled: Any
-    charge: Any
-    variance: Any
+    prior_variance: Float
+    settled: Mask
+    charge: Float
+    variance: Float
 
 
-def fit_spot(around: Pixels, width: Width, first: Any, speckle: Any = None) -> LineFit:
-    """Fit charge, place and width of the spot.
+def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None = None) -> LineFit:
+    """Fit charge, position and width of the spot.
 
     Parameters
     ----------
@@ -195,20 +196,20 @@ def fit_spot(around: Pixels, width: Width, first: Any, speckle: Any = None) -> L
     uneven = dr.maximum(apart, 0.0)
 
     def score(
-        charge: Any, place: Any, spread: Any
-    ) -> tuple[list[Any], list[Any], list[list[Any]], list[Any]]:
+        charge: Float, position: Float, spread: Float
+    ) -> tuple[list[Float], list[Float], list[list[Float]], list[Float]]:
         """Return F + P as (qq, qm, qw, mm, mw, ww), the score, and each pixel's derivatives and weight."""
         matrix, sums = [auto.Float(0.0) for _ in range(6)], [auto.Float(0.0) for _ in range(3)]
         derivatives, weights = [], []
         scale = dr.rsqrt(2.0 * spread)
-        by_place, by_width = charge * scale / math.sqrt(math.pi), charge * (0.5 / math.sqrt(math.pi))
-        edge = (steps[0] - 0.5 - place) * scale
+        by_position, by_width = charge * scale / math.sqrt(math.pi), charge * (0.5 / math.sqrt(math.pi))
+        edge = (steps[0] - 0.5 - position) * scale
         below, density = dr.erf(edge), dr.exp(-dr.square(edge))
         for number, step in enumerate(steps):
-            edge_next = (step + 0.5 - place) * scale
+            edge_next = (step + 0.5 - position) * scale
             below_next, density_next = dr.erf(edge_next), dr.exp(-dr.square(edge_next))
             model = 0.5 * charge * (below_next - below)
-            moved = by_place * (density - density_next)
+            moved = by_position * (density - density_next)
             widened = by_width * (edge * density - edge_next * density_next)
             edge, below, density = edge_next, below_next, density_next
             whole = model + around.baseline.level + step * around.baseline.slope
@@ -227,21 +228,24 @@ def fit_spot(around: Pixels, width: Width, first: Any, speckle: Any = None) -> L
         sums[2] += known * (logarithm - dr.log(spread))
         return matrix, sums, derivatives, weights
 
-    def improve(turn: Any, charge: Any, place: Any, spread: Any, last: Any) -> tuple[Any, ...]:
-        matrix, sums, _, _ = score(charge, place, spread)
+    def improve(
+        turn: UInt32, charge: Float, position: Float, spread: Float, last: Float
+    ) -> tuple[Float, ...]:
+        matrix, sums, _, _ = score(charge, position, spread)
         inverse = _inverse(matrix)
         brighter, moved, wider = (
             sum(inverse[row][column] * sums[column] for column in range(3)) for row in range(3)
         )
-        # The weights follow the fit: in strong noise they make it swing about its place, and half a step goes there.
+        # The weights follow the fit: in strong noise they make it oscillate about its position, which half a step
+        # reaches.
         moved = dr.select(moved * last < 0.0, 0.5 * moved, moved)
         farthest = dr.maximum(0.5, 0.7 * dr.sqrt(spread))
         moved = dr.clip(moved, -farthest, farthest)
         return (
             turn + 1,
             charge * (1.0 + dr.clip(brighter, -0.7, 3.0)),
-            dr.clip(place + moved, -auto.Float(width.reach), width.reach),
-            dr.clip(spread * dr.exp(dr.clip(wider, -0.7, 0.7)), _LEAST, _MOST),
+            dr.clip(position + moved, -auto.Float(width.reach), width.reach),
+            dr.clip(spread * dr.exp(dr.clip(wider, -0.7, 0.7)), _LEAST_SPOT, _LARGEST_SPOT),
             moved,
         )
 
@@ -254,20 +258,22 @@ def fit_spot(around: Pixels, width: Width, first: Any, speckle: Any = None) -> L
         start,
         dr.zeros(auto.Float, dr.width(middle)),
     )
-    _, charge, place, spread, moved = dr.while_loop(state, lambda turn, *rest: turn < _STEPS, improve)
+    _, charge, position, spread, moved = dr.while_loop(
+        state, lambda turn, *rest: turn < _SCORING_STEPS, improve
+    )
 
-    matrix, _, derivatives, weights = score(charge, place, spread)
+    matrix, _, derivatives, weights = score(charge, position, spread)
     row = _inverse(matrix)[1]
     slopes = {
         step: weight * sum(row[index] * derivative[index] for index in range(3))
         for step, derivative, weight in zip(steps, derivatives, weights, strict=True)
     }
-    settled = dr.abs(moved) <= dr.maximum(_SETTLED * dr.sqrt(row[1]), _SETTLED_PIXEL)
-    settled &= dr.abs(place) <= auto.Float(width.guard)
-    return LineFit(place, slopes, dr.square(row[2]) * known, settled, charge, spread)
+    settled = dr.abs(moved) <= dr.maximum(_CONVERGED_SIGMAS * dr.sqrt(row[1]), _CONVERGED_PIXELS)
+    settled &= dr.abs(position) <= auto.Float(width.guard)
+    return LineFit(position, slopes, dr.square(row[2]) * known, settled, charge, spread)
 
 
-def _inverse(matrix: list[Any]) -> list[list[Any]]:
+def _inverse(matrix: list[Float]) -> list[list[Float]]:
     """Return the inverse of a positive symmetric matrix given as (00, 01, 02, 11, 12, 22).
 
     Its diagonal is made 1 first, so that no product leaves the range of single precision.

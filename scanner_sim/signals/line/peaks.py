@@ -1,6 +1,6 @@
 """Peaks: from a digitised line to the sub-pixel position of the spot, with its σ.
 
-A peak is found (:mod:`~scanner_sim.signals.line.search`), the light beside it is taken away, its place is estimated
+A peak is found (:mod:`~scanner_sim.signals.line.search`), the light beside it is taken away, its position is estimated
 (:mod:`~scanner_sim.signals.line.estimators`) and it is compared with the spot that it should be
 (:mod:`~scanner_sim.signals.line.validation`). σ is the first-order propagation of each pixel's variance, taken from the
 noise model at the whole measured charge, and of the baseline's, through the estimator's derivatives.
@@ -9,13 +9,13 @@ noise model at the whole measured charge, and of the baseline's, through the est
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.detector.line.exposure import Signal
 from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.status import Status
 from scanner_sim.signals.line.bias import Bias
 from scanner_sim.signals.line.calibration import Calibration
@@ -38,16 +38,16 @@ from scanner_sim.signals.processing import MARGIN, Processing
 
 __all__ = ["MARGIN", "Calibration", "Peaks", "find_peaks"]
 
-_SUMMED = 4
+_SIGNAL_PIXELS = 4
 """Pixels to each side of the brightest one whose charge is the peak's signal."""
 _NO_LIMIT = 1e30
-_STANDS_OUT = 0.8
+_SIDE_THRESHOLD = 0.8
 """Share of the threshold by which a peak must also rise above the brighter of its sides: the noise on top of an
 edge rises above the straight line beneath it, but not above the edge. Less than 1, because noise lifts the
 brighter side."""
 _LEAST_CONTRAST = 0.15
 """Contrast that the widest spot has at least, relative to its charge."""
-_WHITER = 1.5
+_GLOSS_LIMIT = 1.5
 """Brightness relative to a white surface that none without gloss can have, tilt towards the lens included."""
 
 
@@ -61,13 +61,13 @@ class Peaks:
     its brightest pixel; ``status`` code.
     """
 
-    position: Any
-    sigma: Any
-    signal: Any
-    sigma_signal: Any
-    background: Any
-    snr: Any
-    status: Any
+    position: Float
+    sigma: Float
+    signal: Float
+    sigma_signal: Float
+    background: Float
+    snr: Float
+    status: UInt32
 
 
 def find_peaks(
@@ -76,7 +76,7 @@ def find_peaks(
     processing: Processing,
     dwell: float,
     spot: ExpectedSpot | None = None,
-    theta: Any = 0.0,
+    theta: Float = 0.0,
     bias: Bias | None = None,
     speckle: ExpectedSpeckle | None = None,
 ) -> Peaks:
@@ -122,7 +122,7 @@ def find_peaks(
     height, whole_variance = top(0)
     dark_sigma = dr.sqrt(line.variance(found.pixel, baseline.level))
     threshold = dr.opaque(auto.Float, processing.threshold)
-    low = ~(height > threshold * dark_sigma) | ~(found.level > _STANDS_OUT * threshold)
+    low = ~(height > threshold * dark_sigma) | ~(found.level > _SIDE_THRESHOLD * threshold)
 
     margin = MARGIN[processing.peak]
     inside = (found.pixel >= margin) & (found.pixel < line.pixels - margin)
@@ -133,10 +133,10 @@ def find_peaks(
         grainy = speckle.about(spot, centre, sine, cosine)
     if spot is not None:
         width = Width.of(spot, centre, guard, (sine, cosine), settings.beam_width, farthest_pixel(spot))
-    place = estimate(processing.peak, around, width, bias, grainy)
-    variance = place.variance
+    estimated = estimate(processing.peak, around, width, bias, grainy)
+    variance = estimated.variance
     rivalled = found.rival > dr.opaque(auto.Float, processing.ambiguity) * found.height
-    too_bright, misshapen = auto.Bool(False), inside & ~place.settled
+    too_bright, misshapen = auto.Bool(False), inside & ~estimated.settled
     full = top.full(0)
     if spot is not None:
         shape = judge_shape(top, spot, guard, sine, cosine, settings, grainy)
@@ -148,12 +148,12 @@ def find_peaks(
             white = white_charge(spot, auto.Float(found.pixel), sine, cosine)
             too_bright = shape.charge > dr.opaque(auto.Float, settings.max_reflectance) * white
             # What is brighter than white may be gloss or a glint: any other peak makes it doubtful.
-            rivalled |= shape.charge > _WHITER * white
+            rivalled |= shape.charge > _GLOSS_LIMIT * white
     status = auto.UInt32(Status.VALID)
     for failed, code in (
         (rivalled & (found.rival_level > threshold), Status.AMBIGUOUS),
         (too_bright, Status.BAD_AMPLITUDE),
-        (~inside | ~place.within, Status.OUT_OF_ARRAY),
+        (~inside | ~estimated.within, Status.OUT_OF_ARRAY),
         (misshapen, Status.BAD_SHAPE),
         (full, Status.SATURATED),
         (low, Status.BELOW_THRESHOLD),
@@ -165,7 +165,7 @@ def find_peaks(
     valid = status == int(Status.VALID)
     total, total_variance = _summed(top)
     peaks = Peaks(
-        position=dr.select(valid, auto.Float(centre) + place.shift, dr.nan),
+        position=dr.select(valid, auto.Float(centre) + estimated.shift, dr.nan),
         sigma=dr.select(valid, dr.sqrt(variance), dr.nan),
         signal=dr.select(low, 0.0, total),
         sigma_signal=dr.sqrt(dr.maximum(total_variance, 1.0)),
@@ -177,13 +177,15 @@ def find_peaks(
     return peaks
 
 
-def _search(line: Line, spot: ExpectedSpot, processing: Processing, sine: Any, cosine: Any) -> StrongestPeak:
-    """Search for the spot among what is neither too bright nor too faint for its place."""
+def _search(
+    line: Line, spot: ExpectedSpot, processing: Processing, sine: Float, cosine: Float
+) -> StrongestPeak:
+    """Search for the spot among what is neither too bright nor too faint for its position."""
     validation = processing.validation
     # A white surface's charge over (pixel + ½)², at R = f d cosΘ/p: d sinΘ is small, and the limits are generous.
     white = spot.white / (spot.focal_length * spot.baseline / spot.pitch) ** 2
     per_square = dr.opaque(auto.Float, white) / dr.square(cosine)
-    least: Any = dr.opaque(auto.Float, _NO_LIMIT)
+    least: Float = dr.opaque(auto.Float, _NO_LIMIT)
     steepness = auto.Float(0.0)
     if validation.max_reflectance is not None:
         steepness = dr.opaque(auto.Float, validation.max_reflectance * spot.largest_share) * per_square
@@ -192,7 +194,7 @@ def _search(line: Line, spot: ExpectedSpot, processing: Processing, sine: Any, c
     start = spot.offset / spot.pitch + 1.0
     origin = dr.opaque(auto.Float, start)
     away = distance_of_sides(spot.largest_sigma)
-    flank: tuple[Any, Any] = (dr.opaque(auto.Float, _NO_LIMIT), auto.Float(0.0))
+    flank: tuple[Float, Float] = (dr.opaque(auto.Float, _NO_LIMIT), auto.Float(0.0))
     if processing.validation.shape:
         widest = spot.widest(processing.validation.beam_width[1])
         low, rise = flank_limit(widest, away, start)
@@ -200,12 +202,12 @@ def _search(line: Line, spot: ExpectedSpot, processing: Processing, sine: Any, c
     gate = None
     if processing.range_gate is not None:
         nearest, farthest = processing.range_gate
-        level = dr.opaque(auto.Float, _STANDS_OUT * processing.threshold)
+        level = dr.opaque(auto.Float, _SIDE_THRESHOLD * processing.threshold)
         gate = Gate(spot.pixel(farthest, sine, cosine) - 1.0, spot.pixel(nearest, sine, cosine) + 1.0, level)
     return spot_pixel(line, away, Limits((least, steepness), dimmest, flank, origin), gate)
 
 
-def _summed(around: Around) -> tuple[Any, Any]:
+def _summed(around: Around) -> tuple[Float, Float]:
     """Return the charge around the brightest pixel, and its variance by noise and by the light beneath it.
 
     An edge of the background beneath or beside the peak bends it away from the straight baseline. The outermost pixels,
@@ -214,16 +216,16 @@ def _summed(around: Around) -> tuple[Any, Any]:
     wrong by up to h, h/√3 rms.
     """
     total, variance, pixels = auto.Float(0.0), auto.Float(0.0), auto.Float(0.0)
-    for step in range(-_SUMMED, _SUMMED + 1):
+    for step in range(-_SIGNAL_PIXELS, _SIGNAL_PIXELS + 1):
         inside, (charge, noise) = around.inside(step), around(step)
         total += dr.select(inside, charge, 0.0)
         variance += dr.select(inside, noise, 0.0)
         pixels += dr.select(inside, 1.0, 0.0)
     baseline = around.baseline
-    (left, left_noise), (right, right_noise) = (around(step) for step in (-_SUMMED, _SUMMED))
+    (left, left_noise), (right, right_noise) = (around(step) for step in (-_SIGNAL_PIXELS, _SIGNAL_PIXELS))
     chance = 0.25 * (left_noise + right_noise) + baseline.level_variance
     whole = dr.minimum(0.5 * dr.abs(left + right), dr.abs(baseline.level))
-    apart = 0.5 * (right - left) + _SUMMED * baseline.slope
+    apart = 0.5 * (right - left) + _SIGNAL_PIXELS * baseline.slope
     beneath = baseline.level_variance + dr.maximum(dr.square(whole) - EVEN * chance, 0.0)
     beneath += dr.maximum(dr.square(apart) - EVEN * chance, 0.0) / 3.0
     return total, variance + dr.square(pixels) * beneath

@@ -4,8 +4,8 @@ Without background the brightest pixel is. With it the light of the Sun decides:
 glints. The search then asks for a *contrast* that neither an edge nor a broad pedestal has: the weighted mean
 (1, 2, 1)/4 of three pixels less the brighter of the two sides, each the mean of three pixels beyond the spot's
 reach. An edge is as bright as its brighter side, so its contrast is zero wherever it lies. Peaks rank by
-their contrast over the noise of their brighter side. Sunlit struts and soft glints are hills broader than any spot:
-what has not fallen close to its sides just before them is left out.
+their contrast over the noise of their brighter side. Sunlit struts and soft glints are broader than any spot: a peak
+that is still well above its sides one pixel before them is left out.
 """
 
 from __future__ import annotations
@@ -18,18 +18,19 @@ import drjit.auto.ad as auto
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.signals.line.digital_line import Line
 
-_SEPARATE = 6
+_LEAST_SEPARATION = 6
 """Pixels beyond which a second maximum counts as a peak of its own."""
-_UNROLLED = 8
+_PIXELS_PER_TURN = 8
 """Pixels that one turn of a loop looks at."""
 _SIDE = 3
 """Pixels of each side whose mean is compared with a peak."""
-_REACH = 2.6
+_SIDE_SIGMAS = 2.6
 """Standard deviations of the widest spot that the sides keep away: there it has fallen to 3 %."""
-_EXPECTED = 1e5
-"""What a peak inside of the range gate has ahead of all outside of it, in the unit of the threshold."""
+_GATE_BONUS = 1e5
+"""Added to the level of peaks inside the range gate, so that they rank before all outside it."""
 _FLANK_NOISE = 3.0
 """Noise granted to the flanks of a peak, in standard deviations of a pixel."""
 _FARTHEST = 16
@@ -46,36 +47,36 @@ class StrongestPeak:
     stronger peak was left out as too bright for its range, ``broad`` where one was as too broad for a spot.
     """
 
-    pixel: Any
-    height: Any
-    level: Any
-    rival: Any
-    rival_level: Any
-    brightest: Any
-    refused: Any
-    broad: Any
+    pixel: Int32
+    height: Float
+    level: Float
+    rival: Float
+    rival_level: Float
+    brightest: Float
+    refused: Mask
+    broad: Mask
 
 
 def brightest_pixel(line: Line) -> StrongestPeak:
     """Return the brightest pixel of each line (the first of equals)."""
 
-    def compare(pixel: Any, best: Any, height: Any) -> tuple[Any, Any, Any]:
-        for step in range(_UNROLLED):
+    def compare(pixel: UInt32, best: UInt32, height: Float) -> tuple[UInt32, UInt32, Float]:
+        for step in range(_PIXELS_PER_TURN):
             here = dr.minimum(pixel + step, line.pixels - 1)
             charge = line.charge(here)
             higher = charge > height
             best, height = dr.select(higher, here, best), dr.select(higher, charge, height)
-        return pixel + _UNROLLED, best, height
+        return pixel + _PIXELS_PER_TURN, best, height
 
     start = (auto.UInt32(0), dr.zeros(auto.UInt32, line.shots), dr.full(auto.Float, -dr.inf, line.shots))
     _, best, height = dr.while_loop(start, lambda pixel, best, height: pixel < line.pixels, compare)
 
-    def compare_apart(pixel: Any, second: Any) -> tuple[Any, Any]:
-        for step in range(_UNROLLED):
+    def compare_apart(pixel: UInt32, second: Float) -> tuple[UInt32, Float]:
+        for step in range(_PIXELS_PER_TURN):
             here = dr.minimum(pixel + step, line.pixels - 1)
-            apart = dr.abs(auto.Int32(here) - auto.Int32(best)) > _SEPARATE
+            apart = dr.abs(auto.Int32(here) - auto.Int32(best)) > _LEAST_SEPARATION
             second = dr.select(apart, dr.maximum(second, line.charge(here)), second)
-        return pixel + _UNROLLED, second
+        return pixel + _PIXELS_PER_TURN, second
 
     start_apart = (auto.UInt32(0), dr.full(auto.Float, -dr.inf, line.shots))
     second = dr.while_loop(start_apart, lambda pixel, second: pixel < line.pixels, compare_apart)[1]
@@ -89,9 +90,9 @@ def brightest_pixel(line: Line) -> StrongestPeak:
 class Gate:
     """The pixels of a range gate, Dr.Jit floats: peaks between them that reach ``level`` go before all others."""
 
-    first: Any
-    last: Any
-    level: Any
+    first: Float
+    last: Float
+    level: Float
 
 
 @dataclass
@@ -104,17 +105,17 @@ class Limits:
     position.
     """
 
-    charge: tuple[Any, Any]
-    dimmest: Any
-    flank: tuple[Any, Any]
-    origin: Any
+    charge: tuple[Float, Float]
+    dimmest: Float
+    flank: tuple[Float, Float]
+    origin: Float
 
 
 def flank_limit(variances: NDArray[np.float64], away: int, origin: float) -> tuple[float, float]:
     """Return (a, b) for :class:`Limits` from the variance of the widest spot on each pixel [pixel²].
 
     For a Gaussian exp(−x²/2s²) centred on a pixel; a quarter more and a twentieth of the contrast are allowed for
-    a place between two pixels.
+    a position between two pixels.
     """
 
     def height(distance: int) -> NDArray[np.float64]:
@@ -123,14 +124,14 @@ def flank_limit(variances: NDArray[np.float64], away: int, origin: float) -> tup
     sides = sum(height(away + number) for number in range(_SIDE)) / _SIDE
     contrast = 0.5 * (1.0 + height(1)) - sides
     shares = 1.25 * (height(away - 1) - sides) / contrast + 0.05
-    place = np.arange(len(variances)) + origin
+    position = np.arange(len(variances)) + origin
     least = float(shares.min())
-    return least, float(((shares - least) / place**2).max())
+    return least, float(((shares - least) / position**2).max())
 
 
 def distance_of_sides(sigma: float) -> int:
     """Return the distance of the sides [pixel] from a peak; even, so that the loop meets pixels pair by pair."""
-    return min(2 * int(-(-_REACH * sigma // 2)), _FARTHEST)
+    return min(2 * int(-(-_SIDE_SIGMAS * sigma // 2)), _FARTHEST)
 
 
 def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> StrongestPeak:
@@ -155,7 +156,7 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Stro
     first, last = line.charge(auto.UInt32(0)), line.charge(auto.UInt32(line.pixels - 1))
     last_pair = (line.pixels - 1) // 2
 
-    def pair(pixel: Any) -> tuple[tuple[Any, Any], Any]:
+    def pair(pixel: UInt32) -> tuple[tuple[Float, Float], Float]:
         left, right, fullest = line.pair(2 * dr.minimum(pixel // 2, last_pair))
         charges = (
             dr.select(pixel < line.pixels, left, last),
@@ -169,25 +170,25 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Stro
         window, filled = [*window, *charges], dr.maximum(filled, fullest)
     full = line.known.full - line.known.dark
     zero = dr.zeros(auto.Float, line.shots)
-    nowhere = dr.full(auto.Int32, -2 * _SEPARATE, line.shots)
+    nowhere = dr.full(auto.Int32, -2 * _LEAST_SEPARATION, line.shots)
 
     def compare(
-        pixel: Any,
-        window: list[Any],
+        pixel: UInt32,
+        window: list[Float],
         best: list[Any],
         current: list[Any],
-        rival: list[Any],
-        brightest: Any,
-        too_bright: Any,
-        too_broad: Any,
+        rival: list[Float],
+        brightest: Float,
+        too_bright: Float,
+        too_broad: Float,
     ) -> tuple[Any, ...]:
         window = list(window)
-        for step in range(0, _UNROLLED, 2):
+        for step in range(0, _PIXELS_PER_TURN, 2):
             charges, fullest = pair(pixel + half + step)
             window += charges
             brightest = dr.maximum(brightest, fullest)
         sums = [window[k] + window[k + 1] + window[k + 2] for k in range(len(window) - 2)]
-        for step in range(_UNROLLED):
+        for step in range(_PIXELS_PER_TURN):
             here = auto.Int32(pixel) + step
             before, middle, after = window[step + half - 1 : step + half + 2]
             side = dr.maximum(sums[step], sums[step + half + away]) * (1.0 / _SIDE)
@@ -211,9 +212,18 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Stro
             top &= narrow
             if gate is not None:
                 expected = (auto.Float(here) >= gate.first) & (auto.Float(here) <= gate.last)
-                level += dr.select(expected & (level > gate.level), _EXPECTED, 0.0)
+                level += dr.select(expected & (level > gate.level), _GATE_BONUS, 0.0)
             best, current, rival = _rank(top, (here, level, contrast), best, current, rival)
-        return pixel + _UNROLLED, window[_UNROLLED:], best, current, rival, brightest, too_bright, too_broad
+        return (
+            pixel + _PIXELS_PER_TURN,
+            window[_PIXELS_PER_TURN:],
+            best,
+            current,
+            rival,
+            brightest,
+            too_bright,
+            too_broad,
+        )
 
     start = (
         auto.UInt32(0),
@@ -225,25 +235,25 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Stro
         zero,
         zero,
     )
-    best: Any
-    too_bright: Any
-    too_broad: Any
+    best: list[Any]
+    too_bright: Float
+    too_broad: Float
     _, _, best, current, rival, brightest, too_bright, too_broad = dr.while_loop(
         start, lambda pixel, *rest: pixel < line.pixels, compare
     )
-    never = (dr.full(auto.Int32, 2 * (line.pixels + _SEPARATE), line.shots), zero, zero)
+    never = (dr.full(auto.Int32, 2 * (line.pixels + _LEAST_SEPARATION), line.shots), zero, zero)
     best, _, rival = _rank(auto.Bool(True), never, best, current, rival)
-    peak: Any = dr.clip(best[0], 0, line.pixels - 1)
-    top: Any = peak
-    charge: Any = line.charge(peak)
-    mean: Any = 0.5 * charge
+    peak: Int32 = dr.clip(best[0], 0, line.pixels - 1)
+    top: Int32 = peak
+    charge: Float = line.charge(peak)
+    mean: Float = 0.5 * charge
     for step in (-1, 1):
         other = dr.clip(peak + step, 0, line.pixels - 1)
         beside = line.charge(other)
         mean += 0.25 * beside
         top, charge = dr.select(beside > charge, other, top), dr.maximum(beside, charge)
     if gate is not None:
-        rival[0] = dr.select(best[1] < _EXPECTED, rival[0], rival[0] - _EXPECTED)
+        rival[0] = dr.select(best[1] < _GATE_BONUS, rival[0], rival[0] - _GATE_BONUS)
     side = mean - best[2]
     level = (charge - side) * dr.rsqrt(dr.maximum(line.variance(top, side), 1e-12))
     return StrongestPeak(
@@ -252,14 +262,14 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Stro
 
 
 def _rank(
-    top: Any, new: tuple[Any, Any, Any], best: list[Any], current: list[Any], rival: list[Any]
-) -> tuple[list[Any], list[Any], list[Any]]:
+    top: Mask, new: tuple[Int32, Float, Float], best: list[Any], current: list[Any], rival: list[Float]
+) -> tuple[list[Any], list[Any], list[Float]]:
     """Take in a new maximum (pixel, level, contrast): maxima that are not separate make one peak.
 
-    The peak that is being passed is ``current``; when the next one begins, it takes its place among the best
-    and its rival.
+    The peak that is being passed is ``current``; when the next one begins, it is ranked
+    against the best and its rival.
     """
-    apart = top & (new[0] - current[0] > _SEPARATE)
+    apart = top & (new[0] - current[0] > _LEAST_SEPARATION)
     wins = apart & (current[1] > best[1])
     candidate = [dr.select(wins, best[k], current[k]) for k in (1, 2)]
     closer = apart & (candidate[0] > rival[0])

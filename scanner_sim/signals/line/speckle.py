@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 
-from scanner_sim.detector.packets import averaged, mode_edges
+from scanner_sim.detector.packets import dwell_average, mode_edges
+from scanner_sim.foundation.device_types import Float, Int32
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.signals.line.expected import ExpectedSpot
 
@@ -37,9 +37,9 @@ class ExpectedSpeckle:
 
     optics: Optics
     contrast: float
-    travel: tuple[Any, Any]
+    travel: tuple[Float, Float]
 
-    def about(self, spot: ExpectedSpot, centre: Any, sine: Any, cosine: Any) -> SpotSpeckle:
+    def about(self, spot: ExpectedSpot, centre: Int32, sine: Float, cosine: Float) -> SpotSpeckle:
         """Return the speckle of spots about pixels (Dr.Jit, shape (m,)) at deflections Θ given as sine and cosine."""
         pixel = dr.maximum(auto.Float(centre), 0.0)
         beam, spread = spot.variances(pixel, sine, cosine)
@@ -52,7 +52,7 @@ class ExpectedSpeckle:
             (dr.opaque(auto.Float, way) if isinstance(way, float) else way) * distance for way in self.travel
         )
         packets = packets_of(self.optics, beam, beam)
-        energy, others = packets.moving(*averaged(along, across, radius))
+        energy, others = packets.moving(*dwell_average(along, across, radius))
         whole = dr.opaque(auto.Float, self.contrast**2) * packets.energy
         return SpotSpeckle(self.optics, packets, whole * energy, whole * others, dr.sqrt(beam + spread))
 
@@ -67,22 +67,22 @@ class SpotSpeckle:
 
     optics: Optics
     packets: Packets
-    energy: Any
-    others: Any
-    sigma: Any
+    energy: Float
+    others: Float
+    sigma: Float
 
     @property
-    def single(self) -> Any:
+    def single(self) -> Float:
         """Relative variance V of the spot's charge that weights take as one of single pixels, V q m_i.
 
-        What pixels have in common, energy, place and width to first order, moves the fit's own parameters whatever its
-        weights. The modes beyond are r⁴ and less of the whole; where nothing blurs a packet (r = 1) each falls on one
-        pixel.
+        What pixels have in common, energy, position and width to first order, moves the fit's own parameters whatever
+        its weights. The modes beyond are r⁴ and less of the whole; where nothing blurs a packet (r = 1) each falls on
+        one pixel.
         """
         return self.others * dr.square(dr.square(self.packets.ratio))
 
-    def bend(self, apart: Any) -> Any:
-        """Return the variance of pixels ``apart`` from the spot's middle [pixel] by modes beyond energy and place.
+    def shape_variance(self, apart: Float) -> Float:
+        """Return the variance of pixels ``apart`` from the spot's middle [pixel] by modes beyond energy and position.
 
         Relative to the square of the spot's charge.
         """
@@ -92,7 +92,7 @@ class SpotSpeckle:
             (dr.square(one - other) for one, other in zip(high, low, strict=True)), auto.Float(0.0)
         )
 
-    def carried(self, slopes: dict[int, Any], charges: dict[int, Any], shift: Any) -> Any:
+    def propagated_variance(self, slopes: dict[int, Float], charges: dict[int, Float], shift: Float) -> Float:
         """Return the variance that the speckle gives a quantity.
 
         Parameters
@@ -103,7 +103,7 @@ class SpotSpeckle:
         charges
             The spot's charges there [electron].
         shift
-            Place of the spot from the brightest pixel's centre [pixel].
+            Position of the spot from the brightest pixel's centre [pixel].
         """
         steps = sorted(slopes)
         scale = math.sqrt(0.5) / self.sigma
@@ -121,5 +121,5 @@ class SpotSpeckle:
         others = sum((dr.square(total) for total in moved[1:]), auto.Float(0.0))
         return dr.square(whole) * (self.energy * dr.square(moved[0]) + self.others * others)
 
-    def _edges(self, apart: Any) -> list[Any]:
+    def _edges(self, apart: Float) -> list[Float]:
         return mode_edges(self.optics, self.packets.ratio, apart / self.packets.sigma)

@@ -5,7 +5,7 @@ variances. It must lie between those of the narrowest and the widest image of th
 included; where the light beside the peak differs from side to side, a doubt about the level beneath it is
 granted.
 
-*Shape.* The spot of the measured width, integrated over the pixels, is fitted to height and place; χ² is the sum
+*Shape.* The spot of the measured width, integrated over the pixels, is fitted to height and position; χ² is the sum
 of the squared residuals over the pixels' variances, to which a tolerance is added that grows with the height.
 Its limit is the quantile of the χ² distribution (Wilson, Hilferty, *PNAS* 17, 1931).
 
@@ -21,11 +21,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 
+from scanner_sim.foundation.device_types import Float, Int32, Mask
 from scanner_sim.signals.line.digital_line import Around
 from scanner_sim.signals.line.estimators import positive
 from scanner_sim.signals.line.expected import ExpectedSpot
@@ -34,11 +34,11 @@ from scanner_sim.signals.processing import Validation
 
 _MARGIN = 4.0
 """Standard deviations of a spot to each side that its shape is judged over."""
-_FARTHEST = 24
+_MOST_PIXELS = 24
 """Largest number of pixels to each side; wider spots are judged by their core."""
 _CURVATURE = 0.03
 """Relative error of the curvature 1/(s² + 1/12) of a spot integrated over pixels, from s = 0.35 pixel."""
-_BY_CHANCE = 3.0
+_NOISE_ALLOWANCE = 3.0
 """Mean square of the residuals, over their variance, that noise alone hardly exceeds."""
 _PIXEL = 1.0 / 12.0
 """Variance of a pixel's own width [pixel²]."""
@@ -53,29 +53,29 @@ class SpotFit:
     window is full.
     """
 
-    fits: Any
-    charge: Any
-    misfit: Any
-    saturated: Any
+    fits: Mask
+    charge: Float
+    misfit: Float
+    saturated: Mask
 
 
-def guard_pixels(spot: ExpectedSpot, centre: Any, sine: Any, cosine: Any) -> Any:
+def guard_pixels(spot: ExpectedSpot, centre: Int32, sine: Float, cosine: Float) -> Int32:
     """Return how many pixels to each side of its brightest one a spot covers, Dr.Jit signed."""
     beam, spread = spot.variances(auto.Float(centre), sine, cosine)
-    return auto.Int32(dr.clip(dr.ceil(_MARGIN * dr.sqrt(beam + spread)), 3.0, _FARTHEST))
+    return auto.Int32(dr.clip(dr.ceil(_MARGIN * dr.sqrt(beam + spread)), 3.0, _MOST_PIXELS))
 
 
 def farthest_pixel(spot: ExpectedSpot) -> int:
     """Return how many pixels to each side a spot covers at most, anywhere on the line."""
-    return min(math.ceil(_MARGIN * spot.largest_sigma) + 1, _FARTHEST)
+    return min(math.ceil(_MARGIN * spot.largest_sigma) + 1, _MOST_PIXELS)
 
 
 def judge_shape(
     around: Around,
     spot: ExpectedSpot,
-    guard: Any,
-    sine: Any,
-    cosine: Any,
+    guard: Int32,
+    sine: Float,
+    cosine: Float,
     settings: Validation,
     speckle: SpotSpeckle | None = None,
 ) -> SpotFit:
@@ -104,7 +104,7 @@ def judge_shape(
     low, high = (dr.opaque(auto.Float, limit**2) * beam + spread for limit in settings.beam_width)
     deviate = NormalDist().inv_cdf(1.0 - settings.false_alarm)
 
-    # Width and place from the logarithms of three pixels.
+    # Width and position from the logarithms of three pixels.
     three = [around(step) for step in (-1, 0, 1)]
     charges = [positive(charge, around.floor_sigma) for charge, _ in three]
     logarithms = [dr.log(charge) for charge in charges]
@@ -117,33 +117,35 @@ def judge_shape(
             step: weight / charge
             for step, weight, charge in zip((-1, 0, 1), (-1.0, 2.0, -1.0), charges, strict=True)
         }
-        noise += speckle.carried(slopes, dict(zip((-1, 0, 1), charges, strict=True)), auto.Float(0.0))
+        noise += speckle.propagated_variance(
+            slopes, dict(zip((-1, 0, 1), charges, strict=True)), auto.Float(0.0)
+        )
     slack = dr.opaque(auto.Float, deviate) * dr.sqrt(noise)
     slack += dr.abs(2.0 / charges[1] - 1.0 / charges[0] - 1.0 / charges[2]) * around.baseline.doubt
     fits = curvature - slack <= (1.0 + _CURVATURE) / (low + _PIXEL)
     fits &= curvature + slack >= (1.0 - _CURVATURE) / (high + _PIXEL)
-    place = dr.clip(0.5 * (logarithms[2] - logarithms[0]) / dr.maximum(curvature, 1e-3), -1.0, 1.0)
+    position = dr.clip(0.5 * (logarithms[2] - logarithms[0]) / dr.maximum(curvature, 1e-3), -1.0, 1.0)
     variance = dr.clip(dr.rcp(dr.maximum(curvature, 1e-3)) - _PIXEL, low, high)
 
     charge, residual, expected, chi_squared, freedom, saturated = _fit(
-        around, spot, guard, place, dr.sqrt(variance), dr.opaque(auto.Float, settings.tolerance), speckle
+        around, spot, guard, position, dr.sqrt(variance), dr.opaque(auto.Float, settings.tolerance), speckle
     )
     fits &= (charge > 0.0) & (chi_squared <= _quantile(freedom, dr.opaque(auto.Float, deviate)))
     height = dr.maximum(three[1][0], 1.0)
-    excess = dr.maximum(residual - _BY_CHANCE * expected, 0.0)
+    excess = dr.maximum(residual - _NOISE_ALLOWANCE * expected, 0.0)
     return SpotFit(fits, charge, dr.sqrt(excess) / height, saturated)
 
 
 def _fit(
     around: Around,
     spot: ExpectedSpot,
-    guard: Any,
-    place: Any,
-    sigma: Any,
-    tolerance: Any,
+    guard: Int32,
+    position: Float,
+    sigma: Float,
+    tolerance: Float,
     speckle: SpotSpeckle | None,
-) -> tuple[Any, ...]:
-    """Fit height and place by weighted least squares, linear about a first place.
+) -> tuple[Float, Float, Float, Float, Float, Mask]:
+    """Fit height and position by weighted least squares, linear about a first guess.
 
     Returns the spot's charge, the mean square of the residuals and of their variance, χ², its degrees of freedom,
     and whether a pixel is saturated.
@@ -151,15 +153,15 @@ def _fit(
     reach = farthest_pixel(spot)
     allowed = dr.square(tolerance * around(0)[0])
     scale = math.sqrt(0.5) / sigma
-    middle = 0.5 * (dr.erf((0.5 - place) * scale) + dr.erf((0.5 + place) * scale))
+    middle = 0.5 * (dr.erf((0.5 - position) * scale) + dr.erf((0.5 + position) * scale))
     whole = around(0)[0] / dr.maximum(middle, 0.05)
     pixels = []
     aa, ab, bb, fa, fb = (auto.Float(0.0) for _ in range(5))
     saturated = auto.Bool(False)
-    edge = (-reach - 0.5 - place) * scale
+    edge = (-reach - 0.5 - position) * scale
     below, density = dr.erf(edge), dr.exp(-dr.square(edge))
     for step in range(-reach, reach + 1):
-        edge = (step + 0.5 - place) * scale
+        edge = (step + 0.5 - position) * scale
         below_next, density_next = dr.erf(edge), dr.exp(-dr.square(edge))
         share = 0.5 * (below_next - below)
         moved = (density - density_next) * (scale / math.sqrt(math.pi))
@@ -167,7 +169,7 @@ def _fit(
         charge, variance = around(step)
         variance += around.baseline.level_variance
         if speckle is not None:
-            variance += speckle.bend(step - place) * dr.square(whole)
+            variance += speckle.shape_variance(step - position) * dr.square(whole)
         counts = around.inside(step) & (dr.abs(auto.Int32(step)) <= guard)
         weight = dr.select(counts, dr.rcp(variance + allowed), 0.0)
         saturated |= counts & around.full(step)
@@ -191,13 +193,13 @@ def _fit(
     return amount, squared / number, noise / number, chi_squared, number - 3.0, saturated
 
 
-def _quantile(freedom: Any, deviate: Any) -> Any:
+def _quantile(freedom: Float, deviate: Float) -> Float:
     """Return the quantile of χ² at a standard normal deviate (Wilson and Hilferty's approximation)."""
     spread = 2.0 / (9.0 * freedom)
     cube = 1.0 - spread + deviate * dr.sqrt(spread)
     return freedom * dr.square(cube) * cube
 
 
-def white_charge(spot: ExpectedSpot, pixel: Any, sine: Any, cosine: Any) -> Any:
+def white_charge(spot: ExpectedSpot, pixel: Float, sine: Float, cosine: Float) -> Float:
     """Return the charge of a spot [electron] on a white Lambertian surface that faces the scanner (eq 19)."""
     return dr.opaque(auto.Float, spot.white) / dr.square(spot.range(pixel, sine, cosine))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -14,6 +13,7 @@ from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode, Ph
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import Waveforms, record
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.signals.waveform.filter import SampledPulse
 
@@ -29,13 +29,13 @@ _HEIGHT = 0.3
 class _Sent:
     """Echoes of pulses that are sent through the receiver."""
 
-    share: Any
-    path: Any
-    spread: Any
-    reference: Any
+    share: Float
+    path: Float
+    spread: Float
+    reference: Float
 
 
-def bench_of(
+def noise_free_receiver(
     pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser
 ) -> tuple[Photodiode, Digitiser, float]:
     """Return the receiver without noise, a record that is long enough for one pulse, and its middle [sample]."""
@@ -72,9 +72,9 @@ def send(share: Array, truth: Array, pulse: Pulse, photodiode: Photodiode, digit
 
 def send_all_phases(
     pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, count: int
-) -> tuple[Waveforms, Array, Any]:
+) -> tuple[Waveforms, Array, UInt32]:
     """Record pulses at ``count`` phases within a sample; return records, true delays and peaks [sample]."""
-    silent, clock, middle = bench_of(pulse, photodiode, digitiser)
+    silent, clock, middle = noise_free_receiver(pulse, photodiode, digitiser)
     truth = middle + (np.arange(count) + 0.5) / count
     peak = peak_of(pulse, photodiode, digitiser) * pulse.pulse_energy * digitiser.rate
     share = np.full(count, _HEIGHT * photodiode.saturation / (peak * silent.amperes_per_watt))

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -21,6 +20,7 @@ from scanner_sim.detector.photodiode.noise_colour import correlation
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import Waveforms, quantisation_variance
+from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.optics.laser import Laser
@@ -38,7 +38,7 @@ from scanner_sim.signals.waveform.filter import (
 )
 from scanner_sim.signals.waveform.fit import PulseFit, TimingFilter, fit_gaussian, fit_weights
 from scanner_sim.signals.waveform.overlap import OverlapTest
-from scanner_sim.signals.waveform.search import FoundEcho, filtered, find_echoes
+from scanner_sim.signals.waveform.search import FoundEcho, filter_records, find_echoes
 from scanner_sim.signals.waveform.settings import PulseDetection
 
 _CLIPPED_LEVEL = 0.5
@@ -70,13 +70,13 @@ class Delays:
         Codes of :class:`Status`.
     """
 
-    sample: Any
-    fraction: Any
-    sigma: Any
-    signal: Any
-    snr: Any
-    echoes: Any
-    status: Any
+    sample: Int32
+    fraction: Float
+    sigma: Float
+    signal: Float
+    snr: Float
+    echoes: UInt32
+    status: UInt32
 
     def seconds(self, digitiser: Digitiser) -> NDArray[np.float64]:
         """Return the delays since the pulse [s] in double precision, by the nominal rate of the clock."""
@@ -159,19 +159,19 @@ class PulseDetector:
         """
         light = waveforms.background * dr.opaque(auto.Float, self.photodiode.light_variance)
         coloured = light + dr.opaque(auto.Float, self.noise.coloured)
-        line = filtered(waveforms, self.filter.search) if self.matched else waveforms.number
+        line = filter_records(waveforms, self.filter.search) if self.matched else waveforms.number
         threshold = self._threshold(coloured)
         found = find_echoes(waveforms, line, threshold, self.half, self.settings.echo)
         some = found.count > 0
         inside = (found.sample >= self.half) & (found.sample < waveforms.samples - 1 - self.half)
         good = some & inside
-        samples = self._around(waveforms, found.sample, good)
+        samples = self._samples_about(waveforms, found.sample, good)
         highest = samples[0]
         for value in samples[1:]:
             highest = dr.maximum(highest, value)
         clipped = good & (highest >= dr.opaque(auto.Float, self.full - 0.5))
-        sample, shift, variance, amplitude, whole = self._timed(waveforms, found, samples, coloured, good)
-        wide = good & ~clipped & self._overlapping(found, samples, coloured)
+        sample, shift, variance, amplitude, whole = self._time_echo(waveforms, found, samples, coloured, good)
+        wide = good & ~clipped & self._is_too_wide(found, samples, coloured)
         if math.isfinite(self.full):
             level = _CLIPPED_LEVEL * self.full
             edges = cross(waveforms, found.sample, dr.full(auto.Float, level, waveforms.shots), clipped)
@@ -208,14 +208,14 @@ class PulseDetector:
     @property
     def _dark_threshold(self) -> float:
         """Threshold of the searched line in the dark [digital number]."""
-        return self._rounded(self.threshold * math.sqrt(self.noise.coloured) / self.step)
+        return self._round_threshold(self.threshold * math.sqrt(self.noise.coloured) / self.step)
 
-    def _rounded(self, numbers: float) -> float:
+    def _round_threshold(self, numbers: float) -> float:
         # Between two digital numbers, so that what the converter rounds up to it would have passed it unrounded.
         rounds = self.photodiode.noise.quantisation
         return math.ceil(numbers + 0.5) - 0.5 if rounds else max(numbers, _LEAST_WHITE)
 
-    def _threshold(self, coloured: Any) -> Any:
+    def _threshold(self, coloured: Float) -> Float:
         """Return the threshold of the searched line [digital number] under each shot's background."""
         times = dr.opaque(auto.Float, self.threshold / self.step)
         if self.matched:
@@ -228,20 +228,20 @@ class PulseDetector:
         least = self.level if self.settings.timing == "leading_edge" else _LEAST_WHITE
         return dr.maximum(numbers, dr.opaque(auto.Float, least))
 
-    def _around(self, waveforms: Waveforms, peak: Any, good: Any) -> list[Any]:
-        place = dr.arange(auto.UInt32, waveforms.shots)
+    def _samples_about(self, waveforms: Waveforms, peak: UInt32, good: Mask) -> list[Float]:
+        shot = dr.arange(auto.UInt32, waveforms.shots)
         return [
-            dr.gather(auto.Float, waveforms.number, waveforms.address(peak + step - self.half, place), good)
+            dr.gather(auto.Float, waveforms.number, waveforms.address(peak + step - self.half, shot), good)
             for step in range(2 * self.half + 1)
         ]
 
-    def _timed(
-        self, waveforms: Waveforms, found: FoundEcho, samples: list[Any], coloured: Any, good: Any
-    ) -> tuple[Any, Any, Any, Any, Any]:
+    def _time_echo(
+        self, waveforms: Waveforms, found: FoundEcho, samples: list[Float], coloured: Float, good: Mask
+    ) -> tuple[UInt32, Float, Float, Float, Mask]:
         """Return sample, shift and its variance [sample²], amplitude [digital number], and whether all went well."""
-        place, height = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
+        position, height = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
         if self.matched:
-            fit = self.timing.fit(samples, dr.clip(place - self.shape.summit, -1.0, 1.0))
+            fit = self.timing.fit(samples, dr.clip(position - self.shape.summit, -1.0, 1.0))
             if self.settings.timing == "gaussian_fit":
                 fit, _ = fit_gaussian(samples, fit, self._gaussian_width)
                 rows = dr.zeros(auto.UInt32, waveforms.shots)
@@ -252,7 +252,8 @@ class PulseDetector:
             current = dr.maximum(fit.amplitude, _LEAST_WHITE) * dr.opaque(auto.Float, self.step)
             shot = current * dr.opaque(auto.Float, self.noise.per_current)
             variance = terms[0] * coloured + terms[1] * self.noise.white + terms[2] * shot
-            sane = good & (fit.amplitude > 0.0) & (dr.abs(fit.shift) < self.half)
+            away: Float = dr.abs(fit.shift)
+            sane = good & (fit.amplitude > 0.0) & (away < self.half)
             return found.sample, shift, variance / dr.square(current), fit.amplitude, sane
         if self.settings.timing == "leading_edge":
             edges = cross(waveforms, found.sample, dr.full(auto.Float, self.level, waveforms.shots), good)
@@ -261,12 +262,12 @@ class PulseDetector:
             return edges.sample, shift, variance, height, edges.whole
         return self.edges.fraction_of(waveforms, found.sample, coloured, good)
 
-    def _overlapping(self, found: FoundEcho, samples: list[Any], coloured: Any) -> Any:
+    def _is_too_wide(self, found: FoundEcho, samples: list[Float], coloured: Float) -> Mask:
         """Tell which pulses are wider than a surface makes them."""
         if self.overlap is None:
             return auto.Bool(False)
-        place, _ = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
-        fit = self.timing.fit(samples, dr.clip(place - self.shape.summit, -1.0, 1.0))
+        position, _ = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
+        fit = self.timing.fit(samples, dr.clip(position - self.shape.summit, -1.0, 1.0))
         current = dr.maximum(fit.amplitude, _LEAST_WHITE) * dr.opaque(auto.Float, self.step)
         noise = coloured, auto.Float(self.noise.white), auto.Float(self.noise.per_current)
         return self.overlap(samples, fit, auto.Float(found.sample) + fit.shift, current, noise)
@@ -291,7 +292,7 @@ class PulseDetector:
         return math.sqrt(self.shape.response.variance + self.shape.variance)
 
     @cached_property
-    def _fit_moments(self) -> tuple[Any, Any, Any]:
+    def _fit_moments(self) -> tuple[Float, Float, Float]:
         moments: Moments = moments_of(
             fit_weights(self.half, self._gaussian_width), self.noise, self.shape, np.zeros(1)
         )
@@ -305,7 +306,7 @@ class PulseDetector:
     def _fit_offset(self) -> float:
         """Mean error of the Gaussian fit on this pulse [sample]: 0 for a Gaussian one."""
         waveforms, truth, top = send_all_phases(self.pulse, self.photodiode, self.digitiser, _CALIBRATION)
-        samples = self._around(waveforms, top, top >= 0)
+        samples = self._samples_about(waveforms, top, top >= 0)
         start = PulseFit(
             dr.zeros(auto.Float, truth.size), samples[self.half], dr.zeros(auto.UInt32, truth.size)
         )

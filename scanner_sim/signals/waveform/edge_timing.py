@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -14,30 +13,31 @@ import numpy as np
 from scanner_sim.detector.photodiode.noise_colour import correlation
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.photodiode.waveform import Waveforms
+from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.signals.waveform.calibration import send_all_phases
 from scanner_sim.signals.waveform.edges import Edges, EdgeTable, cross, edge_table
 from scanner_sim.signals.waveform.filter import Noise
 
-_NODES = 64
+_FRACTION_NODES = 64
 _PHASES = 256
 _LEAST_SLOPE = 1e-6
 
 
-def vertex(before: Any, top: Any, behind: Any) -> tuple[Any, Any]:
-    """Return place [sample] and height of the Gaussian through three samples: a parabola of their logarithms."""
+def vertex(before: Float, top: Float, behind: Float) -> tuple[Float, Float]:
+    """Return position [sample] and height of the Gaussian through three samples: a parabola of their logarithms."""
     least = dr.maximum(1e-3 * top, 1e-30)
     left, middle, right = (dr.log(dr.maximum(value, least)) for value in (before, top, behind))
-    bend = dr.maximum(2.0 * middle - left - right, 1e-6)
-    place = dr.clip(0.5 * (right - left) / bend, -1.0, 1.0)
-    return place, dr.exp(middle + 0.25 * (right - left) * place)
+    curvature = dr.maximum(2.0 * middle - left - right, 1e-6)
+    position = dr.clip(0.5 * (right - left) / curvature, -1.0, 1.0)
+    return position, dr.exp(middle + 0.25 * (right - left) * position)
 
 
-def three(waveforms: Waveforms, peak: Any, active: Any) -> tuple[Any, Any, Any]:
+def three_samples(waveforms: Waveforms, peak: UInt32, active: Mask) -> tuple[Float, Float, Float]:
     """Return the samples before, at and behind the peak of each record, shape (m,)."""
-    place = dr.arange(auto.UInt32, waveforms.shots)
+    shot = dr.arange(auto.UInt32, waveforms.shots)
     before, top, behind = (
-        dr.gather(auto.Float, waveforms.number, waveforms.address(peak + step - 1, place), active)
+        dr.gather(auto.Float, waveforms.number, waveforms.address(peak + step - 1, shot), active)
         for step in range(3)
     )
     return before, top, behind
@@ -77,7 +77,9 @@ class EdgeTiming:
         """Return the walk at a level [digital number]; it takes a second to compute."""
         return edge_table(self.pulse, self.photodiode, self.digitiser, level)
 
-    def leading(self, edges: Edges, table: EdgeTable | None, coloured: Any, level: float) -> tuple[Any, Any]:
+    def leading(
+        self, edges: Edges, table: EdgeTable | None, coloured: Float, level: float
+    ) -> tuple[Float, Float]:
         """Return the pulse's shift from the rising crossing's sample [sample] and its variance [sample²].
 
         Parameters
@@ -99,7 +101,9 @@ class EdgeTiming:
         variance = lead * dr.square(1.0 + walk.by_lead) + tail * dr.square(walk.by_tail)
         return edges.lead + walk.delay, variance + dr.square(walk.residual)
 
-    def fraction_of(self, waveforms: Waveforms, peak: Any, coloured: Any, active: Any) -> tuple[Any, ...]:
+    def fraction_of(
+        self, waveforms: Waveforms, peak: UInt32, coloured: Float, active: Mask
+    ) -> tuple[UInt32, Float, Float, Float, Mask]:
         """Time the crossing of a fraction of the peak.
 
         Returns
@@ -107,10 +111,10 @@ class EdgeTiming:
         tuple
             Sample, shift [sample] and its variance [sample²], height [digital number], and whether all went well.
         """
-        place, height = vertex(*three(waveforms, peak, active))
+        position, height = vertex(*three_samples(waveforms, peak, active))
         level = height * dr.opaque(auto.Float, self.fraction)
         edges = cross(waveforms, peak, level, active)
-        at = dr.clip(edges.lead, 0.0, 1.0) * (_NODES - 1.001)
+        at = dr.clip(edges.lead, 0.0, 1.0) * (_FRACTION_NODES - 1.001)
         first = auto.UInt32(at)
         left, right = (dr.gather(auto.Float, self._fraction_table, first + step) for step in (0, 1))
         shift = edges.lead + dr.fma(at - auto.Float(first), right - left, left)
@@ -118,30 +122,30 @@ class EdgeTiming:
         shot = self.noise.per_current * self.step * height
         crossing = self._variance(edges.lead, coloured, level, edges.high)
         top = coloured + shot + self.noise.white
-        apart = auto.Float(auto.Int32(peak) - auto.Int32(edges.sample)) + place - edges.lead
+        apart = auto.Float(auto.Int32(peak) - auto.Int32(edges.sample)) + position - edges.lead
         alike = dr.exp(-0.25 * dr.square(apart / max(self.noise.sigma, 1e-9)))
         together = alike * dr.sqrt((coloured + shot) * (coloured + shot * self.fraction))
         variance = crossing + self.fraction**2 * top - 2.0 * self.fraction * together
         variance = variance / dr.square(
             dr.maximum(edges.rise, _LEAST_SLOPE) * dr.opaque(auto.Float, self.step)
         )
-        stretch = 1.0 + (right - left) * (_NODES - 1)
+        stretch = 1.0 + (right - left) * (_FRACTION_NODES - 1)
         return edges.sample, shift, dr.maximum(variance, 0.0) * dr.square(stretch), height, edges.whole
 
     @cached_property
-    def _fraction_table(self) -> Any:
-        """Delay of the pulse behind its crossing of the fraction [sample], over the place between samples."""
+    def _fraction_table(self) -> Float:
+        """Delay of the pulse behind its crossing of the fraction [sample], over the position between samples."""
         waveforms, truth, top = send_all_phases(self.pulse, self.photodiode, self.digitiser, _PHASES)
-        _, height = vertex(*three(waveforms, top, top >= 0))
+        _, height = vertex(*three_samples(waveforms, top, top >= 0))
         edges = cross(waveforms, top, height * self.fraction, top >= 0)
         dr.eval(edges)
         lead = edges.lead.numpy().astype(np.float64)
         delay = truth - edges.sample.numpy() - lead
         order = np.argsort(lead)
-        nodes = np.linspace(0.0, 1.0, _NODES)
+        nodes = np.linspace(0.0, 1.0, _FRACTION_NODES)
         return auto.Float(np.interp(nodes, lead[order], delay[order], period=1.0).astype(np.float32))
 
-    def _variance(self, share: Any, coloured: Any, level: Any, upper: Any) -> Any:
+    def _variance(self, share: Float, coloured: Float, level: Float, upper: Float) -> Float:
         """Return the variance [A²] of the line between two samples, to which the upper one contributes a share.
 
         What the amplifier clips has no noise.
@@ -153,7 +157,7 @@ class EdgeTiming:
         both = dr.square(share) + dr.square(rest)
         return shot * (both + 2.0 * together * share * rest) + self.noise.white * both
 
-    def _crossing(self, share: Any, slope: Any, coloured: Any, level: Any, upper: Any) -> Any:
+    def _crossing(self, share: Float, slope: Float, coloured: Float, level: Float, upper: Float) -> Float:
         """Return the variance [sample²] of a level's crossing between two samples."""
         slope = dr.maximum(slope, _LEAST_SLOPE) * dr.opaque(auto.Float, self.step)
         return self._variance(share, coloured, level, upper) / dr.square(slope)

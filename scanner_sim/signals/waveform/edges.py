@@ -1,16 +1,16 @@
 """Edges of pulses: where a waveform crosses a level before and behind its peak, and what that tells of the delay.
 
 The crossing of a fixed level walks with the amplitude, and a straight line between samples is not the pulse. Both
-errors are functions of what is measured: the time above the level, and the place of the crossing between its samples.
-They are tabulated by sending noise-free pulses of all amplitudes and phases through the same receiver and the same
-crossing. The time above the level stays good where the amplifier saturates and the amplitude is lost (Amann et al.,
+errors are functions of what is measured: the time above the level, and the position of the crossing between its
+samples. They are tabulated by sending noise-free pulses of all amplitudes and phases through the same receiver and the
+same crossing. The time above the level stays good where the amplifier saturates and the amplitude is lost (Amann et
+al.,
 *Opt. Eng.* 40, 2001, on walk; Kilpelä, Pennala, Kostamovaara, *Rev. Sci. Instrum.* 72, 2001, on the pulse's length).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.photodiode.waveform import Waveforms
+from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.optics.pulse import Pulse
-from scanner_sim.signals.waveform.calibration import bench_of, peak_of, send
+from scanner_sim.signals.waveform.calibration import noise_free_receiver, peak_of, send
 
 Array = NDArray[np.float64]
 
@@ -40,18 +41,18 @@ class Edges:
     ``above`` the samples over the level beside the crossings; ``whole`` whether both were found.
     """
 
-    sample: Any
-    lead: Any
-    width: Any
-    rise: Any
-    fall: Any
-    tail: Any
-    high: Any
-    above: Any
-    whole: Any
+    sample: UInt32
+    lead: Float
+    width: Float
+    rise: Float
+    fall: Float
+    tail: Float
+    high: Float
+    above: Float
+    whole: Mask
 
 
-def cross(waveforms: Waveforms, peak: Any, level: Any, active: Any) -> Edges:
+def cross(waveforms: Waveforms, peak: UInt32, level: Float, active: Mask) -> Edges:
     """Walk from the peak of each record to where it crosses a level.
 
     Parameters
@@ -65,19 +66,21 @@ def cross(waveforms: Waveforms, peak: Any, level: Any, active: Any) -> Edges:
     active
         Records that are wanted.
     """
-    place = dr.arange(auto.UInt32, waveforms.shots)
+    shot = dr.arange(auto.UInt32, waveforms.shots)
     last = waveforms.samples - 1
 
-    def at(sample: Any) -> Any:
-        return dr.gather(auto.Float, waveforms.number, waveforms.address(sample, place), active)
+    def at(sample: UInt32) -> Float:
+        return dr.gather(auto.Float, waveforms.number, waveforms.address(sample, shot), active)
 
-    def walk(direction: int) -> tuple[Any, Any, Any]:
+    def walk(direction: int) -> tuple[UInt32, Float, Float]:
         end = 0 if direction < 0 else last
 
-        def beyond(sample: Any, value: Any, _: Any, steps: Any) -> Any:
+        def beyond(sample: UInt32, value: Float, _: Float, steps: UInt32) -> Mask:
             return active & (value >= level) & (sample != end) & (steps < _MAX_STEPS)
 
-        def step(sample: Any, value: Any, _: Any, steps: Any) -> Any:
+        def step(
+            sample: UInt32, value: Float, _: Float, steps: UInt32
+        ) -> tuple[UInt32, Float, Float, UInt32]:
             moved = auto.UInt32(auto.Int32(sample) + direction)
             return moved, at(moved), value, steps + 1
 
@@ -102,10 +105,10 @@ class Correction:
     ``by_lead`` is taken with the falling crossing held, ``by_tail`` with the rising one held.
     """
 
-    delay: Any
-    by_lead: Any
-    by_tail: Any
-    residual: Any
+    delay: Float
+    by_lead: Float
+    by_tail: Float
+    residual: Float
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,7 +136,7 @@ class EdgeTable:
     density: int
     delay: Array
     residual: Array
-    device: Any
+    device: Float
 
     def correction(self, edges: Edges) -> Correction:
         """Return the delay behind the rising crossing and how it changes."""
@@ -161,7 +164,7 @@ def edge_table(pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, level
     """Compute the table for a level [digital number]."""
     # Even steps of the width, for a Gaussian: it is 2σ√(2 ln(A/V)).
     ratios = np.exp(np.linspace(0.01, np.log(_LARGEST) ** 0.5, _AMPLITUDES) ** 2)
-    width, lead, delay = _sent(pulse, photodiode, digitiser, level, ratios, _PHASES, 0.0)
+    width, lead, delay = _send_pulses(pulse, photodiode, digitiser, level, ratios, _PHASES, 0.0)
     columns = np.linspace(0.0, 1.0, _FRACTIONS)
     order = np.argsort(lead, axis=1)
     width, lead, delay = (np.take_along_axis(values, order, axis=1) for values in (width, lead, delay))
@@ -181,12 +184,14 @@ def edge_table(pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, level
     # Louder pulses are wider: at each fraction the delay is a function of the width.
     falls = np.maximum.accumulate(widths, axis=0) + columns
     table = np.stack([np.interp(rows, falls[:, c], delays[:, c]) for c in range(_FRACTIONS)], axis=1)
-    perfect = _made(level, density, table, np.zeros(rows.size))
-    test = _sent(pulse, photodiode, digitiser, level, np.geomspace(1.013, _LARGEST / 1.1, 301), 37, 0.5)
-    return _made(level, density, table, _residual(perfect, *(values.ravel() for values in test)))
+    perfect = _make_table(level, density, table, np.zeros(rows.size))
+    test = _send_pulses(
+        pulse, photodiode, digitiser, level, np.geomspace(1.013, _LARGEST / 1.1, 301), 37, 0.5
+    )
+    return _make_table(level, density, table, _residual(perfect, *(values.ravel() for values in test)))
 
 
-def _made(level: float, density: int, delay: Array, residual: Array) -> EdgeTable:
+def _make_table(level: float, density: int, delay: Array, residual: Array) -> EdgeTable:
     both = np.concatenate([delay.ravel(), residual]).astype(np.float32)
     return EdgeTable(level, density, delay, residual, auto.Float(both))
 
@@ -210,7 +215,7 @@ def _residual(table: EdgeTable, width: Array, lead: Array, delay: Array) -> Arra
     return np.asarray(np.interp(np.arange(count), seen, np.sqrt(square[seen] / hits[seen])))
 
 
-def _sent(
+def _send_pulses(
     pulse: Pulse,
     photodiode: Photodiode,
     digitiser: Digitiser,
@@ -223,15 +228,15 @@ def _sent(
     amplitude, phase = (
         values.ravel() for values in np.meshgrid(ratios, (np.arange(phases) + offset) / phases)
     )
-    silent, clock, middle = bench_of(pulse, photodiode, digitiser)
+    silent, clock, middle = noise_free_receiver(pulse, photodiode, digitiser)
     truth = middle + phase
     peak = peak_of(pulse, photodiode, digitiser) * pulse.pulse_energy * digitiser.rate
     share = amplitude * level * clock.step(silent.saturation) / (peak * silent.amperes_per_watt)
     waveforms = send(share, truth, pulse, silent, clock)
     records = waveforms.records()
-    place = dr.arange(auto.UInt32, amplitude.size)
+    shot = dr.arange(auto.UInt32, amplitude.size)
     top = auto.UInt32(records.argmax(axis=1).astype(np.uint32))
-    edges = cross(waveforms, top, dr.full(auto.Float, level, amplitude.size), place >= 0)
+    edges = cross(waveforms, top, dr.full(auto.Float, level, amplitude.size), shot >= 0)
     dr.eval(edges)
     width, lead = (values.numpy().astype(np.float64) for values in (edges.width, edges.lead))
     delay = truth - edges.sample.numpy() - lead

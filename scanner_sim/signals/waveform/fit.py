@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.signals.waveform.filter import PHASES, MatchedFilter, Moments
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 3
-_FIT_ROUNDS = 8
-_TINY = 1e-20
+_NEWTON_STEPS = 3
+_GAUSS_NEWTON_STEPS = 8
+_NONZERO = 1e-20
 
 
 @dataclass
@@ -27,18 +27,18 @@ class PulseFit:
     the filter that it was found with.
     """
 
-    shift: Any
-    amplitude: Any
-    phase: Any
+    shift: Float
+    amplitude: Float
+    phase: UInt32
 
 
 @dataclass(frozen=True, eq=False)
 class TimingFilter:
     """A matched filter on the device."""
 
-    shift: Any
-    amplitude: Any
-    variance: tuple[Any, Any, Any]
+    shift: Float
+    amplitude: Float
+    variance: tuple[Float, Float, Float]
     taps: int
 
     @classmethod
@@ -50,7 +50,7 @@ class TimingFilter:
         ]
         return cls(flat[0], flat[1], (flat[2], flat[3], flat[4]), matched.shift.shape[1])
 
-    def fit(self, samples: list[Any], start: Any) -> PulseFit:
+    def fit(self, samples: list[Float], start: Float) -> PulseFit:
         """Maximise the likelihood of delay and amplitude by Newton's steps from ``start`` [sample].
 
         Parameters
@@ -61,18 +61,18 @@ class TimingFilter:
             First guess of the shift, shape (m,).
         """
         shift, amplitude, row = start, auto.Float(1.0), auto.UInt32(PHASES)
-        for _ in range(_ROUNDS):
+        for _ in range(_NEWTON_STEPS):
             row = auto.UInt32(dr.round(dr.clip(shift, -1.0, 1.0) * PHASES) + PHASES)
             beyond, amplitude = auto.Float(0.0), auto.Float(0.0)
             for tap, sample in enumerate(samples):
                 at = row * self.taps + tap
                 beyond = dr.fma(dr.gather(auto.Float, self.shift, at), sample, beyond)
                 amplitude = dr.fma(dr.gather(auto.Float, self.amplitude, at), sample, amplitude)
-            step = beyond / dr.maximum(amplitude, _TINY)
+            step = beyond / dr.maximum(amplitude, _NONZERO)
             shift = (auto.Float(row) - PHASES) / PHASES + dr.clip(step, -0.5, 0.5)
         return PulseFit(shift, amplitude, row)
 
-    def variances(self, row: Any) -> tuple[Any, Any, Any]:
+    def variances(self, row: UInt32) -> tuple[Float, Float, Float]:
         """Return the variance of the shift per coloured, white and shot variance over the amplitude's square."""
         coloured, white, shot = (dr.gather(auto.Float, values, row) for values in self.variance)
         return coloured, white, shot
@@ -83,8 +83,8 @@ def variance_terms(moments: Moments) -> tuple[Array, Array, Array]:
     return moments.coloured, moments.white, moments.shot
 
 
-def fit_gaussian(samples: list[Any], start: PulseFit, width: float) -> tuple[PulseFit, Any]:
-    """Fit a Gaussian of free height, place and width to the samples about each peak (Gauss–Newton least squares).
+def fit_gaussian(samples: list[Float], start: PulseFit, width: float) -> tuple[PulseFit, Float]:
+    """Fit a Gaussian of free height, position and width to the samples about each peak (Gauss–Newton least squares).
 
     (Wagner et al., *ISPRS J. Photogramm.* 60, 2006, on the Gaussian decomposition of waveforms.)
 
@@ -104,36 +104,40 @@ def fit_gaussian(samples: list[Any], start: PulseFit, width: float) -> tuple[Pul
     """
     half = len(samples) // 2
 
-    def round_of(number: Any, height: Any, place: Any, sigma: Any) -> Any:
-        sums: list[Any] = [auto.Float(0.0) for _ in range(9)]
+    def improve(
+        number: UInt32, height: Float, position: Float, sigma: Float
+    ) -> tuple[UInt32, Float, Float, Float]:
+        sums: list[Float] = [auto.Float(0.0) for _ in range(9)]
         for tap, sample in enumerate(samples):
-            away = (tap - half - place) / sigma
+            away = (tap - half - position) / sigma
             bell = dr.exp(-0.5 * dr.square(away))
             basis = (bell, bell * away, bell * dr.square(away))
             left = sample - height * bell
             products = [basis[i] * basis[j] for i in range(3) for j in range(i, 3)]
             products += [part * left for part in basis]
             sums = [total + product for total, product in zip(sums, products, strict=True)]
-        up, along, wider = _solved(sums)
-        safe = dr.maximum(height, _TINY)
+        up, along, wider = _solve(sums)
+        safe = dr.maximum(height, _NONZERO)
         return (
             number + 1,
             dr.maximum(height + up, 0.1 * height),
-            place + dr.clip(along / safe, -0.5, 0.5) * sigma,
+            position + dr.clip(along / safe, -0.5, 0.5) * sigma,
             sigma * (1.0 + dr.clip(wider / safe, -0.3, 0.3)),
         )
 
-    begin = (auto.UInt32(0), start.amplitude, start.shift, auto.Float(width) + 0.0 * start.shift)
-    _, height, place, sigma = dr.while_loop(begin, lambda number, *rest: number < _FIT_ROUNDS, round_of)
-    return PulseFit(place, height, start.phase), sigma
+    initial = (auto.UInt32(0), start.amplitude, start.shift, auto.Float(width) + 0.0 * start.shift)
+    _, height, position, sigma = dr.while_loop(
+        initial, lambda number, *rest: number < _GAUSS_NEWTON_STEPS, improve
+    )
+    return PulseFit(position, height, start.phase), sigma
 
 
-def _solved(sums: list[Any]) -> tuple[Any, Any, Any]:
+def _solve(sums: list[Float]) -> tuple[Float, Float, Float]:
     """Solve the symmetric 3 × 3 system of its six and three sums (Cramer's rule)."""
     a, b, c, d, e, f, x, y, z = sums
     first, second, third = d * f - e * e, c * e - b * f, b * e - c * d
     whole = a * first + b * second + c * third
-    whole = dr.select(dr.abs(whole) < _TINY, _TINY, whole)
+    whole = dr.select(dr.abs(whole) < _NONZERO, _NONZERO, whole)
     middle, corner, last = a * f - c * c, b * c - a * e, a * d - b * b
     return (
         (first * x + second * y + third * z) / whole,

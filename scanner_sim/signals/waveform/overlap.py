@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -23,21 +22,22 @@ from scipy.stats import norm
 from scanner_sim.detector.photodiode.photodiode import Digitiser
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.device_types import Float, Mask
 from scanner_sim.optics.laser import Laser
 from scanner_sim.signals.waveform.filter import PHASES, Moments, Noise, SampledPulse, moments_of
 from scanner_sim.signals.waveform.fit import PulseFit
 
 Array = NDArray[np.float64]
 
-_CHANCE = 1e-4
+_FALSE_ALARM = 1e-4
 """Probability that noise makes a pulse of one surface look like two."""
-_KNOWN = 0.01
+_WIDTH_UNCERTAINTY = 0.01
 """Relative error with which the variance of the instrument's own pulse is known."""
 _STEEPEST = math.tan(math.radians(80.0))
 """Slope of the steepest surface whose stretched pulses pass."""
 _CHANGE = 0.02
 """Relative change of the variance by which the derivative is taken."""
-_TINY = 1e-20
+_NONZERO = 1e-20
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,8 +48,8 @@ class OverlapTest:
     the pulse itself may be off by [sample²]; ``laser`` and ``digitiser`` of the instrument.
     """
 
-    taps: Any
-    variance: tuple[Any, Any, Any]
+    taps: Float
+    variance: tuple[Float, Float, Float]
     count: int
     known: float
     laser: Laser
@@ -64,11 +64,23 @@ class OverlapTest:
             for values in (weights, moments.coloured, moments.white, moments.shot)
         ]
         whole = response.variance + noise.sigma**2
-        return cls(flat[0], (flat[1], flat[2], flat[3]), weights.shape[1], _KNOWN * whole, laser, digitiser)
+        return cls(
+            flat[0],
+            (flat[1], flat[2], flat[3]),
+            weights.shape[1],
+            _WIDTH_UNCERTAINTY * whole,
+            laser,
+            digitiser,
+        )
 
     def __call__(
-        self, samples: list[Any], fit: PulseFit, place: Any, current: Any, noise: tuple[Any, Any, Any]
-    ) -> Any:
+        self,
+        samples: list[Float],
+        fit: PulseFit,
+        delay: Float,
+        current: Float,
+        noise: tuple[Float, Float, Float],
+    ) -> Mask:
         """Tell which pulses are too wide, Dr.Jit, shape (m,).
 
         Parameters
@@ -77,7 +89,7 @@ class OverlapTest:
             The samples about each peak [digital number], 2K + 1 arrays of shape (m,).
         fit
             The pulse fitted to them.
-        place
+        delay
             Delay of the pulse from the record's start [sample].
         current
             Its amplitude [A].
@@ -87,17 +99,21 @@ class OverlapTest:
         wider = auto.Float(0.0)
         for tap, sample in enumerate(samples):
             wider = dr.fma(dr.gather(auto.Float, self.taps, fit.phase * self.count + tap), sample, wider)
-        wider = wider / dr.maximum(fit.amplitude, _TINY)
+        wider = wider / dr.maximum(fit.amplitude, _NONZERO)
         coloured, white, shot = (dr.gather(auto.Float, values, fit.phase) for values in self.variance)
         variance = coloured * noise[0] + white * noise[1] + shot * noise[2] * current
-        chance = dr.sqrt(dr.maximum(variance, 0.0)) / dr.maximum(current, _TINY)
-        limit = float(norm.isf(_CHANCE)) * chance + dr.opaque(auto.Float, self.known) + self._stretched(place)
+        chance = dr.sqrt(dr.maximum(variance, 0.0)) / dr.maximum(current, _NONZERO)
+        limit = (
+            float(norm.isf(_FALSE_ALARM)) * chance
+            + dr.opaque(auto.Float, self.known)
+            + self._largest_stretch(delay)
+        )
         return (fit.amplitude > 0.0) & (wider > limit)
 
-    def _stretched(self, place: Any) -> Any:
+    def _largest_stretch(self, delay: Float) -> Float:
         """Return the variance [sample²] by which the steepest surface stretches a pulse of some delay."""
         clock, laser = self.digitiser, self.laser
-        seconds = place * dr.opaque(auto.Float, 1.0 / clock.rate) + dr.opaque(auto.Float, clock.start)
+        seconds = delay * dr.opaque(auto.Float, 1.0 / clock.rate) + dr.opaque(auto.Float, clock.start)
         away = seconds * (0.5 * SPEED_OF_LIGHT) - dr.opaque(auto.Float, laser.waist_distance)
         twist = away / dr.opaque(auto.Float, laser.rayleigh_length)
         waist = dr.opaque(auto.Float, laser.waist_radius * _STEEPEST / SPEED_OF_LIGHT * clock.rate)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.detector.photodiode.waveform import BLOCK, Waveforms, quad_lanes
+from scanner_sim.foundation.device_types import Float, Mask, UInt32
 
 _VALLEY = 0.1
 """Share of a peak by which the line must fall behind it before another may rise."""
@@ -24,12 +25,12 @@ class FoundEcho:
     ``sample`` of its peak, ``height`` of the line there, ``count`` of echoes in the record: 0 where there is none.
     """
 
-    sample: Any
-    height: Any
-    count: Any
+    sample: UInt32
+    height: Float
+    count: UInt32
 
 
-def filtered(waveforms: Waveforms, taps: NDArray[np.float64]) -> Any:
+def filter_records(waveforms: Waveforms, taps: NDArray[np.float64]) -> Float:
     """Return Σ_j taps_j x_(k + j − K) of every record, in the order of :meth:`Waveforms.address`.
 
     Parameters
@@ -64,8 +65,8 @@ def filtered(waveforms: Waveforms, taps: NDArray[np.float64]) -> Any:
 
 def find_echoes(
     waveforms: Waveforms,
-    line: Any,
-    threshold: Any,
+    line: Float,
+    threshold: Float,
     ends: int,
     wanted: Literal["first", "last", "strongest"],
 ) -> FoundEcho:
@@ -88,16 +89,18 @@ def find_echoes(
         Which echo is returned.
     """
     quads = waveforms.samples // 4
-    place = dr.arange(auto.UInt32, waveforms.shots)
-    base = place // BLOCK * quads * BLOCK + place % BLOCK
+    shot = dr.arange(auto.UInt32, waveforms.shots)
+    base = shot // BLOCK * quads * BLOCK + shot % BLOCK
     first, last = ends, waveforms.samples - ends
-    choose: Callable[..., Any] = {
+    choose: Callable[[UInt32, Float, Float], Mask] = {
         "first": lambda count, high, best: count == 0,
         "last": lambda count, high, best: auto.Bool(True),
         "strongest": lambda count, high, best: high > best,
     }[wanted]
 
-    def step(quad: Any, rising: Any, extreme: Any, at: Any, count: Any, sample: Any, height: Any) -> Any:
+    def step(
+        quad: UInt32, rising: Mask, extreme: Float, at: UInt32, count: UInt32, sample: UInt32, height: Float
+    ) -> tuple[UInt32, Mask, Float, UInt32, UInt32, UInt32, Float]:
         four = dr.gather(auto.Array4f, line, base + quad * BLOCK)
         for side in range(4):
             k = 4 * quad + side
