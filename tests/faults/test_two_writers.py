@@ -20,9 +20,9 @@ from scanner_sim.products.files.folder import claim_folder
 CLAIMS = """
 import sys
 from pathlib import Path
-from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.folder import claim_folder
 from scanner_sim.products.files.contents import RUN
-with claimed(Path(sys.argv[1]), False, RUN):
+with claim_folder(Path(sys.argv[1]), False, RUN):
     print("mine", flush=True)
     sys.stdin.read()
 """
@@ -31,9 +31,9 @@ WRITES = """
 import sys
 from pathlib import Path
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.products.files.folder import Kind, write_folder
+from scanner_sim.products.files.folder import ResultFolder, write_folder
 from scanner_sim.products.files.exchange import exchange
-kind, who = Kind("mark", ("mark", "other")), sys.argv[2]
+kind, who = ResultFolder("mark", ("mark", "other")), sys.argv[2]
 writers = {name: lambda path: path.write_text(who) for name in kind.files}
 print("ready", flush=True)
 sys.stdin.readline()
