@@ -198,6 +198,7 @@ def test_show_draws_the_background_as_the_run_did(tmp_path: Path) -> None:
     assert drawn == (tmp_path / "out" / "background.png").read_bytes()
 
 
+@pytest.mark.slow
 def test_without_pictures_there_is_no_photograph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The photograph costs as much as the scan: it is not even taken."""
     monkeypatch.setattr(
