@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.device_types import Float, UInt32, Vector4f
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.render.shots import drawn_errors
+from scanner_sim.render.shots import draw_errors
 
 Array = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def reading_noise(shot: NDArray[np.uint32], mirrors: Mirrors, seed: int) -> tupl
     the angles.
     """
     number = auto.UInt32(shot)
-    seen = drawn_errors(number, [], mirrors, seed)[1]
+    seen = draw_errors(number, [], mirrors, seed)[1]
     drawn = reading_normals(number, seed)
     dr.eval(seen, drawn)
     theta, phi = (

@@ -27,7 +27,7 @@ COARSE = math.pi / (2.0 * math.sqrt(2.0))
 
 
 class SurfacePoints(Protocol):
-    """Where m beams meet their surfaces: see :class:`~scanner_sim.render.beam.surface_places.SurfacePlaces`."""
+    """Where m beams meet their surfaces: see :class:`~scanner_sim.render.beam.surface_positions.SurfacePositions`."""
 
     point: Vector3f
     along: Vector3f

@@ -37,3 +37,11 @@ Spectrum: TypeAlias = Any
 """Reflectance, radiance or importance at the one wavelength of the variant."""
 Local: TypeAlias = Any
 """A small array of each lane's own, :class:`drjit.Local`."""
+SurfaceInteraction3f: TypeAlias = Any
+"""Where rays meet surfaces, :class:`mitsuba.SurfaceInteraction3f`."""
+Ray3f: TypeAlias = Any
+"""Rays, :class:`mitsuba.Ray3f`."""
+Shape: TypeAlias = Any
+"""A shape of a scene, :class:`mitsuba.Shape`."""
+BSDF: TypeAlias = Any
+"""What a surface makes of light, :class:`mitsuba.BSDF`."""

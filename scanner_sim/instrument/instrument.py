@@ -38,7 +38,7 @@ from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.background.view import panorama_view
 from scanner_sim.render.beam.light import Light, Truth, render_light
-from scanner_sim.render.beam.surface_places import surface_places
+from scanner_sim.render.beam.surface_positions import surface_positions
 from scanner_sim.render.device import activate
 from scanner_sim.render.incident import Incident, Throughput
 from scanner_sim.render.libraries import DeviceChoice
@@ -214,7 +214,7 @@ class Instrument:
             return None
         return line_speckle(
             light.clusters,
-            surface_places(self.loaded, self.optics, shots, truth),
+            surface_positions(self.loaded, self.optics, shots, truth),
             self.speckle,
             self.optics.receiver.focal_length / self.optics.pitch,
             self.travel(shots),
@@ -279,7 +279,7 @@ class Instrument:
             laser[group.index] = budget.laser.numpy()
             window[group.index] = budget.background.numpy()
             error[group.index] = budget.background_error.numpy()
-            background_peak[group.index] = budget.brightest.numpy()
+            background_peak[group.index] = budget.background_peak.numpy()
             status[group.index] = peaks.status.numpy()
         ranges = self.ranges(peak, sigma_peak, status, deflections)
         layers = self.line_layers(peak, sigma_peak, signal, snr, laser, window, error, background_peak)

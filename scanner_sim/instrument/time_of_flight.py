@@ -35,8 +35,8 @@ from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.beam.echo_clusters import Echoes, PhotodiodeView
 from scanner_sim.render.beam.echoes import render_echoes
 from scanner_sim.render.beam.light import Truth
-from scanner_sim.render.beam.surface_places import coherence_of, surface_places
-from scanner_sim.render.field_of_view import Field, field_light, field_panorama, in_parts
+from scanner_sim.render.beam.surface_positions import coherence_of, surface_positions
+from scanner_sim.render.field_of_view import Field, batches_of_echoes, field_light, field_panorama
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.raster import RasterScan
@@ -206,7 +206,7 @@ class TimeOfFlight:
         detector = self.detector if detector is None else detector
 
         def groups() -> Iterator[EchoGroup]:
-            for part, own in in_parts(echoes, light, max(1, _SAMPLES_TOGETHER // clock.samples)):
+            for part, own in batches_of_echoes(echoes, light, max(1, _SAMPLES_TOGETHER // clock.samples)):
                 waveforms = record(part, part.shot, unit.pulse, diode, clock, scenario.seed, own)
                 yield EchoGroup(part.index.numpy(), waveforms, detector.detect(waveforms))
 
@@ -217,7 +217,7 @@ class TimeOfFlight:
         scanner = self.scenario.scanner
         speckled: Echoes = echo_speckle(
             echoes,
-            surface_places(self.loaded, self.optics, shots, truth),
+            surface_positions(self.loaded, self.optics, shots, truth),
             coherence_of(self.loaded, truth),
             scanner.receiver.aperture / scanner.laser.wavelength,
             self.scenario.seed,

@@ -138,15 +138,16 @@ def _listed(direction: ArrayLike) -> list[float]:
     return [float(entry) for entry in np.ravel(direction)]
 
 
-def _lit_scene(loaded: LoadedScene, sky: dict[str, Any]) -> Any:
+def _lit_scene(loaded: LoadedScene, sky: dict[str, Any]) -> mi.Scene:
     """Return the scene's shapes under the sky."""
     register_orbit_sky()
     shapes = {f"shape_{number}": shape for number, shape in enumerate(loaded.mitsuba.shapes())}
-    return built({"type": "scene", "sky": sky, **shapes})
+    scene: mi.Scene = built({"type": "scene", "sky": sky, **shapes})
+    return scene
 
 
 def _trace(
-    scene: Any,
+    scene: mi.Scene,
     camera: Camera,
     shape: tuple[int, int],
     lower: tuple[float, float],
@@ -170,9 +171,9 @@ def _trace(
         sampler.seed(seed + 0x9E3779B1 * turn & 0xFFFFFFFF, count * samples)
         pixel = dr.arange(mi.UInt32, count * samples) // samples + dr.opaque(mi.UInt32, start)
         row = pixel // columns
-        place, column = sampler.next_2d(), pixel - row * columns
-        x = dr.opaque(mi.Float, lower[0]) + (mi.Float(column) + place.x) * dr.opaque(mi.Float, step[0])
-        y = dr.opaque(mi.Float, lower[1]) + (mi.Float(row) + place.y) * dr.opaque(mi.Float, step[1])
+        jitter, column = sampler.next_2d(), pixel - row * columns
+        x = dr.opaque(mi.Float, lower[0]) + (mi.Float(column) + jitter.x) * dr.opaque(mi.Float, step[0])
+        y = dr.opaque(mi.Float, lower[1]) + (mi.Float(row) + jitter.y) * dr.opaque(mi.Float, step[1])
         ray = mi.Ray3f(mi.Point3f(0.0), dr.normalize(mi.Vector3f(x, y, 1.0)))
         radiance = integrator.sample(scene, sampler, ray)[0][0]
         found[start : start + count] = (dr.block_sum(radiance, samples) / samples).numpy()

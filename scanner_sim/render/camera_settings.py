@@ -34,6 +34,6 @@ class Camera(Part):
     gamma: Number = Field(default=2.2, ge=1.0, le=3.0)
     """Exponent by which a screen undoes the picture's curve."""
     glare: Ratio = Field(default=0.01, ge=0.0, le=0.5)
-    """Share of the light that lens and sensor strew around bright places."""
+    """Share of the light that lens and sensor scatter around bright areas."""
     albedo: Ratio = Field(default=0.3, ge=0.0, le=1.0)
     """Albedo of the Earth in visible light."""

@@ -10,13 +10,13 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import SkyLight
@@ -29,7 +29,7 @@ from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.files.loader import LoadedScene
 
 _BINS = 8
-"""Bins of the panorama across the field, at most a pixel of the line each, and places that are averaged."""
+"""Bins of the panorama across the field, at most a pixel of the line each, and positions that are averaged."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Field:
 
 def field_panorama(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     field: Field,
     sky: SkyLight,
     albedo: Albedo,
@@ -67,7 +67,7 @@ def field_panorama(
 
     Parameters
     ----------
-    loaded, bench, sky, albedo
+    loaded, layout, sky, albedo
         Scene, optics of the triangulation, Sun and Earth.
     field
         The photodiode's field.
@@ -78,7 +78,7 @@ def field_panorama(
     time
         When each row is looked at [s], shape (rows,).
     """
-    optics = field_optics(bench, field)
+    optics = field_optics(layout, field)
     step = optics.pitch / optics.receiver.focal_length
     margin = 0.5 * field.side + 2.0 * step
     first, last = (end - field.aside for end in scan.horizontal)
@@ -96,18 +96,18 @@ def field_panorama(
     )
 
 
-def field_optics(bench: OpticalLayout, field: Field) -> OpticalLayout:
+def field_optics(layout: OpticalLayout, field: Field) -> OpticalLayout:
     """Return the optics whose pixels would see what is averaged over a field: its bins, as high as the field."""
-    f = bench.receiver.focal_length
-    step = max(field.side / _BINS, bench.pitch / f)
+    f = layout.receiver.focal_length
+    step = max(field.side / _BINS, layout.pitch / f)
     # A lens on the laser's axis is no part that a scenario can hold, hence the copy that is not checked.
-    receiver = bench.receiver.model_copy(update={"baseline": field.baseline})
-    return dataclasses.replace(bench, receiver=receiver, pitch=step * f, height=field.side * f)
+    receiver = layout.receiver.model_copy(update={"baseline": field.baseline})
+    return dataclasses.replace(layout, receiver=receiver, pitch=step * f, height=field.side * f)
 
 
 def field_light(
     panorama: Panorama | None, field: Field, shots: Shots, columns: int, collected: tuple[float, float]
-) -> Any:
+) -> Float:
     """Return the light on the photodiode [W] of n shots, a Dr.Jit array of shape (n,).
 
     Parameters
@@ -130,19 +130,19 @@ def field_light(
     place_of_all = dr.arange(mi.UInt32, dr.width(shots.theta))
     row, power = panorama.view.row(shots, place_of_all, columns), mi.Float(0.0)
     for part in range(_BINS):
-        place = field.side * ((part + 0.5) / _BINS - 0.5) - field.aside
-        at = shots.theta + dr.opaque(mi.Float, place)
+        position = field.side * ((part + 0.5) / _BINS - 0.5) - field.aside
+        at = shots.theta + dr.opaque(mi.Float, position)
         for weight, layer in zip(weights, (panorama.in_band, panorama.out_of_band), strict=True):
             power = dr.fma(weight, panorama.look(layer, row, at), power)
     dr.eval(power)
     return power
 
 
-def in_parts(groups: Iterator[Echoes], light: Any, most: int) -> Iterator[tuple[Echoes, Any]]:
+def batches_of_echoes(groups: Iterator[Echoes], light: Float, most: int) -> Iterator[tuple[Echoes, UInt32]]:
     """Yield echoes in parts of no more than ``most`` shots, each with the background of its shots [W]."""
     for echoes in groups:
         count = dr.width(echoes.shot)
         for start in range(0, count, most):
-            places = dr.arange(mi.UInt32, start, min(start + most, count))
-            some = echoes if count <= most else echoes.part(places)
+            indices = dr.arange(mi.UInt32, start, min(start + most, count))
+            some = echoes if count <= most else echoes.part(indices)
             yield some, dr.gather(mi.Float, light, some.index)

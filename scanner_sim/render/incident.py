@@ -1,6 +1,6 @@
 """All the light on the line: the laser's through the filter, and the background.
 
-A pixel of area a at a place p of the sensor looks at the angle ψ = atan(p/f) to the lens's axis and collects
+A pixel of area a at a position p of the sensor looks at the angle ψ = atan(p/f) to the lens's axis and collects
 L A a cos⁴ψ / f² of a background of radiance L (Pedrotti, *Introduction to optics*, 3rd ed., ch. 5; on the axis this is
 eq 18). What passes the filter depends on ψ as well.
 """
@@ -10,13 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.view import WINDOW
 from scanner_sim.render.beam.light import Light
@@ -29,7 +29,7 @@ class Throughput:
 
     Parameters
     ----------
-    bench
+    layout
         The optics.
     pixels
         Number of pixels.
@@ -42,18 +42,18 @@ class Throughput:
 
     def __init__(
         self,
-        bench: OpticalLayout,
+        layout: OpticalLayout,
         pixels: int,
         laser: NDArray[np.float64],
         in_band: NDArray[np.float64],
         out_of_band: NDArray[np.float64],
     ) -> None:
-        receiver = bench.receiver
+        receiver = layout.receiver
         self.pixels = pixels
-        tangent = (bench.offset + (np.arange(pixels) + 0.5) * bench.pitch) / receiver.focal_length
-        gain = receiver.aperture_area * receiver.transmission * bench.filter_transmission
-        collected = gain * bench.pitch * bench.height / receiver.focal_length**2 / (1.0 + tangent**2) ** 2
-        self.window = WINDOW / bench.pitch
+        tangent = (layout.offset + (np.arange(pixels) + 0.5) * layout.pitch) / receiver.focal_length
+        gain = receiver.aperture_area * receiver.transmission * layout.filter_transmission
+        collected = gain * layout.pitch * layout.height / receiver.focal_length**2 / (1.0 + tangent**2) ** 2
+        self.window = WINDOW / layout.pitch
         self.laser = _table(laser)
         self.angle = _table(np.arctan(tangent))
         self.in_band = _table(collected * in_band)
@@ -66,14 +66,14 @@ class LinkBudget:
 
     ``laser`` is I_laser, the laser light that reaches the array (eq 19); ``background`` I_sun, that of Sun and Earth in
     a window of 200 µm about it (eq 18), or about the middle of the array where there is no laser light;
-    ``background_error`` the standard error of that from the finite number of paths; ``brightest`` the background on
-    the brightest pixel.
+    ``background_error`` the standard error of that from the finite number of paths; ``background_peak`` the background
+    on the brightest pixel.
     """
 
-    laser: Any
-    background: Any
-    background_error: Any
-    brightest: Any
+    laser: Float
+    background: Float
+    background_error: Float
+    background_peak: Float
 
 
 @dataclass
@@ -93,7 +93,7 @@ class Incident:
     panorama
         The background, or None in the dark.
     speckle
-        What multiplies the laser's light on (pixel, place), or None for light without speckle.
+        What multiplies the laser's light on (pixel, index of the shot), or None for light without speckle.
     """
 
     light: Light
@@ -101,44 +101,44 @@ class Incident:
     columns: int
     throughput: Throughput
     panorama: Panorama | None
-    speckle: Callable[[Any, Any], Any] | None = None
+    speckle: Callable[[UInt32, UInt32], Float] | None = None
 
-    def power(self, pixel: Any, place: Any) -> Any:
-        """Return the power [W] on pixels of the shots at some places, 0 to m − 1; Dr.Jit arrays of one shape."""
-        laser = self.light.power(pixel, place) * self._of(self.throughput.laser, pixel)
+    def power(self, pixel: UInt32, index: UInt32) -> Float:
+        """Return the power [W] on pixels of shots by their indices, 0 to m − 1; Dr.Jit arrays of one shape."""
+        laser = self.light.power(pixel, index) * self._at_pixel(self.throughput.laser, pixel)
         if self.speckle is not None:
-            laser *= self.speckle(pixel, place)
-        return laser if self.panorama is None else laser + self.background(pixel, place)
+            laser *= self.speckle(pixel, index)
+        return laser if self.panorama is None else laser + self.background(pixel, index)
 
-    def background(self, pixel: Any, place: Any) -> Any:
+    def background(self, pixel: UInt32, index: UInt32) -> Float:
         """Return the background's power [W] alone."""
         if self.panorama is None:
             return dr.zeros(mi.Float, dr.width(pixel))
         in_band, out_of_band = (
-            self._seen(layer, pixel, place) for layer in (self.panorama.in_band, self.panorama.out_of_band)
+            self._look_up(layer, pixel, index) for layer in (self.panorama.in_band, self.panorama.out_of_band)
         )
-        return in_band * self._of(self.throughput.in_band, pixel) + out_of_band * self._of(
+        return in_band * self._at_pixel(self.throughput.in_band, pixel) + out_of_band * self._at_pixel(
             self.throughput.out_of_band, pixel
         )
 
-    def line(self, place: int, *, background: bool = True) -> NDArray[np.float64]:
-        """Return the power [W] on every pixel of the shot at a place, or the laser's alone, shape (pixels,)."""
+    def line(self, index: int, *, background: bool = True) -> NDArray[np.float64]:
+        """Return the power [W] on every pixel of the shot with an index, or the laser's alone, shape (pixels,)."""
         pixel = dr.arange(mi.UInt32, self.throughput.pixels)
-        places = dr.full(mi.UInt32, place, self.throughput.pixels)
-        power = self.power(pixel, places) - (0.0 if background else self.background(pixel, places))
+        indices = dr.full(mi.UInt32, index, self.throughput.pixels)
+        power = self.power(pixel, indices) - (0.0 if background else self.background(pixel, indices))
         return np.asarray(power.numpy(), dtype=np.float64)
 
     def link_budget(self) -> LinkBudget:
         """Return the light of each shot as the paper counts it."""
-        clusters, place = self.light.clusters, dr.arange(mi.UInt32, dr.width(self.light.index))
+        clusters, index = self.light.clusters, dr.arange(mi.UInt32, dr.width(self.light.index))
         last = self.throughput.pixels - 1
         laser, moment = mi.Float(0.0), mi.Float(0.0)
         for number in range(clusters.count):
-            at = place + number * clusters.shots
+            at = index + number * clusters.shots
             position = dr.gather(mi.Float, clusters.position, at)
             nearest = mi.UInt32(dr.clip(dr.round(position), 0.0, last))
             on_array = (position > -0.5) & (position < last + 0.5)
-            amount = dr.gather(mi.Float, clusters.amount, at) * self._of(self.throughput.laser, nearest)
+            amount = dr.gather(mi.Float, clusters.amount, at) * self._at_pixel(self.throughput.laser, nearest)
             amount = dr.select(on_array, amount, 0.0)
             laser += amount
             moment += amount * position
@@ -151,43 +151,48 @@ class Incident:
             apart = dr.abs(pixel - centre)
             share = dr.clip(0.5 * self.throughput.window + 0.5 - apart, 0.0, 1.0)
             inside = (pixel >= 0.0) & (pixel <= last) & (share > 0.0)
-            index = mi.UInt32(dr.clip(pixel, 0.0, last))
-            window += dr.select(inside, share * self.background(index, place), 0.0)
-            gain += dr.select(inside, share * self._of(self.throughput.in_band, index), 0.0)
-            gain_out += dr.select(inside, share * self._of(self.throughput.out_of_band, index), 0.0)
-        error = self._error(mi.UInt32(dr.clip(dr.round(centre), 0.0, last)), place, gain, gain_out)
-        brightest = self._brightest(place)
-        dr.eval(laser, window, error, brightest)
-        return LinkBudget(laser, window, error, brightest)
+            nearest_pixel = mi.UInt32(dr.clip(pixel, 0.0, last))
+            window += dr.select(inside, share * self.background(nearest_pixel, index), 0.0)
+            gain += dr.select(inside, share * self._at_pixel(self.throughput.in_band, nearest_pixel), 0.0)
+            gain_out += dr.select(
+                inside, share * self._at_pixel(self.throughput.out_of_band, nearest_pixel), 0.0
+            )
+        error = self._error(mi.UInt32(dr.clip(dr.round(centre), 0.0, last)), index, gain, gain_out)
+        background_peak = self._background_peak(index)
+        dr.eval(laser, window, error, background_peak)
+        return LinkBudget(laser, window, error, background_peak)
 
-    def _error(self, middle: Any, place: Any, gain: Any, gain_out: Any) -> Any:
+    def _error(self, middle: UInt32, index: UInt32, gain: Float, gain_out: Float) -> Float:
         """Return the standard error [W] of the background in a window about a pixel; both bands err together."""
         if self.panorama is None:
-            return dr.zeros(mi.Float, dr.width(place))
-        return gain * self._seen(self.panorama.error, middle, place) + gain_out * self._seen(
-            self.panorama.error_out, middle, place
+            return dr.zeros(mi.Float, dr.width(index))
+        return gain * self._look_up(self.panorama.error, middle, index) + gain_out * self._look_up(
+            self.panorama.error_out, middle, index
         )
 
-    def _brightest(self, place: Any) -> Any:
+    def _background_peak(self, index: UInt32) -> Float:
         if self.panorama is None:
-            return dr.zeros(mi.Float, dr.width(place))
+            return dr.zeros(mi.Float, dr.width(index))
         return dr.while_loop(
-            (mi.UInt32(0), dr.zeros(mi.Float, dr.width(place))),
-            lambda pixel, brightest: pixel < self.throughput.pixels,
-            lambda pixel, brightest: (pixel + 1, dr.maximum(brightest, self.background(pixel, place))),
+            (mi.UInt32(0), dr.zeros(mi.Float, dr.width(index))),
+            lambda pixel, background_peak: pixel < self.throughput.pixels,
+            lambda pixel, background_peak: (
+                pixel + 1,
+                dr.maximum(background_peak, self.background(pixel, index)),
+            ),
         )[1]
 
-    def _seen(self, layer: Any, pixel: Any, place: Any) -> Any:
+    def _look_up(self, layer: Float, pixel: UInt32, index: UInt32) -> Float:
         """Return a layer of the panorama where pixels look."""
         assert self.panorama is not None
-        row = self.panorama.view.row(self.shots, place, self.columns)
-        angle = dr.gather(mi.Float, self.shots.theta, place) - self._of(self.throughput.angle, pixel)
+        row = self.panorama.view.row(self.shots, index, self.columns)
+        angle = dr.gather(mi.Float, self.shots.theta, index) - self._at_pixel(self.throughput.angle, pixel)
         return self.panorama.look(layer, row, angle)
 
     @staticmethod
-    def _of(table: Any, pixel: Any) -> Any:
+    def _at_pixel(table: Float, pixel: UInt32) -> Float:
         return dr.gather(mi.Float, table, pixel)
 
 
-def _table(values: NDArray[np.float64]) -> Any:
+def _table(values: NDArray[np.float64]) -> Float:
     return mi.Float(np.asarray(values, dtype=np.float32))

@@ -151,9 +151,9 @@ def _verified_version(path: Path) -> Version | None:
 def _candidates() -> Iterator[Path]:
     """Every file on this machine that looks like an LLVM shared library."""
     if sys.platform == "win32":
-        places = [Path(os.environ.get("PROGRAMFILES", "C:/Program Files"), "LLVM", "bin")]
-        places += [Path(entry) for entry in os.environ.get("PATH", "").split(os.pathsep) if entry]
-        yield from (place / "LLVM-C.dll" for place in places if (place / "LLVM-C.dll").is_file())
+        folders = [Path(os.environ.get("PROGRAMFILES", "C:/Program Files"), "LLVM", "bin")]
+        folders += [Path(entry) for entry in os.environ.get("PATH", "").split(os.pathsep) if entry]
+        yield from (folder / "LLVM-C.dll" for folder in folders if (folder / "LLVM-C.dll").is_file())
         return
     shared = re.compile(r"libLLVM(-\d[\d.]*)?\.(so|dylib)(\.\d[\d.]*)?|libLLVM\.\d[\d.]*\.dylib")
     if sys.platform == "darwin":

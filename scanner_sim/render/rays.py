@@ -1,6 +1,6 @@
 """Rays through a scene whose objects move, each ray at its own instant.
 
-A ray is carried into the frame of each moving object by the pose of that object at the ray's instant, and meets it
+A ray is transformed into the frame of each moving object by the pose of that object at the ray's instant, and meets it
 there; the nearest of all surfaces counts, and comes back into the scanner's frame:
 p = R p' + x, n = R n', t = t' (rigid motions keep lengths). Light takes 0.1 µs there and back, in which nothing moves.
 Where nothing moves the rays are the renderer's own.
@@ -16,37 +16,38 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_types import Mask, Ray3f, SurfaceInteraction3f, UInt32, Vector3f
 from scanner_sim.scene.files.loader import LoadedScene, Pose
 
-_BESIDE = 2.0**-19
-"""How far beside a surface a ray starts that leaves it, over its place's largest coordinate and 1 m: 16 roundings."""
+_START_OFFSET = 2.0**-19
+"""How far beside a surface a ray starts that leaves it, over its point's largest coordinate and 1 m: 16 roundings."""
 
 
 def at_time(loaded: LoadedScene, time: float) -> LoadedScene:
     """Return the scene at an instant [s]: for all rays alike."""
-    return posed(loaded, loaded.poses_at(time))
+    return pose_scene(loaded, loaded.poses_at(time))
 
 
-def posed(loaded: LoadedScene, poses: tuple[Pose, ...] | None) -> LoadedScene:
+def pose_scene(loaded: LoadedScene, poses: tuple[Pose, ...] | None) -> LoadedScene:
     """Return the scene with its moving objects at poses, one for each ray or one for all; None changes nothing."""
     return loaded if poses is None or not loaded.bodies else dataclasses.replace(loaded, poses=poses)
 
 
-def some_poses(poses: tuple[Pose, ...], index: Any) -> tuple[Pose, ...]:
-    """Return poses at some places."""
+def take_poses(poses: tuple[Pose, ...], index: UInt32) -> tuple[Pose, ...]:
+    """Return poses by their indices."""
     return tuple(pose.take(index) for pose in poses)
 
 
-def for_rows(loaded: LoadedScene, row: Any) -> LoadedScene:
+def for_rows(loaded: LoadedScene, row: UInt32) -> LoadedScene:
     """Return a scene with one pose for each row as one for the rays of some rows; a pose for all stays."""
     if all(dr.width(pose.place) == 1 for pose in loaded.poses):
         return loaded
-    return posed(loaded, some_poses(loaded.poses, row))
+    return pose_scene(loaded, take_poses(loaded.poses, row))
 
 
 def intersect(
-    loaded: LoadedScene, ray: Any, flags: Any = None, *, coherent: bool = False, active: Any = True
-) -> Any:
+    loaded: LoadedScene, ray: Ray3f, flags: int | None = None, *, coherent: bool = False, active: Mask = True
+) -> SurfaceInteraction3f:
     """Return what rays meet first, a ``mi.SurfaceInteraction3f`` in the scanner's frame.
 
     Parameters
@@ -66,9 +67,9 @@ def intersect(
     flags = mi.RayFlags.All if flags is None else flags
     nearest = loaded.mitsuba.ray_intersect(ray, flags, coherent=coherent, active=active)
     for body, pose in zip(loaded.bodies, loaded.poses, strict=True):
-        _apart(nearest)
-        si = body.mitsuba.ray_intersect(_carried(ray, pose), flags, coherent=coherent, active=active)
-        _apart(si)
+        _end_kernel(nearest)
+        si = body.mitsuba.ray_intersect(_to_object_frame(ray, pose), flags, coherent=coherent, active=active)
+        _end_kernel(si)
         nearer = si.t < nearest.t
         si.p = mi.Point3f(pose.rotation @ mi.Vector3f(si.p) + pose.place)
         si.n = mi.Normal3f(pose.rotation @ mi.Vector3f(si.n))
@@ -80,39 +81,41 @@ def intersect(
     return nearest
 
 
-def occluded(loaded: LoadedScene, ray: Any, *, coherent: bool = False, active: Any = True) -> Any:
+def is_occluded(loaded: LoadedScene, ray: Ray3f, *, coherent: bool = False, active: Mask = True) -> Mask:
     """Return whether rays meet anything, up to their ``maxt``; the parameters are those of :func:`intersect`."""
     hidden = loaded.mitsuba.ray_test(ray, coherent=coherent, active=active)
     for body, pose in zip(loaded.bodies, loaded.poses, strict=True):
-        _apart(hidden)
-        hidden |= body.mitsuba.ray_test(_carried(ray, pose), coherent=coherent, active=active & ~hidden)
-        _apart(hidden)
+        _end_kernel(hidden)
+        hidden |= body.mitsuba.ray_test(
+            _to_object_frame(ray, pose), coherent=coherent, active=active & ~hidden
+        )
+        _end_kernel(hidden)
     return hidden
 
 
-def leaving(si: Any, direction: Any) -> Any:
+def leaving_rays(si: SurfaceInteraction3f, direction: Vector3f) -> Ray3f:
     """Return rays that leave surfaces, ``mi.Ray3f``; ``direction`` of unit length.
 
-    They start beside the surface by a few roundings of its place, 20 µm at 10 m, so that they do not meet it again. The
+    They start beside the surface by a few roundings of its point, 20 µm at 10 m, so that they do not meet it again. The
     renderer's own start 1 mm away there, which takes 25 to 40 % of the light from one side of a crease of 170° to
     the other.
     """
     largest = dr.maximum(dr.maximum(dr.abs(si.p.x), dr.abs(si.p.y)), dr.abs(si.p.z))
-    away = _BESIDE * (1.0 + largest)
+    away = _START_OFFSET * (1.0 + largest)
     side = dr.select(dr.dot(si.n, direction) < 0.0, -away, away)
     return mi.Ray3f(dr.fma(si.n, side, si.p), direction)
 
 
-def _carried(ray: Any, pose: Pose) -> Any:
+def _to_object_frame(ray: Ray3f, pose: Pose) -> Ray3f:
     """Return rays in the frame of an object."""
     back = pose.rotation.T
-    carried = mi.Ray3f(ray)
-    carried.o = mi.Point3f(back @ (mi.Vector3f(ray.o) - pose.place))
-    carried.d = back @ ray.d
-    return carried
+    moved = mi.Ray3f(ray)
+    moved.o = mi.Point3f(back @ (mi.Vector3f(ray.o) - pose.place))
+    moved.d = back @ ray.d
+    return moved
 
 
-def _apart(found: Any) -> None:
+def _end_kernel(found: Any) -> None:
     """End the kernel on a GPU: one kernel of OptiX traces one scene only."""
     if dr.backend_v(mi.Float) == dr.JitBackend.CUDA:
         dr.eval(found)

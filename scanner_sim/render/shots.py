@@ -16,9 +16,10 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.render.rays import some_poses
+from scanner_sim.render.rays import take_poses
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scene.files.loader import Pose
 
@@ -35,12 +36,12 @@ class Shots:
     the middle of the dwell; None leaves them where the loaded scene has them.
     """
 
-    number: Any
-    theta: Any
-    phi: Any
-    travel_theta: Any = None
-    travel_phi: Any = None
-    synchronisation: Any = None
+    number: UInt32
+    theta: Float
+    phi: Float
+    travel_theta: Float = None
+    travel_phi: Float = None
+    synchronisation: Float = None
     poses: tuple[Pose, ...] | None = None
 
     def __post_init__(self) -> None:
@@ -50,18 +51,18 @@ class Shots:
                 setattr(self, name, dr.zeros(mi.Float, dr.width(self.theta)))
 
     @property
-    def ways(self) -> tuple[Any, Any]:
+    def ways(self) -> tuple[Float, Float]:
         """Angles by which each beam moves while the laser shines, along the line and across it: δΘ, cosΘ δφ [rad]."""
         return self.travel_theta, dr.cos(self.theta) * self.travel_phi
 
-    def take(self, index: Any) -> Shots:
-        """Return the shots at some places."""
+    def take(self, index: UInt32) -> Shots:
+        """Return some shots, by their indices."""
         angles = (self.theta, self.phi, self.travel_theta, self.travel_phi, self.synchronisation)
         theta, phi, travel_theta, travel_phi, synchronisation = (
             dr.gather(mi.Float, values, index) for values in angles
         )
         number = dr.gather(mi.UInt32, self.number, index)
-        poses = None if self.poses is None else some_poses(self.poses, index)
+        poses = None if self.poses is None else take_poses(self.poses, index)
         return Shots(number, theta, phi, travel_theta, travel_phi, synchronisation, poses)
 
 
@@ -103,18 +104,18 @@ def true_shots(
         The shots, and their errors. Jitter and synchronisation error are independent normal numbers for each axis and
         shot; wobble is :func:`wobble`; drift is :meth:`~scanner_sim.optics.deflection.Mirrors.drift`.
     """
-    number = _device(mi.UInt32, aim.shot)
+    number = _to_device(mi.UInt32, aim.shot)
     lattices = lattices_of(aim, mirrors)
-    random, shaft, synchronisation = drawn_errors(number, lattices, mirrors, seed)
+    random, shaft, synchronisation = draw_errors(number, lattices, mirrors, seed)
     dr.eval(number, random, shaft, synchronisation)
     still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
     errors = [np.asarray(random[axis].numpy(), dtype=np.float64) + still[axis] for axis in (0, 1)]
     shots = Shots(
         number,
-        _single(aim.theta + errors[0]),
-        _single(aim.phi + errors[1]),
-        _single(duty_cycle * aim.travel_theta),
-        _single(duty_cycle * aim.travel_phi),
+        _to_float(aim.theta + errors[0]),
+        _to_float(aim.phi + errors[1]),
+        _to_float(duty_cycle * aim.travel_theta),
+        _to_float(duty_cycle * aim.travel_phi),
         synchronisation,
         poses,
     )
@@ -122,9 +123,9 @@ def true_shots(
     return shots, Pointing(errors[0], errors[1], encoders[0], encoders[1])
 
 
-def drawn_errors(
-    number: Any, lattices: list[Lattice], mirrors: Mirrors, seed: int
-) -> tuple[list[Any], list[Any], Any]:
+def draw_errors(
+    number: UInt32, lattices: list[Lattice], mirrors: Mirrors, seed: int
+) -> tuple[list[Float], list[Float], Float]:
     """Return the random errors of shots: true deflections, what of them the encoders see, and the synchronisation.
 
     Parameters
@@ -158,27 +159,27 @@ def drawn_errors(
 class Lattice:
     """Where a mirror stands in the lattice of its wobble, Dr.Jit arrays of shape (n,).
 
-    ``angle`` and ``moment`` are the cells of deflection and time, ``angle_part`` and ``moment_part`` the places in
+    ``angle`` and ``moment`` are the cells of deflection and time, ``angle_part`` and ``moment_part`` the positions in
     them, 0 to 1.
     """
 
-    angle: Any
-    angle_part: Any
-    moment: Any
-    moment_part: Any
+    angle: UInt32
+    angle_part: Float
+    moment: UInt32
+    moment_part: Float
 
     @classmethod
     def of(cls, deflection: Array, time: Array, mirrors: Mirrors) -> Lattice:
-        """Return the places of a mirror at deflections [rad] and times since the start [s], shape (n,)."""
-        places: list[Any] = []
+        """Return the positions of a mirror at deflections [rad] and times since the start [s], shape (n,)."""
+        columns: list[Any] = []
         for values, spacing in ((deflection, mirrors.wobble_angle), (time, mirrors.wobble_time)):
-            cell, part = lattice_place(values, spacing)
-            places += [_device(mi.UInt32, cell), _single(part)]
-        return cls(*places)
+            cell, part = lattice_position(values, spacing)
+            columns += [_to_device(mi.UInt32, cell), _to_float(part)]
+        return cls(*columns)
 
 
-def lattice_place(values: Array, spacing: float) -> tuple[NDArray[np.uint32], Array]:
-    """Return the cells of a lattice in which values lie, and their places in them, 0 to 1."""
+def lattice_position(values: Array, spacing: float) -> tuple[NDArray[np.uint32], Array]:
+    """Return the cells of a lattice in which values lie, and their positions in them, 0 to 1."""
     at = values / spacing
     cell = np.floor(at)
     # Cells below 0 wrap round: 2³² of them are enough for any.
@@ -192,7 +193,7 @@ def lattices_of(aim: Aim, mirrors: Mirrors) -> list[Lattice]:
     return [Lattice.of(angle, aim.time, mirrors) for angle in (aim.theta, aim.phi)]
 
 
-def wobble(lattice: Lattice, mirrors: Mirrors, seed: int, mirror: int) -> Any:
+def wobble(lattice: Lattice, mirrors: Mirrors, seed: int, mirror: int) -> Float:
     """Return the cross-axis error of a mirror [rad], a Dr.Jit array of shape (n,).
 
     Independent normal numbers stand on a lattice over the mirror's deflection (spacing ``wobble_angle``) and time
@@ -204,30 +205,30 @@ def wobble(lattice: Lattice, mirrors: Mirrors, seed: int, mirror: int) -> Any:
     Parameters
     ----------
     lattice
-        The mirror's place in it.
+        The mirror's position in it.
     mirrors
         Size of the wobble.
     seed, mirror
         Address of the random numbers; mirror 0 deflects by Θ, mirror 1 by φ.
     """
-    places = []
+    nodes = []
     for first, part in ((lattice.angle, lattice.angle_part), (lattice.moment, lattice.moment_part)):
         step = 0.5 * dr.pi * dr.square(part) * (3.0 - 2.0 * part)
         sine, cosine = dr.sincos(step)
-        places.append(((first, cosine), (first + 1, sine)))
+        nodes.append(((first, cosine), (first + 1, sine)))
     total = mi.Float(0.0)
-    for angle, by_angle in places[0]:
-        for moment, by_time in places[1]:
+    for angle, by_angle in nodes[0]:
+        for moment, by_time in nodes[1]:
             drawn = generator(seed, Stream.WOBBLE, moment, angle).next_float32x4_normal()
             total += by_angle * by_time * drawn[mirror]
     return dr.opaque(mi.Float, mirrors.wobble) * total
 
 
-def _single(values: Array) -> Any:
-    return _device(mi.Float, values.astype(np.float32))
+def _to_float(values: Array) -> Float:
+    return _to_device(mi.Float, values.astype(np.float32))
 
 
-def _device(kind: Any, values: NDArray[Any]) -> Any:
+def _to_device(kind: Any, values: NDArray[Any]) -> Any:
     """Return a copy of values on the device.
 
     Dr.Jit takes NumPy's memory as it lies, and compiles a kernel for each alignment of what it reads: here a small one.

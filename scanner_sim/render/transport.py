@@ -20,17 +20,18 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from scanner_sim.foundation.device_types import Float, Mask, SurfaceInteraction3f, UInt32, Vector3f
 from scanner_sim.optics.deflection import Frame, deflected_frame
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.render.beam.beamlets import Beamlets
-from scanner_sim.render.rays import intersect, occluded, posed
+from scanner_sim.render.rays import intersect, is_occluded, pose_scene
 from scanner_sim.render.shots import Shots
 from scanner_sim.scene.files.loader import LoadedScene
 
-_GRAZING = 0.02
+_LEAST_COSINE = 0.02
 """Least cosine of incidence for the beamlet's footprint; nearer to grazing it stays at this size."""
-_TINY = 1e-30
+_NONZERO = 1e-30
 
 
 @dataclass(frozen=True)
@@ -64,17 +65,17 @@ class Spots:
     ``coherence`` squared contrast of its speckle.
     """
 
-    position: Any
-    sigma: Any
-    power: Any
-    strength: Any
-    slope_a: Any
-    slope_b: Any
-    slope_time: Any
-    distance: Any
-    seen: Any
-    shape: Any
-    coherence: Any
+    position: Float
+    sigma: Float
+    power: Float
+    strength: Float
+    slope_a: Float
+    slope_b: Float
+    slope_time: Float
+    distance: Float
+    seen: UInt32
+    shape: UInt32
+    coherence: Float
 
 
 @dataclass
@@ -85,12 +86,12 @@ class BeamletTables:
     as in :class:`~scanner_sim.render.beam.beamlets.Beamlets`.
     """
 
-    across: Any
-    normal: Any
-    stop_across: Any
-    stop_normal: Any
-    weights: Any
-    times: Any
+    across: Float
+    normal: Float
+    stop_across: Float
+    stop_normal: Float
+    weights: Float
+    times: Float
     width: float
 
     @classmethod
@@ -105,7 +106,7 @@ class BeamletTables:
         """Number of beamlets."""
         return int(dr.width(self.weights))
 
-    def drawn(self, beamlet: Any, shot: Any) -> tuple[list[Any], list[Any], Any, Any]:  # noqa: ARG002 (alike in all)
+    def draw(self, beamlet: UInt32, shot: UInt32) -> tuple[list[Float], list[Float], Float, Float]:  # noqa: ARG002 (alike in all)
         """Return nodes, points of the aperture, weights and moments of beamlets, by their numbers."""
         across, normal, first, second, weight, time = (
             dr.gather(mi.Float, values, beamlet)
@@ -129,13 +130,13 @@ class Lanes:
     ``weight`` and ``time`` of the beamlet.
     """
 
-    shot: Any
-    beamlet: Any
+    shot: UInt32
+    beamlet: UInt32
     own: Shots
-    node: list[Any]
-    stop: list[Any]
-    weight: Any
-    time: Any
+    node: list[Float]
+    stop: list[Float]
+    weight: Float
+    time: Float
 
 
 class Split(Protocol):
@@ -149,7 +150,7 @@ class Split(Protocol):
     def width(self) -> float:
         """Standard deviation of each, in those of the beam."""
 
-    def drawn(self, beamlet: Any, shot: Any) -> tuple[list[Any], list[Any], Any, Any]:
+    def draw(self, beamlet: UInt32, shot: UInt32) -> tuple[list[Float], list[Float], Float, Float]:
         """Return nodes, points of the aperture, weights and moments of beamlets of shots, by their numbers."""
 
 
@@ -160,18 +161,20 @@ def lanes(beamlets: Beamlets | Split, shots: Shots) -> Lanes:
     lane = dr.arange(mi.UInt32, dr.width(shots.theta) * count)
     shot = lane // count
     beamlet = lane - shot * count
-    node, stop, weight, time = split.drawn(beamlet, shot)
+    node, stop, weight, time = split.draw(beamlet, shot)
     return Lanes(shot, beamlet, shots.take(shot), node, stop, weight, time)
 
 
-def trace_spots(loaded: LoadedScene, bench: OpticalLayout, beamlets: Beamlets | Split, shots: Shots) -> Spots:
+def trace_spots(
+    loaded: LoadedScene, layout: OpticalLayout, beamlets: Beamlets | Split, shots: Shots
+) -> Spots:
     """Return the direct spots of all beamlets of all shots.
 
     Parameters
     ----------
     loaded
         The scene.
-    bench
+    layout
         The optics.
     beamlets
         How the beam is split into k beamlets, each with its moment in the dwell.
@@ -184,22 +187,22 @@ def trace_spots(loaded: LoadedScene, bench: OpticalLayout, beamlets: Beamlets | 
         Arrays of n · k entries; entry i · k + j is beamlet j of shot i: neighbours trace alike.
     """
     lane = lanes(beamlets, shots)
-    frame = frame_at(bench, lane.own, lane.time)
-    loaded = posed(loaded, lane.own.poses)
-    return _spots(loaded, bench, lane.own, frame, lane.node, lane.stop, lane.weight, beamlets.width)
+    frame = frame_at(layout, lane.own, lane.time)
+    loaded = pose_scene(loaded, lane.own.poses)
+    return _spots(loaded, layout, lane.own, frame, lane.node, lane.stop, lane.weight, beamlets.width)
 
 
-def frame_at(bench: OpticalLayout, shots: Shots, time: Any) -> Frame:
+def frame_at(layout: OpticalLayout, shots: Shots, time: Float) -> Frame:
     """Return the deflected optics of shots at moments of their dwell, in units of it about its middle."""
-    return device_frame(bench, shots.theta + time * shots.travel_theta, shots.phi + time * shots.travel_phi)
+    return device_frame(layout, shots.theta + time * shots.travel_theta, shots.phi + time * shots.travel_phi)
 
 
-def device_frame(bench: OpticalLayout, theta: Any, phi: Any) -> Frame:
+def device_frame(layout: OpticalLayout, theta: Float, phi: Float) -> Frame:
     """Return the deflected optics with Dr.Jit vectors."""
     sin_theta, cos_theta = dr.sincos(theta)
     sin_phi, cos_phi = dr.sincos(phi)
-    separation = dr.opaque(mi.Float, bench.axis_separation)
-    baseline = dr.opaque(mi.Float, bench.receiver.baseline)
+    separation = dr.opaque(mi.Float, layout.axis_separation)
+    baseline = dr.opaque(mi.Float, layout.receiver.baseline)
     parts = deflected_frame(sin_theta, cos_theta, sin_phi, cos_phi, separation, baseline)
     return Frame(*(mi.Vector3f(*part) for part in parts))
 
@@ -208,17 +211,17 @@ def device_frame(bench: OpticalLayout, theta: Any, phi: Any) -> Frame:
 class Launch:
     """Rays as they leave the laser."""
 
-    origin: Any
-    direction: Any
+    origin: Vector3f
+    direction: Vector3f
 
 
-def launch(bench: OpticalLayout, frame: Frame, node: Any) -> Launch:
+def launch(layout: OpticalLayout, frame: Frame, node: list[Float]) -> Launch:
     """Return the straight lines of the beam's ruled hyperboloid through nodes (in standard deviations).
 
     A line that passes the waist at (a, b) with the slope (−b, a)/z_R stays at the same number of standard
     deviations of the beam at every distance.
     """
-    laser = bench.laser
+    laser = layout.laser
     waist = dr.opaque(mi.Float, 0.5 * laser.waist_radius)
     rayleigh = dr.opaque(mi.Float, laser.rayleigh_length)
     to_waist = dr.opaque(mi.Float, laser.waist_distance)
@@ -231,7 +234,9 @@ def launch(bench: OpticalLayout, frame: Frame, node: Any) -> Launch:
     )
 
 
-def meet(loaded: LoadedScene, origin: Any, direction: Any, active: Any = True, coherent: bool = True) -> Any:
+def meet(
+    loaded: LoadedScene, origin: Vector3f, direction: Vector3f, active: Mask = True, coherent: bool = True
+) -> SurfaceInteraction3f:
     """Return the surfaces that rays meet, with what a BSDF needs; ``loaded`` has the poses of these rays."""
     flags = mi.RayFlags.UV | mi.RayFlags.ShadingFrame
     return intersect(loaded, mi.Ray3f(origin, direction), flags, coherent=coherent, active=active)
@@ -239,13 +244,13 @@ def meet(loaded: LoadedScene, origin: Any, direction: Any, active: Any = True, c
 
 def connect(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     frame: Frame,
-    si: Any,
-    stop: Any,
-    active: Any,
+    si: SurfaceInteraction3f,
+    stop: list[Float],
+    active: Mask,
     coherent: bool = True,
-) -> tuple[Any, Any]:
+) -> tuple[Float, Mask]:
     """Connect surface points to points of the receiving aperture.
 
     Returns
@@ -254,71 +259,71 @@ def connect(
         Share of the power that arrives at the point and passes the lens and the filter, 0 where the lens does
         not see the point; and whether it does.
     """
-    receiver = bench.receiver
+    receiver = layout.receiver
     radius = 0.5 * dr.opaque(mi.Float, receiver.aperture)
     eye = mi.Point3f(frame.lens + frame.across * (stop[0] * radius) + frame.normal * (stop[1] * radius))
-    sight = eye - si.p
-    squared = dr.maximum(dr.squared_norm(sight), _TINY)
+    sight: Vector3f = eye - si.p
+    squared = dr.maximum(dr.squared_norm(sight), _NONZERO)
     towards = sight * dr.rsqrt(squared)
     reflected = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(towards), active)[0]
     facing = -dr.dot(towards, frame.along)
     wanted = active & (facing > 0.0) & (reflected > 0.0)
-    seen = wanted & ~occluded(loaded, si.spawn_ray_to(eye), coherent=coherent, active=wanted)
-    gain = dr.opaque(mi.Float, receiver.aperture_area * receiver.transmission * bench.filter_transmission)
+    seen = wanted & ~is_occluded(loaded, si.spawn_ray_to(eye), coherent=coherent, active=wanted)
+    gain = dr.opaque(mi.Float, receiver.aperture_area * receiver.transmission * layout.filter_transmission)
     return dr.select(seen, reflected * facing / squared * gain, 0.0), seen
 
 
-def image(bench: OpticalLayout, frame: Frame, point: Any) -> tuple[Any, Any, Any]:
+def image(layout: OpticalLayout, frame: Frame, point: Vector3f) -> tuple[Float, Float, Float]:
     """Return where the lens images points: p along the line, q across it (eq 1, exactly), and their depth [m]."""
-    place = mi.Vector3f(point - frame.lens)
-    depth = dr.dot(place, frame.along)
-    scale = dr.opaque(mi.Float, bench.receiver.focal_length) / depth
-    return -scale * dr.dot(place, frame.across), scale * dr.dot(place, frame.normal), depth
+    offset = mi.Vector3f(point - frame.lens)
+    depth = dr.dot(offset, frame.along)
+    scale = dr.opaque(mi.Float, layout.receiver.focal_length) / depth
+    return -scale * dr.dot(offset, frame.across), scale * dr.dot(offset, frame.normal), depth
 
 
-def out_of_step(bench: OpticalLayout, p: Any, synchronisation: Any) -> Any:
+def synchronisation_shift(layout: OpticalLayout, p: Float, synchronisation: Float) -> Float:
     """Return where on the line light lands [m] whose receiver looks past the laser by an angle [rad].
 
-    p = f tanα becomes f tan(α + e), to first order p + e (f + p²/f); the place across the line changes by e p/f of
+    p = f tanα becomes f tan(α + e), to first order p + e (f + p²/f); the position across the line changes by e p/f of
     itself, which is left out.
     """
-    f = dr.opaque(mi.Float, bench.receiver.focal_length)
+    f = dr.opaque(mi.Float, layout.receiver.focal_length)
     return p + synchronisation * (f + dr.square(p) / f)
 
 
-def to_pixels(bench: OpticalLayout, p: Any) -> Any:
+def to_pixels(layout: OpticalLayout, p: Float) -> Float:
     """Return positions p [m] in pixels."""
-    return (p - dr.opaque(mi.Float, bench.offset)) / dr.opaque(mi.Float, bench.pitch) - 0.5
+    return (p - dr.opaque(mi.Float, layout.offset)) / dr.opaque(mi.Float, layout.pitch) - 0.5
 
 
 def _spots(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     shots: Shots,
     frame: Frame,
-    node: Any,
-    stop: Any,
-    weight: Any,
+    node: list[Float],
+    stop: list[Float],
+    weight: Float,
     width: float,
 ) -> Spots:
     """Trace one beamlet per lane and image it."""
-    laser, receiver = bench.laser, bench.receiver
-    beam = launch(bench, frame, node)
+    laser, receiver = layout.laser, layout.receiver
+    beam = launch(layout, frame, node)
     si = meet(loaded, beam.origin, beam.direction)
     hit = si.is_valid()
-    strength, seen = connect(loaded, bench, frame, si, stop, hit)
-    p, q, depth = image(bench, frame, si.p)
+    strength, seen = connect(loaded, layout, frame, si, stop, hit)
+    p, q, depth = image(layout, frame, si.p)
 
     # Derivatives of the image along the two axes of the beam, on the surface's tangent plane.
     cosine: Any = dr.dot(si.n, beam.direction)
-    cosine = dr.select(dr.abs(cosine) < _GRAZING, dr.copysign(mi.Float(_GRAZING), cosine), cosine)
+    cosine = dr.select(dr.abs(cosine) < _LEAST_COSINE, dr.copysign(mi.Float(_LEAST_COSINE), cosine), cosine)
     along_beam = (si.t - dr.opaque(mi.Float, laser.waist_distance)) / dr.opaque(
         mi.Float, laser.rayleigh_length
     )
     spread = dr.opaque(mi.Float, 0.5 * laser.waist_radius) * dr.sqrt(1.0 + dr.square(along_beam))
     f = dr.opaque(mi.Float, receiver.focal_length)
 
-    def slopes(axis: Any) -> tuple[Any, Any]:
+    def slopes(axis: Vector3f) -> tuple[Float, Float]:
         moved = (axis - beam.direction * (dr.dot(si.n, axis) / cosine)) * spread
         deeper = dr.dot(moved, frame.along)
         return (
@@ -329,23 +334,23 @@ def _spots(
     (pa, qa), (pb, qb) = slopes(frame.across), slopes(frame.normal)
     # The same for the sweep. The first mirror turns the beam about the laser, and the lens's axis turns with it; the
     # second carries beam and lens round its axis together, and only the slide along the beam is seen.
-    reach = si.t * frame.across.x - dr.opaque(mi.Float, bench.axis_separation)
+    reach = si.t * frame.across.x - dr.opaque(mi.Float, layout.axis_separation)
     pt = shots.travel_theta * (pa * si.t / spread + f + dr.square(p) / f) + shots.travel_phi * (
         pb * reach / spread
     )
     residual = dr.opaque(mi.Float, width**2)
-    blur = dr.opaque(mi.Float, bench.point_spread**2)
+    blur = dr.opaque(mi.Float, layout.point_spread**2)
     var_p = residual * (dr.square(pa) + dr.square(pb)) + blur
     var_q = residual * (dr.square(qa) + dr.square(qb)) + blur
     covariance = residual * (pa * qa + pb * qb)
-    height = dr.opaque(mi.Float, bench.height)
-    p = out_of_step(bench, p, shots.synchronisation)
+    height = dr.opaque(mi.Float, layout.height)
+    p = synchronisation_shift(layout, p, shots.synchronisation)
     inside, p, var_p = cut_by_height(p, q, var_p, var_q, covariance, height)
-    shape: Any = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
+    shape: UInt32 = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
 
-    pitch = dr.opaque(mi.Float, bench.pitch)
+    pitch = dr.opaque(mi.Float, layout.pitch)
     return Spots(
-        position=dr.select(hit, to_pixels(bench, p), 0.0),
+        position=dr.select(hit, to_pixels(layout, p), 0.0),
         sigma=dr.select(hit, dr.sqrt(var_p) / pitch, 1.0),
         power=weight * dr.opaque(mi.Float, laser.power) * strength * inside,
         strength=strength,
@@ -360,8 +365,8 @@ def _spots(
 
 
 def cut_by_height(
-    p: Any, q: Any, var_p: Any, var_q: Any, covariance: Any, height: Any
-) -> tuple[Any, Any, Any]:
+    p: Float, q: Float, var_p: Float, var_q: Float, covariance: Float, height: Float
+) -> tuple[Float, Float, Float]:
     """Return the share of a two-dimensional Gaussian within |q| < height/2, and mean and variance of p there.
 
     Moments of the truncated normal distribution (Johnson, Kotz, Balakrishnan, *Continuous univariate

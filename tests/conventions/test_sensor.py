@@ -78,9 +78,9 @@ def test_a_receiver_that_looks_further_right_sees_the_spot_nearer(device: Device
     import mitsuba as mi
 
     from scanner_sim.config.scanner import Scanner
-    from scanner_sim.render.transport import OpticalLayout, out_of_step
+    from scanner_sim.render.transport import OpticalLayout, synchronisation_shift
 
     scanner = Scanner()
     bench = OpticalLayout(scanner.laser, scanner.receiver, 0.05, 1.0, 50e-6, 250e-6, 0.0, 40e-6)
-    moved = out_of_step(bench, mi.Float(0.0), mi.Float(1e-5))
+    moved = synchronisation_shift(bench, mi.Float(0.0), mi.Float(1e-5))
     np.testing.assert_allclose(moved.numpy(), 1e-6, rtol=1e-5)

@@ -28,7 +28,7 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.speckle import Optics, packets, slope_packets
 from scanner_sim.products.image import RangeImage
-from scanner_sim.render.beam.surface_places import SurfacePlaces
+from scanner_sim.render.beam.surface_positions import SurfacePositions
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.polarisation import speckle_contrast
@@ -92,7 +92,7 @@ class Light:
         return int(dr.width(self.amount)) // self.shots
 
 
-def at(column: Array, row: Array, distance: float) -> SurfacePlaces:
+def at(column: Array, row: Array, distance: float) -> SurfacePositions:
     """Return beams of 1 mm radius at places [mm] of a plane."""
     shots = len(column)
 
@@ -102,7 +102,7 @@ def at(column: Array, row: Array, distance: float) -> SurfacePlaces:
     x, y = (auto.Float(1e-3 * np.asarray(place, np.float32)) for place in (column, row))
     point = auto.Array3f(x, y, dr.full(auto.Float, distance, shots))
     length = dr.full(auto.Float, distance, shots)
-    return SurfacePlaces(
+    return SurfacePositions(
         point, axis(2), axis(0), axis(1), dr.full(auto.UInt32, 1, shots), 1e-3 + 0.0 * length, length
     )
 

@@ -95,7 +95,7 @@ def test_part_and_join(spots: Spots) -> None:
     assert part.shots == 2
     kept = found.amount.numpy().reshape(4, SHOTS)[:, [4, 1]]
     np.testing.assert_array_equal(part.amount.numpy().reshape(4, 2), kept)
-    twice = found.joined(found)
+    twice = found.join(found)
     assert twice.count == 8
     pixel, place = dr.arange(mi.UInt32, 80), dr.zeros(mi.UInt32, 80)
     np.testing.assert_allclose(

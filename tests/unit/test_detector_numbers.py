@@ -19,7 +19,7 @@ from scanner_sim.detector.encoders import reading_normals, readings
 from scanner_sim.detector.line import exposure
 from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pixel_response, poisson
 from scanner_sim.detector.line.position_sensor import PositionSensor
-from scanner_sim.detector.packets import averaged, gamma_like, mode_edges
+from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges
 from scanner_sim.detector.photodiode import noise_colour, photodiode, waveform
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.optics.deflection import Mirrors
@@ -159,13 +159,17 @@ def test_the_receivers_numbers() -> None:
     band = quad(passes, 0.0, 3e9, points=[2e8])[0]
     assert diode.noise_bandwidth == pytest.approx(band, rel=1e-6)
     charge = 2.0 * 1.602176634e-19 * band
-    assert diode.light_variance == pytest.approx(charge * 100.0 * 5.545 * 0.95, rel=1e-6)
+    assert diode.light_variance == pytest.approx(charge * 100.0 * 5.545 * 0.95, rel=1e-6, abs=0.0)
     steady = charge * (100.0 * 5.545 * 0.5e-9 + 5e-9) + 4e-24 * band
-    assert diode.dark_variance == pytest.approx(steady, rel=1e-6)
+    assert diode.dark_variance == pytest.approx(steady, rel=1e-6, abs=0.0)
     lit = waveform.noise_sigma(diode, Digitiser(), 1e-6)
     step = 0.5e-3 * (17.0 / 16.0) / 16383.0
-    assert lit**2 == pytest.approx(steady + 1e-6 * charge * 100.0 * 5.545 * 0.95 + step**2 / 12.0, rel=1e-6)
-    assert waveform.quantisation_variance(diode, Digitiser()) == pytest.approx(step**2 / 12.0)
+    assert lit**2 == pytest.approx(
+        steady + 1e-6 * charge * 100.0 * 5.545 * 0.95 + step**2 / 12.0, rel=1e-6, abs=0.0
+    )
+    assert waveform.quantisation_variance(diode, Digitiser()) == pytest.approx(
+        step**2 / 12.0, rel=1e-9, abs=0.0
+    )
 
 
 def test_a_record_begins_before_its_gate_and_ends_behind_it() -> None:
@@ -211,7 +215,7 @@ def test_a_dwell_averages_what_the_path_correlates(along: float, across: float) 
     place = quad(
         lambda x: 2.0 * (1.0 - x) * (1.0 - 2.0 * (along * x) ** 2) * math.exp(-whole * x * x), 0.0, 1.0
     )[0]
-    found = averaged(np.array(along), np.array(across), np.array(1.0))
+    found = dwell_average(np.array(along), np.array(across), np.array(1.0))
     assert (float(found[0]), float(found[1])) == pytest.approx((energy, place), rel=2e-4)
 
 

@@ -160,7 +160,7 @@ def test_every_kind_of_object_moves_as_one_body(tmp_path: Path, kind: str) -> No
     """At any instant rays meet what they meet in a scene that is built with the object there."""
     import mitsuba as mi
 
-    from scanner_sim.render.rays import at_time, intersect, occluded
+    from scanner_sim.render.rays import at_time, intersect, is_occluded
     from scanner_sim.scene.files.loader import load_scene
 
     item = {"name": "thing", "position": (0.1, 0.0, 5.0), "rotation": TILT, "motion": TWIST}
@@ -187,7 +187,7 @@ def test_every_kind_of_object_moves_as_one_body(tmp_path: Path, kind: str) -> No
     for name, limit in (("t", 3e-5), ("p", 3e-5), ("n", 2e-4), ("wi", 2e-4)):
         apart = np.abs(getattr(one, name).numpy() - getattr(other, name).numpy())[..., hit]
         assert np.quantile(apart, 0.99) < limit, name
-    blocked = occluded(moving, short).numpy(), occluded(built, short).numpy()
+    blocked = is_occluded(moving, short).numpy(), is_occluded(built, short).numpy()
     assert (blocked[0] == blocked[1]).mean() > 0.998
     assert 0.02 < blocked[0].mean() < 0.9
 

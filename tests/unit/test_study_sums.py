@@ -70,7 +70,7 @@ def test_errors_that_are_the_same_for_all_shots_count_once_for_each_place() -> N
 
 
 def test_light_adds_the_difference_of_two_variances() -> None:
-    """Claim: errors ±5 with and ±3 without light leave 4 for every shot; with scatter the interval is a mean's."""
+    """Claim: errors ±5 with and ±3 without light leave 4 for every shot; the interval is that of a mean."""
     dark = np.array([3.0, -3.0] * 200)
     sigma, low, high, freedom = budget._row_of_sun([dark * 5.0 / 3.0], [dark])
     assert (sigma, low, high) == pytest.approx((4.0, 4.0, 4.0))

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 
 from scanner_sim.render.beam.beamlets import edge_beamlets, edge_width
-from scanner_sim.render.beam.swept_beamlets import swept_places
+from scanner_sim.render.beam.swept_beamlets import swept_positions
 from scanner_sim.render.device import Device
 
 Array = NDArray[np.float64]
@@ -40,7 +40,7 @@ def unevenness(along: Array, across: Array, length: float, spread: float, angle:
 def test_moments_are_those_of_the_beam(count: int) -> None:
     """First and second moments of places and times are exact for every length of travel."""
     spread = np.sqrt(1.0 - edge_width(count) ** 2)
-    along, times, across = swept_places(count, spread)
+    along, times, across = swept_positions(count, spread)
     parts = np.stack([along / spread, across / spread, times * np.sqrt(12.0)])
     assert np.abs(parts.mean(axis=2)).max() < 1e-9
     covariance = np.einsum("irk,jrk->rij", parts, parts) / count
@@ -51,7 +51,7 @@ def test_moments_are_those_of_the_beam(count: int) -> None:
 def test_they_lie_evenly_across_the_travel(count: int) -> None:
     """Edges across the travel err by 1/(2k) at most, but for the exact variance; oblique ones less than a spiral's."""
     spread = float(np.sqrt(1.0 - edge_width(count) ** 2))
-    along, times, across = swept_places(count, spread)
+    along, times, across = swept_positions(count, spread)
     usual = edge_beamlets(count)
     for wanted in (2.5, 5.0, 8.0):
         row = int(np.abs(lengths(len(along)) - wanted).argmin())
@@ -112,7 +112,7 @@ def test_they_turn_with_the_travel_and_the_beam(device: Device) -> None:
     )
     split = SweptBeamlets.of(SweptTables.of(count), bench, shots, dr.full(mi.Float, distance, 4))
     lane = dr.arange(mi.UInt32, 4 * count)
-    node, _, weight, time = split.drawn(lane % count, lane // count)
+    node, _, weight, time = split.draw(lane % count, lane // count)
     a, b = (np.asarray(values.numpy(), dtype=np.float64).reshape(4, count) for values in node)
     t = np.asarray(time.numpy(), dtype=np.float64).reshape(4, count)
     assert np.isclose(float(weight[0]) * count, 1.0)

@@ -158,7 +158,7 @@ class FrozenInstrument:
             "laser": budget.laser,
             "window": budget.background,
             "window_error": budget.background_error,
-            "background_peak": budget.brightest,
+            "background_peak": budget.background_peak,
             "error_theta": fired.error[0],
             "error_phi": fired.error[1],
             "seen_theta": fired.seen[0],

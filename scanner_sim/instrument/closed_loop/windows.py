@@ -28,10 +28,10 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import SkyLight, light_of
-from scanner_sim.render.background.view import Window, window_heights, window_place
+from scanner_sim.render.background.view import Window, window_heights, window_position
 from scanner_sim.render.field_of_view import field_optics
 from scanner_sim.render.frozen import Frozen
-from scanner_sim.render.rays import one_kernel, posed
+from scanner_sim.render.rays import one_kernel, pose_scene
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scene.files.loader import Pose
@@ -180,7 +180,7 @@ class Windows:
             self._light,
             self._heights,
         ]
-        corner = window_place(first * self.step, first_row * self.row_step, rows, bins)
+        corner = window_position(first * self.step, first_row * self.row_step, rows, bins)
         poses = loaded.poses_at((slot + 0.5) * _LONGEST_SLOT / 2**halvings) if loaded.bodies else ()
         return [*corner, *self._renderer(rows, bins)(reads, corner[:2], poses)]
 
@@ -199,7 +199,7 @@ class Windows:
         scenario, moving = self._instrument.scenario, bool(self._instrument.loaded.bodies)
         sky, settings = scenario.lighting.sky(), scenario.transport
         found = render_panorama(
-            posed(self._instrument.loaded, poses),
+            pose_scene(self._instrument.loaded, poses),
             self._optics,
             self._light,
             Albedo(sky.albedo, sky.albedo_out_of_band),

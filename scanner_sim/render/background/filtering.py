@@ -12,12 +12,14 @@ deviation of 7 columns, 15 at most.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
+
+from scanner_sim.foundation.device_types import Float, UInt32, Vector2f
+from scanner_sim.render.background.paths import FirstHit
 
 _STRIDES = (1, 2, 4, 8)
 """Wider ones blur more than they calm: on a Space Station Node what they add is as large as the noise."""
@@ -33,19 +35,19 @@ _TOGETHER = 64
 class Features:
     """What neighbours are compared by, Dr.Jit arrays of four numbers for each entry row · columns + column.
 
-    ``kind`` the normal of the first surface and the number of its material (0 for none), ``place`` its point and 0:
+    ``kind`` the normal of the first surface and the number of its material (0 for none), ``point`` its point and 0:
     four numbers that lie together are read at once.
     """
 
-    kind: Any
-    place: Any
+    kind: Float
+    point: Float
 
     @classmethod
     def empty(cls, size: int) -> Features:
         """Return room for the features of some entries."""
         return cls(dr.empty(mi.Float, 4 * size), dr.empty(mi.Float, 4 * size))
 
-    def put(self, first: Any, samples: int, at: Any) -> None:
+    def put(self, first: FirstHit, samples: int, at: UInt32) -> None:
         """Take the first of every ``samples`` neighbouring rays' surfaces, for the entries ``at``."""
         lane = dr.arange(mi.UInt32, dr.width(at)) * samples
         normal, point = (
@@ -54,12 +56,12 @@ class Features:
         )
         material = mi.Float(dr.gather(mi.UInt32, first.material, lane))
         dr.scatter(self.kind, mi.Vector4f(*normal, material), at)
-        dr.scatter(self.place, mi.Vector4f(*point, 0.0), at)
+        dr.scatter(self.point, mi.Vector4f(*point, 0.0), at)
 
 
 def smooth(
-    layers: list[Any], features: Features, rows: int, columns: int, rows_per_column: float
-) -> list[Any]:
+    layers: list[Float], features: Features, rows: int, columns: int, rows_per_column: float
+) -> list[Float]:
     """Filter two layers of a picture, each of shape (rows · columns,), over like neighbours.
 
     Parameters
@@ -76,7 +78,7 @@ def smooth(
     light = dr.ravel(mi.Vector2f(*layers))
     dr.eval(light)
     for stride in _STRIDES:
-        found = _pass(light, features, rows, columns, (int(stride * rows_per_column), stride))
+        found = _filter_pass(light, features, rows, columns, (int(stride * rows_per_column), stride))
         light = dr.ravel(found)
         dr.eval(light)
     lane = dr.arange(mi.UInt32, rows * columns)
@@ -84,15 +86,17 @@ def smooth(
     return [found.x, found.y]
 
 
-def _pass(light: Any, features: Features, rows: int, columns: int, stride: tuple[int, int]) -> Any:
+def _filter_pass(
+    light: Float, features: Features, rows: int, columns: int, stride: tuple[int, int]
+) -> Vector2f:
     lane = dr.arange(mi.UInt32, rows * columns)
     row, column = mi.Int32(lane // columns), mi.Int32(lane % columns)
-    own_kind, own_place = (dr.gather(mi.Vector4f, part, lane) for part in (features.kind, features.place))
+    own_kind, own_point = (dr.gather(mi.Vector4f, part, lane) for part in (features.kind, features.point))
     normal = mi.Vector3f(own_kind.x, own_kind.y, own_kind.z)
-    point = mi.Vector3f(own_place.x, own_place.y, own_place.z)
+    point = mi.Vector3f(own_point.x, own_point.y, own_point.z)
     step_down, step_right = (dr.opaque(mi.Int32, step) for step in stride)
     total = mi.Float(0.25)
-    result: Any = 0.25 * dr.gather(mi.Vector2f, light, lane)
+    result: Vector2f = 0.25 * dr.gather(mi.Vector2f, light, lane)
     # Where the stride reaches no other row, the three rows of weights stand for one.
     weights = {-1: 0.25, 0: 0.5, 1: 0.25} if stride[0] else {0: 0.5}
     for down, weight_down in weights.items():
@@ -102,18 +106,18 @@ def _pass(light: Any, features: Features, rows: int, columns: int, stride: tuple
             y, x = row + down * step_down, column + right * step_right
             inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
             at = mi.UInt32(dr.select(inside, y * columns + x, mi.Int32(lane)))
-            kind, place = (dr.gather(mi.Vector4f, part, at) for part in (features.kind, features.place))
-            away = mi.Vector3f(place.x, place.y, place.z) - point
+            kind, met = (dr.gather(mi.Vector4f, part, at) for part in (features.kind, features.point))
+            away = mi.Vector3f(met.x, met.y, met.z) - point
             turned = (1.0 - dr.dot(normal, mi.Vector3f(kind.x, kind.y, kind.z))) / _LIKE_NORMAL
             lifted = dr.abs(dr.dot(normal, away)) / (_IN_PLANE * dr.norm(away) + 1e-6)
-            weight: Any = weight_down * weight_right * dr.exp(-turned - lifted)
+            weight: Float = weight_down * weight_right * dr.exp(-turned - lifted)
             weight = dr.select(inside & (kind.w == own_kind.w), weight, 0.0)
             total += weight
             result += weight * dr.gather(mi.Vector2f, light, at)
     return result / total
 
 
-def convolved(layers: list[Any], columns: int, weights: NDArray[np.float64]) -> list[Any]:
+def convolve_rows(layers: list[Float], columns: int, weights: NDArray[np.float64]) -> list[Float]:
     """Convolve each row of layers with an odd number of symmetric weights; ends are repeated."""
     if len(weights) == 1:
         return [float(weights[0]) * layer for layer in layers]
@@ -124,8 +128,8 @@ def convolved(layers: list[Any], columns: int, weights: NDArray[np.float64]) -> 
     sums = [mi.Float(0.0) for _ in layers]
     for number, weight in enumerate(weights):
         at = mi.UInt32(start + dr.clip(column + (number - reach), 0, columns - 1))
-        for place, layer in enumerate(layers):
-            sums[place] += float(weight) * dr.gather(mi.Float, layer, at)
+        for index, layer in enumerate(layers):
+            sums[index] += float(weight) * dr.gather(mi.Float, layer, at)
         # Fine pixels have thousands of weights: one kernel of all would take minutes to compile.
         if number % _TOGETHER == _TOGETHER - 1:
             dr.eval(sums)

@@ -9,21 +9,21 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Ray3f, UInt32, Vector3f, Vector4f
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.render.background import sky
 from scanner_sim.render.background.paths import Albedo, trace_paths
-from scanner_sim.render.rays import occluded
+from scanner_sim.render.rays import is_occluded
 from scanner_sim.render.transport import OpticalLayout, device_frame
 from scanner_sim.scene.files.loader import LoadedScene
 
-_PLACES = 0xFFFFFFF0
+_STREAM_ADDRESS = 0xFFFFFFF0
 """Addresses of the random points: apart from those of the paths."""
 _DRAWN = 8
 """Points drawn for one that is kept: most of a body is hidden by itself."""
@@ -35,8 +35,8 @@ _DISC = 256
 class Samples:
     """Points on the side of a target that the scanner sees, Dr.Jit: ``point`` and unit ``normal``, shape (n,)."""
 
-    point: Any
-    normal: Any
+    point: Vector3f
+    normal: Vector3f
 
     @property
     def count(self) -> int:
@@ -78,24 +78,26 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
         if end == start:
             continue
         lane = dr.arange(mi.UInt32, int(end - start))
-        drawn = generator(seed, Stream.BACKGROUND, mi.UInt32(_PLACES), lane + 65536 * part).next_float32x4()
+        drawn = generator(
+            seed, Stream.BACKGROUND, mi.UInt32(_STREAM_ADDRESS), lane + 65536 * part
+        ).next_float32x4()
         found = shape.sample_position(0.0, mi.Point2f(drawn[0], drawn[1]))
-        place, facing = found.p, found.n
+        position, facing = found.p, found.n
         if pose is not None:
-            place, facing = pose.rotation @ place + pose.place, pose.rotation @ facing
-        points.append(place.numpy().T)
+            position, facing = pose.rotation @ position + pose.place, pose.rotation @ facing
+        points.append(position.numpy().T)
         normals.append(facing.numpy().T)
     if not points:
         return Samples(mi.Point3f(), mi.Normal3f())
-    point: Any = mi.Point3f(np.concatenate(points).T)
-    normal: Any = mi.Normal3f(np.concatenate(normals).T)
+    point: Vector3f = mi.Point3f(np.concatenate(points).T)
+    normal: Vector3f = mi.Normal3f(np.concatenate(normals).T)
     # The side that faces the scanner, at the origin; a little off the surface, so as not to shade itself.
     normal = dr.select(dr.dot(normal, point) > 0.0, -normal, normal)
     distance = dr.norm(point)
     point = point + normal * (1e-5 * distance)
-    ray: Any = mi.Ray3f(point, -point / distance)
+    ray: Ray3f = mi.Ray3f(point, -point / distance)
     ray.maxt = distance
-    hidden = occluded(loaded, ray) | (point.z <= 0.0)
+    hidden = is_occluded(loaded, ray) | (point.z <= 0.0)
     kept = np.flatnonzero(~np.asarray(hidden.numpy(), dtype=bool))
     kept = kept[:: max(1, math.ceil(len(kept) / count))]
     return Samples(mi.Point3f(point.numpy()[:, kept]), mi.Normal3f(normal.numpy()[:, kept]))
@@ -103,12 +105,12 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
 
 def sunlit_share(loaded: LoadedScene, light: sky.SkyLight, samples: Samples, seed: int) -> float:
     """Return the share of a target's points that the Sun reaches, each by one point of its disc."""
-    place = generator(
-        seed, Stream.BACKGROUND, mi.UInt32(_PLACES + 1), dr.arange(mi.UInt32, samples.count)
+    draws = generator(
+        seed, Stream.BACKGROUND, mi.UInt32(_STREAM_ADDRESS + 1), dr.arange(mi.UInt32, samples.count)
     ).next_float32x4()
-    towards, _ = sky.sample_sun(light, mi.Point2f(place[0], place[1]))
+    towards, _ = sky.sample_sun(light, mi.Point2f(draws[0], draws[1]))
     useful = (dr.dot(towards, samples.normal) > 0.0) & (sky.sun_radiance(light, towards) > 0.0)
-    hidden = occluded(loaded, mi.Ray3f(samples.point, towards), active=useful)
+    hidden = is_occluded(loaded, mi.Ray3f(samples.point, towards), active=useful)
     return float(np.mean((useful & ~hidden).numpy()))
 
 
@@ -118,19 +120,19 @@ def earth_irradiance(
     """Return the mean irradiance of a target's points by the Earth, in units of the Sun's irradiance."""
     rays = 4
     lane = dr.arange(mi.UInt32, samples.count * rays)
-    place = generator(seed, Stream.BACKGROUND, mi.UInt32(_PLACES + 2), lane).next_float32x4()
-    towards, density = sky.sample_earth(light, mi.Point2f(place[0], place[1]))
+    draws = generator(seed, Stream.BACKGROUND, mi.UInt32(_STREAM_ADDRESS + 2), lane).next_float32x4()
+    towards, density = sky.sample_earth(light, mi.Point2f(draws[0], draws[1]))
     point, normal = dr.repeat(samples.point, rays), dr.repeat(samples.normal, rays)
     cosine = dr.dot(towards, normal)
     useful = (cosine > 0.0) & (density > 0.0)
-    hidden = occluded(loaded, mi.Ray3f(point, towards), active=useful)
+    hidden = is_occluded(loaded, mi.Ray3f(point, towards), active=useful)
     received = sky.earth_radiance(light, towards) * cosine / dr.maximum(density, 1e-20)
     return albedo * float(np.mean(dr.select(useful & ~hidden, received, 0.0).numpy()))
 
 
-def sunlight_seen(
+def trace_sunlight(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     light: sky.SkyLight,
     albedo: Albedo,
     sight: Sight,
@@ -148,11 +150,13 @@ def sunlight_seen(
     """
     lane = dr.arange(mi.UInt32, len(sight.angle))
     frame = device_frame(
-        bench, mi.Float(sight.angle.astype(np.float32)), mi.Float(sight.phi.astype(np.float32))
+        layout, mi.Float(sight.angle.astype(np.float32)), mi.Float(sight.phi.astype(np.float32))
     )
 
-    def random(number: Any) -> Any:
-        return generator(seed, Stream.BACKGROUND, mi.UInt32(_PLACES + 3), lane * 64 + number).next_float32x4()
+    def random(number: UInt32) -> Vector4f:
+        return generator(
+            seed, Stream.BACKGROUND, mi.UInt32(_STREAM_ADDRESS + 3), lane * 64 + number
+        ).next_float32x4()
 
     seen, first = trace_paths(
         loaded, light, albedo, bounces, mi.Point3f(frame.lens), mi.Vector3f(frame.along), random
@@ -166,30 +170,30 @@ def sunlight_seen(
 
 
 def sun_at(
-    loaded: LoadedScene, bench: OpticalLayout, light: sky.SkyLight, seed: int
+    loaded: LoadedScene, layout: OpticalLayout, light: sky.SkyLight, seed: int
 ) -> tuple[Sight, NDArray[np.bool_]]:
     """Return lines of sight through the lens to points of the Sun's disc, and which of them are free.
 
     One is free where neither the Earth nor an object is in front of the Sun, and it stands before the scanner.
     """
     lane = dr.arange(mi.UInt32, _DISC)
-    place = generator(seed, Stream.BACKGROUND, mi.UInt32(_PLACES + 4), lane).next_float32x4()
-    towards, density = sky.sample_sun(light, mi.Point2f(place[0], place[1]))
+    draws = generator(seed, Stream.BACKGROUND, mi.UInt32(_STREAM_ADDRESS + 4), lane).next_float32x4()
+    towards, density = sky.sample_sun(light, mi.Point2f(draws[0], draws[1]))
     x, y, z = towards.numpy().astype(np.float64)
     sight = Sight(np.arcsin(np.clip(x, -1.0, 1.0)), np.arctan2(y, z))
     frame = device_frame(
-        bench, mi.Float(sight.angle.astype(np.float32)), mi.Float(sight.phi.astype(np.float32))
+        layout, mi.Float(sight.angle.astype(np.float32)), mi.Float(sight.phi.astype(np.float32))
     )
     useful = (density > 0.0) & (sky.sun_radiance(light, towards) > 0.0) & (towards.z > 0.0)
-    hidden = occluded(loaded, mi.Ray3f(mi.Point3f(frame.lens), towards), active=useful)
+    hidden = is_occluded(loaded, mi.Ray3f(mi.Point3f(frame.lens), towards), active=useful)
     return sight, np.asarray((useful & ~hidden).numpy(), dtype=bool)
 
 
-def half_height(bench: OpticalLayout) -> float:
+def half_height(layout: OpticalLayout) -> float:
     """Return half the angle that a pixel's height sees [rad]."""
-    return math.atan(0.5 * bench.height / bench.receiver.focal_length)
+    return math.atan(0.5 * layout.height / layout.receiver.focal_length)
 
 
-def _index(shape: Any) -> int:
-    number: Any = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
+def _index(shape: mi.Mesh) -> int:
+    number: UInt32 = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
     return int(number[0])

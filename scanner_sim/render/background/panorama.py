@@ -20,20 +20,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Float, UInt32, Vector4f
 from scanner_sim.foundation.streams import Stream, generator
-from scanner_sim.render.background.filtering import Features, convolved, smooth
+from scanner_sim.render.background.filtering import Features, convolve_rows, smooth
 from scanner_sim.render.background.paths import Albedo, FirstHit, Radiance, trace_paths
 from scanner_sim.render.background.sharp import contrast, evenly_sharp_light, sharp_light
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.background.view import WINDOW, PanoramaView, Window, rays_through
-from scanner_sim.render.rays import for_rows, posed
+from scanner_sim.render.rays import for_rows, pose_scene
 from scanner_sim.render.settings import times_finer
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
@@ -58,12 +58,12 @@ class Panorama:
     """
 
     view: PanoramaView | Window
-    in_band: Any
-    out_of_band: Any
-    error: Any
-    error_out: Any
+    in_band: Float
+    out_of_band: Float
+    error: Float
+    error_out: Float
 
-    def look(self, layer: Any, row: Any, angle: Any) -> Any:
+    def look(self, layer: Float, row: UInt32, angle: Float) -> Float:
         """Return a layer around angles [rad] of some rows, interpolated between bins, and between rows if need be."""
         if dr.is_float_v(row):
             low = dr.floor(row)
@@ -82,7 +82,7 @@ class Panorama:
 
 def render_panorama(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
     view: PanoramaView | Window,
@@ -96,7 +96,7 @@ def render_panorama(
 
     Parameters
     ----------
-    loaded, bench, sky, albedo
+    loaded, layout, sky, albedo
         Scene, optics, Sun and Earth.
     view
         Angles of the panoramas.
@@ -109,7 +109,7 @@ def render_panorama(
         Samples of the sharp light of each bin, in each half; None lets a pilot say. With a number no array's size
         depends on the light.
     """
-    loaded = posed(loaded, None if view.time is None else loaded.poses_at(view.time))
+    loaded = pose_scene(loaded, None if view.time is None else loaded.poses_at(view.time))
     finer = times_finer(view.row_step, view.step)
     half, size = samples // 2 * finer, view.rows * view.bins
     sums = [[dr.empty(mi.Float, size) for _ in range(4)] for _ in range(2)]
@@ -119,7 +119,7 @@ def render_panorama(
         some = np.arange(start, min(start + together, view.rows))
         for part in range(2):
             radiance, first = _trace_rows(
-                loaded, bench, sky, albedo, view, some, part * half, half, bounces, seed
+                loaded, layout, sky, albedo, view, some, part * half, half, bounces, seed
             )
             at = dr.arange(mi.UInt32, len(some) * view.bins) + start * view.bins
             values = [
@@ -134,9 +134,9 @@ def render_panorama(
             features[part].put(first, half, at)
             dr.eval(sums, features)
     if sharp_samples is None:
-        sharp = _sharp_by_contrast(loaded, bench, sky, albedo, view, sums, min(finer, 4), seed)
+        sharp = _sharp_by_contrast(loaded, layout, sky, albedo, view, sums, min(finer, 4), seed)
     else:
-        sharp = evenly_sharp_light(loaded, bench, sky, albedo, view, sharp_samples, seed)
+        sharp = evenly_sharp_light(loaded, layout, sky, albedo, view, sharp_samples, seed)
     halves = [
         one + other
         for part in range(2)
@@ -146,50 +146,50 @@ def render_panorama(
             strict=True,
         )
     ]
-    return _assembled(view, bench, halves)
+    return _assemble(view, layout, halves)
 
 
 def _sharp_by_contrast(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
     view: PanoramaView | Window,
-    sums: list[list[Any]],
+    sums: list[list[Float]],
     finer: int,
     seed: int,
-) -> list[list[Any]]:
+) -> list[list[Float]]:
     """Return both halves of the sharp light, sampled the more the more the least and largest samples differ."""
     low, high = dr.minimum(sums[0][0], sums[1][0]), dr.maximum(sums[0][1], sums[1][1])
-    seen = bench.height / bench.receiver.focal_length
+    seen = layout.height / layout.receiver.focal_length
     # An edge between rows, at the end of the pixels' height, may escape all samples of one row.
     uneven = contrast(low, high, view, 1 if view.row_step < 2.0 * seen else 0)
     dr.eval(uneven)
-    return sharp_light(loaded, bench, sky, albedo, view, uneven, finer=finer, seed=seed)
+    return sharp_light(loaded, layout, sky, albedo, view, uneven, finer=finer, seed=seed)
 
 
-def _assembled(view: PanoramaView | Window, bench: OpticalLayout, halves: list[Any]) -> Panorama:
+def _assemble(view: PanoramaView | Window, layout: OpticalLayout, halves: list[Float]) -> Panorama:
     """Blur both halves, and take the error of a window from their difference."""
     # A bin's own width, and the interpolation between bins, blur as well.
-    spread = math.sqrt(max((bench.point_spread / bench.pitch) ** 2 - 1.0 / 6.0, 0.0))
+    spread = math.sqrt(max((layout.point_spread / layout.pitch) ** 2 - 1.0 / 6.0, 0.0))
     steps = np.arange(-math.ceil(3.5 * spread), math.ceil(3.5 * spread) + 1)
     blur = np.exp(-0.5 * (steps / spread) ** 2) if spread > 0.0 else np.ones(1)
-    halves = convolved(halves, view.bins, blur / blur.sum())
+    halves = convolve_rows(halves, view.bins, blur / blur.sum())
     in_band, out_of_band = 0.5 * (halves[0] + halves[2]), 0.5 * (halves[1] + halves[3])
 
-    width = WINDOW / bench.pitch
+    width = WINDOW / layout.pitch
     reach = max(0, math.ceil(0.5 * width - 0.5))
     window = np.clip(0.5 * width + 0.5 - np.abs(np.arange(-reach, reach + 1)), 0.0, 1.0)
     apart = [0.5 * (halves[0] - halves[2]), 0.5 * (halves[1] - halves[3])]
-    squares = [dr.square(layer) for layer in convolved(apart, view.bins, window / window.sum())]
+    squares = [dr.square(layer) for layer in convolve_rows(apart, view.bins, window / window.sum())]
     near = np.full(2 * _NEIGHBOURS + 1, 1.0 / (2 * _NEIGHBOURS + 1))
-    errors = [dr.sqrt(_over_rows(layer, view)) for layer in convolved(squares, view.bins, near)]
+    errors = [dr.sqrt(_over_rows(layer, view)) for layer in convolve_rows(squares, view.bins, near)]
     layers = [dr.select(layer > _NOTHING, layer, 0.0) for layer in (in_band, out_of_band, *errors)]
     dr.eval(layers)
     return Panorama(view, *layers)
 
 
-def _over_rows(layer: Any, view: PanoramaView | Window) -> Any:
+def _over_rows(layer: Float, view: PanoramaView | Window) -> Float:
     """Return the mean of each row with the next to either side; the first and last are repeated."""
     lane = dr.arange(mi.UInt32, view.rows * view.bins)
     up = dr.select(lane >= view.bins, lane - view.bins, lane)
@@ -197,7 +197,7 @@ def _over_rows(layer: Any, view: PanoramaView | Window) -> Any:
     return (layer + dr.gather(mi.Float, layer, up) + dr.gather(mi.Float, layer, down)) / 3.0
 
 
-def _evenly(number: Any, draw: Any, axis: int, seed: int, part: int) -> Any:
+def _evenly(number: UInt32, draw: UInt32, axis: int, seed: int, part: int) -> Float:
     """Return one coordinate of the Kronecker sequence of the generalised golden ratio in eight dimensions.
 
     Neighbours together then cover the unit cube far more evenly than random numbers, and the filter's mean over
@@ -212,7 +212,7 @@ def _evenly(number: Any, draw: Any, axis: int, seed: int, part: int) -> Any:
 
 def _trace_rows(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
     view: PanoramaView | Window,
@@ -232,7 +232,7 @@ def _trace_rows(
     drawn_before = sample + dr.opaque(mi.UInt32, first_sample)
     spread_number = address * samples + sample
 
-    def random(number: Any) -> Any:
+    def random(number: UInt32) -> Vector4f:
         """Return four numbers: of the first surface evenly spread over neighbours, of later ones random."""
         free = generator(seed, Stream.BACKGROUND, address, drawn_before * 64 + number).next_float32x4()
         spread = mi.Point4f(*(_evenly(spread_number, number, axis, seed, first_sample) for axis in range(4)))
@@ -245,5 +245,5 @@ def _trace_rows(
     height = mi.Float(sample) * _GOLDEN + start.next_float32x4()[0]
     height -= dr.floor(height)
     whole_row = row + dr.opaque(mi.UInt32, int(rows[0]))
-    origin, direction = rays_through(bench, view, whole_row, column, along, height)
+    origin, direction = rays_through(layout, view, whole_row, column, along, height)
     return trace_paths(for_rows(loaded, whole_row), sky, albedo, bounces, origin, direction, random)

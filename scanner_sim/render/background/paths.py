@@ -8,14 +8,25 @@ filter's band, and the throughput of the other follows from the ratio of the mat
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_types import (
+    Float,
+    Mask,
+    Ray3f,
+    SurfaceInteraction3f,
+    UInt32,
+    Vector2f,
+    Vector3f,
+    Vector4f,
+)
 from scanner_sim.render.background import sky
-from scanner_sim.render.rays import leaving, occluded, one_kernel
+from scanner_sim.render.rays import is_occluded, leaving_rays, one_kernel
 from scanner_sim.render.transport import meet
 from scanner_sim.scene.files.loader import LoadedScene
 
@@ -28,19 +39,19 @@ class Radiance:
     the Earth's light from the first surface and all that met more: it varies slowly over a surface.
     """
 
-    direct: Any
-    direct_out: Any
-    indirect: Any
-    indirect_out: Any
+    direct: Float
+    direct_out: Float
+    indirect: Float
+    indirect_out: Float
 
 
 @dataclass
 class FirstHit:
     """The first surface along rays: material number (0 for none), normal and point."""
 
-    material: Any
-    normal: Any
-    point: Any
+    material: UInt32
+    normal: Vector3f
+    point: Vector3f
 
 
 @dataclass(frozen=True)
@@ -56,9 +67,9 @@ def trace_paths(
     light: sky.SkyLight,
     albedo: Albedo,
     bounces: int,
-    origin: Any,
-    direction: Any,
-    random: Any,
+    origin: Vector3f,
+    direction: Vector3f,
+    random: Callable[[UInt32], Vector4f],
 ) -> tuple[Radiance, FirstHit]:
     """Estimate the radiance that comes along rays, one path each.
 
@@ -82,7 +93,7 @@ def trace_paths(
     draws = random(mi.UInt32(0))
     si, ratio, first = tracer.begin(total, origin, direction, mi.Point2f(draws[0], draws[1]))
     hit, gain = si.is_valid(), dr.full(mi.Float, 1.0, dr.width(direction))
-    earth = tracer.sampled(
+    earth = tracer.sample_light(
         si, hit, gain, mi.Point2f(draws[2], draws[3]), sky.sample_earth, sky.earth_radiance
     )
     tracer.collect(total, False, 0.0, earth, ratio)
@@ -102,11 +113,11 @@ def trace_sharp(
     loaded: LoadedScene,
     light: sky.SkyLight,
     albedo: Albedo,
-    origin: Any,
-    direction: Any,
-    disc: Any,
-    mirror: Any,
-) -> tuple[Any, Any]:
+    origin: Vector3f,
+    direction: Vector3f,
+    disc: Vector2f,
+    mirror: Vector4f,
+) -> tuple[Float, Float]:
     """Estimate the direct part of :func:`trace_paths` alone, with rays that run alike.
 
     Parameters
@@ -114,7 +125,7 @@ def trace_sharp(
     loaded, light, albedo, origin, direction
         As there.
     disc
-        Uniform numbers for the place on the Sun's disc, ``mi.Point2f``, shape (n,).
+        Uniform numbers for the point on the Sun's disc, ``mi.Point2f``, shape (n,).
     mirror
         Four uniform numbers for the choice among a first surface's lobes, shape (n,).
 
@@ -132,7 +143,7 @@ def trace_sharp(
             si, si.is_valid(), mi.Float(1.0), mirror, roulette=False
         )
         active &= mirrored
-        escaped = active & ~occluded(loaded, ray, active=active)
+        escaped = active & ~is_occluded(loaded, ray, active=active)
         sun, earth = sky.sun_radiance(light, ray.d), sky.earth_radiance(light, ray.d)
         sun, earth = dr.select(escaped, gain * sun, 0.0), dr.select(escaped, gain * earth, 0.0)
         tracer.collect(total, True, sun, earth, ratio)
@@ -147,14 +158,25 @@ class _Tracer:
     """One turn of a path, and what it needs to know."""
 
     def __init__(
-        self, loaded: LoadedScene, light: sky.SkyLight, albedo: Albedo, limit: Any, random: Any
+        self,
+        loaded: LoadedScene,
+        light: sky.SkyLight,
+        albedo: Albedo,
+        limit: UInt32,
+        random: Any,
     ) -> None:
         self._loaded, self._light, self._limit, self._random = loaded, light, limit, random
         self._albedo = dr.opaque(mi.Float, albedo.in_band), dr.opaque(mi.Float, albedo.out_of_band)
 
     def begin(
-        self, total: Radiance, origin: Any, direction: Any, disc: Any, *, coherent: bool = False
-    ) -> tuple[Any, Any, FirstHit]:
+        self,
+        total: Radiance,
+        origin: Vector3f,
+        direction: Vector3f,
+        disc: Vector2f,
+        *,
+        coherent: bool = False,
+    ) -> tuple[SurfaceInteraction3f, Float, FirstHit]:
         """Collect what is seen of the sky and the Sun's light from the first surface, with a point of its disc.
 
         Returns the surface, its ratio of reflectances, and its features.
@@ -167,21 +189,21 @@ class _Tracer:
         material = dr.gather(mi.UInt32, self._loaded.material_of, self.shape_of(si, hit))
         first = FirstHit(dr.select(hit, material, 0), mi.Vector3f(si.n), mi.Vector3f(si.p))
         ratio = self.ratio_of(material, hit)
-        sun = self.sampled(si, hit, 1.0, disc, sky.sample_sun, sky.sun_radiance, coherent)
+        sun = self.sample_light(si, hit, 1.0, disc, sky.sample_sun, sky.sun_radiance, coherent)
         self.collect(total, True, sun, 0.0, ratio)
         return si, ratio, first
 
     def turn(
         self,
-        depth: Any,
-        ray: Any,
-        active: Any,
-        gain: Any,
-        density: Any,
-        delta: Any,
-        ratio: Any,
+        depth: UInt32,
+        ray: Ray3f,
+        active: Mask,
+        gain: Float,
+        density: Float,
+        delta: Mask,
+        ratio: Float,
         total: Radiance,
-    ) -> Any:
+    ) -> tuple[Any, ...]:
         """Follow paths to their next surface, the ``depth``-th after the first; past the limit only to the sky."""
         light = self._light
         si = meet(self._loaded, ray.o, ray.d, active, coherent=False)
@@ -196,34 +218,38 @@ class _Tracer:
         material = dr.gather(mi.UInt32, self._loaded.material_of, self.shape_of(si, hit))
         ratio = ratio * self.ratio_of(material, hit)
         draws = self._random(2 * depth)
-        sun = self.sampled(si, hit, gain, mi.Point2f(draws[0], draws[1]), sky.sample_sun, sky.sun_radiance)
+        sun = self.sample_light(
+            si, hit, gain, mi.Point2f(draws[0], draws[1]), sky.sample_sun, sky.sun_radiance
+        )
         # The Earth is faint: every other path asks for it, and counts it twice.
         asks = hit & (draws[2] < 0.5)
-        place = mi.Point2f(2.0 * draws[2], draws[3])
-        earth = 2.0 * self.sampled(si, asks, gain, place, sky.sample_earth, sky.earth_radiance)
+        draw_for_earth = mi.Point2f(2.0 * draws[2], draws[3])
+        earth = 2.0 * self.sample_light(si, asks, gain, draw_for_earth, sky.sample_earth, sky.earth_radiance)
         self.collect(total, False, sun, earth, ratio)
         onward = self.scatter(si, hit, gain, self._random(2 * depth + 1), roulette=True)
         return (depth + 1, *onward, ratio, total)
 
-    def sampled(
+    def sample_light(
         self,
-        si: Any,
-        active: Any,
-        gain: Any,
-        sample: Any,
-        draw: Any,
-        radiance_of: Any,
+        si: SurfaceInteraction3f,
+        active: Mask,
+        gain: Float,
+        sample: Vector2f,
+        draw: Callable[[sky.SkyLight, Vector2f], tuple[Vector3f, Float]],
+        radiance_of: Callable[[sky.SkyLight, Vector3f], Float],
         coherent: bool = False,
-    ) -> Any:
+    ) -> Float:
         """Return the light of Sun or Earth that a surface sends back, by sampling them."""
         towards, density = draw(self._light, sample)
         value, scattered = si.bsdf().eval_pdf(mi.BSDFContext(), si, si.to_local(towards), active)
         radiance = radiance_of(self._light, towards)
         useful = active & (density > 0.0) & (value[0] > 0.0) & (radiance > 0.0)
-        hidden = occluded(self._loaded, leaving(si, towards), coherent=coherent, active=useful)
+        hidden = is_occluded(self._loaded, leaving_rays(si, towards), coherent=coherent, active=useful)
         return dr.select(useful & ~hidden, gain * value[0] * radiance / (density + scattered), 0.0)
 
-    def scatter(self, si: Any, hit: Any, gain: Any, draws: Any, *, roulette: bool) -> Any:
+    def scatter(
+        self, si: SurfaceInteraction3f, hit: Mask, gain: Float, draws: Vector4f, *, roulette: bool
+    ) -> tuple[Ray3f, Mask, Float, Float, Mask]:
         """Return the next rays, whether they live, their gain, density and whether a mirror sent them."""
         sample, weight = si.bsdf().sample(mi.BSDFContext(), si, draws[0], mi.Point2f(draws[1], draws[2]), hit)
         gain = gain * dr.select(hit, weight[0], 0.0)
@@ -231,17 +257,17 @@ class _Tracer:
             survival = dr.clip(gain, 0.1, 1.0)
             gain = dr.select(draws[3] < survival, gain / survival, 0.0)
         delta = mi.has_flag(sample.sampled_type, mi.BSDFFlags.Delta)
-        return leaving(si, si.to_world(sample.wo)), hit & (gain > 0.0), gain, sample.pdf, delta
+        return leaving_rays(si, si.to_world(sample.wo)), hit & (gain > 0.0), gain, sample.pdf, delta
 
-    def shape_of(self, si: Any, hit: Any) -> Any:
+    def shape_of(self, si: SurfaceInteraction3f, hit: Mask) -> UInt32:
         """Return the registry index of the surfaces, 0 for none."""
         return dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
 
-    def ratio_of(self, material: Any, hit: Any) -> Any:
+    def ratio_of(self, material: UInt32, hit: Mask) -> Float:
         """Return the reflectance out of band over that in band."""
         return dr.select(hit, dr.gather(mi.Float, self._loaded.out_of_band_ratio, material), 1.0)
 
-    def collect(self, total: Radiance, sharp: Any, sun: Any, earth: Any, ratio: Any) -> None:
+    def collect(self, total: Radiance, sharp: Mask, sun: Float, earth: Float, ratio: Float) -> None:
         """Add light to the direct part where ``sharp``, else to the indirect one."""
         light, light_out = sun + self._albedo[0] * earth, ratio * (sun + self._albedo[1] * earth)
         total.direct = total.direct + dr.select(sharp, light, 0.0)
@@ -250,6 +276,6 @@ class _Tracer:
         total.indirect_out = total.indirect_out + dr.select(sharp, 0.0, light_out)
 
 
-def _heuristic(density: Any, other: Any, delta: Any) -> Any:
+def _heuristic(density: Float, other: Float, delta: Mask) -> Float:
     """Return the balance heuristic's weight of directions that a surface chose; a mirror leaves no choice."""
     return dr.select(delta, 1.0, density / dr.maximum(density + other, 1e-20))

@@ -1,7 +1,7 @@
 """The brute-force judge of the light transport: one shot by millions of random rays, for laser and background.
 
-Every ray draws its place and direction in the beam (the phase-space density of a Gaussian beam: independent
-normal place at the waist and normal direction), a point of the receiving aperture, its place in the point
+Every ray draws its position and direction in the beam (the phase-space density of a Gaussian beam: independent
+normal position at the waist and normal direction), a point of the receiving aperture, its position in the point
 spread, and a moment in the dwell; it is counted in the pixel where it lands. No beamlets, no tangent planes, no closed
 forms.
 """
@@ -10,18 +10,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Float, UInt32, Vector3f, Vector4f
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.optics.deflection import deflected_frame
 from scanner_sim.render.background.paths import Albedo, trace_paths
 from scanner_sim.render.background.sky import SkyLight
-from scanner_sim.render.rays import intersect, occluded
+from scanner_sim.render.rays import intersect, is_occluded
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
 
@@ -38,7 +38,7 @@ class ReferenceLine:
 
 def reference_line(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     pixels: int,
     theta: float,
     phi: float,
@@ -53,7 +53,7 @@ def reference_line(
 
     Parameters
     ----------
-    loaded, bench
+    loaded, layout
         Scene and optics.
     pixels
         Number of pixels of the line.
@@ -73,7 +73,7 @@ def reference_line(
         number = dr.arange(mi.UInt32, start, min(start + _RAYS_TOGETHER, rays))
         moment = generator(seed, Stream.REFERENCE, mi.UInt32(shot + (1 << 30)), number).next_float32x4()[0]
         aim = theta + (moment - 0.5) * travel[0], phi + (moment - 0.5) * travel[1]
-        pixel, power = _land(loaded, bench, aim, synchronisation, number, seed, shot)
+        pixel, power = _land(loaded, layout, aim, synchronisation, number, seed, shot)
         inside = (pixel >= 0) & (pixel < pixels) & (power > 0.0)
         where, amount = pixel[inside].astype(np.int64), power[inside].astype(np.float64)
         total += np.bincount(where, amount, pixels)
@@ -84,7 +84,7 @@ def reference_line(
 
 def reference_background(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     light: SkyLight,
     albedo: Albedo,
     pixels: int,
@@ -103,7 +103,7 @@ def reference_background(
 
     Parameters
     ----------
-    loaded, bench, light, albedo
+    loaded, layout, light, albedo
         Scene, optics, Sun and Earth.
     pixels
         Number of pixels of the line.
@@ -119,27 +119,27 @@ def reference_background(
     ReferenceLine
         In band, for a Sun of 1 W/m².
     """
-    receiver = bench.receiver
+    receiver = layout.receiver
     number = dr.arange(mi.UInt32, pixels * samples)
     pixel = mi.Float(number // samples)
 
-    def random(draw: Any) -> Any:
+    def random(draw: UInt32) -> Vector4f:
         return generator(
             seed, Stream.REFERENCE, mi.UInt32(shot + (1 << 31)), number * 64 + draw
         ).next_float32x4()
 
-    place = random(mi.UInt32(62))
+    draws = random(mi.UInt32(62))
     blur = generator(
         seed, Stream.REFERENCE, mi.UInt32(shot + (1 << 31)), number * 64 + 63
     ).next_float32x4_normal()
-    p = bench.offset + (pixel + place[0]) * bench.pitch + blur[0] * bench.point_spread
-    q = (place[1] - 0.5) * bench.height + blur[1] * bench.point_spread
-    along, across, normal, _, lens = _optics(bench, theta, phi)
+    p = layout.offset + (pixel + draws[0]) * layout.pitch + blur[0] * layout.point_spread
+    q = (draws[1] - 0.5) * layout.height + blur[1] * layout.point_spread
+    along, across, normal, _, lens = _optics(layout, theta, phi)
     direction = dr.normalize(along * receiver.focal_length - across * p + normal * q)
     origin = mi.Point3f(lens) + dr.zeros(mi.Point3f, dr.width(number))
     found, _ = trace_paths(loaded, light, albedo, bounces, origin, direction, random)
-    gain = receiver.aperture_area * receiver.transmission * bench.filter_transmission
-    gain *= bench.pitch * bench.height / receiver.focal_length**2
+    gain = receiver.aperture_area * receiver.transmission * layout.filter_transmission
+    gain *= layout.pitch * layout.height / receiver.focal_length**2
     falloff = dr.square(dr.square(dr.dot(direction, along)))
     power = ((found.direct + found.indirect) * falloff).numpy().astype(np.float64).reshape(
         pixels, samples
@@ -147,31 +147,31 @@ def reference_background(
     return ReferenceLine(power.mean(axis=1), power.std(axis=1, ddof=1) / math.sqrt(samples))
 
 
-def _optics(bench: OpticalLayout, theta: Any, phi: Any) -> tuple[Any, ...]:
+def _optics(layout: OpticalLayout, theta: Float, phi: Float) -> tuple[Vector3f, ...]:
     """Return the deflected optics at pairs of angles [rad]: along, across, normal, laser, lens."""
     parts = deflected_frame(
         *dr.sincos(mi.Float(theta)),
         *dr.sincos(mi.Float(phi)),
-        bench.axis_separation,
-        bench.receiver.baseline,
+        layout.axis_separation,
+        layout.receiver.baseline,
     )
     return tuple(mi.Vector3f(*part) for part in parts)
 
 
 def _land(
     loaded: LoadedScene,
-    bench: OpticalLayout,
-    aim: tuple[Any, Any],
+    layout: OpticalLayout,
+    aim: tuple[Float, Float],
     synchronisation: float,
     number: mi.UInt32,
     seed: int,
     shot: int,
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return where each ray lands [pixel number] and the power that it stands for [W]."""
-    laser, receiver = bench.laser, bench.receiver
+    laser, receiver = layout.laser, layout.receiver
     random = generator(seed, Stream.REFERENCE, mi.UInt32(shot), number)
     beam, blur, stop = random.next_float32x4_normal(), random.next_float32x4_normal(), random.next_float32x4()
-    along, across, normal, origin, lens = _optics(bench, *aim)
+    along, across, normal, origin, lens = _optics(layout, *aim)
 
     sigma = 0.5 * laser.waist_radius
     slope_a, slope_b = beam[2] * sigma / laser.rayleigh_length, beam[3] * sigma / laser.rayleigh_length
@@ -184,21 +184,21 @@ def _land(
     radius, angle = 0.5 * receiver.aperture * dr.sqrt(stop[0]), 2.0 * math.pi * stop[1]
     sin, cos = dr.sincos(angle)
     eye = mi.Point3f(lens + across * (radius * cos) + normal * (radius * sin))
-    sight = eye - si.p
+    sight: Vector3f = eye - si.p
     towards = dr.normalize(sight)
     reflected = si.bsdf().eval(mi.BSDFContext(), si, si.to_local(towards), si.is_valid())[0]
     facing = -dr.dot(towards, along)
-    seen = si.is_valid() & (facing > 0.0) & ~occluded(loaded, si.spawn_ray_to(eye))
-    gain = receiver.aperture_area * receiver.transmission * bench.filter_transmission
+    seen = si.is_valid() & (facing > 0.0) & ~is_occluded(loaded, si.spawn_ray_to(eye))
+    gain = receiver.aperture_area * receiver.transmission * layout.filter_transmission
     power = laser.power * reflected * facing / dr.squared_norm(sight) * gain
 
     # The receiver's own axes, turned past the laser's.
     sine, cosine = math.sin(synchronisation), math.cos(synchronisation)
     along, across = along * cosine + across * sine, across * cosine - along * sine
-    place = mi.Vector3f(si.p - lens)
-    scale = receiver.focal_length / dr.dot(place, along)
-    p = -scale * dr.dot(place, across) + bench.point_spread * blur[0]
-    q = scale * dr.dot(place, normal) + bench.point_spread * blur[1]
-    seen &= dr.abs(q) < 0.5 * bench.height
-    pixel = dr.floor((p - bench.offset) / bench.pitch)
+    offset = mi.Vector3f(si.p - lens)
+    scale = receiver.focal_length / dr.dot(offset, along)
+    p = -scale * dr.dot(offset, across) + layout.point_spread * blur[0]
+    q = scale * dr.dot(offset, normal) + layout.point_spread * blur[1]
+    seen &= dr.abs(q) < 0.5 * layout.height
+    pixel = dr.floor((p - layout.offset) / layout.pitch)
     return dr.select(seen, pixel, -1.0).numpy(), dr.select(seen, power, 0.0).numpy()

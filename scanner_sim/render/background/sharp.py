@@ -10,11 +10,11 @@ random start: over the pixels of a window the error falls faster than with a sta
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.render.background.paths import Albedo, trace_sharp
 from scanner_sim.render.background.sky import SkyLight
@@ -37,7 +37,7 @@ _DISC = (0.8191725134, 0.6710436067)
 """Powers of the reciprocal of the real root of x⁴ = x + 1: steps of a sequence even in two further dimensions."""
 
 
-def contrast(low: Any, high: Any, view: PanoramaView | Window, reach_rows: int) -> Any:
+def contrast(low: Float, high: Float, view: PanoramaView | Window, reach_rows: int) -> Float:
     """Return the contrast of the pilot's samples around each bin, (high − low)/(high + faint).
 
     Parameters
@@ -63,20 +63,20 @@ def contrast(low: Any, high: Any, view: PanoramaView | Window, reach_rows: int) 
 
 def sharp_light(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
     view: PanoramaView | Window,
-    uneven: Any,
+    uneven: Float,
     *,
     finer: int,
     seed: int,
-) -> list[list[Any]]:
+) -> list[list[Float]]:
     """Return the sharp light of each bin.
 
     Parameters
     ----------
-    loaded, bench, sky, albedo, view
+    loaded, layout, sky, albedo, view
         Scene, optics, Sun and Earth, angles.
     uneven
         Contrast about each bin, Dr.Jit, shape (rows · bins,).
@@ -103,7 +103,7 @@ def sharp_light(
                 mi.UInt32, index, dr.arange(mi.UInt32, start, min(start + together, dr.width(index)))
             )
             for part, half in enumerate(halves):
-                found = _trace(loaded, bench, sky, albedo, view, some, samples * finer, part, seed)
+                found = _trace(loaded, layout, sky, albedo, view, some, samples * finer, part, seed)
                 for target, value in zip(half, found, strict=True):
                     dr.scatter(target, value, some)
                 dr.eval(half)
@@ -112,48 +112,48 @@ def sharp_light(
 
 def evenly_sharp_light(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
     view: PanoramaView | Window,
     samples: int,
     seed: int,
-) -> list[list[Any]]:
+) -> list[list[Float]]:
     """Return what :func:`sharp_light` does, with as many samples of every bin in each half."""
     bins = dr.arange(mi.UInt32, view.rows * view.bins)
-    halves = [_trace(loaded, bench, sky, albedo, view, bins, samples, part, seed) for part in range(2)]
+    halves = [_trace(loaded, layout, sky, albedo, view, bins, samples, part, seed) for part in range(2)]
     dr.eval(halves)
     return halves
 
 
 def _trace(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     sky: SkyLight,
     albedo: Albedo,
     view: PanoramaView | Window,
-    bins: Any,
+    bins: UInt32,
     samples: int,
     part: int,
     seed: int,
-) -> list[Any]:
+) -> list[Float]:
     """Return the mean radiance of some bins, in band and out of band."""
     lane = dr.arange(mi.UInt32, dr.width(bins) * samples)
-    place = dr.gather(mi.UInt32, bins, lane // samples)
-    row, column = place // view.bins, place % view.bins
+    index = dr.gather(mi.UInt32, bins, lane // samples)
+    row, column = index // view.bins, index % view.bins
     number = column * samples + lane % samples
     starts = generator(seed, Stream.BACKGROUND, mi.UInt32(_STARTS), row * 4 + dr.opaque(mi.UInt32, 2 * part))
     first, second = starts.next_float32x4(), starts.next_float32x4()
 
-    def lattice(step: float, start: Any) -> Any:
+    def lattice(step: float, start: Float) -> Float:
         return mi.Float(number * mi.UInt32(round(2**32 * step))) * 2.0**-32 + start
 
-    def within(value: Any) -> Any:
+    def within(value: Float) -> Float:
         return dr.minimum(value - dr.floor(value), 1.0 - 2.0**-23)
 
     along = (mi.Float(lane % samples) + first[0]) * dr.opaque(mi.Float, 1.0 / samples) - 0.5
     across = within(lattice(_GOLDEN, first[1]))
     disc = mi.Point2f(within(lattice(_DISC[0], first[2])), within(lattice(_DISC[1], first[3])))
-    origin, direction = rays_through(bench, view, row, column, along, across)
+    origin, direction = rays_through(layout, view, row, column, along, across)
     in_band, out_of_band = trace_sharp(for_rows(loaded, row), sky, albedo, origin, direction, disc, second)
     return [dr.block_sum(value, samples) / samples for value in (in_band, out_of_band)]

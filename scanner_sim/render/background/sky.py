@@ -14,13 +14,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.foundation.device_types import Float, Vector2f, Vector3f
 from scanner_sim.scene.light.lighting import Sky
 
 Array = NDArray[np.float64]
@@ -31,7 +31,7 @@ _TINY = 1e-12
 
 @dataclass(frozen=True)
 class SkyLight:
-    """Where Sun and Earth stand, as opaque Dr.Jit numbers: another place is no other kernel.
+    """Where Sun and Earth stand, as opaque Dr.Jit numbers: other positions use the same kernel.
 
     Attributes
     ----------
@@ -51,19 +51,19 @@ class SkyLight:
         The ring of 1 − cosγ around ``earth`` in which anything is lit; both 0 where nothing is.
     """
 
-    sun: Any
-    sun_cap: Any
-    sun_level: Any
-    sun_density: Any
-    earth: Any
-    earth_cap: Any
-    towards_sun: Any
-    beside: Any
-    reach: Any
-    noon: Any
-    slant: Any
-    lit_from: Any
-    lit_to: Any
+    sun: Vector3f
+    sun_cap: Float
+    sun_level: Float
+    sun_density: Float
+    earth: Vector3f
+    earth_cap: Float
+    towards_sun: Vector3f
+    beside: Vector3f
+    reach: Float
+    noon: Float
+    slant: Float
+    lit_from: Float
+    lit_to: Float
 
 
 def sky_light(
@@ -136,7 +136,7 @@ def light_of(sky: Sky) -> SkyLight:
     )
 
 
-def sun_radiance(light: SkyLight, direction: Any) -> Any:
+def sun_radiance(light: SkyLight, direction: Vector3f) -> Float:
     """Return the radiance [1/sr] of the Sun that is seen in a direction, for unit irradiance.
 
     1/(π sin²α) inside the angular radius α, which makes the irradiance exactly 1, and 0 where the Earth is in
@@ -147,7 +147,7 @@ def sun_radiance(light: SkyLight, direction: Any) -> Any:
     return dr.select(inside & ~hidden, light.sun_level, 0.0)
 
 
-def earth_radiance(light: SkyLight, direction: Any) -> Any:
+def earth_radiance(light: SkyLight, direction: Vector3f) -> Float:
     """Return the radiance [1/sr] of the Earth that is seen in a direction, for unit irradiance and albedo 1.
 
     max(0, cosζ)/π; 0 beside the Earth.
@@ -161,7 +161,7 @@ def earth_radiance(light: SkyLight, direction: Any) -> Any:
     return dr.select(away <= light.earth_cap, dr.maximum(height, 0.0) / math.pi, 0.0)
 
 
-def sample_sun(light: SkyLight, u: Any) -> tuple[Any, Any]:
+def sample_sun(light: SkyLight, u: Vector2f) -> tuple[Vector3f, Float]:
     """Return directions uniform on the Sun's disc, and their density [1/sr].
 
     Parameters
@@ -183,12 +183,12 @@ def sample_sun(light: SkyLight, u: Any) -> tuple[Any, Any]:
     )
 
 
-def pdf_sun(light: SkyLight, direction: Any) -> Any:
+def pdf_sun(light: SkyLight, direction: Vector3f) -> Float:
     """Return the density [1/sr] with which :func:`sample_sun` chooses a direction."""
     return dr.select(_from_axis(direction, light.sun) <= light.sun_cap, light.sun_density, 0.0)
 
 
-def sample_earth(light: SkyLight, u: Any) -> tuple[Any, Any]:
+def sample_earth(light: SkyLight, u: Vector2f) -> tuple[Vector3f, Float]:
     """Return directions on the lit part of the Earth that is seen, and their density [1/sr].
 
     In solid angle uniform over the ring in which anything is lit, then uniform in azimuth between the two
@@ -215,7 +215,7 @@ def sample_earth(light: SkyLight, u: Any) -> tuple[Any, Any]:
     return direction, _ring_density(light, width)
 
 
-def pdf_earth(light: SkyLight, direction: Any) -> Any:
+def pdf_earth(light: SkyLight, direction: Vector3f) -> Float:
     """Return the density [1/sr] with which :func:`sample_earth` chooses a direction."""
     width = _lit_azimuth(light, _from_axis(direction, light.earth))
     return dr.select(earth_radiance(light, direction) > 0.0, _ring_density(light, width), 0.0)
@@ -274,26 +274,26 @@ def _versine(reach: float, centre: float) -> float:
     return 2.0 * math.sin(0.5 * seen) ** 2
 
 
-def _opaque(value: float) -> Any:
+def _opaque(value: float) -> Float:
     return dr.opaque(mi.Float, value)
 
 
-def _vector(vector: Array) -> Any:
+def _vector(vector: Array) -> Vector3f:
     return mi.Vector3f(*(_opaque(float(entry)) for entry in vector))
 
 
-def _from_axis(direction: Any, axis: Any) -> Any:
+def _from_axis(direction: Vector3f, axis: Vector3f) -> Float:
     return 0.5 * dr.squared_norm(direction - axis)
 
 
-def _around(axis: Any, across: Any, beside: Any, away: Any, azimuth: Any) -> Any:
+def _around(axis: Vector3f, across: Vector3f, beside: Vector3f, away: Float, azimuth: Float) -> Vector3f:
     """Return the unit vector at an angle from an axis, given as 1 − cosγ, and an azimuth."""
     sine = dr.sqrt(dr.maximum(away * (2.0 - away), 0.0))
     turned = dr.sincos(azimuth)
     return axis * (1.0 - away) + across * (sine * turned[1]) + beside * (sine * turned[0])
 
 
-def _ground(light: SkyLight, away: Any) -> tuple[Any, Any]:
+def _ground(light: SkyLight, away: Float) -> tuple[Float, Float]:
     """Return cosine and sine of the angle η at the Earth's centre, from the point under the scene.
 
     The near crossing t = (D² − 1)/(D cosγ + √(1 − D² sin²γ)) of the ray with the unit ball at D, in the form that
@@ -305,13 +305,13 @@ def _ground(light: SkyLight, away: Any) -> tuple[Any, Any]:
     return light.reach - distance * cosine, distance * dr.sqrt(dr.maximum(squared, 0.0))
 
 
-def _lit_azimuth(light: SkyLight, away: Any) -> Any:
+def _lit_azimuth(light: SkyLight, away: Float) -> Float:
     """Return the largest azimuth from the Sun's side at which the ground is lit."""
     cos_centre, sin_centre = _ground(light, away)
     edge = -cos_centre * light.noon / dr.maximum(sin_centre * light.slant, _TINY)
     return dr.acos(dr.clip(edge, -1.0, 1.0))
 
 
-def _ring_density(light: SkyLight, width: Any) -> Any:
+def _ring_density(light: SkyLight, width: Float) -> Float:
     area = 2.0 * width * (light.lit_to - light.lit_from)
     return dr.select(area > 0.0, 1.0 / dr.maximum(area, _TINY), 0.0)

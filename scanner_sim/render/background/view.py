@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
+from scanner_sim.foundation.device_types import Float, UInt32, Vector3f
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout, device_frame
 
@@ -53,24 +54,24 @@ class PanoramaView:
         """Angle between rows [rad]; infinite where there is one row only."""
         return float(self.phi[1] - self.phi[0]) if self.rows > 1 else math.inf
 
-    def lattice(self) -> tuple[Any, Any, Any]:
+    def lattice(self) -> tuple[Float, Float, Float]:
         """Return angle of the first bin's centre and of a bin [rad], and number of the last bin: opaque Dr.Jit."""
         first, step, last = (dr.opaque(mi.Float, value) for value in (self.first, self.step, self.bins - 1))
         return first, step, last
 
-    def tables(self, bench: OpticalLayout) -> tuple[Any, Any]:
+    def tables(self, layout: OpticalLayout) -> tuple[Float, Float]:
         """Return φ of the rows [rad] and the quantiles of the pixels' height [m], Dr.Jit."""
-        heights = height_quantiles(bench.height, bench.point_spread)
+        heights = height_quantiles(layout.height, layout.point_spread)
         return mi.Float(self.phi.astype(np.float32)), mi.Float(heights.astype(np.float32))
 
-    def row(self, shots: Shots, place: Any, columns: int) -> Any:
-        """Return the rows of the shots at some places; a raster's shots tell it by their number."""
-        return dr.gather(mi.UInt32, shots.number, place) // dr.opaque(mi.UInt32, columns)
+    def row(self, shots: Shots, index: UInt32, columns: int) -> UInt32:
+        """Return the rows of shots by their indices; a raster's shots tell it by their number."""
+        return dr.gather(mi.UInt32, shots.number, index) // dr.opaque(mi.UInt32, columns)
 
 
 @dataclass
 class Window:
-    """The angles of a panorama whose place may change without another kernel: a part of a lattice.
+    """The angles of a panorama whose position may change without another kernel: a part of a lattice.
 
     What pixels see of it is interpolated between rows. That spreads light over a variance of a sixth of a row's step;
     the rows are rendered with pixels that are as much less high, so that the variance across is the pixels' own.
@@ -87,50 +88,50 @@ class Window:
         Quantiles of the height, Dr.Jit: :func:`window_heights`.
     """
 
-    first: Any
-    phi: Any
-    rows: Any
-    bins: Any
+    first: Float
+    phi: Float
+    rows: UInt32
+    bins: UInt32
     step: float
     row_step: float
-    heights: Any
+    heights: Float
     time: None = None
 
-    def lattice(self) -> tuple[Any, Any, Any]:
+    def lattice(self) -> tuple[Float, Float, Float]:
         """Return angle of the first bin's centre and of a bin [rad], and number of the last bin, Dr.Jit."""
         return self.first, dr.opaque(mi.Float, self.step), mi.Float(self.bins) - 1.0
 
-    def tables(self, bench: OpticalLayout) -> tuple[Any, Any]:  # noqa: ARG002 (a raster's view needs it)
+    def tables(self, layout: OpticalLayout) -> tuple[Float, Float]:  # noqa: ARG002 (a raster's view needs it)
         """Return φ of the rows [rad] and the quantiles of the pixels' height [m], Dr.Jit."""
         lane = dr.arange(mi.Float, self.rows)
         return dr.fma(lane, dr.opaque(mi.Float, self.row_step), self.phi), self.heights
 
-    def row(self, shots: Shots, place: Any, columns: int) -> Any:  # noqa: ARG002 (a raster's view needs it)
-        """Return where between the rows the shots at some places look, 0 to rows − 1."""
-        at = (dr.gather(mi.Float, shots.phi, place) - self.phi) / dr.opaque(mi.Float, self.row_step)
+    def row(self, shots: Shots, index: UInt32, columns: int) -> Float:  # noqa: ARG002 (a raster's view needs it)
+        """Return where between the rows shots look, by their indices, 0 to rows − 1."""
+        at = (dr.gather(mi.Float, shots.phi, index) - self.phi) / dr.opaque(mi.Float, self.row_step)
         return dr.clip(at, 0.0, mi.Float(self.rows) - 1.0)
 
 
-def window_place(first: float, phi: float, rows: int, bins: int) -> list[Any]:
+def window_position(first: float, phi: float, rows: int, bins: int) -> list[Any]:
     """Return first angle, first φ [rad], rows and bins of a :class:`Window` as opaque Dr.Jit numbers."""
     angles = (dr.opaque(mi.Float, value) for value in (first, phi))
     return [*angles, *(dr.opaque(mi.UInt32, value) for value in (rows, bins))]
 
 
-def window_heights(bench: OpticalLayout, row_step: float) -> Any:
+def window_heights(layout: OpticalLayout, row_step: float) -> Float:
     """Return the quantiles of a pixel's height [m] for rows a step [rad] apart, between which one interpolates, Dr.Jit.
 
     h²/12 less (f δ)²/6, as a height: for steps up to 0.6 of a pixel's height, h/f.
     """
-    spread = (bench.receiver.focal_length * row_step) ** 2
-    height = math.sqrt(max(bench.height**2 - 2.0 * spread, 0.0))
-    return mi.Float(height_quantiles(height, bench.point_spread).astype(np.float32))
+    spread = (layout.receiver.focal_length * row_step) ** 2
+    height = math.sqrt(max(layout.height**2 - 2.0 * spread, 0.0))
+    return mi.Float(height_quantiles(height, layout.point_spread).astype(np.float32))
 
 
 def panorama_view(
     theta: tuple[float, float],
     phi: NDArray[np.float64],
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     pixels: int,
     time: NDArray[np.float64] | None = None,
 ) -> PanoramaView:
@@ -138,28 +139,33 @@ def panorama_view(
 
     ``time`` is that of :class:`PanoramaView`.
     """
-    f, step = bench.receiver.focal_length, bench.pitch / bench.receiver.focal_length
-    first = theta[0] - math.atan((bench.offset + pixels * bench.pitch) / f) - step
-    last = theta[1] - math.atan(bench.offset / f) + step
+    f, step = layout.receiver.focal_length, layout.pitch / layout.receiver.focal_length
+    first = theta[0] - math.atan((layout.offset + pixels * layout.pitch) / f) - step
+    last = theta[1] - math.atan(layout.offset / f) + step
     bins = math.ceil((last - first) / step) + 1
     return PanoramaView(np.asarray(phi, dtype=np.float64), first, step, bins, time)
 
 
 def rays_through(
-    bench: OpticalLayout, view: PanoramaView | Window, row: Any, column: Any, along: Any, across: Any
-) -> tuple[Any, Any]:
-    """Return the rays from the lens node through places of bins.
+    layout: OpticalLayout,
+    view: PanoramaView | Window,
+    row: UInt32,
+    column: UInt32,
+    along: Float,
+    across: Float,
+) -> tuple[Vector3f, Vector3f]:
+    """Return the rays from the lens node through points of bins.
 
     Parameters
     ----------
-    bench, view
+    layout, view
         Optics and angles.
     row, column
         The bins; Dr.Jit, shape (n,).
     along
-        Place along the row from the bin's centre [bin], shape (n,).
+        Position along the row from the bin's centre [bin], shape (n,).
     across
-        Uniform number for the place across the row, shape (n,): the pixel's height blurred by the point spread.
+        Uniform number for the position across the row, shape (n,): the pixel's height blurred by the point spread.
 
     Returns
     -------
@@ -167,17 +173,17 @@ def rays_through(
         Origins and unit directions, shape (n,).
     """
     first, step, _ = view.lattice()
-    rows, table = view.tables(bench)
-    frame = device_frame(bench, (mi.Float(column) + along) * step + first, dr.gather(mi.Float, rows, row))
+    rows, table = view.tables(layout)
+    frame = device_frame(layout, (mi.Float(column) + along) * step + first, dr.gather(mi.Float, rows, row))
     at = across * _QUANTILES
     low = mi.UInt32(dr.minimum(at, _QUANTILES - 1.0))
     height = dr.lerp(dr.gather(mi.Float, table, low), dr.gather(mi.Float, table, low + 1), at - mi.Float(low))
-    slope = height / dr.opaque(mi.Float, bench.receiver.focal_length)
+    slope = height / dr.opaque(mi.Float, layout.receiver.focal_length)
     return mi.Point3f(frame.lens), dr.normalize(frame.along + frame.normal * slope)
 
 
 def height_quantiles(height: float, point_spread: float) -> NDArray[np.float64]:
-    """Return quantiles of the place across the line at which light that a pixel counts would land unblurred.
+    """Return quantiles of the position across the line at which light that a pixel counts would land unblurred.
 
     The pixel's height convolved with the Gaussian point spread; one number through the quantile keeps points that
     are spread evenly so, where a sum of two would not.
@@ -190,13 +196,13 @@ def height_quantiles(height: float, point_spread: float) -> NDArray[np.float64]:
     Returns
     -------
     ndarray
-        Places [m] at equal steps of probability, both ends included; the Gaussian ends at 4 standard deviations.
+        Positions [m] at equal steps of probability, both ends included; the Gaussian ends at 4 standard deviations.
     """
     probability = np.linspace(0.0, 1.0, _QUANTILES + 1)
     if point_spread <= 0.0:
         return height * (probability - 0.5)
     reach = 0.5 * height + 4.0 * point_spread
-    place = np.linspace(-reach, reach, 8 * _QUANTILES + 1)
+    position = np.linspace(-reach, reach, 8 * _QUANTILES + 1)
 
     def integral(x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the integral of the normal distribution function."""
@@ -204,5 +210,7 @@ def height_quantiles(height: float, point_spread: float) -> NDArray[np.float64]:
             0.5 * x * (1.0 + erf(x / math.sqrt(2.0))) + np.exp(-0.5 * x**2) / math.sqrt(2.0 * math.pi)
         )
 
-    below = integral((place + 0.5 * height) / point_spread) - integral((place - 0.5 * height) / point_spread)
-    return np.interp(probability, (below - below[0]) / (below[-1] - below[0]), place)
+    below = integral((position + 0.5 * height) / point_spread) - integral(
+        (position - 0.5 * height) / point_spread
+    )
+    return np.interp(probability, (below - below[0]) / (below[-1] - below[0]), position)

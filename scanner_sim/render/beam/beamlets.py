@@ -6,8 +6,8 @@ the surface's curvature within a beamlet. At edges the nodes themselves must res
 weight, evenly spread. Random samples would leave micrometres of noise in the centroid.
 
 While the mirrors sweep, each beamlet has its own moment in the dwell. The moments are spread evenly over it and have
-the mean 0 and the variance 1/12 of a dwell, uncorrelated with place: the smeared spot of a smooth surface is then exact
-in mean and variance without another ray.
+the mean 0 and the variance 1/12 of a dwell, uncorrelated with position: the smeared spot of a smooth surface is then
+exact in mean and variance without another ray.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ class Beamlets:
     Attributes
     ----------
     nodes
-        Shape (k, 2): places across the beam, in standard deviations of the irradiance (w/2).
+        Shape (k, 2): positions across the beam, in standard deviations of the irradiance (w/2).
     weights
         Shape (k,): shares of the power; their sum is 1.
     width
@@ -86,8 +86,8 @@ def smooth_beamlets(count: Literal[7, 19, 37]) -> Beamlets:
     symmetry makes all others exact up to the fifth order. (Stroud, *Approximate calculation of multiple
     integrals*, 1971, ch. 3, on such rules.)
 
-    Opposite beamlets have opposite times, so that all moments of odd order of times and places together are 0, as
-    they are in the beam; what the remaining times have in common with the places is taken off them.
+    Opposite beamlets have opposite times, so that all moments of odd order of times and positions together are 0, as
+    they are in the beam; what the remaining times have in common with the positions is taken off them.
     """
     spacing, rings = _HEXAGONAL_RINGS[count]
     squared = np.array([ring[0] for ring in rings])
@@ -117,14 +117,14 @@ def edge_beamlets(count: int) -> Beamlets:
     index = np.arange(count)
     radius = np.sqrt(-2.0 * np.log1p(-(index + 0.5) / count))
     angle = 2.0 * np.pi * _GOLDEN * index
-    nodes = _whitened(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
+    nodes = _whiten(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
     width = edge_width(count)
     order = _neighbours_first(nodes)
     scaled, weights = math.sqrt(1.0 - width**2) * nodes[order], np.full(count, 1.0 / count)
     even = np.asarray(((index + 0.5) * _TIME_STEP) % 1.0 - 0.5)[order]
     # The aperture's points are shared out over the beam at rest; rays are traced side by side as the sweep lays them.
     along = _neighbours_first(scaled + _USUAL_SWEEP * np.stack([even, np.zeros(count)], axis=1))
-    times = _corrected(even, scaled, weights)
+    times = _decorrelate(even, scaled, weights)
     return Beamlets(scaled[along], weights, width, aperture_spiral(count)[along], times[along])
 
 
@@ -138,17 +138,17 @@ def _opposite_times(nodes: Array, weights: Array) -> Array:
     times = np.zeros(len(nodes))
     half = np.array(_HALF_RING_TIMES[len(nodes)])
     times[1:] = np.concatenate([half, -half], axis=1).ravel()
-    return _corrected(times, nodes, weights)
+    return _decorrelate(times, nodes, weights)
 
 
-def _corrected(times: Array, nodes: Array, weights: Array) -> Array:
+def _decorrelate(times: Array, nodes: Array, weights: Array) -> Array:
     """Return times, shape (k,), made free of what they share with nodes, of mean 0 and variance 1/12."""
     design = np.column_stack([np.ones(len(times)), nodes])
     root = np.sqrt(weights)
     share, *_ = np.linalg.lstsq(design * root[:, None], times * root, rcond=None)
     free = times - design @ share
     variance = float(weights @ free**2)
-    # Too few beamlets leave no time that is free of place: they all shine at the middle.
+    # Too few beamlets leave no time that is independent of position: they all shine at the middle.
     return free / math.sqrt(12.0 * variance) if variance > 1e-6 else np.zeros(len(times))
 
 
@@ -173,10 +173,10 @@ def aperture_spiral(count: int) -> Array:
     )
     index = (np.arange(count) * stride) % count
     radius, angle = np.sqrt((index + 0.5) / count), 2.0 * np.pi * _GOLDEN * index
-    return 0.5 * _whitened(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
+    return 0.5 * _whiten(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
 
 
-def _whitened(points: Array) -> Array:
+def _whiten(points: Array) -> Array:
     """Return points, shape (k, 2), shifted and sheared to mean 0 and unit covariance."""
     centred = points - points.mean(axis=0)
     return np.asarray(centred @ np.linalg.inv(np.linalg.cholesky(centred.T @ centred / len(points))).T)

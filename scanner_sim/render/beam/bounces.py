@@ -7,14 +7,15 @@ the lens sees is imaged with the lens's point spread.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_types import Float
+from scanner_sim.optics.deflection import Frame
 from scanner_sim.render.beam.beamlets import Beamlets
 from scanner_sim.render.beam.random_walks import Vertex, walk
-from scanner_sim.render.rays import posed
+from scanner_sim.render.rays import pose_scene
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import (
     OpticalLayout,
@@ -25,7 +26,7 @@ from scanner_sim.render.transport import (
     lanes,
     launch,
     meet,
-    out_of_step,
+    synchronisation_shift,
     to_pixels,
 )
 from scanner_sim.scene.files.loader import LoadedScene
@@ -39,15 +40,15 @@ class BounceSpots:
     little of its speckle is left.
     """
 
-    power: Any
-    position: Any
-    sigma: Any
-    coherence: Any
+    power: Float
+    position: Float
+    sigma: Float
+    coherence: Float
 
 
 def trace_bounces(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     beamlets: Beamlets,
     bounces: int,
     shots: Shots,
@@ -57,7 +58,7 @@ def trace_bounces(
 
     Parameters
     ----------
-    loaded, bench
+    loaded, layout
         Scene and optics.
     beamlets
         Starts of the k paths of each shot.
@@ -74,16 +75,16 @@ def trace_bounces(
         n · k · (bounces − 1) entries; entry (i · k + j) · (bounces − 1) + v is surface v + 2 of path j of shot i.
     """
     lane = lanes(beamlets, shots)
-    frame = frame_at(bench, lane.own, lane.time)
-    beam = launch(bench, frame, lane.node)
-    loaded = posed(loaded, lane.own.poses)
+    frame = frame_at(layout, lane.own, lane.time)
+    beam = launch(layout, frame, lane.node)
+    loaded = pose_scene(loaded, lane.own.poses)
     si = meet(loaded, beam.origin, beam.direction)
-    power = lane.weight * dr.opaque(mi.Float, bench.laser.power)
+    power = lane.weight * dr.opaque(mi.Float, layout.laser.power)
     vertices, paths = bounces - 1, dr.width(lane.shot)
     power_seen, position, sigma = (dr.empty(mi.Float, paths * vertices) for _ in range(3))
     found = BounceSpots(power_seen, position, sigma, dr.zeros(mi.Float, paths * vertices))
     for number, vertex in enumerate(walk(loaded, lane, si, power, bounces, seed)):
-        spots = _seen(loaded, bench, lane.own, frame, lane.stop, vertex)
+        spots = _image_vertex(loaded, layout, lane.own, frame, lane.stop, vertex)
         dr.eval(vertex, spots)
         at = dr.arange(mi.UInt32, paths) * vertices + number
         dr.scatter(found.power, spots.power, at)
@@ -92,17 +93,17 @@ def trace_bounces(
     return found
 
 
-def _seen(
-    loaded: LoadedScene, bench: OpticalLayout, shots: Shots, frame: Any, stop: Any, vertex: Vertex
+def _image_vertex(
+    loaded: LoadedScene, layout: OpticalLayout, shots: Shots, frame: Frame, stop: list[Float], vertex: Vertex
 ) -> BounceSpots:
     """Return the image of the light at surface points."""
-    strength, seen = connect(loaded, bench, frame, vertex.si, stop, vertex.alive, coherent=False)
-    p, q, depth = image(bench, frame, vertex.si.p)
-    p = out_of_step(bench, p, shots.synchronisation)
-    blur = dr.opaque(mi.Float, bench.point_spread**2)
-    height = dr.opaque(mi.Float, bench.height)
+    strength, seen = connect(loaded, layout, frame, vertex.si, stop, vertex.alive, coherent=False)
+    p, q, depth = image(layout, frame, vertex.si.p)
+    p = synchronisation_shift(layout, p, shots.synchronisation)
+    blur = dr.opaque(mi.Float, layout.point_spread**2)
+    height = dr.opaque(mi.Float, layout.height)
     inside, p, variance = cut_by_height(p, q, blur, blur, mi.Float(0.0), height)
-    position, pitch = to_pixels(bench, p), dr.opaque(mi.Float, bench.pitch)
+    position, pitch = to_pixels(layout, p), dr.opaque(mi.Float, layout.pitch)
     good = seen & (depth > 0.0) & dr.isfinite(position)
     return BounceSpots(
         dr.select(good, vertex.power * strength * inside, 0.0),

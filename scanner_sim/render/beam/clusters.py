@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Protocol, runtime_checkable
 
 import drjit as dr
 import mitsuba as mi
 
-_REACH = 6.0
+from scanner_sim.foundation.device_types import Float, Local, UInt32
+
+_CLUSTER_SIGMAS = 6.0
 """Standard deviations (times √2) to which a cluster's light is followed: the rest is below float32."""
 _LEAST_VARIANCE = 1e-4
 """Floor of a cluster's variance [pixel²]: rounding cannot make it negative."""
@@ -18,16 +21,16 @@ _LEAST_VARIANCE = 1e-4
 class SpotsOfLight(Protocol):
     """Spots on the line: power [W], position and standard deviation [pixel], Dr.Jit arrays."""
 
-    power: Any
-    position: Any
-    sigma: Any
+    power: Float
+    position: Float
+    sigma: Float
 
 
 @runtime_checkable
 class CoherentSpots(SpotsOfLight, Protocol):
     """Spots of coherent light; ``coherence`` is the squared contrast of their speckle."""
 
-    coherence: Any
+    coherence: Float
 
 
 @dataclass
@@ -37,66 +40,66 @@ class Clusters:
     ``amount`` [W], ``position`` and ``sigma`` [pixel] along the line, ``coherence`` squared contrast of the speckle.
     """
 
-    amount: Any
-    position: Any
-    sigma: Any
-    coherence: Any
+    amount: Float
+    position: Float
+    sigma: Float
+    coherence: Float
     shots: int
-    _found_ends: tuple[Any, Any] | None = field(default=None, init=False, repr=False, compare=False)
+    _found_ends: tuple[Float, Float] | None = field(default=None, init=False, repr=False, compare=False)
 
     @property
     def count(self) -> int:
         """Number c of clusters of each shot."""
         return int(dr.width(self.position)) // self.shots
 
-    def part(self, places: Any) -> Clusters:
-        """Return the clusters of the shots at some places only."""
-        some = dr.width(places)
+    def part(self, indices: UInt32) -> Clusters:
+        """Return the clusters of some shots only, by their indices."""
+        some = dr.width(indices)
         lane = dr.arange(mi.UInt32, self.count * some)
-        at = (lane // some) * self.shots + dr.gather(mi.UInt32, places, lane % some)
+        at = (lane // some) * self.shots + dr.gather(mi.UInt32, indices, lane % some)
         amount, position, sigma, coherence = (dr.gather(mi.Float, values, at) for values in self._arrays())
         dr.eval(amount, position, sigma, coherence)
         return Clusters(amount, position, sigma, coherence, some)
 
-    def joined(self, other: Clusters) -> Clusters:
+    def join(self, other: Clusters) -> Clusters:
         """Return the clusters of both, which must be of the same shots."""
         amount, position, sigma, coherence = (
             dr.concat(pair) for pair in zip(self._arrays(), other._arrays(), strict=True)
         )
         return Clusters(amount, position, sigma, coherence, self.shots)
 
-    def _arrays(self) -> tuple[Any, Any, Any, Any]:
+    def _arrays(self) -> tuple[Float, Float, Float, Float]:
         return self.amount, self.position, self.sigma, self.coherence
 
-    def power(self, pixel: Any, place: Any) -> Any:
-        """Return the power [W] on pixels of the shots at some places: each cluster integrated in closed form.
+    def power(self, pixel: UInt32, index: UInt32) -> Float:
+        """Return the power [W] on pixels of shots by their indices: each cluster integrated in closed form.
 
         Parameters
         ----------
-        pixel, place
+        pixel, index
             Dr.Jit unsigned arrays of one shape.
         """
         centre = mi.Float(pixel)
 
-        def share(number: Any) -> Any:
-            at = place + number * dr.opaque(mi.UInt32, self.shots)
+        def share(number: UInt32) -> Float:
+            at = index + number * dr.opaque(mi.UInt32, self.shots)
             middle, width = dr.gather(mi.Float, self.position, at), dr.gather(mi.Float, self.sigma, at)
             scale = math.sqrt(0.5) / width
             left, right = (centre - 0.5 - middle) * scale, (centre + 0.5 - middle) * scale
             amount = dr.gather(mi.Float, self.amount, at)
-            near = (amount > 0.0) & (dr.minimum(dr.abs(left), dr.abs(right)) < _REACH)
+            near = (amount > 0.0) & (dr.minimum(dr.abs(left), dr.abs(right)) < _CLUSTER_SIGMAS)
             return dr.select(near, 0.5 * amount * (dr.erf(right) - dr.erf(left)), 0.0)
 
         count = self.count
-        low, high = (dr.gather(mi.Float, end, place) for end in self._ends())
+        low, high = (dr.gather(mi.Float, end, index) for end in self._ends())
         near = (centre > low) & (centre < high)
         return dr.while_loop(
-            (mi.UInt32(0), dr.zeros(mi.Float, dr.width(place))),
+            (mi.UInt32(0), dr.zeros(mi.Float, dr.width(index))),
             lambda number, total: near & (number < count),
             lambda number, total: (number + 1, total + share(number)),
         )[1]
 
-    def _ends(self) -> tuple[Any, Any]:
+    def _ends(self) -> tuple[Float, Float]:
         """Return the pixels between which each shot's light lies, shape (m,)."""
         if self._found_ends is None:
             shot = dr.arange(mi.UInt32, self.shots)
@@ -105,7 +108,7 @@ class Clusters:
                 at = shot + number * self.shots
                 lit = dr.gather(mi.Float, self.amount, at) > 0.0
                 middle = dr.gather(mi.Float, self.position, at)
-                reach = _REACH * math.sqrt(2.0) * dr.gather(mi.Float, self.sigma, at) + 0.5
+                reach = _CLUSTER_SIGMAS * math.sqrt(2.0) * dr.gather(mi.Float, self.sigma, at) + 0.5
                 low = dr.select(lit, dr.minimum(low, middle - reach), low)
                 high = dr.select(lit, dr.maximum(high, middle + reach), high)
             dr.eval(low, high)
@@ -113,7 +116,7 @@ class Clusters:
         return self._found_ends
 
 
-def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Clusters:
+def cluster(spots: SpotsOfLight, shot: UInt32, count: int, clusters: int) -> Clusters:
     """Gather each shot's spots into clusters along the line.
 
     Parameters
@@ -135,15 +138,15 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
     """
     m, first_spot = dr.width(shot), shot * count
 
-    def spot(number: Any) -> tuple[Any, Any, Any]:
-        place = first_spot + number
+    def spot(number: UInt32) -> tuple[Float, Float, Float]:
+        index = first_spot + number
         return (
-            dr.gather(mi.Float, spots.power, place),
-            dr.gather(mi.Float, spots.position, place),
-            dr.gather(mi.Float, spots.sigma, place),
+            dr.gather(mi.Float, spots.power, index),
+            dr.gather(mi.Float, spots.position, index),
+            dr.gather(mi.Float, spots.sigma, index),
         )
 
-    def contrast(number: Any) -> Any:
+    def contrast(number: UInt32) -> Float:
         if not isinstance(spots, CoherentSpots):
             return mi.Float(0.0)
         return dr.gather(mi.Float, spots.coherence, first_spot + number)
@@ -152,7 +155,7 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
     width = dr.maximum(extent / clusters, 1e-6)
     totals = [dr.alloc_local(mi.Float, clusters, mi.Float(0.0)) for _ in range(4)]
 
-    def add(number: Any, power: Any, first: Any, second: Any, coherence: Any) -> Any:
+    def add(number: UInt32, power: Local, first: Local, second: Local, coherence: Local) -> tuple[Any, ...]:
         amount, position, sigma = spot(number)
         slot = mi.UInt32(dr.clip((position - origin) / width, 0.0, clusters - 1.0))
         lit = amount > 0.0
@@ -170,7 +173,7 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
     sums: Any = dr.while_loop((mi.UInt32(0), *totals), lambda number, *sums: number < count, add)
     _, power, first, second, contrasts = sums
     amounts, positions, sigmas = [], [], []
-    coherence: list[Any] = []
+    coherence: list[Float] = []
     for slot in range(clusters):
         total = power.read(mi.UInt32(slot))
         lit = total > 0.0
@@ -184,13 +187,15 @@ def cluster(spots: SpotsOfLight, shot: Any, count: int, clusters: int) -> Cluste
     return Clusters(dr.concat(amounts), dr.concat(positions), dr.concat(sigmas), dr.concat(coherence), m)
 
 
-def lit_extent(spot: Any, shots: int, count: int) -> tuple[Any, Any]:
-    """Return the lowest place of each shot's lit spots and the length that they cover; 0 where nothing is lit.
+def lit_extent(
+    spot: Callable[[UInt32], tuple[Float, Float, Float]], shots: int, count: int
+) -> tuple[Float, Float]:
+    """Return the lowest position of each shot's lit spots and the length that they cover; 0 where nothing is lit.
 
-    ``spot`` gives power, place and spread of the spot of a number, one of ``count``, for every shot.
+    ``spot`` gives power, position and spread of the spot of a number, one of ``count``, for every shot.
     """
 
-    def widen(number: Any, low: Any, high: Any) -> tuple[Any, Any, Any]:
+    def widen(number: UInt32, low: Float, high: Float) -> tuple[UInt32, Float, Float]:
         amount, position, _ = spot(number)
         lit = amount > 0.0
         low = dr.select(lit, dr.minimum(low, position), low)

@@ -8,15 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_types import Float
 from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets
 from scanner_sim.render.beam.echo_clusters import Echoes, PhotodiodeView, gather_echoes
 from scanner_sim.render.beam.random_walks import walk
-from scanner_sim.render.rays import posed
+from scanner_sim.render.rays import pose_scene
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout, connect, device_frame, lanes, launch, meet
@@ -35,14 +35,14 @@ class LateReturns:
     ``share`` of the pulse's power; ``path`` from the shot's reference [m]; ``spread`` is 0.
     """
 
-    share: Any
-    path: Any
-    spread: Any
+    share: Float
+    path: Float
+    spread: Float
 
 
 def with_bounces(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     view: PhotodiodeView,
     settings: Transport,
     shots: Shots,
@@ -60,27 +60,27 @@ def with_bounces(
         some = dr.arange(mi.UInt32, start, min(start + together, dr.width(direct.index)))
         part = direct.part(some)
         own = shots.take(part.index)
-        late = trace_late(loaded, bench, view, beamlets, settings.bounces, own, part.reference, seed)
+        late = trace_late(loaded, layout, view, beamlets, settings.bounces, own, part.reference, seed)
         every = dr.arange(mi.UInt32, dr.width(part.index))
         echoes = gather_echoes(late.share, late.path, late.spread, every, points, _CLUSTERS)
-        yield part.joined(Echoes(part.index, part.shot, *echoes, part.reference))
+        yield part.join(Echoes(part.index, part.shot, *echoes, part.reference))
 
 
 def trace_late(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     view: PhotodiodeView,
     beamlets: Beamlets,
     bounces: int,
     shots: Shots,
-    reference: Any,
+    reference: Float,
     seed: int,
 ) -> LateReturns:
     """Follow random paths of n shots over up to ``bounces`` surfaces.
 
     Parameters
     ----------
-    loaded, bench, view
+    loaded, layout, view
         Scene, optics and the photodiode's look.
     beamlets
         Starts of the k paths of each shot.
@@ -97,9 +97,9 @@ def trace_late(
         n · k · (bounces − 1) entries; entry (i · k + j) · (bounces − 1) + v is surface v + 2 of path j of shot i.
     """
     lane = lanes(beamlets, shots)
-    frame = view.frame(device_frame(bench, lane.own.theta, lane.own.phi))
-    beam = launch(bench, frame, lane.node)
-    loaded = posed(loaded, lane.own.poses)
+    frame = view.frame(device_frame(layout, lane.own.theta, lane.own.phi))
+    beam = launch(layout, frame, lane.node)
+    loaded = pose_scene(loaded, lane.own.poses)
     si = meet(loaded, beam.origin, beam.direction)
     way = dr.select(si.is_valid(), si.t, 0.0) - dr.gather(mi.Float, reference, lane.shot)
     vertices, paths = bounces - 1, dr.width(lane.shot)
@@ -108,7 +108,7 @@ def trace_late(
     for number, vertex in enumerate(walk(loaded, lane, si, lane.weight, bounces, seed)):
         si = vertex.si
         way = way + dr.select(vertex.alive, si.t, 0.0)
-        strength, seen = connect(loaded, bench, frame, si, lane.stop, vertex.alive, coherent=False)
+        strength, seen = connect(loaded, layout, frame, si, lane.stop, vertex.alive, coherent=False)
         seen &= view.sees(frame, si.p)
         arrives = dr.select(seen, vertex.power * strength, 0.0)
         path = dr.select(seen, way + dr.norm(mi.Vector3f(si.p - frame.lens)), 0.0)

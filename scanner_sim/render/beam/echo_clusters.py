@@ -12,6 +12,7 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_types import Float, Mask, UInt32, Vector3f
 from scanner_sim.optics.deflection import Frame
 from scanner_sim.render.beam.clusters import lit_extent
 
@@ -36,16 +37,16 @@ class PhotodiodeView:
     field_of_view: float
 
     def frame(self, frame: Frame) -> Frame:
-        """Return the deflected optics with the photodiode's lens in place of the position sensor's."""
+        """Return the deflected optics with the photodiode's lens instead of the position sensor's."""
         return frame if self.offset else frame._replace(lens=frame.laser)
 
-    def sees(self, frame: Frame, point: Any) -> Any:
+    def sees(self, frame: Frame, point: Vector3f) -> Mask:
         """Return whether points lie in the field; ``frame`` is that of :meth:`frame`."""
-        place = mi.Vector3f(point - frame.lens)
-        depth = dr.dot(place, frame.along)
+        offset = mi.Vector3f(point - frame.lens)
+        depth = dr.dot(offset, frame.along)
         half = dr.opaque(mi.Float, math.tan(0.5 * self.field_of_view))
-        aside = -dr.dot(place, frame.across) - (half * depth if self.offset else 0.0)
-        above = dr.dot(place, frame.normal)
+        aside = -dr.dot(offset, frame.across) - (half * depth if self.offset else 0.0)
+        above = dr.dot(offset, frame.normal)
         return (depth > 0.0) & (dr.square(aside) + dr.square(above) <= dr.square(half * depth))
 
 
@@ -53,19 +54,19 @@ class PhotodiodeView:
 class Echoes:
     """Echoes of m shots, c Gaussians each, Dr.Jit arrays: entry k · m + j is echo k of shot j.
 
-    ``index`` and ``shot``: place in the batch and number of each shot, shape (m,). ``share`` of the pulse's power that
+    ``index`` and ``shot``: index in the batch and number of each shot, shape (m,). ``share`` of the pulse's power that
     reaches the photodiode; ``path`` there and back [m], from the shot's ``reference`` (m,); its standard deviation
     ``spread`` [m].
     """
 
-    index: Any
-    shot: Any
-    share: Any
-    path: Any
-    spread: Any
-    reference: Any
+    index: UInt32
+    shot: UInt32
+    share: Float
+    path: Float
+    spread: Float
+    reference: Float
 
-    def joined(self, other: Echoes) -> Echoes:
+    def join(self, other: Echoes) -> Echoes:
         """Return the echoes of both, which must be of the same shots and references."""
         return Echoes(
             self.index,
@@ -76,26 +77,26 @@ class Echoes:
             self.reference,
         )
 
-    def part(self, places: Any) -> Echoes:
-        """Return the echoes of the shots at some places only."""
-        m, some = dr.width(self.index), dr.width(places)
+    def part(self, indices: UInt32) -> Echoes:
+        """Return the echoes of some shots only, by their indices."""
+        m, some = dr.width(self.index), dr.width(indices)
         lane = dr.arange(mi.UInt32, dr.width(self.share) // m * some)
-        at = (lane // some) * m + dr.gather(mi.UInt32, places, lane % some)
+        at = (lane // some) * m + dr.gather(mi.UInt32, indices, lane % some)
         part = Echoes(
-            dr.gather(mi.UInt32, self.index, places),
-            dr.gather(mi.UInt32, self.shot, places),
+            dr.gather(mi.UInt32, self.index, indices),
+            dr.gather(mi.UInt32, self.shot, indices),
             dr.gather(mi.Float, self.share, at),
             dr.gather(mi.Float, self.path, at),
             dr.gather(mi.Float, self.spread, at),
-            dr.gather(mi.Float, self.reference, places),
+            dr.gather(mi.Float, self.reference, indices),
         )
         dr.eval(part)
         return part
 
 
 def gather_echoes(
-    share: Any, path: Any, spread: Any, places: Any, count: int, clusters: int
-) -> tuple[Any, Any, Any]:
+    share: Float, path: Float, spread: Float, indices: UInt32, count: int, clusters: int
+) -> tuple[Float, Float, Float]:
     """Gather the returns of each shot into echoes.
 
     Parameters
@@ -103,7 +104,7 @@ def gather_echoes(
     share, path, spread
         Share of the pulse's power, path [m] and its standard deviation [m] of every return; entry i · count + j is
         return j of shot i.
-    places
+    indices
         The m shots that are wanted, shape (m,).
     count
         Returns of each shot.
@@ -116,18 +117,18 @@ def gather_echoes(
         Share, path [m] and spread [m] of the echoes, shape (c · m,): entry k · m + j is echo k of shot j. Power, mean
         and variance of the returns in each are kept exactly.
     """
-    first_return = places * count
+    first_return = indices * count
 
-    def one(number: Any) -> tuple[Any, Any, Any]:
+    def one(number: UInt32) -> tuple[Float, Float, Float]:
         at = first_return + number
         power, way, sigma = (dr.gather(mi.Float, values, at) for values in (share, path, spread))
         return power, way, sigma
 
-    low, extent = lit_extent(one, dr.width(places), count)
+    low, extent = lit_extent(one, dr.width(indices), count)
     width = dr.maximum(extent / clusters, _LEAST_EXTENT)
     sums = tuple(dr.alloc_local(mi.Float, clusters, mi.Float(0.0)) for _ in range(3))
 
-    def add(number: Any, *sums: Any) -> tuple[Any, ...]:
+    def add(number: UInt32, *sums: Any) -> tuple[Any, ...]:
         power, way, sigma = one(number)
         slot = mi.UInt32(dr.clip((way - low) / width, 0.0, clusters - 1.0))
         # Moments about the middle of the cluster: about a far origin the variance would drown in rounding.

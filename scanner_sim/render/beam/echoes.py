@@ -19,11 +19,12 @@ from typing import Any
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_types import Float, UInt32, Vector3f
 from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets, smooth_beamlets
 from scanner_sim.render.beam.echo_bounces import with_bounces
 from scanner_sim.render.beam.echo_clusters import Echoes, PhotodiodeView, gather_echoes
-from scanner_sim.render.beam.light import Truth, chief_truth, in_parts
-from scanner_sim.render.rays import posed
+from scanner_sim.render.beam.light import Truth, batches_of_shots, chief_truth
+from scanner_sim.render.rays import pose_scene
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout, connect, device_frame, lanes, launch, meet
@@ -31,21 +32,21 @@ from scanner_sim.scene.files.loader import LoadedScene
 
 CLUSTERS = 16
 """Echoes that a shot on an edge keeps."""
-_TINY = 1e-6
-_COARSE = 64.0
+_NONZERO = 1e-6
+_REFERENCES_PER_METRE = 64.0
 """References of paths are multiples of a 64th of a metre: differences from them are exact in single precision."""
-_GRAZING = 0.02
+_LEAST_COSINE = 0.02
 """Least cosine of incidence for the beamlet's footprint; nearer to grazing it stays at this size."""
-_BENT = 5e-3
+_UNEVEN_DEPARTURE = 5e-3
 """Departure of a beamlet's path from the tangent plane [m] that calls for more beamlets."""
-_STEP = 20e-3
+_EDGE_DEPARTURE = 20e-3
 """The same departure [m] that is taken for an edge."""
-_DIFFERENT = 0.1
+_UNEVEN_STRENGTH = 0.1
 """Relative spread of the returned strength that calls for more beamlets."""
 _SMOOTH, _UNEVEN, _EDGE = 0, 1, 2
 
 
-Speckle = Callable[["Echoes", Shots, Truth], Any]
+Speckle = Callable[[Echoes, Shots, Truth], Float]
 """What multiplies the shares of echoes by speckle, of the echoes, their shots and what their chief rays meet."""
 
 
@@ -59,20 +60,20 @@ class Returns:
     ``shape`` registry index of the surface, 0 for none.
     """
 
-    share: Any
-    path: Any
-    spread: Any
-    strength: Any
-    slope_a: Any
-    slope_b: Any
-    distance: Any
-    seen: Any
-    shape: Any
+    share: Float
+    path: Float
+    spread: Float
+    strength: Float
+    slope_a: Float
+    slope_b: Float
+    distance: Float
+    seen: UInt32
+    shape: UInt32
 
 
 def render_echoes(
     loaded: LoadedScene,
-    bench: OpticalLayout,
+    layout: OpticalLayout,
     view: PhotodiodeView,
     settings: Transport,
     shots: Shots,
@@ -83,7 +84,7 @@ def render_echoes(
 
     Parameters
     ----------
-    loaded, bench, view, settings
+    loaded, layout, view, settings
         Scene, optics, the photodiode's look, and how finely the beam is split.
     shots
         The n shots with their true deflections.
@@ -101,43 +102,43 @@ def render_echoes(
     """
     count = dr.width(shots.theta)
     beamlets = smooth_beamlets(settings.beamlets)
-    returns, reference = trace_returns(loaded, bench, view, beamlets, shots)
+    returns, reference = trace_returns(loaded, layout, view, beamlets, shots)
     chief = dr.arange(mi.UInt32, count) * len(beamlets.weights)
     truth = chief_truth(loaded, returns.distance, returns.shape, chief)
-    ground = _ground(loaded, bench, beamlets, returns, chief)
-    dr.eval(truth, ground)
+    footprint = _classify_footprints(loaded, layout, beamlets, returns, chief)
+    dr.eval(truth, footprint)
 
     def groups() -> Iterator[Echoes]:
-        smooth: Any = dr.compress(ground == _SMOOTH)
+        smooth: UInt32 = dr.compress(footprint == _SMOOTH)
         if dr.width(smooth):
             own = dr.gather(mi.Float, reference, smooth)
             some = shots.take(smooth)
-            direct = _gathered(returns, smooth, len(beamlets.weights), 1, smooth, some, own)
-            direct = _grainy(direct, some, truth.take(smooth), speckle)
-            yield from with_bounces(loaded, bench, view, settings, shots, seed, direct)
+            direct = _gather(returns, smooth, len(beamlets.weights), 1, smooth, some, own)
+            direct = _with_speckle(direct, some, truth.take(smooth), speckle)
+            yield from with_bounces(loaded, layout, view, settings, shots, seed, direct)
         for kind, fine in ((_UNEVEN, settings.uneven_beamlets), (_EDGE, settings.edge_beamlets)):
-            for index in in_parts(dr.compress(ground == kind), fine):
+            for index in batches_of_shots(dr.compress(footprint == kind), fine):
                 own_shots = shots.take(index)
-                many, own = trace_returns(loaded, bench, view, edge_beamlets(fine), own_shots)
+                many, own = trace_returns(loaded, layout, view, edge_beamlets(fine), own_shots)
                 every = dr.arange(mi.UInt32, dr.width(index))
-                direct = _gathered(many, every, fine, CLUSTERS, index, own_shots, own)
-                direct = _grainy(direct, own_shots, truth.take(index), speckle)
-                yield from with_bounces(loaded, bench, view, settings, shots, seed, direct)
+                direct = _gather(many, every, fine, CLUSTERS, index, own_shots, own)
+                direct = _with_speckle(direct, own_shots, truth.take(index), speckle)
+                yield from with_bounces(loaded, layout, view, settings, shots, seed, direct)
 
     return truth, groups()
 
 
 def trace_returns(
-    loaded: LoadedScene, bench: OpticalLayout, view: PhotodiodeView, beamlets: Beamlets, shots: Shots
-) -> tuple[Returns, Any]:
+    loaded: LoadedScene, layout: OpticalLayout, view: PhotodiodeView, beamlets: Beamlets, shots: Shots
+) -> tuple[Returns, Float]:
     """Return what comes back of all beamlets of all shots, and the reference of the paths of each shot [m]."""
     count, lane = len(beamlets.weights), lanes(beamlets, shots)
-    frame = view.frame(device_frame(bench, lane.own.theta, lane.own.phi))
-    beam = launch(bench, frame, lane.node)
-    loaded = posed(loaded, lane.own.poses)
+    frame = view.frame(device_frame(layout, lane.own.theta, lane.own.phi))
+    beam = launch(layout, frame, lane.node)
+    loaded = pose_scene(loaded, lane.own.poses)
     si = meet(loaded, beam.origin, beam.direction)
     hit = si.is_valid()
-    strength, seen = connect(loaded, bench, frame, si, lane.stop, hit)
+    strength, seen = connect(loaded, layout, frame, si, lane.stop, hit)
     seen &= view.sees(frame, si.p)
     strength = dr.select(seen, strength, 0.0)
     back = mi.Vector3f(si.p - frame.lens)
@@ -146,19 +147,21 @@ def trace_returns(
     dr.eval(si, strength, seen, length, whole)
     # The nearest of what comes back: all paths of the shot are then small numbers of one sign.
     nearest = dr.block_reduce(dr.ReduceOp.Min, dr.select(hit, whole, dr.inf), count)
-    reference = dr.select(dr.isfinite(nearest), dr.floor(nearest * _COARSE) / _COARSE, 0.0)
+    reference = dr.select(
+        dr.isfinite(nearest), dr.floor(nearest * _REFERENCES_PER_METRE) / _REFERENCES_PER_METRE, 0.0
+    )
     half = 0.5 * dr.gather(mi.Float, reference, lane.shot)
     path = (si.t - half) + (length - half)
 
     # Derivatives of the path along the two axes of the beam, on the surface's tangent plane.
     cosine: Any = dr.dot(si.n, beam.direction)
-    cosine = dr.select(dr.abs(cosine) < _GRAZING, dr.copysign(mi.Float(_GRAZING), cosine), cosine)
-    laser = bench.laser
+    cosine = dr.select(dr.abs(cosine) < _LEAST_COSINE, dr.copysign(mi.Float(_LEAST_COSINE), cosine), cosine)
+    laser = layout.laser
     away = (si.t - dr.opaque(mi.Float, laser.waist_distance)) / dr.opaque(mi.Float, laser.rayleigh_length)
     scale = dr.opaque(mi.Float, 0.5 * laser.waist_radius) * dr.sqrt(1.0 + dr.square(away))
-    both = beam.direction + back / dr.maximum(length, _TINY)
+    both = beam.direction + back / dr.maximum(length, _NONZERO)
 
-    def slope(axis: Any) -> Any:
+    def slope(axis: Vector3f) -> Float:
         moved = axis - beam.direction * (dr.dot(si.n, axis) / cosine)
         return dr.dot(moved, both) * scale
 
@@ -179,15 +182,21 @@ def trace_returns(
     return returns, reference
 
 
-def _gathered(
-    returns: Returns, places: Any, count: int, clusters: int, index: Any, shots: Shots, reference: Any
+def _gather(
+    returns: Returns,
+    indices: UInt32,
+    count: int,
+    clusters: int,
+    index: UInt32,
+    shots: Shots,
+    reference: Float,
 ) -> Echoes:
-    """Gather the returns of the shots at some places into a few echoes."""
-    found = gather_echoes(returns.share, returns.path, returns.spread, places, count, clusters)
+    """Gather the returns of some shots, by their indices, into a few echoes."""
+    found = gather_echoes(returns.share, returns.path, returns.spread, indices, count, clusters)
     return Echoes(index, shots.number, *found, reference)
 
 
-def _grainy(echoes: Echoes, shots: Shots, truth: Truth, speckle: Speckle | None) -> Echoes:
+def _with_speckle(echoes: Echoes, shots: Shots, truth: Truth, speckle: Speckle | None) -> Echoes:
     """Return echoes with their speckle."""
     if speckle is None:
         return echoes
@@ -196,10 +205,10 @@ def _grainy(echoes: Echoes, shots: Shots, truth: Truth, speckle: Speckle | None)
     return dataclasses.replace(echoes, share=share)
 
 
-def _ground(
-    loaded: LoadedScene, bench: OpticalLayout, beamlets: Beamlets, returns: Returns, chief: Any
-) -> Any:
-    """Tell what each shot's beam meets: smooth ground, uneven ground or an edge."""
+def _classify_footprints(
+    loaded: LoadedScene, layout: OpticalLayout, beamlets: Beamlets, returns: Returns, chief: UInt32
+) -> UInt32:
+    """Tell what each shot's beam meets: a smooth surface, an uneven one or an edge."""
 
     def beamlet(values: Any, number: int) -> Any:
         return dr.gather(type(values), values, chief + number)
@@ -208,8 +217,8 @@ def _ground(
     seen, position = beamlet(returns.seen, 0), beamlet(returns.path, 0)
     slope_a, slope_b = beamlet(returns.slope_a, 0), beamlet(returns.slope_b, 0)
     # The beam's ruled lines turn about its axis by atan((z − z₀)/z_R).
-    to_waist = beamlet(returns.distance, 0) - dr.opaque(mi.Float, bench.laser.waist_distance)
-    twist = to_waist / dr.opaque(mi.Float, bench.laser.rayleigh_length)
+    to_waist = beamlet(returns.distance, 0) - dr.opaque(mi.Float, layout.laser.waist_distance)
+    twist = to_waist / dr.opaque(mi.Float, layout.laser.rayleigh_length)
     cosine = dr.rsqrt(1.0 + dr.square(twist))
     sine = twist * cosine
     edge, farthest = mi.Bool(False), mi.Float(0.0)
@@ -221,6 +230,8 @@ def _ground(
         farthest = dr.maximum(farthest, dr.abs(beamlet(returns.path, number) - flat))
         strength = beamlet(returns.strength, number)
         weakest, strongest = dr.minimum(weakest, strength), dr.maximum(strongest, strength)
-    edge |= (seen == 1) & (farthest > _STEP)
-    uneven = (seen == 1) & (farthest > _BENT) | (strongest - weakest > _DIFFERENT * strongest)
+    edge |= (seen == 1) & (farthest > _EDGE_DEPARTURE)
+    uneven = (seen == 1) & (farthest > _UNEVEN_DEPARTURE) | (
+        strongest - weakest > _UNEVEN_STRENGTH * strongest
+    )
     return dr.select(edge, mi.UInt32(_EDGE), dr.select(uneven, mi.UInt32(_UNEVEN), mi.UInt32(_SMOOTH)))

@@ -10,14 +10,12 @@ What that costs: at an edge across the sweep the light errs by up to 1/(2k) of i
 
 from __future__ import annotations
 
-from typing import Any
-
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 
 from scanner_sim.render.beam.beamlets import Beamlets
-from scanner_sim.render.beam.clusters import cluster
+from scanner_sim.render.beam.clusters import Clusters, cluster
 from scanner_sim.render.beam.light import Light, Truth, chief_truth
 from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
 from scanner_sim.render.shots import Shots
@@ -35,13 +33,13 @@ def chief_beamlet() -> Beamlets:
 
 
 def pattern_light(
-    loaded: LoadedScene, bench: OpticalLayout, chief: BeamletTables, tables: SweptTables, shots: Shots
+    loaded: LoadedScene, layout: OpticalLayout, chief: BeamletTables, tables: SweptTables, shots: Shots
 ) -> tuple[Truth, Light]:
     """Follow the laser's light of a pattern's shots onto the line.
 
     Parameters
     ----------
-    loaded, bench
+    loaded, layout
         Scene and optics.
     chief, tables
         :func:`chief_beamlet` and the beamlets, on the device.
@@ -53,13 +51,13 @@ def pattern_light(
     Truth, Light
         Of all shots, in their order. Light that met several surfaces is not in it.
     """
-    axis = trace_spots(loaded, bench, chief, shots)
+    axis = trace_spots(loaded, layout, chief, shots)
     index = dr.arange(mi.UInt32, dr.width(shots.theta))
     truth = chief_truth(loaded, axis.distance, axis.shape, index)
     dr.eval(truth)
-    beamlets = SweptBeamlets.of(tables, bench, shots, truth.distance)
+    beamlets = SweptBeamlets.of(tables, layout, shots, truth.distance)
     dr.eval(beamlets.length, beamlets.cosine, beamlets.sine)
-    spots = trace_spots(loaded, bench, beamlets, shots)
+    spots = trace_spots(loaded, layout, beamlets, shots)
     dr.eval(spots.power, spots.position, spots.sigma, spots.coherence)
-    clusters: Any = cluster(spots, index, beamlets.count, CLUSTERS)
+    clusters: Clusters = cluster(spots, index, beamlets.count, CLUSTERS)
     return truth, Light(index, shots.number, clusters)

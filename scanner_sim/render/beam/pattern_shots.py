@@ -15,8 +15,9 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.render.shots import Lattice, Shots, drawn_errors, lattice_place
+from scanner_sim.render.shots import Lattice, Shots, draw_errors, lattice_position
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scene.files.loader import Body, packed_poses, unpacked_poses
 
@@ -37,14 +38,14 @@ class Fired:
     """
 
     shots: Shots
-    aimed: Any
-    error: list[Any]
-    seen: list[Any]
+    aimed: Float
+    error: list[Float]
+    seen: list[Float]
 
 
 def packed_shots(
     aim: Aim, still: Sequence[Array], mirrors: Mirrors, duty_cycle: float, bodies: Sequence[Body]
-) -> tuple[Any, Any]:
+) -> tuple[Float, UInt32]:
     """Return the shots of an aim as two Dr.Jit arrays, column after column, for :func:`fired_shots`.
 
     Parameters
@@ -67,17 +68,19 @@ def packed_shots(
     ]
     integers: list[NDArray[Any]] = [aim.shot]
     if mirrors.wobble > 0.0:
-        moment = lattice_place(aim.time, mirrors.wobble_time)
+        moment = lattice_position(aim.time, mirrors.wobble_time)
         for angle in (aim.theta, aim.phi):
-            for cell, part in (lattice_place(angle, mirrors.wobble_angle), moment):
+            for cell, part in (lattice_position(angle, mirrors.wobble_angle), moment):
                 integers.append(cell)
                 numbers.append(part)
     if bodies:
         numbers.append(packed_poses([body.item.pose_at(aim.time) for body in bodies]))
-    return mi.Float(_joined(numbers, np.float32)), mi.UInt32(_joined(integers, np.uint32))
+    return mi.Float(_join_columns(numbers, np.float32)), mi.UInt32(_join_columns(integers, np.uint32))
 
 
-def fired_shots(numbers: Any, integers: Any, points: int, mirrors: Mirrors, bodies: int, seed: int) -> Fired:
+def fired_shots(
+    numbers: Float, integers: UInt32, points: int, mirrors: Mirrors, bodies: int, seed: int
+) -> Fired:
     """Return the shots that :func:`packed_shots` packed, with the mirrors' random errors of their numbers.
 
     Parameters
@@ -90,8 +93,8 @@ def fired_shots(numbers: Any, integers: Any, points: int, mirrors: Mirrors, bodi
     lane = dr.arange(mi.UInt32, points)
 
     def columns(kind: Any, packed: Any, first: int, count: int) -> list[Any]:
-        places = (lane + dr.opaque(mi.UInt32, points * (first + number)) for number in range(count))
-        return [dr.gather(kind, packed, place) for place in places]
+        indices = (lane + dr.opaque(mi.UInt32, points * (first + number)) for number in range(count))
+        return [dr.gather(kind, packed, index) for index in indices]
 
     aimed, theta, phi, travel_theta, travel_phi = columns(mi.Float, numbers, 0, _ANGLES)
     (number,) = columns(mi.UInt32, integers, 0, 1)
@@ -100,7 +103,7 @@ def fired_shots(numbers: Any, integers: Any, points: int, mirrors: Mirrors, bodi
         parts = columns(mi.Float, numbers, _ANGLES + 2 * mirror, 2)
         cells = columns(mi.UInt32, integers, 1 + 2 * mirror, 2)
         lattices.append(Lattice(cells[0], parts[0], cells[1], parts[1]))
-    error, seen, synchronisation = drawn_errors(number, lattices, mirrors, seed)
+    error, seen, synchronisation = draw_errors(number, lattices, mirrors, seed)
     first = points * (_ANGLES + 2 * len(lattices))
     poses = unpacked_poses(numbers, bodies, points, first) if bodies else None
     shots = Shots(number, theta + error[0], phi + error[1], travel_theta, travel_phi, synchronisation, poses)
@@ -109,7 +112,7 @@ def fired_shots(numbers: Any, integers: Any, points: int, mirrors: Mirrors, bodi
     return fired
 
 
-def _joined(columns: list[NDArray[Any]], kind: Any) -> NDArray[Any]:
+def _join_columns(columns: list[NDArray[Any]], kind: Any) -> NDArray[Any]:
     """Return columns one after the other, in memory that is aligned and nobody else's."""
     size = sum(len(column) for column in columns)
     memory = np.empty(size + _ALIGNMENT // 4, dtype=kind)

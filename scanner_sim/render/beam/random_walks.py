@@ -9,13 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_types import Float, Mask, SurfaceInteraction3f
 from scanner_sim.foundation.streams import Stream, generator
-from scanner_sim.render.rays import leaving
+from scanner_sim.render.rays import leaving_rays
 from scanner_sim.render.transport import Lanes, meet
 from scanner_sim.scene.files.loader import LoadedScene
 
@@ -24,12 +24,14 @@ from scanner_sim.scene.files.loader import LoadedScene
 class Vertex:
     """Where paths meet a surface, one lane each: ``si`` there, ``power`` that arrives, whether they are ``alive``."""
 
-    si: Any
-    power: Any
-    alive: Any
+    si: SurfaceInteraction3f
+    power: Float
+    alive: Mask
 
 
-def walk(loaded: LoadedScene, lane: Lanes, si: Any, power: Any, surfaces: int, seed: int) -> Iterator[Vertex]:
+def walk(
+    loaded: LoadedScene, lane: Lanes, si: SurfaceInteraction3f, power: Float, surfaces: int, seed: int
+) -> Iterator[Vertex]:
     """Yield the second to the last surface of random paths.
 
     Parameters
@@ -60,7 +62,7 @@ def walk(loaded: LoadedScene, lane: Lanes, si: Any, power: Any, surfaces: int, s
         )
         power = power * dr.select(alive, weight[0], 0.0)
         alive = alive & (power > 0.0)
-        ray = leaving(si, si.to_world(sample.wo))
+        ray = leaving_rays(si, si.to_world(sample.wo))
         si = meet(loaded, ray.o, ray.d, alive, coherent=False)
         alive = alive & si.is_valid()
         yield Vertex(si, power, alive)

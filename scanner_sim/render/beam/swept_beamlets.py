@@ -5,14 +5,13 @@ spot travels by L standard deviations of the beam, a beamlet at (x, y) that shin
 at x + L t along the travel. Beamlet j of k takes the quantile (j + ½)/k of the distribution of x + L t, a Gaussian
 convolved with a box, and its x from what that leaves; y and that choice follow sequences without clusters, mirrored so
 that all odd moments vanish. Edges across the travel then err by 1/(2k) of the light at most, where a fixed set of
-places errs by several times as much; for edges along it the places are as good as any.
+positions errs by several times as much; for edges along it the positions are as good as any.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
+from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.render.beam.beamlets import aperture_spiral, edge_width
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
@@ -27,7 +27,7 @@ from scanner_sim.render.transport import OpticalLayout
 Array = NDArray[np.float64]
 
 _LENGTHS = 256
-"""Lengths of the travel for which places are tabled, evenly in L/(1 + L)."""
+"""Lengths of the travel for which positions are tabled, evenly in L/(1 + L)."""
 _LONGEST = 100.0
 """Largest of them; beyond, beamlets lie as for this one."""
 _ACROSS, _CHOICE = (3.0 - math.sqrt(5.0)) / 2.0, 0.7548776662
@@ -38,25 +38,25 @@ _HALVINGS = 60
 
 @dataclass
 class SweptTables:
-    """Places of k beamlets for all lengths of travel, on the device.
+    """Positions of k beamlets for all lengths of travel, on the device.
 
-    ``along``, ``times`` and ``across`` hold entry row · k + j for beamlet j at the length of a row; places are in
+    ``along``, ``times`` and ``across`` hold entry row · k + j for beamlet j at the length of a row; positions are in
     standard deviations of the beam, times in dwells. ``stop_across`` and ``stop_normal`` are points of the unit disc of
     the aperture, entry j; ``width`` is the standard deviation of each beamlet.
     """
 
-    along: Any
-    times: Any
-    across: Any
-    stop_across: Any
-    stop_normal: Any
+    along: Float
+    times: Float
+    across: Float
+    stop_across: Float
+    stop_normal: Float
     width: float
 
     @classmethod
     def of(cls, count: int) -> SweptTables:
         """Return the tables of ``count`` beamlets."""
         width = edge_width(count)
-        along, times, across = swept_places(count, np.sqrt(1.0 - width**2))
+        along, times, across = swept_positions(count, np.sqrt(1.0 - width**2))
         stops = aperture_spiral(count)
         a, b, c, d, e = (
             mi.Float(values.astype(np.float32).ravel()) for values in (along, times, across, *stops.T)
@@ -73,29 +73,29 @@ class SweptTables:
 class SweptBeamlets:
     """The beamlets of m shots, each along its own travel: tables, and for each shot where it stands in them.
 
-    ``length`` in rows of the tables, ``cosine`` and ``sine`` of the angle by which places are turned at the laser.
+    ``length`` in rows of the tables, ``cosine`` and ``sine`` of the angle by which positions are turned at the laser.
     """
 
     tables: SweptTables
-    length: Any
-    cosine: Any
-    sine: Any
+    length: Float
+    cosine: Float
+    sine: Float
 
     @classmethod
-    def of(cls, tables: SweptTables, bench: OpticalLayout, shots: Shots, distance: Any) -> SweptBeamlets:
+    def of(cls, tables: SweptTables, layout: OpticalLayout, shots: Shots, distance: Float) -> SweptBeamlets:
         """Return the beamlets of shots whose chief rays go a distance [m], NaN for nothing."""
-        laser = bench.laser
+        laser = layout.laser
         waist = dr.opaque(mi.Float, laser.waist_distance)
         reach = dr.select(dr.isfinite(distance), distance, waist)
         twist = (reach - waist) / dr.opaque(mi.Float, laser.rayleigh_length)
         straight = dr.rsqrt(1.0 + dr.square(twist))
         sigma = dr.opaque(mi.Float, 0.5 * laser.waist_radius) / straight
         right = reach * shots.travel_theta
-        down = (reach * dr.cos(shots.theta) - dr.opaque(mi.Float, bench.axis_separation)) * shots.travel_phi
+        down = (reach * dr.cos(shots.theta) - dr.opaque(mi.Float, layout.axis_separation)) * shots.travel_phi
         way = dr.sqrt(dr.square(right) + dr.square(down))
         moves = way > 1e-6 * sigma
         c, s = dr.select(moves, right / way, 1.0), dr.select(moves, down / way, 0.0)
-        # The beam's ruled lines turn places by atan(twist) on their way: they start turned back.
+        # The beam's ruled lines turn positions by atan(twist) on their way: they start turned back.
         length = dr.minimum(way / sigma, _LONGEST)
         row = length / (1.0 + length) * ((_LENGTHS - 1) * (1.0 + _LONGEST) / _LONGEST)
         turned = twist * straight
@@ -111,7 +111,7 @@ class SweptBeamlets:
         """Standard deviation of each beamlet, in those of the beam."""
         return self.tables.width
 
-    def drawn(self, beamlet: Any, shot: Any) -> tuple[list[Any], list[Any], Any, Any]:
+    def draw(self, beamlet: UInt32, shot: UInt32) -> tuple[list[Float], list[Float], Float, Float]:
         """Return nodes, points of the aperture, weights and moments of beamlets of shots."""
         tables = self.tables
         row = dr.gather(mi.Float, self.length, shot)
@@ -126,7 +126,7 @@ class SweptBeamlets:
         return [x * cosine - y * sine, x * sine + y * cosine], stop, mi.Float(1.0 / self.count), time
 
 
-def swept_places(count: int, spread: float) -> tuple[Array, Array, Array]:
+def swept_positions(count: int, spread: float) -> tuple[Array, Array, Array]:
     """Return x, t and y of beamlets of one weight, shape (lengths, count): first and second moments are exact.
 
     Parameters
@@ -143,14 +143,14 @@ def swept_places(count: int, spread: float) -> tuple[Array, Array, Array]:
     """
     share = np.linspace(0.0, _LONGEST / (1.0 + _LONGEST), _LENGTHS)
     length = (share / (1.0 - share))[:, None]
-    choice, across = _mirrored(count, _CHOICE), spread * ndtri(_mirrored(count, _ACROSS))
+    choice, across = _mirrored_multiples(count, _CHOICE), spread * ndtri(_mirrored_multiples(count, _ACROSS))
     level = (np.arange(count) + 0.5) / count
     safe = np.maximum(length, 1e-3)
     high = np.broadcast_to(6.0 * spread + safe, (_LENGTHS, count)).copy()
     low = -high
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        below = _passed(middle, safe, spread) < level
+        below = _distribution(middle, safe, spread) < level
         low, high = np.where(below, middle, low), np.where(below, high, middle)
     passed = 0.5 * (low + high)
     first, last = (ndtr((passed + side * safe) / spread) for side in (-0.5, 0.5))
@@ -159,25 +159,27 @@ def swept_places(count: int, spread: float) -> tuple[Array, Array, Array]:
     # What is known of t beside u = x + L t is independent of it; all second moments are then made exact.
     whole = spread**2 + length**2 / 12.0
     share = length / 12.0 / whole
-    passed = _scaled(passed, whole)
-    across = _scaled(_free(np.broadcast_to(across, passed.shape), passed), spread**2)
-    rest = _scaled(_free(_free(times - share * passed, passed), across), spread**2 / 12.0 / whole)
+    passed = _scale_to(passed, whole)
+    across = _scale_to(_remove_shared(np.broadcast_to(across, passed.shape), passed), spread**2)
+    rest = _scale_to(
+        _remove_shared(_remove_shared(times - share * passed, passed), across), spread**2 / 12.0 / whole
+    )
     times = share * passed + rest
     return passed - length * times, times, across
 
 
-def _free(values: Array, other: Array) -> Array:
+def _remove_shared(values: Array, other: Array) -> Array:
     """Return rows of values made free of what they share with the rows of others; the means of both are 0."""
     shared = (values * other).sum(axis=1, keepdims=True) / (other**2).sum(axis=1, keepdims=True)
     return np.asarray(values - shared * other)
 
 
-def _scaled(values: Array, variance: Array | float) -> Array:
+def _scale_to(values: Array, variance: Array | float) -> Array:
     """Return rows of values with a variance; their means are 0."""
     return np.asarray(values * np.sqrt(variance / (values**2).mean(axis=1, keepdims=True)))
 
 
-def _passed(place: Array, length: Array, spread: float) -> Array:
+def _distribution(position: Array, length: Array, spread: float) -> Array:
     """Return the distribution function of x + L t."""
 
     def integral(z: Array) -> Array:
@@ -185,10 +187,10 @@ def _passed(place: Array, length: Array, spread: float) -> Array:
             z * ndtr(z / spread) + spread * np.exp(-0.5 * (z / spread) ** 2) / np.sqrt(2.0 * np.pi)
         )
 
-    return np.asarray((integral(place + 0.5 * length) - integral(place - 0.5 * length)) / length)
+    return np.asarray((integral(position + 0.5 * length) - integral(position - 0.5 * length)) / length)
 
 
-def _mirrored(count: int, step: float) -> Array:
+def _mirrored_multiples(count: int, step: float) -> Array:
     """Return multiples of a step modulo 1, of which the first and the last, and so on, add up to 1."""
     values = (0.5 + step * (np.arange(count) - 0.5 * (count - 1))) % 1.0
     return np.clip(values, 0.25 / count, 1.0 - 0.25 / count)

@@ -27,7 +27,7 @@ Lambertian surface is s ρ E/(4 α²) at δ = 0 and half of it where tan(δ/2) =
 
 Between two angles the smaller E counts, which keeps the lobe reciprocal and never adds energy.
 
-*Base.* What the lobe does not return scatters diffusely, with (1 − a_i)(1 − a_o)/(1 − ā) in place of Lambert's 1, where
+*Base.* What the lobe does not return scatters diffusely, with (1 − a_i)(1 − a_o)/(1 − ā) instead of Lambert's 1, where
 a(β) is the lobe's albedo (s E, less what the smaller E, masking and the horizon take) and ā = 2∫a μ dμ: at every angle
 of incidence both together return the ``reflectance``. (Kelemen, Szirmay-Kalos, *Eurographics* 2001, short papers.)
 
@@ -39,6 +39,7 @@ cube's width, and with it the longer path inside; specular reflection by the fro
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cache
 from typing import Any, get_args
 
@@ -46,6 +47,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from scanner_sim.foundation.device_types import (
+    Float,
+    Mask,
+    Spectrum,
+    SurfaceInteraction3f,
+    Vector2f,
+    Vector3f,
+)
 from scanner_sim.scene.retroreflectors import (
     BEAD_HALF_ANGLE,
     CUBE_INDEX,
@@ -77,7 +86,7 @@ def _registered(variant: str) -> type:  # noqa: ARG001 (what the cache goes by)
     return made
 
 
-def bead_entrance(cosine: Any, half_angle: Any) -> Any:
+def bead_entrance(cosine: Float, half_angle: Float) -> Float:
     """Return the entrance law of a bead sheet, E = 2^(−(tan β/tan β_½)²).
 
     Parameters
@@ -91,7 +100,7 @@ def bead_entrance(cosine: Any, half_angle: Any) -> Any:
     return dr.exp2(-dr.maximum(tangent2, 0.0) / dr.square(dr.tan(half_angle)))
 
 
-def cube_entrance(cosine: Any, index: Any) -> Any:
+def cube_entrance(cosine: Float, index: Float) -> Float:
     """Return the entrance law of a corner cube with a round aperture: the overlap of two discs.
 
     Parameters
@@ -110,7 +119,7 @@ def cube_entrance(cosine: Any, index: Any) -> Any:
     return (2.0 / math.pi) * (dr.acos(shift) - shift * dr.sqrt(1.0 - dr.square(shift)))
 
 
-def _mirrored(direction: Any) -> Any:
+def _mirrored(direction: Vector3f) -> Vector3f:
     """Return a local direction mirrored about the normal."""
     return mi.Vector3f(-direction.x, -direction.y, direction.z)
 
@@ -169,12 +178,12 @@ def _bsdf_class() -> type:
             self.albedo = mi.Float(albedo.astype(np.float32))
             self.base = dr.opaque(mi.Float, 1.0 - float(mean))
 
-        def _lobe_albedo(self, direction: Any) -> Any:
+        def _lobe_albedo(self, direction: Vector3f) -> Float:
             """Return the share of the light from a direction that the lobe returns."""
-            place = (_NODES - 1) * dr.safe_sqrt(1.0 - dr.square(direction.z))
-            cell = dr.minimum(mi.UInt32(place), _NODES - 2)
+            position = (_NODES - 1) * dr.safe_sqrt(1.0 - dr.square(direction.z))
+            cell = dr.minimum(mi.UInt32(position), _NODES - 2)
             low, high = dr.gather(mi.Float, self.albedo, cell), dr.gather(mi.Float, self.albedo, cell + 1)
-            return low + (place - mi.Float(cell)) * (high - low)
+            return low + (position - mi.Float(cell)) * (high - low)
 
         def traverse(self, cb: Any) -> None:
             """Show the parameters that may be changed."""
@@ -182,7 +191,7 @@ def _bsdf_class() -> type:
             for name in self._numbers():
                 cb.put(name, getattr(self, name), mi.ParamFlags.NonDifferentiable)
 
-        def parameters_changed(self, keys: Any = ()) -> None:  # noqa: ARG002
+        def parameters_changed(self, keys: Sequence[str] = ()) -> None:  # noqa: ARG002
             """Follow changed parameters."""
             for name in self._numbers():
                 # A plain number would become part of the kernels, and every change compile them again.
@@ -193,7 +202,7 @@ def _bsdf_class() -> type:
             own = "entrance_half_angle" if self.kind == "bead_sheet" else "refractive_index"
             return "retro_share", "half_width", own
 
-        def _entrance(self, cosine: Any) -> Any:
+        def _entrance(self, cosine: Float) -> Float:
             if self.kind == "bead_sheet":
                 return bead_entrance(cosine, self.entrance_half_angle)
             return cube_entrance(cosine, self.refractive_index)
@@ -202,7 +211,9 @@ def _bsdf_class() -> type:
             renderer: Any = mi  # its type stubs know the type of microfacets by another name
             return renderer.MicrofacetDistribution(mi.MicrofacetType.GGX, self.alpha, True)
 
-        def _parts(self, ctx: Any, wi: Any, wo: Any, active: Any) -> tuple[Any, Any]:
+        def _parts(
+            self, ctx: mi.BSDFContext, wi: Vector3f, wo: Vector3f, active: Mask
+        ) -> tuple[Float, Float]:
             """Return BSDF times cos θ_o per reflectance, and the density under ``sample``."""
             cos_in, cos_out = mi.Frame3f.cos_theta(wi), mi.Frame3f.cos_theta(wo)
             active = active & (cos_in > 0.0) & (cos_out > 0.0)
@@ -225,7 +236,7 @@ def _bsdf_class() -> type:
                 density += (1.0 - chance) * base_pdf
             return dr.select(active, value, 0.0), dr.select(active, density, 0.0)
 
-        def _chance(self, ctx: Any, albedo: Any) -> Any:
+        def _chance(self, ctx: mi.BSDFContext, albedo: Float) -> Float:
             """Return the probability with which ``sample`` takes the lobe."""
             if not ctx.is_enabled(mi.BSDFFlags.DiffuseReflection, 1):
                 return mi.Float(1.0)
@@ -234,8 +245,13 @@ def _bsdf_class() -> type:
             return albedo
 
         def sample(
-            self, ctx: Any, si: Any, sample1: Any, sample2: Any, active: Any = True
-        ) -> tuple[Any, Any]:
+            self,
+            ctx: mi.BSDFContext,
+            si: SurfaceInteraction3f,
+            sample1: Float,
+            sample2: Vector2f,
+            active: Mask = True,
+        ) -> tuple[Any, Spectrum]:
             """Choose lobe or base, then a direction; return it and BSDF times cosine over density."""
             chance = self._chance(ctx, self._lobe_albedo(si.wi))
             to_lobe = sample1 < chance
@@ -256,21 +272,27 @@ def _bsdf_class() -> type:
             weight = self.reflectance.eval(si, valid) * (value / dr.maximum(density, _TINY))
             return bs, dr.select(valid, weight, 0.0)
 
-        def eval(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        def eval(
+            self, ctx: mi.BSDFContext, si: SurfaceInteraction3f, wo: Vector3f, active: Mask = True
+        ) -> Spectrum:
             """Return BSDF times cos θ_o."""
             value, _ = self._parts(ctx, si.wi, wo, active)
             return self.reflectance.eval(si, active) * value
 
-        def pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> Any:
+        def pdf(
+            self, ctx: mi.BSDFContext, si: SurfaceInteraction3f, wo: Vector3f, active: Mask = True
+        ) -> Float:
             """Return the density of a direction under ``sample`` [1/sr]."""
             return self._parts(ctx, si.wi, wo, active)[1]
 
-        def eval_pdf(self, ctx: Any, si: Any, wo: Any, active: Any = True) -> tuple[Any, Any]:
+        def eval_pdf(
+            self, ctx: mi.BSDFContext, si: SurfaceInteraction3f, wo: Vector3f, active: Mask = True
+        ) -> tuple[Spectrum, Float]:
             """Return BSDF times cos θ_o, and the density."""
             value, density = self._parts(ctx, si.wi, wo, active)
             return self.reflectance.eval(si, active) * value, density
 
-        def eval_diffuse_reflectance(self, si: Any, active: Any = True) -> Any:
+        def eval_diffuse_reflectance(self, si: SurfaceInteraction3f, active: Mask = True) -> Spectrum:
             """Return the reflectance, which denoisers take for the surface's colour."""
             return self.reflectance.eval(si, active)
 
@@ -282,12 +304,12 @@ def _bsdf_class() -> type:
     return Retroreflector
 
 
-def _number(props: Any, name: str, default: float, low: float, high: float) -> Any:
+def _number(props: Any, name: str, default: float, low: float, high: float) -> Float:
     value = float(props.get(name, default))
     if not low <= value <= high:
         raise ValueError(f"retroreflector: {name} is {value:g}; it lies between {low:g} and {high:g}.")
     return dr.opaque(mi.Float, value)
 
 
-def _host(value: Any) -> float:
+def _host(value: Float) -> float:
     return float(np.ravel(value.numpy())[0])

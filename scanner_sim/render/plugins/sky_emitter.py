@@ -16,6 +16,7 @@ two points of the scene. All but the last are found by ``mitsuba.traverse`` and 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
@@ -23,6 +24,14 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 
+from scanner_sim.foundation.device_types import (
+    Float,
+    Mask,
+    Spectrum,
+    SurfaceInteraction3f,
+    Vector2f,
+    Vector3f,
+)
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.render.background.sky import (
     earth_radiance,
@@ -104,23 +113,25 @@ def _emitter_class() -> type:
                 for name in ("earth_direction", "earth_altitude", "earth_radius"):
                     cb.put(name, getattr(self, name), mi.ParamFlags.NonDifferentiable)
 
-        def parameters_changed(self, keys: Any = ()) -> None:  # noqa: ARG002
+        def parameters_changed(self, keys: Sequence[str] = ()) -> None:  # noqa: ARG002
             """Follow changed parameters."""
             self._prepare()
 
-        def _radiance(self, direction: Any) -> Any:
+        def _radiance(self, direction: Vector3f) -> Float:
             sun, earth = sun_radiance(self.light, direction), earth_radiance(self.light, direction)
             return self.irradiance * (sun + self.albedo * earth)
 
-        def _density(self, direction: Any) -> Any:
+        def _density(self, direction: Vector3f) -> Float:
             sun, earth = pdf_sun(self.light, direction), pdf_earth(self.light, direction)
             return self.sun_share * sun + (1.0 - self.sun_share) * earth
 
-        def eval(self, si: Any, active: Any = True) -> Any:
+        def eval(self, si: SurfaceInteraction3f, active: Mask = True) -> Spectrum:
             """Return the radiance seen by a ray that leaves the scene."""
             return mi.Spectrum(self._radiance(-si.wi)) & active
 
-        def sample_direction(self, it: Any, sample: Any, active: Any = True) -> Any:
+        def sample_direction(
+            self, it: mi.Interaction3f, sample: Vector2f, active: Mask = True
+        ) -> tuple[Any, Spectrum]:
             """Choose a direction to the Sun or to the lit Earth; return it and radiance over density."""
             to_sun = sample.x < self.sun_share
             stretched = dr.select(
@@ -145,11 +156,11 @@ def _emitter_class() -> type:
             weight = dr.select(valid, self._radiance(direction) / dr.maximum(density, 1e-12), 0.0)
             return ds, mi.Spectrum(weight)
 
-        def pdf_direction(self, it: Any, ds: Any, active: Any = True) -> Any:  # noqa: ARG002
+        def pdf_direction(self, it: mi.Interaction3f, ds: Any, active: Mask = True) -> Float:  # noqa: ARG002
             """Return the density of a direction under ``sample_direction``."""
             return dr.select(active, self._density(ds.d), 0.0)
 
-        def eval_direction(self, it: Any, ds: Any, active: Any = True) -> Any:  # noqa: ARG002
+        def eval_direction(self, it: mi.Interaction3f, ds: Any, active: Mask = True) -> Spectrum:  # noqa: ARG002
             """Return the radiance from a direction, not divided by its density."""
             return mi.Spectrum(self._radiance(ds.d)) & active
 
@@ -174,12 +185,12 @@ def _emitter_class() -> type:
     return OrbitSky
 
 
-def _vector(value: Any) -> Any:
+def _vector(value: Any) -> Vector3f:
     x, y, z = (float(entry) for entry in np.ravel(value))
     return mi.Vector3f(dr.opaque(mi.Float, x), dr.opaque(mi.Float, y), dr.opaque(mi.Float, z))
 
 
-def _number(value: Any) -> Any:
+def _number(value: Float) -> Float:
     return dr.opaque(mi.Float, float(value))
 
 

@@ -191,7 +191,7 @@ class _Stage:
         )
         bounces = self._scenario.transport.background_bounces
         albedo = Albedo(sky.albedo, sky.albedo_out_of_band)
-        whole_in, whole_out, sharp_in, sharp_out = light.sunlight_seen(
+        whole_in, whole_out, sharp_in, sharp_out = light.trace_sunlight(
             loaded, optics, lamp, albedo, every, bounces, seed
         )
         charge = self._gain[0] * whole_in + self._gain[1] * whole_out

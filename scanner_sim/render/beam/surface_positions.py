@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_types import Float, UInt32, Vector3f
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout, device_frame
@@ -15,36 +15,41 @@ from scanner_sim.scene.files.loader import LoadedScene, Pose
 
 
 @dataclass
-class SurfacePlaces:
-    """Places of m beams on their surfaces, in the frames of the objects, Dr.Jit.
+class SurfacePositions:
+    """Points where m beams meet their surfaces, in the frames of the objects, Dr.Jit.
 
     ``point`` where the axis meets the surface [m], ``along``, ``across`` and ``normal`` the beam's direction and axes
     (``mi.Vector3f``); ``object`` number of what is met, 0 for nothing; ``radius`` of the beam there (1/e²) [m], and
     ``distance`` along it, shape (m,).
     """
 
-    point: Any
-    along: Any
-    across: Any
-    normal: Any
-    object: Any
-    radius: Any
-    distance: Any
+    point: Vector3f
+    along: Vector3f
+    across: Vector3f
+    normal: Vector3f
+    object: UInt32
+    radius: Float
+    distance: Float
 
 
-def surface_places(loaded: LoadedScene, bench: OpticalLayout, shots: Shots, truth: Truth) -> SurfacePlaces:
+def surface_positions(
+    loaded: LoadedScene, layout: OpticalLayout, shots: Shots, truth: Truth
+) -> SurfacePositions:
     """Return where the beams of m shots meet their surfaces.
 
     A beam whose axis meets nothing counts as one that does at its Rayleigh length: what is beside it may be lit.
     """
-    laser = bench.laser
+    laser = layout.laser
     rayleigh, waist = dr.opaque(mi.Float, laser.rayleigh_length), dr.opaque(mi.Float, laser.waist_distance)
-    frame = device_frame(bench, shots.theta, shots.phi)
+    frame = device_frame(layout, shots.theta, shots.phi)
     distance = dr.select(dr.isfinite(truth.distance), truth.distance, rayleigh)
     twist = (distance - waist) / rayleigh
     radius = dr.opaque(mi.Float, laser.waist_radius) * dr.sqrt(1.0 + dr.square(twist))
     point = mi.Vector3f(frame.laser) + frame.along * distance
-    vectors: list[Any] = [point, *(mi.Vector3f(axis) for axis in (frame.along, frame.across, frame.normal))]
+    vectors: list[Vector3f] = [
+        point,
+        *(mi.Vector3f(axis) for axis in (frame.along, frame.across, frame.normal)),
+    ]
     frame_of = loaded.frames_of(truth.object)
     poses = loaded.poses if shots.poses is None else shots.poses
     for body, pose in zip(loaded.bodies, poses, strict=True):
@@ -55,9 +60,9 @@ def surface_places(loaded: LoadedScene, bench: OpticalLayout, shots: Shots, trut
     back = frame_of.rotation.T
     vectors = [back @ (vectors[0] - frame_of.place), *(back @ axis for axis in vectors[1:])]
     point, along, across, normal = vectors
-    return SurfacePlaces(point, along, across, normal, truth.object, radius, distance)
+    return SurfacePositions(point, along, across, normal, truth.object, radius, distance)
 
 
-def coherence_of(loaded: LoadedScene, truth: Truth) -> Any:
+def coherence_of(loaded: LoadedScene, truth: Truth) -> Float:
     """Return the squared contrast of the speckle of what chief rays meet, shape (m,)."""
     return dr.gather(mi.Float, loaded.coherence, truth.material)
