@@ -12,7 +12,6 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scanner_sim.render.beam.surface_places import SurfacePlaces
 from scipy.special import ndtr
 from scipy.stats import multivariate_normal, norm
 
@@ -25,6 +24,7 @@ from scanner_sim.instrument.time_of_flight import EchoDelays, TimeOfFlight
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections
+from scanner_sim.render.beam.surface_positions import SurfacePositions
 from scanner_sim.signals.waveform.edges import _sent, cross
 from scanner_sim.signals.waveform.filter import (
     MatchedFilter,
@@ -201,7 +201,7 @@ def test_what_was_timed_is_kept_in_seconds_and_in_its_place() -> None:
         seconds=lambda digitiser: np.array([5e-8, 6e-8]), sigma=Held(0.25, 0.5), signal=Held(1.0, 2.0),
         snr=Held(30.0, 40.0), echoes=Held(1, 2), status=Held(0, 0),
     )  # fmt: skip
-    timed.take(np.array([2, 0], dtype=np.uint32), found, Digitiser(rate=2e9))
+    timed.fill(np.array([2, 0], dtype=np.uint32), found, Digitiser(rate=2e9))
     np.testing.assert_allclose(timed.sigma, [2.5e-10, np.nan, 1.25e-10], rtol=1e-12)
     np.testing.assert_allclose(timed.delay, [6e-8, np.nan, 5e-8], rtol=1e-12)
     np.testing.assert_array_equal(timed.signal, [2.0, 0.0, 1.0])
@@ -258,7 +258,7 @@ def test_speckle_on_the_line_has_the_variances_of_its_packets(travel: float) -> 
     axes = [auto.Array3f(*(dr.full(auto.Float, float(k == n), shots) for k in range(3))) for n in range(3)]
     far = dr.full(auto.Float, distance, shots)
     point = auto.Array3f(*(auto.Float(values.astype(np.float32)) for values in place), far)
-    places = SurfacePlaces(
+    places = SurfacePositions(
         point, axes[2], axes[0], axes[1], dr.full(auto.UInt32, 1, shots), 1e-3 + 0.0 * far, far
     )
     found = line_speckle(light, places, optics, 1.0, (travel * 1e-3 / distance, 0.0), PIXELS, 3)
