@@ -25,7 +25,7 @@ from scanner_sim.optics.pulse import Pulse
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.render.beam.surface_positions import SurfacePositions
-from scanner_sim.signals.waveform.edges import _sent, cross
+from scanner_sim.signals.waveform.edges import _send_pulses, cross
 from scanner_sim.signals.waveform.filter import (
     MatchedFilter,
     Noise,
@@ -175,7 +175,7 @@ def test_pulses_are_behind_their_rising_edge_by_the_root_of_a_logarithm() -> Non
     digitiser = Digitiser(rate=1e10)
     known = diode("saturation", bandwidth=5e8)
     ratios = np.array([2.0, 8.0, 50.0])
-    width, lead, delay = _sent(Pulse(), known, digitiser, 100.0, ratios, 7, 0.3)
+    width, lead, delay = _send_pulses(Pulse(), known, digitiser, 100.0, ratios, 7, 0.3)
     sigma = math.hypot(2e-9 / 2.3548200450309493, known.response_sigma) * 1e10
     for row, ratio in enumerate(ratios):
         behind = sigma * math.sqrt(2.0 * math.log(ratio))
