@@ -1,4 +1,4 @@
-"""What a run will take: ranges, memory and time, told before it starts."""
+"""What a run will take: ranges, memory and time, stated before it starts."""
 
 from __future__ import annotations
 

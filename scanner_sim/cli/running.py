@@ -90,7 +90,7 @@ def _run_raster(
 
 def closing(image: RangeImage, paths: Sequence[Path]) -> dict[str, str]:
     """Return the summary of a run as pairs of a word and a phrase."""
-    from scanner_sim.products.summary import beyond
+    from scanner_sim.products.summary import share_beyond
 
     valid = image.valid
     rows = {
@@ -109,7 +109,7 @@ def closing(image: RangeImage, paths: Sequence[Path]) -> dict[str, str]:
             sigma = np.nanmedian(image[f"{name}sigma_range_m"])
             rows[f"σ of {way}"] = f"{1e3 * float(sigma):.3g} mm median"
     for way, of in (("", ""), ("fused.", " of both together")):
-        share = beyond(image, 5.0, way)
+        share = share_beyond(image, 5.0, way)
         if share is not None:
             rows[f"beyond 5 σ{of}"] = f"{100.0 * share:.2g} % of the ranges whose truth is known"
     for code in Status:

@@ -18,11 +18,11 @@ from scanner_sim.products.image import MEASURED, MEASURED_BY
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.covariance import PointCovariance
 from scanner_sim.ranging.fusion import fuse_points
-from scanner_sim.ranging.mixed_voxels import mixed
-from scanner_sim.ranging.neighbours import isolated
+from scanner_sim.ranging.mixed_voxels import is_mixed
+from scanner_sim.ranging.neighbours import is_isolated
 from scanner_sim.ranging.ranges import Deflections, Geometry, Layers, Ranges, layers_of
 from scanner_sim.ranging.shared_noise import SharedNoise
-from scanner_sim.ranging.uneven import Raster, pitch_of, relief, rugged, texture, window
+from scanner_sim.ranging.uneven import Raster, is_rugged, pitch_of, relief, texture, window
 from scanner_sim.scan.raster import raster_aim
 
 Array = NDArray[np.float64]
@@ -92,7 +92,7 @@ def _isolated(
     scenario: Scenario, layers: Layers, rows: NDArray[np.intp], columns: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
     settings, (theta, phi) = scenario.processing.validation, scenario.raster.angles()
-    return isolated(
+    return is_isolated(
         layers["range_m"],
         layers["sigma_range_m"],
         layers["status"].astype(np.uint32),
@@ -114,7 +114,7 @@ def _state_unevenness(
         lever = range_m / scenario.scanner.receiver.baseline
         signal = np.where(np.isfinite(range_m), layers["Y"].astype(np.float64), np.nan)
         noise = _range_noise(scenario, range_m, sigma, raster)
-        where = rugged(range_m, noise, raster)
+        where = is_rugged(range_m, noise, raster)
         moved = lever * texture(signal, _signal_noise(scenario, layers, raster), raster, where)
         bent = relief(range_m, noise, moved, raster, where)
         added = np.where(np.isfinite(range_m), np.hypot(moved, bent), np.nan)
@@ -187,7 +187,7 @@ def _mixed(scenario: Scenario, layers: Layers, prefix: str, steepest: float) -> 
     shared = (
         _shared(raster, noise**2, none, none) if prefix else _range_noise(scenario, range_m, noise, raster)
     )
-    return mixed(range_m, shared, uneven, status, faint, raster, steepest)
+    return is_mixed(range_m, shared, uneven, status, faint, raster, steepest)
 
 
 def _raster(scenario: Scenario, range_m: Array, travel: float) -> Raster:

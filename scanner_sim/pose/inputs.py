@@ -163,7 +163,7 @@ def _by_name(*given: Any) -> list[Any]:
     ]
 
 
-def _numbers(name: str, values: Any) -> Array:
+def _numbers(name: str, values: ArrayLike | Mapping[str, ArrayLike]) -> Array:
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -184,7 +184,9 @@ def _distinct(points: Array) -> None:
             )
 
 
-def _deviation(name: str, sigma: ArrayLike, leading: tuple[int, ...], count: int, wanted: Any) -> Array:
+def _deviation(
+    name: str, sigma: ArrayLike, leading: tuple[int, ...], count: int, wanted: NDArray[np.bool_]
+) -> Array:
     """Return standard deviations as (n, B) or (n, 1); where nothing was measured 1 stands for any number."""
     values = _numbers(name, sigma)
     try:

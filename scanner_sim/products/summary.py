@@ -52,7 +52,7 @@ def summary(image: RangeImage) -> dict[str, object]:
     return result
 
 
-def beyond(image: RangeImage, sigmas: float, prefix: str = "") -> float | None:
+def share_beyond(image: RangeImage, sigmas: float, prefix: str = "") -> float | None:
     """Return the share of ranges whose error is larger than some σ; None where there is no truth.
 
     Parameters

@@ -143,7 +143,7 @@ def track_columns(track: Track) -> Table:
     for names, matrices in ((_ANGULAR_CROSS, angular), (_SPATIAL_CROSS, spatial)):
         columns |= {name: matrices[:, i, j] for name, (i, j) in zip(names, _CORNERS, strict=True)}
     none = ErrorParts.all_white(np.zeros((0, 3, 3)))
-    return columns | error_columns(ErrorParts.stacked([one.errors for one in records]) if records else none)
+    return columns | error_columns(ErrorParts.stack([one.errors for one in records]) if records else none)
 
 
 def voxel_columns(track: Track) -> Table:

@@ -13,7 +13,7 @@ _LEAST = 3
 """Neighbours with a range that it takes to call a voxel isolated: fewer may all be another surface's."""
 
 
-def isolated(
+def is_isolated(
     range_m: NDArray[np.floating],
     sigma_m: NDArray[np.floating],
     status: NDArray[np.unsignedinteger],

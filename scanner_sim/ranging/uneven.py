@@ -56,7 +56,7 @@ _WIDENED = 1.0
 """Standard deviations of the spot within which what is found counts too: just on an edge differences pass zero."""
 _TRUST = (6.0, 1.0)
 """Square of a texture's difference, over its variance, that counts as noise: anywhere, and where surfaces are known
-to bend or to end (:func:`rugged`). There noise is taken off once, which is right on the average."""
+to bend or to end (:func:`is_rugged`). There noise is taken off once, which is right on the average."""
 _LINE_TRUST = 4.0
 """The same of a signal that is above or below both of its neighbours', anywhere."""
 _BEND_TRUST = (4.0, 1.0)
@@ -129,7 +129,7 @@ def around(steps: int) -> Iterator[tuple[int, int]]:
                 yield down, right
 
 
-def rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
+def is_rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
     """Tell which voxels lie near a position where surfaces certainly bend, step or end.
 
     Parameters
@@ -157,7 +157,7 @@ def rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
     return np.asarray(about > 0.0)
 
 
-def texture(signal: Array, noise: SharedNoise, raster: Raster, rugged: Mask) -> Array:
+def texture(signal: Array, noise: SharedNoise, raster: Raster, is_rugged: Mask) -> Array:
     """Return the standard deviation of the light's centroid along the row [m], shape (rows, columns).
 
     Parameters
@@ -183,7 +183,7 @@ def texture(signal: Array, noise: SharedNoise, raster: Raster, rugged: Mask) -> 
     """
     logarithm = log(np.where(signal > 0.0, signal, np.nan))
     left, right = beside(logarithm, 0, -1), beside(logarithm, 0, 1)
-    trust = np.where(rugged, _TRUST[1], _TRUST[0])
+    trust = np.where(is_rugged, _TRUST[1], _TRUST[0])
 
     def contrast(trust: Array | float) -> Array:
         """Return the squared difference to the neighbours beyond noise."""
@@ -210,7 +210,9 @@ def texture(signal: Array, noise: SharedNoise, raster: Raster, rugged: Mask) -> 
     return _widened(moved, raster)
 
 
-def relief(range_m: Array, noise: SharedNoise, sigma_texture: Array, raster: Raster, rugged: Mask) -> Array:
+def relief(
+    range_m: Array, noise: SharedNoise, sigma_texture: Array, raster: Raster, is_rugged: Mask
+) -> Array:
     """Return the standard deviation of the light's mean depth by bends and steps within the spot [m].
 
     Parameters
@@ -234,7 +236,7 @@ def relief(range_m: Array, noise: SharedNoise, sigma_texture: Array, raster: Ras
         is taken off. Where one is missing, at the rim, that of the nearest voxel counts. 0 without neighbours.
     """
     moved = replace(noise, own=noise.own + sigma_texture**2)
-    bending, rising = (np.where(rugged, trust[1], trust[0]) for trust in (_BEND_TRUST, _STEP_TRUST))
+    bending, rising = (np.where(is_rugged, trust[1], trust[0]) for trust in (_BEND_TRUST, _STEP_TRUST))
     wide = np.hypot(raster.spot, raster.travel / math.sqrt(12.0))
     largest = {way: np.full(range_m.shape, np.nan) for way in _WAYS}
     for way, step, pitch, near in _axes(raster):

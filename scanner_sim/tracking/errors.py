@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -93,17 +92,17 @@ class ErrorParts:
         return cls(white, 0.0 * white, one, none, none, one, none, one, one, still)
 
     @classmethod
-    def stacked(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
+    def stack(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
         """Return the parts of several visits as one, along a new first axis."""
         return cls(*(np.stack([getattr(one, field.name) for one in parts]) for field in fields(cls)))
 
-    def reshaped(self, shape: tuple[int, ...]) -> ErrorParts:
+    def reshape(self, shape: tuple[int, ...]) -> ErrorParts:
         """Return the same with other leading axes."""
         leading = self.turn.ndim
         parts = (getattr(self, field.name) for field in fields(self))
         return ErrorParts(*(part.reshape(*shape, *part.shape[leading:]) for part in parts))
 
-    def at(self, index: Any) -> ErrorParts:
+    def at(self, index: int | tuple[NDArray[np.intp], NDArray[np.intp]]) -> ErrorParts:
         """Return some of them by an index into the leading axes."""
         return ErrorParts(*(getattr(self, field.name)[index] for field in fields(self)))
 

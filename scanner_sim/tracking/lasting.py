@@ -103,14 +103,14 @@ def surface_covariance(
     """
     if not (seen.found[0] and seen.radius[0] > 0.0 and samples.valid[0].sum() >= _FEWEST):
         return np.zeros((3, 3))
-    # Of patterns that hardly show a target nothing is told.
+    # Nothing is known of patterns that hardly show a target.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         result = _surface(samples, seen, speckle, kind, duty_cycle, axis_separation)
-        limited = _limited(result, seen.covariance[0])
+        limited = _limit(result, seen.covariance[0])
     return limited if np.isfinite(limited).all() else np.zeros((3, 3))
 
 
-def _limited(part: Array, whole: Array) -> Array:
+def _limit(part: Array, whole: Array) -> Array:
     """Return a part of a covariance, of (Θ, φ) and of R, that leaves a tenth of the whole in every direction."""
     ratio = product(inverse(whole[:2, :2]), part[:2, :2])
     middle = 0.5 * (ratio[0, 0] + ratio[1, 1])
@@ -129,9 +129,9 @@ def _surface(
     axis_separation: float,
 ) -> Array:
     """Return :func:`surface_covariance` as the voxels' gains give it."""
-    result, told = np.zeros((3, 3)), samples.valid[0]
+    result, usable = np.zeros((3, 3)), samples.valid[0]
     plane = _plane_of(samples, seen, axis_separation)
-    shown, _ = plane.flattened(samples)
+    shown, _ = plane.flatten(samples)
     reach, spot = float(plane.distance[0]), 0.5 * speckle.radius
     position = reach * np.concatenate([shown.theta, shown.phi])
     rise = reach * np.concatenate([rise_per_point(shown.theta), rise_per_point(shown.phi)])
@@ -141,10 +141,10 @@ def _surface(
         light = np.sqrt(speckle.light) / reach * gains * np.nan_to_num(samples.signal[0])
         back = inverse(plane.change)[0]
         result[:2, :2] = product(back, _common(position, rise, light, speckle.radius, 0.0), back.T)
-    part = {TargetKind.BLACK: told, TargetKind.HOLE: off > radius, TargetKind.RETRO: off > radius}
+    part = {TargetKind.BLACK: usable, TargetKind.HOLE: off > radius, TargetKind.RETRO: off > radius}
     clear = np.abs(off - radius) > _RIM * spot + 0.5 * np.hypot(*way)
-    inside = told & clear & part.get(kind, off < radius)
-    inside = inside if inside.sum() >= _FEWEST else told
+    inside = usable & clear & part.get(kind, off < radius)
+    inside = inside if inside.sum() >= _FEWEST else usable
     moved = _range_gains(samples, position / radius, inside) * _of_speckle(samples, speckle.range_noise)
     kept = _common(position, rise, moved[None], speckle.radius, speckle.on_surface)[0, 0]
     result[2, 2] = np.maximum(kept, 0.0)
@@ -162,9 +162,9 @@ def _plane_of(samples: PatternSamples, seen: Measurement, axis_separation: float
     return target_plane(about, seen.position[:, 2], np.array([slope]), axis_separation)
 
 
-def _design(columns: Array, told: Mask, sigma: Array) -> Array:
+def _design(columns: Array, usable: Mask, sigma: Array) -> Array:
     """Return (1, columns) of voxels over the variance of their ranges, nothing for those that tell none."""
-    weight = np.where(told, 1.0 / np.where(told, sigma, 1.0) ** 2, 0.0)
+    weight = np.where(usable, 1.0 / np.where(usable, sigma, 1.0) ** 2, 0.0)
     return np.asarray(weight * np.stack([np.ones_like(weight), *columns]))
 
 
@@ -178,8 +178,8 @@ def _centre_gains(
     across = (way * position).sum(axis=0) / np.maximum(off, 1e-12)
     share, slope = blurred_edge(radius - off, across, np.full_like(off, spot))
     signal, sigma = samples.signal[0], samples.sigma_signal[0]
-    told = np.isfinite(signal) & (sigma > 0.0)
-    weight = np.where(told, 1.0 / np.where(told, sigma, 1.0) ** 2, 0.0)
+    usable = np.isfinite(signal) & (sigma > 0.0)
+    weight = np.where(usable, 1.0 / np.where(usable, sigma, 1.0) ** 2, 0.0)
     # The amplitude by its own least squares: ground and target are levels of the signals.
     levels = np.stack([1.0 - share, share])
     low, high = solve_linear(

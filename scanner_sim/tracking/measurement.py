@@ -161,30 +161,30 @@ class _Seeing:
     pointing: ArrayLike
 
     @property
-    def graded(self) -> bool:
+    def is_graded(self) -> bool:
         """Whether values at the edge say how much of the spot is on the target."""
         return not self.appearance.kind.by_range and self.appearance.kind is not TargetKind.RETRO
 
     @property
     def fits(self) -> bool:
         """Whether a disc is fitted, and light has no gaps."""
-        return self.graded and self.duty_cycle == 1.0
+        return self.is_graded and self.duty_cycle == 1.0
 
     def directly(self) -> tuple[Centroid, Response]:
         """Return centres of targets that are round in the angles, and what of the response tells their range."""
         start = circle_fit(self.samples, self.response, blurred=self.fits, rounds=1 if self.fits else None)
-        return self._fitted(self.samples, self.response, start, self.hits, None)
+        return self._fit(self.samples, self.response, start, self.hits, None)
 
     def on(self, plane: TargetPlane, known: Centroid | None = None) -> tuple[Centroid, Response]:
         """Return centres (Θ, φ) of targets on planes; ``known`` is the centre about which these stand, from before."""
-        shown, response = self._laid(plane)
+        shown, response = self._lay_onto(plane)
         if known is None or not self.fits:
             # Where the disc is fitted, its fit only begins at the circle.
             start = circle_fit(shown, response, blurred=self.fits, rounds=1 if self.fits else None)
         else:
             start = replace(known, centre=0.0 * known.centre)
         hits = self.hits if start.found.all() else hit_centroid(shown, response)
-        centre, ranged = self._fitted(shown, response, start, hits, plane)
+        centre, ranged = self._fit(shown, response, start, hits, plane)
         return plane.seen(centre), ranged
 
     def by_slope(self, plane: TargetPlane, slope: Array, known: Centroid) -> Array:
@@ -197,16 +197,16 @@ class _Seeing:
         spread = np.zeros((len(slope), 2, 2))
         for column in (0, 1):
             other = plane.steeper(root[:, :, column])
-            shown, response = self._laid(other)
+            shown, response = self._lay_onto(other)
             start = replace(known, centre=0.0 * known.centre)
             moved = other.seen(self._disc(shown, response, start, other)).centre - known.centre
             moved = np.where(np.isfinite(moved), moved, 0.0)
             spread += moved[:, :, None] * moved[:, None]
         return spread
 
-    def _laid(self, plane: TargetPlane) -> tuple[PatternSamples, Response]:
+    def _lay_onto(self, plane: TargetPlane) -> tuple[PatternSamples, Response]:
         """Return samples and response on planes, their light divided by that of the plane's tilt and range."""
-        shown, light = plane.flattened(self.samples)
+        shown, light = plane.flatten(self.samples)
         if self.appearance.kind.by_range:
             return shown, self.response
         return shown, replace(self.response, value=self.response.value / light)
@@ -220,7 +220,7 @@ class _Seeing:
             error = error * plane.stretch[:, None]
         return disc_fit(shown, response, start, spot=spot, duty_cycle=self.duty_cycle, pointing=error)
 
-    def _fitted(
+    def _fit(
         self,
         shown: PatternSamples,
         response: Response,
@@ -230,15 +230,15 @@ class _Seeing:
     ) -> tuple[Centroid, Response]:
         """Return the best centres that the samples tell, and what of the response tells the range."""
         centre = better_of(start, hits)
-        if not self.graded:
+        if not self.is_graded:
             return centre, self.response
         fitted = better_of(self._disc(shown, response, centre, plane), hits)
         if self.duty_cycle < 1.0:
             # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
             away = np.abs(response.value - response.threshold[:, None])
             partly = away < _PARTLY * np.abs(response.target - response.ground)[:, None]
-            told = (partly & response.used).sum(axis=1) >= _FEWEST_PARTLY
-            fitted = better_of(replace(fitted, found=fitted.found & told), centre)
+            enough = (partly & response.used).sum(axis=1) >= _FEWEST_PARTLY
+            fitted = better_of(replace(fitted, found=fitted.found & enough), centre)
         whole = _away_from_rim(shown, fitted, 3.0 * np.reshape(self.spot, (-1, 1)), self.duty_cycle)
         inside = response.used & whole
         if (inside.sum(axis=1) >= _FEWEST_WHOLE).all():

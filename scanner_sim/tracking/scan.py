@@ -177,7 +177,7 @@ def _members(
             location, f"'{name}' has {len(centres)} targets.", f"Write {name}/1 to {name}/{len(centres)}."
         )
         return
-    appearance = _looks(asked, item)
+    appearance = _appearance_of(asked, item)
     if appearance is None:
         missing = "kind" if asked.kind is None else "diameter"
         yield Fault(
@@ -216,7 +216,7 @@ def _members(
         yield TrackTarget(label, name, appearance, expected, centres[number])
 
 
-def _looks(asked: FollowedTarget, item: SceneObject) -> TargetAppearance | None:
+def _appearance_of(asked: FollowedTarget, item: SceneObject) -> TargetAppearance | None:
     """Return the looks of a target, from the scan or from the scene; None where neither tells."""
     kind, diameter = asked.kind, asked.diameter
     if isinstance(item, TargetArray):

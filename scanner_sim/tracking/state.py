@@ -145,7 +145,7 @@ def command(state: TrackState, settings: TrackerSettings, diameter: float, time:
     if state.mode is TrackMode.SEARCH:
         position = state.motion.mean[:3]
     else:
-        position = predict(state.motion, time, _unrest(settings)).mean[:3]
+        position = predict(state.motion, time, _acceleration_psd(settings)).mean[:3]
     radius = _radius(diameter, float(position[2]))
     if state.mode in (TrackMode.ACQUIRE, TrackMode.TRACK):
         amplitude = settings.track_amplitude * radius
@@ -211,14 +211,14 @@ def advance(
     """
     ahead = None
     if measurement.found[row] and state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE):
-        ahead = predict(state.motion, float(measurement.time[row]), _unrest(settings))
+        ahead = predict(state.motion, float(measurement.time[row]), _acceleration_psd(settings))
     refusal = _refusal(state, measurement, settings, diameter, ahead, row)
     if refusal is Refusal.NONE and ahead is None and _is_other(others, measurement, settings, row):
         refusal = Refusal.OTHER
     counted = replace(state, patterns=state.patterns + 1, refusal=refusal)
     if refusal is Refusal.NONE:
-        return _taken(counted, measurement, settings, ahead, row)
-    return _missed(counted, settings, measurement_time=next_time)
+        return _take_measurement(counted, measurement, settings, ahead, row)
+    return _miss(counted, settings, measurement_time=next_time)
 
 
 def _refusal(
@@ -253,7 +253,7 @@ def _is_other(
     """Return whether a measurement is one of the targets that are followed already."""
     if not others:
         return False
-    ahead = [predict(other, float(measurement.time[row]), _unrest(settings)) for other in others]
+    ahead = [predict(other, float(measurement.time[row]), _acceleration_psd(settings)) for other in others]
     # Within a third of its radius nothing else can be.
     near = (measurement.radius[row] / 3.0) ** 2 * np.diag([1.0, 1.0, 0.0])
     found = identify(
@@ -266,7 +266,7 @@ def _is_other(
     return bool(found.target[0] >= 0)
 
 
-def _taken(
+def _take_measurement(
     state: TrackState, measurement: Measurement, settings: TrackerSettings, ahead: Motion | None, row: int
 ) -> TrackState:
     """Return the state after the target was seen."""
@@ -282,7 +282,7 @@ def _taken(
     return replace(state, mode=mode, motion=motion, seen=seen, missed=0, searched=0)
 
 
-def _missed(state: TrackState, settings: TrackerSettings, measurement_time: float) -> TrackState:
+def _miss(state: TrackState, settings: TrackerSettings, measurement_time: float) -> TrackState:
     """Return the state after the target was not seen."""
     missed = state.missed + 1
     kept = replace(state, seen=0, missed=missed)
@@ -312,7 +312,7 @@ def _gate(chance: float) -> float:
     return 2.0 * float(gammainccinv(1.5, chance))
 
 
-def _unrest(settings: TrackerSettings) -> Array:
+def _acceleration_psd(settings: TrackerSettings) -> Array:
     return np.array([settings.acceleration_psd, settings.acceleration_psd, settings.range_acceleration_psd])
 
 

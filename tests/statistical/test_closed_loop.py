@@ -62,7 +62,7 @@ def test_single_patterns_reach_the_papers_accuracy_with_honest_sigmas() -> None:
     assert len(late) >= 140
     error, _ = errors(late)
     assert np.sqrt((error[:, :2] ** 2).mean(axis=0)).max() < 100e-6
-    parts = ErrorParts.stacked([record.errors for record in late])
+    parts = ErrorParts.stack([record.errors for record in late])
     numbers = {target.name: number for number, target in enumerate(made.targets)}
     covariance = common_covariance(
         parts,

@@ -56,7 +56,7 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.fixture
 def few_places(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spots at two places in a pixel: what is looked at is the folder."""
-    monkeypatch.setattr(importlib.import_module("scanner_sim.validation.studies.budget"), "PLACES", 2)
+    monkeypatch.setattr(importlib.import_module("scanner_sim.validation.studies.budget"), "PIXEL_PHASES", 2)
 
 
 def test_budget_writes_its_folder(config: Path, few_places: None) -> None:

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
-from scanner_sim.ranging.mixed_voxels import mixed
+from scanner_sim.ranging.mixed_voxels import is_mixed
 from scanner_sim.ranging.shared_noise import SharedNoise
 from scanner_sim.ranging.uneven import Raster, relief, texture
 
@@ -97,6 +97,6 @@ def test_a_step_is_told_from_where_noise_unevenness_and_slope_end(
     ranges = np.full(SHAPE, 5.0)
     ranges[:, 10:] += share * limit
     status = np.full(SHAPE, int(Status.VALID), dtype=np.uint32)
-    found = mixed(ranges, noise(own), NONE + uneven, status, NOWHERE, raster(pitch), steepest)
+    found = is_mixed(ranges, noise(own), NONE + uneven, status, NOWHERE, raster(pitch), steepest)
     assert bool(found[4, 9:11].any()) is told
     assert not found[:, :8].any()

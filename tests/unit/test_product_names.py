@@ -18,7 +18,7 @@ from scanner_sim.products.files.tables import check_columns, six_digits, table_c
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.pose import pose_columns
-from scanner_sim.products.summary import beyond, summary
+from scanner_sim.products.summary import share_beyond, summary
 from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.tracking.errors import ErrorParts
@@ -218,7 +218,7 @@ def test_a_summary_of_an_image_compares_with_the_truth() -> None:
     # 4.4, 5.6 and 8.9 standard deviations.
     shares = {"3 sigma": 3 / 13, "5 sigma": 2 / 13, "6 sigma": 1 / 13}
     assert truth["share_beyond"] == {name: pytest.approx(value) for name, value in shares.items()}
-    assert beyond(image(), 5.0) == pytest.approx(2 / 13)
+    assert share_beyond(image(), 5.0) == pytest.approx(2 / 13)
 
 
 def test_a_cloud_names_what_its_numbers_count(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.status import Status
-from scanner_sim.ranging.neighbours import isolated
+from scanner_sim.ranging.neighbours import is_isolated
 from scanner_sim.ranging.ranges import (
     Deflections,
     Geometry,
@@ -152,7 +152,7 @@ def test_a_range_is_isolated_beyond_slope_and_noise(share: float, alone: bool) -
     limit = math.tan(steepest) * math.hypot(1e-3, 1e-3) * 5.0 + sigmas * math.hypot(own, others)
     ranges[1, 1] = 5.0 + share * limit
     status = np.zeros((rows, columns), dtype=np.uint32)
-    found = isolated(ranges, sigma, status, angles, angles, sigmas, steepest)
+    found = is_isolated(ranges, sigma, status, angles, angles, sigmas, steepest)
     wanted_there = np.zeros((rows, columns), dtype=bool)
     wanted_there[1, 1] = alone
     np.testing.assert_array_equal(found, wanted_there)

@@ -253,7 +253,7 @@ def test_background_is_of_both_bands(monkeypatch: pytest.MonkeyPatch) -> None:
     seen = np.full(6, 10.0), np.full(6, 1.0), np.full(6, 100.0), np.full(6, 1000.0)
     lights = SimpleNamespace(
         Sight=SimpleNamespace,
-        sunlight_seen=lambda *_: seen,
+        trace_sunlight=lambda *_: seen,
         sun_at=lambda *_: (None, None),
         sunlit_share=lambda *_: 0.5,
         earth_irradiance=lambda *_: 0.25,

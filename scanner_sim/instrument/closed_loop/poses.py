@@ -157,5 +157,5 @@ class _Visits:
                 errors[number * len(column) + where[1]] = record.errors
         self.at = np.nanmean(visited, axis=1) if rounds else np.zeros(0)
         if rounds:
-            parts = ErrorParts.stacked(errors).reshaped(shape)
+            parts = ErrorParts.stack(errors).reshape(shape)
             self.observations = interpolate(time, position, parts, self.at)

@@ -56,7 +56,7 @@ def track(
 
 
 def track_of(tracker: Tracker, records: tuple[PatternRecord, ...]) -> Track:
-    """Return a run of a tracker with everything that is told of it beside its records."""
+    """Return a run of a tracker with everything that is kept of it beside its records."""
     return Track(
         records=records,
         targets=tracker.targets,
