@@ -23,9 +23,8 @@ from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.tracking.record import Track, TrackStatus
 
-FOLDERS: Mapping[str, tuple[str, str, Mapping[str, str]]] = {
+FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "run, of a raster": (
-        "scanner_sim.products.files.run_folder",
         "RUN",
         {
             "range.exr": "every layer below, float32, with scenario, versions, units and legends in its header",
@@ -42,7 +41,6 @@ FOLDERS: Mapping[str, tuple[str, str, Mapping[str, str]]] = {
         },
     ),
     "run, of a track": (
-        "scanner_sim.products.track",
         "TRACK",
         {
             "track.csv": "a line for each visit to a target; columns below",
@@ -62,7 +60,6 @@ FOLDERS: Mapping[str, tuple[str, str, Mapping[str, str]]] = {
         },
     ),
     "orbit": (
-        "scanner_sim.products.timeline",
         "ORBIT",
         {
             "orbit.json": "shares of time in each condition of Table 1, for each target",
@@ -72,7 +69,6 @@ FOLDERS: Mapping[str, tuple[str, str, Mapping[str, str]]] = {
         },
     ),
     "budget": (
-        "scanner_sim.products.budget",
         "BUDGET",
         {
             "budget.json": "all rows, reflectance, versions",
@@ -85,7 +81,6 @@ FOLDERS: Mapping[str, tuple[str, str, Mapping[str, str]]] = {
         },
     ),
     "pose-study": (
-        "scanner_sim.products.pose_study",
         "POSE_STUDY",
         {
             "pose_study.json": "all tables",
@@ -99,7 +94,6 @@ FOLDERS: Mapping[str, tuple[str, str, Mapping[str, str]]] = {
         },
     ),
     "compare": (
-        "scanner_sim.products.comparison",
         "COMPARISON",
         {
             "compare.json": "every law with its checks, verdict and power; what `--baseline` reads",
@@ -308,7 +302,7 @@ def _option(option: Any) -> str:
 def files_page() -> str:
     """The folders that verbs write, the layers of range.exr, the codes of status, and columns of tables."""
     lines = ["# Files and channels", ""]
-    for verb, (_, _, files) in FOLDERS.items():
+    for verb, (_, files) in FOLDERS.items():
         lines += [f"## scanner-sim {verb}", "", "| file | holds |", "|---|---|"]
         lines += [f"| `{name}` | {sentence} |" for name, sentence in files.items()]
         lines.append("")

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 from scanner_sim.cli import app
 from scanner_sim.config import load_scenario, scenario_from_text
+from scanner_sim.products.files import contents
 from scanner_sim.products.image import CHANNELS
 from scanner_sim.validation.studies.pose_study import StudyPlan
 
@@ -155,8 +156,8 @@ def test_the_reference_has_every_key(reference: ModuleType) -> None:
 def test_the_reference_has_every_channel_file_and_verb(reference: ModuleType) -> None:
     files, commands = reference.files_page(), reference.command_page()
     assert not {channel.name for channel in CHANNELS if f"| `{channel.name}` |" not in files}
-    for module, name, known in reference.FOLDERS.values():
-        assert set(getattr(importlib.import_module(module), name).files) == set(known), name
+    for name, known in reference.FOLDERS.values():
+        assert set(getattr(contents, name).files) == set(known), name
     verbs = {
         command.name or command.callback.__name__.replace("_", "-")
         for command in app.registered_commands
