@@ -38,7 +38,7 @@ def _translated(details: Mapping[str, Any], tagged: Place, place: Place, data: A
     match details["type"]:
         case "impossible":
             for fault in context["faults"]:
-                inside = tuple(int(step) if step.isdigit() else step for step in fault.place.split("."))
+                inside = tuple(int(step) if step.isdigit() else step for step in fault.location.split("."))
                 yield RawFault((*place, *inside), fault.problem, fault.remedy)
         case "extra_forbidden":
             yield RawFault(place, *_unknown(str(place[-1]), slot_at(tagged[:-1])))

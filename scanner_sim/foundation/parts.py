@@ -44,7 +44,7 @@ class Part(BaseModel):
     )
 
     def cross_checks(self) -> Iterator[Fault]:
-        """Yield what is impossible about the values together; places are relative to this part."""
+        """Yield what is impossible about the values together; locations are relative to this part."""
         return iter(())
 
     @model_validator(mode="after")

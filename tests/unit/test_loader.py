@@ -125,7 +125,7 @@ def test_every_fault_is_reported_with_its_object(tmp_path: Path) -> None:
             {"name": "b", "mesh": cloud, "material": GREY},
             {"name": "c", "file": scene},
         )
-    assert [fault.place for fault in caught.value.faults] == [
+    assert [fault.location for fault in caught.value.faults] == [
         "scene.objects[0] (a)",
         "scene.objects[1] (b)",
         "scene.objects[2] (c)",

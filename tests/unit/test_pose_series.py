@@ -231,5 +231,5 @@ def own_lasting(found: Interpolated) -> np.ndarray:
 
 def test_a_method_named_twice_is_a_fault() -> None:
     (fault,) = PoseSettings(methods=("uv",)).model_copy(update={"methods": ("uv", "uv")}).cross_checks()
-    assert fault.place == "methods"
+    assert fault.location == "methods"
     assert "twice" in fault.problem

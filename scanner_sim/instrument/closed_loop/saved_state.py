@@ -155,7 +155,7 @@ def _first_fault(error: ValidationError) -> str:
     place = spell(details["loc"])
     if details["type"] == "impossible":
         fault = details["ctx"]["faults"][0]
-        return f"{place}.{fault.place}: {fault.problem}"
+        return f"{place}.{fault.location}: {fault.problem}"
     return f"{place}: {details['msg'][0].lower()}{details['msg'][1:]}."
 
 
