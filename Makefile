@@ -29,7 +29,7 @@ test: setup ## Set up and run all tests, slow ones too
 	$(RUN) -m pytest -m ""
 
 soak: setup ## Run 200 simulations in one process, whose memory must stay where it is
-	SCANNER_SIM_SOAK=200 $(RUN) -m pytest tests/faults/test_soak.py
+	SCANNER_SIM_SOAK=200 $(RUN) -m pytest -m "" tests/faults/test_soak.py
 
 fuzz: setup ## Open mutants of scenarios, states, scenes and results: make fuzz N=10000 SEED=7
 	$(RUN) tests/faults/fuzz.py -n $(N) --states $$(($(N) / 20)) --scenes $$(($(N) / 10)) --results $$(($(N) / 10)) --seed $(SEED)

@@ -101,7 +101,7 @@ class Rays:
             shots, _ = true_shots(aim, scenario.scanner.mirrors, 0)
             spots = trace_spots(loaded, optics, smooth, shots)
             chief = dr.arange(mi.UInt32, len(aim.shot)) * len(smooth.weights)
-            ground = light._ground(loaded, optics, smooth, shots, spots, chief)
+            ground = light._classify_footprints(loaded, optics, smooth, shots, spots, chief)
             for members, beamlets in (
                 (dr.arange(mi.UInt32, len(aim.shot)), smooth),
                 (dr.compress(ground == light._UNEVEN), edge_beamlets(settings.uneven_beamlets)),

@@ -43,7 +43,7 @@ def scenario(node: dict[str, Any], *overrides: str, seed: int = 4, **more: Any) 
 
 def errors(records: list[PatternRecord]) -> Array:
     """Return the errors of measured places, (records, 3)."""
-    return np.array([r.place - r.truth for r in records if r.status == TrackStatus.MEASURED])
+    return np.array([r.position - r.truth for r in records if r.status == TrackStatus.MEASURED])
 
 
 def minute(console: Console) -> None:
@@ -186,7 +186,7 @@ def cost(console: Console) -> None:
     table = Table("light", "visit, best", "of it measuring", "patterns/s")
     for name, more in (("dark", {}), ("Sun and Earth", {"lighting": SUN})):
         tracker = Tracker(scenario({"position": [0.0, 0.0, 10.0]}, **more))
-        instrument, inside = tracker._eye._instrument, [0.0]
+        instrument, inside = tracker._sensor._instrument, [0.0]
         plain = instrument.measure
 
         def timed(aim: Any, plain: Any = plain, inside: list[float] = inside) -> Any:

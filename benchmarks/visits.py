@@ -89,7 +89,7 @@ def squares(records: list[PatternRecord], modes: set[TrackMode]) -> tuple[Array,
     """Return z of each measured visit in some modes (visits, 3), the number of its disc, and its σ (visits, 3)."""
     chosen = [r for r in records if r.mode in modes and r.status == TrackStatus.MEASURED]
     sigma = np.array([np.sqrt(np.diagonal(r.covariance)) for r in chosen]).reshape(-1, 3)
-    error = np.array([r.place - r.truth for r in chosen]).reshape(-1, 3)
+    error = np.array([r.position - r.truth for r in chosen]).reshape(-1, 3)
     return error / sigma, np.array([int(r.target[1:].split("/")[0]) for r in chosen]), sigma
 
 

@@ -11,7 +11,7 @@ from made_tables import marked, rewrite
 
 from scanner_sim import load_scenario
 from scanner_sim.validation.compare.instrument import closed_budget, closed_crossing
-from scanner_sim.validation.studies.budget import distances_of, swept
+from scanner_sim.validation.studies.budget import distances_of, with_sweep
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "theory" / "budget.md"
@@ -32,7 +32,7 @@ _SOURCES = (
 def tables() -> str:
     """Return what stands on the page between its marks."""
     scenario = load_scenario(ROOT / "configs" / "plane.yaml", ["ranging=both"])
-    rest = swept(scenario, 0.0)
+    rest = with_sweep(scenario, 0.0)
     turn = 1e3 * scenario.raster.travel
     lines = [
         f"| σ of the range [mm], turning by {turn:.2g} mrad | "

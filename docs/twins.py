@@ -38,7 +38,7 @@ if __name__ == "__main__":
 RASTER = "print(simulate(scenario))"
 TRACK = """\
 for record in track(scenario).records:
-        print(f"{record.time:.4f} s {record.target} {record.mode.name} {record.place}")"""
+        print(f"{record.time:.4f} s {record.target} {record.mode.name} {record.position}")"""
 
 
 class Code(str):

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
     from scanner_sim.instrument.closed_loop.poses import poses_of as poses_of
     from scanner_sim.instrument.closed_loop.track import track as track
     from scanner_sim.instrument.closed_loop.tracker import Tracker as Tracker
-    from scanner_sim.instrument.photo import take_photo as take_photo
     from scanner_sim.instrument.simulate import simulate as simulate
     from scanner_sim.instrument.simulate import simulate_voxel as simulate_voxel
     from scanner_sim.instrument.simulate import simulate_waveforms as simulate_waveforms
+    from scanner_sim.instrument.simulate import take_photo as take_photo
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
     from scanner_sim.pose.filter import PoseFilter as PoseFilter
     from scanner_sim.pose.result import PoseEstimate as PoseEstimate
@@ -79,7 +79,7 @@ _HOMES = {
     "simulate": "scanner_sim.instrument.simulate",
     "simulate_voxel": "scanner_sim.instrument.simulate",
     "simulate_waveforms": "scanner_sim.instrument.simulate",
-    "take_photo": "scanner_sim.instrument.photo",
+    "take_photo": "scanner_sim.instrument.simulate",
     "track": "scanner_sim.instrument.closed_loop.track",
     "write_run": "scanner_sim.products.files.run_folder",
 }

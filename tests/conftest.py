@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,13 @@ from scanner_sim.render.device import Device, activate
 # Derandomised: a red test is red again on the next run. No deadline: the first call compiles a kernel.
 hypothesis.settings.register_profile("deterministic", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("deterministic")
+
+# What is compiled once is there for the next process, of which tests start hundreds.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
+
+WORKERS = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+"""Processes that run tests at once."""
 
 SHIFT = int(os.environ.get("SCANNER_SIM_SEED_SHIFT", "0"))
 """Added to every seed, of the tests and of the simulator: what ``tests/seeds.py`` varies."""
@@ -39,8 +47,11 @@ def small_scenario() -> str:
 
 @pytest.fixture(scope="session")
 def device() -> Device:
-    """The processor, activated: ask for it in every test that needs Mitsuba."""
-    return activate("cpu")
+    """The processor, activated: ask for it in every test that needs Mitsuba.
+
+    Each process of several takes its share of the cores: threads beyond them spin while they wait for each other.
+    """
+    return activate("cpu", None if WORKERS == 1 else max(1, (os.cpu_count() or 1) // WORKERS))
 
 
 @pytest.fixture(scope="session")

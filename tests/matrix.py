@@ -44,7 +44,18 @@ def outcome(python: str, resolution: str, places: list[str]) -> tuple[str, str]:
             name.lower(): version for name, version in re.findall(r"^(\S+) +(\d\S*)", listed, re.MULTILINE)
         }
         tested = subprocess.run(
-            [str(interpreter), "-m", "pytest", "-q", "-p", "no:cacheprovider", "--tb=short", *places],
+            [
+                str(interpreter),
+                "-m",
+                "pytest",
+                "-q",
+                "-m",
+                "",
+                "-p",
+                "no:cacheprovider",
+                "--tb=short",
+                *places,
+            ],
             cwd=REPOSITORY,
             capture_output=True,
             text=True,

@@ -61,4 +61,4 @@ scenario = load_scenario(
 
 if __name__ == "__main__":
     for record in track(scenario).records:
-        print(f"{record.time:.4f} s {record.target} {record.mode.name} {record.place}")
+        print(f"{record.time:.4f} s {record.target} {record.mode.name} {record.position}")

@@ -17,7 +17,7 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.units import FROM_FILE, Angle
 from scanner_sim.products.budget import BudgetRow, crossing
 from scanner_sim.products.files.contents import BUDGET
-from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.folder import claim_folder
 from scanner_sim.render.libraries import DeviceChoice
 
 
@@ -45,12 +45,12 @@ def budget_scenario(
 
     scenario = load_and_warn(config, overrides, quiet)
     chosen = None if sweep is None else _angle(sweep)
-    with claimed(folder, overwrite, BUDGET):
+    with claim_folder(folder, overwrite, BUDGET):
         from scanner_sim.validation.compare.instrument import closed_crossing, with_closed_forms
-        from scanner_sim.validation.studies.budget import distances_of, measure_budget, swept
+        from scanner_sim.validation.studies.budget import distances_of, measure_budget, with_sweep
         from scanner_sim.validation.studies.dominance import dominating
 
-        own, scenario = scenario, swept(scenario, chosen)
+        own, scenario = scenario, with_sweep(scenario, chosen)
         turn = scenario.raster.travel
 
         distances = distances_of(scenario, count)
@@ -64,7 +64,7 @@ def budget_scenario(
         ends = float(distances[0]), float(distances[-1])
         at_rest = math.nan
         if scenario.ranging != "triangulation":
-            at_rest = closed_crossing(swept(scenario, 0.0), reflectance, *ends)
+            at_rest = closed_crossing(with_sweep(scenario, 0.0), reflectance, *ends)
         paths = write_budget(
             rows,
             folder,
@@ -124,7 +124,7 @@ def _meeting(rows: Sequence[BudgetRow], sweep: float, at_rest: float) -> dict[st
 def budget_rows(rows: Sequence[BudgetRow]) -> list[list[str]]:
     """Return the table of a budget [mm]: a heading, then for each source simulated and analytic at each range."""
     ranges = list(dict.fromkeys(row.range_m for row in rows))
-    chosen = [ranges[round(place * (len(ranges) - 1) / 4)] for place in range(5)]
+    chosen = [ranges[round(index * (len(ranges) - 1) / 4)] for index in range(5)]
     chosen = list(dict.fromkeys(chosen))
     table = [["σ of the range [mm]: simulated (analytic)", *(f"{distance:.3g} m" for distance in chosen)]]
     several = len({row.mode for row in rows}) > 1

@@ -14,7 +14,7 @@ from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.products.comparison import Comparison
 from scanner_sim.products.files.contents import COMPARISON
-from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.folder import claim_folder
 from scanner_sim.render.libraries import DeviceChoice
 
 
@@ -52,7 +52,7 @@ def compare_scenario(
     earlier = None if baseline is None else read_baseline(baseline)
     flat = None if target is None else FlatTarget.parse(target)
     setting = ComparisonSetup(scenario, flat, seeds, quick, device)
-    with claimed(folder, overwrite, COMPARISON):
+    with claim_folder(folder, overwrite, COMPARISON):
         with progress_bar("law by law", quiet, "laws") as (advance, _), scenario_of(config):
             found = compare(setting, only=only, level=level, progress=advance)
         if earlier is not None:

@@ -11,7 +11,7 @@ from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.products.files.contents import ORBIT
-from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.folder import claim_folder
 from scanner_sim.render.libraries import DeviceChoice
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def orbit_scenario(
     from scanner_sim.products.files.orbit_folder import write_orbit
 
     scenario = load_and_warn(config, overrides, quiet)
-    with claimed(folder, overwrite, ORBIT):
+    with claim_folder(folder, overwrite, ORBIT):
         from scanner_sim.validation.studies.sweep import sweep_orbit
 
         with progress_bar("along the orbit", quiet) as (advance, _), scenario_of(config):

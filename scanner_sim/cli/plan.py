@@ -1,4 +1,4 @@
-"""What a run will take: ranges, memory and time, told before it starts."""
+"""What a run will take: ranges, memory and time, stated before it starts."""
 
 from __future__ import annotations
 
@@ -88,9 +88,11 @@ def keys() -> list[str]:
     from scanner_sim.config.outline import outline
 
     return sorted(
-        ".".join(place)
-        for place, slot in outline().items()
-        if place and slot.part is None and not any(step == "*" or step.startswith("(") for step in place)
+        ".".join(location)
+        for location, slot in outline().items()
+        if location
+        and slot.part is None
+        and not any(step == "*" or step.startswith("(") for step in location)
     )
 
 

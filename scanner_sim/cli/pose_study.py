@@ -17,7 +17,7 @@ from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.pose.target_layouts import Layout
 from scanner_sim.products.files.contents import POSE_STUDY
-from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.folder import claim_folder
 from scanner_sim.products.pose_study import COMPONENTS, PoseRow, PoseStudy, TargetRow
 from scanner_sim.render.libraries import DeviceChoice
 
@@ -55,7 +55,7 @@ def study_scenario(
 
     target = StudyTarget.of(scenario, diameter)
     plan = plan_study(scenario, target, quick=quick)
-    with claimed(folder, overwrite, POSE_STUDY):
+    with claim_folder(folder, overwrite, POSE_STUDY):
         with progress_bar("targets and poses", quiet) as (advance, _), scenario_of(config):
             pools, rows = measure_study(scenario, plan, target, device=device, progress=advance)
         targets = target_rows(pools)

@@ -17,7 +17,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.memory import check_memory
 from scanner_sim.products.files.contents import RUN, TRACK
-from scanner_sim.products.files.folder import check_target, claimed
+from scanner_sim.products.files.folder import check_target, claim_folder
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.tracking.scan import TrackScan
 
@@ -54,7 +54,7 @@ def run_scenario(
     check_memory(scenario)
     for sentence in () if quiet else slow(scenario):
         warn(sentence)
-    with claimed(folder, overwrite, kind):
+    with claim_folder(folder, overwrite, kind):
         if follows:
             run_tracking(scenario, config, folder, device=device, overwrite=overwrite, quiet=quiet)
         else:
@@ -65,8 +65,7 @@ def _run_raster(
     scenario: Scenario, config: Path, folder: Path, *, device: DeviceChoice, overwrite: bool, quiet: bool
 ) -> None:
     # Loads the renderer: only after everything that can be refused without it.
-    from scanner_sim.instrument.photo import take_photo
-    from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+    from scanner_sim.instrument.simulate import simulate, simulate_waveforms, take_photo
     from scanner_sim.products.files.run_folder import write_run
 
     camera = waveforms = None
@@ -91,7 +90,7 @@ def _run_raster(
 
 def closing(image: RangeImage, paths: Sequence[Path]) -> dict[str, str]:
     """Return the summary of a run as pairs of a word and a phrase."""
-    from scanner_sim.products.summary import beyond
+    from scanner_sim.products.summary import share_beyond
 
     valid = image.valid
     rows = {
@@ -110,7 +109,7 @@ def closing(image: RangeImage, paths: Sequence[Path]) -> dict[str, str]:
             sigma = np.nanmedian(image[f"{name}sigma_range_m"])
             rows[f"σ of {way}"] = f"{1e3 * float(sigma):.3g} mm median"
     for way, of in (("", ""), ("fused.", " of both together")):
-        share = beyond(image, 5.0, way)
+        share = share_beyond(image, 5.0, way)
         if share is not None:
             rows[f"beyond 5 σ{of}"] = f"{100.0 * share:.2g} % of the ranges whose truth is known"
     for code in Status:

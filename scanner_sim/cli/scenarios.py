@@ -1,4 +1,4 @@
-"""A scenario as a verb gets it: loaded, and its doubtful sides told."""
+"""A scenario as a verb of the command line gets it: loaded, with warnings of what looks unintended."""
 
 from __future__ import annotations
 

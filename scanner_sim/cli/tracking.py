@@ -218,15 +218,15 @@ def _numbers(record: PatternRecord) -> dict[str, str]:
         "amplitude": f"{1e3 * record.amplitude:.3f} mrad",
         "voxels": f"{record.samples.time.shape[1]}, {int(record.samples.valid.sum())} with a range",
     }
-    if np.isfinite(record.place).all():
+    if np.isfinite(record.position).all():
         sigma = np.sqrt(np.diagonal(record.covariance))
-        error = record.place - record.truth
+        error = record.position - record.truth
         for axis, (name, unit, scale) in enumerate(
             (("Θ", "rad", 1e6), ("φ", "rad", 1e6), ("range", "m", 1e3))
         ):
             small = "mm" if unit == "m" else "µrad"
             table[name] = (
-                f"{record.place[axis]:.6f} {unit} ± {scale * sigma[axis]:.3g} {small}, "
+                f"{record.position[axis]:.6f} {unit} ± {scale * sigma[axis]:.3g} {small}, "
                 f"true {record.truth[axis]:.6f} {unit}, error {scale * error[axis]:+.3g} {small}"
             )
     return table

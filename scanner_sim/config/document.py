@@ -10,14 +10,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, TypeAlias, TypeVar
 
 import yaml
 
 from scanner_sim.foundation.errors import Fault
 
-Place = tuple[str | int, ...]
-"""Way from the top of a document to a value: keys and indices."""
+Location = tuple[str | int, ...]
+"""Location of a value in a document: the keys and indices from the top down to it."""
+
+Value: TypeAlias = bool | int | float | str | list["Value"] | dict[Any, "Value"] | None
+"""Plain data, as YAML holds it; a mapping in Python may have any keys."""
 
 MOST_VALUES = 200_000
 """Values of a document, with aliases written out: an alias bomb has billions."""
@@ -39,7 +42,10 @@ _SCALARS = (
 )
 
 
-def core_schema(style: Any) -> Any:
+Style = TypeVar("Style", bound=type[yaml.resolver.BaseResolver])
+
+
+def core_schema(style: Style) -> Style:
     """Teach a loader or a dumper of PyYAML what plain scalars mean in YAML 1.2 (chapter 10.3.2)."""
     style.yaml_implicit_resolvers = {}
     for kind, pattern, first in _SCALARS:
@@ -67,23 +73,23 @@ class Document:
     faults
         What is wrong with the text itself.
     broken
-        Places of values that are missing or doubtful because of those faults.
+        Locations of values that are missing or doubtful because of those faults.
     readable
         False where the text is no YAML at all, so that ``data`` means nothing.
     """
 
-    data: Any = None
-    lines: dict[Place, int] = field(default_factory=dict)
+    data: Value = None
+    lines: dict[Location, int] = field(default_factory=dict)
     faults: list[Fault] = field(default_factory=list)
-    broken: set[Place] = field(default_factory=set)
+    broken: set[Location] = field(default_factory=set)
     readable: bool = True
 
-    def line(self, place: Place) -> int | None:
+    def line(self, location: Location) -> int | None:
         """Return the line of a value, or of the nearest thing around it that the text has."""
-        while place:
-            if place in self.lines:
-                return self.lines[place]
-            place = place[:-1]
+        while location:
+            if location in self.lines:
+                return self.lines[location]
+            location = location[:-1]
         return None
 
 
@@ -114,10 +120,10 @@ def read_document(text: str) -> Document:
     return document
 
 
-def spell(place: Sequence[str | int], data: Any = None) -> str:
-    """Return a place as a user reads it: ``scene.objects[0].size (object 'wall')``."""
+def spell(location: Sequence[str | int], data: Value = None) -> str:
+    """Return a location as a user reads it: ``scene.objects[0].size (object 'wall')``."""
     text, names = "", []
-    for step in place:
+    for step in location:
         text += f"[{step}]" if isinstance(step, int) else f".{step}"
         data = _inside(data, step)
         if isinstance(step, int) and isinstance(data, dict) and isinstance(data.get("name"), str):
@@ -125,14 +131,14 @@ def spell(place: Sequence[str | int], data: Any = None) -> str:
     return text.removeprefix(".") + "".join(names[:1])
 
 
-def value_at(data: Any, place: Sequence[str | int]) -> Any:
-    """Return what stands at a place of plain data; None where there is nothing."""
-    for step in place:
+def value_at(data: Value, location: Sequence[str | int]) -> Value:
+    """Return the value at a location of plain data; None where there is nothing."""
+    for step in location:
         data = _inside(data, step)
     return data
 
 
-def _inside(data: Any, step: str | int) -> Any:
+def _inside(data: Value, step: str | int) -> Value:
     if isinstance(data, dict):
         return data.get(step)
     if isinstance(data, list) and isinstance(step, int) and 0 <= step < len(data):
@@ -149,25 +155,25 @@ def _unreadable(document: Document, problem: str, remedy: str, line: int | None 
     document.faults = [Fault("", f"this is not readable as YAML: {problem}", remedy, line)]
 
 
-def _value(node: yaml.Node, place: Place, document: Document, budget: Iterator[int]) -> Any:
+def _value(node: yaml.Node, location: Location, document: Document, budget: Iterator[int]) -> Value:
     """Return the value of a node and note the lines and faults in it."""
     if next(budget, None) is None:
         raise _TooLargeError
-    if len(place) > DEEPEST:
+    if len(location) > DEEPEST:
         raise RecursionError
-    document.lines.setdefault(place, node.start_mark.line + 1)
+    document.lines.setdefault(location, node.start_mark.line + 1)
     if isinstance(node, yaml.MappingNode):
         known = node.tag == _TAG + "map"
-        value: Any = _mapping(node, place, document, budget)
+        value: Value = _mapping(node, location, document, budget)
     elif isinstance(node, yaml.SequenceNode):
         known = node.tag == _TAG + "seq"
-        value = [_value(item, (*place, i), document, budget) for i, item in enumerate(node.value)]
+        value = [_value(item, (*location, i), document, budget) for i, item in enumerate(node.value)]
     else:
         known, value = _scalar(node)
     if not known:
         _note(
             document,
-            place,
+            location,
             f"the tag {node.tag.replace(_TAG, '!!')} is not allowed.",
             "Scenarios are plain data: remove the tag.",
             node,
@@ -176,15 +182,15 @@ def _value(node: yaml.Node, place: Place, document: Document, budget: Iterator[i
 
 
 def _mapping(
-    node: yaml.MappingNode, place: Place, document: Document, budget: Iterator[int]
-) -> dict[str, Any]:
-    result: dict[str, Any] = {}
+    node: yaml.MappingNode, location: Location, document: Document, budget: Iterator[int]
+) -> dict[str, Value]:
+    result: dict[str, Value] = {}
     for key_node, value_node in node.value:
         if not isinstance(key_node, yaml.ScalarNode) or key_node.tag != _TAG + "str":
             shown = f"'{key_node.value}'" if isinstance(key_node, yaml.ScalarNode) else "a list or block"
-            _note(document, place, f"{shown} cannot be a key.", "Keys are words.", key_node)
+            _note(document, location, f"{shown} cannot be a key.", "Keys are words.", key_node)
             continue
-        key, here = key_node.value, (*place, key_node.value)
+        key, here = key_node.value, (*location, key_node.value)
         if key == "<<":
             _note(
                 document, here, "merge keys (<<) are not part of YAML 1.2.", "Write the keys out.", key_node
@@ -200,7 +206,7 @@ def _mapping(
     return result
 
 
-def _scalar(node: yaml.Node) -> tuple[bool, Any]:
+def _scalar(node: yaml.Node) -> tuple[bool, Value]:
     """Return whether the tag is known, and the value."""
     text: str = node.value
     try:
@@ -224,9 +230,9 @@ def _scalar(node: yaml.Node) -> tuple[bool, Any]:
     return False, text
 
 
-def _note(document: Document, place: Place, problem: str, remedy: str, node: yaml.Node) -> None:
-    document.faults.append(Fault(spell(place), problem, remedy, node.start_mark.line + 1))
-    document.broken.add(place)
+def _note(document: Document, location: Location, problem: str, remedy: str, node: yaml.Node) -> None:
+    document.faults.append(Fault(spell(location), problem, remedy, node.start_mark.line + 1))
+    document.broken.add(location)
 
 
 def _syntax(error: yaml.MarkedYAMLError) -> tuple[str, str]:

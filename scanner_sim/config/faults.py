@@ -3,88 +3,92 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple, SupportsFloat
 
 from pydantic import ValidationError
 
-from scanner_sim.config.document import Place, value_at
-from scanner_sim.config.outline import Slot, flow, homes, slot_at
+from scanner_sim.config.document import Location, Value, value_at
+from scanner_sim.config.outline import Slot, inline_yaml, locations_of_key, slot_at
 from scanner_sim.scene.objects import KINDS, SHAPES
 
 
 class RawFault(NamedTuple):
-    """A fault whose place is not yet spelt out."""
+    """A fault whose location is not yet spelt out."""
 
-    place: Place
+    location: Location
     problem: str
     remedy: str
 
 
-def found_by(error: ValidationError, data: Any) -> list[RawFault]:
+def faults_found(error: ValidationError, data: Value) -> list[RawFault]:
     """Return the faults that pydantic found in ``data``, in its own order and without repetitions."""
     found: dict[RawFault, None] = {}
     for details in error.errors(include_url=False):
-        tagged: Place = details["loc"]
-        place = tuple(step for step in tagged if not (isinstance(step, str) and step.startswith("(")))
-        for fault in _translated(details, tagged, place, data):
+        tagged: Location = details["loc"]
+        location = tuple(step for step in tagged if not (isinstance(step, str) and step.startswith("(")))
+        for fault in _translate(details, tagged, location, data):
             found.setdefault(fault)
     return list(found)
 
 
-def _translated(details: Mapping[str, Any], tagged: Place, place: Place, data: Any) -> Iterator[RawFault]:
+def _translate(
+    details: Mapping[str, Any], tagged: Location, location: Location, data: Value
+) -> Iterator[RawFault]:
     context = details.get("ctx", {})
-    slot, came = slot_at(tagged), value_at(data, place)
+    slot, came = slot_at(tagged), value_at(data, location)
     match details["type"]:
         case "impossible":
             for fault in context["faults"]:
                 inside = tuple(int(step) if step.isdigit() else step for step in fault.location.split("."))
-                yield RawFault((*place, *inside), fault.problem, fault.remedy)
+                yield RawFault((*location, *inside), fault.problem, fault.remedy)
         case "extra_forbidden":
-            yield RawFault(place, *_unknown(str(place[-1]), slot_at(tagged[:-1])))
-        case "missing" if isinstance(place[-1], int):
-            yield _wrong_length(place[:-1], slot_at(tagged[:-1]), data)
+            yield RawFault(location, *_unknown(str(location[-1]), slot_at(tagged[:-1])))
+        case "missing" if isinstance(location[-1], int):
+            yield _wrong_length(location[:-1], slot_at(tagged[:-1]), data)
         case "too_long" | "too_short":
-            yield _wrong_length(place, slot, data)
+            yield _wrong_length(location, slot, data)
         case "missing":
-            yield RawFault(place, "this key is missing.", f"Write for example '{place[-1]}: {slot.example}'.")
+            yield RawFault(
+                location, "this key is missing.", f"Write for example '{location[-1]}: {slot.example}'."
+            )
         case "object_kind":
-            yield _kind_of_object(place, came)
+            yield _kind_of_object(location, came)
         case "union_tag_invalid" if isinstance(came, dict) and "type" not in came:
             kinds = _kinds(context["expected_tags"])
-            yield RawFault(place, "the key 'type' is missing.", f"Possible: {', '.join(kinds)}.")
+            yield RawFault(location, "the key 'type' is missing.", f"Possible: {', '.join(kinds)}.")
         case "union_tag_invalid" if isinstance(came, dict):
             kinds = _kinds(context["expected_tags"])
             problem = f"{shown(came['type'])} is not possible here."
-            yield RawFault((*place, "type"), problem, choice(came["type"], kinds))
-        case "literal_error" if place == ("schema",):
+            yield RawFault((*location, "type"), problem, choice(came["type"], kinds))
+        case "literal_error" if location == ("schema",):
             yield RawFault(
-                place, f"{shown(came)} is no version that this program reads.", "Write 'schema: 1'."
+                location, f"{shown(came)} is no version that this program reads.", "Write 'schema: 1'."
             )
         case "literal_error":
-            yield RawFault(place, f"{shown(came)} is not possible here.", choice(came, slot.choices))
+            yield RawFault(location, f"{shown(came)} is not possible here.", choice(came, slot.choices))
         case "greater_than" | "greater_than_equal" | "less_than" | "less_than_equal":
-            yield RawFault(place, _out_of_bounds(details, slot, came), _default(slot))
+            yield RawFault(location, _out_of_bounds(details, slot, came), _default(slot))
         case "finite_number":
             yield RawFault(
-                place, f"{shown(came)} is not a finite number.", f"Write for example {slot.example}."
+                location, f"{shown(came)} is not a finite number.", f"Write for example {slot.example}."
             )
         case "string_pattern_mismatch":
             problem = f"{shown(came)} is no name: a letter, then letters, digits, - and _ are possible."
-            yield RawFault(place, problem, f"Write for example {slot.example}.")
+            yield RawFault(location, problem, f"Write for example {slot.example}.")
         case "string_too_long":
             yield RawFault(
-                place, "this name is too long.", f"At most {context['max_length']} letters are possible."
+                location, "this name is too long.", f"At most {context['max_length']} letters are possible."
             )
         case "quantity" | "unit_missing":
-            yield RawFault(place, f"{context['reason']}.", f"Write for example {slot.example}.")
+            yield RawFault(location, f"{context['reason']}.", f"Write for example {slot.example}.")
         case "material":
-            yield RawFault(place, context["problem"], context["remedy"])
+            yield RawFault(location, context["problem"], context["remedy"])
         case "input_file":
             problem, _, remedy = context["problem"].partition("; ")
-            yield RawFault(place, problem if problem.endswith(".") else f"{problem}.", _capital(remedy))
+            yield RawFault(location, problem if problem.endswith(".") else f"{problem}.", _capital(remedy))
         case _:
-            yield RawFault(place, f"{shown(came)} is not {_wanted(details['type'])}.", _write(slot))
+            yield RawFault(location, f"{shown(came)} is not {_expected_kind(details['type'])}.", _write(slot))
 
 
 def _kinds(tags: str) -> tuple[str, ...]:
@@ -104,7 +108,7 @@ _WANTED = {
 }
 
 
-def _wanted(kind: str) -> str:
+def _expected_kind(kind: str) -> str:
     return _WANTED.get(kind.split("_")[0], "possible here")
 
 
@@ -120,43 +124,43 @@ def _unknown(key: str, slot: Slot) -> tuple[str, str]:
     near = nearest(key, slot.keys)
     if near:
         return "there is no such key.", f"Did you mean '{near}'?"
-    elsewhere = homes(key)[:2]
+    elsewhere = locations_of_key(key)[:2]
     known = f"known here are {', '.join(slot.keys)}."
     if elsewhere:
         return "there is no such key here.", f"It belongs to {' or '.join(elsewhere)}; {known}"
     return "there is no such key.", _capital(known)
 
 
-def _kind_of_object(place: Place, came: Any) -> RawFault:
+def _kind_of_object(location: Location, came: Value) -> RawFault:
     example = "{name: wall, shape: rectangle, size: [4 m, 4 m], material: grey_reference}"
     if not isinstance(came, dict):
-        return RawFault(place, f"{shown(came)} is not an object.", f"Write for example {example}.")
+        return RawFault(location, f"{shown(came)} is not an object.", f"Write for example {example}.")
     kinds = [key for key in KINDS if came.get(key) is not None]
     if kinds == ["shape"]:
         return RawFault(
-            (*place, "shape"), f"{shown(came['shape'])} is no shape.", choice(came["shape"], SHAPES)
+            (*location, "shape"), f"{shown(came['shape'])} is no shape.", choice(came["shape"], SHAPES)
         )
     if kinds:
         named = f"{', '.join(kinds[:-1])} and {kinds[-1]}"
-        return RawFault(place, f"it has the keys {named}, which exclude one another.", "Keep one of them.")
+        return RawFault(location, f"it has the keys {named}, which exclude one another.", "Keep one of them.")
     for key in came:
         if near := nearest(key, KINDS):
-            return RawFault((*place, key), "there is no such key.", f"Did you mean '{near}'?")
+            return RawFault((*location, key), "there is no such key.", f"Did you mean '{near}'?")
     return RawFault(
-        place,
+        location,
         f"it has none of the keys {', '.join(KINDS)}, so it is no object.",
         f"Write for example {example}.",
     )
 
 
-def _wrong_length(place: Place, slot: Slot, data: Any) -> RawFault:
-    came = value_at(data, place)
+def _wrong_length(location: Location, slot: Slot, data: Value) -> RawFault:
+    came = value_at(data, location)
     count = len(came) if isinstance(came, list) else 0
     entries = "1 entry" if count == 1 else f"{count} entries"
-    return RawFault(place, f"this list has {entries}.", f"Write for example {slot.example}.")
+    return RawFault(location, f"this list has {entries}.", f"Write for example {slot.example}.")
 
 
-def _out_of_bounds(details: Mapping[str, Any], slot: Slot, came: Any) -> str:
+def _out_of_bounds(details: Mapping[str, Any], slot: Slot, came: Value) -> str:
     ((_, bound),) = (item for item in details["ctx"].items() if item[0] != "error")
     relation = {
         "greater_than": "more than",
@@ -165,7 +169,7 @@ def _out_of_bounds(details: Mapping[str, Any], slot: Slot, came: Any) -> str:
         "less_than_equal": "at most",
     }[details["type"]]
     limit = f"{bound:g}" if slot.dimension is None else str(slot.dimension.format(float(bound)))
-    if slot.dimension is not None and not isinstance(came, str):
+    if slot.dimension is not None and isinstance(came, SupportsFloat):
         came = slot.dimension.format(float(came))
     return f"{_short(str(came))} is not possible; it must be {relation} {limit}."
 
@@ -181,7 +185,7 @@ def nearest(word: object, words: tuple[str, ...] | list[str]) -> str | None:
     return found[0] if found else None
 
 
-def choice(came: object, choices: tuple[Any, ...]) -> str:
+def choice(came: object, choices: Sequence[object]) -> str:
     """Say which of some words was probably meant, or name them all."""
     near = nearest(came, [str(item) for item in choices])
     known = f"Possible: {', '.join(map(str, choices))}."
@@ -200,7 +204,7 @@ def shown(value: object) -> str:
         case str():
             return f"'{_short(value)}'"
         case bool() | int() | float():
-            return _short(flow(value))
+            return _short(inline_yaml(value))
     return f"a {type(value).__name__}"
 
 

@@ -10,8 +10,16 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from scanner_sim.config.document import LONGEST_NUMBER, Document, Place, read_document, spell
-from scanner_sim.config.faults import choice, found_by, shown
+from scanner_sim.config.document import (
+    LONGEST_NUMBER,
+    Document,
+    Location,
+    Value,
+    read_document,
+    spell,
+    value_at,
+)
+from scanner_sim.config.faults import choice, faults_found, shown
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.units import FROM_FILE
@@ -20,7 +28,7 @@ LARGEST_FILE = 1_000_000
 """Bytes of a scenario file: thousands of objects need half of it, and reading it takes some twenty seconds."""
 
 
-def load_scenario(source: str | Path | Mapping[str, Any], overrides: Sequence[str] = ()) -> Scenario:
+def load_scenario(source: str | Path | Mapping[str, object], overrides: Sequence[str] = ()) -> Scenario:
     """Load a scenario.
 
     Parameters
@@ -65,7 +73,7 @@ def scenario_from_text(text: str, *, name: str) -> Scenario:
     return _load(read_document(text), name, FROM_FILE, ())
 
 
-def _load(document: Document, name: str, context: Mapping[str, Any], overrides: Sequence[str]) -> Scenario:
+def _load(document: Document, name: str, context: Mapping[str, object], overrides: Sequence[str]) -> Scenario:
     """Return the scenario of a document, or raise all of its faults."""
     if not document.readable:
         raise ScenarioError(document.faults, source=name)
@@ -78,8 +86,8 @@ def _load(document: Document, name: str, context: Mapping[str, Any], overrides: 
     try:
         scenario = Scenario.model_validate(document.data, context=dict(context))
     except ValidationError as error:
-        for found in found_by(error, document.data):
-            if not any(found.place[: len(place)] == place for place in document.broken):
+        for found in faults_found(error, document.data):
+            if not any(found.location[: len(location)] == location for location in document.broken):
                 faults.append(_fault(document, origins, *found))
     if faults:
         # Faults without a line come from overrides, or concern what is not there.
@@ -137,7 +145,7 @@ def _similar(path: Path) -> str:
     return f"Did you mean {path.parent / near[0]}?" if near else "Check the name and the folder."
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any) -> Value:
     """Return a copy in dictionaries and lists, which overrides may change."""
     if isinstance(value, Mapping):
         return {key: _plain(item) for key, item in value.items()}
@@ -155,9 +163,9 @@ def _no_scenario(document: Document) -> Fault:
     )
 
 
-def _version_fault(document: Document, origins: Mapping[Place, str]) -> Fault | None:
+def _version_fault(document: Document, origins: Mapping[Location, str]) -> Fault | None:
     """Return the fault of a scenario of another version: all others would be misleading."""
-    version = document.data.get("schema")
+    version = value_at(document.data, ("schema",))
     if version is None or (version == 1 and isinstance(version, int) and version is not True):
         return None
     problem = f"{shown(version)} is no version that this program reads."
@@ -167,19 +175,19 @@ def _version_fault(document: Document, origins: Mapping[Place, str]) -> Fault | 
 
 
 def _fault(
-    document: Document, origins: Mapping[Place, str], place: Place, problem: str, remedy: str
+    document: Document, origins: Mapping[Location, str], location: Location, problem: str, remedy: str
 ) -> Fault:
-    """Return the fault of a place, named after the override that put it there, or with its line."""
-    for length in range(len(place), 0, -1):
-        if place[:length] in origins:
-            where = f"{spell(place, document.data)}, set by {shown(origins[place[:length]])}"
+    """Return the fault of a location, named after the override that filled it, or with its line."""
+    for length in range(len(location), 0, -1):
+        if location[:length] in origins:
+            where = f"{spell(location, document.data)}, set by {shown(origins[location[:length]])}"
             return Fault(where, problem, remedy)
-    return Fault(spell(place, document.data), problem, remedy, document.line(place))
+    return Fault(spell(location, document.data), problem, remedy, document.line(location))
 
 
-def _override(document: Document, overrides: Sequence[str], faults: list[Fault]) -> dict[Place, str]:
-    """Put the overrides into the data; return which place each of them filled."""
-    origins: dict[Place, str] = {}
+def _override(document: Document, overrides: Sequence[str], faults: list[Fault]) -> dict[Location, str]:
+    """Put the overrides into the data; return which location each of them filled."""
+    origins: dict[Location, str] = {}
     for text in overrides:
         path, equals, value_text = text.partition("=")
         steps = path.strip().split(".")
@@ -205,39 +213,39 @@ def _override(document: Document, overrides: Sequence[str], faults: list[Fault])
     return origins
 
 
-def _put(data: dict[str, Any], steps: list[str], value: Any) -> Place:
-    """Put a value into the data; return its place, or the place of the first key that had to be made.
+def _put(data: Value, steps: list[str], value: Value) -> Location:
+    """Put a value into the data; return its location, or that of the first key that had to be made.
 
     Raises
     ------
     ValueError
         If the way there leads through something that has no keys.
     """
-    inside: Any = data
-    place: Place = ()
-    made: Place = ()
+    inside: Value = data
+    location: Location = ()
+    made: Location = ()
     for number, step in enumerate(steps):
         last = number == len(steps) - 1
         if isinstance(inside, list):
-            index = _index(inside, step, place)
-            place = (*place, index)
+            index = _index(inside, step, location)
+            location = (*location, index)
             if last:
                 inside[index] = value
             inside = inside[index]
         elif isinstance(inside, dict):
-            place = (*place, step)
+            location = (*location, step)
             if last:
                 inside[step] = value
             elif inside.get(step) is None:
                 inside[step] = {}
-                made = made or place
+                made = made or location
             inside = inside[step]
         else:
-            raise ValueError(f"{spell(place)} is {shown(inside)}, which has no keys. Set it as a whole.")
-    return made or place
+            raise ValueError(f"{spell(location)} is {shown(inside)}, which has no keys. Set it as a whole.")
+    return made or location
 
 
-def _index(items: list[Any], step: str, place: Place) -> int:
+def _index(items: list[Value], step: str, location: Location) -> int:
     """Return the index that a step names: a number, or the name of an object."""
     names = [str(item.get("name")) if isinstance(item, dict) else "" for item in items]
     if step in names:
@@ -245,8 +253,8 @@ def _index(items: list[Any], step: str, place: Place) -> int:
     if step.isdecimal() and len(step) < 10 and int(step) < len(items):
         return int(step)
     if step.isdecimal():
-        raise ValueError(f"{spell(place)} has {len(items)} entries, counted from 0.")
+        raise ValueError(f"{spell(location)} has {len(items)} entries, counted from 0.")
     known = tuple(name for name in names if name)
     raise ValueError(
-        f"{spell(place)} has no entry called {shown(step)}. {choice(step, known) if known else 'Write an index.'}"
+        f"{spell(location)} has no entry called {shown(step)}. {choice(step, known) if known else 'Write an index.'}"
     )

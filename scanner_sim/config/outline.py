@@ -21,31 +21,31 @@ EACH = "*"
 
 @dataclass
 class Slot:
-    """A place of the outline: the part, the dimension and the field that stand there."""
+    """One entry of the outline: its location, and the part, the dimension and the field there."""
 
-    place: tuple[str, ...] = ()
+    location: tuple[str, ...] = ()
     part: type[Part] | None = None
     dimension: Dimension | None = None
-    choices: tuple[Any, ...] = ()
+    choices: tuple[str | int, ...] = ()
     field: FieldInfo | None = None
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """The legal keys below this place."""
+        """The legal keys below this location."""
         return () if self.part is None else tuple(key_of(*item) for item in self.part.model_fields.items())
 
     @property
     def example(self) -> str:
         """What a user could write here, as YAML."""
         if self.field is not None and self.field.examples:
-            return flow(self.field.examples[0])
+            return inline_yaml(self.field.examples[0])
         if self.dimension is not None:
             return self.default or str(self.dimension.examples[0])
         if self.choices:
-            return flow(self.choices[0])
+            return inline_yaml(self.choices[0])
         if self.part is not None:
-            return f"{{{self.keys[0]}: {slot_at((*self.place, self.keys[0])).example}}}"
-        return flow(None if self.field is None or self.field.is_required() else self.field.default)
+            return f"{{{self.keys[0]}: {slot_at((*self.location, self.keys[0])).example}}}"
+        return inline_yaml(None if self.field is None or self.field.is_required() else self.field.default)
 
     @property
     def default(self) -> str:
@@ -53,27 +53,27 @@ class Slot:
         value = None if self.field is None or self.field.is_required() else self.field.default
         if not isinstance(value, bool | int | float | str):
             return ""
-        return str(self.dimension.format(float(value))) if self.dimension is not None else flow(value)
+        return str(self.dimension.format(float(value))) if self.dimension is not None else inline_yaml(value)
 
 
 @cache
 def outline() -> dict[tuple[str, ...], Slot]:
-    """Return every place of a scenario; union tags in parentheses are steps of their own."""
+    """Return every location of a scenario; union tags in parentheses are steps of their own."""
     slots: dict[tuple[str, ...], Slot] = {}
     _visit(Scenario, (), (), None, slots)
     return slots
 
 
-def slot_at(place: tuple[str | int, ...]) -> Slot:
-    """Return the slot of a place as pydantic names it, tags included; an empty one outside of the outline."""
-    return outline().get(tuple(EACH if isinstance(step, int) else step for step in place), Slot())
+def slot_at(location: tuple[str | int, ...]) -> Slot:
+    """Return the slot of a location as pydantic names it, tags included; an empty one outside of the outline."""
+    return outline().get(tuple(EACH if isinstance(step, int) else step for step in location), Slot())
 
 
-def homes(key: str) -> list[str]:
-    """Return the places where a key is legal, as a user would write them."""
+def locations_of_key(key: str) -> list[str]:
+    """Return the locations where a key is legal, as a user would write them."""
     found = {
-        ".".join(step for step in (*place, key) if not step.startswith("(")).replace(f".{EACH}", "[…]")
-        for place, slot in outline().items()
+        ".".join(step for step in (*location, key) if not step.startswith("(")).replace(f".{EACH}", "[…]")
+        for location, slot in outline().items()
         if key in slot.keys
     }
     return sorted(found, key=lambda text: (text.count("."), text))
@@ -84,7 +84,7 @@ def key_of(name: str, field: FieldInfo) -> str:
     return field.alias or name
 
 
-def flow(value: Any) -> str:
+def inline_yaml(value: object) -> str:
     """Return a value as YAML on one line."""
     text: str = yaml.safe_dump(
         value, default_flow_style=True, sort_keys=False, width=10**6, allow_unicode=True
@@ -93,22 +93,22 @@ def flow(value: Any) -> str:
 
 
 def _visit(
-    kind: Any, metadata: Any, place: tuple[str, ...], field: FieldInfo | None, slots: dict[Any, Slot]
+    kind: Any, metadata: Any, location: tuple[str, ...], field: FieldInfo | None, slots: dict[Any, Slot]
 ) -> None:
     if get_origin(kind) is Annotated:
         kind, *inner = get_args(kind)
         tag = next((item.tag for item in inner if isinstance(item, Tag)), None)
-        return _visit(kind, inner, place if tag is None else (*place, tag), field, slots)
-    slot = slots.setdefault(place, Slot(place, field=field))
+        return _visit(kind, inner, location if tag is None else (*location, tag), field, slots)
+    slot = slots.setdefault(location, Slot(location, field=field))
     slot.dimension = next((item for item in metadata if isinstance(item, Dimension)), slot.dimension)
     if get_origin(kind) in (Union, UnionType):
         for choice in get_args(kind):
-            _visit(choice, (), place, field, slots)
+            _visit(choice, (), location, field, slots)
     elif get_origin(kind) is tuple:
-        _visit(get_args(kind)[0], (), (*place, EACH), field, slots)
+        _visit(get_args(kind)[0], (), (*location, EACH), field, slots)
     elif get_origin(kind) is Literal:
         slot.choices = get_args(kind)
     elif isinstance(kind, type) and issubclass(kind, Part):
         slot.part = kind
         for name, inside in kind.model_fields.items():
-            _visit(inside.annotation, inside.metadata, (*place, key_of(name, inside)), inside, slots)
+            _visit(inside.annotation, inside.metadata, (*location, key_of(name, inside)), inside, slots)

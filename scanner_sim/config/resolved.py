@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import yaml
 
 from scanner_sim.config.document import core_schema
@@ -16,12 +14,12 @@ HEADING = "# Scanner Sim scenario, schema 1, resolved: every value is written ou
 class _Dumper(yaml.SafeDumper):
     """Quotes texts by the rules by which they are read again."""
 
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (the name is PyYAML's)
+    def ignore_aliases(self, data: object) -> bool:  # noqa: ARG002 (the name is PyYAML's)
         """Write equal values out: anchors make a file hard to read."""
         return True
 
 
-def _list(dumper: yaml.SafeDumper, items: list[Any]) -> yaml.Node:
+def _list(dumper: yaml.SafeDumper, items: list[object]) -> yaml.Node:
     short = all(isinstance(item, bool | int | float | str) for item in items)
     return dumper.represent_sequence("tag:yaml.org,2002:seq", items, flow_style=short)
 

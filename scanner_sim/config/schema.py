@@ -54,14 +54,14 @@ def _tidy(node: Any) -> Any:
 
 def _spell_defaults(schema: dict[str, Any]) -> None:
     """Write defaults as a file would spell them: with units."""
-    for place, slot in outline().items():
-        part = outline()[place[:-1]].part if place else None
+    for location, slot in outline().items():
+        part = outline()[location[:-1]].part if location else None
         if part is None or slot.field is None:
             continue
         node = schema if part is Scenario else schema["$defs"][part.__name__]
         default = slot.field.default
-        entry = outline().get((*place, EACH))
+        entry = outline().get((*location, EACH))
         if slot.dimension is not None and isinstance(default, float):
-            node["properties"][place[-1]]["default"] = slot.dimension.format(default)
+            node["properties"][location[-1]]["default"] = slot.dimension.format(default)
         elif entry is not None and entry.dimension is not None and isinstance(default, tuple) and default:
-            node["properties"][place[-1]]["default"] = [entry.dimension.format(item) for item in default]
+            node["properties"][location[-1]]["default"] = [entry.dimension.format(item) for item in default]

@@ -1,4 +1,4 @@
-"""Doubts: scenarios that are possible but probably not meant."""
+"""Warnings: scenarios that are possible but probably not meant."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ _WIDEST_MASS = 1.3
 _WIDEST_FIT = 8.0
 """That from which 24 pixels to each side do not reach three of it."""
 
-_MOMENTS = 257
+_MOTION_INSTANTS = 257
 """Instants of a scan at which motions are looked at."""
-_BLUR = 0.3
+_LARGEST_BLUR = 0.3
 """Motion during a dwell, in radii of the beam, beyond which it could be seen in the spot."""
-_SWEPT = 8.0
-"""Spot diameters that a sweep may cover in a dwell before the mean over it says little of any one place."""
-_STRAY = 3.0
-"""Error of a shadow's place in pixels that could be seen in the background."""
+_LARGEST_SWEEP = 8.0
+"""Spot diameters that a sweep may cover in a dwell before the mean over it says little of any one position."""
+_LARGEST_SHADOW_ERROR = 3.0
+"""Error of a shadow's position in pixels that could be seen in the background."""
 
 
 def scenario_warnings(scenario: Scenario) -> tuple[str, ...]:
@@ -70,39 +70,43 @@ def _scene(scenario: Scenario) -> Iterator[str]:
 
 
 def _motions(scenario: Scenario) -> Iterator[str]:
-    """Doubt motions that do not take place in the time of the scan, or are too fast for its dwell."""
+    """Warn of motions that do not take place in the time of the scan, or are too fast for its dwell."""
     scanner, scan = scenario.scanner, scenario.scan
     duration = scan.shots * scanner.dwell if isinstance(scan, RasterScan) else scan.duration
-    time, lit = np.linspace(0.0, duration, _MOMENTS), not scenario.lighting.sky().dark
+    time, lit = np.linspace(0.0, duration, _MOTION_INSTANTS), not scenario.lighting.sky().dark
     for index, item in enumerate(scenario.scene.objects):
         if item.motion is None:
             continue
-        place = f"scene.objects[{index}].motion: '{item.name}'"
+        location = f"scene.objects[{index}].motion: '{item.name}'"
         poses = item.pose_at(time)
         if not isinstance(item.motion, ConstantTwist) and (item.position != (0.0, 0.0, 0.0) or item.rotation):
-            yield f"{place} is placed by its {item.motion.type}: its position and rotation are not used"
+            yield f"{location} is placed by its {item.motion.type}: its position and rotation are not used"
         if np.ptp(poses, axis=0).max() == 0.0:
-            yield f"{place} does not move in the {duration:.3g} s of the scan"
+            yield f"{location} does not move in the {duration:.3g} s of the scan"
             continue
         origin = poses[:, :3, 3]
         way = np.linalg.norm(np.diff(origin, axis=0), axis=1) * scanner.dwell / (time[1] - time[0])
         far = np.linalg.norm(origin[1:], axis=1)
         blur = way / np.array([scanner.laser.radius(float(distance)) for distance in far])
-        if blur.max() > _BLUR:
+        if blur.max() > _LARGEST_BLUR:
             yield (
-                f"{place} moves by up to {1e3 * way.max():.2g} mm during a dwell, {blur.max():.2g} of the beam's "
+                f"{location} moves by up to {1e3 * way.max():.2g} mm during a dwell, {blur.max():.2g} of the beam's "
                 "radius: this blur is left out"
             )
         pixel = scanner.position_sensor.pitch / scanner.receiver.focal_length
-        if isinstance(scan, RasterScan) and lit and (way * scan.columns > 2.0 * _STRAY * pixel * far).any():
+        if (
+            isinstance(scan, RasterScan)
+            and lit
+            and (way * scan.columns > 2.0 * _LARGEST_SHADOW_ERROR * pixel * far).any()
+        ):
             yield (
-                f"{place} moves by up to {1e3 * way.max() * scan.columns:.2g} mm during a row: the background is that "
-                "of the row's middle, and lags or leads by half of it at the ends"
+                f"{location} moves by up to {1e3 * way.max() * scan.columns:.2g} mm during a row: the background is "
+                "that of the row's middle, and lags or leads by half of it at the ends"
             )
 
 
 def _sweep(scenario: Scenario) -> Iterator[str]:
-    """Doubt a raster so coarse that each voxel is the mean over a long stripe of the surface."""
+    """Warn of a raster so coarse that each voxel is the mean over a long stripe of the surface."""
     scan, laser = scenario.scan, scenario.scanner.laser
     if not isinstance(scan, RasterScan) or scenario.ranging == "tof":
         return
@@ -113,7 +117,7 @@ def _sweep(scenario: Scenario) -> Iterator[str]:
         diameters = duty_cycle * distance / (2.0 * laser.radius(distance))
         if diameters > widest:
             widest, name, far = diameters, item.name, distance
-    if widest > _SWEPT:
+    if widest > _LARGEST_SWEEP:
         yield (
             f"scan.columns: at the {far:.3g} m of '{name}' the spot sweeps {widest:.2g} of its diameters while a voxel "
             "is measured; edges and texture finer than that stay unseen and move ranges; use more columns, or "
@@ -133,7 +137,7 @@ def _ranges(scenario: Scenario) -> Iterator[str]:
 
 
 def _time_of_flight(scenario: Scenario) -> Iterator[str]:
-    """Doubt a record that ends before the scene does, and pulses that follow each other too soon for it."""
+    """Warn of a record that ends before the scene does, and pulses that follow each other too soon for it."""
     lidar, farthest = scenario.scanner.lidar, 0.0
     for index, item in enumerate(scenario.scene.objects):
         distance = math.hypot(*item.pose_at(0.0)[0, :3, 3])
@@ -204,7 +208,7 @@ def _light(scenario: Scenario) -> Iterator[str]:
 
 
 def _retro_reflectors(scenario: Scenario) -> Iterator[str]:
-    """Doubt a limit on brightness that refuses what the scene holds; materials of Mitsuba's files are not known."""
+    """Warn of a limit on brightness that refuses what the scene holds; materials of Mitsuba's files are not known."""
     limit = scenario.processing.validation.max_reflectance
     for index, item in enumerate(scenario.scene.objects):
         if isinstance(item, MitsubaFile):

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,9 +15,10 @@ from numpy.typing import NDArray
 from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import read_encoders
-from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.exposure import Signal, electrons_per_watt, expose
 from scanner_sim.detector.line.position_sensor import PositionSensor
-from scanner_sim.detector.line.speckle import line_speckle
+from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
+from scanner_sim.foundation.device_types import Float
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import incidence, laser_gain, peak_transmission
@@ -27,30 +27,33 @@ from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import (
     Deflections,
     Geometry,
+    Layers,
     Ranges,
-    finished_layers,
     layers_of,
     ranges_from_peaks,
+    with_truth,
 )
-from scanner_sim.render.background.panorama import render_panorama
+from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.background.view import panorama_view
-from scanner_sim.render.beam.light import render_light
+from scanner_sim.render.beam.light import Light, Truth, render_light
 from scanner_sim.render.beam.surface_positions import surface_positions
 from scanner_sim.render.device import activate
 from scanner_sim.render.incident import Incident, Throughput
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.render.shots import true_shots
+from scanner_sim.render.shots import Pointing, Shots, true_shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.raster import Aim, RasterScan
 from scanner_sim.scene.files.loader import LoadedScene, load_scene
 from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
 from scanner_sim.signals.line.bias_table import read_bias
 from scanner_sim.signals.line.expected import ExpectedSpot
-from scanner_sim.signals.line.peaks import find_peaks
+from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.line.speckle import ExpectedSpeckle
 from scanner_sim.signals.processing import Processing
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -58,9 +61,9 @@ class ShotGroup:
     """Shots of a batch that went through the sensor together, with everything on the way."""
 
     index: NDArray[np.uint32]
-    light: Any
-    signal: Any
-    peaks: Any
+    light: Incident
+    signal: Signal
+    peaks: Peaks
 
 
 class Instrument:
@@ -72,8 +75,8 @@ class Instrument:
         Instrument, scene and processing.
     device, threads
         Where to compute.
-    like
-        A workbench before the same scene, with the same optics, raster and light: what it has loaded and rendered of
+    reuse
+        An instrument before the same scene, with the same optics, raster and light: what it has loaded and rendered of
         these is used again.
     """
 
@@ -83,14 +86,14 @@ class Instrument:
         *,
         device: DeviceChoice = "auto",
         threads: int | None = None,
-        like: Instrument | None = None,
+        reuse: Instrument | None = None,
     ) -> None:
         activate(device, threads)
         scanner = scenario.scanner
         sensor, receiver = scanner.position_sensor, scanner.receiver
         self.scenario = scenario
-        self.like = like
-        self.loaded: LoadedScene = load_scene(scenario.scene) if like is None else like.loaded
+        self.reuse = reuse
+        self.loaded: LoadedScene = load_scene(scenario.scene) if reuse is None else reuse.loaded
         self.optics = OpticalLayout(
             laser=scanner.laser,
             receiver=receiver,
@@ -111,7 +114,7 @@ class Instrument:
         )
 
     @cached_property
-    def throughput(self) -> Any:
+    def throughput(self) -> Throughput:
         """What each pixel makes of the laser's and the Sun's light behind the filter."""
         scanner, lighting = self.scenario.scanner, self.scenario.lighting
         sensor = scanner.position_sensor
@@ -126,13 +129,13 @@ class Instrument:
         return Throughput(self.optics, sensor.pixels, laser, *bands)
 
     @cached_property
-    def panorama(self) -> Any:
+    def panorama(self) -> Panorama | None:
         """The background of the scenario's raster, rendered when it is first asked for; None in the dark."""
         sky, settings = self.scenario.lighting.sky(), self.scenario.transport
         if sky.dark:
             return None
-        if self.like is not None:
-            return self.like.panorama
+        if self.reuse is not None:
+            return self.reuse.panorama
         scan, dwell = self.scenario.raster, self.scenario.scanner.dwell
         pixels = self.scenario.scanner.position_sensor.pixels
         return render_panorama(
@@ -147,7 +150,7 @@ class Instrument:
         )
 
     @cached_property
-    def spot(self) -> Any:
+    def spot(self) -> ExpectedSpot:
         """What is known of the laser's spot before it is seen."""
         scanner = self.scenario.scanner
         passed = laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response)
@@ -160,7 +163,7 @@ class Instrument:
         )
 
     @cached_property
-    def bias(self) -> Any:
+    def bias(self) -> Bias | None:
         """The estimator's systematic error that is taken off; None where none is."""
         processing = self.scenario.processing
         match processing.bias_correction:
@@ -183,7 +186,7 @@ class Instrument:
         scan = self.scenario.scan
         return scan.columns if isinstance(scan, RasterScan) else 1
 
-    def travel(self, shots: Any) -> tuple[Any, Any]:
+    def travel(self, shots: Shots | None) -> tuple[float | Float, float | Float]:
         """Return the angles by which the beams of shots move while the laser shines, along the line and across [rad].
 
         In a raster they are all alike, and no shots are needed; else of shape (m,), Dr.Jit.
@@ -191,10 +194,12 @@ class Instrument:
         scan, scanner = self.scenario.scan, self.scenario.scanner
         if isinstance(scan, RasterScan):
             return scan.travel * scanner.exposure / scanner.dwell, 0.0
+        if shots is None:
+            raise ValueError("only the shots of a raster all move alike")
         along, across = shots.ways
         return along, across
 
-    def expected_speckle(self, shots: Any = None) -> Any:
+    def expected_speckle(self, shots: Shots | None = None) -> ExpectedSpeckle | None:
         """Return what the instrument knows of the speckle of shots; None where there is none.
 
         It knows how fast its mirrors turn. In a raster no shots are needed.
@@ -203,7 +208,7 @@ class Instrument:
             return None
         return ExpectedSpeckle(self.speckle, self.scenario.processing.speckle_contrast, self.travel(shots))
 
-    def _speckle(self, light: Any, shots: Any, truth: Any, whole: bool) -> Any:
+    def _speckle(self, light: Light, shots: Shots, truth: Truth, fixed_size: bool) -> LineSpeckle | None:
         """Return the speckle of shots whose chief rays meet something; None for light without."""
         if self.speckle is None:
             return None
@@ -215,18 +220,18 @@ class Instrument:
             self.travel(shots),
             self.scenario.scanner.position_sensor.pixels,
             self.scenario.seed,
-            whole=whole,
+            whole=fixed_size,
         )
 
     @cached_property
     def echoes(self) -> TimeOfFlight:
         """The time-of-flight unit before the same scene."""
-        like = None if self.like is None else self.like.echoes
-        return TimeOfFlight(self.scenario, self.loaded, self.optics, like)
+        reuse = None if self.reuse is None else self.reuse.echoes
+        return TimeOfFlight(self.scenario, self.loaded, self.optics, reuse)
 
     def measure(
-        self, aim: Aim, *, line: Any = None, field: Any = None, details: bool = False
-    ) -> dict[str, NDArray[Any]]:
+        self, aim: Aim, *, line: Panorama | None = None, field: Panorama | None = None, details: bool = False
+    ) -> Layers:
         """Return the layers of the shots of an aim: each of shape (n,).
 
         Layers without a prefix hold the triangulation where there is one, and otherwise time of flight. ``line`` and
@@ -235,7 +240,7 @@ class Instrument:
         """
         shots, pointing = self.fire(aim)
         deflections = self.deflections(aim, pointing)
-        layers: dict[str, NDArray[Any]] = {}
+        layers: Layers = {}
         ranging = self.scenario.ranging
         if ranging != "tof":
             truth, ranges, layers = self._triangulated(aim, shots, deflections, line)
@@ -251,11 +256,11 @@ class Instrument:
                 layers |= layers_of(fused, "fused.")
             layers |= layers_of(echo, "tof.")
         layers |= layers_of(ranges)
-        return finished_layers(layers, ranges, aim, pointing, truth)
+        return with_truth(layers, ranges, aim, pointing, truth)
 
     def _triangulated(
-        self, aim: Aim, shots: Any, deflections: Deflections, panorama: Any
-    ) -> tuple[Any, Ranges, dict[str, NDArray[Any]]]:
+        self, aim: Aim, shots: Shots, deflections: Deflections, panorama: Panorama | None
+    ) -> tuple[Truth, Ranges, Layers]:
         """Return truth, ranges and the line sensor's own layers."""
         truth, groups = self._exposed(aim, shots, panorama)
         n = len(aim.shot)
@@ -282,15 +287,15 @@ class Instrument:
 
     def line_layers(
         self,
-        peak: NDArray[Any],
-        sigma_peak: NDArray[Any],
-        signal: NDArray[Any],
-        snr: NDArray[Any],
-        laser: NDArray[Any],
-        window: NDArray[Any],
-        error: NDArray[Any],
-        background_peak: NDArray[Any],
-    ) -> dict[str, NDArray[Any]]:
+        peak: Array,
+        sigma_peak: Array,
+        signal: Array,
+        snr: Array,
+        laser: Array,
+        window: Array,
+        error: Array,
+        background_peak: Array,
+    ) -> Layers:
         """Return the line sensor's own layers, from its peaks and the light of each shot as the paper counts it.
 
         All of shape (n,): what :class:`~scanner_sim.signals.line.peaks.Peaks` and
@@ -311,17 +316,19 @@ class Instrument:
             "sigma_peak_px": sigma_peak,
         }
 
-    def expose(self, aim: Aim) -> tuple[Any, Iterator[ShotGroup]]:
+    def expose(self, aim: Aim) -> tuple[Truth, Iterator[ShotGroup]]:
         """Render, expose and read the shots of an aim: their truth, and the shots in groups."""
         return self._exposed(aim, self.fire(aim)[0])
 
-    def fire(self, aim: Aim) -> tuple[Any, Any]:
+    def fire(self, aim: Aim) -> tuple[Shots, Pointing]:
         """Return the shots of an aim as the mirrors' errors let them go, and these errors."""
         scanner = self.scenario.scanner
         poses = self.loaded.poses_at(aim.time)
         return true_shots(aim, scanner.mirrors, self.scenario.seed, scanner.exposure / scanner.dwell, poses)
 
-    def _exposed(self, aim: Aim, shots: Any, panorama: Any = None) -> tuple[Any, Iterator[ShotGroup]]:
+    def _exposed(
+        self, aim: Aim, shots: Shots, panorama: Panorama | None = None
+    ) -> tuple[Truth, Iterator[ShotGroup]]:
         scenario = self.scenario
         seen = self.panorama if panorama is None else panorama
         truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, scenario.seed)
@@ -336,8 +343,15 @@ class Instrument:
         return truth, groups()
 
     def sense(
-        self, light: Any, shots: Any, truth: Any, theta: Any, panorama: Any, *, whole: bool = False
-    ) -> tuple[Any, Any, Any]:
+        self,
+        light: Light,
+        shots: Shots,
+        truth: Truth,
+        theta: Float,
+        panorama: Panorama | None,
+        *,
+        fixed_size: bool = False,
+    ) -> tuple[Incident, Signal, Peaks]:
         """Expose the line to the light of m shots, read it and find the peaks.
 
         Parameters
@@ -350,7 +364,7 @@ class Instrument:
             Commanded deflections Θ [rad], single precision, shape (m,).
         panorama
             The background, or None in the dark.
-        whole
+        fixed_size
             Whether no array's size may depend on the light.
 
         Returns
@@ -360,7 +374,7 @@ class Instrument:
         """
         scenario, scanner = self.scenario, self.scenario.scanner
         sensor = scanner.position_sensor
-        speckle = self._speckle(light, shots, truth, whole)
+        speckle = self._speckle(light, shots, truth, fixed_size)
         incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
         signal = expose(
             incident.power,
@@ -376,14 +390,14 @@ class Instrument:
 
     def find(
         self,
-        signal: Any,
-        theta: Any,
-        shots: Any = None,
+        signal: Signal,
+        theta: Float,
+        shots: Shots | None = None,
         *,
         sensor: PositionSensor | None = None,
         processing: Processing | None = None,
         speckle: bool = True,
-    ) -> Any:
+    ) -> Peaks:
         """Find the peaks on the lines of m shots by what this instrument knows of itself.
 
         Parameters
@@ -411,7 +425,7 @@ class Instrument:
             self.expected_speckle(shots) if speckle else None,
         )
 
-    def deflections(self, aim: Aim, pointing: Any) -> Deflections:
+    def deflections(self, aim: Aim, pointing: Pointing) -> Deflections:
         """Return what the encoders read, with what the instrument knows of their errors."""
         mirrors = self.scenario.scanner.mirrors
         theta, phi = read_encoders(
@@ -426,11 +440,7 @@ class Instrument:
         )
 
     def ranges(
-        self,
-        peak: NDArray[Any],
-        sigma_peak: NDArray[Any],
-        status: NDArray[Any],
-        deflections: Deflections,
+        self, peak: Array, sigma_peak: Array, status: NDArray[np.uint32], deflections: Deflections
     ) -> Ranges:
         """Return the ranges of peaks (arguments as those of :func:`~scanner_sim.ranging.ranges.ranges_from_peaks`)."""
         gate = self.scenario.processing.range_gate

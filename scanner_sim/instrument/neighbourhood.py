@@ -6,8 +6,6 @@ grouped.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,15 +18,14 @@ from scanner_sim.products.image import MEASURED, MEASURED_BY
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.covariance import PointCovariance
 from scanner_sim.ranging.fusion import fuse_points
-from scanner_sim.ranging.mixed_voxels import mixed
-from scanner_sim.ranging.neighbours import isolated
-from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, layers_of
+from scanner_sim.ranging.mixed_voxels import is_mixed
+from scanner_sim.ranging.neighbours import is_isolated
+from scanner_sim.ranging.ranges import Deflections, Geometry, Layers, Ranges, layers_of
 from scanner_sim.ranging.shared_noise import SharedNoise
-from scanner_sim.ranging.uneven import Raster, pitch_of, relief, rugged, texture, window
+from scanner_sim.ranging.uneven import Raster, is_rugged, pitch_of, relief, texture, window
 from scanner_sim.scan.raster import raster_aim
 
 Array = NDArray[np.float64]
-Layers = dict[str, NDArray[Any]]
 
 _FAINT = 2.0
 """Height of a peak over the detection threshold below which noise may hide its neighbours."""
@@ -55,7 +52,8 @@ def judge_neighbours(
 
     Ranges that agree with none of their neighbours are refused as ``ISOLATED``, in triangulation only: time of flight
     knows no background that moves a peak. What unevenness does to a range enters its σ and the layer
-    ``sigma_texture_m``. Spots on edges are refused as ``MIXED``, by either way of ranging. Then both are fused again.
+    ``sigma_texture_m``. Spots on edges are refused as ``MIXED``, by either method of ranging. Then both are
+    fused again.
 
     Parameters
     ----------
@@ -67,14 +65,14 @@ def judge_neighbours(
         Rows and columns of the scenario's raster that the layers are of.
     """
     settings = scenario.processing.validation
-    ways = {"triangulation": ("",), "tof": ("tof.",), "both": ("", "tof.")}[scenario.ranging]
-    if "" in ways:
+    prefixes = {"triangulation": ("",), "tof": ("tof.",), "both": ("", "tof.")}[scenario.ranging]
+    if "" in prefixes:
         if settings.isolated is not None:
             _refuse(layers, "", _isolated(scenario, layers, rows, columns), Status.ISOLATED)
         _state_unevenness(scenario, layers, rows, columns)
     if settings.mixed is not None:
-        for way in ways:
-            _refuse(layers, way, _mixed(scenario, layers, way, settings.mixed), Status.MIXED)
+        for prefix in prefixes:
+            _refuse(layers, prefix, _mixed(scenario, layers, prefix, settings.mixed), Status.MIXED)
     if scenario.ranging == "tof":
         for name in (*MEASURED_BY["tof.status"], "tof.status"):
             layers[name.removeprefix("tof.")] = layers[name]
@@ -82,10 +80,10 @@ def judge_neighbours(
         _fuse_again(scenario, layers, rows, columns)
 
 
-def _refuse(layers: Layers, way: str, where: NDArray[np.bool_], code: Status) -> None:
-    """Take the measured numbers of some voxels away, by one way of ranging."""
-    layers[f"{way}status"][where] = code
-    for name in MEASURED_BY[f"{way}status"]:
+def _refuse(layers: Layers, prefix: str, where: NDArray[np.bool_], code: Status) -> None:
+    """Take the measured numbers of some voxels away, by one method of ranging."""
+    layers[f"{prefix}status"][where] = code
+    for name in MEASURED_BY[f"{prefix}status"]:
         if name in layers:
             layers[name][where] = np.nan
 
@@ -94,7 +92,7 @@ def _isolated(
     scenario: Scenario, layers: Layers, rows: NDArray[np.intp], columns: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
     settings, (theta, phi) = scenario.processing.validation, scenario.raster.angles()
-    return isolated(
+    return is_isolated(
         layers["range_m"],
         layers["sigma_range_m"],
         layers["status"].astype(np.uint32),
@@ -116,7 +114,7 @@ def _state_unevenness(
         lever = range_m / scenario.scanner.receiver.baseline
         signal = np.where(np.isfinite(range_m), layers["Y"].astype(np.float64), np.nan)
         noise = _range_noise(scenario, range_m, sigma, raster)
-        where = rugged(range_m, noise, raster)
+        where = is_rugged(range_m, noise, raster)
         moved = lever * texture(signal, _signal_noise(scenario, layers, raster), raster, where)
         bent = relief(range_m, noise, moved, raster, where)
         added = np.where(np.isfinite(range_m), np.hypot(moved, bent), np.nan)
@@ -148,14 +146,14 @@ def _signal_noise(scenario: Scenario, layers: Layers, raster: Raster) -> SharedN
 def _range_noise(scenario: Scenario, range_m: Array, sigma: Array, raster: Raster) -> SharedNoise:
     """Return the variance of the ranges: speckle's, which moves the centroid, is shared, and the rest is not."""
     scanner = scenario.scanner
-    packets, (energy, place) = _packets(scenario, range_m, raster)
+    packets, (energy, position) = _packets(scenario, range_m, raster)
     pixel = (
         range_m**2
         * scanner.position_sensor.pitch
         / (scanner.receiver.focal_length * scanner.receiver.baseline)
     )
     variance = (_contrast(scenario) * pixel * packets.ratio * packets.sigma) ** 2 * packets.energy
-    even, moved = variance * (1.0 - packets.on_surface) * energy, variance * packets.on_surface * place
+    even, moved = variance * (1.0 - packets.on_surface) * energy, variance * packets.on_surface * position
     least = np.fmin(1.0, sigma**2 / np.fmax(even + moved, 1e-30))
     return _shared(raster, sigma**2 - least * (even + moved), least * even, least * moved)
 
@@ -165,29 +163,31 @@ def _contrast(scenario: Scenario) -> float:
 
 
 def _packets(scenario: Scenario, range_m: Array, raster: Raster) -> tuple[Packets, tuple[Array, Array]]:
-    """Return the packets of the spots' speckle, and what a dwell leaves of the variances of energy and place."""
+    """Return the packets of the spots' speckle, and what a dwell leaves of the variances of energy and position."""
     sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
     image = np.square(raster.spot * focal / (range_m * sensor.pitch))
     left = dwell_average(raster.travel, 0.0 * raster.travel, 2.0 * raster.spot)
     return packets_of(speckle_optics(scenario.scanner), image, image), left
 
 
-def _shared(raster: Raster, own: Array, energy: Array, place: Array) -> SharedNoise:
+def _shared(raster: Raster, own: Array, energy: Array, position: Array) -> SharedNoise:
     radius = 2.0 * raster.spot
-    return SharedNoise(own, energy, place, raster.across / radius, raster.down / radius)
+    return SharedNoise(own, energy, position, raster.across / radius, raster.down / radius)
 
 
-def _mixed(scenario: Scenario, layers: Layers, way: str, steepest: float) -> NDArray[np.bool_]:
-    range_m, sigma = (layers[f"{way}{name}"].astype(np.float64) for name in ("range_m", "sigma_range_m"))
-    uneven = np.zeros(range_m.shape) if way else layers["sigma_texture_m"].astype(np.float64)
+def _mixed(scenario: Scenario, layers: Layers, prefix: str, steepest: float) -> NDArray[np.bool_]:
+    range_m, sigma = (layers[f"{prefix}{name}"].astype(np.float64) for name in ("range_m", "sigma_range_m"))
+    uneven = np.zeros(range_m.shape) if prefix else layers["sigma_texture_m"].astype(np.float64)
     noise = np.sqrt(np.maximum(sigma**2 - uneven**2, 0.0))
     raster = _raster(scenario, range_m, _travel(scenario))
-    faintest = _FAINT_ECHO if way else _FAINT * scenario.processing.threshold
-    faint = layers[f"{way}snr_detection"] < faintest
-    status = layers[f"{way}status"].astype(np.uint32)
+    faintest = _FAINT_ECHO if prefix else _FAINT * scenario.processing.threshold
+    faint = layers[f"{prefix}snr_detection"] < faintest
+    status = layers[f"{prefix}status"].astype(np.uint32)
     none = np.zeros(range_m.shape)
-    shared = _shared(raster, noise**2, none, none) if way else _range_noise(scenario, range_m, noise, raster)
-    return mixed(range_m, shared, uneven, status, faint, raster, steepest)
+    shared = (
+        _shared(raster, noise**2, none, none) if prefix else _range_noise(scenario, range_m, noise, raster)
+    )
+    return is_mixed(range_m, shared, uneven, status, faint, raster, steepest)
 
 
 def _raster(scenario: Scenario, range_m: Array, travel: float) -> Raster:
@@ -224,8 +224,8 @@ def _fuse_again(
     time, mirrors = raster_aim(scan, shots, scanner.dwell).time, scanner.mirrors
     readings = Deflections(theta, phi, *(mirrors.reading_sigma(angle, time) for angle in (theta, phi)))
     fused, triangulated, echo = fuse_points(triangulated, echo, readings, _geometry(scenario))
-    for ranges, way in ((triangulated, ""), (echo, "tof."), (fused, "fused.")):
-        for name, values in layers_of(ranges, way).items():
+    for ranges, prefix in ((triangulated, ""), (echo, "tof."), (fused, "fused.")):
+        for name, values in layers_of(ranges, prefix).items():
             layers[name] = values.reshape(shape).astype(np.float32)
     for name in MEASURED:
         layers[name][layers["status"] != Status.VALID] = np.nan
@@ -247,14 +247,14 @@ def _geometry(scenario: Scenario) -> Geometry:
     )
 
 
-def _ranges(layers: Layers, way: str) -> Ranges:
+def _ranges(layers: Layers, prefix: str) -> Ranges:
     """Return layers as ranges, shape (rows · columns,)."""
 
     def flat(name: str) -> Array:
-        return np.asarray(layers[way + name].astype(np.float64).ravel())
+        return np.asarray(layers[prefix + name].astype(np.float64).ravel())
 
     xx, yy, zz = (flat(f"sigma_{axis}_m") ** 2 for axis in "xyz")
     xy, xz, yz = (flat(f"cov_{pair}_m2") for pair in ("xy", "xz", "yz"))
     r, sigma, x, y, z = (flat(name) for name in ("range_m", "sigma_range_m", "P.X", "P.Y", "P.Z"))
-    status = layers[f"{way}status"].ravel().astype(np.uint32)
+    status = layers[f"{prefix}status"].ravel().astype(np.uint32)
     return Ranges(r, sigma, x, y, z, PointCovariance(xx, yy, zz, xy, xz, yz), status)

@@ -1,4 +1,4 @@
-"""From a scenario to a range image, batch by batch."""
+"""From a scenario to a range image, batch by batch; one voxel, waveforms, and a photograph beside the image."""
 
 from __future__ import annotations
 
@@ -17,10 +17,13 @@ from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.instrument.voxel_records import voxel_record
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
-from scanner_sim.products.waveforms import WaveformSet, joined
+from scanner_sim.products.waveforms import WaveformSet, concatenate_waveforms
+from scanner_sim.render.camera import photograph
+from scanner_sim.render.device import activate
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import raster_aim, tiled_order
+from scanner_sim.scene.files.loader import load_scene
 
 Progress = Callable[[int, int], None]
 """Called with the shots done and the shots in all."""
@@ -64,13 +67,13 @@ def simulate(
     if batch < 1:
         raise InputError("a batch needs at least one shot.")
     check_raster(scenario, batch)
-    bench = Instrument(scenario, device=device, threads=threads)
+    instrument = Instrument(scenario, device=device, threads=threads)
     scan = scenario.raster
     order = tiled_order(scan)
     layers: dict[str, NDArray[np.float32]] = {}
     for start in range(0, scan.shots, batch):
         shots = order[start : start + batch]
-        for name, values in bench.measure(raster_aim(scan, shots, scenario.scanner.dwell)).items():
+        for name, values in instrument.measure(raster_aim(scan, shots, scenario.scanner.dwell)).items():
             if name not in layers:
                 layers[name] = np.empty(scan.shots, dtype=np.float32)
             layers[name][shots] = values
@@ -83,8 +86,8 @@ def simulate(
         channels=channels,
         theta=theta,
         phi=phi,
-        objects=bench.loaded.objects,
-        materials=bench.loaded.materials,
+        objects=instrument.loaded.objects,
+        materials=instrument.loaded.materials,
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
         warnings=_warnings(channels),
@@ -105,8 +108,8 @@ def simulate_voxel(
     if scenario.ranging == "tof":
         raise InputError("time of flight reads no line.", remedy="Ask for the waveform instead.")
     _check_voxel(scenario, row, column)
-    bench = Instrument(scenario, device=device)
-    return voxel_record(bench, row, column)
+    instrument = Instrument(scenario, device=device)
+    return voxel_record(instrument, row, column)
 
 
 @guest()
@@ -145,14 +148,57 @@ def simulate_waveforms(
     if not len(shots):
         raise InputError("no voxel was named.", remedy="Name one as [row, column], or leave them out.")
     check_waveforms(scenario, len(shots))
-    bench = Instrument(scenario, device=device, threads=threads)
+    instrument = Instrument(scenario, device=device, threads=threads)
     parts = []
     for start in range(0, len(shots), BATCH):
-        some = shots[start : start + BATCH]
-        aim = raster_aim(scan, some, scenario.scanner.dwell)
-        rows, columns = np.divmod(some.astype(np.int32), np.int32(scan.columns))
-        parts.append(bench.echoes.records(bench.fire(aim)[0], rows, columns))
-    return joined(parts)
+        part = shots[start : start + BATCH]
+        aim = raster_aim(scan, part, scenario.scanner.dwell)
+        rows, columns = np.divmod(part.astype(np.int32), np.int32(scan.columns))
+        parts.append(instrument.echoes.records(instrument.fire(aim)[0], rows, columns))
+    return concatenate_waveforms(parts)
+
+
+@guest()
+def take_photo(scenario: Scenario, *, device: DeviceChoice = "auto") -> NDArray[np.uint8]:
+    """Return the picture of the scenario's video camera over the field of view of its scan.
+
+    The surfaces reflect as they do at the laser's wavelength: few reflectances of the library are known in
+    visible light. Surfaces without colour look alike in both; a dyed black anodise is too bright. Moving objects stand
+    where they are at time 0.
+
+    Parameters
+    ----------
+    scenario
+        Scene, lighting, scan and camera.
+    device
+        Where to compute.
+
+    Returns
+    -------
+    ndarray
+        Grey levels 0 to 255, shape (rows, columns), uint8; black in the dark.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene cannot be loaded.
+    InputError
+        If the device cannot be used.
+    """
+    activate(device)
+    sky, scan = scenario.lighting.sky(), scenario.raster
+    return photograph(
+        load_scene(scenario.scene.resting_at(0.0)),
+        scenario.camera,
+        scan.horizontal,
+        scan.vertical,
+        sky.sun_direction,
+        sky.sun_angular_radius,
+        sky.earth_direction,
+        sky.earth_altitude,
+        sky.earth_radius,
+        seed=scenario.seed,
+    ).grey
 
 
 def _check_voxel(scenario: Scenario, row: int, column: int) -> None:

@@ -1,4 +1,4 @@
-"""The time-of-flight half of the workbench: pulse, echoes, waveforms, delays, ranges; and fusion with triangulation.
+"""The time-of-flight half of an instrument: pulse, echoes, waveforms, delays, ranges; and fusion with triangulation.
 
 One pulse belongs to each voxel. It is fired in the middle of the dwell, through the same mirrors as the light of the
 triangulation, and its light passes the same filter. The diode responds where the line sensor does.
@@ -11,7 +11,6 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,22 +20,28 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.photodiode.echo_speckle import echo_speckle
 from scanner_sim.detector.photodiode.photodiode import ELEMENTARY_CHARGE, Digitiser, background_power
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
-from scanner_sim.detector.photodiode.waveform import record
+from scanner_sim.detector.photodiode.waveform import Waveforms, record
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.device_types import Float
 from scanner_sim.foundation.status import Status
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import laser_gain
 from scanner_sim.products.waveforms import WaveformSet
-from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
+from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
+from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
-from scanner_sim.render.beam.echo_clusters import PhotodiodeView
+from scanner_sim.render.beam.echo_clusters import Echoes, PhotodiodeView
 from scanner_sim.render.beam.echoes import render_echoes
+from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.beam.surface_positions import coherence_of, surface_positions
 from scanner_sim.render.field_of_view import Field, batches_of_echoes, field_light, field_panorama
+from scanner_sim.render.shots import Shots
+from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.signals.waveform.detection import PulseDetector
+from scanner_sim.scene.files.loader import LoadedScene
+from scanner_sim.signals.waveform.detection import Delays, PulseDetector
 
 Array = NDArray[np.float64]
 
@@ -46,16 +51,16 @@ _SAMPLES_TOGETHER = 1 << 24
 
 @dataclass(frozen=True)
 class EchoGroup:
-    """Shots of a batch whose waveforms were recorded together: places in the batch, records, delays."""
+    """Shots of a batch whose waveforms were recorded together: indices in the batch, records, delays."""
 
     index: NDArray[np.uint32]
-    waveforms: Any
-    delays: Any
+    waveforms: Waveforms
+    delays: Delays
 
 
 @dataclass(frozen=True)
-class Timed:
-    """Echoes of n shots as they were timed, arrays of shape (n,).
+class EchoDelays:
+    """The delays that were found of n shots, arrays of shape (n,).
 
     ``delay`` and its ``sigma`` [s], clock apart; ``signal`` height [A]; ``snr`` that over the noise without it;
     ``echoes`` their number; ``status`` codes.
@@ -69,13 +74,13 @@ class Timed:
     status: NDArray[np.uint32]
 
     @classmethod
-    def empty(cls, n: int) -> Timed:
-        """Return the echoes of n shots that are still to be timed."""
-        whole = (np.zeros(n, dtype=np.uint32) for _ in range(2))
-        return cls(np.full(n, np.nan), np.full(n, np.nan), np.zeros(n), np.zeros(n), *whole)
+    def empty(cls, n: int) -> EchoDelays:
+        """Return the delays of n shots before any is found."""
+        counts = (np.zeros(n, dtype=np.uint32) for _ in range(2))
+        return cls(np.full(n, np.nan), np.full(n, np.nan), np.zeros(n), np.zeros(n), *counts)
 
-    def take(self, index: NDArray[np.uint32], found: Any, digitiser: Digitiser) -> None:
-        """Fill in the delays that were found of the shots at some places."""
+    def fill(self, index: NDArray[np.uint32], found: Delays, digitiser: Digitiser) -> None:
+        """Fill in the delays that were found of the shots at some indices."""
         self.delay[index] = found.seconds(digitiser)
         self.sigma[index] = found.sigma.numpy() / digitiser.rate
         self.signal[index] = found.signal.numpy()
@@ -95,15 +100,19 @@ class TimeOfFlight:
         The scene.
     optics
         The triangulation's optics; laser, lens and filter are shared.
-    like
+    reuse
         A unit before the same scene, under the same light and with the same raster, whose background is used again.
     """
 
     def __init__(
-        self, scenario: Scenario, loaded: Any, optics: Any, like: TimeOfFlight | None = None
+        self,
+        scenario: Scenario,
+        loaded: LoadedScene,
+        optics: OpticalLayout,
+        reuse: TimeOfFlight | None = None,
     ) -> None:
         scanner = scenario.scanner
-        self.like = like
+        self.reuse = reuse
         self.scenario, self.loaded, self.unit = scenario, loaded, scanner.lidar
         passed = float(laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response))
         self.bare = optics
@@ -117,7 +126,7 @@ class TimeOfFlight:
         return recorded if wanted is None else (max(recorded[0], wanted[0]), min(recorded[1], wanted[1]))
 
     @cached_property
-    def detector(self) -> Any:
+    def detector(self) -> PulseDetector:
         """Detection with its filters and tables."""
         unit = self.unit
         processing, laser = self.scenario.processing, self.scenario.scanner.laser
@@ -133,7 +142,7 @@ class TimeOfFlight:
         return float(summit) * diode.gain * ELEMENTARY_CHARGE
 
     @cached_property
-    def field(self) -> Any:
+    def field(self) -> Field:
         """The photodiode's field of view."""
         # The square of the round field's solid angle; a field beside the laser reaches from infinity inwards.
         angle = self.unit.photodiode.field_of_view
@@ -141,13 +150,13 @@ class TimeOfFlight:
         return Field(0.5 * math.sqrt(math.pi) * angle, aside, self.baseline)
 
     @cached_property
-    def panorama(self) -> Any:
+    def panorama(self) -> Panorama | None:
         """The background of the raster's rows about the photodiode's lens; None in the dark."""
         scenario, sky = self.scenario, self.scenario.lighting.sky()
         if sky.dark:
             return None
-        if self.like is not None:
-            return self.like.panorama
+        if self.reuse is not None:
+            return self.reuse.panorama
         return field_panorama(
             self.loaded,
             self.bare,
@@ -177,8 +186,8 @@ class TimeOfFlight:
         return inside, outside
 
     def listen(
-        self, shots: Any, detector: Any = None, panorama: Any = None
-    ) -> tuple[Any, Any, Iterator[EchoGroup]]:
+        self, shots: Shots, detector: PulseDetector | None = None, panorama: Panorama | None = None
+    ) -> tuple[Truth, Float, Iterator[EchoGroup]]:
         """Fire the pulses of n shots: their truth, their background [W] and the shots in groups.
 
         ``detector`` is that of an instrument that takes itself for another one than it is, ``panorama`` the background
@@ -197,48 +206,49 @@ class TimeOfFlight:
         detector = self.detector if detector is None else detector
 
         def groups() -> Iterator[EchoGroup]:
-            for some, own in batches_of_echoes(echoes, light, max(1, _SAMPLES_TOGETHER // clock.samples)):
-                waveforms = record(some, some.shot, unit.pulse, diode, clock, scenario.seed, own)
-                yield EchoGroup(some.index.numpy(), waveforms, detector.detect(waveforms))
+            for part, own in batches_of_echoes(echoes, light, max(1, _SAMPLES_TOGETHER // clock.samples)):
+                waveforms = record(part, part.shot, unit.pulse, diode, clock, scenario.seed, own)
+                yield EchoGroup(part.index.numpy(), waveforms, detector.detect(waveforms))
 
         return truth, light, groups()
 
-    def _speckle(self, echoes: Any, shots: Any, truth: Any) -> Any:
+    def _speckle(self, echoes: Echoes, shots: Shots, truth: Truth) -> Echoes:
         """Return what speckle makes of the echoes of shots whose chief rays meet something; a pulse lasts no dwell."""
         scanner = self.scenario.scanner
-        return echo_speckle(
+        speckled: Echoes = echo_speckle(
             echoes,
             surface_positions(self.loaded, self.optics, shots, truth),
             coherence_of(self.loaded, truth),
             scanner.receiver.aperture / scanner.laser.wavelength,
             self.scenario.seed,
         )
+        return speckled
 
     def measure(
-        self, shots: Any, deflections: Deflections, panorama: Any = None
-    ) -> tuple[Any, Ranges, dict[str, NDArray[Any]]]:
+        self, shots: Shots, deflections: Deflections, panorama: Panorama | None = None
+    ) -> tuple[Truth, Ranges, Layers]:
         """Return truth, ranges and the echoes' own layers of n shots, each layer of shape (n,).
 
         ``panorama`` is the background where it is not the raster's.
         """
         truth, light, groups = self.listen(shots, panorama=panorama)
-        timed = Timed.empty(len(deflections.theta))
+        delays = EchoDelays.empty(len(deflections.theta))
         for group in groups:
-            timed.take(group.index, group.delays, self.unit.digitiser)
+            delays.fill(group.index, group.delays, self.unit.digitiser)
         layers = {
-            "tof.Y": timed.signal / self.amperes_per_electron,
-            "tof.snr_detection": timed.snr,
-            "tof.echoes": timed.echoes,
+            "tof.Y": delays.signal / self.amperes_per_electron,
+            "tof.snr_detection": delays.snr,
+            "tof.echoes": delays.echoes,
             "tof.background_w": light.numpy(),
         }
-        return truth, self.ranges(timed, deflections), layers
+        return truth, self.ranges(delays, deflections), layers
 
-    def ranges(self, timed: Timed, deflections: Deflections) -> Ranges:
-        """Return the ranges of n shots whose echoes were timed, along measured deflections."""
+    def ranges(self, delays: EchoDelays, deflections: Deflections) -> Ranges:
+        """Return the ranges of n shots from the delays of their echoes, along measured deflections."""
         theta, d = deflections.theta, self.baseline
-        delay = timed.delay
+        delay = delays.delay
         clock = self.unit.digitiser.jitter if self.unit.photodiode.noise.clock else 0.0
-        alone = ranges_from_delays(delay, timed.sigma, timed.status, theta, clock, self.gate, d)
+        alone = ranges_from_delays(delay, delays.sigma, delays.status, theta, clock, self.gate, d)
         # ∂R/∂Θ at a known delay: 0 on the laser's own axis.
         by_theta = alone.range * d * np.cos(theta) / (SPEED_OF_LIGHT * delay - d * np.sin(theta))
         return ranges_with_points(
@@ -251,16 +261,16 @@ class TimeOfFlight:
             self.optics.axis_separation,
         )
 
-    def records(self, shots: Any, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> WaveformSet:
+    def records(self, shots: Shots, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> WaveformSet:
         """Return the waveforms of n shots at some rows and columns of the raster, shape (n,)."""
-        clock, timed = self.unit.digitiser, Timed.empty(len(rows))
+        clock, delays = self.unit.digitiser, EchoDelays.empty(len(rows))
         number = np.zeros((len(rows), clock.samples), dtype=np.float32)
         for group in self.listen(shots)[2]:
             number[group.index] = group.waveforms.records()
-            timed.take(group.index, group.delays, clock)
-        timed.delay[timed.status != Status.VALID] = np.nan
+            delays.fill(group.index, group.delays, clock)
+        delays.delay[delays.status != Status.VALID] = np.nan
         step = clock.step(self.unit.photodiode.saturation)
-        found = timed.delay, timed.sigma, timed.echoes, timed.status
+        found = delays.delay, delays.sigma, delays.echoes, delays.status
         return WaveformSet(rows, columns, number, clock.start, clock.rate, step, *found)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,16 +14,17 @@ from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.raster import raster_aim
 from scanner_sim.signals.line.calibration import Calibration, measured_lines
 from scanner_sim.signals.line.peaks import MARGIN
+from scanner_sim.signals.processing import PeakMethod
 
 
-def voxel_record(bench: Instrument, row: int, column: int) -> VoxelRecord:
-    """Return the record of one voxel of a workbench's raster: its line, peak and range, and the truth."""
-    scanner, processing = bench.scenario.scanner, bench.scenario.processing
+def voxel_record(instrument: Instrument, row: int, column: int) -> VoxelRecord:
+    """Return the record of one voxel of an instrument's raster: its line, peak and range, and the truth."""
+    scanner, processing = instrument.scenario.scanner, instrument.scenario.processing
     sensor = scanner.position_sensor
-    values = _among_neighbours(bench, row, column)
-    shot = np.array([row * bench.scenario.raster.columns + column], dtype=np.uint32)
-    aim = raster_aim(bench.scenario.raster, shot, scanner.dwell)
-    _, groups = bench.expose(aim)
+    values = _among_neighbours(instrument, row, column)
+    shot = np.array([row * instrument.scenario.raster.columns + column], dtype=np.uint32)
+    aim = raster_aim(instrument.scenario.raster, shot, scanner.dwell)
+    _, groups = instrument.expose(aim)
     (group,) = groups
     status = Status(int(values["status"]))
     calibration = Calibration.of(sensor, scanner.dwell, scanner.laser_off)
@@ -33,7 +32,7 @@ def voxel_record(bench: Instrument, row: int, column: int) -> VoxelRecord:
     expected = group.light.line(0, background=scanner.laser_off == 0.0)
     expected *= electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)
     true_position = position_from_range(
-        values["truth.range_m"], aim.theta[0], bench.geometry.focal_length, bench.geometry.baseline
+        values["truth.range_m"], aim.theta[0], instrument.geometry.focal_length, instrument.geometry.baseline
     )
     return VoxelRecord(
         row=row,
@@ -51,28 +50,28 @@ def voxel_record(bench: Instrument, row: int, column: int) -> VoxelRecord:
         range_m=values["range_m"],
         sigma_range_m=values["sigma_range_m"],
         sigma_texture_m=values["sigma_texture_m"],
-        truth_peak_px=float(bench.geometry.pixel(true_position)),
+        truth_peak_px=float(instrument.geometry.pixel(true_position)),
         truth_range_m=values["truth.range_m"],
         method=processing.peak,
         window=_window(measured, values["peak_px"], processing.peak),
     )
 
 
-def _among_neighbours(bench: Instrument, row: int, column: int) -> dict[str, float]:
+def _among_neighbours(instrument: Instrument, row: int, column: int) -> dict[str, float]:
     """Measure a voxel with those around it, which have a say in its status and its σ."""
-    scan, away = bench.scenario.raster, reach(bench.scenario)
+    scan, away = instrument.scenario.raster, reach(instrument.scenario)
     rows = np.arange(max(row - away, 0), min(row + away + 1, scan.rows))
     columns = np.arange(max(column - away, 0), min(column + away + 1, scan.columns))
     shots = (rows[:, None] * scan.columns + columns[None, :]).astype(np.uint32)
-    measured = bench.measure(raster_aim(scan, shots.ravel(), bench.scenario.scanner.dwell))
+    measured = instrument.measure(raster_aim(scan, shots.ravel(), instrument.scenario.scanner.dwell))
     # Single precision as in an image, so that neighbours are judged by the same numbers.
     layers = {name: values.astype(np.float32).reshape(shots.shape) for name, values in measured.items()}
-    judge_neighbours(bench.scenario, layers, rows, columns)
+    judge_neighbours(instrument.scenario, layers, rows, columns)
     here = int(np.flatnonzero(rows == row)[0]), int(np.flatnonzero(columns == column)[0])
     return {name: float(values[here]) for name, values in layers.items()}
 
 
-def _window(line: NDArray[np.float64], peak: float, method: Any) -> tuple[int, int] | None:
+def _window(line: NDArray[np.float64], peak: float, method: PeakMethod) -> tuple[int, int] | None:
     """Return the pixels about a peak that the estimator read; None where there is no peak."""
     if not np.isfinite(peak):
         return None

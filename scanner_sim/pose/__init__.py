@@ -1,4 +1,4 @@
-"""Pose: from the angles and ranges of surveyed targets to the place and attitude of their object.
+"""Pose: from the angles and ranges of surveyed targets to the position and attitude of their object.
 
 The door is :func:`scanner_sim.pose.estimate.estimate_pose`. Positions are metres in the scanner frame, rotations
 ``scanner_from_object``; a covariance is that of the six numbers (translation of the object's origin, rotation

@@ -87,7 +87,7 @@ class PoseFit:
     Attributes
     ----------
     rotation, position
-        ``scanner_from_object`` (3, 3, B) and the place of the centre of the array [m] (3, B).
+        ``scanner_from_object`` (3, 3, B) and the position of the centre of the array [m] (3, B).
     cost
         Σ of the squared whitened residuals, or of Huber's function of them (B,).
     normal, slope
@@ -173,15 +173,33 @@ def linearise(problem: Problem, rotation: Array, position: Array) -> tuple[Array
     product = np.einsum("akb,ckb->acb", flat, flat)
     normal, slope, cost = product[:6, :6], product[:6, 6], product[6, 6]
     if weights is not None:
-        squared = np.sum(whitened * whitened, axis=0)
-        beyond = 2.0 * problem.huber * np.sqrt(squared) - problem.huber**2
-        cost = np.where(squared > problem.huber**2, beyond, squared).sum(axis=0)
+        cost = _sum_of_squares(problem, whitened)
     if problem.prior is not None:
         apart, change = prior_residual(problem.prior, problem.centre, rotation, position)
         cost = cost + np.einsum("kb,kb->b", apart, apart)
         normal = normal + np.einsum("kab,kcb->acb", change, change)
         slope = slope - np.einsum("kab,kb->ab", change, apart)
     return cost, normal, slope
+
+
+def cost_of(problem: Problem, rotation: Array, position: Array) -> Array:
+    """Return the cost (B,) of poses alone, to rounding that of :func:`linearise`."""
+    _, placed = place_points(problem, rotation, position)
+    cost = _sum_of_squares(problem, whiten(problem, problem.measured - predict(problem, placed)[0]))
+    if problem.prior is not None:
+        apart, _ = prior_residual(problem.prior, problem.centre, rotation, position)
+        cost += np.sum(apart * apart, axis=0)
+    return cost
+
+
+def _sum_of_squares(problem: Problem, whitened: Array) -> Array:
+    """Return the sum (B,) of squared residuals, those of doubtful targets by Huber's function."""
+    squared = np.sum(whitened * whitened, axis=0)
+    if problem.huber:
+        beyond = 2.0 * problem.huber * np.sqrt(squared) - problem.huber**2
+        squared = np.where(squared > problem.huber**2, beyond, squared)
+    cost: Array = squared.sum(axis=0)
+    return cost
 
 
 def prior_residual(prior: Prior, centre: Array, rotation: Array, position: Array) -> tuple[Array, Array]:

@@ -114,7 +114,7 @@ class PoseFilter:
 
     @property
     def targets(self) -> dict[str, tuple[int, Array]]:
-        """Number of the object and place on it [m] of each target, in the order of the state."""
+        """Number of the object and position on it [m] of each target, in the order of the state."""
         return {
             target: (number, np.asarray(point, dtype=np.float64))
             for number, own in enumerate(self.objects.values())
@@ -141,11 +141,11 @@ class PoseFilter:
                     f"of '{name}' {len(known)} targets were measured.",
                     remedy="Begin when three are tracked.",
                 )
-            places = np.array([seen[target].place for target in known])
+            positions = np.array([seen[target].position for target in known])
             sigmas = np.sqrt([np.diagonal(seen[target].covariance) for target in known])
             found = estimate_pose(
                 np.array(list(known.values())),
-                *places.T,
+                *positions.T,
                 sigma_theta=sigmas[:, 0],
                 sigma_phi=sigmas[:, 1],
                 sigma_range=sigmas[:, 2],
@@ -186,7 +186,7 @@ class PoseFilter:
         slope[:, rigid + 3 : rigid + 6] = np.cross(arm, by_shift)
         slope[:, own : own + _OWN], slope[:2, -1] = _by_bias(record), record.errors.drift
         known = applied(slope[:, RIGID * len(self.objects) :], ahead.bias)
-        away = record.place - wanted[:, 0] - known
+        away = record.position - wanted[:, 0] - known
         noise = record.errors.white
         crossed = product(slope, ahead.covariance)
         gain = solve_linear(product(crossed, slope.T) + noise, crossed).T
@@ -216,14 +216,14 @@ class PoseFilter:
         acceleration_psd = np.repeat([self.acceleration, self.turn_acceleration], 3)
         first = np.arange(6)
         for body in range(len(self.objects)):
-            place, rate = RIGID * body + first, RIGID * body + 6 + first
-            onward[place, rate] = step
-            onward[place[3:, None], place[3:]] = turned[body]
-            noise[place, place], noise[rate, rate] = (
+            position, rate = RIGID * body + first, RIGID * body + 6 + first
+            onward[position, rate] = step
+            onward[position[3:, None], position[3:]] = turned[body]
+            noise[position, position], noise[rate, rate] = (
                 acceleration_psd * abs(step) ** 3 / 3.0,
                 acceleration_psd * abs(step),
             )
-            noise[place, rate] = noise[rate, place] = acceleration_psd * step * abs(step) / 2.0
+            noise[position, rate] = noise[rate, position] = acceleration_psd * step * abs(step) / 2.0
         ahead = replace(
             state,
             time=record.time,
@@ -231,7 +231,7 @@ class PoseFilter:
             rotation=product(turned, state.rotation),
         )
         sight, image, together = self._targets_at(ahead, record)
-        # From the rates alone: what noise does to a place is no motion.
+        # From the rates alone: what noise does to a position is no motion.
         moved = image - self._targets_at(state, record)[1]
         fade = self._fading(ahead, record, step, sight, moved)
         bias = slice(RIGID * len(self.objects), size)
@@ -270,7 +270,7 @@ class PoseFilter:
             ]
         )
         (theta, phi, reach), _ = project(points.T, self.axis_separation, with_range=True)
-        depth = float(record.place[2] / np.cos(record.place[0]))
+        depth = float(record.position[2] / np.cos(record.position[0]))
         image = errors.image * depth * np.cos(theta) / reach
         count = len(points)
         together = np.eye(_OWN * count + 1)

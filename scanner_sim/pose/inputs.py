@@ -163,7 +163,7 @@ def _by_name(*given: Any) -> list[Any]:
     ]
 
 
-def _numbers(name: str, values: Any) -> Array:
+def _numbers(name: str, values: ArrayLike | Mapping[str, ArrayLike]) -> Array:
     try:
         return np.asarray(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -171,7 +171,7 @@ def _numbers(name: str, values: Any) -> Array:
 
 
 def _distinct(points: Array) -> None:
-    """Raise where two targets of an object stand on the same place."""
+    """Raise where two targets of an object stand on the same position."""
     flat = points.reshape(-1, *points.shape[-2:])
     size = np.ptp(flat, axis=1).max(axis=1)
     for step in range(1, flat.shape[1]):
@@ -184,7 +184,9 @@ def _distinct(points: Array) -> None:
             )
 
 
-def _deviation(name: str, sigma: ArrayLike, leading: tuple[int, ...], count: int, wanted: Any) -> Array:
+def _deviation(
+    name: str, sigma: ArrayLike, leading: tuple[int, ...], count: int, wanted: NDArray[np.bool_]
+) -> Array:
     """Return standard deviations as (n, B) or (n, 1); where nothing was measured 1 stands for any number."""
     values = _numbers(name, sigma)
     try:

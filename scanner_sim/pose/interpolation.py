@@ -45,7 +45,7 @@ class Interpolated:
 
     Attributes
     ----------
-    place
+    position
         (Θ, φ, R) [rad, m], shape (rounds, targets, 3).
     covariance
         Between the observations of a round, shape (rounds, targets, targets, 3, 3).
@@ -53,7 +53,7 @@ class Interpolated:
         Its part that neighbouring rounds have, too: surfaces, pixels and drift.
     """
 
-    place: Array
+    position: Array
     covariance: Array
     lasting: Array
 
@@ -62,18 +62,18 @@ class Interpolated:
         chosen = np.asarray(targets)
         rows, columns = chosen[:, None], chosen
         return Interpolated(
-            self.place[:, chosen], self.covariance[:, rows, columns], self.lasting[:, rows, columns]
+            self.position[:, chosen], self.covariance[:, rows, columns], self.lasting[:, rows, columns]
         )
 
 
-def interpolate(time: Array, place: Array, errors: ErrorParts, at: Array) -> Interpolated:
+def interpolate(time: Array, position: Array, errors: ErrorParts, at: Array) -> Interpolated:
     """Return where targets were at the time of each round, from the observations before and after it.
 
     Parameters
     ----------
     time
         When each target was measured in each round [s], shape (rounds, targets); NaN where it was not.
-    place
+    position
         (Θ, φ, R), shape (rounds, targets, 3).
     errors
         What their errors are made of, leading axes (rounds, targets).
@@ -82,7 +82,7 @@ def interpolate(time: Array, place: Array, errors: ErrorParts, at: Array) -> Int
 
     Returns
     -------
-    Carried
+    Interpolated
         On the straight line through the observation of the round and the nearest one within ``FARTHEST`` rounds on the
         other side of the common time, m = (1 − s) m₁ + s m₂ with s = (t − t₁)/(t₂ − t₁). Where there is none on that
         side the line is that of the side that has one. White parts C add up to (1 − s)² C₁ + s² C₂; of what
@@ -95,7 +95,7 @@ def interpolate(time: Array, place: Array, errors: ErrorParts, at: Array) -> Int
     40 ms. Neighbouring rounds share observations, so that their errors are correlated by more than what lasts.
     """
     rounds, targets = time.shape
-    second = _second(time, np.isfinite(time) & np.isfinite(place).all(axis=2), at)
+    second = _second(time, np.isfinite(time) & np.isfinite(position).all(axis=2), at)
     known = second >= 0
     other = np.where(known, second, 0)
     own, column = np.arange(rounds)[:, None] + 0 * other, np.arange(targets)
@@ -112,11 +112,11 @@ def interpolate(time: Array, place: Array, errors: ErrorParts, at: Array) -> Int
     white[:, column, column] = own_errors[:, :targets] + own_errors[:, targets:]
 
     def summed(lasting: bool) -> Array:
-        common = common_covariance(pair, place[row, target], time[row, target], target, lasting=lasting)
+        common = common_covariance(pair, position[row, target], time[row, target], target, lasting=lasting)
         shares = common * (weight[:, :, None] * weight[:, None, :])[..., None, None]
         return np.asarray(shares.reshape(rounds, 2, targets, 2, targets, 3, 3).sum(axis=(1, 3)))
 
-    moved = (1.0 - share[..., None]) * place + share[..., None] * place[other, column]
+    moved = (1.0 - share[..., None]) * position + share[..., None] * position[other, column]
     return Interpolated(moved, white + summed(False), summed(True))
 
 

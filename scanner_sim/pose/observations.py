@@ -69,7 +69,7 @@ class Prior:
     Attributes
     ----------
     rotation, position
-        ``scanner_from_object`` (3, 3, B or 1) and the place of the object's origin [m] (3, B or 1).
+        ``scanner_from_object`` (3, 3, B or 1) and the position of the object's origin [m] (3, B or 1).
     root
         W with WᵀW the inverse of the prior's covariance, shape (6, 6, B or 1).
     """

@@ -124,7 +124,7 @@ def fill_result(
     solution: Solution,
     huber: float,
 ) -> None:
-    """Write solutions to their places, from the centre of the array to the object's origin."""
+    """Write solutions to their positions, from the centre of the array to the object's origin."""
     result.status[index] = solution.status
     good = (solution.status != PoseStatus.MIRRORED) & np.isfinite(solution.covariance).all(axis=(0, 1))
     into = index[good]

@@ -135,13 +135,13 @@ def pose_series(
         As :func:`~scanner_sim.pose.estimate.estimate_pose`.
     """
     target = np.arange(len(object_points))
-    place, own = observations.place, observations.covariance[:, target, target]
+    position, own = observations.position, observations.covariance[:, target, target]
     sigma = np.sqrt(np.diagonal(own, axis1=2, axis2=3))
     found = estimate_pose(
         object_points,
-        place[..., 0],
-        place[..., 1],
-        place[..., 2],
+        position[..., 0],
+        position[..., 1],
+        position[..., 2],
         sigma_theta=sigma[..., 0],
         sigma_phi=sigma[..., 1],
         sigma_range=sigma[..., 2],

@@ -20,6 +20,7 @@ from scanner_sim.pose.adjustment import (
     predict,
     whiten,
 )
+from scanner_sim.pose.curvature import bent
 from scanner_sim.pose.observations import Observations, at_least_two
 from scanner_sim.pose.resection import PLANAR, plane_strength
 from scanner_sim.pose.starts import ALTERNATIVES, ranked_fits
@@ -38,9 +39,9 @@ IMPLAUSIBLE = 1e-4
 """Probability of χ² below which a pose is not valid."""
 _SUSPECT = 0.01
 """Probability of χ² below which other poses are looked for from all starts: a wrong one may fit as badly as this."""
-_WEAK, _THICK, _SOLID = 0.15, 1e-3, 0.2
-"""Strength of a plane's homography, and thickness of few targets over their lesser width from which they are no plane
-and up to which they are nearly one: there other poses are looked for from all starts."""
+_WEAK, _NARROW, _THICK, _SOLID = 0.15, 0.1, 1e-3, 0.2
+"""Strength of a plane's homography, width over length, and thickness of few targets over their lesser width from which
+they are no plane and up to which they are nearly one: there other poses are looked for from all starts."""
 _OPEN = 1e13
 """Growth of a variance by what the other unknowns leave open from which rounding tells it: ε times this is 0.002."""
 _MIRRORED = 1e-6
@@ -120,15 +121,20 @@ def solve(
         covariance = _sandwich(observations, pose, covariance)
         full = problem_of(observations, method, "covariance", pose=pose if carried else None)
         chi2 = linearise(full, *pose)[0]
+    curved = bent(problem, best, covariance, observations.principal)
     # Of poses that need all starts the first-order covariance does not tell which others it covers.
     solution = _with_others(ranked, best, covariance, chi2, dof, SAME if thorough else APART)
+    # Along a bent valley other poses fit as well that the covariance does not cover.
+    solution.status[curved & (solution.status == PoseStatus.VALID)] = PoseStatus.AMBIGUOUS
     solution.status[~determined] = PoseStatus.UNDETERMINED
     if not thorough and method != "xyz":
-        bad = ~best.settled | ~determined
+        bad = ~best.settled | ~determined | curved
         if not huber:
             bad |= _probability(chi2, dof) < _SUSPECT
         if method == "uv":
-            bad |= _few(observations)
+            # A start that has not settled has not shown its pose, which may be the best one.
+            lost = ~ranked.settled & np.isfinite(ranked.cost)
+            bad |= _few(observations) | lost.any(axis=0)
         _try_again(solution, np.flatnonzero(bad), observations, method, point_weights, huber)
     if not huber and point_weights != "equal":  # whose χ² is no least one, and follows another law
         misfit = (_probability(solution.chi2, dof) < IMPLAUSIBLE) & (solution.status <= PoseStatus.AMBIGUOUS)
@@ -198,13 +204,13 @@ def _with_others(
         rotation, position = ranked.rotation[..., s, :], ranked.position[..., s, :]
         far = _distance(rotation, position, best.rotation, best.position, best.normal)
         new = ranked.settled[s] & ~(far < SAME) & (filled < ALTERNATIVES)
-        for k in range(int(filled.max())):  # an empty place is NaN, and nearer to nothing
+        for k in range(int(filled.max())):  # an empty slot is NaN, and nearer to nothing
             other = solution.other_rotation[:, :, k], solution.other_position[:, k]
             new &= ~(_distance(rotation, position, *other, best.normal) < SAME)
-        place, index = filled[new], poses[new]
-        solution.other_rotation[:, :, place, index] = rotation[..., new]
-        solution.other_position[:, place, index] = position[..., new]
-        solution.other_chi2[place, index] = ranked.cost[s, new]
+        slot, index = filled[new], poses[new]
+        solution.other_rotation[:, :, slot, index] = rotation[..., new]
+        solution.other_position[:, slot, index] = position[..., new]
+        solution.other_chi2[slot, index] = ranked.cost[s, new]
         filled += new
         doubtful = new & (ranked.cost[s] - best.cost < DOUBTFUL) & (far > apart)
         solution.status[doubtful & (solution.status == PoseStatus.VALID)] = PoseStatus.AMBIGUOUS
@@ -216,11 +222,11 @@ def _with_others(
     return solution
 
 
-def _distance(rotation: Array, position: Array, other: Array, place: Array, normal: Array) -> Array:
+def _distance(rotation: Array, position: Array, other: Array, other_position: Array, normal: Array) -> Array:
     """Return the squared Mahalanobis distance (B,) of two poses; infinite where they differ by a quarter turn."""
     apart = np.einsum("ijb,kjb->ikb", rotation, other)
     turn = 0.5 * np.stack([apart[2, 1] - apart[1, 2], apart[0, 2] - apart[2, 0], apart[1, 0] - apart[0, 1]])
-    change = np.concatenate([position - place, turn])
+    change = np.concatenate([position - other_position, turn])
     distance: Array = np.einsum("ab,acb,cb->b", change, normal, change)
     return np.where(np.trace(apart) < 1.0, np.inf, distance)
 
@@ -251,14 +257,15 @@ def _try_again(
 def _few(observations: Observations) -> NDArray[np.bool_]:
     """Return which poses (B,) rest on so few targets that two starts may miss the best pose.
 
-    Planes with a weak homography, and four targets, or five nearly in a plane, that are not a plane: to them both poses
-    of the plane are strangers.
+    Planes with a weak homography, arrays that are nearly a line, and four targets, or five nearly in a plane, that are
+    not a plane: to them both poses of the plane are strangers.
     """
     widths, count = observations.principal[1], observations.seen.sum(axis=0)
     thickness = widths[0] / widths[1]
     solid = (count == 4) & (thickness > _THICK) | (count == 5) & (thickness > _THICK) & (thickness < _SOLID)
     weak = (plane_strength(observations) < _WEAK) & (thickness < PLANAR)
-    return np.asarray((count > 3) & (weak | solid))
+    narrow = widths[1] < _NARROW * widths[2]
+    return np.asarray((count > 3) & (weak | narrow | solid))
 
 
 def _dof(observations: Observations, method: Method) -> NDArray[np.int64]:

@@ -33,7 +33,8 @@ class PoseStatus(IntEnum):
 _WITH_POSE = (PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.NOT_CONVERGED, PoseStatus.IMPLAUSIBLE)
 _SENTENCES = {
     PoseStatus.VALID: "a pose was found",
-    PoseStatus.AMBIGUOUS: "a pose was found, but another, listed beside it, fits nearly as well, or nothing checks it",
+    PoseStatus.AMBIGUOUS: "a pose was found, but others that its covariance does not cover fit nearly as well, "
+    "or nothing checks it",
     PoseStatus.HIDDEN: "no target was measured",
     PoseStatus.TOO_FEW: "fewer than three targets were measured",
     PoseStatus.COLLINEAR: "the measured targets lie on one line: the turn about it is open",

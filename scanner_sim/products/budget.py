@@ -90,7 +90,7 @@ def crossing(rows: Sequence[BudgetRow], column: Literal["analytic_m", "simulated
     ]
     known = [x for x in curves[0] if x in curves[1] and curves[0][x] > 0.0 and curves[1][x] > 0.0]
     x = np.log(np.array(sorted(known)))
-    ratio = np.array([math.log(curves[0][place] / curves[1][place]) for place in sorted(known)])
+    ratio = np.array([math.log(curves[0][position] / curves[1][position]) for position in sorted(known)])
     after = np.flatnonzero((ratio[1:] >= 0.0) & (ratio[:-1] < 0.0)) if len(known) > 1 else np.array([], int)
     if not after.size:
         return math.nan

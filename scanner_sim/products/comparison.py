@@ -146,11 +146,11 @@ class Comparison:
 
 def comparison_json(comparison: Comparison) -> str:
     """Return a comparison as JSON: all numbers in full, null for what is not finite; no date, host or path."""
-    told = _plain(asdict(comparison))
-    for finding, plain in zip(comparison.findings, told["findings"], strict=True):
+    content = _plain(asdict(comparison))
+    for finding, plain in zip(comparison.findings, content["findings"], strict=True):
         plain["verdict"] = finding.verdict
-    told["passed"] = comparison.passed
-    return json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    content["passed"] = comparison.passed
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def comparison_from_json(text: str) -> Comparison:
@@ -161,20 +161,20 @@ def comparison_from_json(text: str) -> Comparison:
     ValueError, KeyError, TypeError, AttributeError, RecursionError
         If the text is not one.
     """
-    told: dict[str, Any] = json.loads(text)
+    content: dict[str, Any] = json.loads(text)
     findings = []
-    for plain in told["findings"]:
+    for plain in content["findings"]:
         plain = {name: value for name, value in plain.items() if name != "verdict"}
         findings.append(plain | {"checks": [_numbers(check) for check in plain["checks"]]})
-    rest = {name: told[name] for name in ("seed", "seeds", "level", "quick", "target", "versions")}
+    rest = {name: content[name] for name in ("seed", "seeds", "level", "quick", "target", "versions")}
     read = TypeAdapter(Comparison).validate_python({"findings": findings, **rest})
     for check in (check for finding in read.findings for check in finding.checks):
-        if check.error < 0.0 or not check.freedom > 0.0 or max(map(abs, _told(check))) > _BEYOND:
+        if check.error < 0.0 or not check.freedom > 0.0 or max(map(abs, _finite_numbers(check))) > _BEYOND:
             raise ValueError(f"{check.case} has numbers that no comparison has")
     return read
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     """Return a value as JSON knows it."""
     if isinstance(value, dict):
         return {name: _plain(part) for name, part in value.items()}
@@ -183,7 +183,7 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _told(check: Check) -> list[float]:
+def _finite_numbers(check: Check) -> list[float]:
     """Return the finite numbers that a later comparison computes with."""
     numbers = (check.predicted, check.accuracy, check.simulated, check.error)
     return [number for number in numbers if math.isfinite(number)] or [0.0]

@@ -75,8 +75,8 @@ def _verdict(comparison: Comparison) -> str:
     if comparison.broken:
         names = ", ".join(escape(finding.title) for finding in comparison.broken)
         return f"<span class='broken'>Broken: {names}.</span> {judged} laws, {checks} checks."
-    told = escape(power_words(comparison))
-    return f"<span class='holds'>All {judged} laws that apply hold</span>, in {checks} checks. {told}"
+    power = escape(power_words(comparison))
+    return f"<span class='holds'>All {judged} laws that apply hold</span>, in {checks} checks. {power}"
 
 
 def _overview(comparison: Comparison) -> str:
@@ -106,11 +106,11 @@ def _overview(comparison: Comparison) -> str:
             "99 %",
         )
     )
-    told = (
+    note = (
         "<p class='aside'>The numbers are those of a law's worst check; p is that of the whole family. The last two "
         "columns say which deviation would have been found with 90 % and 99 % probability.</p>"
     )
-    return f"<div class='wide'><table><tr>{head}</tr>{''.join(rows)}</table></div>{told}"
+    return f"<div class='wide'><table><tr>{head}</tr>{''.join(rows)}</table></div>{note}"
 
 
 def _law(finding: Finding) -> str:

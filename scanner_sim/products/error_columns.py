@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.products.files.tables import Columns
+from scanner_sim.products.files.tables import Columns, Table
 from scanner_sim.tracking.errors import ErrorParts
 
 Array = NDArray[np.float64]
@@ -37,9 +36,9 @@ ERRORS = (
 """Columns from which the parts are read."""
 
 
-def error_columns(parts: ErrorParts) -> dict[str, NDArray[Any]]:
+def error_columns(parts: ErrorParts) -> Table:
     """Return the columns of the parts of errors."""
-    columns: dict[str, NDArray[Any]] = {}
+    columns: Table = {}
     for prefix, matrices in (("white_", parts.white), ("surface_", parts.surface)):
         sigmas = np.sqrt(np.maximum(np.diagonal(matrices, axis1=1, axis2=2), 0.0))
         columns |= {f"sigma_{prefix}{name}": row for name, row in zip(_ANGULAR, sigmas.T, strict=True)}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,15 @@ from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus, legend
 from scanner_sim.pose.transforms import quaternion_from_rotation, rotation_from_quaternion
 from scanner_sim.pose.weights import Method
-from scanner_sim.products.files.tables import ColumnKind, Columns, checked, read_parquet, stated, texts
+from scanner_sim.products.files.tables import (
+    ColumnKind,
+    Columns,
+    Table,
+    check_columns,
+    read_about,
+    read_parquet,
+    texts,
+)
 
 Array = NDArray[np.float64]
 
@@ -51,7 +58,7 @@ class _AboutPoses:
     series: tuple[tuple[str, str, Method, int], ...]
 
 
-def pose_columns(series: Sequence[PoseSeries]) -> dict[str, NDArray[Any]]:
+def pose_columns(series: Sequence[PoseSeries]) -> Table:
     """Return the table of poses: one line for each moment of each series, the series in turn.
 
     Parameters
@@ -67,14 +74,14 @@ def pose_columns(series: Sequence[PoseSeries]) -> dict[str, NDArray[Any]]:
         (:class:`~scanner_sim.pose.status.PoseStatus`), χ², degrees of freedom and number of targets, and the truth as
         ``truth_x_m`` to ``truth_qz``; then ``lasting_cov_``, the part of the covariance that neighbouring poses share.
     """
-    columns: dict[str, NDArray[Any]] = {
+    columns: Table = {
         "time_s": np.concatenate([one.time for one in series]),
         "object": texts([one.name for one in series for _ in one.time]),
     }
     if any(one.relative_to for one in series):
         columns["relative_to"] = texts([one.relative_to for one in series for _ in one.time])
     columns["method"] = texts([one.method for one in series for _ in one.time])
-    columns |= _placed("", [one.position for one in series], [one.rotation for one in series])
+    columns |= _pose_columns("", [one.position for one in series], [one.rotation for one in series])
     covariance = np.concatenate([one.covariance for one in series])
     columns |= {name: covariance[:, i, j] for name, (i, j) in _COVARIANCE}
     lasting = np.concatenate([one.lasting for one in series])
@@ -82,13 +89,13 @@ def pose_columns(series: Sequence[PoseSeries]) -> dict[str, NDArray[Any]]:
     columns["chi2"] = np.concatenate([one.chi2 for one in series])
     columns["dof"] = np.concatenate([one.dof for one in series])
     columns["targets"] = np.concatenate([one.targets for one in series])
-    columns |= _placed(
+    columns |= _pose_columns(
         "truth_", [one.truth_position for one in series], [one.truth_rotation for one in series]
     )
     return columns | {_LASTING + name: lasting[:, i, j] for name, (i, j) in _COVARIANCE}
 
 
-def about_poses(series: Sequence[PoseSeries], software: str) -> dict[str, Any]:
+def about_poses(series: Sequence[PoseSeries], software: str) -> dict[str, object]:
     """Return what the table of poses cannot say by itself, as plain data for its metadata."""
     return {
         "software": software,
@@ -110,8 +117,8 @@ def read_poses(path: Path) -> tuple[PoseSeries, ...]:
     """
     columns, said = read_parquet(path)
     try:
-        columns = checked(columns, _KINDS)
-        series = stated(said, _AboutPoses).series
+        columns = check_columns(columns, _KINDS)
+        series = read_about(said, _AboutPoses).series
         status = columns["status"]
         if min((one[3] for one in series), default=0) < 0 or sum(one[3] for one in series) != len(status):
             raise ValueError("the series and the rows differ in number")
@@ -130,7 +137,7 @@ def read_poses(path: Path) -> tuple[PoseSeries, ...]:
         ) from None
 
 
-def _placed(prefix: str, positions: Sequence[Array], rotations: Sequence[Array]) -> dict[str, NDArray[Any]]:
+def _pose_columns(prefix: str, positions: Sequence[Array], rotations: Sequence[Array]) -> Table:
     position = np.concatenate(positions)
     quaternion = quaternion_from_rotation(np.concatenate(rotations))
     names = (*_POSITION, *_QUATERNION)

@@ -29,7 +29,7 @@ class TargetRow:
     scatter, stated
         Root mean squares of the errors and of the stated standard deviations.
     common
-        Root mean square of the part that all targets share which the spot finds at one place of its pixel.
+        Root mean square of the part that all targets share which the spot finds at one position of its pixel.
     voxel
         Median of the stated standard deviation of a single voxel.
     found

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ _BEYOND = (3, 5, 6)
 _QUANTILES = {"min": 0.0, "5%": 0.05, "25%": 0.25, "median": 0.5, "75%": 0.75, "95%": 0.95, "max": 1.0}
 
 
-def summary(image: RangeImage) -> dict[str, Any]:
+def summary(image: RangeImage) -> dict[str, object]:
     """Return the summary of an image as plain numbers, texts, lists and dictionaries.
 
     Quantiles and errors are taken over the valid voxels and are None where there is none. The section
@@ -25,7 +25,7 @@ def summary(image: RangeImage) -> dict[str, Any]:
     rows, columns = image.shape
     status, valid = image["status"], image.valid
     counts = {code: int(np.count_nonzero(status == code)) for code in Status}
-    result: dict[str, Any] = {
+    result: dict[str, object] = {
         "rows": rows,
         "columns": columns,
         "theta_rad": [float(image.theta[0]), float(image.theta[-1])],
@@ -52,8 +52,8 @@ def summary(image: RangeImage) -> dict[str, Any]:
     return result
 
 
-def beyond(image: RangeImage, sigmas: float, way: str = "") -> float | None:
-    """Return the share of ranges whose error is larger than some σ; None where there is no truth to tell.
+def share_beyond(image: RangeImage, sigmas: float, prefix: str = "") -> float | None:
+    """Return the share of ranges whose error is larger than some σ; None where there is no truth.
 
     Parameters
     ----------
@@ -61,10 +61,10 @@ def beyond(image: RangeImage, sigmas: float, way: str = "") -> float | None:
         The image.
     sigmas
         How many σ.
-    way
-        Prefix of the way of ranging: ``tof.``, ``fused.`` or none.
+    prefix
+        Of the method of ranging: ``tof.``, ``fused.`` or none.
     """
-    names = [f"{way}range_m", f"{way}sigma_range_m", "truth.range_m"]
+    names = [f"{prefix}range_m", f"{prefix}sigma_range_m", "truth.range_m"]
     if not all(name in image for name in names):
         return None
     measured, sigma, truth = (image[name].astype(np.float64) for name in names)
@@ -78,9 +78,9 @@ def summary_json(image: RangeImage) -> str:
     return json.dumps(summary(image), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _truth(image: RangeImage) -> dict[str, Any]:
+def _truth(image: RangeImage) -> dict[str, object]:
     """Return what only the simulator knows: errors of the valid voxels, and hits of each object."""
-    result: dict[str, Any] = {}
+    result: dict[str, object] = {}
     if {"range_m", "truth.range_m"} <= image.channels.keys():
         known = image.valid & np.isfinite(image["truth.range_m"])
         error = image["range_m"][known].astype(np.float64) - image["truth.range_m"][known]
@@ -100,11 +100,11 @@ def _truth(image: RangeImage) -> dict[str, Any]:
                 f"{sigmas} sigma": _finite(np.mean, (np.abs(pull) > sigmas).astype(np.float64))
                 for sigmas in _BEYOND
             }
-    for way in ("tof", "fused"):
-        if {f"{way}.range_m", "truth.range_m"} <= image.channels.keys():
-            error = image[f"{way}.range_m"].astype(np.float64) - image["truth.range_m"]
+    for method in ("tof", "fused"):
+        if {f"{method}.range_m", "truth.range_m"} <= image.channels.keys():
+            error = image[f"{method}.range_m"].astype(np.float64) - image["truth.range_m"]
             error = error[np.isfinite(error)]
-            result[f"{way}.error_m"] = {"rms": _finite(_rms, error), **_quantiles(error)}
+            result[f"{method}.error_m"] = {"rms": _finite(_rms, error), **_quantiles(error)}
     for name, names in (("truth.object", image.objects), ("truth.material", image.materials)):
         if name in image:
             hits = np.bincount(image[name].astype(np.int64).ravel(), minlength=len(names) + 1)
@@ -116,7 +116,7 @@ def _truth(image: RangeImage) -> dict[str, Any]:
     return result
 
 
-def _quantiles(values: NDArray[Any]) -> dict[str, float | None]:
+def _quantiles(values: NDArray[np.floating]) -> dict[str, float | None]:
     """Return the quantiles of the finite ``values`` (shape (n,)); None where there are none."""
     finite = values[np.isfinite(values)].astype(np.float64)
     if not finite.size:
@@ -128,6 +128,6 @@ def _rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def _finite(statistic: Any, values: NDArray[np.float64]) -> float | None:
+def _finite(statistic: Callable[[NDArray[np.float64]], float], values: NDArray[np.float64]) -> float | None:
     """Return a statistic of ``values`` (shape (n,)), or None where there are none."""
     return float(statistic(values)) if values.size else None

@@ -7,7 +7,6 @@ import io
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -148,7 +147,7 @@ def orbit_csv(timeline: Timeline) -> str:
 
 def orbit_json(timeline: Timeline) -> str:
     """Return the shares of time of an orbit as JSON, beside the estimates."""
-    targets: dict[str, Any] = {}
+    targets: dict[str, object] = {}
     for track in timeline.tracks:
         share = timeline.shares(track)
         targets[track.name] = {

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,16 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.products.error_columns import ERRORS, error_columns, errors_from
 from scanner_sim.products.files.contents import TABLE, VOXELS
 from scanner_sim.products.files.exchange import recover
-from scanner_sim.products.files.tables import MOST, ColumnKind, Columns, checked, read_parquet, stated, texts
+from scanner_sim.products.files.tables import (
+    MOST,
+    ColumnKind,
+    Columns,
+    Table,
+    check_columns,
+    read_about,
+    read_parquet,
+    texts,
+)
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import TargetAppearance
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
@@ -62,7 +70,7 @@ _VOXEL_KINDS: dict[str, ColumnKind] = {
 
 
 @dataclass(frozen=True)
-class _Looks:
+class _AboutTarget:
     """What :func:`about_track` says of a target."""
 
     name: str
@@ -82,10 +90,10 @@ class _AboutTrack:
     seed: int
     scenario: str
     warnings: tuple[str, ...]
-    targets: tuple[_Looks, ...]
+    targets: tuple[_AboutTarget, ...]
 
 
-def track_columns(track: Track) -> dict[str, NDArray[Any]]:
+def track_columns(track: Track) -> Table:
     """Return the table of a run: a line for each visit, units in the names of the columns.
 
     Parameters
@@ -101,22 +109,22 @@ def track_columns(track: Track) -> dict[str, NDArray[Any]]:
         why the measurement was refused, the pattern's amplitude and commanded centre, the covariances, and the parts of
         the error of (Θ, φ, R): ``sigma_white_``, ``sigma_surface_``, and what :class:`ErrorParts` says of the others
         (:class:`~scanner_sim.tracking.errors.ErrorParts`). Measured
-        numbers are NaN where nothing was found; a refused place stays, beside its status.
+        numbers are NaN where nothing was found; a refused position stays, beside its status.
     """
     records = track.records
 
     def stacked(name: str, shape: tuple[int, ...]) -> Array:
         return np.array([getattr(record, name) for record in records], dtype=np.float64).reshape(-1, *shape)
 
-    place, point = stacked("place", (3,)), stacked("point", (3,))
+    position, point = stacked("position", (3,)), stacked("point", (3,))
     angular, spatial = stacked("covariance", (3, 3)), stacked("point_covariance", (3, 3))
     truth, truth_point, centre = stacked("truth", (3,)), stacked("truth_point", (3,)), stacked("centre", (2,))
-    columns: dict[str, NDArray[Any]] = {
+    columns: Table = {
         "time_s": stacked("time", ()),
         "target": texts([record.target for record in records]),
         "state": texts([record.mode.value for record in records]),
     }
-    for names, values in ((_ANGULAR, place), (_SPATIAL, point)):
+    for names, values in ((_ANGULAR, position), (_SPATIAL, point)):
         columns |= dict(zip(names, values.T, strict=True))
     for names, matrices in ((_ANGULAR, angular), (_SPATIAL, spatial)):
         sigmas = np.sqrt(np.diagonal(matrices, axis1=1, axis2=2))
@@ -135,14 +143,14 @@ def track_columns(track: Track) -> dict[str, NDArray[Any]]:
     for names, matrices in ((_ANGULAR_CROSS, angular), (_SPATIAL_CROSS, spatial)):
         columns |= {name: matrices[:, i, j] for name, (i, j) in zip(names, _CORNERS, strict=True)}
     none = ErrorParts.all_white(np.zeros((0, 3, 3)))
-    return columns | error_columns(ErrorParts.stacked([one.errors for one in records]) if records else none)
+    return columns | error_columns(ErrorParts.stack([one.errors for one in records]) if records else none)
 
 
-def voxel_columns(track: Track) -> dict[str, NDArray[Any]]:
+def voxel_columns(track: Track) -> Table:
     """Return every voxel of every pattern as a table: the number of its visit, and the fields of its samples."""
     counts = [record.samples.time.shape[1] for record in track.records]
     numbers = np.array([record.number for record in track.records], dtype=np.int64)
-    columns: dict[str, NDArray[Any]] = {"visit": np.repeat(numbers, counts)}
+    columns: Table = {"visit": np.repeat(numbers, counts)}
     for field, name in _VOXEL.items():
         kind = np.uint8 if field == "status" else np.float64
         parts = [getattr(record.samples, field)[0] for record in track.records]
@@ -150,7 +158,7 @@ def voxel_columns(track: Track) -> dict[str, NDArray[Any]]:
     return columns
 
 
-def about_track(track: Track) -> dict[str, Any]:
+def about_track(track: Track) -> dict[str, object]:
     """Return what the tables of a run cannot say by themselves, as plain data for their metadata."""
     return {
         "software": track.made_by,
@@ -202,10 +210,10 @@ def read_track(folder: str | Path) -> Track:
     columns, said = read_parquet(folder / TABLE)
     voxels = read_parquet(folder / VOXELS)[0] if (folder / VOXELS).exists() else None
     try:
-        about = stated(said, _AboutTrack)
+        about = read_about(said, _AboutTrack)
         targets = tuple(_target(one) for one in about.targets)
-        columns = checked(columns, _TABLE_KINDS)
-        voxels = None if voxels is None else checked(voxels, _VOXEL_KINDS)
+        columns = check_columns(columns, _TABLE_KINDS)
+        voxels = None if voxels is None else check_columns(voxels, _VOXEL_KINDS)
         _check_order(columns, voxels, {target.name for target in targets})
         return Track(
             records=tuple(_records(columns, voxels)),
@@ -230,7 +238,9 @@ def _check_order(columns: Columns, voxels: Columns | None, known: set[str]) -> N
         raise ValueError("visits are not numbered in order")
     measured = columns["status"] == TrackStatus.MEASURED
     if not all((columns[name][measured] < MOST).all() for name in (*_SIGMAS, *_ANGULAR, *_SPATIAL, *ERRORS)):
-        raise ValueError("a target was measured, but its place or its uncertainty is no number of any sense")
+        raise ValueError(
+            "a target was measured, but its position or its uncertainty is no number of any sense"
+        )
     if voxels is not None:
         if (np.diff(voxels["visit"]) < 0).any():
             raise ValueError("voxels are not in the order of their visits")
@@ -238,23 +248,23 @@ def _check_order(columns: Columns, voxels: Columns | None, known: set[str]) -> N
             raise ValueError("voxels have a status that there is not")
 
 
-def _target(said: _Looks) -> TrackTarget:
+def _target(said: _AboutTarget) -> TrackTarget:
     return TrackTarget(
         name=said.name,
         object=said.object,
         appearance=TargetAppearance.model_validate(
             {"kind": said.kind, "diameter": said.diameter_m, "depth": said.depth_m}
         ),
-        expected=_place(said.expected_rad_rad_m),
-        centre=_place(said.centre_on_object_m),
+        expected=_vector(said.expected_rad_rad_m),
+        centre=_vector(said.centre_on_object_m),
     )
 
 
-def _place(numbers: tuple[float, float, float]) -> Array:
-    place = np.array(numbers, dtype=np.float64)
-    if not (np.abs(place) < MOST_AWAY).all():
+def _vector(numbers: tuple[float, float, float]) -> Array:
+    vector = np.array(numbers, dtype=np.float64)
+    if not (np.abs(vector) < MOST_AWAY).all():
         raise ValueError("a target lies nowhere")
-    return place
+    return vector
 
 
 def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
@@ -270,7 +280,7 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
         result[np.isnan(columns[cross[0]])] = np.nan
         return result
 
-    place, point, centre = (
+    position, point, centre = (
         together(_ANGULAR),
         together(_SPATIAL),
         together(("centre_theta_rad", "centre_phi_rad")),
@@ -292,7 +302,7 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
             status=TrackStatus(int(columns["status"][row])),
             amplitude=float(columns["amplitude_rad"][row]),
             centre=centre[row],
-            place=place[row],
+            position=position[row],
             covariance=angular[row],
             errors=errors.at(row),
             point=point[row],
@@ -301,11 +311,11 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
             truth_point=truth_point[row],
             samples=samples[row],
         )
-        for row in range(len(place))
+        for row in range(len(position))
     ]
 
 
-def _samples(visits: NDArray[Any], voxels: Columns | None) -> list[PatternSamples]:
+def _samples(visits: NDArray[np.int64], voxels: Columns | None) -> list[PatternSamples]:
     """Return the voxels of each visit; they stand in the order of the visits."""
     if voxels is None:
         ends = np.zeros((2, len(visits)), dtype=np.int64)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,7 @@ Array = NDArray[np.float64]
 _AXES = (("theta", "rad"), ("phi", "rad"), ("range", "m"))
 
 
-def track_summary(track: Track, poses: Sequence[PoseSeries] = ()) -> dict[str, Any]:
+def track_summary(track: Track, poses: Sequence[PoseSeries] = ()) -> dict[str, object]:
     """Return the summary of a run as plain numbers, texts, lists and dictionaries.
 
     Errors are those of the measured visits; None where there is none. Sections ``truth`` hold what a real instrument
@@ -57,12 +56,12 @@ def track_json(track: Track, poses: Sequence[PoseSeries] = ()) -> str:
 def errors_of(records: Sequence[PatternRecord]) -> tuple[Array, Array]:
     """Return measured less true (Θ, φ, R) [rad, rad, m] of the measured visits, and σ of each, shapes (n, 3)."""
     measured = [record for record in records if record.status is TrackStatus.MEASURED]
-    error = np.array([record.place - record.truth for record in measured]).reshape(-1, 3)
+    error = np.array([record.position - record.truth for record in measured]).reshape(-1, 3)
     variance = np.array([np.diagonal(record.covariance) for record in measured]).reshape(-1, 3)
     return error, np.sqrt(variance)
 
 
-def _target(records: Sequence[PatternRecord]) -> dict[str, Any]:
+def _target(records: Sequence[PatternRecord]) -> dict[str, object]:
     error, sigma = errors_of(records)
     modes = [record.after for record in records]
     lost = sum(record.mode is not TrackMode.LOST and record.after is TrackMode.LOST for record in records)
@@ -74,11 +73,11 @@ def _target(records: Sequence[PatternRecord]) -> dict[str, Any]:
         "losses": lost,
         "state": modes[-1].value if modes else None,
         **{f"sigma_{name}_{unit}": _middle(sigma[:, axis]) for axis, (name, unit) in enumerate(_AXES)},
-        "truth": _compared(error, sigma, [f"{name}_{unit}" for name, unit in _AXES]),
+        "truth": _compare_errors(error, sigma, [f"{name}_{unit}" for name, unit in _AXES]),
     }
 
 
-def _poses(series: PoseSeries) -> dict[str, Any]:
+def _poses(series: PoseSeries) -> dict[str, object]:
     codes = [PoseStatus(code) for code in series.status.tolist()]
     good = series.status == PoseStatus.VALID
     names = [f"{name}_{'m' if axis < 3 else 'rad'}" for axis, name in enumerate(COMPONENTS)]
@@ -89,11 +88,11 @@ def _poses(series: PoseSeries) -> dict[str, Any]:
         "poses": len(codes),
         "status": {code.name: codes.count(code) for code in PoseStatus if code in codes},
         "sigma": dict(zip(names, map(_middle, series.sigma[good].T), strict=True)),
-        "truth": _compared(series.error[good], series.sigma[good], names),
+        "truth": _compare_errors(series.error[good], series.sigma[good], names),
     }
 
 
-def _compared(error: Array, sigma: Array, names: Sequence[str]) -> dict[str, Any]:
+def _compare_errors(error: Array, sigma: Array, names: Sequence[str]) -> dict[str, object]:
     """Return rms errors, means and rms of error over σ by component."""
     known = np.isfinite(error).all(axis=1)
     error, sigma = error[known], sigma[known]
@@ -105,7 +104,7 @@ def _compared(error: Array, sigma: Array, names: Sequence[str]) -> dict[str, Any
     }
 
 
-def _by(names: Sequence[str], values: Array, statistic: Any) -> dict[str, float | None]:
+def _by(names: Sequence[str], values: Array, statistic: Callable[[Array], float]) -> dict[str, float | None]:
     columns = values.T if len(values) else [None] * len(names)
     return {
         name: None if column is None or not np.isfinite(column).all() else float(statistic(column))

@@ -17,7 +17,7 @@ class VoxelRecord:
     Attributes
     ----------
     row, column
-        Place in the raster.
+        Row and column in the raster.
     theta, phi
         Commanded deflections [rad].
     pixel_signal

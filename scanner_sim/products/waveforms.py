@@ -42,7 +42,7 @@ class WaveformSet:
     Attributes
     ----------
     row, column
-        Place of each voxel in the raster, shape (n,).
+        Row and column of each voxel in the raster, shape (n,).
     number
         Digital numbers, shape (n, samples).
     start, rate
@@ -75,7 +75,7 @@ class WaveformSet:
         """Return all of it with names, dimensions and units."""
         whole = bool((self.number == np.rint(self.number)).all())
         largest = float(np.abs(self.number).max(initial=0.0))
-        kind: Any = np.float32
+        kind: type[np.generic] = np.float32
         if whole:
             kind = np.int16 if largest < 2**15 else np.int32
         seconds = {"units": "s"}
@@ -114,7 +114,7 @@ class WaveformSet:
         )
 
 
-def joined(parts: Sequence[WaveformSet]) -> WaveformSet:
+def concatenate_waveforms(parts: Sequence[WaveformSet]) -> WaveformSet:
     """Return the records of one instrument, in parts, as one."""
 
     def whole(name: str) -> Any:

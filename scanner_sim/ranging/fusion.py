@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from scanner_sim.foundation.arithmetic import tan
 from scanner_sim.foundation.status import Status
-from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_with_points, refused
+from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_with_points, with_status
 
 Array = NDArray[np.float64]
 
@@ -112,7 +112,7 @@ def fuse_points(
         deflections,
         geometry.axis_separation,
     )
-    return fused, refused(triangulated, both.triangulation), refused(echo, both.time_of_flight)
+    return fused, with_status(triangulated, both.triangulation), with_status(echo, both.time_of_flight)
 
 
 def crossing_distance(

@@ -21,7 +21,7 @@ _DOUBT = 2.0
 """The same of what unevenness may move them by."""
 
 
-def mixed(
+def is_mixed(
     range_m: Array,
     noise: SharedNoise,
     uneven: Array,

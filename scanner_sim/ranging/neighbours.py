@@ -13,7 +13,7 @@ _LEAST = 3
 """Neighbours with a range that it takes to call a voxel isolated: fewer may all be another surface's."""
 
 
-def isolated(
+def is_isolated(
     range_m: NDArray[np.floating],
     sigma_m: NDArray[np.floating],
     status: NDArray[np.unsignedinteger],
@@ -89,7 +89,7 @@ def _pair(shape: tuple[int, ...], down: int, right: int) -> tuple[tuple[slice, s
 
 
 def _steps(angles: NDArray[np.float64], distance: int) -> NDArray[np.float64]:
-    """Return the angle from each place to the one some places further on, shape (n − |distance|,)."""
+    """Return the angle from each position to the one some positions further on, shape (n − |distance|,)."""
     if distance == 0:
         return np.zeros(len(angles))
     return np.abs(angles[abs(distance) :] - angles[: -abs(distance)])

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.covariance import PointCovariance, point_covariance
@@ -16,6 +17,9 @@ from scanner_sim.ranging.triangulation import position_sigma, range_from_positio
 from scanner_sim.scan.raster import Aim
 
 Array = NDArray[np.float64]
+
+Layers: TypeAlias = dict[str, NDArray[Any]]
+"""Columns of shots by name, all of one shape: quantities as floats; status codes and counts as whole numbers."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +71,34 @@ class Ranges:
     z: Array
     covariance: PointCovariance
     status: NDArray[np.uint32]
+
+
+class TruePointing(Protocol):
+    """By how much the true deflections of n shots differ from the commanded ones [rad], arrays of shape (n,)."""
+
+    @property
+    def theta(self) -> Array:
+        """Along the line."""
+
+    @property
+    def phi(self) -> Array:
+        """Across the line."""
+
+
+class ChiefTruth(Protocol):
+    """What the chief ray of each of n shots meets, on the device."""
+
+    @property
+    def distance(self) -> Float:
+        """Distance along the beam [m], NaN for nothing."""
+
+    @property
+    def object(self) -> UInt32:
+        """Number of the object, 0 for nothing."""
+
+    @property
+    def material(self) -> UInt32:
+        """Number of the material, 0 for nothing."""
 
 
 def ranges_from_peaks(
@@ -145,7 +177,7 @@ def ranges_with_points(
     return Ranges(r, sigma, *coordinates(r, theta, phi, separation), covariance, status)
 
 
-def refused(ranges: Ranges, status: NDArray[np.uint32]) -> Ranges:
+def with_status(ranges: Ranges, status: NDArray[np.uint32]) -> Ranges:
     """Return ranges of n shots with another status, shape (n,): NaN wherever it is not 0."""
 
     def kept(values: Array) -> Array:
@@ -164,7 +196,7 @@ def refused(ranges: Ranges, status: NDArray[np.uint32]) -> Ranges:
     )
 
 
-def layers_of(ranges: Ranges, prefix: str = "") -> dict[str, NDArray[Any]]:
+def layers_of(ranges: Ranges, prefix: str = "") -> Layers:
     """Return ranges as layers of an image, shape (n,), whose names begin with a prefix."""
     covariance = ranges.covariance
     layers = {
@@ -184,9 +216,7 @@ def layers_of(ranges: Ranges, prefix: str = "") -> dict[str, NDArray[Any]]:
     return {prefix + name: values for name, values in layers.items()}
 
 
-def finished_layers(
-    layers: dict[str, NDArray[Any]], ranges: Ranges, aim: Aim, pointing: Any, truth: Any
-) -> dict[str, NDArray[Any]]:
+def with_truth(layers: Layers, ranges: Ranges, aim: Aim, pointing: TruePointing, truth: ChiefTruth) -> Layers:
     """Return layers without the peaks of refused voxels, and with the truth about all."""
     for name in ("peak_px", "sigma_peak_px"):
         if name in layers:

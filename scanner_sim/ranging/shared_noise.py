@@ -28,13 +28,13 @@ Stencil = Mapping[tuple[int, int], float]
 class SharedNoise:
     """Variances of what is measured at every voxel, arrays of shape (rows, columns).
 
-    ``own`` of each voxel alone; ``energy`` and ``place`` of speckle that neighbours share as the energy, and as the
+    ``own`` of each voxel alone; ``energy`` and ``position`` of speckle that neighbours share as the energy, and as the
     centroid, do; ``across`` and ``down`` distances of neighbours in 1/e² radii of the beam.
     """
 
     own: Array
     energy: Array
-    place: Array
+    position: Array
     across: Array
     down: Array
 
@@ -48,5 +48,5 @@ class SharedNoise:
                 apart[abs(one[0] - other[0]), abs(one[1] - other[1])] += weight * more
         for (down, right), weight in apart.items():
             x, y = np.square(right * self.across), np.square(down * self.down)
-            total += weight * exp(-x - y) * (self.energy + (1.0 - 2.0 * x) * self.place)
+            total += weight * exp(-x - y) * (self.energy + (1.0 - 2.0 * x) * self.position)
         return np.asarray(np.maximum(total, 0.0))

@@ -56,7 +56,7 @@ _WIDENED = 1.0
 """Standard deviations of the spot within which what is found counts too: just on an edge differences pass zero."""
 _TRUST = (6.0, 1.0)
 """Square of a texture's difference, over its variance, that counts as noise: anywhere, and where surfaces are known
-to bend or to end (:func:`rugged`). There noise is taken off once, which is right on the average."""
+to bend or to end (:func:`is_rugged`). There noise is taken off once, which is right on the average."""
 _LINE_TRUST = 4.0
 """The same of a signal that is above or below both of its neighbours', anywhere."""
 _BEND_TRUST = (4.0, 1.0)
@@ -66,7 +66,7 @@ _STEP_TRUST = (8.0, 2.0)
 _CERTAIN = 25.0
 """The same that noise does not make: five standard deviations."""
 _RUGGED = 3.0
-"""Standard deviations of the spot about such a place within which surfaces are taken to be uneven."""
+"""Standard deviations of the spot about such a position within which surfaces are taken to be uneven."""
 _ALONE = 1e3
 """Pitch of a raster of one column or row [rad]."""
 
@@ -122,15 +122,15 @@ def farthest_step(reach: float, ratio: float) -> int:
 
 
 def around(steps: int) -> Iterator[tuple[int, int]]:
-    """Yield the places of all neighbours up to some steps away, down and right."""
+    """Yield the positions of all neighbours up to some steps away, down and right."""
     for down in range(-steps, steps + 1):
         for right in range(-steps, steps + 1):
             if (down, right) != (0, 0):
                 yield down, right
 
 
-def rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
-    """Tell which voxels lie near a place where surfaces certainly bend, step or end.
+def is_rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
+    """Tell which voxels lie near a position where surfaces certainly bend, step or end.
 
     Parameters
     ----------
@@ -157,7 +157,7 @@ def rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
     return np.asarray(about > 0.0)
 
 
-def texture(signal: Array, noise: SharedNoise, raster: Raster, rugged: Mask) -> Array:
+def texture(signal: Array, noise: SharedNoise, raster: Raster, is_rugged: Mask) -> Array:
     """Return the standard deviation of the light's centroid along the row [m], shape (rows, columns).
 
     Parameters
@@ -175,15 +175,15 @@ def texture(signal: Array, noise: SharedNoise, raster: Raster, rugged: Mask) -> 
     -------
     numpy.ndarray
         min(s² g, 0.8 s). The gradient g is the central difference of ln Y, which a pitch δ wider than the spot makes
-        too small: by √(1 + δ²/(δ² + 5 s²)), root mean square over the places of an edge under a sweep of δ. Mirrors at
-        rest on such a pitch see an edge only as a share t = Φ(x/s) of the difference D of both neighbours: then
-        g = D φ(Φ⁻¹(t))/(s Y), but at least half the central difference. A voxel brighter or darker than both neighbours
+        too small: by √(1 + δ²/(δ² + 5 s²)), root mean square over the positions of an edge under a sweep of δ. Mirrors
+        at rest on such a pitch see an edge only as a share t = Φ(x/s) of the difference D of both neighbours: then g =
+        D φ(Φ⁻¹(t))/(s Y), but at least half the central difference. A voxel brighter or darker than both neighbours
         holds a line; 0.6 of its contrast counts. What noise explains is taken off. At the rim, which has one neighbour,
         the gradient next to it counts too. 0 without neighbours.
     """
     logarithm = log(np.where(signal > 0.0, signal, np.nan))
     left, right = beside(logarithm, 0, -1), beside(logarithm, 0, 1)
-    trust = np.where(rugged, _TRUST[1], _TRUST[0])
+    trust = np.where(is_rugged, _TRUST[1], _TRUST[0])
 
     def contrast(trust: Array | float) -> Array:
         """Return the squared difference to the neighbours beyond noise."""
@@ -210,7 +210,9 @@ def texture(signal: Array, noise: SharedNoise, raster: Raster, rugged: Mask) -> 
     return _widened(moved, raster)
 
 
-def relief(range_m: Array, noise: SharedNoise, sigma_texture: Array, raster: Raster, rugged: Mask) -> Array:
+def relief(
+    range_m: Array, noise: SharedNoise, sigma_texture: Array, raster: Raster, is_rugged: Mask
+) -> Array:
     """Return the standard deviation of the light's mean depth by bends and steps within the spot [m].
 
     Parameters
@@ -234,7 +236,7 @@ def relief(range_m: Array, noise: SharedNoise, sigma_texture: Array, raster: Ras
         is taken off. Where one is missing, at the rim, that of the nearest voxel counts. 0 without neighbours.
     """
     moved = replace(noise, own=noise.own + sigma_texture**2)
-    bending, rising = (np.where(rugged, trust[1], trust[0]) for trust in (_BEND_TRUST, _STEP_TRUST))
+    bending, rising = (np.where(is_rugged, trust[1], trust[0]) for trust in (_BEND_TRUST, _STEP_TRUST))
     wide = np.hypot(raster.spot, raster.travel / math.sqrt(12.0))
     largest = {way: np.full(range_m.shape, np.nan) for way in _WAYS}
     for way, step, pitch, near in _axes(raster):
@@ -261,7 +263,7 @@ def _axes(raster: Raster) -> Iterator[tuple[tuple[int, int], int, Array, Mask]]:
 
 def _along(weights: tuple[tuple[int, float], ...], way: tuple[int, int], step: int) -> Stencil:
     """Return the stencil of a difference over some steps in a direction."""
-    return {(place * step * way[0], place * step * way[1]): weight for place, weight in weights}
+    return {(position * step * way[0], position * step * way[1]): weight for position, weight in weights}
 
 
 def _sum_of(values: Array, stencil: Stencil) -> Array:

@@ -80,7 +80,7 @@ def centroid_of(
 ) -> Centroid:
     """Return a centroid that is NaN wherever it was not found. Arguments as the attributes.
 
-    A centre whose σ is beyond all angles was not found either: the pattern told nothing of it.
+    A centre whose σ is beyond all angles was not found either: the pattern showed nothing of it.
     """
     found = found & (np.maximum(covariance[:, 0, 0], covariance[:, 1, 1]) < _ALL_ANGLES**2)
     if found.all():

@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,7 +33,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ErrorParts:
-    """Parts of the covariance of measured places (Θ, φ, R), which add up to it; leading axes (...).
+    """Parts of the covariance of measured positions (Θ, φ, R), which add up to it; leading axes (...).
 
     Attributes
     ----------
@@ -47,7 +46,7 @@ class ErrorParts:
     pixels
         Variance of R by unlike pixels [m²], (...).
     image, image_width
-        Place of the spot's image on the line and its standard deviation [pixel], (...).
+        Position of the spot's image on the line and its standard deviation [pixel], (...).
     wobble
         Variance of Θ and of φ by the mirrors' wobble [rad²], (...).
     wobble_time, wobble_angle
@@ -93,23 +92,23 @@ class ErrorParts:
         return cls(white, 0.0 * white, one, none, none, one, none, one, one, still)
 
     @classmethod
-    def stacked(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
+    def stack(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
         """Return the parts of several visits as one, along a new first axis."""
         return cls(*(np.stack([getattr(one, field.name) for one in parts]) for field in fields(cls)))
 
-    def reshaped(self, shape: tuple[int, ...]) -> ErrorParts:
+    def reshape(self, shape: tuple[int, ...]) -> ErrorParts:
         """Return the same with other leading axes."""
         leading = self.turn.ndim
         parts = (getattr(self, field.name) for field in fields(self))
         return ErrorParts(*(part.reshape(*shape, *part.shape[leading:]) for part in parts))
 
-    def at(self, index: Any) -> ErrorParts:
+    def at(self, index: int | tuple[NDArray[np.intp], NDArray[np.intp]]) -> ErrorParts:
         """Return some of them by an index into the leading axes."""
         return ErrorParts(*(getattr(self, field.name)[index] for field in fields(self)))
 
 
 def common_covariance(
-    parts: ErrorParts, place: Array, time: Array, target: ArrayLike, *, lasting: bool = False
+    parts: ErrorParts, position: Array, time: Array, target: ArrayLike, *, lasting: bool = False
 ) -> Array:
     """Return what the errors of several visits have in common.
 
@@ -117,7 +116,7 @@ def common_covariance(
     ----------
     parts
         Of m visits, leading axes (..., m).
-    place, time
+    position, time
         Measured (Θ, φ, R) [rad, m], shape (..., m, 3), and when [s], shape (..., m).
     target
         Number of the target of each visit, shape (m,).
@@ -152,7 +151,7 @@ def common_covariance(
     if not lasting:
         together = geometric(parts.wobble) * wobble_correlation(apart(time) / parts.wobble_time[..., None])
         for axis in (0, 1):
-            other = apart(place[..., 1 - axis]) / parts.wobble_angle[..., None]
+            other = apart(position[..., 1 - axis]) / parts.wobble_angle[..., None]
             result[..., axis, axis] += together * wobble_correlation(other)
     return result
 

@@ -50,8 +50,8 @@ def identify(
         The pairing of least total d² (the Hungarian method, Kuhn 1955), d² = (m − e)ᵀ (C_m + C_e)⁻¹ (m − e), in which
         no target serves twice and pairs beyond the χ² gate of three dimensions count as none.
     """
-    places, targets = np.atleast_2d(measured), np.atleast_2d(expected)
-    away = places[:, None] - targets[None]
+    positions, targets = np.atleast_2d(measured), np.atleast_2d(expected)
+    away = positions[:, None] - targets[None]
     spread = (
         np.asarray(covariance)[:, None] + np.broadcast_to(expected_covariance, (len(targets), 3, 3))[None]
     )
@@ -59,10 +59,10 @@ def identify(
     distance = np.where(np.isfinite(distance), distance, np.inf)
     gate = float(chi2.isf(chance, 3))
     # A column of its own for each measured target: to be none of them costs as much as the gate.
-    cost = np.concatenate([np.minimum(distance, 2.0 * gate), np.full((len(places),) * 2, gate)], axis=1)
+    cost = np.concatenate([np.minimum(distance, 2.0 * gate), np.full((len(positions),) * 2, gate)], axis=1)
     rows, columns = linear_sum_assignment(cost)
-    target = np.full(len(places), -1, dtype=np.int64)
+    target = np.full(len(positions), -1, dtype=np.int64)
     known = columns < len(targets)
     target[rows[known]] = columns[known]
-    own = np.where(target >= 0, distance[np.arange(len(places)), target], np.nan)
+    own = np.where(target >= 0, distance[np.arange(len(positions)), target], np.nan)
     return Identity(target, own, (target >= 0) & ((distance <= gate).sum(axis=1) == 1))

@@ -1,17 +1,17 @@
 """The part of a visit's error that stays from visit to visit: the speckle of the target's own surface.
 
 A pattern follows its target, so that its beam runs over the same curve on the surface again and again, and meets the
-same speckle. Only the places of the dwells on the curve change (the dither of the sampling). What remains when they are
-averaged over the curve *lasts*: until the surface turns beneath the pattern by about the beam's radius.
+same speckle. Only the positions of the dwells on the curve change (the dither of the sampling). What remains when they
+are averaged over the curve *lasts*: until the surface turns beneath the pattern by about the beam's radius.
 
 With the gains g_i of an estimate by its voxels, δ = Σ g_i σ_i z_i, σ_i the standard deviation of a voxel by speckle and
-z_i its normal number, which belongs to the place of the dwell's middle. Two visits whose dwells begin anywhere between
-those of an average one have in common
+z_i its normal number, which belongs to the position of the dwell's middle. Two visits whose dwells begin anywhere
+between those of an average one have in common
 
     Σ_ij g_i σ_i g_j σ_j ⟨ρ(r_i + u t_i − r_j − u′ t_j)⟩,   u, u′ even in ±½,
 
-with t_i the way from voxel to voxel, ρ = exp(−δ²/w²) of the light and (1 − 2δ_x²/w²) exp(−δ²/w²) of its place along the
-line (:mod:`scanner_sim.optics.speckle`). The white part is the rest.
+with t_i the way from voxel to voxel, ρ = exp(−δ²/w²) of the light and (1 − 2δ_x²/w²) exp(−δ²/w²) of its position along
+the line (:mod:`scanner_sim.optics.speckle`). The white part is the rest.
 
 Not modelled, as in :mod:`scanner_sim.detector.line.speckle`: what overlapping dwells have in common beyond their
 middles. Of a beam that sweeps three of its radii in a dwell it would make nearly all of the speckle last, instead of
@@ -60,8 +60,8 @@ class SurfaceSpeckle:
     light
         Relative variance of each voxel's light, C²/M with what its dwell leaves of it, shape (points,).
     on_surface
-        Share of the variance of the light's place that comes from its place on the surface; the rest follows the light
-        (:class:`~scanner_sim.optics.speckle.Packets`).
+        Share of the variance of the light's position that comes from its position on the surface; the rest follows the
+        light (:class:`~scanner_sim.optics.speckle.Packets`).
     range_noise
         Variance of a voxel's range without speckle [m²].
     """
@@ -103,14 +103,14 @@ def surface_covariance(
     """
     if not (seen.found[0] and seen.radius[0] > 0.0 and samples.valid[0].sum() >= _FEWEST):
         return np.zeros((3, 3))
-    # Of patterns that hardly show a target nothing is told.
+    # Nothing is known of patterns that hardly show a target.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         result = _surface(samples, seen, speckle, kind, duty_cycle, axis_separation)
-        limited = _limited(result, seen.covariance[0])
+        limited = _limit(result, seen.covariance[0])
     return limited if np.isfinite(limited).all() else np.zeros((3, 3))
 
 
-def _limited(part: Array, whole: Array) -> Array:
+def _limit(part: Array, whole: Array) -> Array:
     """Return a part of a covariance, of (Θ, φ) and of R, that leaves a tenth of the whole in every direction."""
     ratio = product(inverse(whole[:2, :2]), part[:2, :2])
     middle = 0.5 * (ratio[0, 0] + ratio[1, 1])
@@ -129,72 +129,72 @@ def _surface(
     axis_separation: float,
 ) -> Array:
     """Return :func:`surface_covariance` as the voxels' gains give it."""
-    result, told = np.zeros((3, 3)), samples.valid[0]
+    result, usable = np.zeros((3, 3)), samples.valid[0]
     plane = _plane_of(samples, seen, axis_separation)
-    shown, _ = plane.flattened(samples)
+    shown, _ = plane.flatten(samples)
     reach, spot = float(plane.distance[0]), 0.5 * speckle.radius
-    place = reach * np.concatenate([shown.theta, shown.phi])
+    position = reach * np.concatenate([shown.theta, shown.phi])
     rise = reach * np.concatenate([rise_per_point(shown.theta), rise_per_point(shown.phi)])
-    way, radius, off = duty_cycle * rise, reach * float(seen.radius[0]), np.hypot(*place)
+    way, radius, off = duty_cycle * rise, reach * float(seen.radius[0]), np.hypot(*position)
     if kind in (TargetKind.BLACK, TargetKind.WHITE):
-        gains = _centre_gains(samples, place, off, way, radius, spot)
+        gains = _centre_gains(samples, position, off, way, radius, spot)
         light = np.sqrt(speckle.light) / reach * gains * np.nan_to_num(samples.signal[0])
         back = inverse(plane.change)[0]
-        result[:2, :2] = product(back, _common(place, rise, light, speckle.radius, 0.0), back.T)
-    part = {TargetKind.BLACK: told, TargetKind.HOLE: off > radius, TargetKind.RETRO: off > radius}
+        result[:2, :2] = product(back, _common(position, rise, light, speckle.radius, 0.0), back.T)
+    part = {TargetKind.BLACK: usable, TargetKind.HOLE: off > radius, TargetKind.RETRO: off > radius}
     clear = np.abs(off - radius) > _RIM * spot + 0.5 * np.hypot(*way)
-    inside = told & clear & part.get(kind, off < radius)
-    inside = inside if inside.sum() >= _FEWEST else told
-    moved = _range_gains(samples, place / radius, inside) * _of_speckle(samples, speckle.range_noise)
-    kept = _common(place, rise, moved[None], speckle.radius, speckle.on_surface)[0, 0]
+    inside = usable & clear & part.get(kind, off < radius)
+    inside = inside if inside.sum() >= _FEWEST else usable
+    moved = _range_gains(samples, position / radius, inside) * _of_speckle(samples, speckle.range_noise)
+    kept = _common(position, rise, moved[None], speckle.radius, speckle.on_surface)[0, 0]
     result[2, 2] = np.maximum(kept, 0.0)
     return result
 
 
 def _plane_of(samples: PatternSamples, seen: Measurement, axis_separation: float) -> TargetPlane:
     """Return the plane through the voxels of a pattern, about the centre."""
-    about = seen.place[:, :2]
+    about = seen.position[:, :2]
     away = np.stack([samples.theta[0] - about[0, 0], samples.phi[0] - about[0, 1]]) / seen.radius[0]
     weighted = _design(away, samples.valid[0], samples.sigma_range[0])
     value = np.where(samples.valid[0], samples.range[0], 0.0)
     normal = product(weighted, np.stack([np.ones_like(value), *away]).T)
     (_, *slope) = solve_linear(normal, product(weighted, value[:, None]))[:, 0] / seen.radius[0]
-    return target_plane(about, seen.place[:, 2], np.array([slope]), axis_separation)
+    return target_plane(about, seen.position[:, 2], np.array([slope]), axis_separation)
 
 
-def _design(columns: Array, told: Mask, sigma: Array) -> Array:
+def _design(columns: Array, usable: Mask, sigma: Array) -> Array:
     """Return (1, columns) of voxels over the variance of their ranges, nothing for those that tell none."""
-    weight = np.where(told, 1.0 / np.where(told, sigma, 1.0) ** 2, 0.0)
+    weight = np.where(usable, 1.0 / np.where(usable, sigma, 1.0) ** 2, 0.0)
     return np.asarray(weight * np.stack([np.ones_like(weight), *columns]))
 
 
 def _centre_gains(
-    samples: PatternSamples, place: Array, off: Array, way: Array, radius: float, spot: float
+    samples: PatternSamples, position: Array, off: Array, way: Array, radius: float, spot: float
 ) -> Array:
     """Return by how much each voxel's signal moves the centre of a disc whose radius and levels are fitted, (2, n) [m].
 
     (JᵀWJ)⁻¹JᵀW of :func:`~scanner_sim.tracking.disc_fit.disc_fit`, on the plane.
     """
-    across = (way * place).sum(axis=0) / np.maximum(off, 1e-12)
+    across = (way * position).sum(axis=0) / np.maximum(off, 1e-12)
     share, slope = blurred_edge(radius - off, across, np.full_like(off, spot))
     signal, sigma = samples.signal[0], samples.sigma_signal[0]
-    told = np.isfinite(signal) & (sigma > 0.0)
-    weight = np.where(told, 1.0 / np.where(told, sigma, 1.0) ** 2, 0.0)
+    usable = np.isfinite(signal) & (sigma > 0.0)
+    weight = np.where(usable, 1.0 / np.where(usable, sigma, 1.0) ** 2, 0.0)
     # The amplitude by its own least squares: ground and target are levels of the signals.
     levels = np.stack([1.0 - share, share])
     low, high = solve_linear(
         product(levels * weight, levels.T), product(levels * weight, np.nan_to_num(signal)[:, None])
     )[:, 0]
     steep = (high - low) * slope * spot
-    jacobian = np.stack([*(steep * place / np.maximum(off, 1e-12)), steep, *(levels * high)])
+    jacobian = np.stack([*(steep * position / np.maximum(off, 1e-12)), steep, *(levels * high)])
     weighted = jacobian * weight
     return np.asarray(spot * solve_linear(product(weighted, jacobian.T), weighted)[:2])
 
 
-def _range_gains(samples: PatternSamples, place: Array, inside: Mask) -> Array:
+def _range_gains(samples: PatternSamples, position: Array, inside: Mask) -> Array:
     """Return by how much each voxel's range moves that of the plane at the centre, shape (n,); even in time."""
     time = samples.time[0]
-    columns = np.stack([*place, (time - time[inside].mean()) / np.ptp(time)])
+    columns = np.stack([*position, (time - time[inside].mean()) / np.ptp(time)])
     weighted = _design(columns, inside, samples.sigma_range[0])
     normal = product(weighted, np.stack([np.ones_like(time), *columns]).T)
     return np.asarray(solve_linear(normal, weighted)[0])
@@ -205,11 +205,11 @@ def _of_speckle(samples: PatternSamples, noise: float) -> Array:
     return np.sqrt(np.maximum(np.where(samples.valid[0], samples.sigma_range[0], 0.0) ** 2 - noise, 0.0))
 
 
-def _common(place: Array, rise: Array, errors: Array, radius: float, on_surface: float) -> Array:
+def _common(position: Array, rise: Array, errors: Array, radius: float, on_surface: float) -> Array:
     """Return the covariance (k, k) that sums of voxels' errors (k, n) share with those of another dither."""
     size = np.abs(errors).max(axis=0)
     used = size > _FAINT * size.max()
-    at, way, along = place[:, used] / radius, rise[:, used] / radius, errors[:, used]
+    at, way, along = position[:, used] / radius, rise[:, used] / radius, errors[:, used]
     half = 0.5 * np.hypot(*way)
     apart = at[:, :, None] - at[:, None]
     # Every pair but once.

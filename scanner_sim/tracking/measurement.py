@@ -1,4 +1,4 @@
-"""From a pattern's voxels to the place of a target, with its covariance."""
+"""From a pattern's voxels to the position of a target, with its covariance."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Mask = NDArray[np.bool_]
 _PARTLY = 0.45
 """Distance from the middle of both levels, over theirs, below which a voxel is partly on the target."""
 _FEWEST_PARTLY = 6
-"""Voxels partly on the target that tell a disc's place and size, with some to spare."""
+"""Voxels partly on the target that tell a disc's position and size, with some to spare."""
 _FEWEST_WHOLE = 12
 """Voxels away from the rim by which a range is found without those at it."""
 _CAP = 0.8
@@ -46,13 +46,13 @@ class TargetAppearance(Part):
 
 @dataclass(frozen=True)
 class Measurement:
-    """Places of a target by pattern; NaN where it was not found.
+    """Positions of a target by pattern; NaN where it was not found.
 
     Attributes
     ----------
     time
         When [s], shape (patterns,): the mean over the hits.
-    place, covariance
+    position, covariance
         (Θ, φ, R), shape (patterns, 3), and its covariance (patterns, 3, 3).
     radius, sigma_radius
         Its radius as an angle [rad], shape (patterns,).
@@ -65,7 +65,7 @@ class Measurement:
     """
 
     time: Array
-    place: Array
+    position: Array
     covariance: Array
     radius: Array
     sigma_radius: Array
@@ -105,7 +105,7 @@ def measure_target(
     Measurement
         Flat targets are looked at in their own plane (:mod:`~scanner_sim.tracking.plane`), whose tilt the ranges tell:
         under 15° a disc looks narrower by 3 %, ten σ of its radius, and the pattern's few crossings of the rim would
-        take that for a place. Centre of the disc fit with a free radius, or the mean of hits where that fails. It is
+        take that for a position. Centre of the disc fit with a free radius, or the mean of hits where that fails. It is
         that of the circle for targets whose values at the edge do not say how much of the spot is on them: those that
         their range tells, and retro-reflectors, whose light is clipped; also for light with gaps (``duty_cycle`` below
         1) of which too few voxels are partly on the target. The range is that of the plane R cos δ = R₀ + g·δ, δ =
@@ -133,11 +133,11 @@ def measure_target(
             centre = centre.worse_by(see.by_slope(plane, slope, centre))
     ranges, spread, enough = _ranges(samples, ranged, appearance, centre, stamp, plane)
     distance = np.where(enough, ranges[:, 0], np.nan)
-    place = np.concatenate([centre.centre, distance[:, None]], axis=1)
+    position = np.concatenate([centre.centre, distance[:, None]], axis=1)
     covariance = _covariance(centre, ranges, np.where(enough, spread[:, 0, 0], np.nan), plane)
     return Measurement(
         time=stamp + np.where(centre.found, 0.0, np.nan),
-        place=place,
+        position=position,
         covariance=covariance,
         radius=centre.radius,
         sigma_radius=centre.sigma_radius,
@@ -161,30 +161,30 @@ class _Seeing:
     pointing: ArrayLike
 
     @property
-    def graded(self) -> bool:
+    def is_graded(self) -> bool:
         """Whether values at the edge say how much of the spot is on the target."""
         return not self.appearance.kind.by_range and self.appearance.kind is not TargetKind.RETRO
 
     @property
     def fits(self) -> bool:
         """Whether a disc is fitted, and light has no gaps."""
-        return self.graded and self.duty_cycle == 1.0
+        return self.is_graded and self.duty_cycle == 1.0
 
     def directly(self) -> tuple[Centroid, Response]:
         """Return centres of targets that are round in the angles, and what of the response tells their range."""
         start = circle_fit(self.samples, self.response, blurred=self.fits, rounds=1 if self.fits else None)
-        return self._fitted(self.samples, self.response, start, self.hits, None)
+        return self._fit(self.samples, self.response, start, self.hits, None)
 
     def on(self, plane: TargetPlane, known: Centroid | None = None) -> tuple[Centroid, Response]:
         """Return centres (Θ, φ) of targets on planes; ``known`` is the centre about which these stand, from before."""
-        shown, response = self._laid(plane)
+        shown, response = self._lay_onto(plane)
         if known is None or not self.fits:
             # Where the disc is fitted, its fit only begins at the circle.
             start = circle_fit(shown, response, blurred=self.fits, rounds=1 if self.fits else None)
         else:
             start = replace(known, centre=0.0 * known.centre)
         hits = self.hits if start.found.all() else hit_centroid(shown, response)
-        centre, ranged = self._fitted(shown, response, start, hits, plane)
+        centre, ranged = self._fit(shown, response, start, hits, plane)
         return plane.seen(centre), ranged
 
     def by_slope(self, plane: TargetPlane, slope: Array, known: Centroid) -> Array:
@@ -197,16 +197,16 @@ class _Seeing:
         spread = np.zeros((len(slope), 2, 2))
         for column in (0, 1):
             other = plane.steeper(root[:, :, column])
-            shown, response = self._laid(other)
+            shown, response = self._lay_onto(other)
             start = replace(known, centre=0.0 * known.centre)
             moved = other.seen(self._disc(shown, response, start, other)).centre - known.centre
             moved = np.where(np.isfinite(moved), moved, 0.0)
             spread += moved[:, :, None] * moved[:, None]
         return spread
 
-    def _laid(self, plane: TargetPlane) -> tuple[PatternSamples, Response]:
+    def _lay_onto(self, plane: TargetPlane) -> tuple[PatternSamples, Response]:
         """Return samples and response on planes, their light divided by that of the plane's tilt and range."""
-        shown, light = plane.flattened(self.samples)
+        shown, light = plane.flatten(self.samples)
         if self.appearance.kind.by_range:
             return shown, self.response
         return shown, replace(self.response, value=self.response.value / light)
@@ -220,7 +220,7 @@ class _Seeing:
             error = error * plane.stretch[:, None]
         return disc_fit(shown, response, start, spot=spot, duty_cycle=self.duty_cycle, pointing=error)
 
-    def _fitted(
+    def _fit(
         self,
         shown: PatternSamples,
         response: Response,
@@ -230,15 +230,15 @@ class _Seeing:
     ) -> tuple[Centroid, Response]:
         """Return the best centres that the samples tell, and what of the response tells the range."""
         centre = better_of(start, hits)
-        if not self.graded:
+        if not self.is_graded:
             return centre, self.response
         fitted = better_of(self._disc(shown, response, centre, plane), hits)
         if self.duty_cycle < 1.0:
             # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
             away = np.abs(response.value - response.threshold[:, None])
             partly = away < _PARTLY * np.abs(response.target - response.ground)[:, None]
-            told = (partly & response.used).sum(axis=1) >= _FEWEST_PARTLY
-            fitted = better_of(replace(fitted, found=fitted.found & told), centre)
+            enough = (partly & response.used).sum(axis=1) >= _FEWEST_PARTLY
+            fitted = better_of(replace(fitted, found=fitted.found & enough), centre)
         whole = _away_from_rim(shown, fitted, 3.0 * np.reshape(self.spot, (-1, 1)), self.duty_cycle)
         inside = response.used & whole
         if (inside.sum(axis=1) >= _FEWEST_WHOLE).all():
@@ -247,13 +247,13 @@ class _Seeing:
 
 
 def _stamp(samples: PatternSamples, response: Response) -> Array:
-    """Return the time to which places belong [s], shape (patterns,): the mean over the hits."""
+    """Return the time to which positions belong [s], shape (patterns,): the mean over the hits."""
     count = np.maximum(response.hit.sum(axis=1), 1)
     return np.asarray(np.where(response.hit, samples.time, 0.0).sum(axis=1) / count)
 
 
 def _covariance(centre: Centroid, ranges: Array, variance: Array, plane: TargetPlane | None) -> Array:
-    """Return the covariance of places, shape (patterns, 3, 3).
+    """Return the covariance of positions, shape (patterns, 3, 3).
 
     The range is that of the plane at the centre that was found, so that an error δ of the centre on a target with the
     slope g = ∂R/∂(Θ, φ) moves it by g·δ; ``variance`` [m²] is that of the plane's range where it was asked for.
@@ -309,7 +309,7 @@ def _away_from_rim(samples: PatternSamples, centre: Centroid, blur: Array, duty_
 def _plain(response: Response) -> Mask:
     """Return the voxels beside a retro-reflector that none of its light reaches, or all where there are too few.
 
-    A little of it on a dull ground outshines that, and its place in the spot moves the range.
+    A little of it on a dull ground outshines that, and its position in the spot moves the range.
     """
     level = response.ground[:, None]
     plain = response.used & ~response.hit & (np.abs(response.value - level) < 0.5 * np.abs(level))

@@ -53,7 +53,7 @@ class TargetPlane:
     slope: Array
     axis_separation: float
 
-    def flattened(self, samples: PatternSamples) -> tuple[PatternSamples, Array]:
+    def flatten(self, samples: PatternSamples) -> tuple[PatternSamples, Array]:
         """Return samples with the plane's coordinates (u, v) about the foot, over its range, in place of the angles.
 
         They are where the beam along the measured deflections (eq 3) meets the plane: a disc's rim is a circle of the

@@ -32,19 +32,19 @@ class Motion(NamedTuple):
     time: Array
 
 
-def initiate(place: ArrayLike, covariance: ArrayLike, sigma_rate: ArrayLike, time: ArrayLike) -> Motion:
-    """Return motions that begin with a measured place and an unknown rate.
+def initiate(position: ArrayLike, covariance: ArrayLike, sigma_rate: ArrayLike, time: ArrayLike) -> Motion:
+    """Return motions that begin with a measured position and an unknown rate.
 
     Parameters
     ----------
-    place, covariance
+    position, covariance
         (Θ, φ, R), shape (..., 3), and its covariance (..., 3, 3).
     sigma_rate
         Standard deviations of the three rates about zero, shape (3,).
     time
         Of the measurement [s], shape (...,).
     """
-    here = np.asarray(place, dtype=np.float64)
+    here = np.asarray(position, dtype=np.float64)
     whole = np.zeros((*here.shape[:-1], 2 * AXES, 2 * AXES))
     whole[..., :AXES, :AXES] = covariance
     whole[..., AXES:, AXES:] = np.diag(np.asarray(sigma_rate, dtype=np.float64) ** 2)
@@ -85,26 +85,26 @@ def predict(motion: Motion, time: ArrayLike, acceleration_psd: ArrayLike) -> Mot
     return Motion(mean, product(onward, motion.covariance, np.swapaxes(onward, -1, -2)) + noise, when)
 
 
-def mahalanobis_squared(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Array:
-    """Return the squared Mahalanobis distance of measured from predicted places, (m − x)ᵀ (P + R)⁻¹ (m − x), (...).
+def mahalanobis_squared(motion: Motion, position: ArrayLike, covariance: ArrayLike) -> Array:
+    """Return the squared Mahalanobis distance of measured from predicted positions, (m − x)ᵀ (P + R)⁻¹ (m − x), (...).
 
-    ``motion`` is predicted to the time of the measurement; ``place`` (..., 3) and ``covariance`` (..., 3, 3).
+    ``motion`` is predicted to the time of the measurement; ``position`` (..., 3) and ``covariance`` (..., 3, 3).
     """
-    away = np.asarray(place, dtype=np.float64) - motion.mean[..., :AXES]
+    away = np.asarray(position, dtype=np.float64) - motion.mean[..., :AXES]
     spread = motion.covariance[..., :AXES, :AXES] + np.asarray(covariance, dtype=np.float64)
     return np.asarray((away * solve_linear(spread, away[..., None])[..., 0]).sum(axis=-1))
 
 
-def update(motion: Motion, place: ArrayLike, covariance: ArrayLike) -> Motion:
+def update(motion: Motion, position: ArrayLike, covariance: ArrayLike) -> Motion:
     """Return motions with a measurement taken in: K = P Hᵀ (P_HH + R)⁻¹, x ← x + K (m − H x), in Joseph's form.
 
-    ``motion`` is predicted to the time of the measurement; ``place`` (..., 3) and ``covariance`` (..., 3, 3).
+    ``motion`` is predicted to the time of the measurement; ``position`` (..., 3) and ``covariance`` (..., 3, 3).
     """
     noise = np.asarray(covariance, dtype=np.float64)
     seen = motion.covariance[..., :, :AXES]
     spread = motion.covariance[..., :AXES, :AXES] + noise
     gain = np.swapaxes(solve_linear(spread, np.swapaxes(seen, -1, -2)), -1, -2)
-    away = np.asarray(place, dtype=np.float64) - motion.mean[..., :AXES]
+    away = np.asarray(position, dtype=np.float64) - motion.mean[..., :AXES]
     keep = np.zeros_like(motion.covariance) + _WHOLE
     keep[..., :AXES] -= gain
     whole = product(keep, motion.covariance, np.swapaxes(keep, -1, -2))

@@ -76,7 +76,7 @@ class PatternRecord:
     target
         Name of the target.
     time
-        Of the measured place [s]; the middle of the pattern where nothing was found.
+        Of the measured position [s]; the middle of the pattern where nothing was found.
     mode, after
         In which mode the pattern was run, and the mode after it.
     refusal
@@ -87,8 +87,8 @@ class PatternRecord:
         Amplitude of the pattern along Θ [rad], without the sign of an inversion.
     centre
         Commanded centre (Θ, φ), shape (2,) [rad].
-    place, covariance
-        Measured (Θ, φ, R), shape (3,), and its covariance (3, 3) [rad, m]; NaN where none was found. A refused place
+    position, covariance
+        Measured (Θ, φ, R), shape (3,), and its covariance (3, 3) [rad, m]; NaN where none was found. A refused position
         stays here, so that what was refused can be seen.
     errors
         What the covariance is made of, and what other visits and targets have of it.
@@ -111,7 +111,7 @@ class PatternRecord:
     status: TrackStatus
     amplitude: float
     centre: Array
-    place: Array
+    position: Array
     covariance: Array
     errors: ErrorParts
     point: Array

@@ -154,8 +154,8 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
     """
     order = np.sort(np.where(used, value, np.inf), axis=1)
     count, points = used.sum(axis=1), value.shape[1]
-    possible, place = count >= 2 * FEWEST, np.arange(1, points + 1)
-    inside = place <= count[:, None]
+    possible, position = count >= 2 * FEWEST, np.arange(1, points + 1)
+    inside = position <= count[:, None]
     rows = np.arange(len(order))
     # Where too few count, the ends are beyond all values: nothing is clipped, and nothing comes of it.
     low = np.where(possible, order[:, FEWEST - 1], -np.inf)
@@ -163,14 +163,14 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
     order = np.where(inside, np.clip(order, low[:, None], np.maximum(low, high)[:, None]), 0.0)
     below = np.cumsum(order, axis=1)
     # The scatter between two parts of k and n − k values is (n Σ_k − k Σ)²/(n k (n − k)).
-    between = (count[:, None] * below - place * below[:, -1:]) ** 2 / (
-        place * np.maximum(count[:, None] - place, 1)
+    between = (count[:, None] * below - position * below[:, -1:]) ** 2 / (
+        position * np.maximum(count[:, None] - position, 1)
     )
-    allowed = (place >= FEWEST) & (place <= count[:, None] - FEWEST)
+    allowed = (position >= FEWEST) & (position <= count[:, None] - FEWEST)
     split = np.where(possible, 1 + np.argmax(np.where(allowed, between, -1.0), axis=1), FEWEST)
     first = _median(order, 0 * split, split)
     second = _median(order, split, np.maximum(count, split + 1))
-    part = place <= split[:, None]
+    part = position <= split[:, None]
     away = np.abs(order - np.where(part, first[:, None], second[:, None]))
     # The smaller part is mostly rim where a pattern runs along it, and few values may be alike by chance.
     larger = 2 * split >= count
@@ -182,7 +182,7 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
 
 
 def _median(order: Array, start: NDArray[np.int64], stop: NDArray[np.int64]) -> Array:
-    """Return the medians of sorted rows between places, shape (rows,)."""
+    """Return the medians of sorted rows between positions, shape (rows,)."""
     rows, last, middle = np.arange(len(order)), order.shape[1] - 1, start + stop
     low, high = order[rows, np.minimum((middle - 1) // 2, last)], order[rows, np.minimum(middle // 2, last)]
     found = 0.5 * (low + high)

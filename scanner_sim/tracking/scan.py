@@ -119,39 +119,39 @@ def resolve_targets(
     scan, scene
         What is followed, and what there is.
     axis_separation
-        D_g [m], for the angles of the expected places.
+        D_g [m], for the angles of the expected positions.
 
     Returns
     -------
     targets, faults
         Arrays are taken apart into their members. Faults: unknown objects and members, looks that neither the scan nor
         the scene tells, targets named twice, and targets that overlap as the scanner sees them, whose voxels nothing
-        can tell apart. Their places are relative to the scenario.
+        can tell apart. Their locations are relative to the scenario.
     """
     found: list[TrackTarget] = []
-    places: list[str] = []
+    locations: list[str] = []
     faults: list[Fault] = []
     for index, asked in enumerate(scan.asked()):
-        place = f"scan.targets.{index}"
+        location = f"scan.targets.{index}"
         if isinstance(scan.targets[index], FollowedTarget):
-            place += ".target"
-        for target in _members(asked, scene, axis_separation, place):
+            location += ".target"
+        for target in _members(asked, scene, axis_separation, location):
             if isinstance(target, Fault):
                 faults.append(target)
                 continue
             if len(found) == MOST_TARGETS:
-                faults.append(Fault(place, f"more than {MOST_TARGETS} targets.", "Follow fewer."))
+                faults.append(Fault(location, f"more than {MOST_TARGETS} targets.", "Follow fewer."))
                 return tuple(found), tuple(faults)
             clash = _clash(target, found)
             if clash is not None:
-                faults.append(Fault(place, *clash))
+                faults.append(Fault(location, *clash))
             found.append(target)
-            places.append(place)
+            locations.append(location)
     return tuple(found), tuple(faults)
 
 
 def _members(
-    asked: FollowedTarget, scene: Scene, axis_separation: float, place: str
+    asked: FollowedTarget, scene: Scene, axis_separation: float, location: str
 ) -> Iterator[TrackTarget | Fault]:
     """Yield the targets that one entry names, or its faults."""
     name, _, member = asked.target.partition("/")
@@ -160,7 +160,9 @@ def _members(
         names = [item.name for item in scene.objects]
         near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
         known = f"The scene's objects: {', '.join(names)}." if names else "The scene has no objects."
-        yield Fault(place, f"there is no object '{name}'.", f"Did you mean '{near[0]}'?" if near else known)
+        yield Fault(
+            location, f"there is no object '{name}'.", f"Did you mean '{near[0]}'?" if near else known
+        )
         return
     if isinstance(item, TargetArray):
         array = item.array
@@ -168,18 +170,18 @@ def _members(
     else:
         centres = np.zeros((1, 3))
     if member and not isinstance(item, TargetArray):
-        yield Fault(place, f"'{name}' is one target, no array of them.", f"Write {name}.")
+        yield Fault(location, f"'{name}' is one target, no array of them.", f"Write {name}.")
         return
     if member and int(member) > len(centres):
         yield Fault(
-            place, f"'{name}' has {len(centres)} targets.", f"Write {name}/1 to {name}/{len(centres)}."
+            location, f"'{name}' has {len(centres)} targets.", f"Write {name}/1 to {name}/{len(centres)}."
         )
         return
-    appearance = _looks(asked, item)
+    appearance = _appearance_of(asked, item)
     if appearance is None:
         missing = "kind" if asked.kind is None else "diameter"
         yield Fault(
-            place,
+            location,
             f"'{name}' is no target of which the scene tells the {missing}.",
             "Write {target: " + f"{name}, kind: raised, diameter: 100 mm" + "}.",
         )
@@ -187,14 +189,14 @@ def _members(
     chosen = [int(member) - 1] if member else list(range(len(centres)))
     if len(chosen) > MOST_TARGETS:
         yield Fault(
-            place,
+            location,
             f"'{name}' has {len(chosen)} targets; {MOST_TARGETS} can be followed.",
             f"Name some of them, as {name}/1.",
         )
         return
     if len(chosen) > 1 and asked.expected is not None:
         yield Fault(
-            place, f"one expected place stands for {len(chosen)} targets.", f"Name each, as {name}/1."
+            location, f"one expected place stands for {len(chosen)} targets.", f"Name each, as {name}/1."
         )
         return
     pose = item.pose_at(0.0)[0]
@@ -206,7 +208,7 @@ def _members(
         expected = expected + np.array(asked.offset)
         if not expected[2] > 0.0:
             yield Fault(
-                place,
+                location,
                 f"'{label}' is expected at a range of {expected[2]:g} m, which is none.",
                 "Correct its offset, or the object's position.",
             )
@@ -214,7 +216,7 @@ def _members(
         yield TrackTarget(label, name, appearance, expected, centres[number])
 
 
-def _looks(asked: FollowedTarget, item: SceneObject) -> TargetAppearance | None:
+def _appearance_of(asked: FollowedTarget, item: SceneObject) -> TargetAppearance | None:
     """Return the looks of a target, from the scan or from the scene; None where neither tells."""
     kind, diameter = asked.kind, asked.diameter
     if isinstance(item, TargetArray):

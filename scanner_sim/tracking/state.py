@@ -32,7 +32,7 @@ class TrackMode(StrEnum):
     TRACK = "track"
     """It follows the target with the smaller pattern."""
     LOST = "lost"
-    """It has just lost the target and looks around the predicted place."""
+    """It has just lost the target and looks around the predicted position."""
 
 
 class Refusal(StrEnum):
@@ -57,7 +57,7 @@ class TrackerSettings(Part):
 
     track_amplitude: Number = Field(default=1.22, gt=1.0, le=10.0)
     """Amplitude of the tracking pattern over the target's radius. Near 1.155 a 3:2 figure touches the rim in twelve
-    places, far above it crosses it in four: at 1.6 the centre errs by three to six times as much. At 1.15 a tilted
+    positions, far above it crosses it in four: at 1.6 the centre errs by three to six times as much. At 1.15 a tilted
     disc's centre follows the pattern's, and the loop swings: under 20° by 70 µrad."""
     search_amplitude: Number = Field(default=1.6, gt=1.0, le=100.0)
     """Amplitude of the first search pattern over the target's radius."""
@@ -124,29 +124,29 @@ class TrackState:
 class TrackCommand:
     """The next pattern at a target.
 
-    ``mode``; ``place`` (Θ, φ, R), shape (3,), where the target is expected at the asked time; ``amplitude`` [rad];
+    ``mode``; ``position`` (Θ, φ, R), shape (3,), where the target is expected at the asked time; ``amplitude`` [rad];
     ``number`` of the pattern, which decides on dither and inversion.
     """
 
     mode: TrackMode
-    place: Array
+    position: Array
     amplitude: float
     number: int
 
 
 def init(expected: ArrayLike, settings: TrackerSettings, time: float = 0.0) -> TrackState:
     """Return the state of a target that is expected at (Θ, φ, R), shape (3,) [rad, m], and not yet seen."""
-    place = np.asarray(expected, dtype=np.float64)
-    return TrackState(TrackMode.SEARCH, _unknown(place, settings, time), place)
+    position = np.asarray(expected, dtype=np.float64)
+    return TrackState(TrackMode.SEARCH, _unknown(position, settings, time), position)
 
 
 def command(state: TrackState, settings: TrackerSettings, diameter: float, time: float) -> TrackCommand:
     """Return the pattern to be run around a time [s], for a target of a diameter [m]."""
     if state.mode is TrackMode.SEARCH:
-        place = state.motion.mean[:3]
+        position = state.motion.mean[:3]
     else:
-        place = predict(state.motion, time, _unrest(settings)).mean[:3]
-    radius = _radius(diameter, float(place[2]))
+        position = predict(state.motion, time, _acceleration_psd(settings)).mean[:3]
+    radius = _radius(diameter, float(position[2]))
     if state.mode in (TrackMode.ACQUIRE, TrackMode.TRACK):
         amplitude = settings.track_amplitude * radius
     else:
@@ -157,10 +157,10 @@ def command(state: TrackState, settings: TrackerSettings, diameter: float, time:
             growths = math.log(settings.search_most / first) / math.log(settings.search_growth)
             steps += math.ceil(growths - 1e-9)
         if state.mode is TrackMode.SEARCH and state.searched // steps % 2:
-            place = state.expected
+            position = state.expected
         grown = first * settings.search_growth ** (state.searched % steps)
         amplitude = max(min(grown, settings.search_most), settings.track_amplitude * radius)
-    return TrackCommand(state.mode, place, amplitude, state.patterns)
+    return TrackCommand(state.mode, position, amplitude, state.patterns)
 
 
 def step(
@@ -192,11 +192,11 @@ def step(
         A measurement counts as the target where it is seen, has its size and shape and, once the target moves steadily,
         lies where the prediction allows: all else, shadows' edges and glints above all, moves nothing.
     """
-    after = advanced(state, measurement, settings, diameter, next_time, row)
+    after = advance(state, measurement, settings, diameter, next_time, row)
     return after, command(after, settings, diameter, next_time)
 
 
-def advanced(
+def advance(
     state: TrackState,
     measurement: Measurement,
     settings: TrackerSettings,
@@ -211,14 +211,14 @@ def advanced(
     """
     ahead = None
     if measurement.found[row] and state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE):
-        ahead = predict(state.motion, float(measurement.time[row]), _unrest(settings))
+        ahead = predict(state.motion, float(measurement.time[row]), _acceleration_psd(settings))
     refusal = _refusal(state, measurement, settings, diameter, ahead, row)
     if refusal is Refusal.NONE and ahead is None and _is_other(others, measurement, settings, row):
         refusal = Refusal.OTHER
     counted = replace(state, patterns=state.patterns + 1, refusal=refusal)
     if refusal is Refusal.NONE:
-        return _taken(counted, measurement, settings, ahead, row)
-    return _missed(counted, settings, measurement_time=next_time)
+        return _take_measurement(counted, measurement, settings, ahead, row)
+    return _miss(counted, settings, measurement_time=next_time)
 
 
 def _refusal(
@@ -232,8 +232,8 @@ def _refusal(
     """Return why a measurement is not the target's; ``ahead`` is the prediction for its time, where there is one."""
     if not measurement.found[row]:
         return Refusal.NOT_SEEN
-    place, covariance = measurement.place[row], measurement.covariance[row]
-    radius, expected = float(measurement.radius[row]), _radius(diameter, float(place[2]))
+    position, covariance = measurement.position[row], measurement.covariance[row]
+    radius, expected = float(measurement.radius[row]), _radius(diameter, float(position[2]))
     allowed = settings.size_tolerance * expected + 3.0 * float(measurement.sigma_radius[row])
     if abs(radius - expected) > min(allowed, 0.5 * expected):
         return Refusal.SIZE
@@ -242,7 +242,7 @@ def _refusal(
     loose = float(np.sqrt(np.trace(covariance[:2, :2]))) > 0.5 * expected
     if loose or misfit > settings.misfit or (np.isnan(misfit) and state.mode is TrackMode.TRACK):
         return Refusal.SHAPE
-    if ahead is not None and float(mahalanobis_squared(ahead, place, covariance)) > _gate(settings.chance):
+    if ahead is not None and float(mahalanobis_squared(ahead, position, covariance)) > _gate(settings.chance):
         return Refusal.PLACE
     return Refusal.NONE
 
@@ -253,11 +253,11 @@ def _is_other(
     """Return whether a measurement is one of the targets that are followed already."""
     if not others:
         return False
-    ahead = [predict(other, float(measurement.time[row]), _unrest(settings)) for other in others]
+    ahead = [predict(other, float(measurement.time[row]), _acceleration_psd(settings)) for other in others]
     # Within a third of its radius nothing else can be.
     near = (measurement.radius[row] / 3.0) ** 2 * np.diag([1.0, 1.0, 0.0])
     found = identify(
-        measurement.place[row],
+        measurement.position[row],
         measurement.covariance[row : row + 1],
         np.stack([motion.mean[:3] for motion in ahead]),
         np.stack([motion.covariance[:3, :3] for motion in ahead]) + near,
@@ -266,23 +266,23 @@ def _is_other(
     return bool(found.target[0] >= 0)
 
 
-def _taken(
+def _take_measurement(
     state: TrackState, measurement: Measurement, settings: TrackerSettings, ahead: Motion | None, row: int
 ) -> TrackState:
     """Return the state after the target was seen."""
-    place, covariance = measurement.place[row], measurement.covariance[row]
+    position, covariance = measurement.position[row], measurement.covariance[row]
     time = float(measurement.time[row])
     if ahead is not None:
-        motion, seen = update(ahead, place, covariance), state.seen + 1
+        motion, seen = update(ahead, position, covariance), state.seen + 1
     else:
-        motion, seen = initiate(place, covariance, _rates(settings), time), 1
+        motion, seen = initiate(position, covariance, _rates(settings), time), 1
     mode = TrackMode.TRACK if seen >= settings.acquire_patterns else TrackMode.ACQUIRE
     if state.mode is TrackMode.TRACK:
         mode = TrackMode.TRACK
     return replace(state, mode=mode, motion=motion, seen=seen, missed=0, searched=0)
 
 
-def _missed(state: TrackState, settings: TrackerSettings, measurement_time: float) -> TrackState:
+def _miss(state: TrackState, settings: TrackerSettings, measurement_time: float) -> TrackState:
     """Return the state after the target was not seen."""
     missed = state.missed + 1
     kept = replace(state, seen=0, missed=missed)
@@ -296,9 +296,9 @@ def _missed(state: TrackState, settings: TrackerSettings, measurement_time: floa
     return replace(kept, searched=state.searched + 1)
 
 
-def _unknown(place: Array, settings: TrackerSettings, time: float) -> Motion:
+def _unknown(position: Array, settings: TrackerSettings, time: float) -> Motion:
     spread = np.diag([settings.search_most**2, settings.search_most**2, 1.0])
-    return initiate(place, spread, _rates(settings), time)
+    return initiate(position, spread, _rates(settings), time)
 
 
 def _radius(diameter: float, distance: float) -> float:
@@ -312,7 +312,7 @@ def _gate(chance: float) -> float:
     return 2.0 * float(gammainccinv(1.5, chance))
 
 
-def _unrest(settings: TrackerSettings) -> Array:
+def _acceleration_psd(settings: TrackerSettings) -> Array:
     return np.array([settings.acceleration_psd, settings.acceleration_psd, settings.range_acceleration_psd])
 
 

@@ -39,10 +39,10 @@ def track_warnings(
     amplitudes = [_amplitude(scan, target) for target in targets]
     largest = max(amplitudes, default=0.0)
     yield from pattern_warnings(
-        _sized(scan.pattern, largest), galvanometers, dwell, "scan.pattern (tracking)"
+        _with_amplitude(scan.pattern, largest), galvanometers, dwell, "scan.pattern (tracking)"
     )
     if scan.tracker.search_most > largest:
-        pattern = _sized(scan.pattern, scan.tracker.search_most)
+        pattern = _with_amplitude(scan.pattern, scan.tracker.search_most)
         yield from pattern_warnings(pattern, galvanometers, dwell, "scan.tracker.search_most")
     reach = np.array([1.0, scan.pattern.aspect])
     for target, amplitude in zip(targets, amplitudes, strict=True):
@@ -75,5 +75,5 @@ def _amplitude(scan: TrackScan, target: TrackTarget) -> float:
     return float(scan.tracker.track_amplitude * 0.5 * target.appearance.diameter / target.expected[2])
 
 
-def _sized(pattern: LissajousPattern, amplitude: float) -> LissajousPattern:
+def _with_amplitude(pattern: LissajousPattern, amplitude: float) -> LissajousPattern:
     return pattern.model_copy(update={"amplitude": amplitude})

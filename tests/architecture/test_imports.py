@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -105,6 +106,7 @@ def imports_of(source: str, package: tuple[str, ...]) -> Iterator[Import]:
     yield from visit(ast.parse(source), True)
 
 
+@cache
 def imports_in(module: Path) -> list[Import]:
     package = ("scanner_sim", *module.relative_to(PACKAGE).parent.parts)
     return list(imports_of(module.read_text(encoding="utf-8"), package))

@@ -260,7 +260,11 @@ def open_originals(fuzzer: Fuzzer) -> None:
     ]
     originals.append(("state", Mutant("state", fuzzer.state().encode(), (), ())))
     results = list(sound_results(fuzzer.results(), folder))
-    originals += [(f"result/{path.parent.name}/{path.name}/0", path) for path in results]
+    # Numbers by which each kind of result is drawn once: images that are packed in four ways hold the same.
+    packed = [path for path in results if path.name == "range.exr"]
+    originals += [
+        (f"result/{path.parent.name}/{path.name}/{int(path in packed[1:])}", path) for path in results
+    ]
     originals += [(f"scene {path.parent.name}", path) for path in sound_scenes(folder)]
     for name, original in originals:
         found = fuzzer.open(worker, name, original)

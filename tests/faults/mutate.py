@@ -195,7 +195,7 @@ def part(rng: random.Random, slot: Slot, depth: int = 0) -> Any:
     for name, field in slot.part.model_fields.items():
         key = field.alias or name
         if field.is_required() or rng.random() < 0.3:
-            inside = outline().get((*slot.place, key), Slot())
+            inside = outline().get((*slot.location, key), Slot())
             deeper = inside.part is not None and depth < 3
             block[key] = part(rng, inside, depth + 1) if deeper else legal(rng, inside)
     return block

@@ -30,7 +30,7 @@ def write_originals(folder: Path) -> None:
     """Make an image, waveforms, a tracking run with poses, and small files of the other kinds."""
     from scanner_sim.config import load_scenario
     from scanner_sim.instrument.closed_loop.poses import poses_of
-    from scanner_sim.instrument.closed_loop.track import finished_track
+    from scanner_sim.instrument.closed_loop.track import track_of
     from scanner_sim.instrument.closed_loop.tracker import Tracker
     from scanner_sim.instrument.simulate import simulate, simulate_waveforms
     from scanner_sim.products.files.exr import write_exr
@@ -46,7 +46,7 @@ def write_originals(folder: Path) -> None:
     write_waveforms(folder / "waveforms.nc", simulate_waveforms(scenario, [(0, 0), (3, 3)], device="cpu"))
     moving = load_scenario(REPOSITORY / "configs/track_moving.yaml", ["scan.pattern.points=32"])
     tracker = Tracker(moving, device="cpu")
-    found = finished_track(tracker, tuple(record for record, _ in zip(tracker, range(16), strict=False)))
+    found = track_of(tracker, tuple(record for record, _ in zip(tracker, range(16), strict=False)))
     write_track(found, folder / "run", Output(pictures=False), poses=poses_of(found))
     _write_texts(folder)
 
@@ -54,7 +54,7 @@ def write_originals(folder: Path) -> None:
 def _write_texts(folder: Path) -> None:
     from scanner_sim.products.comparison import Comparison, Finding, comparison_json
     from scanner_sim.signals.line.bias_table import BiasTable, write_bias
-    from scanner_sim.validation.compare.judge import judged
+    from scanner_sim.validation.compare.judge import judge_checks
     from scanner_sim.validation.compare.law import Measured, Predicted
 
     cases = [
@@ -62,7 +62,7 @@ def _write_texts(folder: Path) -> None:
         ("two", Measured("spread", 2.0, 0.1, 19.0), Predicted("scatter", "m", 2.1, 0.001)),
         ("three", Measured("exact", 3.0), Predicted("ratio", "", 3.0, 0.001)),
     ]
-    finding = Finding("law", "Law", "eq 1", "as stated", "plane", "", tuple(judged(cases, 0.01)))
+    finding = Finding("law", "Law", "eq 1", "as stated", "plane", "", tuple(judge_checks(cases, 0.01)))
     comparison = Comparison(1, 2, 0.01, True, "plane", (finding,), {"numpy": "2"})
     (folder / "compare.json").write_text(comparison_json(comparison), encoding="utf-8")
     shifts = np.linspace(-0.5, 0.5, 5)

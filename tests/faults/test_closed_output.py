@@ -25,9 +25,11 @@ def shell(line: str, *arguments: object) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(
     ("line", "status", "words"),
     [
-        ("scanner_sim schema >&-", 0, ""),
-        ("scanner_sim schema >&- 2>&-", 0, ""),
-        ("scanner_sim schema | head -1 >/dev/null; exit ${PIPESTATUS[0]}", 0, ""),
+        pytest.param("scanner_sim schema >&-", 0, "", marks=pytest.mark.slow),
+        pytest.param("scanner_sim schema >&- 2>&-", 0, "", marks=pytest.mark.slow),
+        pytest.param(
+            "scanner_sim schema | head -1 >/dev/null; exit ${PIPESTATUS[0]}", 0, "", marks=pytest.mark.slow
+        ),
         ("scanner_sim --help | true; exit ${PIPESTATUS[0]}", 0, ""),
         ("scanner_sim run --help | true; exit ${PIPESTATUS[0]}", 0, ""),
         ("scanner_sim --version | true; exit ${PIPESTATUS[0]}", 0, ""),
@@ -38,9 +40,9 @@ def shell(line: str, *arguments: object) -> subprocess.CompletedProcess[str]:
             "scanner_sim schema >/dev/full",
             1,
             "error: No space left on device.\nMake room on the disk.\n",
-            marks=FULL,
+            marks=[FULL, pytest.mark.slow],
         ),
-        pytest.param("scanner_sim schema >/dev/full 2>/dev/full", 1, "", marks=FULL),
+        pytest.param("scanner_sim schema >/dev/full 2>/dev/full", 1, "", marks=[FULL, pytest.mark.slow]),
     ],
 )
 def test_the_end_is_clean(line: str, status: int, words: str) -> None:

@@ -85,6 +85,7 @@ main()
 """
 
 
+@pytest.mark.slow
 def test_a_limit_on_the_size_of_files_is_one_message(small: Path, tmp_path: Path) -> None:
     """Claim: as `ulimit -f` leaves it, which ends a process by a signal unless that is seen to."""
     command = [sys.executable, "-c", LIMITED, "2000", "run", str(small), "-o", str(tmp_path / "out")]

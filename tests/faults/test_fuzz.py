@@ -23,27 +23,9 @@ def test_what_was_once_found_is_refused_or_gives_a_result() -> None:
     fuzz("--corpus")
 
 
+# Every one must pass: the numbers say how much is looked at, not how often it may fail. All in one run, as the saved
+# run and the results from which mutants are made are the same for all.
 @pytest.mark.slow
-def test_what_the_mutants_are_made_from_opens() -> None:
-    fuzz("--originals")
-
-
-# Every one must pass: the number says how much is looked at, not how often it may fail.
-@pytest.mark.slow
-def test_mutants_of_scenarios() -> None:
-    fuzz("-n", "120", "--seed", "1", "--every", "4", "--workers", "1")
-
-
-@pytest.mark.slow
-def test_mutants_of_saved_runs() -> None:
-    fuzz("--states", "60", "--seed", "1", "--workers", "1")
-
-
-@pytest.mark.slow
-def test_mutants_of_meshes_and_xml_scenes() -> None:
-    fuzz("--scenes", "120", "--seed", "1", "--workers", "1")
-
-
-@pytest.mark.slow
-def test_mutants_of_results() -> None:
-    fuzz("--results", "120", "--seed", "1", "--workers", "1")
+def test_mutants_and_what_they_are_made_from() -> None:
+    numbers = ("-n", "120", "--states", "60", "--scenes", "120", "--results", "120")
+    fuzz("--originals", *numbers, "--seed", "1", "--every", "4", "--workers", "1")

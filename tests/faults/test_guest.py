@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
 
 HOST = """
@@ -65,17 +67,18 @@ assert dr.allclose(pending, [3.0, 6.0, 9.0]) and dr.allclose(foreign, [1.0, 2.0,
 assert scene.ray_intersect(mi.Ray3f([0, 0, -5], [0, 0, 1])).is_valid()
 # The same numbers as in a process that has no other life.
 import json
-print(json.dumps([record.place.tolist() for record in records]))
+print(json.dumps([record.position.tolist() for record in records]))
 """
 
 ALONE = """
 import json, sys
 from scanner_sim import Tracker, load_scenario
 tracker = Tracker(load_scenario(sys.argv[1]), device="cpu")
-print(json.dumps([next(tracker).place.tolist() for _ in range(3)]))
+print(json.dumps([next(tracker).position.tolist() for _ in range(3)]))
 """
 
 
+@pytest.mark.slow
 def test_a_host_finds_everything_as_it_was(small: Path, tmp_path: Path, python: Any) -> None:
     """Claim: variant, log level, threads, back end, environment, error states, warnings, styles, signals, locale,
     random numbers and search paths of a host are the same after each public function, its arrays and scenes stay valid,

@@ -52,7 +52,7 @@ VERBS = {
     "orbit": ["orbit", str(ROOT / "configs" / "lighting_orbit.yaml"), "-o", "{out}", "--steps", "1"],
     "reproduce": ["reproduce", "-o", "{out}", "--quick", "--only", "fig12"],
 }
-QUICK = {"track", "budget"}
+QUICK = {"budget"}
 """Asked after each change, within a loop, which is the harder place."""
 NO_LOOP = {"orbit", "calibrate"}
 """Verbs whose kernels have none."""

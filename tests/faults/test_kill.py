@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="it forks")
 def test_a_death_at_any_touch_of_the_disk_loses_nothing(tmp_path: Path) -> None:
     """Claim: after SIGKILL before every open, fsync, rename, unlink, mkdir and rmdir, and within writes, of a new

@@ -16,7 +16,7 @@ from scanner_sim.config import load_scenario
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.products.files.exr import read_range_image, write_exr
-from scanner_sim.products.files.tables import checked, read_parquet, write_parquet
+from scanner_sim.products.files.tables import check_columns, read_parquet, write_parquet
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pictures.image import about
 from scanner_sim.products.pictures.pattern import _ellipse
@@ -102,7 +102,7 @@ def test_nested_columns_are_refused(tmp_path: Path) -> None:
 
 def test_columns_are_of_their_kinds() -> None:
     columns = {"a": np.array([1.0, np.nan]), "b": np.array([1, 2]), "c": np.array(["x", None], dtype=object)}
-    assert list(checked(columns, {"a": "number", "b": "whole"})) == ["a", "b"]
+    assert list(check_columns(columns, {"a": "number", "b": "whole"})) == ["a", "b"]
     for kinds, words in (
         ({"a": "finite"}, "column a"),
         ({"b": "number"}, "column b"),
@@ -110,7 +110,7 @@ def test_columns_are_of_their_kinds() -> None:
         ({"d": "text"}, "d is missing"),
     ):
         with pytest.raises(ValueError, match=words):
-            checked(columns, kinds)  # type: ignore[arg-type]
+            check_columns(columns, kinds)  # type: ignore[arg-type]
 
 
 def test_waveforms_without_a_variable(tmp_path: Path) -> None:

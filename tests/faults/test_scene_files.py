@@ -82,6 +82,7 @@ def hostile(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_no_library_of_a_shared_folder_is_loaded(hostile: Path) -> None:
     """A run with pictures, the Sun, a retro-reflector and an XML scene maps no library from its own folder."""
     command = "from scanner_sim.cli import main\nimport sys\n"

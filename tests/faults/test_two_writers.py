@@ -15,14 +15,14 @@ from scanner_sim.cli import app
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.contents import RUN
 from scanner_sim.products.files.exchange import held, write_file
-from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.folder import claim_folder
 
 CLAIMS = """
 import sys
 from pathlib import Path
-from scanner_sim.products.files.folder import claimed
+from scanner_sim.products.files.folder import claim_folder
 from scanner_sim.products.files.contents import RUN
-with claimed(Path(sys.argv[1]), False, RUN):
+with claim_folder(Path(sys.argv[1]), False, RUN):
     print("mine", flush=True)
     sys.stdin.read()
 """
@@ -31,9 +31,9 @@ WRITES = """
 import sys
 from pathlib import Path
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.products.files.folder import Kind, write_folder
+from scanner_sim.products.files.folder import ResultFolder, write_folder
 from scanner_sim.products.files.exchange import exchange
-kind, who = Kind("mark", ("mark", "other")), sys.argv[2]
+kind, who = ResultFolder("mark", ("mark", "other")), sys.argv[2]
 writers = {name: lambda path: path.write_text(who) for name in kind.files}
 print("ready", flush=True)
 sys.stdin.readline()
@@ -63,7 +63,7 @@ def test_a_folder_in_which_a_run_works_is_refused_at_once(small: Path, tmp_path:
         assert result.exit_code == 2
         assert "another run is writing to" in result.stderr
         assert "choose another folder" in result.stderr
-        with pytest.raises(InputError, match="another run"), claimed(out, True, RUN):
+        with pytest.raises(InputError, match="another run"), claim_folder(out, True, RUN):
             pass
     finally:
         first.communicate("", timeout=60)
@@ -76,7 +76,7 @@ def test_the_lock_of_a_dead_process_is_free(tmp_path: Path) -> None:
     first = begun(CLAIMS, out)
     os.kill(first.pid, signal.SIGKILL)
     first.communicate(timeout=60)
-    with claimed(out, False, RUN):
+    with claim_folder(out, False, RUN):
         assert [path.name for path in out.iterdir()] == [".scanner-sim.lock"]
     assert not list(out.iterdir())
 

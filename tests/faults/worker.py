@@ -24,7 +24,7 @@ from open_results import open_result
 from scanner_sim.config import load_scenario, resolved_yaml, scenario_from_text, scenario_warnings
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError, RunError, ScannerSimError
-from scanner_sim.instrument.closed_loop.track import finished_track
+from scanner_sim.instrument.closed_loop.track import track_of
 from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.scan.raster import RasterScan
 
@@ -93,8 +93,7 @@ def open_scenario(path: Path, overrides: list[str], *, thorough: bool, pictures:
 def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
     from scanner_sim.cli.plan import sunlit
     from scanner_sim.instrument.closed_loop.poses import poses_of
-    from scanner_sim.instrument.photo import take_photo
-    from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+    from scanner_sim.instrument.simulate import simulate, simulate_waveforms, take_photo
     from scanner_sim.products.files.run_folder import write_run
     from scanner_sim.products.files.track_folder import write_track
 
@@ -112,7 +111,7 @@ def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
         return
     tracker = Tracker(scenario, device="cpu", threads=1)
     records = tuple(record for record, _ in zip(tracker, range(VISITS), strict=False))
-    found = finished_track(tracker, records)
+    found = track_of(tracker, records)
     write_track(found, folder, output, poses=poses_of(found))
 
 

@@ -41,12 +41,15 @@ COPIED = ("scanner_sim", "tests", "configs", "scenes", "docs", "benchmarks", "py
 SECONDS = 900.0
 """Time on the clock after which a fault counts as noticed: the right program needs far less."""
 PRELOADED = [
+    "importlib.metadata",
     "matplotlib.pyplot",
     "mitsuba",
     "numpy",
+    "pint",
     "pydantic",
     "pytest",
     "scipy.optimize",
+    "scipy.spatial.transform",
     "scipy.stats",
 ]
 """What the processes that run tests are born with: none of it is of the package."""

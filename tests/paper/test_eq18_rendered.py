@@ -88,6 +88,7 @@ def slope(x: tuple[float, ...], y: list[float]) -> float:
     return float(np.polyfit(np.log(x), np.log(y), 1)[0])
 
 
+@pytest.mark.slow
 def test_slopes_of_the_ratio() -> None:
     """Claim: SNR falls as R⁻², rises as f², falls as 1/S and 1/bandwidth.
 

@@ -156,6 +156,7 @@ def trial(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", [0.5, 0.7, 1.0, 1.5, 2.0, 3.0])
 @pytest.mark.parametrize(("height", "read"), HEIGHTS)
 def test_the_fit_reaches_the_bound(sigma: float, height: float, read: float) -> None:

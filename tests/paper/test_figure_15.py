@@ -42,7 +42,7 @@ def scenario(device: object) -> Scenario:
 def studied(scenario: Scenario) -> tuple[tuple[TargetErrors, ...], tuple[PoseRow, ...]]:
     """Return a study of two arrays at three ranges, with closed forms."""
     target = StudyTarget.of(scenario)
-    plan = StudyPlan((6.0, 8.0, 10.0), (BASE, pyramid(1.0)), poses=1500, places=2, patterns=2)
+    plan = StudyPlan((6.0, 8.0, 10.0), (BASE, pyramid(1.0)), poses=1500, positions=2, patterns=2)
     pools, rows = measure_study(scenario, plan, target, device="cpu")
     return pools, closed_forms(rows, plan.arrays, target_rows(pools), 10.0)
 
@@ -125,6 +125,7 @@ def test_power_laws_are_found_with_their_errors() -> None:
     assert bent[1] > 5.0 * least[1]
 
 
+@pytest.mark.slow
 def test_targets_are_measured_within_the_papers_accuracy(
     studied: tuple[tuple[TargetErrors, ...], tuple[PoseRow, ...]],
 ) -> None:
@@ -169,6 +170,7 @@ def first_order(layout: Layout, pool: TargetErrors, method: str, ranging: str, c
     return np.asarray(np.linalg.solve(normal, right[..., None])[..., 0])
 
 
+@pytest.mark.slow
 def test_poses_from_pixels_are_the_closed_forms(
     studied: tuple[tuple[TargetErrors, ...], tuple[PoseRow, ...]],
 ) -> None:
@@ -207,11 +209,12 @@ def test_poses_from_pixels_are_the_closed_forms(
                         )
 
 
+@pytest.mark.slow
 def test_a_study_does_not_depend_on_what_else_is_studied(
     scenario: Scenario, studied: tuple[tuple[TargetErrors, ...], tuple[PoseRow, ...]]
 ) -> None:
     """One range alone gives the same bytes as among others."""
-    alone = measure_targets(scenario, StudyTarget.of(scenario), 8.0, places=2, patterns=2, device="cpu")
+    alone = measure_targets(scenario, StudyTarget.of(scenario), 8.0, positions=2, patterns=2, device="cpu")
     np.testing.assert_array_equal(alone.error, studied[0][1].error)
     np.testing.assert_array_equal(alone.sigma, studied[0][1].sigma)
 

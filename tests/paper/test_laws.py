@@ -95,6 +95,7 @@ SOURCES: dict[str, tuple[float, str, dict[str, Any]]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", SOURCES)
 def test_slope_of_the_range_error(source: str) -> None:
     """Claim: σ_R ∝ R² for a constant error of p and for speckle, R³ in the shot limit, R⁴ in the read limit.

@@ -18,7 +18,6 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scanner_sim.render.beam.surface_positions import SurfacePositions
 
 from scanner_sim import Scenario, simulate
 from scanner_sim.analytic import speckle as judge
@@ -29,6 +28,7 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.speckle import Optics, packets, slope_packets
 from scanner_sim.products.image import RangeImage
+from scanner_sim.render.beam.surface_positions import SurfacePositions
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.polarisation import speckle_contrast

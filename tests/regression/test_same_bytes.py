@@ -20,6 +20,8 @@ from scanner_sim.instrument.simulate import simulate_voxel
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.device import Device
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def scenario(repo_root: Path) -> Scenario:

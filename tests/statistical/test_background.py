@@ -92,6 +92,7 @@ def brute_force(loaded: Any, row: int, column: int, *, bounces: int, shot: int) 
     )
 
 
+@pytest.mark.slow
 def test_panoramas_agree_with_brute_force() -> None:
     """Claim: one panorama per row serves every voxel: it gives what rays from each pixel's own field give.
 
@@ -117,6 +118,7 @@ def test_panoramas_agree_with_brute_force() -> None:
         assert error < 0.01 * reference.power.sum()
 
 
+@pytest.mark.slow
 def test_a_glossy_sphere_agrees_with_brute_force() -> None:
     """Claim: light that changes over a bent, glossy surface is not blurred beyond the Monte-Carlo error.
 
@@ -146,6 +148,7 @@ def test_a_glossy_sphere_agrees_with_brute_force() -> None:
         assert abs(sums.mean() - total) < stats.t.isf(0.5e-5, 7) * error + 0.005 * total, (row, column)
 
 
+@pytest.mark.slow
 def test_the_stated_error_is_the_actual_one() -> None:
     """Claim: the standard error that a panorama states is that of its mean over the window of 200 µm.
 

@@ -37,7 +37,7 @@ def scenario(*overrides: str, objects: list[Any], seed: int = 7, **scan: Any) ->
 
 def errors(records: list[PatternRecord] | tuple[PatternRecord, ...]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Errors of the measured places, and their standard deviations, shape (records, 3)."""
-    error = np.array([record.place - record.truth for record in records])
+    error = np.array([record.position - record.truth for record in records])
     return error, np.array([np.sqrt(np.diagonal(record.covariance)) for record in records])
 
 
@@ -47,6 +47,7 @@ def measured(made: Track, after: float = 0.0) -> list[PatternRecord]:
     ]
 
 
+@pytest.mark.slow
 def test_single_patterns_reach_the_papers_accuracy_with_honest_sigmas() -> None:
     """Claim: the centre of a 100 mm disc at 10 m comes from a single pattern within 100 µrad rms per axis, and its
     error over σ is standard normal.
@@ -61,11 +62,11 @@ def test_single_patterns_reach_the_papers_accuracy_with_honest_sigmas() -> None:
     assert len(late) >= 140
     error, _ = errors(late)
     assert np.sqrt((error[:, :2] ** 2).mean(axis=0)).max() < 100e-6
-    parts = ErrorParts.stacked([record.errors for record in late])
+    parts = ErrorParts.stack([record.errors for record in late])
     numbers = {target.name: number for number, target in enumerate(made.targets)}
     covariance = common_covariance(
         parts,
-        np.array([record.place for record in late]),
+        np.array([record.position for record in late]),
         np.array([record.time for record in late]),
         [numbers[record.target] for record in late],
     )
@@ -90,6 +91,7 @@ def test_single_patterns_reach_the_papers_accuracy_with_honest_sigmas() -> None:
     np.testing.assert_allclose(there, here, rtol=0.01)
 
 
+@pytest.mark.slow
 def test_sigmas_are_honest_on_pitched_discs() -> None:
     """Claim: a disc that is pitched is measured with honest sigmas in Θ and φ, with all noise.
 
@@ -143,7 +145,7 @@ def test_inversion_cancels_the_bias_of_a_delay_and_knowing_it_does_too() -> None
                 tracker.point(target.name, theta, phi, distance)
             for _ in tracker.targets:
                 record = next(tracker)
-                found[record.target].append((record.place - record.truth)[:2])
+                found[record.target].append((record.position - record.truth)[:2])
         pairs = np.array(list(found.values())).reshape(-1, 2, 2)
         assert np.isfinite(pairs).all()
         assert np.abs(pairs.mean(axis=(0, 1))).max() < 5e-6
@@ -156,6 +158,7 @@ def test_inversion_cancels_the_bias_of_a_delay_and_knowing_it_does_too() -> None
             np.testing.assert_allclose(even, -odd, atol=20e-6)
 
 
+@pytest.mark.slow
 def test_four_targets_of_a_moving_object_are_not_lost() -> None:
     """Claim: with 10 mm/s and 1 deg/s, four targets in turn are followed without a loss.
 
@@ -178,6 +181,7 @@ def test_four_targets_of_a_moving_object_are_not_lost() -> None:
     assert moved > 3e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.5, 1.2])
 def test_a_dark_edge_that_sweeps_over_does_not_capture_the_tracker(speed: float) -> None:
     """Claim: an edge between bright and dark at the target's range, as that of a shadow, is not taken for the target.
@@ -230,6 +234,7 @@ def test_the_edge_of_a_shadow_of_the_sun_does_not_capture_the_tracker(laser_off:
         assert np.abs(error[:, :2]).max() < 60e-6
 
 
+@pytest.mark.slow
 def test_a_target_hidden_for_a_second_is_found_within_five_patterns() -> None:
     """Claim: a moving target that something hides for 1 s is measured again within five patterns of its return.
 

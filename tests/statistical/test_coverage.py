@@ -163,14 +163,15 @@ def pulls(
     return Pulls(ranges, points, squares, planes, len(ranges) / (PLANES * SIDE**2))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "processing",
     [
         {},
-        pytest.param({"pattern": False}, marks=pytest.mark.slow),
-        pytest.param({"peak": "gaussian"}, marks=pytest.mark.slow),
-        pytest.param({"peak": "blais_rioux_4", "correction": "computed"}, marks=pytest.mark.slow),
-        pytest.param({"metal": True, "contrast": 1.0}, marks=pytest.mark.slow),
+        {"pattern": False},
+        {"peak": "gaussian"},
+        {"peak": "blais_rioux_4", "correction": "computed"},
+        {"metal": True, "contrast": 1.0},
     ],
     ids=["maximum_likelihood", "even response", "gaussian", "blais_rioux_4 corrected", "metal told"],
 )
@@ -197,6 +198,7 @@ def test_coverage(processing: dict[str, Any]) -> None:
     assert np.mean(got.chi2 < chi2.ppf(0.95, 3)) == pytest.approx(0.95, abs=0.01)
 
 
+@pytest.mark.slow
 def test_coverage_holds_in_every_part() -> None:
     """Claim: the variance of 1 is no balance of parts that are too small and too large.
 

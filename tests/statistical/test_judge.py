@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from scanner_sim.validation.compare.judge import POWERS, detectable, holm, interval, judged, p_value, same
+from scanner_sim.validation.compare.judge import (
+    POWERS,
+    detectable,
+    holm,
+    interval,
+    judge_checks,
+    p_value,
+    same,
+)
 from scanner_sim.validation.compare.law import Measured, Predicted, exact, mean_of, slope_of, spread_of
 
 RUNS, SHOTS, LEVEL = 4000, 60, 0.01
@@ -88,6 +96,7 @@ def test_holm_by_hand() -> None:
     assert holm([]) == []
 
 
+@pytest.mark.slow
 def test_the_family_keeps_its_level() -> None:
     """Claim: a family of 20 true checks has a broken one in at most the stated share of runs.
 
@@ -99,14 +108,15 @@ def test_the_family_keeps_its_level() -> None:
     ]
     law = Predicted("x", "", 0.0, 0.0, 1.0)
     broken = sum(
-        any(check.broken for check in judged([("x", one, law) for one in row], 0.05)) for row in rows
+        any(check.broken for check in judge_checks([("x", one, law) for one in row], 0.05)) for row in rows
     )
     assert broken < 38
-    outcome = judged([("a", exact(1.0), Predicted("x", "", 1.1, 0.05)), ("b", rows[0][0], law)], 0.05)
+    outcome = judge_checks([("a", exact(1.0), Predicted("x", "", 1.1, 0.05)), ("b", rows[0][0], law)], 0.05)
     assert [check.broken for check in outcome] == [True, False]
     assert outcome[1].adjusted_p == outcome[1].p
 
 
+@pytest.mark.slow
 def test_long_tails_cost_degrees_of_freedom() -> None:
     """Claim: the standard error of a standard deviation is true for normal errors and for long tails.
 

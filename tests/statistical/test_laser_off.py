@@ -132,6 +132,7 @@ def test_the_difference_has_the_stated_variance(laser_off: float) -> None:
     assert pull.var() == pytest.approx(1.0, abs=DEVIATE * np.sqrt(2.0 / pull.size) + 5e-3)
 
 
+@pytest.mark.slow
 def test_structured_light_bends_nothing() -> None:
     """Claim: behind a second exposure no edge and no glint that is not saturated moves or hides the spot.
 
@@ -162,6 +163,7 @@ def test_structured_light_bends_nothing() -> None:
     assert np.mean(always_on[dark]) < 0.5
 
 
+@pytest.mark.slow
 def test_light_alone_is_no_range() -> None:
     """Claim: where the laser returns nothing, subtracted light becomes a range no oftener than noise alone does.
 

@@ -41,7 +41,7 @@ def test_the_surface_keeps_as_much_of_the_error_as_is_stated() -> None:
                 if record.status is TrackStatus.MEASURED and record.mode is TrackMode.TRACK
             ]
             assert len(late) >= 6
-            error = np.array([record.place - record.truth for record in late])
+            error = np.array([record.position - record.truth for record in late])
             stated = np.mean([np.diagonal(record.errors.surface) for record in late], axis=0)
             assert np.linalg.eigvalsh([record.errors.white for record in late]).min() > 0.0
             count = len(late)

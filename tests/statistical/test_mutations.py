@@ -318,12 +318,10 @@ FAULTS: list[tuple[Callable[[Patch], None], str]] = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("fault", "law"),
-    [
-        pytest.param(fault, law, id=f"{fault.__name__}-{law}", marks=pytest.mark.slow if "tof" in law else ())
-        for fault, law in FAULTS
-    ],
+    [pytest.param(fault, law, id=f"{fault.__name__}-{law}") for fault, law in FAULTS],
 )
 def test_a_planted_fault_is_found(
     fault: Callable[[Patch], None],

@@ -193,6 +193,7 @@ def test_other_lengths_are_other_kernels(benches: tuple[Instrument, FrozenInstru
     assert same(before, fast.measure(long))
 
 
+@pytest.mark.slow
 def test_what_was_measured_before_does_not_matter(moving_sunlit: Scenario) -> None:
     """Claim: a pattern's voxels are a function of its aim: the same bytes first or last, with one thread or two."""
     import drjit as dr
@@ -232,6 +233,7 @@ def test_moving_objects_are_where_they_are(moving_sunlit: Scenario) -> None:
     assert fast.windows.rendered == 3
 
 
+@pytest.mark.slow
 def test_background_is_the_raster_s(device: Device) -> None:
     """Claim: the background that patterns see in windows is the raster's, within what both state as their errors.
 
@@ -259,6 +261,7 @@ def test_background_is_the_raster_s(device: Device) -> None:
     assert np.median(error / theirs["background"]) < 0.1
 
 
+@pytest.mark.slow
 def test_photodiode_sees_the_raster_s_background(device: Device) -> None:
     """Claim: time of flight sees the same background in a pattern's windows as in a raster.
 

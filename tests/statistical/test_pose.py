@@ -99,6 +99,7 @@ CASES: dict[str, tuple[Array, dict[str, Any], int]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_coverage_and_residuals(name: str) -> None:
     """Claim: (truth − estimate)/σ of all six components is standard normal, and χ² of the residuals is a χ².
@@ -123,6 +124,7 @@ def test_coverage_and_residuals(name: str) -> None:
         check_chi2(pose.chi2[found], dof)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["uv", "xyz", "joint"])
 def test_uncertain_survey(method: Method) -> None:
     """Claim: errors of the surveyed points go into covariance and χ².
@@ -141,6 +143,7 @@ def test_uncertain_survey(method: Method) -> None:
     assert abs(pose.chi2.mean() / pose.dof[0] - 1.0) < 0.03
 
 
+@pytest.mark.slow
 def test_prior_points_and_relative_poses() -> None:
     """Claim: priors, points of the object and relative poses have the covariance they state.
 
@@ -203,6 +206,7 @@ def test_triangulation_ranges_follow_the_angle() -> None:
     check_chi2(pose.chi2, 18)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["uv", "xyz", "joint"])
 def test_wrong_targets_are_found(method: Method) -> None:
     """Claim: two wrong targets of eight do not touch a pose by ``ransac``.
@@ -228,6 +232,7 @@ def test_wrong_targets_are_found(method: Method) -> None:
     assert abs(distance.mean() - 6.0) < 0.9
 
 
+@pytest.mark.slow
 def test_huber_bounds_the_pull_of_a_doubtful_target() -> None:
     """Claim: one target off by 30 σ pulls a pose by ``huber`` less than a third as far as plain least squares.
 
@@ -253,25 +258,29 @@ def few_targets(name: str, count: int, rng: np.random.Generator) -> Array:
     points = rng.uniform(-0.5, 0.5, (count, 5 if name == "five" else 4, 3))
     if name == "T":
         return np.tile([[-0.5, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 1.0, 0.0]], (count, 1, 1))
-    if name in ("quadrangle", "three on a line"):
+    if name in ("quadrangle", "three on a line", "narrow"):
         points[..., 2] = 0.0
     else:
         points[..., 2] *= 10.0 ** rng.uniform(-4.0, 0.0, (count, 1))
     if name in ("three on a line", "nearly on a line"):
         off = 0.0 if name == "three on a line" else 10.0 ** rng.uniform(-6.0, -1.5, (count, 1, 1))
         points[:, :3, 1:] = off * rng.standard_normal((count, 3, 2))
+    if name == "narrow":
+        points[..., 1] *= 10.0 ** rng.uniform(-3.0, -1.0, (count, 1))
     return points
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
-    "name", ["quadrangle", "three on a line", "nearly on a line", "T", "thick or thin", "five"]
+    "name", ["quadrangle", "three on a line", "nearly on a line", "T", "thick or thin", "five", "narrow"]
 )
 def test_exact_angles_never_give_a_wrong_valid_pose(name: str) -> None:
     """Claim: with exact angles a pose of status VALID is the true one, whatever the layout and the attitude.
 
     Set-up: 2000 layouts and attitudes of a kind, planes from behind and nearly edge-on included, 3–20 m. Expected: none
     lies farther from the truth than its covariance covers, 99 % of χ²₆. Tolerance: none; errors are exact. With starts
-    from the plane and one three of targets alone 0.2 to 4 % of the cases on a line or nearly so are wrong.
+    from the plane and one three of targets alone 0.2 to 4 % of the cases on a line or nearly so are wrong, and 2 % of
+    those where all four are within 0.5 to 50 mm of a line, of which one in ten is told well enough to be valid.
     """
     rng = np.random.default_rng(37)
     points = few_targets(name, 2000, rng)
@@ -282,12 +291,13 @@ def test_exact_angles_never_give_a_wrong_valid_pose(name: str) -> None:
     _, theta, phi = geometry.shot_from_point(placed, SEPARATION)
     pose = estimate_pose(points, theta, phi, **NOISE)
     valid = pose.status == PoseStatus.VALID
-    assert valid.mean() > 0.3
+    assert valid.mean() > (0.05 if name == "narrow" else 0.3)
     apart = errors(pose.rotation, pose.position, rotation, position)[valid]
     distance = np.einsum("ki,kij,kj->k", apart, np.linalg.inv(pose.covariance[valid]), apart)
     assert distance.max() < stats.chi2(6).ppf(0.99)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["uv", "xyz", "joint"])
 def test_implausible_residuals_are_never_valid(method: Method) -> None:
     """Claim: a target that is not where it was surveyed makes a pose implausible, and chance does once in 10⁴.

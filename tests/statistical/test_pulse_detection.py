@@ -65,6 +65,7 @@ def found(
     return delays, (delays.seconds(clock) - clock.start) * clock.rate
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["matched_filter", "leading_edge"])
 @pytest.mark.parametrize("bandwidth", [100e6, 200e6, 800e6])
 def test_the_threshold_gives_the_rate_of_false_alarms(method: str, bandwidth: float) -> None:
@@ -170,6 +171,7 @@ def metres(samples: Any, clock: Digitiser) -> Any:
     return 0.5 * SPEED_OF_LIGHT * samples / clock.rate
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bandwidth", WALK)
 def test_the_leading_edge_walks_as_the_page_says(bandwidth: float, repo_root: Path) -> None:
     """Claim: uncorrected, pulses of 4, 20, 200 times the level seem nearer than one of twice the level as printed.

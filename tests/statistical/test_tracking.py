@@ -75,7 +75,7 @@ def turn(
         loop.mirrors,
         LissajousPattern(amplitude=order.amplitude),
         order.number,
-        order.place[:2],
+        order.position[:2],
         start=loop.pattern * period,
         dwell=DWELL,
         visiting=Visiting(),
@@ -99,7 +99,7 @@ def turn(
         sigma_range=np.full((1, signal.size), 0.01),
         status=np.where(dark, Status.BELOW_THRESHOLD, Status.VALID).astype(np.uint8)[None],
     ).later(SERVO.readout_delay)
-    seen = measure_target(samples, LOOKS, float(order.place[2]), spot=SPOT)
+    seen = measure_target(samples, LOOKS, float(order.position[2]), spot=SPOT)
     following = (loop.pattern + 1) * period + 64 * DWELL
     state, ahead = step(loop.state, seen, SETTINGS, DIAMETER, following)
     record = {
@@ -107,7 +107,7 @@ def turn(
         "mode": state.mode,
         "taken": state.refusal is Refusal.NONE,
         "refusal": state.refusal,
-        "error": seen.place[0] - truth(float(seen.time[0] if seen.found[0] else motion.time.mean())),
+        "error": seen.position[0] - truth(float(seen.time[0] if seen.found[0] else motion.time.mean())),
         "sigma": np.sqrt(np.diagonal(seen.covariance[0])),
     }
     return Loop(state, ahead, mirrors, loop.pattern + 1), record
@@ -175,6 +175,7 @@ def test_a_target_hidden_for_a_second_is_found_within_five_patterns() -> None:
     assert back[-1]["mode"] is TrackMode.TRACK
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dark", [0.05, 0.3])
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_a_shadow_edge_of_equal_range_does_not_capture(dark: float, direction: float) -> None:
@@ -297,7 +298,7 @@ def test_a_search_also_goes_where_the_target_was_seen_last() -> None:
     for number in range(60):
         state, order = step(state, nothing, settings, 0.1, 0.01 * number)
         if order.mode is TrackMode.SEARCH:
-            places.append(order.place[0])
+            places.append(order.position[0])
     assert places[0] == 0.1
     assert abs(places.count(0.1) - places.count(0.0)) <= 5
     assert places.count(0.1) + places.count(0.0) == len(places) > 40

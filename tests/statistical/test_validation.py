@@ -186,6 +186,7 @@ def test_shadow_edge_on_the_target() -> None:
     assert np.mean(np.abs(naive) > 6.0) > 0.05
 
 
+@pytest.mark.slow
 def test_what_stays_in_sunlight_is_right() -> None:
     """Claim: of the voxels that stay valid in hard sunlight no more than 1 in 10 000 is off by more than 6 σ.
 

@@ -19,7 +19,7 @@ from scanner_sim import Tracker, load_scenario
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
-pytestmark = pytest.mark.usefixtures("device")
+pytestmark = [pytest.mark.usefixtures("device"), pytest.mark.slow]
 
 Array = NDArray[np.float64]
 BAND = 0.12
@@ -108,7 +108,7 @@ def test_the_range_belongs_to_its_time_stamp(pitch: float) -> None:
         made = load_scenario({"schema": 1, "seed": 9, "scene": {"objects": [node]}, "scan": scan}, overrides)
         late = [r for r in Tracker(made, device="cpu") if taken(r)]
         assert len(late) >= 40
-        lag = np.array([r.place[2] - r.truth[2] for r in late]) / speed
+        lag = np.array([r.position[2] - r.truth[2] for r in late]) / speed
         lags.append(lag)
         blocks += [part.mean() for part in np.array_split(lag, len(lag) // 5)]
     mean, error = np.mean(blocks), np.std(blocks, ddof=1) / np.sqrt(len(blocks))

@@ -22,6 +22,8 @@ from scanner_sim.render.device import activate
 
 Array = NDArray[np.float64]
 
+pytestmark = pytest.mark.slow
+
 WAVELENGTH, F_NUMBER, FOCAL, PITCH = 1.5e-6, 4.0, 0.1, 50e-6
 CELL = WAVELENGTH * F_NUMBER
 BLUR = 40e-6

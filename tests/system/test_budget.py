@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib
 import json
 from pathlib import Path
 from typing import Any
@@ -25,7 +26,7 @@ from scanner_sim.cli import app
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.products.budget import crossing
 from scanner_sim.validation.compare.instrument import closed_crossing, instrument_of, with_closed_forms
-from scanner_sim.validation.studies.budget import HALF, measure_budget, sources_of, swept
+from scanner_sim.validation.studies.budget import HALF, measure_budget, sources_of, with_sweep
 from scanner_sim.validation.studies.dominance import dominating
 
 WALL = """\
@@ -52,7 +53,13 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
-def test_budget_writes_its_folder(config: Path) -> None:
+@pytest.fixture
+def few_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spots at two places in a pixel: what is looked at is the folder."""
+    monkeypatch.setattr(importlib.import_module("scanner_sim.validation.studies.budget"), "PIXEL_PHASES", 2)
+
+
+def test_budget_writes_its_folder(config: Path, few_places: None) -> None:
     result = invoke("budget", config, "-o", "out", "--distances", 2, "--image", "--device", "cpu")
     assert result.exit_code == 0, result.output
     assert "speckle" in result.output
@@ -74,6 +81,7 @@ def test_budget_writes_its_folder(config: Path) -> None:
     assert "already holds a result" in again.output
 
 
+@pytest.mark.slow
 def test_both_ways_have_their_files(config: Path) -> None:
     result = invoke(
         "budget", config, "-o", "out", "--distances", 2, "--set", "ranging=both", "--device", "cpu"
@@ -89,14 +97,15 @@ def test_both_ways_have_their_files(config: Path) -> None:
     assert told["crossing"]["simulated_m"] == pytest.approx(told["crossing"]["analytic_m"], rel=0.1)
 
 
-def test_the_sweep_can_be_chosen(config: Path) -> None:
+@pytest.mark.slow
+def test_the_sweep_can_be_chosen(config: Path, few_places: None) -> None:
     """Claim: the sweep averages speckle, moves the crossing, and the output says both."""
     scenario = load_scenario(config, ["ranging=both"])
     near, far = 2.0, 30.0
-    rest, fast = (closed_crossing(swept(scenario, sweep), 0.5, near, far) for sweep in (0.0, 5e-3))
+    rest, fast = (closed_crossing(with_sweep(scenario, sweep), 0.5, near, far) for sweep in (0.0, 5e-3))
     assert rest < 0.9 * fast
-    assert swept(scenario, None) is scenario
-    assert [swept(scenario, sweep).raster.travel for sweep in (0.0, 5e-3)] == pytest.approx([0.0, 5e-3])
+    assert with_sweep(scenario, None) is scenario
+    assert [with_sweep(scenario, sweep).raster.travel for sweep in (0.0, 5e-3)] == pytest.approx([0.0, 5e-3])
     for wrong, word in (("5", "no unit"), ("5 rad", "is not between"), ("-1 mrad", "is not between")):
         refused = invoke("budget", config, "-o", "out", f"--sweep={wrong}")
         assert refused.exit_code == 2
@@ -111,6 +120,7 @@ def test_the_sweep_can_be_chosen(config: Path) -> None:
     assert told["crossing"]["at_rest_m"] < 0.9 * told["crossing"]["analytic_m"]
 
 
+@pytest.mark.slow
 def test_jitter_and_wobble_are_lifted_from_the_rounding(config: Path) -> None:
     """Claim: at 30 m, where single precision rounds by 13 µm, jitter (7.1 µm) and wobble (2.7 µm) are the closed form.
 
@@ -132,12 +142,10 @@ def test_an_array_that_sees_too_little_is_refused(config: Path) -> None:
     assert not Path("out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "peak",
-    [
-        "maximum_likelihood",
-        *(pytest.param(peak, marks=pytest.mark.slow) for peak in ("gaussian", "blais_rioux_4")),
-    ],
+    ["maximum_likelihood", "gaussian", "blais_rioux_4"],
 )
 def test_simulated_is_analytic(config: Path, peak: str) -> None:
     """Claim: the closed forms are what is simulated, source by source.
@@ -251,6 +259,7 @@ def only(**sources: str) -> list[str]:
     ]
 
 
+@pytest.mark.slow
 def test_the_curves_cross_where_the_closed_form_says(config: Path) -> None:
     """Claim: simulated, both ways are equally precise at R = √(σ_TOF f d/Δp), and time of flight is flat (Figure 12).
 
@@ -274,6 +283,7 @@ def test_the_curves_cross_where_the_closed_form_says(config: Path) -> None:
         assert sigma["fused", distance] < 1.02 * 1.04 * better
 
 
+@pytest.mark.slow
 def test_time_of_flight_is_analytic(config: Path) -> None:
     """Claim: the closed forms of time of flight are what is simulated, source by source.
 

@@ -71,6 +71,7 @@ def test_compare_writes_its_folder(config: Path) -> None:
     assert "already holds a result" in again.output
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_bytes_and_the_baseline_says_so(config: Path) -> None:
     assert invoke("compare", config, "-o", "one", *QUICK).exit_code == 0
     result = invoke("compare", config, "-o", "two", *QUICK, "--baseline", "one/compare.json")

@@ -63,6 +63,7 @@ def test_the_dark_has_no_background() -> None:
     assert np.array_equal(dark["status"], image("normal", lit=False)["status"])
 
 
+@pytest.mark.slow
 def test_shadow_is_where_the_scenario_says() -> None:
     """Claim: normal, partial and full shadow differ in how much of the Node the Sun reaches.
 
@@ -81,6 +82,7 @@ def test_shadow_is_where_the_scenario_says() -> None:
     assert np.mean(lit["full_shadow"] < 0.2) > 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["back", "saturation"])
 def test_the_sun_fills_pixels_of_its_own_rows_only(name: str) -> None:
     """Claim: Sun or glint saturate where they are seen, and take hardly any range with them.
@@ -99,6 +101,7 @@ def test_the_sun_fills_pixels_of_its_own_rows_only(name: str) -> None:
     assert kept(name) >= 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "least"),
     [("full_shadow", 0.99), ("worst_case", 0.92), ("normal", 0.75), ("partial_shadow", 0.80)],
@@ -123,6 +126,7 @@ def test_most_voxels_stay(name: str, least: float) -> None:
     assert np.count_nonzero(~right(lit)[both]) <= stats.binom(both.sum(), 5e-3).isf(1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     ["normal", "partial_shadow", "full_shadow", "saturation", "back", "worst_case", "worst_case_no_filter"],
@@ -146,6 +150,7 @@ def test_sunlight_costs_nothing_where_it_is_subtracted(name: str) -> None:
     assert moved.sum() <= stats.binom(both.sum(), 1e-4).isf(1e-4)
 
 
+@pytest.mark.slow
 def test_without_the_filter_the_shadow_edge_costs_voxels() -> None:
     """Claim (Figure 18): the filter is what makes the worst case harmless to a laser that always shines.
 
@@ -159,6 +164,7 @@ def test_without_the_filter_the_shadow_edge_costs_voxels() -> None:
     assert 30.0 < gain < 80.0
 
 
+@pytest.mark.slow
 def test_a_lit_run_writes_both_pictures_with_the_same_bytes(tmp_path: Path) -> None:
     config = CONFIGS / "lighting_partial_shadow.yaml"
     for name in "ab":
@@ -182,6 +188,7 @@ def test_pictures_of_an_earlier_light_do_not_stay(tmp_path: Path) -> None:
     assert not any((tmp_path / "out" / name).exists() for name in LIT_PICTURES)
 
 
+@pytest.mark.slow
 def test_show_draws_the_background_as_the_run_did(tmp_path: Path) -> None:
     config = CONFIGS / "lighting_normal.yaml"
     assert invoke("run", config, "-o", tmp_path / "out", *SMALL).exit_code == 0
@@ -191,10 +198,11 @@ def test_show_draws_the_background_as_the_run_did(tmp_path: Path) -> None:
     assert drawn == (tmp_path / "out" / "background.png").read_bytes()
 
 
+@pytest.mark.slow
 def test_without_pictures_there_is_no_photograph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The photograph costs as much as the scan: it is not even taken."""
     monkeypatch.setattr(
-        "scanner_sim.instrument.photo.take_photo", lambda *_, **__: pytest.fail("a photograph was taken")
+        "scanner_sim.instrument.simulate.take_photo", lambda *_, **__: pytest.fail("a photograph was taken")
     )
     arguments = ["--set", "output.pictures=false"]
     result = invoke("run", CONFIGS / "lighting_normal.yaml", "-o", tmp_path / "out", *SMALL, *arguments)

@@ -161,6 +161,7 @@ def test_without_a_target_it_says_so(config: Path) -> None:
         assert "no target" in result.stderr
 
 
+@pytest.mark.slow
 def test_the_shipped_orbit_meets_every_kind_of_shadow() -> None:
     """The scenario is there to be looked at: lit, shaded in part and wholly, dark and against the Sun."""
     timeline = swept(CONFIGS / "lighting_orbit.yaml", steps=45)

@@ -50,12 +50,13 @@ def rows_of(name: str) -> list[dict[str, str]]:
         return list(csv.DictReader(stream))
 
 
+@pytest.mark.slow
 def test_study_writes_its_folder(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # Fewer poses and patterns than --quick has: what is looked at here is the folder.
     few = StudyPlan.__init__
 
     def smaller(self: StudyPlan, distances: Any, arrays: Any, *_: int) -> None:
-        few(self, distances, (arrays[0], *arrays[-2:]), poses=40, places=1, patterns=1)
+        few(self, distances, (arrays[0], *arrays[-2:]), poses=40, positions=1, patterns=1)
 
     monkeypatch.setattr(StudyPlan, "__init__", smaller)
     result = invoke("pose-study", config, "-o", "out", "--quick", "--device", "cpu")

@@ -15,7 +15,7 @@ from scanner_sim.cli import app
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.validation.reproduce import Item, Outcome, Task, Verdict, all_items, reproduce
 from scanner_sim.validation.reproduce import run as flow
-from scanner_sim.validation.reproduce.item import against_print, alike, chosen, judged
+from scanner_sim.validation.reproduce.item import against_print, alike, chosen, row_of_claim
 from scanner_sim.validation.reproduce.results import PAGE, read_result
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -49,7 +49,7 @@ def two(monkeypatch: pytest.MonkeyPatch) -> dict[str, int]:
             made[key] += 1
             if made[key] < 0:
                 raise KeyboardInterrupt
-            return Outcome((judged("a length", "1 m", "", "1 m", True),), drawing)
+            return Outcome((row_of_claim("a length", "1 m", "", "1 m", True),), drawing)
 
         return make
 

@@ -124,6 +124,7 @@ def test_fused_is_as_good_as_the_better(plane: RangeImage) -> None:
     assert spread[2] <= 1.02 * min(spread[:2])
 
 
+@pytest.mark.slow
 def test_the_ways_cross_where_the_closed_form_says() -> None:
     """Claim: stated σ of both are equal at R = √(σ_TOF f d/Δp).
 
@@ -167,11 +168,13 @@ def whole(device: object, module: Scenario) -> RangeImage:
     return simulate(module, device="cpu")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("batch", [97, 400])
 def test_any_batch_gives_the_same_bytes(module: Scenario, whole: RangeImage, batch: int) -> None:
     assert same(simulate(module, device="cpu", batch=batch), whole)
 
 
+@pytest.mark.slow
 def test_the_bench_works_in_parts(
     module: Scenario, whole: RangeImage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -179,6 +182,7 @@ def test_the_bench_works_in_parts(
     assert same(simulate(module, device="cpu"), whole)
 
 
+@pytest.mark.slow
 def test_either_way_alone_is_what_it_is_in_both(module: Scenario) -> None:
     """Truth, and each way's ranges where nothing was refused, do not depend on the other way.
 
@@ -268,6 +272,7 @@ def test_doubts_speak_of_time_of_flight() -> None:
     assert any("digitiser" in sentence for sentence in deep)
 
 
+@pytest.mark.slow
 def test_the_command_line_writes_waveforms_and_draws_them(repo_root: Path, tmp_path: Path) -> None:
     """The waveforms of the file are those of the voxels, and their delays those of the image."""
     size = [
@@ -347,6 +352,7 @@ def test_charge_is_that_of_the_link_budget() -> None:
     assert simulate(scenario)["tof.Y"][4, 4] == pytest.approx(expected, rel=0.01)
 
 
+@pytest.mark.slow
 def test_under_the_sun_the_planned_files_are_written(repo_root: Path, tmp_path: Path) -> None:
     """With time of flight alone there is no background of the line to draw; the camera still takes its picture."""
     config = repo_root / "configs" / "lighting_normal.yaml"

@@ -49,6 +49,7 @@ def numbers(records: list[PatternRecord]) -> list[bytes]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sun", ["none", "{direction: [0, -0.6, -0.8]}"])
 def test_a_run_cut_in_two_equals_the_whole(tmp_path: Path, sun: str) -> None:
     """Claim: a run that is saved to a file and continued elsewhere gives the records of the whole run, byte by byte."""
@@ -115,7 +116,7 @@ def test_commands_change_what_comes_next() -> None:
     tracker.point("node/1", truth[0] + 0.2, truth[1], 9.0)
     missed = next(tracker)
     assert missed.status is TrackStatus.NOT_FOUND
-    assert np.isnan(missed.place).all()
+    assert np.isnan(missed.position).all()
     np.testing.assert_allclose(missed.centre, [truth[0] + 0.2, truth[1]])
     tracker.drop("node/1")
     assert tracker.finished
@@ -146,7 +147,7 @@ def test_a_target_outside_of_the_field_waits_and_the_others_go_on() -> None:
     out = made.of("far/2")
     assert out
     assert all(record.status is TrackStatus.OUT_OF_VIEW for record in out)
-    assert all(record.samples.time.shape == (1, 0) and np.isnan(record.place).all() for record in out)
+    assert all(record.samples.time.shape == (1, 0) and np.isnan(record.position).all() for record in out)
     assert all(record.status is TrackStatus.MEASURED for record in made.of("node/1"))
     assert len(made.of("node/1")) == 5
     assert any("'far/2' was never measured" in warning for warning in made.warnings)
@@ -182,7 +183,7 @@ def test_every_kind_of_target_is_followed(target: dict[str, Any], kind: str) -> 
         assert len(good) >= 16
         for record in good:
             sigma = np.sqrt(np.diagonal(record.covariance))
-            assert (np.abs(record.place - record.truth) < 5.0 * sigma + (20e-6, 20e-6, 1e-3)).all()
+            assert (np.abs(record.position - record.truth) < 5.0 * sigma + (20e-6, 20e-6, 1e-3)).all()
 
 
 def test_where_no_target_is_in_view_time_goes_by() -> None:
@@ -286,6 +287,7 @@ def test_yaml_and_python_are_two_spellings_of_one_scan(tmp_path: Path) -> None:
     assert load_scenario(path) == scenario()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
 def test_the_shipped_runs_find_their_targets(path: Path, tmp_path: Path) -> None:
     """Every scenario that tracks runs through the command line, and measures all of its targets."""

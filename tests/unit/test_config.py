@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.config import json_schema, resolved_yaml, scenario_from_text
 from scanner_sim.config.document import read_document
-from scanner_sim.config.outline import homes, outline
+from scanner_sim.config.outline import locations_of_key, outline
 from scanner_sim.foundation.errors import InputError, ScenarioError
 
 GOOD = """\
@@ -376,8 +376,8 @@ def test_resolved_yaml_is_complete_and_readable() -> None:
 
 
 def test_the_outline_knows_where_a_key_is_legal() -> None:
-    assert homes("baseline") == ["scanner.receiver.baseline"]
-    assert "scene.objects[…].array.plate" in homes("plate")
+    assert locations_of_key("baseline") == ["scanner.receiver.baseline"]
+    assert "scene.objects[…].array.plate" in locations_of_key("plate")
 
 
 def test_the_schema_is_draft_2020_12_and_spells_units() -> None:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
-from scanner_sim.instrument.time_of_flight import Timed, TimeOfFlight
+from scanner_sim.instrument.time_of_flight import EchoDelays, TimeOfFlight
 from scanner_sim.ranging.ranges import Deflections
 
 Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ def test_ranges_have_the_covariance_of_delay_and_angles(place: str, base: float)
     """Claim: with σ of delay, clock, Θ and φ the point's covariance is J C Jᵀ, J by differences."""
     made = bench(place)
     delay, sigma = delay_of(R, THETA, base), np.array([30e-12, 60e-12, 90e-12])
-    timed = Timed.empty(3)
+    timed = EchoDelays.empty(3)
     timed.delay[:], timed.sigma[:] = delay, sigma
     sigma_theta, sigma_phi = np.full(3, 2e-4), np.full(3, 3e-4)
     found = made.ranges(timed, Deflections(THETA, PHI, sigma_theta, sigma_phi))

@@ -51,7 +51,7 @@ def test_bins_are_blurred_to_the_point_spread_and_no_further(device: Device, spr
     halves = [mi.Float(line.ravel()) for _ in range(4)]
     view: Any = SimpleNamespace(bins=bins, rows=rows, row_step=1.0)
     bench: Any = SimpleNamespace(point_spread=spread * pitch, pitch=pitch)
-    panorama = background._assembled(view, bench, halves)
+    panorama = background._assemble(view, bench, halves)
     seen = np.asarray(panorama.in_band.numpy(), dtype=np.float64).reshape(rows, bins)[1]
     place = np.arange(bins) - 50
     assert seen.sum() == pytest.approx(1.0, rel=1e-5)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2, f, kurtosis, norm, t
 
-from scanner_sim.validation.compare.judge import detectable, holm, interval, judged, p_value, same
+from scanner_sim.validation.compare.judge import detectable, holm, interval, judge_checks, p_value, same
 from scanner_sim.validation.compare.law import (
     Measured,
     Predicted,
@@ -90,7 +90,7 @@ def test_a_family_spends_its_level_once() -> None:
         ("far", Measured("mean", 2.5, 1.0), law),
     ]
     level = 0.02
-    checks = judged(cases, level)
+    checks = judge_checks(cases, level)
     alone = [p_value(measured, predicted) for _, measured, predicted in cases]
     assert [check.p for check in checks] == pytest.approx(alone)
     wanted = holm([alone[1], alone[2], alone[3]])
@@ -102,7 +102,7 @@ def test_a_family_spends_its_level_once() -> None:
         assert check.detects_90 == pytest.approx(detectable(measured, predicted, level / 3.0, 0.9))
         assert (check.low, check.high) == interval(measured)
     assert checks[3].effect == pytest.approx(2.5)
-    (broken,) = judged([cases[3]], level)
+    (broken,) = judge_checks([cases[3]], level)
     assert broken.broken
 
 

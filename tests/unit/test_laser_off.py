@@ -158,10 +158,11 @@ def test_the_laser_shines_for_the_rest_of_the_dwell() -> None:
     assert Scanner().exposure == Scanner().dwell
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("device")
 def test_any_batch_and_a_voxel_alone(repo_root: Path) -> None:
     """The noise of the second exposure has an address of its own, as all noise has."""
-    changes = ["scan.rows=6", "scan.columns=7", "scanner.laser_off=0.5"]
+    changes = ["scan.rows=6", "scan.columns=7", "scanner.laser_off=0.5", "transport.background_samples=2"]
     scenario = load_scenario(repo_root / "configs" / "lighting_normal.yaml", changes)
     image, split = (simulate(scenario, device="cpu", batch=batch) for batch in (1000, 5))
     assert all(image[name].tobytes() == split[name].tobytes() for name in (*MEASURED, "Y", "status"))

@@ -49,13 +49,13 @@ def test_a_dither_leaves_nothing_where_it_was() -> None:
     """Claim: at most nine tenths of any variance last: in every direction of (Θ, φ), and of the range."""
     whole = np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 9.0]])
     small = 0.5 * whole
-    np.testing.assert_allclose(lasting._limited(small, whole), small)
+    np.testing.assert_allclose(lasting._limit(small, whole), small)
     # Angles and range are limited each by itself.
     part = np.diag([1.0, 1.0, 0.0]) @ (2.0 * whole) + np.diag([0.0, 0.0, 4.5])
-    limited = lasting._limited(part, whole)
+    limited = lasting._limit(part, whole)
     np.testing.assert_allclose(limited[:2, :2], 0.9 * whole[:2, :2], rtol=1e-12)
     assert limited[2, 2] == pytest.approx(4.5)
-    assert lasting._limited(np.diag([0.0, 0.0, 20.0]), whole)[2, 2] == pytest.approx(8.1)
+    assert lasting._limit(np.diag([0.0, 0.0, 20.0]), whole)[2, 2] == pytest.approx(8.1)
 
 
 DISTANCE, DISC, BEAM = 8.0, 5e-3, 3.2e-3

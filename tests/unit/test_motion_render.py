@@ -15,7 +15,7 @@ from scanner_sim import Scenario, simulate
 from scanner_sim.analytic.geometry import laser_origin, range_to_sphere, scanner_axes
 from scanner_sim.config import scenario_warnings
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.instrument.photo import take_photo
+from scanner_sim.instrument.simulate import take_photo
 from scanner_sim.products.image import RangeImage
 from scanner_sim.scan.raster import raster_aim
 from scanner_sim.scene.objects import Scene
@@ -233,6 +233,7 @@ def test_a_moving_object_hides_the_spot_from_the_lens() -> None:
     assert not dark[time > 0.005].any()
 
 
+@pytest.mark.slow
 def test_the_same_bytes_for_any_batch_and_threads(threads_restored: None) -> None:
     told = scenario(plate(motion=TWIST), WALL, lighting=SUN, rows=10, columns=16, transport={"bounces": 2})
     whole = simulate(told, device="cpu")

@@ -13,7 +13,7 @@ from scanner_sim import Scenario, load_scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.ranging.coordinates import coordinates
-from scanner_sim.ranging.mixed_voxels import mixed
+from scanner_sim.ranging.mixed_voxels import is_mixed
 from scanner_sim.ranging.shared_noise import SharedNoise
 from scanner_sim.ranging.uneven import Raster
 
@@ -115,7 +115,7 @@ def test_light_is_mixed_beyond_slope_noise_and_doubt(share: float, two: bool) ->
     about = Raster(apart, apart, np.full(shape, spot), none)
     noise = SharedNoise(sigma**2, none, none, apart / (2.0 * spot), apart / (2.0 * spot))
     codes = np.full(shape, int(Status.VALID), dtype=np.uint32)
-    found = mixed(ranges, noise, uneven, codes, np.zeros(shape, dtype=np.bool_), about, steepest)
+    found = is_mixed(ranges, noise, uneven, codes, np.zeros(shape, dtype=np.bool_), about, steepest)
     wanted = np.zeros(shape, dtype=bool)
     wanted[:, 1:3] = two
     np.testing.assert_array_equal(found, wanted)

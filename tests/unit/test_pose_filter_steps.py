@@ -45,7 +45,7 @@ def record(target: str, time: float, place: Array) -> PatternRecord:
     made: dict[str, Any] = {
         "number": 0, "target": target, "time": time, "mode": TrackMode.TRACK, "after": TrackMode.TRACK,
         "refusal": Refusal.NONE, "status": TrackStatus.MEASURED, "amplitude": 0.01, "centre": place[:2],
-        "place": place, "covariance": errors.whole, "errors": errors, "point": place, "point_covariance": white,
+        "position": place, "covariance": errors.whole, "errors": errors, "point": place, "point_covariance": white,
         "truth": place, "truth_point": place, "samples": samples,
     }  # fmt: skip
     return PatternRecord(**made)
@@ -176,7 +176,7 @@ def test_biases_fade_each_in_its_own_way() -> None:
             [when.rotation[0] @ np.array(point) + when.position[0] for point in POINTS.values()]
         )
         r, theta, _ = judge.shot_from_point(points, D)
-        depth = visit.place[2] / np.cos(visit.place[0])
+        depth = visit.position[2] / np.cos(visit.position[0])
         places.append((points, 44.0 * depth * np.cos(theta) / r))
     (points, image), before = places[1], places[0][1]
     for number in range(3):

@@ -31,14 +31,14 @@ def observations(rounds: int = 8, targets: int = 4) -> tuple[np.ndarray, np.ndar
 
 def own(found: Interpolated) -> np.ndarray:
     """Covariances of single targets, shape (rounds, targets, 3, 3)."""
-    target = np.arange(found.place.shape[1])
+    target = np.arange(found.position.shape[1])
     return found.covariance[:, target, target]
 
 
 def test_even_motion_is_carried_exactly() -> None:
     time, place, covariance, at = observations()
     found = interpolate(time, place, ErrorParts.all_white(covariance), at)
-    moved, spread = found.place, own(found)
+    moved, spread = found.position, own(found)
     (later,) = {round(float(value), 12) for value in at - time[:, 0]}
     rate = (place[1] - place[0]) / (time[1] - time[0])[:, None]
     np.testing.assert_allclose(moved, place[:1] + rate * (at[:, None] - time[0])[..., None], rtol=1e-12)
@@ -55,11 +55,11 @@ def test_a_target_that_was_missed_in_a_round_does_not_count_in_it() -> None:
     time, place = time.copy(), place.copy()
     time[3, 1], place[3, 1] = np.nan, np.nan
     found = interpolate(time, place, ErrorParts.all_white(covariance), at)
-    moved, spread = found.place, own(found)
+    moved, spread = found.position, own(found)
     assert np.isnan(moved[3, 1]).all()
     assert np.isnan(spread[3, 1]).all()
     time, place, covariance, at = observations()
-    whole = interpolate(time, place, ErrorParts.all_white(covariance), at).place
+    whole = interpolate(time, place, ErrorParts.all_white(covariance), at).position
     np.testing.assert_allclose(np.delete(moved, 3, axis=0), np.delete(whole, 3, axis=0), rtol=1e-12)
 
 
@@ -69,7 +69,7 @@ def test_a_lone_sighting_says_nothing_of_the_motion(gap: int) -> None:
     time = time.copy()
     time[: 4 + gap + 1, 0] = np.nan
     time[4, 0] = 0.16
-    moved = interpolate(time, place, ErrorParts.all_white(covariance), at).place
+    moved = interpolate(time, place, ErrorParts.all_white(covariance), at).position
     assert np.isfinite(moved[4, 0]).all() == (gap < FARTHEST)
 
 
@@ -78,7 +78,7 @@ def test_no_target_depends_on_another() -> None:
     errors = ErrorParts.all_white(covariance)
     every = interpolate(time, place, errors, at)
     one = interpolate(time[:, 2:3], place[:, 2:3], errors.at((slice(None), slice(2, 3))), at)
-    np.testing.assert_array_equal(every.place[:, 2:3], one.place)
+    np.testing.assert_array_equal(every.position[:, 2:3], one.position)
     np.testing.assert_array_equal(every.of([2]).covariance, one.covariance)
 
 
@@ -225,7 +225,7 @@ def test_what_lasts_is_not_averaged() -> None:
 
 def own_lasting(found: Interpolated) -> np.ndarray:
     """What lasts of single targets."""
-    target = np.arange(found.place.shape[1])
+    target = np.arange(found.position.shape[1])
     return found.lasting[:, target, target]
 
 

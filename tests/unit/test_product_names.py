@@ -14,11 +14,11 @@ from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import rotation_from_vector
 from scanner_sim.products.budget import BudgetRow, Dominance, crossing
-from scanner_sim.products.files.tables import checked, six_digits, table_csv
+from scanner_sim.products.files.tables import check_columns, six_digits, table_csv
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.pose import pose_columns
-from scanner_sim.products.summary import beyond, summary
+from scanner_sim.products.summary import share_beyond, summary
 from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.products.track_summary import track_summary
 from scanner_sim.tracking.errors import ErrorParts
@@ -54,7 +54,7 @@ def record(number: int, **changes: Any) -> PatternRecord:
         "number": 3 * number + 2, "target": "node/1", "time": 0.5 + number, "mode": TrackMode.TRACK,
         "after": TrackMode.TRACK, "refusal": Refusal.NONE, "status": TrackStatus.MEASURED,
         "amplitude": 7e-3 + number, "centre": np.array([0.1, 0.2]) + number,
-        "place": np.array([1.0, 2.0, 3.0]) + number, "covariance": covariance, "errors": errors,
+        "position": np.array([1.0, 2.0, 3.0]) + number, "covariance": covariance, "errors": errors,
         "point": np.array([4.0, 5.0, 6.0]) + number, "point_covariance": positive(3, 90 + number),
         "truth": np.array([1.5, 2.2, 3.1]) + number, "truth_point": np.array([7.0, 8.0, 9.0]) + number,
         "samples": samples,
@@ -78,7 +78,7 @@ def test_columns_of_a_track_hold_what_their_names_say() -> None:
         }  # fmt: skip
         angular, spatial = ("theta_rad", "phi_rad", "range_m"), ("x_m", "y_m", "z_m")
         for names, values, matrix, truth in (
-            (angular, one.place, one.covariance, one.truth),
+            (angular, one.position, one.covariance, one.truth),
             (spatial, one.point, one.point_covariance, one.truth_point),
         ):
             for axis, name in enumerate(names):
@@ -147,7 +147,7 @@ def test_columns_of_poses_hold_what_their_names_say() -> None:
 def test_a_summary_of_a_track_counts_and_compares() -> None:
     """Claim: errors are measured less true, over their own σ; shares, losses and the first followed visit by hand."""
     lost = {"status": TrackStatus.NOT_FOUND, "refusal": Refusal.NOT_SEEN}
-    nothing = {"place": np.full(3, np.nan), "covariance": np.full((3, 3), np.nan)} | lost
+    nothing = {"position": np.full(3, np.nan), "covariance": np.full((3, 3), np.nan)} | lost
     made = [
         record(0, mode=TrackMode.SEARCH, after=TrackMode.ACQUIRE),
         record(1, mode=TrackMode.ACQUIRE, after=TrackMode.TRACK),
@@ -165,7 +165,7 @@ def test_a_summary_of_a_track_counts_and_compares() -> None:
     assert (target["visits"], target["measured_share"]) == (8, 0.5)
     assert (target["followed_from_s"], target["losses"], target["state"]) == (1.5, 2, "lost")
     good = [made[number] for number in (0, 1, 2, 6)]
-    error = np.array([one.place - one.truth for one in good])
+    error = np.array([one.position - one.truth for one in good])
     sigma = np.array([np.sqrt(np.diagonal(one.covariance)) for one in good])
     for axis, name in enumerate(("theta_rad", "phi_rad", "range_m")):
         assert target[f"sigma_{name}"] == pytest.approx(np.median(sigma[:, axis]))
@@ -218,7 +218,7 @@ def test_a_summary_of_an_image_compares_with_the_truth() -> None:
     # 4.4, 5.6 and 8.9 standard deviations.
     shares = {"3 sigma": 3 / 13, "5 sigma": 2 / 13, "6 sigma": 1 / 13}
     assert truth["share_beyond"] == {name: pytest.approx(value) for name, value in shares.items()}
-    assert beyond(image(), 5.0) == pytest.approx(2 / 13)
+    assert share_beyond(image(), 5.0) == pytest.approx(2 / 13)
 
 
 def test_a_cloud_names_what_its_numbers_count(tmp_path: Path) -> None:
@@ -284,11 +284,11 @@ def test_numbers_of_studies_keep_six_digits() -> None:
 @pytest.mark.parametrize("value", [-1e31, 1e31])
 def test_numbers_of_no_sense_are_refused(value: float) -> None:
     with pytest.raises(ValueError, match="any sense"):
-        checked({"a": np.array([1.0, value])}, {"a": "number"})
-    assert checked({"a": np.array([1.0, value])}, {"a": "any"})
-    assert checked({"a": np.array([1.0, np.nan])}, {"a": "number"})
+        check_columns({"a": np.array([1.0, value])}, {"a": "number"})
+    assert check_columns({"a": np.array([1.0, value])}, {"a": "any"})
+    assert check_columns({"a": np.array([1.0, np.nan])}, {"a": "number"})
     with pytest.raises(ValueError, match="finite"):
-        checked({"a": np.array([1.0, np.nan])}, {"a": "finite"})
+        check_columns({"a": np.array([1.0, np.nan])}, {"a": "finite"})
 
 
 def test_a_table_for_people_keeps_twelve_digits() -> None:

@@ -93,7 +93,7 @@ def make_track(seconds: float = 0.4, seed: int = 1, objects: int = 2) -> Track:
                 status=TrackStatus.NOT_FOUND if late else TrackStatus.MEASURED,
                 amplitude=30e-3 if late else 10e-3,
                 centre=truth[:2] + 1e-4,
-                place=place + blank,
+                position=place + blank,
                 covariance=np.diag(SIGMA**2) + blank,
                 errors=errors_of(blank),
                 point=np.stack(coordinates(place[2], place[0], place[1], DG)) + blank,
@@ -214,6 +214,7 @@ def test_the_table_begins_as_the_contract_says(track: Track, tmp_path: Path) -> 
     assert about["scenario"] == track.scenario_yaml
 
 
+@pytest.mark.slow
 def test_the_same_track_gives_the_same_bytes(track: Track, tmp_path: Path) -> None:
     poses = poses_of(track)
     for name in ("one", "two"):

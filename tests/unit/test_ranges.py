@@ -13,15 +13,15 @@ from numpy.typing import NDArray
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.status import Status
-from scanner_sim.ranging.neighbours import isolated
+from scanner_sim.ranging.neighbours import is_isolated
 from scanner_sim.ranging.ranges import (
     Deflections,
     Geometry,
     Ranges,
-    finished_layers,
     layers_of,
     ranges_from_peaks,
-    refused,
+    with_status,
+    with_truth,
 )
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.scan.raster import Aim
@@ -109,7 +109,7 @@ def test_a_gate_holds_echoes_too(gate: tuple[float, float]) -> None:
 
 def test_refused_ranges_leave_nothing() -> None:
     status = np.array([0, 3, 0, 5, 0], dtype=np.uint32)
-    found = layers_of(refused(measured(), status))
+    found = layers_of(with_status(measured(), status))
     for name, layer in found.items():
         if name != "status":
             np.testing.assert_array_equal(np.isnan(layer), status != 0)
@@ -118,7 +118,7 @@ def test_refused_ranges_leave_nothing() -> None:
 
 def test_the_truth_is_where_the_beam_went() -> None:
     """Claim: true deflections are the commanded ones and the mirrors' errors; peaks of refused voxels go."""
-    ranges = refused(measured(), np.array([0, 3, 0, 0, 0], dtype=np.uint32))
+    ranges = with_status(measured(), np.array([0, 3, 0, 0, 0], dtype=np.uint32))
     shots = np.arange(5, dtype=np.uint32)
     aim = Aim(shots, THETA, PHI, np.zeros(5), np.zeros(5), np.zeros(5))
     off_theta, off_phi = 1e-3 * np.arange(5), -2e-3 * np.arange(1, 6)
@@ -129,7 +129,7 @@ def test_the_truth_is_where_the_beam_went() -> None:
     truth = SimpleNamespace(distance=held(np.ones(5)), object=held(shots + 1), material=held(shots + 2))
     pointing = SimpleNamespace(theta=off_theta, phi=off_phi)
     layers = {"peak_px": PEAK.copy(), "sigma_peak_px": np.ones(5), "Y": np.ones(5)}
-    found = finished_layers(layers, ranges, aim, pointing, truth)
+    found = with_truth(layers, ranges, aim, pointing, truth)
     np.testing.assert_allclose(found["truth.theta_rad"], THETA + off_theta)
     np.testing.assert_allclose(found["truth.phi_rad"], PHI + off_phi)
     np.testing.assert_array_equal(found["truth.object"], shots + 1)
@@ -152,7 +152,7 @@ def test_a_range_is_isolated_beyond_slope_and_noise(share: float, alone: bool) -
     limit = math.tan(steepest) * math.hypot(1e-3, 1e-3) * 5.0 + sigmas * math.hypot(own, others)
     ranges[1, 1] = 5.0 + share * limit
     status = np.zeros((rows, columns), dtype=np.uint32)
-    found = isolated(ranges, sigma, status, angles, angles, sigmas, steepest)
+    found = is_isolated(ranges, sigma, status, angles, angles, sigmas, steepest)
     wanted_there = np.zeros((rows, columns), dtype=bool)
     wanted_there[1, 1] = alone
     np.testing.assert_array_equal(found, wanted_there)

@@ -101,8 +101,8 @@ def test_a_flat_target_has_the_range_of_its_middle() -> None:
     """Claim: off the centre a facing plane is farther by 1/cos: taken off, it is flat to 10⁻⁷ m."""
     found = seen(voxels(DISTANCE / np.cos(off())))
     assert found.found[0]
-    np.testing.assert_allclose(found.place[0, :2], CENTRE, atol=1e-6)
-    assert found.place[0, 2] == pytest.approx(DISTANCE, abs=1e-7)
+    np.testing.assert_allclose(found.position[0, :2], CENTRE, atol=1e-6)
+    assert found.position[0, 2] == pytest.approx(DISTANCE, abs=1e-7)
 
 
 def test_a_sphere_has_the_range_of_its_middle() -> None:
@@ -115,7 +115,7 @@ def test_a_sphere_has_the_range_of_its_middle() -> None:
     reach = np.where(off() < RADIUS / DISTANCE, reach, DISTANCE + 0.2)
     found = seen(voxels(reach), "raised", appearance={"surface": "sphere"})
     assert found.found[0]
-    assert found.place[0, 2] == pytest.approx(DISTANCE, abs=1e-4)
+    assert found.position[0, 2] == pytest.approx(DISTANCE, abs=1e-4)
     # Voxels up to 0.8 of the radius count, and those beyond do not.
     inside, beyond = off() < 0.75 * RADIUS / DISTANCE, off() > 0.85 * RADIUS / DISTANCE
     for part, moves in (
@@ -124,14 +124,14 @@ def test_a_sphere_has_the_range_of_its_middle() -> None:
     ):
         assert part.sum() > 3
         moved = seen(voxels(np.where(part, reach + 2e-3, reach)), "raised", appearance={"surface": "sphere"})
-        assert (abs(moved.place[0, 2] - found.place[0, 2]) > 1e-5) == moves
+        assert (abs(moved.position[0, 2] - found.position[0, 2]) > 1e-5) == moves
 
 
 def test_ranges_count_by_the_inverse_of_their_variance() -> None:
     loose = np.arange(160) % 3 == 0
     true = DISTANCE / np.cos(off())
     found = seen(voxels(np.where(loose, true + 5e-3, true), np.where(loose, 1e-1, 1e-4)))
-    assert found.place[0, 2] == pytest.approx(DISTANCE, abs=1e-7)
+    assert found.position[0, 2] == pytest.approx(DISTANCE, abs=1e-7)
 
 
 def test_voxels_at_the_rim_do_not_tell_the_range() -> None:
@@ -141,7 +141,7 @@ def test_voxels_at_the_rim_do_not_tell_the_range() -> None:
     assert rim.sum() > 5
     true = DISTANCE / np.cos(off())
     found = seen(voxels(np.where(rim, true + 10e-3, true)))
-    assert found.place[0, 2] == pytest.approx(DISTANCE, abs=1e-7)
+    assert found.position[0, 2] == pytest.approx(DISTANCE, abs=1e-7)
 
 
 def test_a_range_belongs_to_the_mean_time_of_the_hits() -> None:
@@ -151,7 +151,7 @@ def test_a_range_belongs_to_the_mean_time_of_the_hits() -> None:
     hit = off() < RADIUS / DISTANCE
     assert found.time[0] == pytest.approx(time[hit].mean(), abs=0.6 * 50e-6)
     assert abs(time[hit].mean() - time.mean()) > 1e-6 or abs(found.time[0] - time.mean()) < 60e-6
-    assert found.place[0, 2] == pytest.approx(DISTANCE + 2.0 * found.time[0], abs=1e-6)
+    assert found.position[0, 2] == pytest.approx(DISTANCE + 2.0 * found.time[0], abs=1e-6)
 
 
 @pytest.mark.parametrize(("kind", "told"), [("black", "both"), ("white", "on"), ("hole", "around")])
@@ -162,10 +162,10 @@ def test_ranges_come_from_where_the_kind_says(kind: str, told: str) -> None:
     levels = (1.0, 0.1) if kind == "white" else (0.1, 1.0)
     base = deep / np.cos(off())
     far_on, far_off = off() < 0.7 * RADIUS / DISTANCE, off() > 1.3 * RADIUS / DISTANCE
-    start = seen(voxels(base, levels=levels), kind).place[0, 2]
+    start = seen(voxels(base, levels=levels), kind).position[0, 2]
     assert start == pytest.approx(DISTANCE, abs=1e-6)
     for part, name in ((far_on, "on"), (far_off, "around")):
-        moved = seen(voxels(np.where(part, base + 5e-3, base), levels=levels), kind).place[0, 2]
+        moved = seen(voxels(np.where(part, base + 5e-3, base), levels=levels), kind).position[0, 2]
         assert bool(abs(moved - start) > 1e-5) is (told in (name, "both")), name
 
 
@@ -201,7 +201,7 @@ def test_an_error_of_the_centre_moves_the_range_along_the_plane() -> None:
     samples, slope = tilted(1e-6)
     found = seen(samples, axis_separation=D)
     assert found.found[0]
-    assert found.place[0, 2] == pytest.approx(DISTANCE, abs=2e-3)
+    assert found.position[0, 2] == pytest.approx(DISTANCE, abs=2e-3)
     covariance = found.covariance[0]
     scale = np.abs(slope).max()
     np.testing.assert_allclose(

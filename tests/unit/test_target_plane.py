@@ -70,7 +70,7 @@ def test_a_disc_of_any_attitude_is_a_circle_on_its_plane(
     about, r, rise = slopes(normal, foot)
     plane = target_plane(about, np.array([r]), rise, DG)
     samples = voxels(*rim(turned, centre))
-    flat, _ = plane.flattened(samples)
+    flat, _ = plane.flatten(samples)
     middle = np.array([flat.theta[0].mean(), flat.phi[0].mean()])
     radii = np.hypot(flat.theta[0] - middle[0], flat.phi[0] - middle[1])
     np.testing.assert_allclose(radii, RADIUS / r, rtol=1e-6)
@@ -96,7 +96,7 @@ def test_a_matt_plane_is_darker_where_it_is_farther_and_seen_aslant() -> None:
     turned, centre = placed(0.5, -0.3, 0.2, -0.1, 8.0)
     about, r, rise = slopes(turned[:, 2], centre)
     theta, phi = rim(turned, centre)
-    _, light = target_plane(about, np.array([r]), rise, DG).flattened(voxels(theta, phi))
+    _, light = target_plane(about, np.array([r]), rise, DG).flatten(voxels(theta, phi))
     points = (
         centre + RADIUS * np.stack([np.cos(TURN), np.sin(TURN), 0.0 * TURN], axis=1) @ turned.T
     )  # those of the rim
@@ -162,7 +162,7 @@ def test_a_tilted_disc_is_measured_as_well_as_a_facing_one(yaw: float, pitch: fl
     for number in range(8):
         found, truth = measured(yaw, pitch, number, DG)
         assert found.found[0]
-        errors.append(found.place[0] - truth)
+        errors.append(found.position[0] - truth)
         radii.append(found.radius[0])
     # The made-up spot has not the edge of a Gaussian and does not widen with the tilt: some of 6250 µrad are left.
     assert np.abs(errors)[:, :2].max() < 10e-6
@@ -170,7 +170,7 @@ def test_a_tilted_disc_is_measured_as_well_as_a_facing_one(yaw: float, pitch: fl
     np.testing.assert_allclose(radii, RADIUS / 8.0, rtol=0.003)
     if yaw or pitch:
         blind = [measured(yaw, pitch, number, None) for number in range(8)]
-        worst = max(np.abs(found.place[0] - truth)[:2].max() for found, truth in blind)
+        worst = max(np.abs(found.position[0] - truth)[:2].max() for found, truth in blind)
         assert worst > 25e-6
         assert max(found.radius[0] for found, _ in blind) < 0.96 * RADIUS / 8.0
 
@@ -192,7 +192,7 @@ def test_a_spot_is_longer_along_the_tilt(slope: tuple[float, float]) -> None:
     steep = np.hypot(*slope) / 8.0
     uphill = np.array(slope) / np.hypot(*slope)
     ways = 1e-3 * np.stack([uphill, -uphill, [-uphill[1], uphill[0]]])
-    shown = plane.flattened(voxels(ways[:, 0], ways[:, 1]))[0]
+    shown = plane.flatten(voxels(ways[:, 0], ways[:, 1]))[0]
     spot = plane.spot(2e-4, shown, np.zeros((1, 2)))[0]
     long = 2e-4 * np.sqrt(1.0 + steep**2)
     np.testing.assert_allclose(spot[:2], long, rtol=2e-3)

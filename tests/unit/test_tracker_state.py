@@ -17,7 +17,7 @@ from scanner_sim.tracking.state import (
     TrackerSettings,
     TrackMode,
     TrackState,
-    advanced,
+    advance,
     command,
     init,
 )
@@ -44,7 +44,7 @@ def measured(place: Array | None, time: float, **changes: Any) -> Measurement:
     found = place is not None
     numbers: dict[str, Any] = {
         "time": np.array([time if found else np.nan]),
-        "place": np.full((1, 3), np.nan) if place is None else place[None],
+        "position": np.full((1, 3), np.nan) if place is None else place[None],
         "covariance": np.diag([20e-6, 30e-6, 1e-3])[None] ** 2,
         "radius": np.array([RADIUS]),
         "sigma_radius": np.array([1e-9]),
@@ -58,7 +58,7 @@ def measured(place: Array | None, time: float, **changes: Any) -> Measurement:
 def visited(state: TrackState, place: Array | None, settings: TrackerSettings, **changes: Any) -> TrackState:
     """Return the state after one more visit, a period after the last."""
     time = PERIOD * (state.patterns + 1)
-    return advanced(state, measured(place, time, **changes), settings, DIAMETER, time + PERIOD)
+    return advance(state, measured(place, time, **changes), settings, DIAMETER, time + PERIOD)
 
 
 def tracked(settings: TrackerSettings) -> TrackState:
@@ -127,7 +127,7 @@ def test_the_gate_refuses_right_measurements_with_its_chance(chance: float) -> N
     for share, refusal in ((0.999, Refusal.NONE), (1.001, Refusal.PLACE)):
         place = ahead.mean[:3] + share * np.sqrt(chi2.isf(chance, 3)) * way
         radius = np.array([0.5 * DIAMETER / place[2]])
-        after = advanced(state, replace(seen, place=place[None], radius=radius), settings, DIAMETER, time)
+        after = advance(state, replace(seen, position=place[None], radius=radius), settings, DIAMETER, time)
         assert after.refusal is refusal
         if refusal is Refusal.NONE:
             wanted = update(ahead, place, seen.covariance[0])
@@ -200,7 +200,7 @@ def test_search_patterns_grow_begin_anew_and_go_to_both_places() -> None:
     state = replace(init(EXPECTED, settings), motion=lost)
     orders = [command(replace(state, searched=k), settings, DIAMETER, 1.0) for k in range(12)]
     np.testing.assert_allclose([order.amplitude for order in orders], 3 * sizes, rtol=1e-12)
-    places = np.array([order.place for order in orders])
+    places = np.array([order.position for order in orders])
     np.testing.assert_array_equal(places, np.repeat([elsewhere, EXPECTED, elsewhere], 4, axis=0))
 
 
@@ -217,5 +217,5 @@ def test_a_search_does_not_take_a_followed_target() -> None:
             update={"acceleration_psd": 0.0, "range_acceleration_psd": 0.0}
         )
         seen = measured(place, PERIOD, **tight)
-        after = advanced(init(EXPECTED, settings), seen, settings_at_rest, DIAMETER, 1.0, others=[other])
+        after = advance(init(EXPECTED, settings), seen, settings_at_rest, DIAMETER, 1.0, others=[other])
         assert after.refusal is refusal

@@ -9,9 +9,9 @@ from scipy.ndimage import maximum_filter1d
 from scipy.stats import norm
 
 from scanner_sim.foundation.status import Status
-from scanner_sim.ranging.mixed_voxels import mixed
+from scanner_sim.ranging.mixed_voxels import is_mixed
 from scanner_sim.ranging.shared_noise import SharedNoise
-from scanner_sim.ranging.uneven import Raster, relief, rugged, texture, window
+from scanner_sim.ranging.uneven import Raster, is_rugged, relief, texture, window
 
 Array = NDArray[np.float64]
 
@@ -86,7 +86,7 @@ def test_a_crease_and_a_step_are_relief_and_a_plane_is_not(pitch: float) -> None
 
     def bent(ranges: Array) -> Array:
         noise, none = alone(np.full(ranges.shape, 1e-12)), np.zeros(ranges.shape)
-        return relief(ranges, noise, none, about, rugged(ranges, noise, about))
+        return relief(ranges, noise, none, about, is_rugged(ranges, noise, about))
 
     assert bent(R + 1.5 * at).max() == 0.0
     assert bent(R + np.abs(at)).max() > 0.2 * SPOT
@@ -100,7 +100,7 @@ def test_the_rim_takes_the_differences_of_its_neighbours() -> None:
     at = SPOT * places(4.0)
     ranges, about = R + at**2 / SPOT, raster(4.0)
     noise, none = alone(np.full(ranges.shape, 1e-12)), np.zeros(ranges.shape)
-    found = relief(ranges, noise, none, about, rugged(ranges, noise, about))
+    found = relief(ranges, noise, none, about, is_rugged(ranges, noise, about))
     np.testing.assert_allclose(found[:, 0], found[:, 4], rtol=1e-3)
 
 
@@ -109,7 +109,7 @@ def test_what_noise_explains_is_no_relief() -> None:
     own, none = np.full((200, 200), 5e-4**2), np.zeros((200, 200))
     ranges = R + 5e-4 * random.normal(size=own.shape)
     about = raster(2.0, shape=own.shape)
-    where = rugged(ranges, alone(own), about)
+    where = is_rugged(ranges, alone(own), about)
     # Six differences beyond 5 σ: 6 · 6·10⁻⁷, times the 13 voxels about each.
     assert where.mean() < 1e-3
     found = relief(ranges, alone(own), none, about, where)
@@ -120,10 +120,10 @@ def test_surfaces_are_rugged_about_an_edge() -> None:
     ranges = np.full((9, 41), R)
     ranges[:, 20:] += 0.1
     noise = alone(np.full(ranges.shape, 1e-6))
-    where = rugged(ranges, noise, raster(1.0))
+    where = is_rugged(ranges, noise, raster(1.0))
     # The edge shows two voxels away at a pitch of s and four at two, and counts within 3 s.
     assert np.flatnonzero(where[4]).tolist() == list(range(20 - 7, 20 + 7))
-    assert not rugged(np.full((9, 41), R), noise, raster(1.0)).any()
+    assert not is_rugged(np.full((9, 41), R), noise, raster(1.0)).any()
 
 
 @pytest.mark.parametrize("pitch", [0.35, 1.0, 3.0])
@@ -165,7 +165,9 @@ class TestMixed:
         small, none = np.full(ranges.shape, 1e-4), np.zeros(ranges.shape)
         faints = np.full(ranges.shape, faint)
         about = raster(pitch, shape=(ranges.shape[0], ranges.shape[1]))
-        return mixed(ranges, alone(small**2), none, codes.astype(np.uint32), faints, about, np.deg2rad(70.0))
+        return is_mixed(
+            ranges, alone(small**2), none, codes.astype(np.uint32), faints, about, np.deg2rad(70.0)
+        )
 
     def test_both_sides_of_a_step(self) -> None:
         ranges = np.full((9, 20), R)
@@ -198,7 +200,7 @@ class TestMixed:
         about = raster(0.5, shape=flat.shape)
         code, calm = np.zeros(flat.shape, dtype=np.uint32), np.zeros(flat.shape, dtype=np.bool_)
         own, none = alone(np.full(flat.shape, noise**2)), np.zeros(flat.shape)
-        found = mixed(flat, own, none, code, calm, about, 1.2)
+        found = is_mixed(flat, own, none, code, calm, about, 1.2)
         # 120 neighbours and a normal quantile of 4.5: 8·10⁻⁴ at most, of 40 000 voxels.
         assert found.mean() < 2e-3
 
@@ -222,11 +224,11 @@ def test_a_voxel_depends_on_its_window_alone(pitch: float) -> None:
     for other in (ranges, np.where(near, ranges, np.nan)):
         about = Raster.of(other, (step, step), np.full(other.shape, SPOT), 0.0)
         noise = alone(np.full(other.shape, 1e-8))
-        where = rugged(other, noise, about)
+        where = is_rugged(other, noise, about)
         light = np.where(np.isfinite(other), signal, np.nan)
         moved = 20.0 * texture(light, alone(np.zeros(other.shape)), about, where)
         bent = relief(other, noise, moved, about, where)
         code = np.zeros(other.shape, dtype=np.uint32)
-        edge = mixed(other, noise, np.hypot(moved, bent), code, nowhere(other.shape), about, 1.3)
+        edge = is_mixed(other, noise, np.hypot(moved, bent), code, nowhere(other.shape), about, 1.3)
         numbers.append((moved[middle, middle], bent[middle, middle], edge[middle, middle]))
     assert numbers[0] == numbers[1]

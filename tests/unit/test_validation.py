@@ -19,7 +19,7 @@ from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.status import Status
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
-from scanner_sim.ranging.neighbours import isolated
+from scanner_sim.ranging.neighbours import is_isolated
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.processing import PeakMethod, Processing, Validation
@@ -257,7 +257,9 @@ class TestNeighbours:
 
     def found(self, ranges: Array, sigma: float = 1e-3, steepest: float = 1.2) -> NDArray[np.bool_]:
         status = np.where(np.isnan(ranges), Status.BELOW_THRESHOLD, Status.VALID).astype(np.uint32)
-        return isolated(ranges, np.full(ranges.shape, sigma), status, self.ANGLES, self.ANGLES, 6.0, steepest)
+        return is_isolated(
+            ranges, np.full(ranges.shape, sigma), status, self.ANGLES, self.ANGLES, 6.0, steepest
+        )
 
     def test_one_voxel_alone(self) -> None:
         ranges = np.full((9, 9), 10.0)
@@ -294,4 +296,4 @@ class TestNeighbours:
     def test_one_row_is_no_neighbourhood(self) -> None:
         status = np.zeros((1, 9), dtype=np.uint32)
         ranges = np.linspace(5.0, 50.0, 9)[None]
-        assert not isolated(ranges, ranges * 0.0, status, self.ANGLES, np.zeros(1), 6.0, 1.0).any()
+        assert not is_isolated(ranges, ranges * 0.0, status, self.ANGLES, np.zeros(1), 6.0, 1.0).any()

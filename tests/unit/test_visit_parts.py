@@ -119,7 +119,7 @@ def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
     one = np.ones(1)
     seen = Measurement(
         time=one,
-        place=np.array([[0.055, -0.02, DISTANCE]]),
+        position=np.array([[0.055, -0.02, DISTANCE]]),
         covariance=covariance[None],
         radius=0.05 / DISTANCE * one,
         sigma_radius=1e-5 * one,

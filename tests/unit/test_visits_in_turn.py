@@ -86,14 +86,14 @@ def test_targets_are_visited_in_turn_and_on_time(run: Any) -> None:
     for visit in range(8):
         state = tracker.state
         record = next(tracker)
-        asked = tracker._eye.asked[-1]
+        asked = tracker._sensor.asked[-1]
         index = visit % 2
         assert (record.number, asked.visit, record.target) == (visit, visit, ("a/1", "b/1")[index])
         assert asked.order.number == visit // 2
         start = state.clock + period - points * dwell
         middle = start + 0.5 * points * dwell
         expected = command(state.tracks[index], known.following.tracker, 0.1, middle)
-        np.testing.assert_allclose(asked.order.place, expected.place, rtol=0.0, atol=1e-12)
+        np.testing.assert_allclose(asked.order.position, expected.position, rtol=0.0, atol=1e-12)
         assert asked.motion.time[0] >= start
         assert tracker.state.clock == pytest.approx(
             max(start + points * dwell, tracker.state.mirrors.time), abs=1e-12
@@ -131,14 +131,14 @@ def test_a_late_pattern_moves_those_that_follow(run: Any, monkeypatch: pytest.Mo
 
 def test_others_are_those_that_are_followed(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: a target that was dropped cannot take another's measurement."""
-    tracker, true = run(scenario()), module.advanced
+    tracker, true = run(scenario()), module.advance
     seen = []
 
-    def advanced(*state: Any, others: Any = ()) -> Any:
+    def advance(*state: Any, others: Any = ()) -> Any:
         seen.append(len(others))
         return true(*state, others=others)
 
-    monkeypatch.setattr(module, "advanced", advanced)
+    monkeypatch.setattr(module, "advance", advance)
     for _ in range(6):
         next(tracker)
     assert seen[-1] == 1
@@ -178,7 +178,7 @@ def test_targets_out_of_view_take_no_time_but_where_there_are_no_others(run: Any
     assert skipped == [1, 0, 1, 0]
     mixed = run(scenario(out[0], "c"))
     assert [next(mixed).target for _ in range(4)] == ["a/1", "c/1", "a/1", "c/1"]
-    assert len(mixed._eye.asked) == 2
+    assert len(mixed._sensor.asked) == 2
 
 
 def test_a_pattern_is_in_view_with_all_of_its_width(run: Any) -> None:
@@ -210,7 +210,8 @@ def test_a_point_has_the_covariance_that_its_place_gives_it(run: Any) -> None:
     record = next(tracker)
     separation = tracker.scenario.scanner.mirrors.axis_separation
     rows = [
-        (point_of(record.place + step, separation)[0] - point_of(record.place - step, separation)[0]) / 2e-6
+        (point_of(record.position + step, separation)[0] - point_of(record.position - step, separation)[0])
+        / 2e-6
         for step in 1e-6 * np.eye(3)
     ]
     slope = np.array(rows).T
@@ -225,8 +226,8 @@ def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, statu
     record = next(tracker)
     lost = tracker.state.tracks[0]
     nothing = replace(module.NOTHING)
-    after = module.advanced(lost, nothing, tracker.scan.tracker, 0.1, 1.0)
-    order = TrackCommand(TrackMode.TRACK, record.place, 6e-3, 1)
+    after = module.advance(lost, nothing, tracker.scan.tracker, 0.1, 1.0)
+    order = TrackCommand(TrackMode.TRACK, record.position, 6e-3, 1)
     made = tracker._recorder.record(
         1, tracker.targets[0], order, after, record.samples, nothing, record.errors, limited
     )

@@ -144,7 +144,7 @@ class _Visits:
         if rounds > 1 and count[-1] < count[-2]:
             rounds -= 1
         shape = (rounds, len(column))
-        time, place, visited = np.full(shape, np.nan), np.full((*shape, 3), np.nan), np.full(shape, np.nan)
+        time, position, visited = np.full(shape, np.nan), np.full((*shape, 3), np.nan), np.full(shape, np.nan)
         unknown = ErrorParts.all_white(np.full((3, 3), np.nan))
         errors = [unknown] * (rounds * len(column))
         for record, number in zip(records, row.tolist(), strict=True):
@@ -153,9 +153,9 @@ class _Visits:
             where = number, column[record.target]
             visited[where] = record.time
             if record.status is TrackStatus.MEASURED and record.after is TrackMode.TRACK:
-                time[where], place[where] = record.time, record.place
+                time[where], position[where] = record.time, record.position
                 errors[number * len(column) + where[1]] = record.errors
         self.at = np.nanmean(visited, axis=1) if rounds else np.zeros(0)
         if rounds:
-            parts = ErrorParts.stacked(errors).reshaped(shape)
-            self.observations = interpolate(time, place, parts, self.at)
+            parts = ErrorParts.stack(errors).reshape(shape)
+            self.observations = interpolate(time, position, parts, self.at)

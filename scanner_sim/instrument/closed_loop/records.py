@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 _UNKNOWN, _EMPTY = np.full(1, np.nan), np.zeros((1, 0))
 NOTHING = Measurement(
     time=_UNKNOWN,
-    place=np.full((1, 3), np.nan),
+    position=np.full((1, 3), np.nan),
     covariance=np.full((1, 3, 3), np.nan),
     radius=_UNKNOWN,
     sigma_radius=_UNKNOWN,
@@ -80,7 +80,7 @@ class Recorder:
         samples, seen
             The voxels, and what they show.
         parts
-            What the error of the place is made of.
+            What the error of the position is made of.
         limited
             Whether the mirrors were at a limit.
         """
@@ -92,9 +92,9 @@ class Recorder:
         else:
             status = TrackStatus.LIMITED if limited else TrackStatus.NOT_FOUND
         time = float(seen.time[0]) if found else float(samples.time.mean())
-        place = seen.place[0] if found else np.full(3, np.nan)
+        position = seen.position[0] if found else np.full(3, np.nan)
         covariance = seen.covariance[0] if found else np.full((3, 3), np.nan)
-        point, by_place = point_of(place, self._separation)
+        point, by_place = point_of(position, self._separation)
         truth, truth_point = self.truth(target, time)
         return PatternRecord(
             number=number,
@@ -105,8 +105,8 @@ class Recorder:
             refusal=after.refusal,
             status=status,
             amplitude=order.amplitude,
-            centre=order.place[:2],
-            place=place,
+            centre=order.position[:2],
+            position=position,
             covariance=covariance,
             errors=parts,
             point=point,
@@ -133,12 +133,12 @@ class Recorder:
         return np.array([theta, phi, distance]), point
 
 
-def point_of(place: Array, axis_separation: float) -> tuple[Array, Array]:
-    """Return the point x, y, z of a place (Θ, φ, R), shape (3,) [m], and its derivatives by the place, shape (3, 3).
+def point_of(position: Array, axis_separation: float) -> tuple[Array, Array]:
+    """Return the point x, y, z of a position (Θ, φ, R), shape (3,) [m], and its derivatives by it, shape (3, 3).
 
     Eq 3 of Blais, Beraldin, El-Hakim (2000); rows are x, y, z, columns Θ, φ, R.
     """
-    theta, phi, r = (float(value) for value in place)
+    theta, phi, r = (float(value) for value in position)
     point = np.array([float(value) for value in coordinates(r, theta, phi, axis_separation)])
     sine, cosine, down, ahead = np.sin(theta), np.cos(theta), np.sin(phi), np.cos(phi)
     reach = r * cosine - axis_separation

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydantic import ValidationError
 
 from scanner_sim.config.document import spell
@@ -92,10 +91,10 @@ def save_state(path: Path, state: TrackerState, scenario_yaml: str, made_by: str
             "visits": state.visits,
             "clock": state.clock,
             "mirrors": {
-                "angle": _listed(state.mirrors.state.angle),
-                "rate": _listed(state.mirrors.state.rate),
-                "command": _listed(state.mirrors.state.command),
-                "slope": _listed(state.mirrors.slope),
+                "angle": _to_list(state.mirrors.state.angle),
+                "rate": _to_list(state.mirrors.state.rate),
+                "command": _to_list(state.mirrors.state.command),
+                "slope": _to_list(state.mirrors.slope),
                 "time": state.mirrors.time,
             },
             "turn": state.turn,
@@ -135,7 +134,7 @@ def load_state(path: Path) -> tuple[TrackerState, str]:
     return _state(saved.state), saved.scenario
 
 
-def _content(path: Path, remedy: str) -> Any:
+def _content(path: Path, remedy: str) -> object:
     """Return what a JSON file holds."""
     try:
         if not path.is_file():
@@ -152,11 +151,11 @@ def _content(path: Path, remedy: str) -> Any:
 def _first_fault(error: ValidationError) -> str:
     """Say what is wrong first, and where, in the words of the file."""
     details = error.errors(include_url=False, include_input=False)[0]
-    place = spell(details["loc"])
+    location = spell(details["loc"])
     if details["type"] == "impossible":
         fault = details["ctx"]["faults"][0]
-        return f"{place}.{fault.location}: {fault.problem}"
-    return f"{place}: {details['msg'][0].lower()}{details['msg'][1:]}."
+        return f"{location}.{fault.location}: {fault.problem}"
+    return f"{location}: {details['msg'][0].lower()}{details['msg'][1:]}."
 
 
 def _state(saved: SavedState) -> TrackerState:
@@ -186,24 +185,24 @@ def _state(saved: SavedState) -> TrackerState:
     )
 
 
-def _array(values: Any) -> Array:
+def _array(values: ArrayLike) -> Array:
     return np.array(values, dtype=np.float64)
 
 
 _COUNTS = ("patterns", "seen", "missed", "searched")
 
 
-def _track(track: TrackState) -> dict[str, Any]:
+def _track(track: TrackState) -> dict[str, object]:
     return {
         "mode": track.mode.value,
-        "mean": _listed(track.motion.mean),
-        "covariance": _listed(track.motion.covariance),
+        "mean": _to_list(track.motion.mean),
+        "covariance": _to_list(track.motion.covariance),
         "time": float(track.motion.time),
-        "expected": _listed(track.expected),
+        "expected": _to_list(track.expected),
         "refusal": track.refusal.value,
         **{name: getattr(track, name) for name in _COUNTS},
     }
 
 
-def _listed(values: Array) -> Any:
+def _to_list(values: Array) -> object:
     return np.asarray(values, dtype=np.float64).tolist()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import dwell_average
 from scanner_sim.instrument.closed_loop.visit_errors import duty_cycle_of, error_parts
 from scanner_sim.optics.speckle import packets, packets_of
+from scanner_sim.ranging.ranges import Layers
 from scanner_sim.scan.raster import Aim
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.errors import ErrorParts
@@ -25,19 +26,19 @@ from scanner_sim.tracking.state import TrackCommand
 
 Array = NDArray[np.float64]
 
-_UNEVEN = 0.01
+_LEAST_NOISE_PHOTODIODE = 0.01
 """Relative differences of the light from a surface that no noise explains, on a photodiode that sees the whole spot."""
-_MODEL = 5e-3
+_LEAST_NOISE_LINE = 5e-3
 """Relative differences between a target's response and its model, a straight edge and a round spot, without any noise:
 the scatter of 128 voxels on discs at 4 to 12 m, tilted by up to 20°: 0.3 to 1 %."""
-_TOGETHER = 8192
+_SHOTS_TOGETHER = 8192
 """Shots whose encoder noise is drawn together: it depends on their numbers alone."""
 
 
 class MeasuresShots(Protocol):
     """What measures the shots of an aim."""
 
-    def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
+    def measure(self, aim: Aim) -> Layers:
         """Return the layers of the shots, each of shape (n,)."""
 
 
@@ -67,7 +68,7 @@ class Encoders:
     def __init__(self, scenario: Scenario) -> None:
         self._mirrors, self._seed = scenario.scanner.mirrors, scenario.seed
         self._points = scenario.following.pattern.points
-        self._visits = max(1, _TOGETHER // self._points)
+        self._visits = max(1, _SHOTS_TOGETHER // self._points)
         self._block = -1
         self._noise = np.zeros((2, 0))
 
@@ -77,13 +78,13 @@ class Encoders:
         The angles where they latched, earlier than the middle of the dwell, with the jitter that they see, their
         noise and their steps.
         """
-        block, place = divmod(visit, self._visits)
+        block, index = divmod(visit, self._visits)
         if block != self._block:
             count = self._visits * self._points
             shot = (np.arange(count, dtype=np.uint64) + block * count).astype(np.uint32)
             self._block = block
             self._noise = np.stack(reading_noise(shot, self._mirrors, self._seed))
-        start = place * self._points
+        start = index * self._points
         latched = np.stack([motion.latched_theta, motion.latched_phi])
         angle = latched + self._noise[:, start : start + self._points]
         step = self._mirrors.readout_step
@@ -102,7 +103,7 @@ class SignalNoise:
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
 
-    def sigma(self, layers: dict[str, NDArray[Any]], motion: PatternMotion, expected_range: float) -> Array:
+    def sigma(self, layers: Layers, motion: PatternMotion, expected_range: float) -> Array:
         """Return the standard deviations of the signals of a pattern, shape (points,), in their own unit.
 
         Line sensor: σ² = σ_N² + (c N)² + (0.005 N)², the last for what the model of a target leaves. N is the charge of
@@ -113,13 +114,12 @@ class SignalNoise:
         uneven by, and the same c without a dwell.
         """
         signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
-        timed = self._scenario.ranging == "tof"
         speckle = self.speckle(motion, expected_range)
-        if timed:
+        if self._scenario.ranging == "tof":
             ratio = np.asarray(layers["tof.snr_detection"], dtype=np.float64)
-            noise, least = signal / np.maximum(np.nan_to_num(ratio), 1.0), _UNEVEN
+            noise, least = signal / np.maximum(np.nan_to_num(ratio), 1.0), _LEAST_NOISE_PHOTODIODE
         else:
-            noise, least = np.asarray(layers["sigma_Y"], dtype=np.float64), _MODEL
+            noise, least = np.asarray(layers["sigma_Y"], dtype=np.float64), _LEAST_NOISE_LINE
         return np.asarray(np.sqrt(noise**2 + (least**2 + speckle) * signal**2))
 
     def grain(self, motion: PatternMotion, distance: float) -> float:
@@ -142,7 +142,7 @@ class SignalNoise:
     def _dwell_average(
         self, motion: PatternMotion, distance: float, duty_cycle: float
     ) -> tuple[Array, Array]:
-        """Return what the dwells of a pattern leave of the variance of energies and places, at a range [m]."""
+        """Return what the dwells of a pattern leave of the variance of energies and positions, at a range [m]."""
         way, radius = duty_cycle * distance, float(self._scenario.scanner.laser.radius(distance))
         return dwell_average(
             way * motion.travel_theta, way * np.cos(motion.true_theta) * motion.travel_phi, radius
@@ -162,7 +162,7 @@ class SignalNoise:
 
 
 def samples_of(
-    layers: dict[str, NDArray[Any]],
+    layers: Layers,
     motion: PatternMotion,
     angles: Array,
     sigma_signal: Array,
@@ -207,7 +207,7 @@ def samples_of(
 
 
 class TargetSensor:
-    """What the tracker sees through an instrument: voxels of patterns, and the places of targets in them.
+    """What the tracker sees through an instrument: voxels of patterns, and the positions of targets in them.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ class TargetSensor:
     def see(
         self, target: TrackTarget, order: TrackCommand, motion: PatternMotion, visit: int
     ) -> tuple[PatternSamples, Measurement, ErrorParts]:
-        """Return the voxels of a pattern, where they show the target, and the parts of that place's error.
+        """Return the voxels of a pattern, where they show the target, and the parts of that position's error.
 
         Parameters
         ----------
@@ -238,7 +238,7 @@ class TargetSensor:
         visit
             Number of the visit, which addresses every random number.
         """
-        scanner, expected = self._scenario.scanner, float(order.place[2])
+        scanner, expected = self._scenario.scanner, float(order.position[2])
         layers = self._instrument.measure(aim_of(motion, visit))
         delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
         sigma = self._noise.sigma(layers, motion, expected)

@@ -52,11 +52,11 @@ def track(
         records.append(record)
         if progress is not None:
             progress(min(tracker.state.clock, tracker.scan.duration), tracker.scan.duration)
-    return finished_track(tracker, tuple(records))
+    return track_of(tracker, tuple(records))
 
 
-def finished_track(tracker: Tracker, records: tuple[PatternRecord, ...]) -> Track:
-    """Return a run of a tracker with everything that is told of it beside its records."""
+def track_of(tracker: Tracker, records: tuple[PatternRecord, ...]) -> Track:
+    """Return a run of a tracker with everything that is kept of it beside its records."""
     return Track(
         records=records,
         targets=tracker.targets,

@@ -23,7 +23,7 @@ from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.schedule import MOST_VISITS, run_visit
 from scanner_sim.tracking.record import PatternRecord
-from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advanced, command, init
+from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advance, command, init
 
 
 class Tracker:
@@ -65,8 +65,8 @@ class Tracker:
                 remedy="Go on with the scenario that the state was saved with.",
             )
         with guest():
-            bench = FrozenInstrument(Instrument(scenario, device=device, threads=threads))
-            self._eye, self._recorder = TargetSensor(scenario, bench), Recorder(scenario)
+            instrument = FrozenInstrument(Instrument(scenario, device=device, threads=threads))
+            self._sensor, self._recorder = TargetSensor(scenario, instrument), Recorder(scenario)
             self._stay = Stay()
         self._periods: dict[int, float] = {}
 
@@ -133,12 +133,12 @@ class Tracker:
             If these are no angles of a beam or no range of a target, or there is no such target.
         """
         index = self._index(target)
-        place = np.array([theta, phi, distance], dtype=np.float64)
-        if not (np.abs(place[:2]) <= WIDEST).all() or not NEAREST <= distance <= FARTHEST:
+        position = np.array([theta, phi, distance], dtype=np.float64)
+        if not (np.abs(position[:2]) <= WIDEST).all() or not NEAREST <= distance <= FARTHEST:
             raise InputError(
                 f"({theta}, {phi}, {distance}) is no place.", remedy="Name two angles and a range."
             )
-        track = init(place, self.scan.tracker, self.state.clock)
+        track = init(position, self.scan.tracker, self.state.clock)
         self._set(index, track=replace(track, patterns=self.state.tracks[index].patterns), followed=True)
 
     def drop(self, target: str) -> None:
@@ -181,19 +181,19 @@ class Tracker:
             state.mirrors,
             self.scan.pattern.model_copy(update={"amplitude": order.amplitude}),
             order.number,
-            order.place[:2],
+            order.position[:2],
             start=start,
             dwell=dwell,
             visiting=self.scan.visiting,
         )
         with self._stay.resume():
-            samples, seen, parts = self._eye.see(target, order, motion, state.visits)
+            samples, seen, parts = self._sensor.see(target, order, motion, state.visits)
         others = [
             other.motion
-            for place, other in enumerate(state.tracks)
-            if place != index and state.followed[place] and other.mode is TrackMode.TRACK
+            for number, other in enumerate(state.tracks)
+            if number != index and state.followed[number] and other.mode is TrackMode.TRACK
         ]
-        after = advanced(
+        after = advance(
             track, seen, self.scan.tracker, target.appearance.diameter, mirrors.time, others=others
         )
         limited = motion.limited
@@ -243,16 +243,19 @@ class Tracker:
         if order.mode in (TrackMode.SEARCH, TrackMode.LOST):
             limit = self.scenario.scanner.mirrors.max_deflection
             aspect = np.array([1.0, self.scan.pattern.aspect])
-            room = float(((limit - np.abs(order.place[:2])) / aspect).min())
+            room = float(((limit - np.abs(order.position[:2])) / aspect).min())
             least = (
-                self.scan.tracker.track_amplitude * 0.5 * target.appearance.diameter / float(order.place[2])
+                self.scan.tracker.track_amplitude
+                * 0.5
+                * target.appearance.diameter
+                / float(order.position[2])
             )
             return replace(order, amplitude=min(order.amplitude, max(room, least)))
         return order
 
     def _in_view(self, order: TrackCommand) -> bool:
         limit = self.scenario.scanner.mirrors.max_deflection
-        theta, phi = (abs(float(angle)) for angle in order.place[:2])
+        theta, phi = (abs(float(angle)) for angle in order.position[:2])
         return theta + order.amplitude <= limit and phi + order.amplitude * self.scan.pattern.aspect <= limit
 
     def _out_of_view(
@@ -263,7 +266,7 @@ class Tracker:
         It takes no time, so that the others lose none; only where none is in view a period goes by.
         """
         target = self.targets[index]
-        after = advanced(state.tracks[index], NOTHING, self.scan.tracker, target.appearance.diameter, middle)
+        after = advance(state.tracks[index], NOTHING, self.scan.tracker, target.appearance.diameter, middle)
         followed = sum(state.followed)
         waiting = state.skipped + 1 >= followed
         record = self._recorder.out_of_view(state.visits, target, order, after, middle)

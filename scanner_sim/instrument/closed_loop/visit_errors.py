@@ -22,7 +22,7 @@ from scanner_sim.tracking.samples import PatternSamples
 Array = NDArray[np.float64]
 
 _BETWEEN = 0.75
-"""Place of a typical spot between the edges of its pixel, from the lower one."""
+"""Position of a typical spot between the edges of its pixel, from the lower one."""
 
 
 def error_parts(
@@ -34,7 +34,7 @@ def error_parts(
     light: Array,
     grain: float,
 ) -> ErrorParts:
-    """Return what the error of a measured place is made of; its covariance as the voxels tell it is ``seen``'s.
+    """Return what the error of a measured position is made of; its covariance as the voxels tell it is ``seen``'s.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def error_parts(
     commanded = np.array([motion.commanded_theta.mean(), motion.commanded_phi.mean()])
     white = ErrorParts.all_white(seen.covariance[0])
     known = bool(seen.found[0])
-    theta, _, distance = seen.place[0] if known else (0.0, 0.0, 1.0)
+    theta, _, distance = seen.position[0] if known else (0.0, 0.0, 1.0)
     noise, unlike = range_variances(scanner, distance, float(np.median(samples.signal)), grain)
     by_line = scenario.ranging == "triangulation"
     surface = np.zeros((3, 3))
@@ -93,10 +93,10 @@ def range_variances(
     """Return the variances of a range [m²] in triangulation: of one voxel without speckle, and by unlike pixels.
 
     The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
-    estimate of the spot's place each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
+    estimate of the spot's position each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
     q_i′ and its variance v_i = σ_read² + q_i + (s q_i)² + V N q_i of read noise, shot noise, the response's relative
-    standard deviation s and what the fit's weights know of speckle; s adds Σ (w_i s q_i)² to the place's variance, the
-    first two Σ w_i² (σ_read² + q_i), and ∂R/∂p = R²/(f d) makes it the range's.
+    standard deviation s and what the fit's weights know of speckle; s adds Σ (w_i s q_i)² to the position's variance,
+    the first two Σ w_i² (σ_read² + q_i), and ∂R/∂p = R²/(f d) makes it the range's.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def alike(scanner: Scanner, samples: PatternSamples, expected: float) -> float:
 
 
 def _on_surface(scanner: Scanner, distance: float) -> float:
-    """Return the share of the variance of the light's place by speckle that comes from its place on the surface."""
+    """Return the share of the variance of the light's position by speckle that its position on the surface makes."""
     optics, pitch = speckle_optics(scanner), scanner.position_sensor.pitch
     variance = image_variance(scanner, distance) - (scanner.point_spread / pitch) ** 2
     return float(packets_of(optics, variance, variance).on_surface)

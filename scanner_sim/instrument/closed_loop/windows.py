@@ -16,46 +16,50 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable
 from functools import cached_property
-from typing import Any
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import product
+from scanner_sim.foundation.device_types import Float
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
-from scanner_sim.render.background.sky import light_of
+from scanner_sim.render.background.sky import SkyLight, light_of
 from scanner_sim.render.background.view import Window, window_heights, window_position
 from scanner_sim.render.field_of_view import field_optics
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.render.rays import one_kernel, pose_scene
+from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.raster import Aim
+from scanner_sim.scene.files.loader import Pose
 
-_ROW = 0.5
+_ROW_SPACING = 0.5
 """Distance of rows, over the height of a pixel."""
-_QUANTUM = 8
+_SHIFT_BINS = 8
 """Bins by which windows are shifted."""
 _BINS_TOGETHER, _ROWS_TOGETHER = 64, 16
 """Sizes of windows are multiples of them: few sizes make few kernels."""
-_SHARE = 1.0
+_MOST_MOVED_BINS = 1.0
 """Bins by which anything may move in a time slot."""
-_BLOCK, _FINEST = 1.0, 6
+_LONGEST_SLOT, _MOST_HALVINGS = 1.0, 6
 """Longest time slot [s], and how often it may be halved."""
-_SHARP = {False: 8, True: 4}
+_SHARP_SAMPLES = {False: 8, True: 4}
 """Samples of the sharp light of each bin, in each half: where all rests, and where something moves."""
 _MOVING_SAMPLES = 2
 """Long paths of each bin where something moves: windows are then wanted again and again."""
-_KEPT = 16
+_MOST_WINDOWS = 16
 """Windows that are kept."""
-_MOMENTS = np.linspace(0.0, 1.0, 5)
+_SPEED_INSTANTS = np.linspace(0.0, 1.0, 5)
 """Moments of a block at which speeds are looked at."""
-_NEAREST = 0.1
+_NEAREST_PART = 0.1
 """Distance [m] below which a part of a moving object counts as being there: it may lie around the scanner."""
 
 Key = tuple[int, int, int, int, int, int]
+WindowArrays: TypeAlias = list[Float]
+"""What frozen kernels need of a window: its first angles, rows and bins, and the layers of its panorama."""
 
 
 class Windows:
@@ -63,7 +67,7 @@ class Windows:
 
     Parameters
     ----------
-    workbench
+    instrument
         Instrument, scene and lighting.
     optics
         The optics whose pixels are a window's bins.
@@ -71,47 +75,47 @@ class Windows:
         Least and largest angle less Θ that the sensor sees [rad].
     """
 
-    def __init__(self, workbench: Instrument, optics: Any, seen: tuple[float, float]) -> None:
-        self._bench, self._optics, self._seen = workbench, optics, seen
+    def __init__(self, instrument: Instrument, optics: OpticalLayout, seen: tuple[float, float]) -> None:
+        self._instrument, self._optics, self._seen = instrument, optics, seen
         self.step = optics.pitch / optics.receiver.focal_length
-        self.row_step = _ROW * optics.height / optics.receiver.focal_length
-        self._kept: OrderedDict[Key, list[Any]] = OrderedDict()
-        self._renderers: dict[tuple[int, int], Callable[..., list[Any]]] = {}
+        self.row_step = _ROW_SPACING * optics.height / optics.receiver.focal_length
+        self._kept: OrderedDict[Key, WindowArrays] = OrderedDict()
+        self._renderers: dict[tuple[int, int], Frozen] = {}
         self._slots: dict[int, int] = {}
         self.rendered = 0
 
     @classmethod
-    def of_line(cls, workbench: Instrument) -> Windows:
+    def of_line(cls, instrument: Instrument) -> Windows:
         """Return those of the line sensor: a pixel at p looks along Θ − atan(p/f)."""
-        optics, pixels = workbench.optics, workbench.scenario.scanner.position_sensor.pixels
+        optics, pixels = instrument.optics, instrument.scenario.scanner.position_sensor.pixels
         ends = optics.offset + pixels * optics.pitch, optics.offset
         left, right = (-math.atan(end / optics.receiver.focal_length) for end in ends)
-        return cls(workbench, optics, (left, right))
+        return cls(instrument, optics, (left, right))
 
     @classmethod
-    def of_field(cls, workbench: Instrument) -> Windows:
+    def of_field(cls, instrument: Instrument) -> Windows:
         """Return those of the photodiode's field of view."""
-        echoes = workbench.echoes
+        echoes = instrument.echoes
         optics, middle, half = (
             field_optics(echoes.bare, echoes.field),
             -echoes.field.aside,
             0.5 * echoes.field.side,
         )
-        return cls(workbench, optics, (middle - half, middle + half))
+        return cls(instrument, optics, (middle - half, middle + half))
 
-    def seen_by(self, aim: Aim) -> list[Any]:
+    def seen_by(self, aim: Aim) -> WindowArrays:
         """Return what the frozen measurement of a pattern needs of its window, Dr.Jit arrays for :meth:`panorama`."""
         key = self._key(aim)
         if key in self._kept:
             self._kept.move_to_end(key)
         else:
-            self._kept[key] = self._rendered(*key)
+            self._kept[key] = self._render(*key)
             self.rendered += 1
-            if len(self._kept) > _KEPT:
+            if len(self._kept) > _MOST_WINDOWS:
                 self._kept.popitem(last=False)
         return self._kept[key]
 
-    def panorama(self, parts: list[Any]) -> Any:
+    def panorama(self, parts: WindowArrays) -> Panorama | None:
         """Return the panorama of what :meth:`seen_by` returned; None of an empty list."""
         if not parts:
             return None
@@ -123,26 +127,27 @@ class Windows:
         reach = 0.5 * np.abs(aim.travel_theta), 0.5 * np.abs(aim.travel_phi)
         left = float((aim.theta - reach[0]).min()) + self._seen[0]
         right = float((aim.theta + reach[0]).max()) + self._seen[1]
-        first, bins = _span(left, right, self.step, _QUANTUM, _BINS_TOGETHER)
+        first, bins = _span(left, right, self.step, _SHIFT_BINS, _BINS_TOGETHER)
         top, bottom = float((aim.phi - reach[1]).min()), float((aim.phi + reach[1]).max())
         first_row, rows = _span(top, bottom, self.row_step, 1, _ROWS_TOGETHER)
         return (first, bins, first_row, rows, *self._slot(0.5 * float(aim.time[0] + aim.time[-1])))
 
     def _slot(self, time: float) -> tuple[int, int]:
         """Return the number of the time slot of a moment [s], and how often a block was halved for it."""
-        if not self._bench.loaded.bodies:
+        if not self._instrument.loaded.bodies:
             return 0, 0
-        block = math.floor(time / _BLOCK)
+        block = math.floor(time / _LONGEST_SLOT)
         if block not in self._slots:
-            moved = _BLOCK * self._speed(_BLOCK * (block + _MOMENTS)) / (_SHARE * self.step)
-            self._slots[block] = min(max(math.ceil(math.log2(max(moved, 1.0))), 0), _FINEST)
+            speed = self._speed(_LONGEST_SLOT * (block + _SPEED_INSTANTS))
+            moved = _LONGEST_SLOT * speed / (_MOST_MOVED_BINS * self.step)
+            self._slots[block] = min(max(math.ceil(math.log2(max(moved, 1.0))), 0), _MOST_HALVINGS)
         halvings = self._slots[block]
-        return math.floor(time / _BLOCK * 2**halvings), halvings
+        return math.floor(time / _LONGEST_SLOT * 2**halvings), halvings
 
     def _speed(self, time: NDArray[np.float64]) -> float:
         """Return the largest speed of corners of moving objects' boxes [rad/s], as the scanner sees it."""
         fastest, apart = 0.0, 1e-3
-        for body in self._bench.loaded.bodies:
+        for body in self._instrument.loaded.bodies:
             box = body.mitsuba.bbox()
             corners = np.array([np.asarray(box.corner(number)).ravel() for number in range(8)])
             before, after = (
@@ -150,22 +155,22 @@ class Windows:
                 for pose in (body.item.pose_at(time - apart), body.item.pose_at(time + apart))
             )
             speed = np.linalg.norm(after - before, axis=1) / (2.0 * apart)
-            distance = np.maximum(np.linalg.norm(after, axis=1), _NEAREST)
+            distance = np.maximum(np.linalg.norm(after, axis=1), _NEAREST_PART)
             fastest = max(fastest, float((speed / distance).max()))
         return fastest
 
     @cached_property
-    def _heights(self) -> Any:
+    def _heights(self) -> Float:
         return window_heights(self._optics, self.row_step)
 
     @cached_property
-    def _light(self) -> Any:
-        return light_of(self._bench.scenario.lighting.sky())
+    def _light(self) -> SkyLight:
+        return light_of(self._instrument.scenario.lighting.sky())
 
-    def _rendered(
+    def _render(
         self, first: int, bins: int, first_row: int, rows: int, slot: int, halvings: int
-    ) -> list[Any]:
-        loaded = self._bench.loaded
+    ) -> WindowArrays:
+        loaded = self._instrument.loaded
         reads = [
             loaded.mitsuba,
             *(body.mitsuba for body in loaded.bodies),
@@ -175,34 +180,34 @@ class Windows:
             self._light,
             self._heights,
         ]
-        place = window_position(first * self.step, first_row * self.row_step, rows, bins)
-        poses = loaded.poses_at((slot + 0.5) * _BLOCK / 2**halvings) if loaded.bodies else ()
-        return [*place, *self._renderer(rows, bins)(reads, place[:2], poses)]
+        corner = window_position(first * self.step, first_row * self.row_step, rows, bins)
+        poses = loaded.poses_at((slot + 0.5) * _LONGEST_SLOT / 2**halvings) if loaded.bodies else ()
+        return [*corner, *self._renderer(rows, bins)(reads, corner[:2], poses)]
 
-    def _renderer(self, rows: int, bins: int) -> Callable[..., list[Any]]:
+    def _renderer(self, rows: int, bins: int) -> Frozen:
         """Return the frozen kernels that render windows of a size."""
         if (rows, bins) not in self._renderers:
             # Loops that a GPU runs turn by turn cannot be recorded.
             self._renderers[rows, bins] = Frozen(
-                lambda reads, place, poses: self._layers(place, poses, rows, bins),
-                enabled=one_kernel(self._bench.loaded),
+                lambda reads, corner, poses: self._layers(corner, poses, rows, bins),
+                enabled=one_kernel(self._instrument.loaded),
             )
         return self._renderers[rows, bins]
 
-    def _layers(self, place: list[Any], poses: Any, rows: int, bins: int) -> list[Any]:
+    def _layers(self, corner: WindowArrays, poses: tuple[Pose, ...], rows: int, bins: int) -> WindowArrays:
         """Return the layers of a panorama over a window."""
-        scenario, moving = self._bench.scenario, bool(self._bench.loaded.bodies)
+        scenario, moving = self._instrument.scenario, bool(self._instrument.loaded.bodies)
         sky, settings = scenario.lighting.sky(), scenario.transport
         found = render_panorama(
-            pose_scene(self._bench.loaded, poses),
+            pose_scene(self._instrument.loaded, poses),
             self._optics,
             self._light,
             Albedo(sky.albedo, sky.albedo_out_of_band),
-            Window(place[0], place[1], rows, bins, self.step, self.row_step, self._heights),
+            Window(corner[0], corner[1], rows, bins, self.step, self.row_step, self._heights),
             bounces=settings.background_bounces,
             samples=_MOVING_SAMPLES if moving else settings.background_samples,
             seed=scenario.seed,
-            sharp_samples=_SHARP[moving],
+            sharp_samples=_SHARP_SAMPLES[moving],
         )
         return [found.in_band, found.out_of_band, found.error, found.error_out]
 

@@ -12,6 +12,7 @@ import json
 import os
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Literal
 
 import numpy as np
@@ -151,12 +152,12 @@ def _attributes(image: RangeImage) -> dict[str, Any]:
         attributes[f"unit.{name}"] = CHANNEL[name].unit
         attributes[f"description.{name}"] = CHANNEL[name].sentence
     attributes["legend.status"] = _lines(legend())
-    attributes["legend.truth.object"] = _numbered(image.objects)
-    attributes["legend.truth.material"] = _numbered(image.materials)
+    attributes["legend.truth.object"] = _number_lines(image.objects)
+    attributes["legend.truth.material"] = _number_lines(image.materials)
     return attributes
 
 
-def _image(header: Mapping[str, Any], layers: Mapping[str, Any]) -> RangeImage:
+def _image(header: Mapping[str, Any], layers: Mapping[str, NDArray[np.float32]]) -> RangeImage:
     """Return the image that ``header`` and ``layers`` describe."""
     unknown = [name for name in layers if name not in CHANNEL]
     known = {name: layer for name, layer in layers.items() if name in CHANNEL}
@@ -194,18 +195,18 @@ def _lines(entries: Mapping[str, str]) -> str:
     return "\n".join(f"{number} {text}" for number, text in entries.items())
 
 
-def _numbered(names: tuple[str, ...]) -> str:
+def _number_lines(names: tuple[str, ...]) -> str:
     """Return the legend of a truth layer: a line for each number, beginning with 0 for nothing."""
     return _lines({"0": "nothing", **{str(number): name for number, name in enumerate(names, start=1)}})
 
 
 def _names(text: str) -> tuple[str, ...]:
-    """Return the names of a legend that :func:`_numbered` wrote."""
+    """Return the names of a legend that :func:`_number_lines` wrote."""
     return tuple(line.partition(" ")[2] for line in text.split("\n")[1:])
 
 
 @contextlib.contextmanager
-def _all_cores(OpenEXR: Any) -> Iterator[None]:
+def _all_cores(OpenEXR: ModuleType) -> Iterator[None]:
     """Let the library work on several threads for a while, unless the program around has chosen a number.
 
     They are ended afterwards: a process that is forked later would have their pool without them, and wait for ever.

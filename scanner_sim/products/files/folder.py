@@ -63,7 +63,7 @@ def check_target(folder: str | Path, overwrite: bool, kind: ResultFolder) -> Non
 
 
 @contextlib.contextmanager
-def claimed(folder: str | Path, overwrite: bool, kind: ResultFolder) -> Iterator[None]:
+def claim_folder(folder: str | Path, overwrite: bool, kind: ResultFolder) -> Iterator[None]:
     """Check as :func:`check_target`, and keep other runs out of the folder while the work goes on.
 
     Raises

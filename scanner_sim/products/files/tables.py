@@ -7,9 +7,9 @@ import io
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, fields
+from dataclasses import Field, asdict, fields
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 import pyarrow
@@ -23,8 +23,12 @@ from scanner_sim.foundation.named_files import read_ordinary
 
 T = TypeVar("T")
 
-Columns = Mapping[str, NDArray[Any]]
-"""Columns by name, each of shape (rows,): float64, integers or texts (dtype object)."""
+Column: TypeAlias = NDArray[Any]
+"""A column of shape (rows,): float64, integers or texts (dtype object)."""
+Columns: TypeAlias = Mapping[str, Column]
+"""Columns by name."""
+Table: TypeAlias = dict[str, Column]
+"""Columns by name, of a table that is being made."""
 
 _ABOUT = b"scanner_sim"
 """Key of the metadata that hold what the table is about."""
@@ -43,16 +47,22 @@ ColumnKind = Literal["any", "number", "finite", "whole", "text"]
 """What a column holds: float64 of any size, of some sense or NaN, or without NaN; integers; texts."""
 
 
+class Record(Protocol):
+    """Any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
+
+
 def table_csv(columns: Columns) -> str:
     """Return a table with a heading; floats with twelve digits, nothing for NaN."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
     table.writerow(columns)
-    table.writerows(zip(*(_spelt(values) for values in columns.values()), strict=True))
+    table.writerows(zip(*(_spell(values) for values in columns.values()), strict=True))
     return text.getvalue()
 
 
-def records_csv(rows: Sequence[Any]) -> str:
+def records_csv(rows: Sequence[Record]) -> str:
     """Return dataclasses of one kind as a table, a column for each field; floats as :func:`six_digits`."""
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
@@ -69,7 +79,7 @@ def six_digits(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.6g}"
 
 
-def write_parquet(path: Path, columns: Columns, about: Mapping[str, Any]) -> None:
+def write_parquet(path: Path, columns: Columns, about: Mapping[str, object]) -> None:
     """Write a table as Parquet; the same table gives the same bytes.
 
     Parameters
@@ -87,15 +97,15 @@ def write_parquet(path: Path, columns: Columns, about: Mapping[str, Any]) -> Non
         If the file cannot be written.
     """
     table = pyarrow.table({name: _array(values) for name, values in columns.items()})
-    stated = json.dumps(about, ensure_ascii=False, allow_nan=False)
-    table = table.replace_schema_metadata({_ABOUT: stated.encode()})
+    read_about = json.dumps(about, ensure_ascii=False, allow_nan=False)
+    table = table.replace_schema_metadata({_ABOUT: read_about.encode()})
     # Through memory: on a full disk the error is then the operating system's, with its code.
     stream = io.BytesIO()
     pyarrow.parquet.write_table(table, stream, compression="zstd")
     path.write_bytes(stream.getvalue())
 
 
-def read_parquet(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+def read_parquet(path: Path) -> tuple[Table, object]:
     """Return the columns and what was said of them, as :func:`write_parquet` took them.
 
     Raises
@@ -114,7 +124,7 @@ def read_parquet(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
         words = [field.name for field in schema if pyarrow.types.is_string(field.type)]
         file = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(content), read_dictionary=words)
         table = file.read(use_threads=False)
-        columns = {name: _unpacked(table[name], name in words) for name in schema.names}
+        columns = {name: _unpack(table[name], name in words) for name in schema.names}
     except KeyError:
         raise InputError(
             f"{path} was not written by this program.", remedy="Name the folder of a run."
@@ -125,7 +135,7 @@ def read_parquet(path: Path) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
     return columns, about
 
 
-def _check_size(metadata: Any, schema: Any) -> None:
+def _check_size(metadata: pyarrow.parquet.FileMetaData, schema: pyarrow.Schema) -> None:
     """Refuse nested columns, two of one name, and more cells than a run has."""
     plain = (pyarrow.types.is_floating, pyarrow.types.is_integer, pyarrow.types.is_string)
     if len(set(schema.names)) < len(schema.names) or not all(
@@ -136,7 +146,7 @@ def _check_size(metadata: Any, schema: Any) -> None:
         raise ValueError(f"{metadata.num_rows} rows of {metadata.num_columns} columns are too many")
 
 
-def _unpacked(column: Any, text: bool) -> NDArray[Any]:
+def _unpack(column: pyarrow.ChunkedArray, text: bool) -> Column:
     """Return a column, its texts in full where none is longer than any of ours."""
     if not text:
         return np.asarray(column.to_numpy())
@@ -147,7 +157,7 @@ def _unpacked(column: Any, text: bool) -> NDArray[Any]:
     return np.asarray(column.cast(pyarrow.string()).to_numpy())
 
 
-def checked(columns: Columns, kinds: Mapping[str, ColumnKind]) -> dict[str, NDArray[Any]]:
+def check_columns(columns: Columns, kinds: Mapping[str, ColumnKind]) -> Table:
     """Return the columns of a table that are wanted, each of its kind.
 
     Raises
@@ -172,7 +182,7 @@ def checked(columns: Columns, kinds: Mapping[str, ColumnKind]) -> dict[str, NDAr
     return {name: columns[name] for name in kinds}
 
 
-def stated(about: Any, form: type[T]) -> T:
+def read_about(about: object, form: type[T]) -> T:
     """Return what is said of a table as a dataclass.
 
     Raises
@@ -184,8 +194,8 @@ def stated(about: Any, form: type[T]) -> T:
         return TypeAdapter(form).validate_python(about)
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(str(step) for step in first["loc"])
-        raise ValueError(f"{place or 'what is said of it'}: {first['msg']}") from None
+        location = ".".join(str(step) for step in first["loc"])
+        raise ValueError(f"{location or 'what is said of it'}: {first['msg']}") from None
 
 
 _MEANT: Mapping[ColumnKind, str] = {
@@ -197,13 +207,13 @@ _MEANT: Mapping[ColumnKind, str] = {
 }
 
 
-def _spelt(values: NDArray[Any]) -> list[str]:
+def _spell(values: Column) -> list[str]:
     if values.dtype.kind == "f":
         return ["" if value != value else f"{value:.12g}" for value in values.tolist()]
     return [str(value) for value in values.tolist()]
 
 
-def _array(values: NDArray[Any]) -> Any:
+def _array(values: Column) -> pyarrow.Array:
     if values.dtype == object:
         return pyarrow.array(values.tolist(), pyarrow.string())
     if values.dtype.kind == "f":
@@ -212,6 +222,6 @@ def _array(values: NDArray[Any]) -> Any:
     return pyarrow.array(np.ascontiguousarray(values))
 
 
-def texts(values: list[str]) -> NDArray[Any]:
+def texts(values: list[str]) -> Column:
     """Return texts as a column."""
     return np.array(values, dtype=object)

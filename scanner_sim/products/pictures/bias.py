@@ -46,7 +46,7 @@ def draw_bias(estimator: str, curves: Sequence[BiasCurve], path: str | Path) -> 
     OSError
         If the file cannot be written.
     """
-    chosen = sorted({round(place) for place in np.linspace(0, len(curves) - 1, _SHOWN)})
+    chosen = sorted({round(position) for position in np.linspace(0, len(curves) - 1, _SHOWN)})
     with house_style():
         figure = Figure(figsize=(6.4, 4.6), dpi=150, layout="constrained")
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))

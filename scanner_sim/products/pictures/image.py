@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from textwrap import shorten
 from types import MappingProxyType
-from typing import Any
 
 import matplotlib
 import numpy as np
@@ -31,7 +30,7 @@ from scanner_sim.products.pictures.style import (
     canvas,
     house_style,
     lay,
-    named,
+    plot_label,
     save,
 )
 from scanner_sim.products.pictures.voxel import draw_voxel
@@ -237,7 +236,7 @@ def _axes(sheet: Canvas, image: RangeImage) -> None:
             axis.set_major_locator(MaxNLocator(nbins=2))
 
 
-def _colour_bar(sheet: Canvas, layer: Layer, scale: Any) -> None:
+def _colour_bar(sheet: Canvas, layer: Layer, scale: ScalarMappable) -> None:
     bar = sheet.figure.colorbar(scale, cax=sheet.bar, extend=layer.extend, extendfrac=0.025)
     bar.outline.set_linewidth(0.6)
     bar.set_label(layer.label)
@@ -268,8 +267,8 @@ def about(image: RangeImage) -> str:
     shown = [*image.objects[:3], "…"] if len(image.objects) > 3 else list(image.objects)
     rows, columns = image.shape
     parts = [
-        named(preset[1]) if preset else "",
-        ", ".join(map(named, shown)),
+        plot_label(preset[1]) if preset else "",
+        ", ".join(map(plot_label, shown)),
         f"{rows} × {columns} voxels",
         f"seed {image.seed}",
     ]

@@ -4,14 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from scanner_sim.products.pictures.style import FAINT, INK, RANGE_MAP, SIGNAL_MAP, house_style, named, save
+from scanner_sim.products.pictures.style import (
+    FAINT,
+    INK,
+    RANGE_MAP,
+    SIGNAL_MAP,
+    house_style,
+    plot_label,
+    save,
+)
 from scanner_sim.tracking.centroid import Centroid, circle_fit
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.response import Response, target_response
@@ -45,7 +52,7 @@ def response_of(track: Track, record: PatternRecord) -> Response:
     The range gate lies about the measured range, or about the expected one where nothing was found.
     """
     appearance = next(target for target in track.targets if target.name == record.target)
-    middle = record.place[2] if np.isfinite(record.place[2]) else appearance.expected[2]
+    middle = record.position[2] if np.isfinite(record.position[2]) else appearance.expected[2]
     depth = appearance.appearance.depth
     return target_response(record.samples, appearance.appearance.kind, (middle - depth, middle + depth))
 
@@ -74,8 +81,8 @@ def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = N
     circle = circle_fit(record.samples, response)
     with house_style():
         figure = Figure(figsize=(11.4, 4.3), dpi=150)
-        places = ((0.055, 0.13, 0.25, 0.67), (0.43, 0.13, 0.25, 0.67), (0.82, 0.30, 0.165, 0.43))
-        by_signal, by_range, centre = (figure.add_axes(place) for place in places)
+        positions = ((0.055, 0.13, 0.25, 0.67), (0.43, 0.13, 0.25, 0.67), (0.82, 0.30, 0.165, 0.43))
+        by_signal, by_range, centre = (figure.add_axes(position) for position in positions)
         outline = _outline(track, record) if rim is None else rim(record)
         samples = record.samples
         measured = samples.valid[0]
@@ -104,7 +111,7 @@ def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = N
             columnspacing=1.2,
         )
         _centre(centre, record)
-        figure.text(0.055, 0.945, f"Pattern over {named(record.target)}", size=10.5, weight="bold")
+        figure.text(0.055, 0.945, f"Pattern over {plot_label(record.target)}", size=10.5, weight="bold")
         figure.text(0.055, 0.90, _about(record, response), color=FAINT)
         save(figure, path)
 
@@ -123,19 +130,27 @@ def _away(record: PatternRecord, angles: Array) -> Array:
 
 
 def _voxels(
-    axes: Axes, record: PatternRecord, response: Response, value: Array, shown: Any, colours: str, label: str
+    axes: Axes,
+    record: PatternRecord,
+    response: Response,
+    value: Array,
+    shown: NDArray[np.bool_],
+    colours: str,
+    label: str,
 ) -> None:
     """Draw the path and its voxels: hits large and rimmed, misses small, what was not measured as a cross."""
     samples, hit = record.samples, response.hit[0]
     x, y = _away(record, np.stack([samples.theta[0], samples.phi[0]], axis=1)).T
     axes.plot(x, y, color="#c9ced4", lw=0.7, zorder=1)
-    limits: dict[str, Any] = {}
+    low: float | None = None
+    high: float | None = None
     if shown.any():
         low, high = np.percentile(value[shown], (1.0, 99.0))
-        limits = {"vmin": low, "vmax": max(high, low + 1e-6)}
+        high = max(high, low + 1e-6)
     for chosen, size, edge in ((shown & ~hit, _OPEN, "none"), (shown & hit, _FILLED, INK)):
         dots = axes.scatter(
-            x[chosen], y[chosen], size, value[chosen], cmap=colours, edgecolors=edge, linewidths=0.5, zorder=3, **limits
+            x[chosen], y[chosen], size, value[chosen], cmap=colours, vmin=low, vmax=high, edgecolors=edge,
+            linewidths=0.5, zorder=3,
         )  # fmt: skip
     axes.scatter(x[~shown], y[~shown], 12.0, "#9aa3ac", marker="x", linewidths=0.7, zorder=2)
     axes.set_aspect("equal")
@@ -149,8 +164,8 @@ def _voxels(
 
 
 def _circles(axes: Axes, record: PatternRecord, circle: Centroid, outline: Array) -> None:
-    if np.isfinite(record.place[:2]).all():
-        x, y = _away(record, record.place[None, :2])[0]
+    if np.isfinite(record.position[:2]).all():
+        x, y = _away(record, record.position[None, :2])[0]
         axes.plot(x, y, "+", color=_FIT, ms=7.0, mew=1.2, zorder=5)
         if circle.found[0]:
             radius = 1e3 * circle.radius[0]
@@ -178,7 +193,7 @@ def _centre(axes: Axes, record: PatternRecord) -> None:
     axes.set_aspect("equal")
     axes.spines[["top", "right"]].set_visible(False)
     axes.locator_params(nbins=4)
-    error = 1e6 * (record.place - record.truth)[:2]
+    error = 1e6 * (record.position - record.truth)[:2]
     if not np.isfinite(error).all():
         axes.text(0.5, 0.6, "not found", transform=axes.transAxes, ha="center", color=FAINT)
         axes.set(xlim=(-1.0, 1.0), ylim=(1.0, -1.0), xticks=[], yticks=[])

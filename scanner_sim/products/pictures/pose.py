@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, named, save
+from scanner_sim.products.pictures.style import FAINT, INK, house_style, plot_label, save
 from scanner_sim.tracking.record import Track, TrackTarget
 
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ def draw_poses(series: Sequence[PoseSeries], path: str | Path) -> None:
             chosen = [one for one in series if one.label == label]
             for component in range(6):
                 _component(grid[component, column], chosen, component)
-            grid[0, column].set_title(named(label), loc="left", fontsize=8.0, weight="bold")
+            grid[0, column].set_title(plot_label(label), loc="left", fontsize=8.0, weight="bold")
             grid[-1, column].set_xlabel("time [s]")
         for component, name in enumerate(_COMPONENTS):
             grid[component, 0].set_ylabel(name)
@@ -91,9 +91,15 @@ def _component(axes: Axes, chosen: Sequence[PoseSeries], component: int) -> None
         if (known := good & np.isfinite(error)).any():
             largest = float(np.percentile(np.abs(error[known]), 99.0))
             reach = max(reach, 2.6 * float(np.median(sigma[known])), 1.1 * largest)
-        place = np.full(np.count_nonzero(~good), 0.97 - 0.05 * number)
+        position = np.full(np.count_nonzero(~good), 0.97 - 0.05 * number)
         axes.plot(
-            one.time[~good], place, "|", color=colour, ms=4.0, mew=0.7, transform=axes.get_xaxis_transform()
+            one.time[~good],
+            position,
+            "|",
+            color=colour,
+            ms=4.0,
+            mew=0.7,
+            transform=axes.get_xaxis_transform(),
         )
     axes.axhline(0.0, color=INK, lw=0.5)
     axes.set_ylim(-reach, reach)
@@ -152,7 +158,9 @@ def _object(
             last[one.method] = (one, int(good[-1]))
     front, above = panels
     if not last:
-        front.set_title(f"{named(chosen[0].name)}: no valid pose", loc="left", fontsize=8.0, weight="bold")
+        front.set_title(
+            f"{plot_label(chosen[0].name)}: no valid pose", loc="left", fontsize=8.0, weight="bold"
+        )
         for axes in panels:
             axes.set_axis_off()
         return
@@ -175,7 +183,7 @@ def _object(
     front.invert_yaxis()
     time = max(one.time[row] for one, row in last.values())
     front.set_title(
-        f"{named(chosen[0].name)} at {time:.2f} s, × {factor:g}", loc="left", fontsize=8.0, weight="bold"
+        f"{plot_label(chosen[0].name)} at {time:.2f} s, × {factor:g}", loc="left", fontsize=8.0, weight="bold"
     )
 
 

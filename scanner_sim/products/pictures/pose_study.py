@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -19,7 +20,7 @@ MODES = {
     ("xyz", "tof"): ("points (xyz), time of flight", "#7a5195", "^"),
     ("joint", "tof"): ("both (joint), time of flight", "#4b7f52", "v"),
 }
-"""Name, colour and mark of each way of measuring."""
+"""Name, colour and mark of each method of measuring."""
 _TITLES = {
     "t_x": "shift across, $t_x$",
     "t_y": "shift down, $t_y$",
@@ -78,8 +79,8 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
         save(figure, path)
 
 
-def _draw_mode(axes: Any, own: list[PoseRow], name: str, colour: str, mark: str) -> None:
-    """Draw one way of measuring into a panel."""
+def _draw_mode(axes: Axes, own: list[PoseRow], name: str, colour: str, mark: str) -> None:
+    """Draw one method of measuring into a panel."""
     x, line, y, low, high = (
         np.array([getattr(row, key) for row in own])
         for key in ("range_m", "analytic", "simulated", "low", "high")
@@ -89,7 +90,7 @@ def _draw_mode(axes: Any, own: list[PoseRow], name: str, colour: str, mark: str)
     axes.errorbar(x, 1e3 * y, bars, fmt=mark, ms=3.4, lw=0.8, capsize=1.5, color=colour, label=name, zorder=3)
 
 
-def _plain_ticks(axis: Any, ends: tuple[float, float]) -> None:
+def _plain_ticks(axis: Axis, ends: tuple[float, float]) -> None:
     """Label an axis in logarithms with plain numbers: decades, and 2 and 5 between them where it spans few."""
     few = ends[1] < 60.0 * ends[0]
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if few else (1.0,)))
@@ -109,9 +110,11 @@ def draw_arrays(study: PoseStudy, path: str | Path) -> None:
         for axes, component in zip(panels, shown, strict=True):
             for mode, (name, colour, mark) in MODES.items():
                 own = [row for row in rows if row.mode == mode and row.component == component]
-                place = [arrays.index((row.array, row.size_m, row.targets)) for row in own]
-                axes.plot([1e3 * row.analytic for row in own], place, "|", ms=9.0, mew=1.0, color=colour)
-                axes.plot([1e3 * row.simulated for row in own], place, mark, ms=3.6, color=colour, label=name)
+                position = [arrays.index((row.array, row.size_m, row.targets)) for row in own]
+                axes.plot([1e3 * row.analytic for row in own], position, "|", ms=9.0, mew=1.0, color=colour)
+                axes.plot(
+                    [1e3 * row.simulated for row in own], position, mark, ms=3.6, color=colour, label=name
+                )
             unit = "mm" if component.startswith("t") else "mrad"
             axes.set(xscale="log", xlabel=f"error [{unit}]")
             _plain_ticks(axes.xaxis, axes.get_xlim())

@@ -64,7 +64,7 @@ _SETTINGS = {
 }
 
 
-def named(name: str) -> str:
+def plot_label(name: str) -> str:
     """Return a name of the user as a picture shows it: no control characters, no mathematics between dollar signs."""
     return printable(name).replace("$", r"\$")
 

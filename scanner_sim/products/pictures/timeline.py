@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from numpy.typing import NDArray
 
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, named, save
+from scanner_sim.products.pictures.style import FAINT, INK, house_style, plot_label, save
 from scanner_sim.products.timeline import Timeline
+
+Array = NDArray[np.float64]
 
 _COLOURS = ("#f0c24b", "#8fb3c9", "#3f6b8c", "#d0522f", "#23272c", "#8a4f9e")
 """Of the conditions by number: sunny, shady, shadier, glaring, dark, and against the light."""
@@ -29,14 +31,14 @@ def draw_timeline(timeline: Timeline, path: str | Path) -> None:
     with house_style():
         figure = Figure(figsize=(_WIDE, high), dpi=150)
 
-        def place(top: float, tall: float) -> Axes:
+        def panel(top: float, tall: float) -> Axes:
             across = 1.0 - (_LEFT + _RIGHT) / _WIDE
             return figure.add_axes((_LEFT / _WIDE, 1.0 - (top + tall) / high, across, tall / high))
 
         minutes = np.append(timeline.times, timeline.period) / 60.0
-        band = place(0.62, bands)
+        band = panel(0.62, bands)
         _bands(band, timeline, minutes)
-        panels = [place(0.62 + bands + 0.24 + number * (curves + 0.24), curves) for number in range(3)]
+        panels = [panel(0.62 + bands + 0.24 + number * (curves + 0.24), curves) for number in range(3)]
         _shares(panels[0], timeline, minutes)
         _lit(panels[1], timeline, minutes)
         _charge(panels[2], timeline, minutes)
@@ -56,7 +58,7 @@ def draw_timeline(timeline: Timeline, path: str | Path) -> None:
         save(figure, path)
 
 
-def _bands(axes: Axes, timeline: Timeline, minutes: Any) -> None:
+def _bands(axes: Axes, timeline: Timeline, minutes: Array) -> None:
     codes = np.stack([track.condition for track in timeline.tracks])
     count = len(timeline.labels)
     norm = BoundaryNorm(np.arange(count + 1) - 0.5, count)
@@ -64,7 +66,7 @@ def _bands(axes: Axes, timeline: Timeline, minutes: Any) -> None:
     axes.pcolormesh(minutes, edges, codes, cmap=ListedColormap(_COLOURS[:count]), norm=norm)
     axes.hlines(edges[1:-1], 0.0, minutes[-1], color="white", linewidth=2.0)
     axes.set_ylim(edges[-1], edges[0])
-    axes.set_yticks(range(codes.shape[0]), [named(_cut(track.name)) for track in timeline.tracks])
+    axes.set_yticks(range(codes.shape[0]), [plot_label(_cut(track.name)) for track in timeline.tracks])
     axes.tick_params(left=False)
     axes.spines["left"].set_visible(False)
     for row, track in enumerate(timeline.tracks):
@@ -73,21 +75,21 @@ def _bands(axes: Axes, timeline: Timeline, minutes: Any) -> None:
         )  # fmt: skip
 
 
-def _shares(axes: Axes, timeline: Timeline, minutes: Any) -> None:
+def _shares(axes: Axes, timeline: Timeline, minutes: Array) -> None:
     _steps(axes, minutes, timeline.sun_visible, _LINES[0], "Sun's disc not hidden by the Earth")
     _steps(axes, minutes, timeline.sun_in_view, _COLOURS[5], "Sun's disc seen by a pixel")
     axes.set(ylim=(-0.05, 1.3), yticks=(0.0, 0.5, 1.0), ylabel="share")
     axes.legend(loc="upper right", ncols=2, fontsize=7.0, borderaxespad=0.1)
 
 
-def _lit(axes: Axes, timeline: Timeline, minutes: Any) -> None:
+def _lit(axes: Axes, timeline: Timeline, minutes: Array) -> None:
     for track, colour in zip(timeline.tracks[:_MOST_LINES], _LINES, strict=False):
-        _steps(axes, minutes, track.lit, colour, named(_cut(track.name)))
+        _steps(axes, minutes, track.lit, colour, plot_label(_cut(track.name)))
     axes.set(ylim=(-0.05, 1.3), yticks=(0.0, 0.5, 1.0), ylabel="in sunlight")
     axes.legend(loc="upper right", ncols=_MOST_LINES, fontsize=7.0, borderaxespad=0.1)
 
 
-def _charge(axes: Axes, timeline: Timeline, minutes: Any) -> None:
+def _charge(axes: Axes, timeline: Timeline, minutes: Array) -> None:
     axes.set_yscale("log")
     for track, colour in zip(timeline.tracks[:_MOST_LINES], _LINES, strict=False):
         _steps(axes, minutes, np.where(track.background >= 1.0, track.background, np.nan), colour, None)
@@ -98,11 +100,13 @@ def _charge(axes: Axes, timeline: Timeline, minutes: Any) -> None:
     axes.legend(loc="upper right", ncols=2, fontsize=7.0, borderaxespad=0.1)
 
 
-def _steps(axes: Axes, minutes: Any, values: Any, colour: str, label: str | None, style: str = "-") -> None:
+def _steps(
+    axes: Axes, minutes: Array, values: Array, colour: str, label: str | None, style: str = "-"
+) -> None:
     axes.stairs(values, minutes, baseline=None, color=colour, label=label, linestyle=style, linewidth=1.1)
 
 
-def _legend(figure: Any, timeline: Timeline, high: float) -> None:
+def _legend(figure: Figure, timeline: Timeline, high: float) -> None:
     handles = [
         Patch(facecolor=colour, label=label.name)
         for colour, label in zip(_COLOURS, timeline.labels, strict=False)

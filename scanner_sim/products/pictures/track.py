@@ -15,7 +15,7 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 from numpy.typing import NDArray
 
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, named, save
+from scanner_sim.products.pictures.style import FAINT, INK, house_style, plot_label, save
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
@@ -61,7 +61,7 @@ def draw_track(track: Track, path: str | Path) -> None:
             records = track.of(target.name)
             for axis, axes in enumerate(grid[row]):
                 _errors(axes, records, axis)
-            grid[row, 0].set_title(named(target.name), loc="left", fontsize=8.0, weight="bold", pad=3.0)
+            grid[row, 0].set_title(plot_label(target.name), loc="left", fontsize=8.0, weight="bold", pad=3.0)
         for axis, axes in enumerate(grid[-1]):
             axes.set_xlabel("time [s]")
             grid[0, axis].text(1.0, 1.04, _QUANTITIES[axis][0], transform=grid[0, axis].transAxes, ha="right")
@@ -78,7 +78,7 @@ def _errors(axes: Axes, records: Sequence[PatternRecord], axis: int) -> None:
     measured = [record for record in records if record.status is TrackStatus.MEASURED]
     scale = _QUANTITIES[axis][1]
     time = np.array([record.time for record in measured])
-    error = scale * np.array([record.place[axis] - record.truth[axis] for record in measured])
+    error = scale * np.array([record.position[axis] - record.truth[axis] for record in measured])
     sigma = scale * np.array([np.sqrt(record.covariance[axis, axis]) for record in measured])
     reach = 1.0
     if len(measured):
@@ -107,7 +107,7 @@ def _stretches(records: Sequence[PatternRecord]) -> list[tuple[TrackMode, float,
     return found
 
 
-def _states(figure: Any, height: float) -> None:
+def _states(figure: Figure, height: float) -> None:
     handles = [Patch(color=colour, label=mode.value) for mode, colour in STATE_COLOUR.items()]
     figure.legend(
         handles=handles, loc="lower left", bbox_to_anchor=(0.075, height), ncols=4, borderaxespad=0.0, borderpad=0.0,
@@ -172,10 +172,10 @@ def field_of(track: Track) -> tuple[float, float, float, float]:
     """Return the part of the field that holds all patterns and targets: ends of Θ, then of φ [rad]."""
     spots = [record.centre + sign * record.amplitude for record in track.records for sign in (-1.0, 1.0)]
     spots += [record.truth[:2] for record in track.records]
-    places = np.array([spot for spot in spots if np.isfinite(spot).all()]).reshape(-1, 2)
-    if not len(places):
+    positions = np.array([spot for spot in spots if np.isfinite(spot).all()]).reshape(-1, 2)
+    if not len(positions):
         return -0.5, 0.5, -0.5, 0.5
-    low, high = places.min(axis=0), places.max(axis=0)
+    low, high = positions.min(axis=0), positions.max(axis=0)
     margin = np.maximum(_MARGIN * (high - low).max(), _LEAST - 0.5 * (high - low))
     low, high = low - margin, high + margin
     return float(low[0]), float(high[0]), float(low[1]), float(high[1])
@@ -196,11 +196,11 @@ def _visit(axes: Axes, record: PatternRecord, ink: str) -> None:
     """Draw the last visit to a target: its pattern, the measured centre and the name."""
     angles = _path(axes, record, lw=0.9)
     if record.status is TrackStatus.MEASURED:
-        axes.plot(*np.degrees(record.place[:2]), "+", color=ink, ms=5.0, mew=0.9)
+        axes.plot(*np.degrees(record.position[:2]), "+", color=ink, ms=5.0, mew=0.9)
     x, y = np.degrees([angles[0].max(), angles[1].mean()])
     rim: list[AbstractPathEffect] = [withStroke(linewidth=2.0, foreground="black")] if ink == "white" else []
     label = axes.annotate(
-        named(record.target),
+        plot_label(record.target),
         (x, y),
         (4.0, 0.0),
         textcoords="offset points",

@@ -44,8 +44,8 @@ def draw_voxel(record: VoxelRecord, path: str | Path) -> None:
         close.set_ylabel(f"signal [{power} electrons]" if power else "signal [electrons]")
         close.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=4, fontsize=7.0, columnspacing=1.4)
         _detail(close, record)
-        place = f"Voxel: row {record.row}, column {record.column}"
-        figure.text(0.085, 0.945, place, size=10.5, weight="bold")
+        position = f"Voxel: row {record.row}, column {record.column}"
+        figure.text(0.085, 0.945, position, size=10.5, weight="bold")
         aim = f"Θ {math.degrees(record.theta):.3f}°, φ {math.degrees(record.phi):.3f}°".replace("-", "−")
         figure.text(
             0.085, 0.905, f"{aim}  ·  estimator: {record.method}  ·  {record.status.sentence}", color=FAINT
@@ -97,13 +97,13 @@ def _electrons(record: VoxelRecord) -> tuple[float, str]:
 
 def _interesting(record: VoxelRecord) -> tuple[int, int]:
     """Return first and last pixel of the enlarged part: around detection, truth, window and the brightest pixel."""
-    places = [
+    positions = [
         record.peak_px,
         record.truth_peak_px,
         float(np.nanargmax(record.pixel_signal)),
         *(record.window or ()),
     ]
-    inside = [place for place in places if 0.0 <= place <= record.pixels - 1.0]
+    inside = [position for position in positions if 0.0 <= position <= record.pixels - 1.0]
     return max(int(min(inside)) - _MARGIN, 0), min(int(max(inside)) + _MARGIN + 1, record.pixels - 1)
 
 

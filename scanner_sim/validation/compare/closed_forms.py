@@ -25,7 +25,7 @@ FIT = "maximum_likelihood"
 
 @dataclass(frozen=True)
 class ClosedSpot:
-    """A spot on the line: its place and width [pixel], the place's chief ray [pixel], and its charge [electron]."""
+    """A spot on the line: its position, width and the position of its chief ray [pixel]; its charge [electron]."""
 
     centre: float
     chief: float
@@ -96,7 +96,7 @@ class ClosedForms:
         return 1.0 if self.band is None else self.band.passed(line, incidence)
 
     def pixel(self, position: float) -> float:
-        """Return the pixel of a place p [m] on the sensor."""
+        """Return the pixel of a position p [m] on the sensor."""
         return (position - self.scenario.scanner.position_sensor.offset) / self.pitch - 0.5
 
     def spot(self, theta: float, phi: float, point: Array, normal: Array, reflectance: float) -> ClosedSpot:
@@ -163,8 +163,8 @@ class ClosedForms:
             found.append(estimator(line.tolist()))
         return (found[0] - found[1]) / (2.0 * step)
 
-    def place(self, R: float, phase: float) -> float:
-        """Return the range [m] next to one at which a facing plate's spot lies at a place in its pixel."""
+    def position(self, R: float, phase: float) -> float:
+        """Return the range [m] next to one at which a facing plate's spot lies at a position in its pixel."""
         target = round(self.facing(R, 1.0).centre) + phase
         for _ in range(5):
             R += (self.facing(R, 1.0).centre - target) * self.range_per_pixel(R)
@@ -178,7 +178,7 @@ class ClosedForms:
 
 
 def bound_of(seen: ClosedSpot, variance: Array) -> float:
-    """Return the Cramér–Rao bound [pixel] of a spot's place for a variance of each pixel, shape (41,).
+    """Return the Cramér–Rao bound [pixel] of a spot's position for a variance of each pixel, shape (41,).
 
     1/√Σ (∂m_i/∂µ)²/v_i (Winick, *J. Opt. Soc. Am. A* 3, 1986); ∂m/∂µ by central differences of the pixel integrals.
     """

@@ -108,9 +108,11 @@ class ComparisonSetup:
         """Return how many shots to take for a number in a thorough comparison with one seed."""
         return number // 4 if self.quick else number
 
-    def seed(self, *places: int) -> tuple[int, ...]:
-        """Return seeds of a measurement, one for each of the setting's, apart from those of other places."""
-        apart = sum(place * factor for place, factor in zip(places, (1009, 100_003, 7), strict=False))
+    def seed(self, *positions: int) -> tuple[int, ...]:
+        """Return seeds of a measurement, one for each of the setting's, apart from those of other positions."""
+        apart = sum(
+            position * factor for position, factor in zip(positions, (1009, 100_003, 7), strict=False)
+        )
         return tuple(
             (self.scenario.seed + number + 1_000_003 * (apart + 1)) % 2**63 for number in range(self.seeds)
         )
@@ -132,6 +134,6 @@ class ComparisonSetup:
         return tuple(float(f"{R:.3g}") for R in np.geomspace(low, high, RANGES))
 
 
-def named(text: str) -> str:
+def law_name(text: str) -> str:
     """Return a word of an option as a law's name: small letters, underscores."""
     return re.sub(r"[\s-]+", "_", text.strip().lower())

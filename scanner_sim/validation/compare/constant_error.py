@@ -1,4 +1,4 @@
-"""Law of an error of the spot's place that is the same at every range, and whose range error hence grows as R²."""
+"""Law of an error of the spot's position that is the same at every range, and whose range error hence grows as R²."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import geometry
-from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, spread_of
@@ -31,29 +31,29 @@ def _synchronised(setting: ComparisonSetup) -> tuple[float, ...]:
 
 
 def _measure_synchronisation(setting: ComparisonSetup) -> dict[str, Measured]:
-    told, shots, ranges = {}, setting.shots(8000), _synchronised(setting)
+    cases, shots, ranges = {}, setting.shots(8000), _synchronised(setting)
     mirrors = setting.scenario.scanner.mirrors.still(but="synchronisation")
     for step, R in enumerate(ranges):
         groups = []
         for seed in setting.seed(7, step):
-            plate = stand.plate(R, setting.flat.reflectance, size=plate_side(setting, R))
-            made = stand.on_stand(setting, plate, seed=seed, mirrors=mirrors)
-            aim = stand.directions(np.zeros(shots), 0.0, mirrors, 0.0)
-            groups.append(1e3 * stand.range_errors(setting, made, aim))
-        told[f"{R:.4g} m"] = spread_of(np.stack(groups))
-    return told | slope_over(ranges, told, True)
+            plate = test_bench.plate(R, setting.flat.reflectance, size=plate_side(setting, R))
+            made = test_bench.on_test_bench(setting, plate, seed=seed, mirrors=mirrors)
+            aim = test_bench.directions(np.zeros(shots), 0.0, mirrors, 0.0)
+            groups.append(1e3 * test_bench.range_errors(setting, made, aim))
+        cases[f"{R:.4g} m"] = spread_of(np.stack(groups))
+    return cases | slope_over(ranges, cases, True)
 
 
 def _predict_synchronisation(setting: ComparisonSetup) -> dict[str, Predicted]:
-    closed, told, ranges = ClosedForms(setting.scenario), {}, _synchronised(setting)
+    closed, cases, ranges = ClosedForms(setting.scenario), {}, _synchronised(setting)
     for R in ranges:
         apart = closed.synchronisation_error(R)
         value = 1e3 * float(geometry.range_error(R, 0.0, closed.f, closed.d, apart))
         value *= closed.follows(closed.facing(R, setting.flat.reflectance))
         p = float(geometry.image_position(R, 0.0, closed.f, closed.d))
         rounding = 1e3 * closed.range_per_pixel(R) * p / closed.pitch * 2.0**-24
-        told[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, 0.002 * value + rounding**2 / value)
-    return told | slope_expected(ranges, told, True, "2 for p ≪ f")
+        cases[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, 0.002 * value + rounding**2 / value)
+    return cases | slope_expected(ranges, cases, True, "2 for p ≪ f")
 
 
 SYNCHRONISATION = Law(

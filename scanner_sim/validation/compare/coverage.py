@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,9 +13,10 @@ from scanner_sim.analytic import geometry
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.ranging.ranges import Layers
 from scanner_sim.scan.raster import Aim, RasterScan, raster_aim
 from scanner_sim.scene.objects import Scene
-from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of
@@ -38,7 +38,7 @@ _STEEP = math.tan(math.radians(60.0))
 _BEND = 0.2
 """Bend of the surface within the spot, over σ, that does no harm."""
 _CONTRAST = 1e-3
-"""Difference of a surface's speckle from what σ is told: where any of the light keeps its polarisation there is a lobe,
+"""Difference of a surface's speckle from what σ assumes: where any of the light keeps its polarisation there is a lobe,
 whose slope over the beam moves the spot by more than σ (on retro-reflecting sheets by up to 3 σ)."""
 _UNBIASED = ("maximum_likelihood", "gaussian")
 _VARIANCE, _MEAN, _SHARE = 0.05, 0.03, 0.01
@@ -66,15 +66,15 @@ def _honest(setting: ComparisonSetup) -> str:
     return ""
 
 
-def _reseeded(bench: Instrument, seed: int) -> Instrument:
-    """Return a bench before the same loaded scene with another seed."""
-    fresh = copy.copy(bench)
-    fresh.scenario = bench.scenario.model_copy(update={"seed": seed})
+def _with_seed(instrument: Instrument, seed: int) -> Instrument:
+    """Return an instrument before the same loaded scene with another seed."""
+    fresh = copy.copy(instrument)
+    fresh.scenario = instrument.scenario.model_copy(update={"seed": seed})
     fresh.__dict__.pop("echoes", None)
     return fresh
 
 
-def _numbers(layers: dict[str, Any]) -> dict[str, Array]:
+def _numbers(layers: Layers) -> dict[str, Array]:
     return {name: np.asarray(values, dtype=np.float64) for name, values in layers.items()}
 
 
@@ -83,30 +83,30 @@ def _on_scene(
 ) -> Iterator[tuple[dict[str, Array], NDArray[np.bool_]]]:
     """Yield the layers of voxels drawn from the scenario's scan for each seed, and which of them σ speaks of."""
     scenario = setting.scenario.model_copy(update={"ranging": "triangulation"})
-    bench = Instrument(scenario, device=setting.device)
+    instrument = Instrument(scenario, device=setting.device)
     scan, dwell = scenario.raster, scenario.scanner.dwell
-    # What the bench keeps, such as the background, is then that of all seeds.
-    bench.measure(raster_aim(scan, np.arange(min(64, scan.shots), dtype=np.uint32), dwell))
+    # What the instrument keeps, such as the background, is then that of all seeds.
+    instrument.measure(raster_aim(scan, np.arange(min(64, scan.shots), dtype=np.uint32), dwell))
     for seed in seeds:
         random = np.random.default_rng(seed)
         shots = random.choice(scan.shots, size=min(_DRAWN, scan.shots), replace=False).astype(np.uint32)
         aim = raster_aim(scan, np.sort(shots), dwell)
-        fresh = _reseeded(bench, seed)
+        fresh = _with_seed(instrument, seed)
         layers = _numbers(fresh.measure(aim))
         yield layers, _smooth(setting, fresh, aim, layers)
 
 
 def _smooth(
-    setting: ComparisonSetup, bench: Instrument, aim: Aim, layers: dict[str, Array]
+    setting: ComparisonSetup, instrument: Instrument, aim: Aim, layers: dict[str, Array]
 ) -> NDArray[np.bool_]:
-    """Return which voxels lie on one surface that is plane, not steep, and has the speckle that σ is told of."""
+    """Return which voxels lie on one surface that is plane, not steep, and has the speckle that σ assumes."""
     scenario = setting.scenario
     # A spot on an edge may have a range though its axis goes by.
     good: NDArray[np.bool_] = (layers["status"] == Status.VALID) & np.isfinite(layers["truth.range_m"])
     if scenario.scanner.laser.speckle:
-        contrast = np.sqrt(np.asarray(bench.loaded.coherence.numpy(), dtype=np.float64))
-        told = scenario.processing.speckle_contrast
-        good &= np.abs(contrast[layers["truth.material"].astype(np.intp)] - told) < _CONTRAST
+        contrast = np.sqrt(np.asarray(instrument.loaded.coherence.numpy(), dtype=np.float64))
+        assumed = scenario.processing.speckle_contrast
+        good &= np.abs(contrast[layers["truth.material"].astype(np.intp)] - assumed) < _CONTRAST
     some = np.flatnonzero(good)
     if not some.size:
         return good
@@ -115,7 +115,7 @@ def _smooth(
     apart = 2.0 * radius / R + 0.5 * np.abs(aim.travel_theta[some])
     fine = np.ones(some.size, dtype=bool)
     for axis in ("theta", "phi"):
-        low, high = (_truth(bench, aim, some, axis, side * apart) for side in (-1.0, 1.0))
+        low, high = (_truth(instrument, aim, some, axis, side * apart) for side in (-1.0, 1.0))
         bend = np.abs(low[0] + high[0] - 2.0 * R) < _BEND * layers["sigma_range_m"][some]
         fine &= bend & (np.abs(high[0] - low[0]) < 2.0 * _STEEP * apart * R)
         for number, name in ((1, "truth.object"), (2, "truth.material")):
@@ -125,11 +125,13 @@ def _smooth(
     return good
 
 
-def _truth(bench: Instrument, aim: Aim, some: NDArray[np.intp], axis: str, apart: Array) -> tuple[Array, ...]:
+def _truth(
+    instrument: Instrument, aim: Aim, some: NDArray[np.intp], axis: str, apart: Array
+) -> tuple[Array, ...]:
     """Return range, object and material at some shots of an aim, moved along one axis."""
     moved = {name: getattr(aim, name)[some] for name in Aim.__dataclass_fields__}
     moved[axis] = moved[axis] + apart
-    truth, _ = bench.expose(Aim(**moved))
+    truth, _ = instrument.expose(Aim(**moved))
     found = (truth.distance, truth.object, truth.material)
     with np.errstate(invalid="ignore"):
         return tuple(np.asarray(values.numpy(), dtype=np.float64) for values in found)
@@ -146,7 +148,7 @@ def _on_planes(
         distance = float(np.exp(random.uniform(math.log(ranges[0]), math.log(ranges[-1]))))
         tilt, theta, phi = (random.uniform(-1.0, 1.0, 3) * [math.radians(50.0), 0.3, 0.3]).tolist()
         size = 2.6 * distance * math.tan(_HALF) / math.cos(abs(tilt) + _HALF)
-        plane = stand.plate(
+        plane = test_bench.plate(
             distance,
             setting.flat.reflectance,
             theta=theta,
@@ -172,7 +174,7 @@ def _on_planes(
                 "processing": scenario.processing.model_copy(update={"range_gate": None}),
             }
         )
-        layers = stand.measure(
+        layers = test_bench.measure(
             setting, made, raster_aim(scan, np.arange(scan.shots, dtype=np.uint32), made.scanner.dwell)
         )
         yield layers, np.ones(scan.shots, dtype=bool)

@@ -56,22 +56,22 @@ def with_closed_forms(
     """Return a budget with the analytic values of what has a closed form."""
     ranges = list(dict.fromkeys(row.range_m for row in rows))
     closed = {distance: closed_budget(scenario, reflectance, distance) for distance in ranges}
-    bench = instrument_of(scenario, reflectance, HALF)
+    instrument = instrument_of(scenario, reflectance, HALF)
     found = [
         replace(row, analytic_m=closed[row.range_m].get(row.mode, {}).get(row.source, math.nan))
         for row in rows
     ]
-    if bench.contrast > 0.0:
-        found += _ends_of_speckle(bench, ranges)
+    if instrument.contrast > 0.0:
+        found += _ends_of_speckle(instrument, ranges)
     return tuple(found)
 
 
-def _ends_of_speckle(bench: InstrumentNumbers, distances: Sequence[float]) -> list[BudgetRow]:
+def _ends_of_speckle(instrument: InstrumentNumbers, distances: Sequence[float]) -> list[BudgetRow]:
     """Return what speckle would make if all of the spot's blur were the sensor's, or all the lens's."""
-    blur = math.hypot(bench.aberration, bench.diffusion)
+    blur = math.hypot(instrument.aberration, instrument.diffusion)
     ends = {
-        "speckle_all_diffusion": replace(bench, aberration=0.0, diffusion=blur),
-        "speckle_all_aberration": replace(bench, aberration=blur, diffusion=0.0),
+        "speckle_all_diffusion": replace(instrument, aberration=0.0, diffusion=blur),
+        "speckle_all_aberration": replace(instrument, aberration=blur, diffusion=0.0),
     }
     return [
         BudgetRow("triangulation", name, x, range_budget(end, x)["speckle"], math.nan, math.nan, math.nan, 0)

@@ -5,8 +5,8 @@ within δ of the prediction, and p is the largest probability of what was found 
 two-sided tests: Student's t for means, χ² for standard deviations. A number without noise has p = 1 or 0.
 
 All checks of a comparison are one family. Holm's procedure (*Scand. J. Statist.* 6, 1979, 65) keeps the probability of
-any false alarm at the stated level, however the checks depend on one another. Power is told for the level of its first
-step, level/m of m checks (Bonferroni), and hence rather too low.
+any false alarm at the stated level, however the checks depend on one another. Power is stated for the level of its
+first step, level/m of m checks (Bonferroni), and hence rather too low.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from scanner_sim.products.comparison import CONFIDENCE, Check
 from scanner_sim.validation.compare.law import Measured, Predicted
 
 POWERS = (0.90, 0.99)
-"""Probabilities of detection for which the smallest deviation is told."""
+"""Probabilities of detection for which the smallest deviation is stated."""
 
 
 def interval(measured: Measured, confidence: float = CONFIDENCE) -> tuple[float, float]:
@@ -90,7 +90,7 @@ def holm(p: Sequence[float]) -> list[float]:
     return adjusted
 
 
-def judged(cases: Sequence[tuple[str, Measured, Predicted]], level: float) -> list[Check]:
+def judge_checks(cases: Sequence[tuple[str, Measured, Predicted]], level: float) -> list[Check]:
     """Return the checks of a whole family at a level.
 
     Parameters

@@ -80,8 +80,8 @@ class Law:
     title, source, statement
         What it is about; equation or literature; the closed form in words, with what was switched off to test it.
     scene
-        Where it is tested: ``target`` for flat targets that the stand places, ``scene`` for the scenario's own scene
-        unless a flat target is asked for, ``signals`` for noise put onto signals.
+        Where it is tested: ``target`` for flat targets that the test bench places, ``scene`` for the scenario's own
+        scene unless a flat target is asked for, ``signals`` for noise put onto signals.
     applies
         Returns why the closed form does not cover a setting; empty where it does.
     measure

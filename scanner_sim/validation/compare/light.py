@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scanner_sim.analytic import spot, sun
 from scanner_sim.foundation.status import Status
 from scanner_sim.scene.light.lighting import Lighting, Sun
-from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, exact
@@ -70,11 +70,11 @@ def _lit_layers(setting: ComparisonSetup) -> Iterator[tuple[float, dict[str, Arr
     source = (Sun() if chosen == "none" else chosen).model_copy(update={"direction": (0.0, 0.0, -1.0)})
     transport = setting.scenario.transport.model_copy(update={"background_bounces": 1})
     for R in _sunlit_ranges(setting):
-        wall = stand.plate(R, setting.flat.reflectance, size=4.0 * R)
-        made = stand.on_stand(
+        wall = test_bench.plate(R, setting.flat.reflectance, size=4.0 * R)
+        made = test_bench.on_test_bench(
             setting, wall, seed=setting.seed(9)[0], lighting=Lighting(sun=source), transport=transport
         )
-        yield R, stand.measure(setting, made, stand.directions(0.0, 0.0, made.scanner.mirrors, 0.0))
+        yield R, test_bench.measure(setting, made, test_bench.directions(0.0, 0.0, made.scanner.mirrors, 0.0))
 
 
 def _measure_sun(setting: ComparisonSetup) -> dict[str, Measured]:
@@ -110,19 +110,19 @@ def _light_accuracy(setting: ComparisonSetup, R: float) -> float:
 
 
 def _predict_sun(setting: ComparisonSetup) -> dict[str, Predicted]:
-    told = {}
+    cases = {}
     for R in _sunlit_ranges(setting):
         charge = _sun_charge(setting, R)
-        told[f"{R:.4g} m"] = Predicted("sunlight", "electron", charge, _light_accuracy(setting, R) * charge)
-    return told
+        cases[f"{R:.4g} m"] = Predicted("sunlight", "electron", charge, _light_accuracy(setting, R) * charge)
+    return cases
 
 
 def _predict_ratio(setting: ComparisonSetup) -> dict[str, Predicted]:
-    closed, told = ClosedForms(setting.scenario), {}
+    closed, cases = ClosedForms(setting.scenario), {}
     for R in _sunlit_ranges(setting):
         ratio = closed.facing(R, setting.flat.reflectance).charge / _sun_charge(setting, R)
-        told[f"{R:.4g} m"] = Predicted("SNR", "", ratio, _light_accuracy(setting, R) * ratio)
-    return told
+        cases[f"{R:.4g} m"] = Predicted("SNR", "", ratio, _light_accuracy(setting, R) * ratio)
+    return cases
 
 
 SUNLIGHT = Law(
@@ -171,28 +171,28 @@ def _power(setting: ComparisonSetup, strength: float) -> float:
 
 
 def _measure_saturation(setting: ComparisonSetup) -> dict[str, Measured]:
-    told = {}
+    cases = {}
     for strength in _STRENGTHS:
-        plate = stand.plate(setting.middle, setting.flat.reflectance, size=0.5 * setting.middle)
-        made = stand.on_stand(setting, plate, seed=setting.seed(10)[0], noise=("saturation",))
+        plate = test_bench.plate(setting.middle, setting.flat.reflectance, size=0.5 * setting.middle)
+        made = test_bench.on_test_bench(setting, plate, seed=setting.seed(10)[0], noise=("saturation",))
         laser = made.scanner.laser.model_copy(update={"power": _power(setting, strength)})
         made = made.model_copy(update={"scanner": made.scanner.model_copy(update={"laser": laser})})
-        aim = stand.directions(0.0, 0.0, made.scanner.mirrors, 0.0)
+        aim = test_bench.directions(0.0, 0.0, made.scanner.mirrors, 0.0)
         case = f"{strength:g} times the full well"
-        told[f"charge at {case}"] = exact(float(stand.lines(setting, made, aim).max()))
-        flagged = stand.measure(setting, made, aim)["status"] == Status.SATURATED
-        told[f"flag at {case}"] = exact(float(flagged.mean()))
-    return told
+        cases[f"charge at {case}"] = exact(float(test_bench.lines(setting, made, aim).max()))
+        flagged = test_bench.measure(setting, made, aim)["status"] == Status.SATURATED
+        cases[f"flag at {case}"] = exact(float(flagged.mean()))
+    return cases
 
 
 def _predict_saturation(setting: ComparisonSetup) -> dict[str, Predicted]:
-    told, well = {}, _well(setting)
+    cases, well = {}, _well(setting)
     accuracy = _light_accuracy(setting, setting.middle) + 1e-3
     for strength in _STRENGTHS:
         case, charge = f"{strength:g} times the full well", min(strength, 1.0) * well
-        told[f"charge at {case}"] = Predicted("largest charge", "electron", charge, accuracy * charge)
-        told[f"flag at {case}"] = Predicted("share flagged", "", float(strength > 1.0), 0.0, 1.0, "one")
-    return told
+        cases[f"charge at {case}"] = Predicted("largest charge", "electron", charge, accuracy * charge)
+        cases[f"flag at {case}"] = Predicted("share flagged", "", float(strength > 1.0), 0.0, 1.0, "one")
+    return cases
 
 
 SATURATION = Law(

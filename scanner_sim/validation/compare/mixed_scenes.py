@@ -1,6 +1,6 @@
 """Scenes drawn at random whose spots fall on more than one surface: clutter, stripes, gloss, sunlight.
 
-Nothing in them is chosen for an estimator: sizes, places, turns, reflectances, range and raster come from the seed.
+Nothing in them is chosen for an estimator: sizes, positions, turns, reflectances, range and raster come from the seed.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scanner_sim.config import load_scenario
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.products.image import RangeImage
+from scanner_sim.validation.compare.test_bench import SceneKeys
 
 Kind = Literal["clutter", "stripes", "glossy", "sunlit", "retro"]
 KINDS: tuple[Kind, ...] = ("clutter", "stripes", "glossy", "sunlit", "retro")
@@ -92,7 +93,7 @@ class MixedScene:
         if self.speed:
             motion = {"type": "twist", "velocity": [self.speed, 0.0, 0.0]}
             objects = [item | {"motion": motion} for item in objects]
-        lighting: dict[str, Any] = {}
+        lighting: dict[str, object] = {}
         if self.kind == "sunlit":
             sun = random.uniform([-0.8, -0.8, -1.0], [0.8, 0.2, -0.3])
             lighting = {"sun": {"direction": sun.tolist()}, "earth": {"direction": [0.0, 1.0, 0.0]}}
@@ -115,7 +116,7 @@ class MixedScene:
         )
 
 
-def _clutter(random: np.random.Generator, scene: MixedScene) -> list[dict[str, Any]]:
+def _clutter(random: np.random.Generator, scene: MixedScene) -> list[SceneKeys]:
     """Return boxes and spheres of the field's scale before a wall of the same material, and gaps in it."""
     R, wide = scene.distance, 2.0 * scene.half * scene.distance
     objects = [
@@ -144,7 +145,7 @@ def _clutter(random: np.random.Generator, scene: MixedScene) -> list[dict[str, A
     return objects
 
 
-def _stripes(random: np.random.Generator, scene: MixedScene) -> list[dict[str, Any]]:
+def _stripes(random: np.random.Generator, scene: MixedScene) -> list[SceneKeys]:
     """Return a board of upright stripes of two reflectances in turn, wider than the field."""
     wide = 2.4 * scene.half * scene.distance
     tilt, turn = random.uniform(-scene.tilt, scene.tilt, 2) if scene.tilt else (0.0, 0.0)
@@ -172,7 +173,7 @@ def _stripes(random: np.random.Generator, scene: MixedScene) -> list[dict[str, A
     return objects
 
 
-def _turns(random: np.random.Generator, most: float) -> list[dict[str, Any]]:
+def _turns(random: np.random.Generator, most: float) -> list[SceneKeys]:
     return [{"axis": axis, "angle": float(random.uniform(-most, most))} for axis in "xyz"]
 
 

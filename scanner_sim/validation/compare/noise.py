@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.config.scenario import Scenario
 from scanner_sim.signals.processing import PeakMethod
-from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import FIT, LINE, ClosedForms, ClosedSpot
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, slope_of, slope_predicted, spread_of
@@ -20,31 +21,38 @@ Array = NDArray[np.float64]
 Variance = Callable[[ComparisonSetup, ClosedSpot], Array]
 
 PLACES = 4
-"""Places of the spot in its pixel over which σ is averaged, none of them half-way between two pixels."""
+"""Positions of the spot in its pixel over which σ is averaged, none of them half-way between two pixels."""
 SLOPE = "slope over all ranges"
 _FIRST_ORDER = 0.05
-"""Largest σ of a place over the spot's width for which errors are of the first order."""
+"""Largest σ of a position over the spot's width for which errors are of the first order."""
 _SECOND = 8.0
 """Second order over first order of σ, in units of (σ/width)²."""
 _DISCRETE = 0.01
-"""Closed forms of the bound leave out that width and charge are fitted with the place."""
+"""Closed forms of the bound leave out that width and charge are fitted with the position."""
 SPREAD = 0.05
 """Deflection to each side over which shots do not share speckle [rad]."""
 
 
 def phases(count: int = PLACES) -> Array:
-    """Return evenly spaced places in a pixel, −1/2 to 1/2."""
+    """Return evenly spaced positions in a pixel, −1/2 to 1/2."""
     return (np.arange(count) + 0.5) / count - 0.5
 
 
 def spots(
     setting: ComparisonSetup, distance: float, count: int = PLACES
 ) -> Iterator[tuple[float, ClosedSpot]]:
-    """Yield ranges [m] about one at which the spot lies at even places in its pixel, and the judge's spots."""
-    closed = ClosedForms(setting.scenario)
-    for phase in phases(count):
-        where = closed.place(distance, float(phase))
-        yield where, closed.facing(where, setting.flat.reflectance)
+    """Yield ranges [m] about one at which the spot lies at even positions in its pixel, and the judge's spots."""
+    yield from _spots(setting.scenario, distance, setting.flat.reflectance, count)
+
+
+@lru_cache(maxsize=64)
+def _spots(
+    scenario: Scenario, distance: float, reflectance: float, count: int
+) -> tuple[tuple[float, ClosedSpot], ...]:
+    """Return what ``spots`` yields: each law asks several times, and all laws for the same."""
+    closed = ClosedForms(scenario)
+    positions = [closed.position(distance, float(phase)) for phase in phases(count)]
+    return tuple((where, closed.facing(where, reflectance)) for where in positions)
 
 
 def _dark(setting: ComparisonSetup) -> float:
@@ -65,7 +73,7 @@ def _both_variances(setting: ComparisonSetup, seen: ClosedSpot) -> Array:
 
 
 def _sigma(setting: ComparisonSetup, distance: float, variance: Variance, peak: str) -> Predicted:
-    """Return the predicted σ of the range [mm] about a distance, root mean square over the places in a pixel."""
+    """Return the predicted σ of the range [mm] about a distance, root mean square over the positions in a pixel."""
     closed, squares, slack = ClosedForms(setting.scenario), [], []
     for where, seen in spots(setting, distance):
         sigma = closed.sigma_pixel(seen, peak, variance(setting, seen))
@@ -119,19 +127,19 @@ def _measure_sigma(
     slope: bool,
 ) -> dict[str, Measured]:
     """Measure σ of the range on facing plates at the ranges that can be used, and its exponent."""
-    chosen, told = peak or setting.scenario.processing.peak, {}
+    chosen, cases = peak or setting.scenario.processing.peak, {}
     ranges = _usable(setting, variance, chosen)
     shots = setting.shots(4000)
     for step, distance in enumerate(ranges):
         groups = []
-        for place, (where, _) in enumerate(spots(setting, distance)):
-            for seed in setting.seed(number, step, place):
-                plate = stand.plate(where, setting.flat.reflectance, size=plate_side(setting, where))
-                made = stand.on_stand(setting, plate, seed=seed, noise=noise, peak=peak)
-                aim = stand.directions(np.zeros(shots), 0.0, made.scanner.mirrors, 0.0)
-                groups.append(1e3 * stand.range_errors(setting, made, aim))
-        told[f"{distance:.4g} m"] = spread_of(np.stack(groups))
-    return told | slope_over(ranges, told, slope)
+        for index, (where, _) in enumerate(spots(setting, distance)):
+            for seed in setting.seed(number, step, index):
+                plate = test_bench.plate(where, setting.flat.reflectance, size=plate_side(setting, where))
+                made = test_bench.on_test_bench(setting, plate, seed=seed, noise=noise, peak=peak)
+                aim = test_bench.directions(np.zeros(shots), 0.0, made.scanner.mirrors, 0.0)
+                groups.append(1e3 * test_bench.range_errors(setting, made, aim))
+        cases[f"{distance:.4g} m"] = spread_of(np.stack(groups))
+    return cases | slope_over(ranges, cases, slope)
 
 
 def _predict_sigma(
@@ -139,22 +147,22 @@ def _predict_sigma(
 ) -> dict[str, Predicted]:
     chosen = peak or setting.scenario.processing.peak
     ranges = _usable(setting, variance, chosen)
-    told = {f"{R:.4g} m": _sigma(setting, R, variance, chosen) for R in ranges}
-    return told | slope_expected(ranges, told, slope, pure)
+    cases = {f"{R:.4g} m": _sigma(setting, R, variance, chosen) for R in ranges}
+    return cases | slope_expected(ranges, cases, slope, pure)
 
 
-def slope_over(ranges: tuple[float, ...], told: dict[str, Measured], slope: bool) -> dict[str, Measured]:
+def slope_over(ranges: tuple[float, ...], cases: dict[str, Measured], slope: bool) -> dict[str, Measured]:
     """Return the exponent of measured standard deviations against range, if there is a slope."""
-    return {SLOPE: slope_of(np.array(ranges), list(told.values()))} if slope and len(ranges) > 2 else {}
+    return {SLOPE: slope_of(np.array(ranges), list(cases.values()))} if slope and len(ranges) > 2 else {}
 
 
 def slope_expected(
-    ranges: tuple[float, ...], told: dict[str, Predicted], slope: bool, pure: str
+    ranges: tuple[float, ...], cases: dict[str, Predicted], slope: bool, pure: str
 ) -> dict[str, Predicted]:
     """Return the predicted exponent; ``pure`` says what it would be of the law alone."""
     if not slope or len(ranges) < 3:
         return {}
-    return {SLOPE: slope_predicted(np.array(ranges), list(told.values()), f"exponent ({pure})")}
+    return {SLOPE: slope_predicted(np.array(ranges), list(cases.values()), f"exponent ({pure})")}
 
 
 def plate_side(setting: ComparisonSetup, distance: float) -> float:

@@ -12,11 +12,11 @@ from scanner_sim.analytic import geometry
 from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.optics.deflection import ERRORS
-from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import FIT, LINE, ClosedForms, ClosedSpot
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of, spread_of
-from scanner_sim.validation.compare.shape import PRECISION, Place, lens_extent, places, unlit
+from scanner_sim.validation.compare.shape import PRECISION, FieldPosition, field_positions, lens_extent, unlit
 
 Array = NDArray[np.float64]
 
@@ -28,36 +28,40 @@ _STEADY = 5.0
 """Times of the wobble between two shots: nothing is left of it then."""
 
 
-def plate_scenario(setting: ComparisonSetup, place: Place, **more: object) -> Scenario:
-    """Return the instrument before a plate that faces the beam at a place; ``more`` is for the stand."""
+def plate_scenario(setting: ComparisonSetup, position: FieldPosition, **more: object) -> Scenario:
+    """Return the instrument before a plate that faces the beam at a position; ``more`` is for the test bench."""
     closed = ClosedForms(setting.scenario)
-    size = 0.02 * place.distance + 16.0 * setting.scenario.scanner.laser.radius(place.distance)
-    target = stand.plate(
-        place.distance,
+    size = 0.02 * position.distance + 16.0 * setting.scenario.scanner.laser.radius(position.distance)
+    target = test_bench.plate(
+        position.distance,
         setting.flat.reflectance,
-        theta=place.theta,
-        phi=place.phi,
+        theta=position.theta,
+        phi=position.phi,
         separation=closed.D,
         size=size,
     )
-    return stand.on_stand(setting, target, **more)  # type: ignore[arg-type]
+    return test_bench.on_test_bench(setting, target, **more)  # type: ignore[arg-type]
 
 
-def facing_places(setting: ComparisonSetup, ranges: tuple[float, ...]) -> Iterator[tuple[Place, ClosedSpot]]:
-    """Yield places of the field whose plates face the beam, and the judge's spot there."""
+def facing_positions(
+    setting: ComparisonSetup, ranges: tuple[float, ...]
+) -> Iterator[tuple[FieldPosition, ClosedSpot]]:
+    """Yield positions of the field whose plates face the beam, and the judge's spot there."""
     closed = ClosedForms(setting.scenario)
-    for place in places(setting, ranges):
-        seen = closed.facing(place.distance, setting.flat.reflectance, place.theta, place.phi)
+    for position in field_positions(setting, ranges):
+        seen = closed.facing(position.distance, setting.flat.reflectance, position.theta, position.phi)
         if closed.on_array(seen):
-            yield place, seen
+            yield position, seen
 
 
-def _errors_at(setting: ComparisonSetup, made: Scenario, place: Place, shots: int) -> Array:
+def _errors_at(setting: ComparisonSetup, made: Scenario, position: FieldPosition, shots: int) -> Array:
     """Return errors of x, y, z and R [m] in one direction, shape (n, 4)."""
     mirrors = made.scanner.mirrors
-    aim = stand.directions(np.full(shots, place.theta), place.phi, mirrors, 1.0 / made.scanner.rate)
+    aim = test_bench.directions(
+        np.full(shots, position.theta), position.phi, mirrors, 1.0 / made.scanner.rate
+    )
     aim.time[:] *= 0.5 * _STEADY
-    layers = stand.measure(setting, made, aim)
+    layers = test_bench.measure(setting, made, aim)
     truth = geometry.point_from_shot(
         layers["truth.range_m"],
         layers["truth.theta_rad"],
@@ -71,65 +75,75 @@ def _errors_at(setting: ComparisonSetup, made: Scenario, place: Place, shots: in
 _COORDINATES = ("x", "y", "z", "R")
 
 
-def _biased(setting: ComparisonSetup) -> str:
+def _bias_uncovered(setting: ComparisonSetup) -> str:
     chosen = setting.scenario.processing
     if chosen.bias_correction not in ("none", "computed"):
         return "the correction of the estimator was measured, not computed: it has no closed form"
     return unlit(setting)
 
 
-def _point_places(setting: ComparisonSetup) -> Iterator[tuple[Place, ClosedSpot, tuple[str, ...]]]:
-    """Yield places, spots and coordinates: ranges on the axis, and all coordinates over the field in the middle."""
+def _point_positions(setting: ComparisonSetup) -> Iterator[tuple[FieldPosition, ClosedSpot, tuple[str, ...]]]:
+    """Yield positions, spots and coordinates: ranges on the axis, and all coordinates over the field in the middle."""
     for distance in setting.flat.ranges:
-        for place, seen in facing_places(setting, (distance,)):
-            if distance == setting.middle or place.theta == place.phi == 0.0:
-                yield place, seen, _COORDINATES if distance == setting.middle else ("R",)
+        for position, seen in facing_positions(setting, (distance,)):
+            if distance == setting.middle or position.theta == position.phi == 0.0:
+                yield position, seen, _COORDINATES if distance == setting.middle else ("R",)
 
 
 def _measure_points(setting: ComparisonSetup) -> dict[str, Measured]:
-    noise, told = ("shot", "read", "dark", "quantisation"), {}
-    for number, (place, _, names) in enumerate(_point_places(setting)):
+    noise, cases = ("shot", "read", "dark", "quantisation"), {}
+    for number, (position, _, names) in enumerate(_point_positions(setting)):
         errors = np.concatenate(
             [
                 _errors_at(
                     setting,
-                    plate_scenario(setting, place, seed=seed, noise=noise, mirrors=stand.erring(setting)),
-                    place,
+                    plate_scenario(
+                        setting,
+                        position,
+                        seed=seed,
+                        noise=noise,
+                        mirrors=test_bench.mirrors_with_errors(setting),
+                    ),
+                    position,
                     setting.shots(4000),
                 )
                 for seed in setting.seed(2, number)
             ]
         )
         for name in names:
-            told[f"{name} at {place.name}"] = mean_of(1e3 * errors[:, _COORDINATES.index(name)])
-    return told
+            cases[f"{name} at {position.name}"] = mean_of(1e3 * errors[:, _COORDINATES.index(name)])
+    return cases
 
 
 def _predict_points(setting: ComparisonSetup) -> dict[str, Predicted]:
-    closed, chosen, told = ClosedForms(setting.scenario), setting.scenario.processing, {}
-    for place, seen, names in _point_places(setting):
+    closed, chosen, cases = ClosedForms(setting.scenario), setting.scenario.processing, {}
+    for position, seen, names in _point_positions(setting):
         systematic = 0.0
         if chosen.peak != FIT and chosen.bias_correction == "none":
             systematic = ESTIMATORS[chosen.peak](seen.line.tolist()) - LINE // 2 - seen.phase
-        per_pixel = closed.range_per_pixel(place.distance, place.theta)
+        per_pixel = closed.range_per_pixel(position.distance, position.theta)
         bias = -per_pixel * (systematic + seen.centre - seen.chief)
         p = seen.centre - closed.pixel(0.0)
-        accuracy = per_pixel * (lens_extent(setting, place) / 16.0 * p + PRECISION)
+        accuracy = per_pixel * (lens_extent(setting, position) / 16.0 * p + PRECISION)
         if chosen.bias_correction == "computed":
             accuracy += per_pixel * _TABLE
         along = dict(
-            zip(_COORDINATES, (*geometry.scanner_axes(place.theta, place.phi)[0].tolist(), 1.0), strict=True)
+            zip(
+                _COORDINATES,
+                (*geometry.scanner_axes(position.theta, position.phi)[0].tolist(), 1.0),
+                strict=True,
+            )
         )
         for name in names:
-            told[f"{name} at {place.name}"] = Predicted(
+            cases[f"{name} at {position.name}"] = Predicted(
                 f"mean error of {name}",
                 "mm",
                 1e3 * bias * along[name],
-                1e3 * accuracy * abs(along[name]) + 1e3 * _ROUNDING * place.distance,
-                1e3 * place.distance,
+                1e3 * accuracy * abs(along[name]) + 1e3 * _ROUNDING * position.distance,
+                1e3 * position.distance,
                 "range",
             )
-    return told
+    return cases
 
 
 def _shaken(setting: ComparisonSetup) -> str:
@@ -138,43 +152,45 @@ def _shaken(setting: ComparisonSetup) -> str:
         return "the mirrors have no errors"
     if mirrors.readout_step > math.hypot(mirrors.jitter, mirrors.readout_noise):
         return "the encoders' step is larger than the noise on it, so that its error is no random one"
-    return _biased(setting)
+    return _bias_uncovered(setting)
 
 
 def _measure_covariance(setting: ComparisonSetup) -> dict[str, Measured]:
-    told = {}
-    for number, (place, _) in enumerate(facing_places(setting, (setting.middle,))):
+    cases = {}
+    for number, (position, _) in enumerate(facing_positions(setting, (setting.middle,))):
         errors = np.stack(
             [
                 _errors_at(
                     setting,
-                    plate_scenario(setting, place, seed=seed, mirrors=stand.erring(setting)),
-                    place,
+                    plate_scenario(
+                        setting, position, seed=seed, mirrors=test_bench.mirrors_with_errors(setting)
+                    ),
+                    position,
                     setting.shots(16000),
                 )
                 for seed in setting.seed(3, number)
             ]
         )
         for axis, name in enumerate(_COORDINATES):
-            told[f"{name} at {place.name}"] = spread_of(1e3 * errors[..., axis])
-    return told
+            cases[f"{name} at {position.name}"] = spread_of(1e3 * errors[..., axis])
+    return cases
 
 
 def _predict_covariance(setting: ComparisonSetup) -> dict[str, Predicted]:
-    closed, told = ClosedForms(setting.scenario), {}
+    closed, cases = ClosedForms(setting.scenario), {}
     angle = closed.angle_sigma
-    for place, seen in facing_places(setting, (setting.middle,)):
-        apart = closed.synchronisation_error(place.distance, place.theta) * closed.follows(seen)
+    for position, seen in facing_positions(setting, (setting.middle,)):
+        apart = closed.synchronisation_error(position.distance, position.theta) * closed.follows(seen)
         errors = geometry.propagated_errors(
-            place.distance, place.theta, place.phi, closed.f, closed.d, closed.D, apart, angle, angle
+            position.distance, position.theta, position.phi, closed.f, closed.d, closed.D, apart, angle, angle
         )
         # Rounding of a peak to single precision: 2⁻²⁴ of its pixel, uniform.
-        rounding = closed.range_per_pixel(place.distance, place.theta) * 256.0 * 2.0**-24
+        rounding = closed.range_per_pixel(position.distance, position.theta) * 256.0 * 2.0**-24
         for name, error in zip(_COORDINATES, errors.tolist(), strict=True):
-            told[f"{name} at {place.name}"] = Predicted(
+            cases[f"{name} at {position.name}"] = Predicted(
                 f"σ of {name}", "mm", 1e3 * error, 1e3 * (0.002 * error + rounding**2 / error)
             )
-    return told
+    return cases
 
 
 POINTS = Law(
@@ -184,7 +200,7 @@ POINTS = Law(
     "The mean of (estimate − truth) is the estimator's systematic error and the centroid's shift, along the beam. "
     "Shot, read, dark and quantisation noise and the mirrors' errors; no speckle, even response.",
     "target",
-    _biased,
+    _bias_uncovered,
     _measure_points,
     _predict_points,
 )

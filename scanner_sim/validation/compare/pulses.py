@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scanner_sim.analytic import time_of_flight as judge
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
-from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of, spread_of
@@ -20,19 +20,19 @@ from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of
 Array = NDArray[np.float64]
 
 _PLACES = 4
-"""Places of the echo between two samples."""
+"""Positions of the echo between two samples."""
 TO_SIGMA = 1.0 / 2.3548200450309493
 _SNR = 20.0, 100.0, 500.0
 """Ratios of peak to noise: above them the filter's table of delays counts, below them false alarms."""
 _EFFICIENCY = 0.02
 """What interpolation between samples loses against the bound, at most."""
 _ASIDE = 0.15
-"""Deflection to each side over which the plates for the places stand [rad]."""
+"""Deflection to each side over which the plates for the positions stand [rad]."""
 _BIAS = 1e-3
 """Error of the interpolation of a delay [sample]."""
 
 
-def timed(setting: ComparisonSetup) -> str:
+def pulses_uncovered(setting: ComparisonSetup) -> str:
     """Return why the closed forms do not cover the scenario's time of flight; empty where they do."""
     if setting.scenario.ranging == "triangulation":
         return "the scenario ranges by triangulation alone"
@@ -104,13 +104,13 @@ def echo_range(setting: ComparisonSetup) -> float | None:
 
 
 def _near(setting: ComparisonSetup, R: float) -> Iterator[float]:
-    """Yield ranges about one at which the echo lies at even places between two samples."""
+    """Yield ranges about one at which the echo lies at even positions between two samples."""
     step = 0.5 * SPEED_OF_LIGHT / setting.scenario.scanner.lidar.digitiser.rate
-    for place in (np.arange(_PLACES) + 0.5) / _PLACES - 0.5:
-        yield R + float(place) * step
+    for position in (np.arange(_PLACES) + 0.5) / _PLACES - 0.5:
+        yield R + float(position) * step
 
 
-def silent(setting: ComparisonSetup, *on: str, **timing: Any) -> dict[str, Any]:
+def silent(setting: ComparisonSetup, *on: str, **timing: str | float | bool) -> dict[str, object]:
     """Return the changes of the scenario that leave the named imperfections of the receiver only."""
     scenario = setting.scenario
     unit, still = scenario.scanner.lidar, scenario.scanner.mirrors.still()
@@ -130,7 +130,7 @@ def silent(setting: ComparisonSetup, *on: str, **timing: Any) -> dict[str, Any]:
 def plate_errors(
     setting: ComparisonSetup, R: float, reflectance: float, seed: int, shots: int, made: dict[str, Any]
 ) -> Array:
-    """Return errors of the range [mm] on plates at even places between two samples, shape (places, shots).
+    """Return errors of the range [mm] on plates at even positions between two samples, shape (positions, shots).
 
     The plates stand side by side, each faces the beam in a direction of its own.
     """
@@ -138,7 +138,7 @@ def plate_errors(
     aside = min(_ASIDE, setting.scenario.scanner.mirrors.max_deflection)
     theta = np.linspace(-aside, aside, len(ranges))
     plates = [
-        stand.plate(
+        test_bench.plate(
             where,
             reflectance,
             theta=angle,
@@ -148,31 +148,31 @@ def plate_errors(
         )
         for number, (where, angle) in enumerate(zip(ranges, theta.tolist(), strict=True))
     ]
-    scenario: Scenario = stand.on_stand(setting, *plates, seed=seed, **made)
-    aim = stand.directions(np.repeat(theta, shots), 0.0, scenario.scanner.mirrors, 0.0)
-    return 1e3 * stand.range_errors(setting, scenario, aim).reshape(len(ranges), shots)
+    scenario: Scenario = test_bench.on_test_bench(setting, *plates, seed=seed, **made)
+    aim = test_bench.directions(np.repeat(theta, shots), 0.0, scenario.scanner.mirrors, 0.0)
+    return 1e3 * test_bench.range_errors(setting, scenario, aim).reshape(len(ranges), shots)
 
 
 def _scatter(setting: ComparisonSetup, number: int, *on: str) -> dict[str, Measured]:
-    told = {}
+    cases = {}
     made = silent(setting, *on, timing="matched_filter", echo="strongest")
     for step, (case, (R, grey)) in enumerate(_echoes(setting).items()):
         groups = [
             plate_errors(setting, R, grey, seed, setting.shots(4000), made)
             for seed in setting.seed(number, step)
         ]
-        told[case] = spread_of(np.concatenate(groups))
-    return told
+        cases[case] = spread_of(np.concatenate(groups))
+    return cases
 
 
 def _measure_bias(setting: ComparisonSetup) -> dict[str, Measured]:
-    made, told = silent(setting, "amplifier", "quantisation", timing="matched_filter", echo="strongest"), {}
+    made, cases = silent(setting, "amplifier", "quantisation", timing="matched_filter", echo="strongest"), {}
     for step, (case, (R, grey)) in enumerate(_echoes(setting).items()):
         errors = [
             plate_errors(setting, R, grey, seed, setting.shots(2000), made) for seed in setting.seed(17, step)
         ]
-        told[case] = mean_of(np.concatenate(errors).ravel())
-    return told
+        cases[case] = mean_of(np.concatenate(errors).ravel())
+    return cases
 
 
 def _predict_bias(setting: ComparisonSetup) -> dict[str, Predicted]:
@@ -184,7 +184,7 @@ def _predict_bias(setting: ComparisonSetup) -> dict[str, Predicted]:
 
 
 def _bound(setting: ComparisonSetup, R: float, reflectance: float) -> float:
-    """Return the bound on σ of the range [mm], root mean square over the places between two samples."""
+    """Return the bound on σ of the range [mm], root mean square over the positions between two samples."""
     sigma, white = dark_noise(setting)
     step = 1.0 / setting.scenario.scanner.lidar.digitiser.rate
     bounds = [
@@ -197,28 +197,28 @@ def _bound(setting: ComparisonSetup, R: float, reflectance: float) -> float:
 
 
 def _predict_bound(setting: ComparisonSetup) -> dict[str, Predicted]:
-    told = {}
+    cases = {}
     for case, echo in _echoes(setting).items():
         bound = _bound(setting, *echo)
-        told[case] = Predicted("σ of R", "mm", bound, _EFFICIENCY * bound)
-    return told
+        cases[case] = Predicted("σ of R", "mm", bound, _EFFICIENCY * bound)
+    return cases
 
 
 def _clocked(setting: ComparisonSetup) -> str:
     unit = setting.scenario.scanner.lidar
     if not unit.photodiode.noise.clock or not unit.digitiser.jitter:
         return "the clock has no jitter"
-    return timed(setting)
+    return pulses_uncovered(setting)
 
 
 def _predict_floor(setting: ComparisonSetup) -> dict[str, Predicted]:
-    told = {}
+    cases = {}
     floor = 0.5e3 * SPEED_OF_LIGHT * setting.scenario.scanner.lidar.digitiser.jitter
     for case, echo in _echoes(setting).items():
         bound = _bound(setting, *echo)
         value = math.hypot(floor, bound)
-        told[case] = Predicted("σ of R", "mm", value, _EFFICIENCY * bound**2 / value + 2e-4 * value)
-    return told
+        cases[case] = Predicted("σ of R", "mm", value, _EFFICIENCY * bound**2 / value + 2e-4 * value)
+    return cases
 
 
 TOF_BOUND = Law(
@@ -228,7 +228,7 @@ TOF_BOUND = Law(
     "σ_R = c/2 times the Cramér–Rao bound of a Gaussian pulse of unknown height in the amplifier's coloured noise and "
     "the converter's white one. No shot noise, no clock.",
     "target",
-    timed,
+    pulses_uncovered,
     lambda setting: _scatter(setting, 11, "amplifier", "quantisation"),
     _predict_bound,
 )
@@ -238,7 +238,7 @@ TOF_RANGE = Law(
     "R = c t/2",
     "The mean of (estimate − truth) is 0 for the matched filter. Amplifier and converter noise, no clock.",
     "target",
-    timed,
+    pulses_uncovered,
     _measure_bias,
     _predict_bias,
 )

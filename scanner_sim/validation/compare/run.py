@@ -8,8 +8,8 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.comparison import Comparison, Finding
 from scanner_sim.products.provenance import versions
 from scanner_sim.render.guest import guest
-from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, named
-from scanner_sim.validation.compare.judge import judged
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, law_name
+from scanner_sim.validation.compare.judge import judge_checks
 from scanner_sim.validation.compare.law import Law
 from scanner_sim.validation.compare.laws import LAWS
 
@@ -28,7 +28,7 @@ def chosen_laws(names: Collection[str]) -> tuple[Law, ...]:
     InputError
         For a name that no law has.
     """
-    wanted = {named(name) for name in names}
+    wanted = {law_name(name) for name in names}
     known = {law.name: law for law in LAWS}
     strangers = sorted(wanted - known.keys())
     if strangers:
@@ -84,7 +84,7 @@ def compare(
             measured, predicted = law.measure(setting), law.predict(setting)
             reasons[law.name] = "" if measured else law.nothing
             cases += [(law.name, case, measured[case], predicted[case]) for case in measured]
-    checks = judged([(case, found, expected) for _, case, found, expected in cases], level)
+    checks = judge_checks([(case, found, expected) for _, case, found, expected in cases], level)
     findings = tuple(
         Finding(
             law.name,

@@ -1,4 +1,4 @@
-"""Laws of the image of the spot: its place, width and light (eqs 1, 3 and 19, the Gaussian beam)."""
+"""Laws of the image of the spot: its position, width and light (eqs 1, 3 and 19, the Gaussian beam)."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import ClosedForms, ClosedSpot
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, exact
@@ -19,12 +19,12 @@ Array = NDArray[np.float64]
 _FIELD = 0.8
 """Share of the mirrors' deflection over which the field is tested."""
 PRECISION = 3e-4
-"""Rounding of simulated places [pixel], and of widths and charges relative to themselves: single precision."""
+"""Rounding of simulated positions [pixel], and of widths and charges relative to themselves: single precision."""
 _TOWARDS = np.array([0.0, 0.0, -1.0])
 
 
-class Place(NamedTuple):
-    """A place in the field: its name, range of the wall or plate [m], deflections [rad]."""
+class FieldPosition(NamedTuple):
+    """A position in the field: its name, range of the wall or plate [m], deflections [rad]."""
 
     name: str
     distance: float
@@ -32,7 +32,7 @@ class Place(NamedTuple):
     phi: float
 
 
-def places(setting: ComparisonSetup, ranges: tuple[float, ...]) -> Iterator[Place]:
+def field_positions(setting: ComparisonSetup, ranges: tuple[float, ...]) -> Iterator[FieldPosition]:
     """Yield the axis and four corners of the field at some ranges, where the array sees the spot.
 
     The corners are not mirror images of one another, so that no sign or exchange of axes goes unseen.
@@ -46,16 +46,16 @@ def places(setting: ComparisonSetup, ranges: tuple[float, ...]) -> Iterator[Plac
             (0.8 * far, 0.9 * far),
             (far, -far),
         ):
-            place = Place(f"{distance:.4g} m, Θ {theta:+.2f}, φ {phi:+.2f}", distance, theta, phi)
-            if ClosedForms(setting.scenario).on_array(_on_wall(setting, place)):
-                yield place
+            position = FieldPosition(f"{distance:.4g} m, Θ {theta:+.2f}, φ {phi:+.2f}", distance, theta, phi)
+            if ClosedForms(setting.scenario).on_array(_on_wall(setting, position)):
+                yield position
 
 
-def _on_wall(setting: ComparisonSetup, place: Place) -> ClosedSpot:
+def _on_wall(setting: ComparisonSetup, position: FieldPosition) -> ClosedSpot:
     """Return the judge's spot on a wall square to the z axis."""
-    point = np.array([0.0, 0.0, place.distance])
+    point = np.array([0.0, 0.0, position.distance])
     return ClosedForms(setting.scenario).spot(
-        place.theta, place.phi, point, _TOWARDS, setting.flat.reflectance
+        position.theta, position.phi, point, _TOWARDS, setting.flat.reflectance
     )
 
 
@@ -65,26 +65,35 @@ def wall_ranges(setting: ComparisonSetup) -> tuple[float, ...]:
     return tuple(dict.fromkeys((ranges[0], setting.middle, ranges[-1])))
 
 
-def _seen(setting: ComparisonSetup) -> str:
+def _shape_uncovered(setting: ComparisonSetup) -> str:
     return (
-        "" if next(places(setting, wall_ranges(setting)), None) else "the array sees no spot at these ranges"
+        ""
+        if next(field_positions(setting, wall_ranges(setting)), None)
+        else "the array sees no spot at these ranges"
     )
 
 
-def _wall_lines(setting: ComparisonSetup) -> Iterator[tuple[Place, Array]]:
-    """Yield places of the field and the noise-free charges of their lines on a wall."""
+def _wall_lines(setting: ComparisonSetup) -> Iterator[tuple[FieldPosition, Array]]:
+    """Yield positions of the field and the noise-free charges of their lines on a wall."""
     for distance in wall_ranges(setting):
-        own = list(places(setting, (distance,)))
+        own = list(field_positions(setting, (distance,)))
         if not own:
             continue
-        size = 2.5 * distance * math.tan(max(max(abs(place.theta), abs(place.phi)) for place in own) + 0.1)
-        wall = stand.plate(distance, setting.flat.reflectance, size=size)
-        # Noise-free light hides nothing behind the converter, and a strong laser no pixel behind its full well.
-        made = stand.on_stand(setting, wall, seed=setting.seed(1)[0])
-        aim = stand.directions(
-            [place.theta for place in own], [place.phi for place in own], made.scanner.mirrors, 0.0
+        size = (
+            2.5
+            * distance
+            * math.tan(max(max(abs(position.theta), abs(position.phi)) for position in own) + 0.1)
         )
-        yield from zip(own, stand.lines(setting, made, aim), strict=True)
+        wall = test_bench.plate(distance, setting.flat.reflectance, size=size)
+        # Noise-free light hides nothing behind the converter, and a strong laser no pixel behind its full well.
+        made = test_bench.on_test_bench(setting, wall, seed=setting.seed(1)[0])
+        aim = test_bench.directions(
+            [position.theta for position in own],
+            [position.phi for position in own],
+            made.scanner.mirrors,
+            0.0,
+        )
+        yield from zip(own, test_bench.lines(setting, made, aim), strict=True)
 
 
 def _centroid(line: Array) -> float:
@@ -99,52 +108,52 @@ def _width(line: Array) -> float:
 
 def _of_lines(value: Callable[[Array], float]) -> Callable[[ComparisonSetup], dict[str, Measured]]:
     """Return what measures a number of the noise-free lines."""
-    return lambda setting: {place.name: exact(value(line)) for place, line in _wall_lines(setting)}
+    return lambda setting: {position.name: exact(value(line)) for position, line in _wall_lines(setting)}
 
 
-def lens_extent(setting: ComparisonSetup, place: Place) -> float:
+def lens_extent(setting: ComparisonSetup, position: FieldPosition) -> float:
     """Return (D/R)², by which the extent of the lens, which the closed forms take as small, changes light and shape."""
-    return (setting.scenario.scanner.receiver.aperture / place.distance) ** 2
+    return (setting.scenario.scanner.receiver.aperture / position.distance) ** 2
 
 
 def _predict_position(setting: ComparisonSetup) -> dict[str, Predicted]:
-    closed, told = ClosedForms(setting.scenario), {}
-    for place in places(setting, wall_ranges(setting)):
-        seen = _on_wall(setting, place)
+    closed, cases = ClosedForms(setting.scenario), {}
+    for position in field_positions(setting, wall_ranges(setting)):
+        seen = _on_wall(setting, position)
         from_infinity = seen.centre - closed.pixel(0.0)
-        accuracy = lens_extent(setting, place) / 16.0 * from_infinity + PRECISION
-        told[place.name] = Predicted(
+        accuracy = lens_extent(setting, position) / 16.0 * from_infinity + PRECISION
+        cases[position.name] = Predicted(
             "p", "mm", 1e3 * from_infinity * closed.pitch, 1e3 * accuracy * closed.pitch
         )
-    return told
+    return cases
 
 
 def _measure_position(setting: ComparisonSetup) -> dict[str, Measured]:
     sensor = setting.scenario.scanner.position_sensor
     return {
-        place.name: exact(1e3 * (sensor.offset + (_centroid(line) + 0.5) * sensor.pitch))
-        for place, line in _wall_lines(setting)
+        position.name: exact(1e3 * (sensor.offset + (_centroid(line) + 0.5) * sensor.pitch))
+        for position, line in _wall_lines(setting)
     }
 
 
 def _predict_width(setting: ComparisonSetup) -> dict[str, Predicted]:
-    told = {}
-    for place in places(setting, wall_ranges(setting)):
-        width = _on_wall(setting, place).sigma
-        told[place.name] = Predicted(
-            "σ", "pixel", width, (2.0 * lens_extent(setting, place) + PRECISION) * width
+    cases = {}
+    for position in field_positions(setting, wall_ranges(setting)):
+        width = _on_wall(setting, position).sigma
+        cases[position.name] = Predicted(
+            "σ", "pixel", width, (2.0 * lens_extent(setting, position) + PRECISION) * width
         )
-    return told
+    return cases
 
 
 def _predict_charge(setting: ComparisonSetup) -> dict[str, Predicted]:
-    told = {}
-    for place in places(setting, wall_ranges(setting)):
-        charge = _on_wall(setting, place).charge
-        told[place.name] = Predicted(
-            "charge", "electron", charge, (lens_extent(setting, place) + PRECISION) * charge
+    cases = {}
+    for position in field_positions(setting, wall_ranges(setting)):
+        charge = _on_wall(setting, position).charge
+        cases[position.name] = Predicted(
+            "charge", "electron", charge, (lens_extent(setting, position) + PRECISION) * charge
         )
-    return told
+    return cases
 
 
 def unlit(setting: ComparisonSetup) -> str:
@@ -156,7 +165,7 @@ def unlit(setting: ComparisonSetup) -> str:
         nearest = min(setting.flat.ranges)
         if closed.passed(math.atan(closed.d / nearest)) < 0.5:
             return "the band's steep edge lies within the spot, whose light the closed form takes as one incidence"
-    return _seen(setting)
+    return _shape_uncovered(setting)
 
 
 SPOT_POSITION = Law(

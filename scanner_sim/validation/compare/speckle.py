@@ -12,7 +12,7 @@ from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.analytic.speckle import fitted_place
 from scanner_sim.analytic.wave_optics import Lens, defocus, images, on_pixels
-from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import FIT, ClosedForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, spread_of
@@ -65,7 +65,7 @@ def _surfaces(setting: ComparisonSetup) -> int:
 def _lines(
     lens: tuple[float, float], blur: tuple[float, float], pitch: float, image: float, count: int
 ) -> Array:
-    """Return lines of C = 1/√2 for a spot at each place in a pixel, shape (places, count, pixels), of mean total 1.
+    """Return lines of C = 1/√2 for a spot at each position in a pixel, shape (positions, count, pixels), mean total 1.
 
     ``lens`` λ and N, ``blur`` aberration, taken as defocus, and diffusion [m], ``image`` of the beam [m].
     """
@@ -95,18 +95,18 @@ def _separate(setting: ComparisonSetup, R: float) -> float:
 
 
 def _shots(setting: ComparisonSetup, step: int, R: float) -> tuple[list[Array], list[Array]]:
-    """Return errors of the range by speckle [mm] and relative charges, of places in a pixel and seeds about a range."""
+    """Return errors of the range by speckle [mm] and relative charges, of phases in a pixel and seeds about a range."""
     errors, charges = [], []
-    for place, (where, _) in enumerate(spots(setting, R)):
-        for seed in setting.seed(8, step, place):
-            plate = stand.plate(where, setting.flat.reflectance, size=plate_side(setting, where))
-            theta, phi = stand.square(_separate(setting, where), setting.shots(4900))
+    for index, (where, _) in enumerate(spots(setting, R)):
+        for seed in setting.seed(8, step, index):
+            plate = test_bench.plate(where, setting.flat.reflectance, size=plate_side(setting, where))
+            theta, phi = test_bench.square(_separate(setting, where), setting.shots(4900))
             found = []
-            # Directions differ, and with them the place in the pixel: what the estimator errs there is no noise.
+            # Directions differ, and with them the position in the pixel: what the estimator errs there is no noise.
             for speckle in (True, False):
-                made = stand.on_stand(setting, plate, seed=seed, speckle=speckle)
-                aim = stand.directions(theta, phi, made.scanner.mirrors, 0.0)
-                found.append(stand.measure(setting, made, aim))
+                made = test_bench.on_test_bench(setting, plate, seed=seed, speckle=speckle)
+                aim = test_bench.directions(theta, phi, made.scanner.mirrors, 0.0)
+                found.append(test_bench.measure(setting, made, aim))
             coherent, even = found
             errors.append(1e3 * (coherent["range_m"] - even["range_m"]))
             charges.append(coherent["Y"] / even["Y"])
@@ -114,44 +114,44 @@ def _shots(setting: ComparisonSetup, step: int, R: float) -> tuple[list[Array], 
 
 
 def _measure_limit(setting: ComparisonSetup) -> dict[str, Measured]:
-    told, ranges = {}, _ranges(setting)
+    cases, ranges = {}, _ranges(setting)
     for step, R in enumerate(ranges):
-        told[f"{R:.4g} m"] = spread_of(np.stack(_shots(setting, step, R)[0]))
-    return told | slope_over(ranges, told, True)
+        cases[f"{R:.4g} m"] = spread_of(np.stack(_shots(setting, step, R)[0]))
+    return cases | slope_over(ranges, cases, True)
 
 
 def _predict_limit(setting: ComparisonSetup) -> dict[str, Predicted]:
-    closed, told, ranges, peak = ClosedForms(setting.scenario), {}, _ranges(setting), _judged(setting)
+    closed, cases, ranges, peak = ClosedForms(setting.scenario), {}, _ranges(setting), _judged(setting)
     slack = _MODEL + _CHANCE / math.sqrt(2.0 * _surfaces(setting))
     for R in ranges:
         squares = []
         for (where, seen), lines in zip(spots(setting, R), _seen(setting, R), strict=True):
             if peak == FIT:
                 guard = math.ceil(4.0 * seen.sigma)
-                place = fitted_place(lines, _LINE // 2 + seen.phase, seen.sigma, guard)
+                position = fitted_place(lines, _LINE // 2 + seen.phase, seen.sigma, guard)
             else:
                 padded = np.pad(lines, ((0, 0), (_SIDE, _SIDE)))
-                place = np.array([ESTIMATORS[peak](line.tolist()) for line in padded])
-            squares.append((closed.range_per_pixel(where) * float(place.std(ddof=1))) ** 2)
+                position = np.array([ESTIMATORS[peak](line.tolist()) for line in padded])
+            squares.append((closed.range_per_pixel(where) * float(position.std(ddof=1))) ** 2)
         value = 1e3 * math.sqrt(float(np.mean(squares)))
-        told[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, slack * value)
-    return told | slope_expected(ranges, told, True, "2 for a spot of one width")
+        cases[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, slack * value)
+    return cases | slope_expected(ranges, cases, True, "2 for a spot of one width")
 
 
 def _measure_contrast(setting: ComparisonSetup) -> dict[str, Measured]:
-    told = {}
+    cases = {}
     for step, R in enumerate(_ranges(setting)):
-        told[f"{R:.4g} m"] = spread_of(100.0 * np.stack(_shots(setting, step, R)[1]))
-    return told
+        cases[f"{R:.4g} m"] = spread_of(100.0 * np.stack(_shots(setting, step, R)[1]))
+    return cases
 
 
 def _predict_contrast(setting: ComparisonSetup) -> dict[str, Predicted]:
-    told, slack = {}, _MODEL + _CHANCE / math.sqrt(2.0 * _surfaces(setting))
+    cases, slack = {}, _MODEL + _CHANCE / math.sqrt(2.0 * _surfaces(setting))
     for R in _ranges(setting):
         whole = _seen(setting, R).sum(axis=2)
         value = 100.0 * float(np.mean(whole.std(axis=1, ddof=1) / whole.mean(axis=1)))
-        told[f"{R:.4g} m"] = Predicted("contrast of the charge", "%", value, slack * value)
-    return told
+        cases[f"{R:.4g} m"] = Predicted("contrast of the charge", "%", value, slack * value)
+    return cases
 
 
 LIMIT = Law(

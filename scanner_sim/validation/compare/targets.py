@@ -20,7 +20,7 @@ from scanner_sim.tracking.centroid import better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.response import TargetKind, target_response
 from scanner_sim.tracking.samples import PatternSamples
-from scanner_sim.validation.compare import test_bench as stand
+from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import FIT, LINE, ClosedForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 from scanner_sim.validation.compare.law import Law, Measured, Predicted, mean_of, spread_of
@@ -63,28 +63,28 @@ def _round(setting: ComparisonSetup) -> str:
 
 
 def _figure(pattern: LissajousPattern, count: int) -> tuple[Array, Array]:
-    """Return places and travels of patterns run by mirrors without lag, shape (count, points, 2)."""
+    """Return positions and travels of patterns run by mirrors without lag, shape (count, points, 2)."""
     figure, half = figures(pattern, np.arange(count), np.zeros(2)), 0.5 / pattern.points
     middle = (np.arange(pattern.points) + 0.5) / pattern.points
-    start, place, end = (
+    start, position, end = (
         np.stack(figure_angles(figure, pattern.cycles, middle + shift), axis=-1)
         for shift in (-half, 0.0, half)
     )
-    return place, end - start
+    return position, end - start
 
 
 def _measure_centre(setting: ComparisonSetup) -> dict[str, Measured]:
     pattern, (radius, spot), count = _pattern(setting), _disc(setting), setting.shots(3200)
     errors, pulls = [], []
     for seed in setting.seed(14):
-        place, travel = _figure(pattern, count)
-        value = tracking.disc_signal(place, travel, np.zeros(2), radius, spot, _LEVELS)
+        position, travel = _figure(pattern, count)
+        value = tracking.disc_signal(position, travel, np.zeros(2), radius, spot, _LEVELS)
         value = value + _NOISE * np.random.default_rng(seed).standard_normal(value.shape)
         one = np.ones_like(value)
         samples = PatternSamples(
             time=(np.arange(pattern.points) + 0.5) / setting.scenario.scanner.rate * one,
-            theta=place[..., 0],
-            phi=place[..., 1],
+            theta=position[..., 0],
+            phi=position[..., 1],
             signal=value,
             sigma_signal=_NOISE * one,
             range=setting.middle * one,
@@ -99,30 +99,30 @@ def _measure_centre(setting: ComparisonSetup) -> dict[str, Measured]:
         errors.append(1e6 * centre)
         pulls.append(centre / fit.sigma)
     error, pull = np.concatenate(errors), np.concatenate(pulls)
-    told = {}
+    cases = {}
     for axis, name in enumerate(("Θ", "φ")):
-        told[f"mean of {name}"] = mean_of(error[:, axis])
-        told[f"σ of {name}"] = spread_of(error[None, :, axis])
-        told[f"stated σ of {name}"] = spread_of(pull[None, :, axis])
-    return told
+        cases[f"mean of {name}"] = mean_of(error[:, axis])
+        cases[f"σ of {name}"] = spread_of(error[None, :, axis])
+        cases[f"stated σ of {name}"] = spread_of(pull[None, :, axis])
+    return cases
 
 
 def _predict_centre(setting: ComparisonSetup) -> dict[str, Predicted]:
     pattern, (radius, spot) = _pattern(setting), _disc(setting)
-    place, travel = _figure(pattern, _BOUNDS)
+    position, travel = _figure(pattern, _BOUNDS)
     bounds = [
-        np.diagonal(tracking.centre_bound(place[k], travel[k], radius, spot, _LEVELS, _NOISE))
+        np.diagonal(tracking.centre_bound(position[k], travel[k], radius, spot, _LEVELS, _NOISE))
         for k in range(_BOUNDS)
     ]
-    told = {}
+    cases = {}
     for axis, name in enumerate(("Θ", "φ")):
         bound = 1e6 * math.sqrt(float(np.mean([values[axis] for values in bounds])))
-        told[f"mean of {name}"] = Predicted(
+        cases[f"mean of {name}"] = Predicted(
             "mean error", "µrad", 0.0, _EDGE * bound, 1e6 * radius, "disc's radius"
         )
-        told[f"σ of {name}"] = Predicted("σ of the centre", "µrad", bound, _EDGE * bound)
-        told[f"stated σ of {name}"] = Predicted("error over σ", "", 1.0, _EDGE)
-    return told
+        cases[f"σ of {name}"] = Predicted("σ of the centre", "µrad", bound, _EDGE * bound)
+        cases[f"stated σ of {name}"] = Predicted("error over σ", "", 1.0, _EDGE)
+    return cases
 
 
 CENTROID = Law(
@@ -189,12 +189,14 @@ def _sigmas(setting: ComparisonSetup) -> tuple[float, float]:
 
 def _corner_errors(setting: ComparisonSetup, seed: int, shots: int) -> Array:
     """Return errors of (Θ, φ, R) of the corners from simulated pixels, shape (3, shots, 4)."""
-    wall = stand.plate(setting.middle, setting.flat.reflectance, size=2.0 * _SIDE * setting.middle)
+    wall = test_bench.plate(setting.middle, setting.flat.reflectance, size=2.0 * _SIDE * setting.middle)
     noise = ("shot", "read", "dark")
-    made = stand.on_stand(setting, wall, seed=seed, noise=noise, mirrors=stand.erring(setting))
+    made = test_bench.on_test_bench(
+        setting, wall, seed=seed, noise=noise, mirrors=test_bench.mirrors_with_errors(setting)
+    )
     _, (_, theta, phi) = _array(setting)
-    aim = stand.directions(np.tile(theta, shots), np.tile(phi, shots), made.scanner.mirrors, 0.0)
-    layers = stand.measure(setting, made, aim)
+    aim = test_bench.directions(np.tile(theta, shots), np.tile(phi, shots), made.scanner.mirrors, 0.0)
+    layers = test_bench.measure(setting, made, aim)
     point = np.stack([layers["P.X"], layers["P.Y"], layers["P.Z"]], axis=-1)
     _, seen_theta, seen_phi = geometry.shot_from_point(point, ClosedForms(setting.scenario).D)
     errors = (
@@ -212,7 +214,7 @@ def _measure_pose(setting: ComparisonSetup) -> dict[str, Measured]:
     angle, sigma = _sigmas(setting)
     shots = setting.shots(16000)
     errors = np.concatenate([_corner_errors(setting, seed, shots) for seed in setting.seed(15)], axis=1)
-    told = {}
+    cases = {}
     for name, how in _METHODS.items():
         pose = estimate_pose(
             points,
@@ -231,8 +233,8 @@ def _measure_pose(setting: ComparisonSetup) -> dict[str, Measured]:
         standing = (PoseStatus.VALID, PoseStatus.AMBIGUOUS, PoseStatus.IMPLAUSIBLE)
         found[~np.isin(pose.status, standing)] = np.nan
         for axis, component in enumerate(_COMPONENTS):
-            told[f"{component} by {name}"] = spread_of(found[None, :, axis])
-    return told
+            cases[f"{component} by {name}"] = spread_of(found[None, :, axis])
+    return cases
 
 
 def _predict_pose(setting: ComparisonSetup) -> dict[str, Predicted]:
@@ -245,15 +247,15 @@ def _predict_pose(setting: ComparisonSetup) -> dict[str, Predicted]:
         "xyz": square.square_points(angle, sigma, R, side),
         "joint": square.square_joint(angle, sigma, R, side),
     }
-    told = {}
+    cases = {}
     for name, errors in forms.items():
         values = (*[errors.lateral] * 2, errors.depth, *[errors.tilt] * 2, errors.roll)
         for component, value in zip(_COMPONENTS, values, strict=True):
             unit = "mm" if component.startswith("t") else "mrad"
-            told[f"{component} by {name}"] = Predicted(
+            cases[f"{component} by {name}"] = Predicted(
                 f"σ of {component}", unit, 1e3 * float(value), slack * 1e3 * float(value)
             )
-    return told
+    return cases
 
 
 POSE = Law(

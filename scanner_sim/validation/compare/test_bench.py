@@ -1,17 +1,17 @@
-"""The test stand: the scenario's instrument before flat targets, with chosen sources of error.
+"""The test bench: the scenario's instrument before flat targets, with chosen sources of error.
 
-What is measured here comes from the simulator alone: light, detector, estimator and ranging. On the stand the laser
-always shines, the mirrors rest during a dwell, and the test of the spot's shape and the subtraction of a background,
-which the closed forms do not have, are off; laws of the whole scenario are not measured on it.
+What is measured here comes from the simulator alone: light, detector, estimator and ranging. On the test bench the
+laser always shines, the mirrors rest during a dwell, and the test of the spot's shape and the subtraction of a
+background, which the closed forms do not have, are off; laws of the whole scenario are not measured on it.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.line.noise import NoiseSwitches
@@ -24,6 +24,9 @@ from scanner_sim.signals.processing import PeakMethod, Validation
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 
 Array = NDArray[np.float64]
+
+SceneKeys: TypeAlias = dict[str, Any]
+"""The keys of an object of a scene, as a file would have them."""
 
 _BARE = Validation(background=False, shape=False, misfit=0.0, max_reflectance=None, isolated=None)
 _AHEAD = RasterScan(rows=1, columns=1, horizontal=(0.0, 0.0), vertical=(0.0, 0.0), motion="stepped")
@@ -40,7 +43,7 @@ def plate(
     tilt: float = 0.0,
     axis: str = "y",
     name: str = "target",
-) -> dict[str, Any]:
+) -> SceneKeys:
     """Return a square plate that faces the beam at the range R in a direction (Θ, φ), or is tilted against it.
 
     Parameters
@@ -73,9 +76,9 @@ def plate(
     }
 
 
-def on_stand(
+def on_test_bench(
     setting: ComparisonSetup,
-    *targets: dict[str, Any],
+    *targets: SceneKeys,
     seed: int,
     noise: tuple[str, ...] = (),
     speckle: bool = False,
@@ -114,7 +117,7 @@ def on_stand(
         "position_sensor": sensor.model_copy(update={"noise": switches}),
         "laser_off": 0.0,
     }
-    settings: dict[str, Any] = {"validation": _BARE, "ambiguity": 1.0, "range_gate": None}
+    settings: dict[str, object] = {"validation": _BARE, "ambiguity": 1.0, "range_gate": None}
     if peak is not None:
         settings |= {"peak": peak, "bias_correction": "none"}
     whole = {
@@ -129,16 +132,17 @@ def on_stand(
     return scenario.model_copy(update=whole | changes)
 
 
-def erring(setting: ComparisonSetup) -> Mirrors:
+def mirrors_with_errors(setting: ComparisonSetup) -> Mirrors:
     """Return the scenario's mirrors with their random errors, at an even temperature."""
     return setting.scenario.scanner.mirrors.model_copy(update={"temperature": TemperatureCourse()})
 
 
-def directions(theta: Any, phi: Any, mirrors: Mirrors, dwell: float) -> Aim:
+def directions(theta: ArrayLike, phi: ArrayLike, mirrors: Mirrors, dwell: float) -> Aim:
     """Return shots in some directions [rad] with mirrors at rest, far enough apart in time to wobble apart."""
-    theta, phi = (np.array(a, dtype=np.float64).ravel() for a in np.broadcast_arrays(theta, phi))
-    shot, zero = np.arange(theta.size, dtype=np.uint32), np.zeros(theta.size)
-    return Aim(shot, theta, phi, max(dwell, 2.0 * mirrors.wobble_time) * shot, zero, zero)
+    along, across = (np.array(a, dtype=np.float64).ravel() for a in np.broadcast_arrays(theta, phi))
+    shot, zero = np.arange(along.size, dtype=np.uint32), np.zeros(along.size)
+    time = (max(dwell, 2.0 * mirrors.wobble_time) * shot).astype(np.float64)
+    return Aim(shot, along, across, time, zero, zero)
 
 
 def square(half: float, shots: int) -> tuple[Array, Array]:

@@ -16,18 +16,18 @@ from scanner_sim.validation.compare.pulses import (
     echo_range,
     plate_errors,
     pulse_widths,
+    pulses_uncovered,
     silent,
-    timed,
 )
 
 _RATIOS = (2.0, 4.0, 8.0, 16.0)
 """Peaks over the level, of which the first is the reference."""
 _WALK = 0.5
-"""What is left of the law of the walk [mm]: four places between two samples stand for all."""
+"""What is left of the law of the walk [mm]: four positions between two samples stand for all."""
 
 
 def _walks(setting: ComparisonSetup) -> str:
-    reason = timed(setting)
+    reason = pulses_uncovered(setting)
     if reason:
         return reason
     if _walk_level(setting) < 10.0 * dark_noise(setting)[0]:
@@ -69,7 +69,7 @@ def _measure_walk(setting: ComparisonSetup) -> dict[str, Measured]:
     for number, ratio in enumerate(_RATIOS):
         R, grey, shots = _walk_range(setting), _walk_reflectance(setting, ratio), setting.shots(2000)
         errors = [plate_errors(setting, R, grey, seed, shots, made) for seed in setting.seed(13, number)]
-        # Each place has a systematic error of its own: the mean over the places is what the law is about.
+        # Each position has a systematic error of its own: the mean over the positions is what the law is about.
         found = [mean_of(values) for values in np.concatenate(errors)]
         error = math.sqrt(sum(part.error**2 for part in found)) / len(found)
         means[ratio] = Measured(

@@ -62,7 +62,7 @@ def _measure(setting: ComparisonSetup) -> dict[str, Measured]:
         count = max(2, setting.shots(_SCENES)) * setting.seeds
         first = setting.seed(29, number)[0]
         rows = np.array(
-            [_scene(setting, kind, (first + 31 * place) % 2**31).shares() for place in range(count)]
+            [_scene(setting, kind, (first + 31 * index) % 2**31).shares() for index in range(count)]
         )
         found |= {f"{kind}: {case}": mean_of(rows[:, column]) for column, case in enumerate(_CASES)}
     return found

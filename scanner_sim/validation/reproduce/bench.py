@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,17 +30,17 @@ SILENT: Mapping[str, bool] = dict.fromkeys(
     ("shot", "read", "dark", "prnu", "saturation", "quantisation"), False
 )
 """A line sensor without noise."""
-QUIET: Mapping[str, Any] = {
+QUIET: Mapping[str, object] = {
     "laser": {"speckle": False},
     "mirrors": dict(STILL),
     "position_sensor": {"noise": dict(SILENT)},
     "filter": "none",
 }
 """An instrument without any noise, in the dark."""
-FIT: Mapping[str, Any] = {"peak": "maximum_likelihood"}
+FIT: Mapping[str, object] = {"peak": "maximum_likelihood"}
 
 
-def plate(distance: float, half: float, reflectance: float = 0.5) -> dict[str, Any]:
+def plate(distance: float, half: float, reflectance: float = 0.5) -> dict[str, object]:
     """Return a facing plate that fills a field of ±``half`` [rad] at a distance [m]."""
     size = 2.4 * float(np.tan(half)) * distance + 0.2
     return {
@@ -55,11 +54,11 @@ def plate(distance: float, half: float, reflectance: float = 0.5) -> dict[str, A
 
 def bench(
     task: Task,
-    objects: Sequence[Mapping[str, Any]],
-    scanner: Mapping[str, Any] | None = None,
+    objects: Sequence[Mapping[str, object]],
+    scanner: Mapping[str, object] | None = None,
     *,
     step: int = 0,
-    **rest: Any,
+    **rest: object,
 ) -> Instrument:
     """Return the preset, changed, before objects; ``step`` makes the random numbers those of another experiment."""
     scenario = Scenario.model_validate(

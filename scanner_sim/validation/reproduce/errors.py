@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from scanner_sim.validation.compare.instrument import closed_budget, closed_crossing
 from scanner_sim.validation.reproduce.bench import Array, aim, bench, grid, layers_of, plate, slope
 from scanner_sim.validation.reproduce.drawing import BLUE, GREEN, RED, ranges, sheet
-from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, judged, within
+from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, row_of_claim, within
 
 _HALF = 0.05
 _APART = 0.1
@@ -58,8 +58,8 @@ def figure_12(task: Task) -> Outcome:
             )
             ends[name][row] = np.nanmedian(other["sigma_range_m"])
     by_form = {"": "triangulation", "tof.": "tof", "fused.": "fused"}
-    told = [closed_budget(made.scenario, _REFLECTANCE, distance) for distance in distances.tolist()]
-    closed = {way: np.array([one[name]["all"] for one in told]) for way, name in by_form.items()}
+    budgets = [closed_budget(made.scenario, _REFLECTANCE, distance) for distance in distances.tolist()]
+    closed = {way: np.array([one[name]["all"] for one in budgets]) for way, name in by_form.items()}
     fitted = (distances >= _NEAR) & (distances <= _FAR)
     exponent, expected = (slope(distances[fitted], sigma[""][fitted]) for sigma in (scatter, closed))
     away = np.log(distances[fitted]) - np.log(distances[fitted]).mean()
@@ -68,8 +68,10 @@ def figure_12(task: Task) -> Outcome:
     flat, form = scatter["tof."][fitted], closed["tof."][fitted]
     crossing = _equal(distances, scatter[""] / scatter["tof."])
     meeting = closed_crossing(made.scenario, _REFLECTANCE, float(distances[0]), float(distances[-1]))
-    place = int(np.abs(distances - crossing).argmin())
-    steep = slope(distances[place - 1 : place + 2], (closed[""] / closed["tof."])[place - 1 : place + 2])
+    position = int(np.abs(distances - crossing).argmin())
+    steep = slope(
+        distances[position - 1 : position + 2], (closed[""] / closed["tof."])[position - 1 : position + 2]
+    )
     slack = (3.0 * np.sqrt(2.0) * blur + _ORDERS) / steep
     meetings = [_equal(distances, values / stated["tof."]) for values in ends.values()]
     reach = 4.5 * blur
@@ -80,14 +82,14 @@ def figure_12(task: Task) -> Outcome:
         for one in (scatter, closed)
     ]
     rows = (
-        judged(
+        row_of_claim(
             "exponent of σ_R of triangulation, 2 to 30 m, against its own closed form",
             "",
             f"{expected:.2f} ± {slack_of_slope:.2f}",
             f"{exponent:.2f}",
             abs(exponent - expected) < slack_of_slope,
         ),
-        judged(
+        row_of_claim(
             "the same against the R² of the paper",
             "2",
             f"{expected:.2f}",
@@ -101,42 +103,42 @@ def figure_12(task: Task) -> Outcome:
             f"{1e3 * flat.min():.1f} to {1e3 * flat.max():.1f} mm",
             flat.max() < 1.5 * flat.min(),
         ),
-        judged(
+        row_of_claim(
             "range at which both are equal, mirrors at rest, against the closed forms",
             "",
             f"{meeting:.1f} ± {slack * meeting:.1f} m",
             f"{crossing:.1f} m",
             within(crossing, meeting, slack),
         ),
-        judged(
+        row_of_claim(
             "the same against the paper",
             "triangulation for short to medium range, 5 to 10 m",
             f"{meeting:.1f} m",
             f"{crossing:.1f} m",
             5.0 <= crossing <= 10.0,
         ),
-        judged(
+        row_of_claim(
             "the same, were all of the spot's blur the sensor's diffusion, or the lens's aberration",
             "",
             f"{crossing:.1f} m between them",
             f"{meetings[0]:.1f} m and {meetings[1]:.1f} m",
             meetings[1] < crossing < meetings[0],
         ),
-        judged(
+        row_of_claim(
             "σ_R of triangulation at 10 m",
             "",
             f"{1e3 * at_ten[1]:.1f} mm",
             f"{1e3 * at_ten[0]:.1f} mm",
             within(at_ten[0], at_ten[1], 3.0 * blur + _ORDERS),
         ),
-        judged(
+        row_of_claim(
             "scatter over the closed forms, both ways and their fusion, worst",
             "",
             "1",
             f"{worst[1]:.2f}",
             abs(np.log(worst[1])) < reach + _ORDERS,
         ),
-        judged(
+        row_of_claim(
             "scatter over the σ that the instrument states, worst",
             "",
             "1",
@@ -163,7 +165,7 @@ def figure_12(task: Task) -> Outcome:
             )
         for (name, values), style in zip(ends.items(), ("--", "-."), strict=True):
             axes[0].plot(distances, 1e3 * values, color=BLUE, lw=0.9, ls=style, label=f"blur: {name}")
-        guide = 1e3 * scatter[""][place] * (distances / distances[place]) ** 2
+        guide = 1e3 * scatter[""][position] * (distances / distances[position]) ** 2
         axes[0].plot(distances, guide, color="black", lw=0.8, ls=":", label="R²")
         axes[0].set(yscale="log", ylabel="σ of the range [mm]")
         ranges(axes[0])

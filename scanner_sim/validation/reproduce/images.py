@@ -11,14 +11,13 @@ from numpy.typing import NDArray
 from scanner_sim.analytic import sun
 from scanner_sim.config import load_scenario
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.instrument.photo import take_photo
-from scanner_sim.instrument.simulate import simulate
+from scanner_sim.instrument.simulate import simulate, take_photo
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pictures.image import draw_shaded
 from scanner_sim.products.pictures.waveform import draw_grey
 from scanner_sim.validation.reproduce.bench import FOCAL
 from scanner_sim.validation.reproduce.drawing import BLUE, RED, sheet
-from scanner_sim.validation.reproduce.item import Item, Outcome, Row, Task, alike, judged, within
+from scanner_sim.validation.reproduce.item import Item, Outcome, Row, Task, alike, row_of_claim, within
 
 _PHOTOS = {
     "lighting_back": "the Sun in the field of view",
@@ -122,7 +121,7 @@ def _median_error(image: RangeImage) -> Row:
     with np.errstate(invalid="ignore"):
         error = np.abs(image["range_m"] - image["truth.range_m"])[image.valid]
         ratio = float(np.nanmedian(error / image["sigma_range_m"][image.valid]))
-    return judged(
+    return row_of_claim(
         "median of the range's error over the σ that is stated",
         "",
         f"{_MEDIAN:.3f}",
@@ -165,7 +164,7 @@ def figure_18(task: Task) -> Outcome:
     kept = {words: float(image.valid[hit].mean()) for words, image in (*images.items(), ("off", both))}
     moved = {words: _moved(image, dark, hit) for words, image in (*images.items(), ("off", both))}
     rows = (
-        judged(
+        row_of_claim(
             "laser over sunlight on the lit white, with filter",
             "",
             f"{expected:.1f} (eqs 18, 19; the Sun at 53°)",
@@ -193,14 +192,14 @@ def figure_18(task: Task) -> Outcome:
             f"{100.0 * kept['no filter']:.1f} %",
             kept["no filter"] < kept["filter"],
         ),
-        judged(
+        row_of_claim(
             "ranges more than 6 σ from those in the dark: filter, no filter",
             "",
             "none",
             f"{100.0 * moved['filter']:.2f} %, {100.0 * moved['no filter']:.2f} %",
             max(moved["filter"], moved["no filter"]) < 0.01,
         ),
-        judged(
+        row_of_claim(
             "without filter, but half of the dwell without the laser",
             "",
             "more than without",

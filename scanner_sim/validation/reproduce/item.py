@@ -147,7 +147,7 @@ class Item:
         return f"scanner-sim reproduce --only {self.key}"
 
 
-def judged(what: str, paper: str, expected: str, found: str, holds: bool | np.bool_) -> Row:
+def row_of_claim(what: str, paper: str, expected: str, found: str, holds: bool | np.bool_) -> Row:
     """Return a row whose verdict follows from whether the claim holds; ``paper`` may be empty.
 
     A claim about a number bounds it from both sides, unless the paper itself prints a bound: better than printed is no
@@ -195,7 +195,7 @@ def against_print(
         text += f", {low / found:.2g} times less"
     elif found > high + _REACH * error:
         text += f", {found / high:.2g} times more"
-    return judged(what, paper, expected, text, low - _REACH * error <= found <= high + _REACH * error)
+    return row_of_claim(what, paper, expected, text, low - _REACH * error <= found <= high + _REACH * error)
 
 
 def within(found: float, expected: float, share: float) -> bool:

@@ -22,7 +22,7 @@ from scanner_sim.products.pictures.pose_study import draw_figure_15
 from scanner_sim.products.pose_study import COMPONENTS, Exponent, PoseRow, PoseStudy
 from scanner_sim.validation.reproduce.bench import SEPARATION
 from scanner_sim.validation.reproduce.drawing import BLUE, RED, sheet
-from scanner_sim.validation.reproduce.item import Item, Outcome, Row, Task, against_print, judged
+from scanner_sim.validation.reproduce.item import Item, Outcome, Row, Task, against_print, row_of_claim
 from scanner_sim.validation.studies.pose_laws import exponents_of, gains_of
 from scanner_sim.validation.studies.pose_study import BASE, REFERENCE, StudyPlan, measure_study, target_rows
 from scanner_sim.validation.studies.target_errors import TargetErrors
@@ -114,7 +114,7 @@ def _concept(series: Sequence[PoseSeries], title: str, rows: Sequence[Row]) -> O
     ends, whole = _bounds(runs, _TAIL / 6.0), _bounds(6 * runs, _TAIL)
     ratio = scatter / stated
     more = (
-        judged(
+        row_of_claim(
             "errors x, y, z [mm] and about x, y, z [mrad], rms",
             "",
             ", ".join(f"{1e3 * value:.2f}" for value in stated)
@@ -122,7 +122,7 @@ def _concept(series: Sequence[PoseSeries], title: str, rows: Sequence[Row]) -> O
             ", ".join(f"{1e3 * value:.2f}" for value in scatter),
             bool(((ratio > ends[0]) & (ratio < ends[1])).all()),
         ),
-        judged(
+        row_of_claim(
             f"errors over the σ that are stated, {len(errors)} poses of {runs} runs (rms)",
             "",
             f"1, {whole[0]:.2f} to {whole[1]:.2f} for so few runs",
@@ -167,7 +167,7 @@ def figure_14(task: Task) -> Outcome:
     off = float(np.abs(printed - np.array([x / z, y / z])).max())
     series = _poses(task, "uv")
     rows = [
-        judged(
+        row_of_claim(
             "u, v of eq 15 against x/z, y/z over ±0.5 rad, largest",
             "0",
             "0",
@@ -199,7 +199,7 @@ def figure_15(task: Task) -> Outcome:
     )
     astray = {pool.distance: _astray(pool) for pool in pools}
     compared = [
-        judged(
+        row_of_claim(
             "centres more than 6 σ off, of all that were taken: "
             + ", ".join(f"{distance:g}" for distance in astray)
             + " m",
@@ -211,7 +211,7 @@ def figure_15(task: Task) -> Outcome:
     ]
     compared += [_exponent(item) for item in study.exponents if item.of == "range" and item.ranging != "tof"]
     compared += [
-        judged(
+        row_of_claim(
             f"xyz over joint at {gain.range_m:g} m, {_WORDS[gain.component]}",
             "10",
             f"{gain.analytic:.2f}",
@@ -237,7 +237,7 @@ def _exponent(item: Exponent) -> Row:
     """Return how an error grows with range, beside what the paper reads from its figure."""
     printed = "" if item.method == "joint" else f"{item.printed:g}"
     agrees = abs(item.simulated - item.printed) < min(max(0.15, 2.0 * item.standard_error), 0.35)
-    return judged(
+    return row_of_claim(
         f"{item.method}: exponent of the {_WORDS[item.component]} in R",
         printed,
         f"{item.analytic:.2f}",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -27,7 +26,7 @@ from scanner_sim.validation.reproduce.bench import (
     slope,
 )
 from scanner_sim.validation.reproduce.drawing import BLUE, COLOURS, GREEN, OCHRE, RED, ranges, sheet
-from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, judged, within
+from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, row_of_claim, within
 
 _HALF = 0.45
 """Deflection to each side over which the field is tried [rad]."""
@@ -37,25 +36,25 @@ def eq1(task: Task) -> Outcome:
     """Hold rendered spots against eq 1."""
     distances = np.geomspace(1.8, 40.0, task.choose(14, 6))
     theta = np.linspace(-_HALF, _HALF, 9)
-    place, true = np.empty((len(distances), len(theta))), np.empty((len(distances), len(theta)))
-    measured = np.empty_like(place)
+    position, true = np.empty((len(distances), len(theta))), np.empty((len(distances), len(theta)))
+    measured = np.empty_like(position)
     for row, distance in enumerate(distances.tolist()):
         layers = layers_of(bench(task, [plate(distance, _HALF)], QUIET, processing=FIT), aim(theta, 0.2))
-        place[row], true[row] = (layers["peak_px"] + 0.5) * PITCH, layers["truth.range_m"]
+        position[row], true[row] = (layers["peak_px"] + 0.5) * PITCH, layers["truth.range_m"]
         measured[row] = layers["range_m"]
     expected = geometry.image_position(true, theta, FOCAL, BASE)
-    seen = np.isfinite(place)
-    off = (place - expected)[seen] / PITCH
+    seen = np.isfinite(position)
+    off = (position - expected)[seen] / PITCH
     error = (measured - true)[seen] / true[seen] ** 2
     rows = (
-        judged(
+        row_of_claim(
             "spot on the line, rendered less eq 1 (rms)",
             "eq 1",
             "0",
             f"{np.sqrt(np.mean(off**2)):.4f} pixel",
             np.sqrt(np.mean(off**2)) < 0.01,
         ),
-        judged(
+        row_of_claim(
             "range error without noise at 10 m (rms)",
             "",
             "0",
@@ -77,7 +76,7 @@ def eq1(task: Task) -> Outcome:
             label = f"Θ = {theta[column]:+.2f} rad"
             line = geometry.image_position(fine, theta[column], FOCAL, BASE)
             axes[0].plot(fine, 1e3 * line, color=colour, lw=1.2, label=label)
-            axes[0].plot(true[:, column], 1e3 * place[:, column], "o", color=colour, ms=3.5)
+            axes[0].plot(true[:, column], 1e3 * position[:, column], "o", color=colour, ms=3.5)
         axes[0].set(yscale="log", ylabel="p [mm]")
         ranges(axes[0])
         axes[0].legend()
@@ -109,7 +108,7 @@ def eq2(task: Task) -> Outcome:
     standard = spread / count
     worst = float(np.abs(mean / standard).max())
     rows = (
-        judged(
+        row_of_claim(
             "mean range less truth, worst of all distances",
             "R = c τ/2",
             "0",
@@ -123,7 +122,7 @@ def eq2(task: Task) -> Outcome:
             f"{1e3 * spread.min():.1f} to {1e3 * spread.max():.1f} mm",
             bool(spread[distances < 30.0].max() < 2.0 * spread.min()),
         ),
-        judged(
+        row_of_claim(
             "the same over its closed form, worst of all distances",
             "",
             "1",
@@ -159,15 +158,15 @@ def eq3(task: Task) -> Outcome:
     rounding = 1e6 * float(np.nanmax(np.abs(points - judge)))
     left = np.linalg.norm(points - without, axis=1)
     rows = (
-        judged("points against eq 3, largest", "eq 3", "0", f"{rounding:.3f} µm", rounding < 2.0),
-        judged(
+        row_of_claim("points against eq 3, largest", "eq 3", "0", f"{rounding:.3f} µm", rounding < 2.0),
+        row_of_claim(
             "flatness of the measured plane at 8 m (rms)",
             "",
             "0",
             f"{np.sqrt(np.nanmean(flat**2)):.3f} mm",
             np.sqrt(np.nanmean(flat**2)) < 0.2,
         ),
-        judged(
+        row_of_claim(
             "points if D_g is left out, largest shift",
             "D_g ≪ R",
             f"{1e3 * 2.0 * SEPARATION * np.sin(_HALF / 2.0):.1f} mm at any range",
@@ -194,17 +193,17 @@ def eq3(task: Task) -> Outcome:
 
 
 def eq4(task: Task) -> Outcome:
-    """Measure σ_R for a constant error of the spot's place, over range and over the field."""
+    """Measure σ_R for a constant error of the spot's position, over range and over the field."""
     error = 10e-6
-    scanner: dict[str, Any] = {**QUIET, "mirrors": {**STILL, "synchronisation": error}}
+    scanner: dict[str, object] = {**QUIET, "mirrors": {**STILL, "synchronisation": error}}
     distances, side = np.geomspace(3.0, 35.0, task.choose(12, 6)), task.choose(48, 32)
     sigma = np.empty(len(distances))
     for row, distance in enumerate(distances.tolist()):
         made = bench(task, [plate(distance, 0.05)], scanner, processing=FIT, step=row)
         layers = layers_of(made, aim(*grid(0.05, side)))
         sigma[row] = np.nanstd(layers["range_m"] - layers["truth.range_m"])
-    place = FOCAL * error * (1.0 + (geometry.image_position(distances, 0.0, FOCAL, BASE) / FOCAL) ** 2)
-    printed = geometry.range_error_printed(distances, FOCAL, BASE, place)
+    position = FOCAL * error * (1.0 + (geometry.image_position(distances, 0.0, FOCAL, BASE) / FOCAL) ** 2)
+    printed = geometry.range_error_printed(distances, FOCAL, BASE, position)
     theta = np.linspace(-_HALF, _HALF, 7)
     ratio = np.empty(len(theta))
     for row, angle in enumerate(theta.tolist()):
@@ -221,9 +220,13 @@ def eq4(task: Task) -> Outcome:
     exponent, mean = slope(distances, sigma), float(np.mean(sigma / printed))
     tolerance = 4.0 / np.sqrt(2.0 * side**2)
     rows = (
-        judged("exponent of σ_R in R, constant Δp", "2", "2", f"{exponent:.3f}", abs(exponent - 2.0) < 0.05),
-        judged("σ_R over the printed form on the axis", "1", "1", f"{mean:.3f}", abs(mean - 1.0) < tolerance),
-        judged(
+        row_of_claim(
+            "exponent of σ_R in R, constant Δp", "2", "2", f"{exponent:.3f}", abs(exponent - 2.0) < 0.05
+        ),
+        row_of_claim(
+            "σ_R over the printed form on the axis", "1", "1", f"{mean:.3f}", abs(mean - 1.0) < tolerance
+        ),
+        row_of_claim(
             "the same at Θ = ∓0.45 rad",
             "1",
             f"{exact[0]:.3f}, {exact[-1]:.3f}",
@@ -264,20 +267,22 @@ def eq5(task: Task) -> Outcome:
         measured = np.stack([layers[f"P.{axis}"] for axis in "XYZ"], axis=-1)
         found[row] = np.nanstd(measured - truth, axis=0)
         p = float(geometry.image_position(R, one, FOCAL, BASE))
-        place = FOCAL * (1.0 + (p / FOCAL) ** 2) * apart
-        full[row] = geometry.propagated_errors(R, one, phi, FOCAL, BASE, SEPARATION, place, angle, angle)[:3]
-        printed[row] = geometry.propagated_errors_printed(R, one, phi, FOCAL, BASE, place, angle, angle)
+        position = FOCAL * (1.0 + (p / FOCAL) ** 2) * apart
+        full[row] = geometry.propagated_errors(R, one, phi, FOCAL, BASE, SEPARATION, position, angle, angle)[
+            :3
+        ]
+        printed[row] = geometry.propagated_errors_printed(R, one, phi, FOCAL, BASE, position, angle, angle)
     tolerance = 4.5 / np.sqrt(2.0 * shots)
     worst, short = found / full, found / printed
     rows = (
-        judged(
+        row_of_claim(
             "σ of x, y, z over the full Jacobian",
             "",
             "1",
             f"{worst.min():.3f} to {worst.max():.3f}",
             np.abs(worst - 1.0).max() < tolerance,
         ),
-        judged(
+        row_of_claim(
             "σ of x, y, z over the printed form",
             "1",
             f"{(full / printed).min():.2f} to {(full / printed).max():.2f}",

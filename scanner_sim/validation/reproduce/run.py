@@ -8,7 +8,7 @@ from pathlib import Path
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.exchange import Writers, exchange, failure
-from scanner_sim.products.files.folder import ResultFolder, claimed, write_text
+from scanner_sim.products.files.folder import ResultFolder, claim_folder, write_text
 from scanner_sim.validation.reproduce import errors, images, poses, ranging, sunlight, tables, tracking
 from scanner_sim.validation.reproduce.item import Item, Task
 from scanner_sim.validation.reproduce.page import page
@@ -112,7 +112,7 @@ def reproduce(
         If the disk fails.
     """
     chosen, items = chosen_items(only), all_items()
-    with claimed(folder, True, ResultFolder(PAGE, ())):
+    with claim_folder(folder, True, ResultFolder(PAGE, ())):
         refuse_strangers(folder, chosen)
         results = {item.key: found for item in items if (found := read_result(folder, item)) is not None}
         for number, item in enumerate(chosen):

@@ -13,7 +13,7 @@ from scanner_sim.scene.light.lighting import Sun
 from scanner_sim.scene.light.sun import irradiance_between, solar_irradiance, total_irradiance
 from scanner_sim.validation.reproduce.bench import FOCAL, STILL, aim, bench, slope
 from scanner_sim.validation.reproduce.drawing import BLUE, COLOURS, RED, ranges, sheet
-from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, judged, within
+from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, row_of_claim, within
 
 _POWER, _WINDOW, _WAVELENGTH = 15e-3, 200e-6 * 250e-6, 1.5e-6
 _WAIST, _APERTURE, _TRANSMISSION, _REFLECTANCE = 2e-3, 25e-3, 0.5, 0.5
@@ -32,28 +32,28 @@ def figure_16(_task: Task) -> Outcome:
     beside = np.abs(spectra.wavelength - _WAVELENGTH) < 10.5e-9
     expected = float(np.mean(spectra.outside[beside])) / float(sun.planck_irradiance(_WAVELENGTH)) - 1.0
     rows = (
-        judged(
+        row_of_claim(
             "total irradiance of 5770 K [W/m²]",
             "1353",
             f"{sun.total_irradiance():.1f}",
             f"{total:.1f}",
             within(total, 1353.0, 2e-3),
         ),
-        judged(
+        row_of_claim(
             "the same by eq 17 with the radius as printed, 69 500 km",
             "1353",
             "",
             f"{0.01 * sun.total_irradiance():.2f} (no simulation)",
             False,
         ),
-        judged(
+        row_of_claim(
             "irradiance at 1.5 µm [W/m²/nm]",
             "",
             f"{1e-9 * float(sun.planck_irradiance(_WAVELENGTH)):.4f}",
             f"{line:.4f}",
             within(line, 0.2487, 1e-3),
         ),
-        judged(
+        row_of_claim(
             "measured spectrum above the black body at 1.5 µm",
             "",
             f"{100.0 * expected:.1f} %",
@@ -114,7 +114,7 @@ def figure_17(task: Task) -> Outcome:
     power = found[30e-9][:, 0] / (laser * share * off_axis)
     ten = int(np.flatnonzero(distances == 10.0)[0])
     rows.append(
-        judged(
+        row_of_claim(
             "I_laser at 10 m, reflectance 0.5 [nW]",
             "",
             f"{1e9 * float(laser[ten]):.2f}",
@@ -123,7 +123,7 @@ def figure_17(task: Task) -> Outcome:
         )
     )
     rows.append(
-        judged(
+        row_of_claim(
             "I_laser over eq 19 (with cos⁴ψ and the pixels' height), worst",
             "1",
             "1",
@@ -136,7 +136,7 @@ def figure_17(task: Task) -> Outcome:
         expected = sun.sun_power(_REFLECTANCE, _WINDOW, FOCAL, _GAIN, effective) * off_axis
         ratio = found[width][:, 1] / expected
         rows.append(
-            judged(
+            row_of_claim(
                 f"I_sun over eq 18, repaired, {1e9 * width:.0f} nm, worst",
                 "",
                 "1",
@@ -148,7 +148,7 @@ def figure_17(task: Task) -> Outcome:
     printed = sun.sun_power(_REFLECTANCE, _WINDOW, FOCAL, _GAIN, effective, "printed")
     short = float(found[30e-9][ten, 1] / (printed * off_axis[ten]))
     rows.append(
-        judged(
+        row_of_claim(
             "I_sun at 10 m over eq 18 without 1/π, as printed but for 1/f²",
             "1",
             f"1/π = {1.0 / np.pi:.3f}",
@@ -160,7 +160,7 @@ def figure_17(task: Task) -> Outcome:
     far = distances >= 10.0
     exponent = slope(distances[far], signal[30e-9][far])
     rows.append(
-        judged(
+        row_of_claim(
             "exponent of I_laser/I_sun in R",
             "−2",
             "−2",

@@ -16,7 +16,7 @@ from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scan.schedule import Visiting, mirrors_at, run_visit
 from scanner_sim.validation.reproduce.bench import DWELL
 from scanner_sim.validation.reproduce.drawing import BLUE, OCHRE, RED, sheet
-from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, judged, within
+from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, row_of_claim, within
 from scanner_sim.validation.studies.conditions import ESTIMATES
 from scanner_sim.validation.studies.sweep import sweep_orbit
 
@@ -36,7 +36,7 @@ def table_1(task: Task) -> Outcome:
         found = shares[:, [int(condition) for condition in estimate.conditions]].sum(axis=1)
         low, high = _BOUNDS[estimate.share]
         rows.append(
-            judged(
+            row_of_claim(
                 f"{estimate.name}: {names}",
                 estimate.share,
                 "",
@@ -49,14 +49,14 @@ def table_1(task: Task) -> Outcome:
     lit = 1.0 - eclipse
     normal = shares[:, 0] / lit
     rows += [
-        judged(
+        row_of_claim(
             "the Earth hides the Sun, 400 km, β = 15°",
             "",
             f"{100.0 * dark:.1f} %",
             f"{100.0 * eclipse:.1f} %",
             abs(eclipse - dark) < 1.5 / timeline.times.size,
         ),
-        judged(
+        row_of_claim(
             "normal, of the time in sunlight",
             "60 %",
             "",
@@ -112,16 +112,23 @@ def table_2(task: Task) -> Outcome:
     return Outcome(tuple(rows), lambda path: sheet(path, "Times of acquisition (Table 2)", about, draw, 2))
 
 
-def _visit_times(places: Sequence[tuple[float, float]], turns: int) -> tuple[float, float]:
+def _visit_times(positions: Sequence[tuple[float, float]], turns: int) -> tuple[float, float]:
     """Return the mean time from pattern to pattern [s], and how far the first voxel is from its command [rad]."""
     servo, visiting, pattern = Galvanometers(), Visiting(), LissajousPattern(amplitude=6e-3)
-    period = visiting.period(pattern.points, DWELL, len(places), servo)
-    mirrors, begun, late = mirrors_at(*places[0]), [], 0.0
-    for number in range(turns * len(places)):
+    period = visiting.period(pattern.points, DWELL, len(positions), servo)
+    mirrors, begun, late = mirrors_at(*positions[0]), [], 0.0
+    for number in range(turns * len(positions)):
         start = (number + 1) * period - pattern.points * DWELL
-        place = places[number % len(places)]
+        position = positions[number % len(positions)]
         motion, mirrors = run_visit(
-            servo, mirrors, pattern, number // len(places), place, start=start, dwell=DWELL, visiting=visiting
+            servo,
+            mirrors,
+            pattern,
+            number // len(positions),
+            position,
+            start=start,
+            dwell=DWELL,
+            visiting=visiting,
         )
         begun.append(float(motion.time[0]))
         # Lag along the figure is no matter of the jump: the middle voxel has the same.

@@ -21,7 +21,7 @@ from scanner_sim.validation.reproduce.item import (
     against_print,
     alike,
     chosen,
-    judged,
+    row_of_claim,
     within,
 )
 
@@ -36,7 +36,7 @@ def figure_4(task: Task) -> Outcome:
     measured = [
         item for item in run.records if item.status is TrackStatus.MEASURED and item.mode is TrackMode.TRACK
     ]
-    error = np.array([item.place[:2] - item.truth[:2] for item in measured])
+    error = np.array([item.position[:2] - item.truth[:2] for item in measured])
     stated = np.array([np.sqrt(np.diag(item.covariance)[:2]) for item in measured])
     size = 1e6 * float(np.sqrt(np.mean(error**2)))
     pull = float(np.sqrt(np.mean((error / stated) ** 2)))
@@ -59,8 +59,8 @@ def figure_4(task: Task) -> Outcome:
             size / np.sqrt(2.0 * error.size),
             "µrad",
         ),
-        judged("error over the σ that is stated (rms)", "", "1", f"{pull:.2f}", 0.7 < pull < 1.4),
-        judged(
+        row_of_claim("error over the σ that is stated (rms)", "", "1", f"{pull:.2f}", 0.7 < pull < 1.4),
+        row_of_claim(
             "mean error with inverted patterns, Θ and φ",
             "inversion removes delay and bias",
             "0",
@@ -133,7 +133,7 @@ def figure_5(task: Task) -> Outcome:
     ]
     errors = np.array(
         [
-            item.place[:2] - item.truth[:2]
+            item.position[:2] - item.truth[:2]
             for item in run.records
             if item.status is TrackStatus.MEASURED and item.mode is TrackMode.TRACK
         ]

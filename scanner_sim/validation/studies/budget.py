@@ -1,7 +1,7 @@
 """The error budget: each source of error alone and all together, for both ways of ranging and for their fusion.
 
-On a facing flat target the range is measured many times at a few places of the spot in its pixel, with one source
-switched on and the estimator told of them all: it weighs the samples as it does in a scan, so that the sources alone
+On a facing flat target the range is measured many times at a few positions of the spot in its pixel, with one source
+switched on while the estimator knows of them all: it weighs the samples as it does in a scan, so that the sources alone
 add up to the whole in quadrature. What the estimator errs without any noise is taken off the errors, shot by shot,
 and is a source of its own.
 
@@ -10,7 +10,7 @@ light of Sun and Earth raises its variance. ``drift`` is taken over a whole cour
 wobble, which far away err less than single precision rounds, are enlarged for their own row and their errors divided
 again; other sources that make less than 10⁻⁶ of the range are at that rounding.
 
-The beam turns during a dwell as in the scenario's scan, or as :func:`swept` says: a sweep averages speckle.
+The beam turns during a dwell as in the scenario's scan, or as :func:`with_sweep` says: a sweep averages speckle.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.instrument.time_of_flight import Timed
+from scanner_sim.instrument.time_of_flight import EchoDelays
 from scanner_sim.optics.deflection import ERRORS, Mirrors
 from scanner_sim.products.budget import BudgetRow, Mode
 from scanner_sim.ranging.fusion import fuse
@@ -44,8 +44,8 @@ Progress = Callable[[int, int], None]
 
 FARTHEST = 30.0
 """Farthest distance of the target [m]."""
-PLACES = 4
-"""Places of the spot in its pixel."""
+PIXEL_PHASES = 4
+"""Positions of the spot in its pixel."""
 _SIDE = 22
 """Shots along each side of the target."""
 HALF = 0.05
@@ -58,11 +58,11 @@ _NOISE = {"shot": "shot", "read": "read", "quantisation": "quantisation", "respo
 _ECHO_NOISE = ("shot", "amplifier", "quantisation", "clock")
 """Switches of the photodiode, which are the sources of time of flight."""
 _FIXED = (_QUIET, "response")
-"""Sources that are the same for all shots at one place: one value for each place."""
+"""Sources that are the same for all shots at one position: one value for each position."""
 _SQUARES = (_ALL, "clock")
 """Sources of which the mean error counts, too."""
 _LIFTED = ("jitter", "wobble")
-"""Sources that move the light, and whose error far away is below the rounding of the spot's place."""
+"""Sources that move the light, and whose error far away is below the rounding of the spot's position."""
 _LIFT = 32.0
 """By how much these are enlarged, and their errors, which are linear in them, divided again."""
 
@@ -127,7 +127,7 @@ def kelvins_of(mirrors: Mirrors, time: float) -> float:
     return float(np.sqrt(np.mean(mirrors.temperature.difference(steps) ** 2)))
 
 
-def swept(scenario: Scenario, sweep: float | None) -> Scenario:
+def with_sweep(scenario: Scenario, sweep: float | None) -> Scenario:
     """Return a scenario whose beam turns by an angle [rad] during a dwell; as it is for None, at rest for 0.
 
     Only what the budget takes from a scan is meant: its columns are as far apart as the angle.
@@ -184,18 +184,18 @@ def measure_budget(
         For each way of ranging, source and distance, with 95 % intervals of χ² (of ``sun`` by the normal law); the
         analytic value is left open. NaN where fewer than half of the shots have a range.
     """
-    told = Instrument(_alone(scenario, _ALL, Scene()), device=device)
+    assumed = Instrument(_alone(scenario, _ALL, Scene()), device=device)
     modes = modes_of(scenario)
     names = {mode: sources_of(scenario, mode) for mode in modes}
     rows: dict[tuple[Mode, str], list[BudgetRow]] = {
         (mode, name): [] for mode in modes for name in names[mode]
     }
-    done, total = 0, len(distances) * PLACES * sum(len(own) for own in names.values())
+    done, total = 0, len(distances) * PIXEL_PHASES * sum(len(own) for own in names.values())
     for step, distance in enumerate(distances.tolist()):
         errors: dict[tuple[Mode, str], list[Array]] = {key: [] for key in rows}
-        for place, where in enumerate(_places(told, distance)):
-            seed = (scenario.seed + 101 * step + 17 * place + 1) % 2**63
-            target = _Target(scenario, told, where, reflectance, seed, device)
+        for index, where in enumerate(_pixel_phases(assumed, distance)):
+            seed = (scenario.seed + 101 * step + 17 * index + 1) % 2**63
+            target = _Target(scenario, assumed, where, reflectance, seed, device)
             for mode, name in rows:
                 errors[mode, name].append(target.error(mode, name) * _scale(mode, name, distance / where))
                 done += 1
@@ -209,14 +209,14 @@ def measure_budget(
 
 
 def _scale(mode: Mode, name: str, ratio: float) -> float:
-    """Return what an error at a place about a distance is at it: R² for triangulation, but R for its bias."""
+    """Return what an error at a position about a distance is at it: R² for triangulation, but R for its bias."""
     if mode != "triangulation":
         return 1.0
     return ratio if name == _QUIET else ratio**2
 
 
 def _row(name: str, errors: list[Array]) -> tuple[float, float, float, int]:
-    """Return the standard deviation of the errors at a few places, its interval and degrees of freedom."""
+    """Return the standard deviation of the errors at a few positions, its interval and degrees of freedom."""
     if not _enough(errors):
         return math.nan, math.nan, math.nan, 0
     count = sum(int(np.isfinite(values).sum()) for values in errors)
@@ -247,16 +247,16 @@ def _row_of_sun(lit: list[Array], dark: list[Array]) -> tuple[float, float, floa
 
 
 def _enough(errors: list[Array]) -> bool:
-    """Tell whether at least half of the shots have a range, and some at each place."""
+    """Tell whether at least half of the shots have a range, and some at each position."""
     finite = [np.isfinite(values) for values in errors]
     return all(own.any() for own in finite) and float(np.mean(np.concatenate(finite))) >= 0.5
 
 
-def _places(told: Instrument, distance: float) -> Iterator[float]:
-    """Yield distances about one, at which the spot lies at evenly spaced places in its pixel."""
-    pixel = round(float(told.spot.pixel(distance, 0.0, 1.0)))
-    for place in range(PLACES):
-        yield float(told.spot.range(pixel + (place + 0.5) / PLACES - 0.5, 0.0, 1.0))
+def _pixel_phases(assumed: Instrument, distance: float) -> Iterator[float]:
+    """Yield distances about one, at which the spot lies at evenly spaced positions in its pixel."""
+    pixel = round(float(assumed.spot.pixel(distance, 0.0, 1.0)))
+    for index in range(PIXEL_PHASES):
+        yield float(assumed.spot.range(pixel + (index + 0.5) / PIXEL_PHASES - 0.5, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -277,14 +277,14 @@ class _Target:
     def __init__(
         self,
         scenario: Scenario,
-        told: Instrument,
+        assumed: Instrument,
         distance: float,
         reflectance: float,
         seed: int,
         device: DeviceChoice,
     ) -> None:
         self.scenario = scenario.model_copy(update={"seed": seed})
-        self.told, self.device = told, device
+        self.assumed, self.device = assumed, device
         self.scene = _plate(scenario, distance, reflectance)
         self.aim = _aim(scenario)
         self.lit = Instrument(_alone(self.scenario, _ALL, self.scene), device=device)
@@ -304,8 +304,12 @@ class _Target:
         if (mode, name) in self._kept:
             return self._kept[mode, name]
         made = _alone(self.scenario, name, self.scene)
-        bench = self.lit if name == _ALL else Instrument(made, device=self.device, like=self.lit)
-        found = _timed(bench, self.told, self.aim) if mode == "tof" else _seen(bench, self.told, self.aim)
+        instrument = self.lit if name == _ALL else Instrument(made, device=self.device, reuse=self.lit)
+        found = (
+            _range_by_time(instrument, self.assumed, self.aim)
+            if mode == "tof"
+            else _range_by_line(instrument, self.assumed, self.aim)
+        )
         if name in (_QUIET, _ALL):
             self._kept[mode, name] = found
         return found
@@ -319,30 +323,30 @@ class _Target:
         return np.asarray(both.range - one.truth)
 
 
-def _seen(bench: Instrument, told: Instrument, aim: Aim) -> _RangedShots:
+def _range_by_line(instrument: Instrument, assumed: Instrument, aim: Aim) -> _RangedShots:
     """Return what an instrument triangulates that takes itself for another one."""
-    deflections = bench.deflections(aim, bench.fire(aim)[1])
-    truth, groups = bench.expose(aim)
+    deflections = instrument.deflections(aim, instrument.fire(aim)[1])
+    truth, groups = instrument.expose(aim)
     n = aim.theta.size
     peak, sigma, status = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, dtype=np.uint32)
     for group in groups:
-        found = told.find(group.signal, aim.theta[group.index].astype(np.float32))
+        found = assumed.find(group.signal, aim.theta[group.index].astype(np.float32))
         peak[group.index] = found.position.numpy()
         sigma[group.index] = found.sigma.numpy()
         status[group.index] = found.status.numpy()
-    ranges = told.ranges(peak, sigma, status, deflections)
+    ranges = assumed.ranges(peak, sigma, status, deflections)
     return _RangedShots(ranges, truth.distance.numpy().astype(np.float64))
 
 
-def _timed(bench: Instrument, told: Instrument, aim: Aim) -> _RangedShots:
+def _range_by_time(instrument: Instrument, assumed: Instrument, aim: Aim) -> _RangedShots:
     """Return what it measures by time of flight."""
-    shots, pointing = bench.fire(aim)
-    deflections = bench.deflections(aim, pointing)
-    truth, _, groups = bench.echoes.listen(shots, told.echoes.detector)
-    timed = Timed.empty(aim.theta.size)
+    shots, pointing = instrument.fire(aim)
+    deflections = instrument.deflections(aim, pointing)
+    truth, _, groups = instrument.echoes.listen(shots, assumed.echoes.detector)
+    delays = EchoDelays.empty(aim.theta.size)
     for group in groups:
-        timed.take(group.index, group.delays, told.echoes.unit.digitiser)
-    ranges = told.echoes.ranges(timed, deflections)
+        delays.fill(group.index, group.delays, assumed.echoes.unit.digitiser)
+    ranges = assumed.echoes.ranges(delays, deflections)
     return _RangedShots(ranges, truth.distance.numpy().astype(np.float64))
 
 

@@ -2,11 +2,11 @@
 
 A flat white target, square to the beam, is moved through the range in fractions of a pixel, and the measured position
 is compared with the one that eq 1 gives for the target's range. The detector has no noise, the mirrors are still, the
-light makes no speckle, and it is dark. At each of a few places along the line, hence widths of the spot, the target
-passes through one pixel. To simulate many places of it at once, targets stand above one another, each before the beam
-at a φ of its own: the second mirror turns the whole triangulation, so that they are one target. Θ and φ are positive
-throughout: Embree may lose hits of rays that it traces together as coherent when a component of their directions
-changes its sign among them.
+light makes no speckle, and it is dark. At each of a few positions along the line, hence widths of the spot, the target
+passes through one pixel. To simulate many positions of it at once, targets stand above one another, each before the
+beam at a φ of its own: the second mirror turns the whole triangulation, so that they are one target. Θ and φ are
+positive throughout: Embree may lose hits of rays that it traces together as coherent when a component of their
+directions changes its sign among them.
 """
 
 from __future__ import annotations
@@ -14,13 +14,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.errors import RunError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
@@ -30,9 +30,10 @@ from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene
 from scanner_sim.signals.line.bias_table import BiasTable
+from scanner_sim.signals.line.expected import ExpectedSpot
 
 NODES, PLACES = 12, 48
-"""Places along the line, and places of the target within a pixel."""
+"""Positions along the line, and positions of the target within a pixel."""
 _SHIFTS = np.linspace(-1.0, 1.0, 97)
 _BEYOND = 0.25
 """How far beyond the measured estimates the error is continued along a straight line [pixel]: noise can make a pixel
@@ -86,7 +87,7 @@ def measure_bias(
     device
         Where to compute.
     progress
-        Called with the places done and the places in all.
+        Called with the positions done and the positions in all.
 
     Returns
     -------
@@ -98,11 +99,11 @@ def measure_bias(
     RunError
         If the target is not found often enough for a table.
     """
-    bench = Instrument(_quiet(scenario, Scene(), _scan(scenario, 1)), device=device)
-    nodes = tuple(_nodes(scenario, bench.spot))
+    instrument = Instrument(_quiet(scenario, Scene(), _scan(scenario, 1)), device=device)
+    nodes = tuple(_nodes(scenario, instrument.spot))
     passages: dict[float, Passage] = {}
     for number, node in enumerate(nodes):
-        passage = _passage(scenario, node, bench.spot, device)
+        passage = _passage(scenario, node, instrument.spot, device)
         if passage is not None:
             passages[round(passage.width, 3)] = passage
         if progress is not None:
@@ -118,7 +119,7 @@ def measure_bias(
     return BiasTable(scenario.processing.peak, widths, _SHIFTS, rows), found
 
 
-def _nodes(scenario: Scenario, spot: Any) -> Iterator[int]:
+def _nodes(scenario: Scenario, spot: ExpectedSpot) -> Iterator[int]:
     """Yield the pixels through which the target passes."""
     pixels = scenario.scanner.position_sensor.pixels
     margin = min(12, pixels // 4)
@@ -126,8 +127,8 @@ def _nodes(scenario: Scenario, spot: Any) -> Iterator[int]:
     yield from sorted({round(pixel) for pixel in np.linspace(first, pixels - 1 - margin, NODES)})
 
 
-def _passage(scenario: Scenario, node: int, spot: Any, device: DeviceChoice) -> Passage | None:
-    """Move the target through a pixel; None where it is not measured at half of its places or more."""
+def _passage(scenario: Scenario, node: int, spot: ExpectedSpot, device: DeviceChoice) -> Passage | None:
+    """Move the target through a pixel; None where it is not measured at half of its positions or more."""
     phase = (np.arange(PLACES) + 0.5) / PLACES - 0.5
     truth = node + phase
     deflection = _deflection(scenario)
@@ -135,17 +136,17 @@ def _passage(scenario: Scenario, node: int, spot: Any, device: DeviceChoice) -> 
     width = math.sqrt(sum(spot.variances(float(node), *deflection)))
     brightest = spot.white / ranges.min() ** 2 * min(1.0, 0.4 / width)
     reflectance = min(1.0, _FRACTION * scenario.scanner.position_sensor.full_well / brightest)
-    told = _told(scenario.scanner)
+    assumed = _assumed_sensor(scenario.scanner)
     position, status, nearest = (np.full(PLACES, np.nan) for _ in range(3))
     for part in _parts(scenario, float(ranges.min())):
         scene, scan = _targets(scenario, ranges[part], reflectance)
-        bench = Instrument(_quiet(scenario, scene, scan), device=device)
+        instrument = Instrument(_quiet(scenario, scene, scan), device=device)
         count = len(ranges[part])
         aim = raster_aim(scan, np.arange(count, dtype=np.uint32), scenario.scanner.dwell)
-        _, groups = bench.expose(aim)
+        _, groups = instrument.expose(aim)
         for group in groups:
             theta = np.full(len(group.index), _theta(scenario), dtype=np.float32)
-            peaks = bench.find(group.signal, theta, sensor=told)
+            peaks = instrument.find(group.signal, theta, sensor=assumed)
             here = np.arange(PLACES)[part][group.index]
             position[here], status[here] = peaks.position.numpy(), peaks.status.numpy()
             nearest[here] = group.signal.lines().argmax(axis=1)
@@ -169,9 +170,9 @@ def _row(passage: Passage) -> Floats:
     few = max(3, len(bias) // 8)
     low, high = (np.polyfit(estimate[part], bias[part], 1) for part in (slice(0, few), slice(-few, None)))
     start, end = estimate[0] - _BEYOND, estimate[-1] + _BEYOND
-    places = np.concatenate([[start], estimate, [end]])
+    positions = np.concatenate([[start], estimate, [end]])
     values = np.concatenate([[bias[0] - low[0] * _BEYOND], bias, [bias[-1] + high[0] * _BEYOND]])
-    return np.asarray(np.clip(np.interp(_SHIFTS, places, values), -1.0, 1.0), dtype=np.float64)
+    return np.asarray(np.clip(np.interp(_SHIFTS, positions, values), -1.0, 1.0), dtype=np.float64)
 
 
 def _parts(scenario: Scenario, nearest: float) -> Iterator[slice]:
@@ -238,7 +239,7 @@ def _quiet(scenario: Scenario, scene: Scene, scan: RasterScan) -> Scenario:
     sensor = scanner.position_sensor
     sensor = sensor.model_copy(update={"noise": sensor.noise.only()})
     laser = scanner.laser.model_copy(update={"speckle": False})
-    bench = scanner.model_copy(
+    instrument = scanner.model_copy(
         update={
             "laser": laser,
             "position_sensor": sensor,
@@ -249,7 +250,7 @@ def _quiet(scenario: Scenario, scene: Scene, scan: RasterScan) -> Scenario:
     processing = scenario.processing.model_copy(update={"bias_correction": "none", "range_gate": None})
     return scenario.model_copy(
         update={
-            "scanner": bench,
+            "scanner": instrument,
             "scene": scene,
             "scan": scan,
             "lighting": Lighting(),
@@ -258,7 +259,7 @@ def _quiet(scenario: Scenario, scene: Scene, scan: RasterScan) -> Scenario:
     )
 
 
-def _told(scanner: Scanner) -> Any:
+def _assumed_sensor(scanner: Scanner) -> PositionSensor:
     """Return the sensor as its estimators know it: with its noise, which gives the pixels their weights."""
     sensor = scanner.position_sensor
     noise = sensor.noise.model_copy(update={"saturation": False, "dark": False, "quantisation": False})

@@ -24,7 +24,7 @@ _BATCH = 65536
 
 
 class _Part(NamedTuple):
-    """A source in the peak's σ: its name, and what the σ model is told without it."""
+    """A source in the peak's σ: its name, and what the σ model assumes without it."""
 
     name: str
     noise: dict[str, bool]
@@ -48,7 +48,7 @@ def dominating(
 ) -> Dominance:
     """Tell for each voxel of a scenario's scan which source makes most of the stated σ of its range.
 
-    Each part of the variance is what goes when the σ model is no longer told of its source: σ² with all less σ²
+    Each part of the variance is what goes when the σ model no longer knows of its source: σ² with all less σ²
     without it, on the same signal. For the maximum-likelihood fit, whose weights follow, that is a little less than the
     source's share. Mirrors' parts are those of the Jacobian.
 
@@ -63,8 +63,8 @@ def dominating(
     -------
     Dominance
     """
-    bench = Instrument(scenario, device=device)
-    scan, geometry = scenario.raster, bench.geometry
+    instrument = Instrument(scenario, device=device)
+    scan, geometry = scenario.raster, instrument.geometry
     f, d, mirrors = geometry.focal_length, geometry.baseline, scenario.scanner.mirrors
     names = (*(part.name for part in _PARTS), "synchronisation", "deflection")
     variances = np.full((len(names), scan.shots), np.nan)
@@ -72,7 +72,7 @@ def dominating(
     for start in range(0, scan.shots, _BATCH):
         shots = order[start : start + _BATCH]
         aim = raster_aim(scan, shots, scenario.scanner.dwell)
-        peak, parts = _peak_parts(bench, aim)
+        peak, parts = _peak_parts(instrument, aim)
         position = geometry.position(peak)
         by_position, by_theta = range_jacobian(position, aim.theta, f, d)
         apart = position_sigma(position, 0.0, f, geometry.pitch, geometry.synchronisation)
@@ -85,12 +85,12 @@ def dominating(
     return Dominance(names, variances.reshape(len(names), scan.rows, scan.columns), theta, phi)
 
 
-def _peak_parts(bench: Instrument, aim: Aim) -> tuple[Array, Array]:
+def _peak_parts(instrument: Instrument, aim: Aim) -> tuple[Array, Array]:
     """Return peaks [pixel], shape (n,), and the parts of their variance [pixel²], shape (parts, n)."""
-    scenario = bench.scenario
+    scenario = instrument.scenario
     sensor, processing = scenario.scanner.position_sensor, scenario.processing
     peak, parts = np.full(aim.theta.size, np.nan), np.full((len(_PARTS), aim.theta.size), np.nan)
-    _, groups = bench.expose(aim)
+    _, groups = instrument.expose(aim)
     for group in groups:
         theta = aim.theta[group.index].astype(np.float32)
         valid = group.peaks.status.numpy() == Status.VALID
@@ -100,13 +100,13 @@ def _peak_parts(bench: Instrument, aim: Aim) -> tuple[Array, Array]:
         peak[group.index] = np.where(valid, position, np.nan)
         for number, part in enumerate(_PARTS):
             noise = sensor.noise.model_copy(update=part.noise)
-            told = sensor.model_copy(update={"noise": noise})
+            assumed = sensor.model_copy(update={"noise": noise})
             misfit = processing.validation.misfit if part.misfit else 0.0
             validation = processing.validation.model_copy(update={"misfit": misfit, "shape": False})
-            without = bench.find(
+            without = instrument.find(
                 group.signal,
                 theta,
-                sensor=told,
+                sensor=assumed,
                 processing=processing.model_copy(update={"validation": validation}),
                 speckle=part.speckle,
             )

@@ -3,7 +3,7 @@
 Errors of single targets come from simulated pixels (:mod:`scanner_sim.validation.studies.target_errors`). An array that
 faces the scanner on its axis is then sighted many times: each of its targets gets the angles and the range it truly
 has, with the errors and the stated σ of one simulated observation at that range. All targets of a pose take theirs from
-one place of the spot in its pixel, since at one range they share it. From each set of observations the pose is
+one position of the spot in its pixel, since at one range they share it. From each set of observations the pose is
 estimated and compared.
 
 Not modelled: correlations between the targets of a visit beyond that, the motion of the object between them, errors of
@@ -65,14 +65,14 @@ class StudyPlan:
         What is compared, the base first.
     poses
         Of each array, range and method.
-    places, patterns
-        Places of the spot in its pixel, and patterns over each of 36 targets at each.
+    positions, patterns
+        Positions of the spot in its pixel, and patterns over each of 36 targets at each.
     """
 
     distances: tuple[float, ...]
     arrays: tuple[Layout, ...]
     poses: int
-    places: int
+    positions: int
     patterns: int
 
     @property
@@ -151,7 +151,7 @@ def measure_study(
     for distance in plan.distances:
         pools.append(
             measure_targets(
-                scenario, target, distance, places=plan.places, patterns=plan.patterns, device=device
+                scenario, target, distance, positions=plan.positions, patterns=plan.patterns, device=device
             )
         )
         done += 1
@@ -188,7 +188,7 @@ def target_rows(pools: Iterable[TargetErrors]) -> tuple[TargetRow, ...]:
 
 def _array_rows(scenario: Scenario, plan: StudyPlan, array: Layout, pool: TargetErrors) -> Iterator[PoseRow]:
     """Yield the errors of an array's poses at one range."""
-    drawn = {ranging: _sightings(scenario, plan, array, pool, ranging) for ranging in RANGINGS}
+    drawn = {ranging: _observed(scenario, plan, array, pool, ranging) for ranging in RANGINGS}
     for method, source in MODES:
         ranging: Ranging = "tof" if source == "tof" else "triangulation"
         measured = drawn[ranging]
@@ -227,7 +227,7 @@ def _array_rows(scenario: Scenario, plan: StudyPlan, array: Layout, pool: Target
             )
 
 
-def _sightings(
+def _observed(
     scenario: Scenario, plan: StudyPlan, array: Layout, pool: TargetErrors, ranging: Ranging
 ) -> tuple[Array, Array] | None:
     """Return measured (Θ, φ, R) and their stated σ, each (poses, targets, 3); None where targets are rarely found."""
@@ -237,16 +237,16 @@ def _sightings(
         return None
     # One draw serves all arrays: what differs between them is not the luck of the draw.
     random = host_generator(scenario.seed, Stream.POSES, round(1e6 * pool.distance))
-    place = random.integers(len(errors), size=plan.poses)
+    position = random.integers(len(errors), size=plan.poses)
     share = random.random((plan.poses, max(len(item.points) for item in plan.arrays)))
     count = known.sum(axis=1)
-    rank = (share[:, : len(array.points)] * count[place, None]).astype(np.int64)
+    rank = (share[:, : len(array.points)] * count[position, None]).astype(np.int64)
     order = np.argsort(~known, axis=1, kind="stable")
-    chosen = order[place[:, None], rank]
+    chosen = order[position[:, None], rank]
     x, y, z = (array.points + np.array([0.0, 0.0, pool.distance])).T
     r, theta, phi = angles_and_range(x, y, z, scenario.scanner.mirrors.axis_separation)
     truth = np.stack([theta, phi, r], axis=1)
-    return truth + errors[place[:, None], chosen], sigmas[place[:, None], chosen]
+    return truth + errors[position[:, None], chosen], sigmas[position[:, None], chosen]
 
 
 def _estimated(

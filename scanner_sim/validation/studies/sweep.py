@@ -127,12 +127,12 @@ class _Stage:
     """The instrument before its targets, ready for any sky."""
 
     def __init__(self, scenario: Scenario, device: DeviceChoice) -> None:
-        bench = Instrument(scenario, device=device)
-        self._bench, self._scenario, self._seed = bench, scenario, scenario.seed
+        instrument = Instrument(scenario, device=device)
+        self._instrument, self._scenario, self._seed = instrument, scenario, scenario.seed
         sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
         electrons = electrons_per_watt(sensor, scenario.scanner.laser.wavelength, scenario.scanner.exposure)
-        through = bench.throughput
-        # Any pixel may look at any place: the one that makes most of it counts.
+        through = instrument.throughput
+        # Any pixel may look at any position: the one that makes most of it counts.
         self._gain = tuple(
             electrons * float(table.numpy().max()) for table in (through.in_band, through.out_of_band)
         )
@@ -141,7 +141,7 @@ class _Stage:
         self._grid = self._field_of_view()
 
     def _targets(self) -> None:
-        loaded = self._bench.loaded
+        loaded = self._instrument.loaded
         arrays = tuple(item.name for item in self._scenario.scene.objects if isinstance(item, TargetArray))
         wanted = arrays or loaded.objects
         found: dict[str, Samples] = {}
@@ -163,7 +163,7 @@ class _Stage:
 
     def _sight(self, samples: Samples) -> Sight:
         """Return the lines of sight from the lens to points, as each is measured."""
-        geometry = self._bench.geometry
+        geometry = self._instrument.geometry
         x, y, z = samples.point.numpy().astype(np.float64)
         r, theta, phi = angles_and_range(x, y, z, geometry.axis_separation)
         p = position_from_range(r, theta, geometry.focal_length, geometry.baseline)
@@ -180,8 +180,8 @@ class _Stage:
 
     def look(self, sky: Sky) -> _Moment:
         """Return what one sky makes of the targets."""
-        bench, seed = self._bench, self._seed
-        loaded, optics = bench.loaded, bench.optics
+        instrument, seed = self._instrument, self._seed
+        loaded, optics = instrument.loaded, instrument.optics
         if sky.sun_visible == 0.0:
             return _Moment(0.0, 0.0, [(0.0, 0.0, 0.0, 0.0)] * len(self.names))
         lamp = light_of(sky)
@@ -212,7 +212,7 @@ class _Stage:
 
     def _sun_in_view(self, sun: Sight, free: NDArray[np.bool_]) -> float:
         """Return the share of the Sun's disc that some pixel sees during the scan."""
-        scan, (near, far), margin = self._scenario.raster, self._reach, half_height(self._bench.optics)
+        scan, (near, far), margin = self._scenario.raster, self._reach, half_height(self._instrument.optics)
         across = (sun.angle >= scan.horizontal[0] - far) & (sun.angle <= scan.horizontal[1] - near)
         down = (sun.phi >= scan.vertical[0] - margin) & (sun.phi <= scan.vertical[1] + margin)
         return float(np.mean(free & across & down))
@@ -222,8 +222,8 @@ class _Stage:
         if not free.any():
             return 0.0
         x, y, z = samples.point.numpy().astype(np.float64)
-        _, theta, phi = angles_and_range(x, y, z, self._bench.geometry.axis_separation)
-        (near, far), margin = self._reach, half_height(self._bench.optics)
+        _, theta, phi = angles_and_range(x, y, z, self._instrument.geometry.axis_separation)
+        (near, far), margin = self._reach, half_height(self._instrument.optics)
         first, last = sun.angle[free].min(), sun.angle[free].max()
         top, bottom = sun.phi[free].min(), sun.phi[free].max()
         across = (theta - near >= first) & (theta - far <= last)

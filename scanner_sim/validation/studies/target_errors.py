@@ -1,9 +1,9 @@
-"""What the instrument errs about the places of single targets, from simulated pixels.
+"""What the instrument errs about the positions of single targets, from simulated pixels.
 
 A grid of equal discs on plates faces the scanner in the dark. Over each disc the mirrors run the tracker's patterns;
 their voxels go through light, sensors, peaks, ranges and the fit of the disc. The errors are those of the measured
-places against the centres of the discs: angles from the line sensor's intensities, ranges from triangulation and from
-time of flight.
+positions against the centres of the discs: angles from the line sensor's intensities, ranges from triangulation and
+from time of flight.
 
 Not in the errors: Sun and Earth, the tracker's own pointing, and what is common to all patterns: the mirrors' scale and
 zero, a distortion of the scanner, the survey of the targets.
@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor, aim_of
+from scanner_sim.ranging.ranges import Layers
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import Aim
@@ -41,18 +42,18 @@ RANGINGS: tuple[Ranging, ...] = ("triangulation", "tof")
 
 @dataclass(frozen=True, eq=False)
 class TargetErrors:
-    """Measured less true places of targets at one range.
+    """Measured less true positions of targets at one range.
 
     Attributes
     ----------
     distance
         Of the grid's plane [m].
     error
-        Θ, φ [rad], R by triangulation, R by time of flight [m], shape (places, observations, 4); NaN where the target
-        was not found. A place is one of the spot in its pixel: what the peak's estimator errs there is common to all
-        targets at that range.
+        Θ, φ [rad], R by triangulation, R by time of flight [m], shape (positions, observations, 4); NaN where the
+        target was not found. A position is one of the spot in its pixel: what the peak's estimator errs there is common
+        to all targets at that range.
     sigma
-        The standard deviations that were stated, shape (places, observations, 4).
+        The standard deviations that were stated, shape (positions, observations, 4).
     voxel
         Median of the stated σ of single voxels' angles and ranges, shape (4,).
     """
@@ -63,7 +64,7 @@ class TargetErrors:
     voxel: Array
 
     def of(self, ranging: Ranging) -> tuple[Array, Array]:
-        """Return errors and stated σ of (Θ, φ, R) with one way of ranging, each (places, observations, 3)."""
+        """Return errors and stated σ of (Θ, φ, R) with one way of ranging, each (positions, observations, 3)."""
         chosen = [0, 1, 2 + RANGINGS.index(ranging)]
         return self.error[..., chosen], self.sigma[..., chosen]
 
@@ -79,7 +80,7 @@ class TargetErrors:
 
     @property
     def common(self) -> Array:
-        """Root mean squares over the places of the mean errors, shape (4,): what all targets of a visit share."""
+        """Root mean squares over the positions of the mean errors, shape (4,): what all targets of a visit share."""
         known = np.isfinite(self.error)
         with np.errstate(invalid="ignore"):
             means = np.where(known, self.error, 0.0).sum(axis=1) / known.sum(axis=1)
@@ -104,7 +105,7 @@ def measure_targets(
     target: StudyTarget,
     distance: float,
     *,
-    places: int = 4,
+    positions: int = 4,
     patterns: int = 4,
     device: DeviceChoice = "auto",
 ) -> TargetErrors:
@@ -118,29 +119,29 @@ def measure_targets(
         What is measured.
     distance
         Of the grid [m].
-    places
-        Distances about this one at which the spot lies at evenly spaced places in its pixel.
+    positions
+        Distances about this one at which the spot lies at evenly spaced positions in its pixel.
     patterns
-        Patterns over each of the 36 targets at each place.
+        Patterns over each of the 36 targets at each position.
     device
         Where to compute.
 
     Returns
     -------
     TargetErrors
-        Of places × 36 · patterns observations. Each pattern is measured by itself.
+        Of positions × 36 · patterns observations. Each pattern is measured by itself.
     """
     errors, sigmas, voxels = [], [], []
-    for place, where in enumerate(spread_distances(scenario, distance, places)):
-        seed = (scenario.seed + 7919 * place + round(1e6 * distance)) % 2**63
-        bench, centres = target_grid(scenario, target, where, seed, device)
-        motions = grid_motions(bench.scenario, target, centres, patterns)
-        layers = bench.measure(
+    for index, where in enumerate(spread_distances(scenario, distance, positions)):
+        seed = (scenario.seed + 7919 * index + round(1e6 * distance)) % 2**63
+        instrument, centres = target_grid(scenario, target, where, seed, device)
+        motions = grid_motions(instrument.scenario, target, centres, patterns)
+        layers = instrument.measure(
             _whole([aim_of(motion, visit) for visit, motion in enumerate(motions)]), details=True
         )
         truth = np.repeat(centres, patterns, axis=0)
         by_line, by_pulse = (
-            _seen(bench.scenario, layers, motions, truth, target, ranging) for ranging in RANGINGS
+            _seen(instrument.scenario, layers, motions, truth, target, ranging) for ranging in RANGINGS
         )
         measured = np.concatenate([by_line[0], by_pulse[0][:, 2:]], axis=1)
         errors.append(measured - truth[:, [0, 1, 2, 2]])
@@ -152,10 +153,10 @@ def measure_targets(
 class _MeasuredPatterns:
     """Shots that were measured together, given back one pattern at a time: what an instrument is to the eye."""
 
-    def __init__(self, layers: dict[str, NDArray[Any]]) -> None:
+    def __init__(self, layers: Layers) -> None:
         self._layers = layers
 
-    def measure(self, aim: Aim) -> dict[str, NDArray[Any]]:
+    def measure(self, aim: Aim) -> Layers:
         """Return the layers of the shots of an aim."""
         return {name: values[aim.shot] for name, values in self._layers.items()}
 
@@ -166,13 +167,13 @@ def _whole(aims: list[Aim]) -> Aim:
 
 def _seen(
     scenario: Scenario,
-    layers: dict[str, NDArray[Any]],
+    layers: Layers,
     motions: tuple[PatternMotion, ...],
     truth: Array,
     target: StudyTarget,
     ranging: Ranging,
 ) -> tuple[Array, Array]:
-    """Return places and stated σ as the tracker's eye measures them, each (observations, 3); NaN where it does not.
+    """Return positions and stated σ as the tracker's eye measures them, each (observations, 3); NaN where it does not.
 
     Light is the line sensor's: the photodiode's pulses last no dwell, and near targets saturate it.
     """
@@ -183,18 +184,18 @@ def _seen(
     # has nothing.
     kind = "triangulation" if ranging == "triangulation" else "both"
     eye = TargetSensor(scenario.model_copy(update={"ranging": kind}), _MeasuredPatterns(own))
-    places, sigmas = np.full(truth.shape, np.nan), np.full(truth.shape, np.nan)
+    positions, sigmas = np.full(truth.shape, np.nan), np.full(truth.shape, np.nan)
     followed = scenario.targets[0]  # all look alike
     for visit, motion in enumerate(motions):
         order = TrackCommand(TrackMode.TRACK, truth[visit], 0.0, visit)
         _, seen, _ = eye.see(followed, order, motion, visit)
         if _taken(seen, target):
-            places[visit] = seen.place[0]
+            positions[visit] = seen.position[0]
             sigmas[visit] = np.sqrt(np.diagonal(seen.covariance[0]))
-    return places, sigmas
+    return positions, sigmas
 
 
-def _voxel_sigma(scenario: Scenario, layers: dict[str, NDArray[Any]]) -> Array:
+def _voxel_sigma(scenario: Scenario, layers: Layers) -> Array:
     """Return the medians of the stated σ of single voxels: Θ, φ, R by triangulation, R by time of flight."""
     angle = float(scenario.scanner.mirrors.reading_sigma(np.zeros(1), np.zeros(1))[0])
     ranges = []
@@ -212,7 +213,7 @@ def _taken(seen: Measurement, target: StudyTarget) -> bool:
     """
     if not seen.found[0] or not np.isfinite(seen.misfit[0]):
         return False
-    settings, expected = target.tracker, 0.5 * target.diameter / float(seen.place[0, 2])
+    settings, expected = target.tracker, 0.5 * target.diameter / float(seen.position[0, 2])
     allowed = settings.size_tolerance * expected + 3.0 * float(seen.sigma_radius[0])
     loose = math.sqrt(float(np.trace(seen.covariance[0, :2, :2]))) > 0.5 * expected
     right = abs(float(seen.radius[0]) - expected) <= min(allowed, 0.5 * expected)

@@ -83,7 +83,7 @@ def nearest_distance(scenario: Scenario, target: StudyTarget) -> float:
 
 
 def spread_distances(scenario: Scenario, distance: float, count: int) -> Array:
-    """Return distances about one at which the spot lies at evenly spaced places in its pixel [m]."""
+    """Return distances about one at which the spot lies at evenly spaced positions in its pixel [m]."""
     f, d = scenario.scanner.receiver.focal_length, scenario.scanner.receiver.baseline
     steps = ((np.arange(count) + 0.5) / count - 0.5) * scenario.scanner.position_sensor.pitch
     middle = position_from_range(distance, 0.0, f, d)

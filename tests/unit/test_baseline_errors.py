@@ -1,0 +1,47 @@
+"""Errors that all pixels of a line have in common: what the baseline's do to each estimator."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import drjit.auto.ad as auto
+import numpy as np
+import pytest
+
+from scanner_sim.analytic.estimators import ESTIMATORS
+from scanner_sim.analytic.spot import pixel_shares
+from scanner_sim.render.device import Device
+from scanner_sim.signals.line.digital_line import no_baseline
+from scanner_sim.signals.line.estimators import estimate
+
+HALF = 12
+
+
+class Pixels:
+    """Charges about the brightest pixel, hardly any noise of their own, and a baseline that errs."""
+
+    floor_sigma = 1e-3
+
+    def __init__(self, charges: Any, level: float, slope: float) -> None:
+        self.charges, self.baseline = charges, no_baseline()
+        self.baseline.level_variance, self.baseline.slope_variance = auto.Float(level), auto.Float(slope)
+
+    def __call__(self, step: int) -> tuple[Any, Any]:
+        return auto.Float(self.charges[HALF + step]), auto.Float(1.0)
+
+    def inside(self, _: int) -> Any:
+        return auto.Bool(True)
+
+
+@pytest.mark.parametrize("method", list(ESTIMATORS))
+def test_level_and_slope_move_an_estimate_by_its_derivatives(device: Device, method: Any) -> None:
+    """Claim: their variances count by the squares of the judge's derivatives, by differences."""
+    charges = 1e4 * pixel_shares(HALF + 0.2, 1.1, 2 * HALF + 1)
+    step = np.arange(-HALF, HALF + 1.0)
+    judge = ESTIMATORS[method]
+    for level, slope, change in ((400.0, 0.0, np.ones(step.size)), (0.0, 400.0, step)):
+        found = estimate(method, Pixels(charges, level, slope)).variance  # type: ignore[arg-type]
+        alone = estimate(method, Pixels(charges, 0.0, 0.0)).variance  # type: ignore[arg-type]
+        moved = (judge((charges + 1e-3 * change).tolist()) - judge((charges - 1e-3 * change).tolist())) / 2e-3
+        more = float((found - alone).numpy()[0])
+        assert more == pytest.approx(400.0 * moved**2, rel=5e-3, abs=2e-4 * float(alone.numpy()[0]))

@@ -1,0 +1,300 @@
+"""What studies make of errors that were measured: standard deviations, intervals, exponents, parts, lines of sight."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from scanner_sim import load_scenario
+from scanner_sim.analytic.geometry import triangulated_range
+from scanner_sim.foundation.status import Status
+from scanner_sim.ranging.ranges import Geometry
+from scanner_sim.render.device import Device
+from scanner_sim.validation.studies import budget, calibrate, dominance, pose_laws, sweep
+
+Array = NDArray[np.float64]
+
+
+def scenario(**parts: Any) -> Any:
+    scan = {
+        "rows": 4,
+        "columns": 5,
+        "horizontal": (-0.2, 0.1),
+        "vertical": (-0.05, 0.15),
+        "motion": "stepped",
+    }
+    return load_scenario({"schema": 1, "scan": scan, **parts})
+
+
+class Held:
+    """Values as an array on the device holds them."""
+
+    def __init__(self, values: Any) -> None:
+        self.values = np.asarray(values)
+
+    def numpy(self) -> Any:
+        return self.values
+
+
+def test_errors_far_from_a_place_grow_with_the_range_squared() -> None:
+    """Claim: of triangulation R², its bias R; of time of flight not at all."""
+    assert budget._scale("triangulation", "shot", 2.0) == pytest.approx(4.0)
+    assert budget._scale("triangulation", "estimator", 2.0) == pytest.approx(2.0)
+    assert budget._scale("tof", "shot", 2.0) == pytest.approx(1.0)
+
+
+def test_a_standard_deviation_has_its_interval_of_chi_squared() -> None:
+    """Claim: of 20 errors σ has 19 degrees of freedom; the 2.5 % and 97.5 % points of χ² are 8.907 and 32.852."""
+    errors = np.random.default_rng(1).normal(0.5, 2.0, 20)
+    sigma, low, high, freedom = budget._row("shot", [errors])
+    assert freedom == 19
+    assert sigma == pytest.approx(math.sqrt(np.sum((errors - errors.mean()) ** 2) / 19.0))
+    assert (low, high) == pytest.approx(
+        (sigma * math.sqrt(19.0 / 32.852), sigma * math.sqrt(19.0 / 8.907)), rel=1e-4
+    )
+    both = budget._row("shot", [errors, errors + 7.0])
+    assert (both[0], both[3]) == (pytest.approx(sigma), 38)
+
+
+def test_errors_that_are_the_same_for_all_shots_count_once_for_each_place() -> None:
+    """Claim: of means 1 and −3 at two places the estimator's error is √5, with two degrees of freedom."""
+    one, other = np.array([0.9, 1.1]), np.array([-3.2, -2.8])
+    found = budget._row("estimator", [one, other])
+    assert (found[0], found[3]) == (pytest.approx(math.sqrt(5.0)), 2)
+    assert budget._row("all", [one, other])[0] == pytest.approx(math.sqrt((0.81 + 1.21 + 10.24 + 7.84) / 4.0))
+
+
+def test_light_adds_the_difference_of_two_variances() -> None:
+    """Claim: errors ±5 with and ±3 without light leave 4 for every shot; the interval is that of a mean."""
+    dark = np.array([3.0, -3.0] * 200)
+    sigma, low, high, freedom = budget._row_of_sun([dark * 5.0 / 3.0], [dark])
+    assert (sigma, low, high) == pytest.approx((4.0, 4.0, 4.0))
+    assert freedom == 399
+    scattered = np.random.default_rng(2).normal(0.0, 5.0, 400)
+    sigma, low, high, _ = budget._row_of_sun([scattered], [dark])
+    more = (scattered - scattered.mean()) ** 2 - 9.0
+    error = more.std() / 20.0
+    assert (low**2, sigma**2, high**2) == pytest.approx(
+        (more.mean() - 1.96 * error, more.mean(), more.mean() + 1.96 * error)
+    )
+
+
+def test_an_error_that_was_enlarged_is_made_small_again() -> None:
+    """Claim: jitter 32 times as large, beside a bias of 0.5, is told as itself; read noise less the bias."""
+    target = object.__new__(budget._Target)
+    told = {"jitter": 32.0 * 0.25 + 0.5, "read": 0.75, "estimator": 0.5}
+    target._measured = lambda mode, name: SimpleNamespace(error=np.array([told[name]]))  # type: ignore[method-assign]
+    assert target.error("triangulation", "jitter") == pytest.approx(0.25)
+    assert target.error("triangulation", "read") == pytest.approx(0.25)
+    assert target.error("triangulation", "estimator") == pytest.approx(0.5)
+
+
+def test_a_budget_measures_at_even_places_of_a_pixel_out_to_30_m() -> None:
+    """Claim: ±1/8 and ±3/8 of the nearest pixel; 30 m are the farthest."""
+    spot = SimpleNamespace(pixel=lambda r, *_: 7.0 + 0.3, range=lambda pixel, *_: pixel)
+    found = list(budget._pixel_phases(SimpleNamespace(spot=spot), 5.0))  # type: ignore[arg-type]
+    assert found == pytest.approx([7.0 - 0.375, 7.0 - 0.125, 7.0 + 0.125, 7.0 + 0.375])
+    assert budget.distances_of(scenario(), 5)[-1] == pytest.approx(30.0)
+
+
+def test_the_shots_of_a_budget_fill_its_course_of_time_evenly() -> None:
+    """Claim: n shots are T/n apart, in an order that does not go with the deflection."""
+    known = scenario()
+    aim = budget._aim(known)
+    whole = budget.course_time(known)
+    np.testing.assert_allclose(np.sort(aim.time), np.arange(aim.time.size) * whole / aim.time.size, rtol=1e-9)
+    # The correlation of a random order would be 1/√484.
+    assert abs(np.corrcoef(aim.time, aim.theta)[0, 1]) < 4.0 / math.sqrt(aim.time.size)
+
+
+def test_an_exponent_is_that_of_weighted_logarithms() -> None:
+    """Claim: NumPy's weighted line, its error with known errors, and widened where the points scatter by more."""
+    x = np.array([1.0, 2.0, 4.0, 8.0, 16.0])
+    relative = np.array([0.01, 0.03, 0.02, 0.05, 0.01])
+    design = np.stack([np.log(x), np.ones(5)], axis=1) / relative[:, None]
+    known = math.sqrt(np.linalg.inv(design.T @ design)[0, 0])
+    slope, error = pose_laws.power_law(x, 3.0 * x**1.5, relative)
+    assert (slope, error) == pytest.approx((1.5, known))
+    rough = 3.0 * x**1.5 * np.array([1.1, 0.9, 1.05, 0.9, 1.1])
+    slope, error = pose_laws.power_law(x, rough, relative)
+    line, rest, *_ = np.linalg.lstsq(design, np.log(rough) / relative, rcond=None)
+    assert slope == pytest.approx(line[0])
+    assert rest[0] / 3.0 > 1.0
+    assert error == pytest.approx(known * math.sqrt(rest[0] / 3.0))
+
+
+def pose_row(method: str, ranging: str, simulated: float) -> Any:
+    """Return a row whose interval of 95 % is 10 % to each side, in logarithms."""
+    wide = math.exp(0.1 * 1.959964)
+    return SimpleNamespace(
+        array="square", size_m=1.0, range_m=10.0, method=method, ranging=ranging, mode=(method, ranging),
+        component="x", simulated=simulated, low=simulated / wide, high=simulated * wide, analytic=2.0 * simulated,
+        voxel=3.0 * simulated,
+    )  # fmt: skip
+
+
+def test_a_gain_is_the_error_of_points_over_the_other() -> None:
+    """Claim: 6 over 2 and 6 over 3, with the relative errors of both, a tenth each, added in squares."""
+    rows = [pose_row("xyz", "tof", 6.0), pose_row("uv", "none", 2.0), pose_row("joint", "tof", 3.0)]
+    angles, both = pose_laws.gains_of(rows, "square", 1.0)
+    assert pose_laws._relative(rows[0]) == pytest.approx(0.1)
+    told = {name: (getattr(angles, name), getattr(both, name)) for name in ("method", "simulated")}
+    assert told == {"method": ("uv", "joint"), "simulated": (pytest.approx(3.0), pytest.approx(2.0))}
+    assert angles.standard_error == pytest.approx(3.0 * math.sqrt(0.02))
+
+
+def test_parts_of_a_range_are_those_of_its_jacobian(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: variances of the peak count (∂R/∂p · pitch)², of the angles (∂R/∂Θ)², by differences of eq 1."""
+    known = scenario()
+    geometry = Geometry(0.1, 0.2, 0.05, 50e-6, 0.0, 1e-6)
+    peaks = np.linspace(20.0, 200.0, 20)
+
+    def parts_of(bench: Any, aim: Any) -> tuple[Array, Array]:
+        return peaks[aim.shot], np.tile(0.01 * peaks[aim.shot], (6, 1))
+
+    monkeypatch.setattr(dominance, "Instrument", lambda *_, **__: SimpleNamespace(geometry=geometry))
+    monkeypatch.setattr(dominance, "_peak_parts", parts_of)
+    found = dominance.dominating(known)
+    theta = np.tile(np.linspace(-0.2, 0.1, 5), 4)
+    p = (peaks + 0.5) * 50e-6
+    by_p = (
+        triangulated_range(p + 1e-9, theta, 0.1, 0.2) - triangulated_range(p - 1e-9, theta, 0.1, 0.2)
+    ) / 2e-9
+    by_theta = (
+        triangulated_range(p, theta + 1e-6, 0.1, 0.2) - triangulated_range(p, theta - 1e-6, 0.1, 0.2)
+    ) / 2e-6
+    variances = found.variances.reshape(8, 20)
+    np.testing.assert_allclose(variances[0], 0.01 * peaks * (by_p * 50e-6) ** 2, rtol=1e-5)
+    np.testing.assert_allclose(variances[-2], (by_p * 0.1 * (1.0 + (p / 0.1) ** 2) * 1e-6) ** 2, rtol=1e-5)
+    # Jitter 8 µrad, wobble 3, noise 2 and a step of 1 µrad; at an even temperature nothing drifts.
+    sigma = math.sqrt(64.0 + 9.0 + 4.0 + 1.0 / 12.0) * 1e-6
+    np.testing.assert_allclose(variances[-1], (by_theta * sigma) ** 2, rtol=1e-5)
+
+
+def test_a_part_is_the_variance_that_goes_with_its_source(device: Device) -> None:
+    """Claim: of σ = 5 pixel, and 4 without a source, 9 are the source's; nothing where the changed model refuses."""
+    known = scenario()
+    index, valid, refused = np.arange(2), int(Status.VALID), int(Status.BELOW_THRESHOLD)
+    peaks = SimpleNamespace(
+        status=Held([valid, refused]), position=Held([30.0, 31.0]), sigma=Held([5.0, 5.0])
+    )
+    bench: Any = SimpleNamespace(
+        scenario=known,
+        expose=lambda aim: (None, [SimpleNamespace(index=index, peaks=peaks, signal=None)]),
+        find=lambda *_, **more: SimpleNamespace(sigma=Held([4.0 if more["speckle"] else math.nan, 4.0])),
+    )
+    aim: Any = SimpleNamespace(theta=np.zeros(2))
+    peak, parts = dominance._peak_parts(bench, aim)
+    np.testing.assert_array_equal(peak, [30.0, np.nan])
+    np.testing.assert_allclose(parts[:, 0], [9.0, 9.0, 9.0, 9.0, 0.0, 9.0])
+    assert np.isnan(parts[:, 1]).all()
+
+
+def stage(**more: Any) -> Any:
+    """Return a stage of an orbit without a scene: pixels see from 0 to 0.1 rad to the left of the lens's axis."""
+    made = object.__new__(sweep._Stage)
+    made._scenario, made._reach, made._seed = scenario(), (0.0, 0.1), 1
+    made._instrument = SimpleNamespace(
+        geometry=Geometry(0.1, 0.2, 0.05, 50e-6, 0.0, 1e-6), optics=None, loaded=None
+    )
+    made.__dict__ |= more
+    return made
+
+
+def samples(*points: tuple[float, float, float]) -> Any:
+    return SimpleNamespace(point=Held(np.array(points).T), count=len(points))
+
+
+def test_a_point_is_seen_from_the_lens() -> None:
+    """Claim: in the plane of triangulation the lens at (d, 0) looks along atan((x − d)/z)."""
+    found = stage()._sight(samples((0.7, 0.0, 5.0), (-1.0, 0.0, 8.0)))
+    np.testing.assert_allclose(found.angle, [math.atan(0.5 / 5.0), math.atan(-1.2 / 8.0)], rtol=1e-9)
+    np.testing.assert_allclose(found.phi, 0.0, atol=1e-12)
+
+
+def test_the_field_of_view_is_what_any_pixel_sees_in_the_scan() -> None:
+    """Claim: from −0.2 − 0.1 to 0.1 − 0 across, and from −0.05 to 0.15 down."""
+    grid = stage()._field_of_view()
+    assert (grid.angle.min(), grid.angle.max()) == pytest.approx((-0.3, 0.1))
+    assert (grid.phi.min(), grid.phi.max()) == pytest.approx((-0.05, 0.15))
+    assert grid.angle.size == math.prod(sweep.GRID)
+
+
+def test_the_sun_is_in_view_where_some_pixel_sees_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of five places, one hidden, one beside, one below and two within the field, two fifths are seen."""
+    monkeypatch.setattr(sweep, "half_height", lambda optics: 0.01)
+    sun = SimpleNamespace(
+        angle=np.array([0.0, 0.2, 0.0, -0.29, 0.05]), phi=np.array([0.0, 0.0, 0.3, 0.155, -0.02])
+    )
+    free = np.array([True, True, True, True, False])
+    assert stage()._sun_in_view(sun, free) == pytest.approx(0.4)
+
+
+def test_the_sun_is_behind_a_point_whose_pixels_see_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: at Θ pixels see from Θ − 0.1 to Θ; a Sun at −0.05 to −0.04 is behind points at Θ = 0 and 0.04, not 0.1."""
+    monkeypatch.setattr(sweep, "half_height", lambda optics: 0.01)
+    sun = SimpleNamespace(angle=np.array([-0.05, -0.04, 0.3]), phi=np.array([0.0, 0.005, 0.0]))
+    free = np.array([True, True, False])
+    points = samples(*((5.0 * math.tan(theta), 0.0, 5.0) for theta in (0.0, 0.04, 0.1, -0.1)))
+    assert stage()._sun_behind(points, sun, free) == pytest.approx(0.5)
+    assert stage()._sun_behind(points, sun, np.zeros(3, dtype=bool)) == 0.0
+
+
+def test_background_is_of_both_bands(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: 2 electrons for each light in the band and 3 beyond it: 2 · 10 + 3 · 1 of a target, and of its glint."""
+    import scanner_sim.validation.studies.sweep as module
+
+    grid, sight = (SimpleNamespace(angle=np.zeros(n), phi=np.zeros(n)) for n in (4, 2))
+    seen = np.full(6, 10.0), np.full(6, 1.0), np.full(6, 100.0), np.full(6, 1000.0)
+    lights = SimpleNamespace(
+        Sight=SimpleNamespace,
+        trace_sunlight=lambda *_: seen,
+        sun_at=lambda *_: (None, None),
+        sunlit_share=lambda *_: 0.5,
+        earth_irradiance=lambda *_: 0.25,
+    )
+    lights.Sight = lambda angle, phi: SimpleNamespace(angle=angle, phi=phi)
+    monkeypatch.setattr(module, "light", lights)
+    monkeypatch.setattr(module, "light_of", lambda sky: None)
+    made = stage(_gain=(2.0, 3.0), _grid=grid, _sights=[sight], _samples=[None], names=("a",))
+    made._sun_in_view = lambda *_: 0.125
+    made._sun_behind = lambda *_: 0.75
+    sky = SimpleNamespace(sun_visible=1.0, albedo=0.3, albedo_out_of_band=0.3)
+    moment = made.look(sky)
+    assert moment.targets == [(0.5, 0.25, pytest.approx(23.0), 0.75)]
+    assert moment.brightest == pytest.approx(2.0 * 100.0 + 3.0 * 1000.0)
+    assert moment.in_view == 0.125
+
+
+def test_a_passage_goes_evenly_through_its_pixel(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: an estimate that is 0.1 too large has that bias at phases that are even and symmetric about the pixel's
+    middle; variances of 3 and 1 make a width of 2."""
+    places = calibrate.PLACES
+    spot = SimpleNamespace(
+        range=lambda pixel, *_: np.asarray(pixel, dtype=np.float64),
+        variances=lambda *_: (3.0, 1.0),
+        white=1.0,
+    )
+    monkeypatch.setattr(calibrate, "_parts", lambda *_: [slice(0, places)])
+    monkeypatch.setattr(calibrate, "_quiet", lambda known, *_: known)
+    monkeypatch.setattr(
+        calibrate, "_targets", lambda known, ranges, _: (ranges, calibrate._scan(known, len(ranges)))
+    )
+    even = 60.0 + (np.arange(places) + 0.5) / places - 0.5
+    lines = np.zeros((places, 100))
+    lines[:, 60] = 1.0
+    group = SimpleNamespace(index=np.arange(places), signal=SimpleNamespace(lines=lambda: lines))
+    found = SimpleNamespace(position=Held(even + 0.1), status=Held(np.full(places, int(Status.VALID))))
+    bench = SimpleNamespace(expose=lambda aim: (None, [group]), find=lambda *_, **__: found)
+    monkeypatch.setattr(calibrate, "Instrument", lambda *_, **__: bench)
+    passage = calibrate._passage(scenario(), 60, spot, "cpu")
+    assert passage is not None
+    assert passage.width == pytest.approx(2.0)
+    np.testing.assert_allclose(passage.bias, 0.1, rtol=1e-9)
+    np.testing.assert_allclose(passage.phase, even - 60.0, atol=1e-12)
+    np.testing.assert_allclose(passage.phase, -passage.phase[::-1], atol=1e-12)

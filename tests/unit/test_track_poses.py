@@ -1,0 +1,102 @@
+"""From visits to poses: which rounds count, whose poses are compared, and where the outline of a target is."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim.instrument.closed_loop import poses
+from scanner_sim.instrument.closed_loop.poses import poses_of, rims_of
+from scanner_sim.pose.settings import PoseSettings
+from scanner_sim.tracking.errors import ErrorParts
+from scanner_sim.tracking.record import TrackStatus
+from scanner_sim.tracking.state import TrackMode
+
+SCENARIO = """\
+schema: 1
+scene:
+  objects:
+    - {name: a, array: {diameter: 100 mm, plate: 150 mm}, position: [0 m, 0 m, 8 m]}
+    - {name: b, array: {diameter: 100 mm, plate: 150 mm}, position: [1 m, 0 m, 8 m]}
+    - {name: ball, shape: sphere, diameter: 100 mm, position: [0 m, 1 m, 8 m], material: z93_white}
+scan: {type: track, targets: [a, b]}
+"""
+FOUND = SimpleNamespace(diameter=0.1)
+
+
+def target(name: str, item: str) -> Any:
+    return SimpleNamespace(name=name, object=item, centre=np.zeros(3), appearance=FOUND)
+
+
+def visit(name: str, time: float, status: TrackStatus = TrackStatus.MEASURED, at: float = 8.0) -> Any:
+    return SimpleNamespace(
+        target=name,
+        time=time,
+        status=status,
+        after=TrackMode.TRACK,
+        position=np.array([0.0, 0.0, at]),
+        errors=ErrorParts.all_white(np.eye(3)),
+        truth=np.array([0.1, -0.2, 5.0]),
+    )
+
+
+def track(*visits: Any) -> Any:
+    carried = [target(f"{item}/{number}", item) for item in "ab" for number in range(3)]
+    return SimpleNamespace(records=visits, targets=(*carried, target("ball", "ball")), scenario_yaml=SCENARIO)
+
+
+@pytest.fixture
+def asked(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """What poses and relative poses were asked of, instead of being computed."""
+    noted: list[Any] = []
+
+    def series(name: str, points: Any, time: Any, observations: Any, *, method: str, **more: Any) -> Any:
+        noted.append((name, method, list(time)))
+        return SimpleNamespace(name=name, method=method)
+
+    monkeypatch.setattr(poses, "pose_series", series)
+    monkeypatch.setattr(
+        poses, "relative_series", lambda a, b, both: noted.append((a.name, b.name, a.method, b.method))
+    )
+    return noted
+
+
+def rounds(last: int) -> list[Any]:
+    """Two rounds of six visits, a tenth of a second apart, and some of a third."""
+    names = [f"{item}/{number}" for item in "ab" for number in range(3)]
+    return [visit(name, 0.1 * (6 * turn + place)) for turn in range(3) for place, name in enumerate(names)][
+        : 12 + last
+    ]
+
+
+@pytest.mark.parametrize(("last", "times"), [(0, [0.25, 0.85]), (5, [0.25, 0.85]), (6, [0.25, 0.85, 1.45])])
+def test_a_round_counts_when_it_is_whole(asked: list[Any], last: int, times: list[float]) -> None:
+    """Claim: poses are at the mean times of rounds, 0.6 s apart; one that lacks a visit at the end is left out."""
+    poses_of(track(*rounds(last)), PoseSettings(methods=("uv",)))
+    assert asked[0] == ("a", "uv", pytest.approx(times))
+
+
+def test_objects_are_compared_by_one_method_each(asked: list[Any]) -> None:
+    """Claim: of two objects and two methods there are four series, and two relative ones, each by a method alone."""
+    poses_of(track(*rounds(0)), PoseSettings(methods=("uv", "xyz")))
+    assert [(name, method) for name, method, _ in asked[:4]] == [
+        ("a", "uv"), ("a", "xyz"), ("b", "uv"), ("b", "xyz"),
+    ]  # fmt: skip
+    assert asked[4:] == [("a", "b", "uv", "uv"), ("a", "b", "xyz", "xyz")]
+
+
+def test_the_outline_of_a_target_is_as_wide_as_it_is() -> None:
+    """Claim: a disc of 100 mm 8 m ahead, on the axis of both mirrors, spans 100 mm over 8 m in Θ, and over 8 m less the
+    distance of the axes in φ; a ball of the same diameter, seen at 5 m, 1/50 in both about its place."""
+    rim = rims_of(track())
+    separation = 0.05
+    disc = rim(visit("a/0", 0.0))
+    span = np.ptp(disc, axis=0)
+    assert span[0] == pytest.approx(0.1 / 8.0, rel=1e-3)
+    assert span[1] == pytest.approx(0.1 / (8.0 - separation), rel=1e-2)
+    ball = rim(visit("ball", 0.0))
+    assert np.ptp(ball, axis=0) == pytest.approx([0.02, 0.02], rel=1e-3)
+    assert ball.mean(axis=0) == pytest.approx([0.1, -0.2], abs=2e-4)

@@ -1,0 +1,108 @@
+"""Which part of the background a pattern is given, and of what moment."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim.instrument.closed_loop.windows import Windows, _span
+from scanner_sim.render.device import Device
+from scanner_sim.scan.raster import Aim
+
+FOCAL, PITCH, HEIGHT, OFFSET, PIXELS = 0.1, 50e-6, 250e-6, 5e-3, 400
+
+
+class Recorded(Windows):
+    """Windows of a scene with one body that turns, which note what they were asked to render."""
+
+    asked: tuple[Any, float]
+
+    def _speed(self, *_: Any) -> float:
+        return 3.0 * self.step  # bins in a second: slots of a quarter of one
+
+    def _renderer(self, *_: int) -> Any:
+        def render(reads: Any, place: Any, poses: float) -> list[Any]:
+            self.asked = place, poses
+            return []
+
+        return render
+
+
+@pytest.fixture
+def windows(device: Device) -> Recorded:
+    """Those of a line of 400 pixels of 50 µm behind 0.1 m, from 5 mm beside the axis on."""
+    optics = SimpleNamespace(
+        pitch=PITCH, height=HEIGHT, offset=OFFSET, receiver=SimpleNamespace(focal_length=FOCAL)
+    )
+    body = SimpleNamespace(mitsuba=None)
+    loaded = SimpleNamespace(
+        mitsuba=None,
+        bodies=(body,),
+        object_of=None,
+        material_of=None,
+        out_of_band_ratio=None,
+        poses_at=lambda time: time,
+    )
+    scenario = SimpleNamespace(scanner=SimpleNamespace(position_sensor=SimpleNamespace(pixels=PIXELS)))
+    made = Recorded.of_line(SimpleNamespace(optics=optics, scenario=scenario, loaded=loaded))  # type: ignore[arg-type]
+    made.__dict__ |= {"_light": None, "_heights": None}
+    return made
+
+
+def aim(time: float = 0.0) -> Aim:
+    """Five shots about (0.11, -0.04), whose mirrors move by 2 mrad in a dwell."""
+    phase = np.linspace(0.0, 2.0 * np.pi, 5)
+    moved = np.full(5, 2e-3)
+    return Aim(
+        np.arange(5, dtype=np.uint32),
+        0.11 + 0.01 * np.cos(phase),
+        -0.04 + 0.02 * np.sin(phase),
+        np.full(5, time),
+        moved,
+        moved,
+    )
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.31, 0.52), (-0.2, 0.017), (0.0, 0.0), (-0.080, -0.078)])
+def test_a_span_has_a_step_more_at_each_end_and_little_beyond(low: float, high: float) -> None:
+    """Claim: from a multiple of 8 steps, a multiple of 64 many; at least one beyond each end, at most 8 + 1 before, and
+    at most 64 + 2 after."""
+    first, count = _span(low, high, 1e-3, 8, 64)
+    assert (first % 8, count % 64) == (0, 0)
+    assert 1.0 <= low / 1e-3 - first <= 9.0
+    assert 1.0 <= first + count - 1 - high / 1e-3 <= 66.0
+
+
+def test_a_window_holds_all_that_the_pixels_see(windows: Recorded) -> None:
+    """Claim: Θ − atan(p/f) of the first pixel at the leftmost and the last at the rightmost shot, with half a dwell's
+    travel, and the same for φ, lie within the first and last bins and rows; 67 bins and 18 rows too many at most."""
+    windows.seen_by(aim())
+    (first, top), _ = windows.asked
+    _, bins, _, rows, _, _ = windows._key(aim())
+    left = 0.10 - 1e-3 - math.atan((OFFSET + PIXELS * PITCH) / FOCAL)
+    right = 0.12 + 1e-3 - math.atan(OFFSET / FOCAL)
+    step, row = PITCH / FOCAL, 0.5 * HEIGHT / FOCAL
+    start, end = float(first.numpy()[0]), float(first.numpy()[0]) + (bins - 1) * step
+    assert left - 9.0 * step <= start <= left - 0.99 * step
+    assert right + 0.99 * step <= end <= right + 67.0 * step
+    start = float(top.numpy()[0])
+    assert -0.06 - 1e-3 - 2.0 * row <= start <= -0.06 - 1e-3 - 0.99 * row
+    assert -0.02 + 1e-3 + 0.99 * row <= start + (rows - 1) * row <= -0.02 + 1e-3 + 18.0 * row
+
+
+@pytest.mark.parametrize(("time", "middle"), [(0.0, 0.125), (0.3, 0.375), (2.99, 2.875)])
+def test_objects_stand_as_in_the_middle_of_the_slot(windows: Recorded, time: float, middle: float) -> None:
+    """Claim: what moves by 3 bins a second has slots of 1/4 s, the longest power of two in which it moves by less than
+    a bin, and is where it is in their middles."""
+    windows.seen_by(aim(time))
+    assert windows.asked[1] == pytest.approx(middle)
+
+
+def test_the_next_pattern_of_a_slot_is_not_rendered_again(windows: Recorded) -> None:
+    for time in (0.01, 0.2, 0.26, 0.1):
+        windows.seen_by(aim(time))
+    assert windows.rendered == 2
