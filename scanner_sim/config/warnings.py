@@ -10,7 +10,7 @@ import numpy as np
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.optics.filter import filter_warnings
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.scene.light.lighting import lighting_doubts
+from scanner_sim.scene.light.lighting import lighting_warnings
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.motion import ConstantTwist
 from scanner_sim.scene.objects import MitsubaFile, Retroreflector, TargetArray
@@ -148,7 +148,7 @@ def _time_of_flight(scenario: Scenario) -> Iterator[str]:
                 f"scanner.lidar.digitiser.gate records, {lidar.digitiser.gate[0]:.4g} m to "
                 f"{lidar.digitiser.gate[1]:.4g} m"
             )
-    yield from (f"scanner.lidar.{doubt}" for doubt in lidar.pulse.doubts(farthest))
+    yield from (f"scanner.lidar.{doubt}" for doubt in lidar.pulse.range_warnings(farthest))
 
 
 def _tracking(scenario: Scenario) -> Iterator[str]:
@@ -202,7 +202,7 @@ def _estimator(scenario: Scenario) -> Iterator[str]:
 def _light(scenario: Scenario) -> Iterator[str]:
     scanner = scenario.scanner
     sensor, receiver = scanner.position_sensor, scanner.receiver
-    yield from lighting_doubts(scenario.lighting)
+    yield from lighting_warnings(scenario.lighting)
     steepest = math.atan((sensor.offset + sensor.length) / receiver.focal_length)
     yield from filter_warnings(scanner.filter, scanner.laser, sensor.response, steepest)
 

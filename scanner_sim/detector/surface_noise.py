@@ -43,7 +43,7 @@ class LatticePositions:
     """Positions on the lattice of an object, Dr.Jit arrays of shape (m,).
 
     ``column`` and ``row`` in radii of the beam; ``turn`` what makes of a step on the lattice one along the line and one
-    across it, also in radii, as the entries 00, 01, 10 and 11 of a matrix; ``salt`` tells objects apart.
+    across it, also in radii, as the entries 00, 01, 10 and 11 of a matrix; ``salt`` distinguishes objects.
     """
 
     column: Float

@@ -66,13 +66,13 @@ def solve_linear(matrix: Array, right: Array) -> Array:
     if right.shape[:-2] not in ((), stack):
         stack = np.broadcast_shapes(stack, right.shape[:-2])
     both = np.empty((size, size + right.shape[-1], *stack))
-    both[:, :size], both[:, size:] = _leading(matrix, len(stack)), _leading(right, len(stack))
+    both[:, :size], both[:, size:] = _axes_first(matrix, len(stack)), _axes_first(right, len(stack))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for step in range(size):
             row = both[step, step + 1 :] / both[step, step]
             both[:, step + 1 :] -= both[:, step, None] * row
             both[step, step + 1 :] = row
-    return _trailing(both[:, size:])
+    return _axes_last(both[:, size:])
 
 
 def inverse(matrix: Array) -> Array:
@@ -94,14 +94,14 @@ def pseudo_inverse(matrix: ArrayLike) -> Array:
 
 def cholesky(matrix: ArrayLike) -> Array:
     """Return lower triangular L with L Lᵀ the symmetric positive definite matrices (..., n, n); NaN for others."""
-    given = _leading(np.asarray(matrix, dtype=np.float64))
+    given = _axes_first(np.asarray(matrix, dtype=np.float64))
     lower = np.zeros_like(given)
     with np.errstate(divide="ignore", invalid="ignore"):
         for step in range(len(given)):
             known = lower[step, :step]
             rest = given[step:, step] - np.sum(lower[step:, :step] * known, axis=1)
             lower[step:, step] = rest / np.sqrt(rest[0])
-    return _trailing(lower)
+    return _axes_last(lower)
 
 
 def eigen(matrix: ArrayLike) -> tuple[Array, Array]:
@@ -121,23 +121,23 @@ def eigen(matrix: ArrayLike) -> tuple[Array, Array]:
     -----
     Jacobi's method, cyclic by rows (Golub, Van Loan, *Matrix Computations*, 2013, section 8.5).
     """
-    here = _leading(np.asarray(matrix, dtype=np.float64)).copy()
+    here = _axes_first(np.asarray(matrix, dtype=np.float64)).copy()
     size = len(here)
     vectors = np.zeros_like(here)
     vectors[np.arange(size), np.arange(size)] = 1.0
     pairs = [(p, q) for p in range(size) for q in range(p + 1, size)]
     for _ in range(_SWEEPS):
-        turned = [_turned(here, vectors, p, q) for p, q in pairs]
+        turned = [_rotate(here, vectors, p, q) for p, q in pairs]
         if not any(turned):
             break
     values = np.moveaxis(here[np.arange(size), np.arange(size)], 0, -1)
     order = np.argsort(values, axis=-1, kind="stable")
     return np.take_along_axis(values, order, -1), np.take_along_axis(
-        _trailing(vectors), order[..., None, :], -1
+        _axes_last(vectors), order[..., None, :], -1
     )
 
 
-def _turned(matrix: Array, vectors: Array, p: int, q: int) -> bool:
+def _rotate(matrix: Array, vectors: Array, p: int, q: int) -> bool:
     """Bring entry (p, q) of matrices (n, n, ...) to zero by a plane rotation, in place; their vectors turn with them.
 
     Return whether there was anything to do: what rounding hides beside the diagonal stays.
@@ -222,7 +222,7 @@ def _largest_root(a: Array, b: Array, c: Array) -> Array:
     return np.where(inside > 0.0, one, np.where(m > 0.0, three, 0.0)) - third
 
 
-def _leading(matrix: Array, axes: int | None = None) -> Array:
+def _axes_first(matrix: Array, axes: int | None = None) -> Array:
     """Return matrices (..., n, m) as (n, m, ...): what is done to all of a stack is then done in one go.
 
     A stack of fewer axes than asked for gets more in front, as in any broadcast.
@@ -234,7 +234,7 @@ def _leading(matrix: Array, axes: int | None = None) -> Array:
     return turned.reshape(*turned.shape[:2], *[1] * (axes - stack), *turned.shape[2:])
 
 
-def _trailing(matrix: Array) -> Array:
+def _axes_last(matrix: Array) -> Array:
     return np.ascontiguousarray(matrix.transpose(*range(2, matrix.ndim), 0, 1))
 
 

@@ -2,7 +2,7 @@
 
 The class of an array is that of the variant which is active when it is made, and the type stubs of Mitsuba and of
 Dr.Jit name different classes for one and the same. So a type checker sees :data:`~typing.Any` behind each of these, and
-a reader sees what is meant. All are as wide as a batch: entry i belongs to shot, lane or beamlet i.
+a reader sees what is meant. All arrays are as wide as a batch: entry i belongs to shot, lane or beamlet i.
 """
 
 from __future__ import annotations
@@ -11,8 +11,6 @@ from typing import Any, TypeAlias
 
 Float: TypeAlias = Any
 """Single precision, shape (n,)."""
-Float64: TypeAlias = Any
-"""Double precision, shape (n,)."""
 FloatLike: TypeAlias = Any
 """A number, a NumPy array or a :data:`Float`: for laws that are written for all three."""
 Int32: TypeAlias = Any
@@ -45,3 +43,5 @@ Shape: TypeAlias = Any
 """A shape of a scene, :class:`mitsuba.Shape`."""
 BSDF: TypeAlias = Any
 """What a surface makes of light, :class:`mitsuba.BSDF`."""
+MitsubaScene: TypeAlias = Any
+"""What rays are traced in, :class:`mitsuba.Scene`."""

@@ -42,16 +42,16 @@ def printable(text: str, *, lines: bool = False) -> str:
     )
 
 
-def _bounded(text: str) -> str:
+def _shorten(text: str) -> str:
     """Return a text of bounded length, long lines cut in their middle."""
     lines = [line if len(line) <= LONGEST_LINE else _cut(line) for line in text.split("\n")]
     whole = "\n".join(lines)
     return whole if len(whole) <= LONGEST_MESSAGE else whole[: LONGEST_MESSAGE - 1] + "…"
 
 
-def _shown(text: str) -> str:
+def _to_printable(text: str) -> str:
     # Cut before it is looked at letter by letter, and again: an escape is longer than what it stands for.
-    return _bounded(printable(_bounded(text), lines=True))
+    return _shorten(printable(_shorten(text), lines=True))
 
 
 def _cut(line: str) -> str:
@@ -73,7 +73,7 @@ class ScannerSimError(Exception):
     exit_status = 1
 
     def __init__(self, message: str, *, remedy: str = "") -> None:
-        self.message, self.remedy = _shown(message), _shown(remedy)
+        self.message, self.remedy = _to_printable(message), _to_printable(remedy)
         super().__init__(self.message)
 
     def __str__(self) -> str:
@@ -134,7 +134,7 @@ class ScenarioError(InputError):
     def __init__(self, faults: Sequence[Fault], *, source: str = "scenario") -> None:
         count = "1 fault" if len(faults) == 1 else f"{len(faults)} faults"
         # A fault is one line, whatever it quotes.
-        lines = [f"  {printable(_bounded(str(fault)))}" for fault in faults[:MOST_FAULTS]]
+        lines = [f"  {printable(_shorten(str(fault)))}" for fault in faults[:MOST_FAULTS]]
         if len(faults) > MOST_FAULTS:
             lines.append(f"  … and {len(faults) - MOST_FAULTS} more")
         super().__init__("\n".join([f"{printable(source)}: {count}", *lines]))

@@ -15,6 +15,8 @@ import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 
+from scanner_sim.foundation.device_types import UInt32
+
 _ROUNDS = 7
 
 
@@ -37,7 +39,7 @@ class Stream(IntEnum):
     POSES = 40
 
 
-def generator(seed: int, stream: Stream, shot: Any, sample: Any) -> Any:
+def generator(seed: int, stream: Stream, shot: UInt32, sample: UInt32) -> Any:
     """Return the generator at an address; each of its calls gives four numbers.
 
     Parameters

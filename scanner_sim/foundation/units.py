@@ -80,7 +80,7 @@ class Dimension:
             return _ratio(match[1], unit)
         if not unit:
             raise ValueError(f"'{text}' has no unit")
-        return _scaled(match[1], unit, self.unit)
+        return _convert(match[1], unit, self.unit)
 
     def format(self, value: float) -> str | float:
         """Return ``value`` as a file would spell it; reading that again gives the same float.
@@ -189,7 +189,7 @@ def _ratio(number: str, unit: str) -> float:
     raise ValueError(f"'{unit}' is no unit of a ratio")
 
 
-def _scaled(number: str, unit: str, target: str) -> float:
+def _convert(number: str, unit: str, target: str) -> float:
     """Return a number of ``unit`` in ``target``; powers of ten are exact."""
     factor = _scale(unit, target)
     exponent = round(math.log10(factor)) if factor > 0.0 else 0

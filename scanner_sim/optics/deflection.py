@@ -9,12 +9,13 @@ by φ about the line x ∥, z = D_g. Laser and receiver are virtual points that 
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
+from scanner_sim.foundation.device_types import FloatLike, Vector3f
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import (
     Angle,
@@ -134,7 +135,7 @@ def wobble_correlation(apart: ArrayLike) -> Array:
 
     Notes
     -----
-    Independent numbers at whole places, between which their weights are cos s and sin s, s = ½π u²(3 − 2u), share
+    Independent numbers at whole positions, between which their weights are cos s and sin s, s = ½π u²(3 − 2u), share
     cos(s(u) − s(u′)) within one cell and sin s(u) cos s(u′) in the next; the mean over u. 0 from two cells on.
     """
     return np.interp(np.abs(np.asarray(apart, dtype=np.float64)), _APART, _SHARED, right=0.0)
@@ -168,15 +169,20 @@ class Frame(NamedTuple):
     positions of the laser's origin and of the receiver's node.
     """
 
-    along: Any
-    across: Any
-    normal: Any
-    laser: Any
-    lens: Any
+    along: Vector3f
+    across: Vector3f
+    normal: Vector3f
+    laser: Vector3f
+    lens: Vector3f
 
 
 def deflected_frame(
-    sin_theta: Any, cos_theta: Any, sin_phi: Any, cos_phi: Any, axis_separation: Any, baseline: Any
+    sin_theta: FloatLike,
+    cos_theta: FloatLike,
+    sin_phi: FloatLike,
+    cos_phi: FloatLike,
+    axis_separation: FloatLike,
+    baseline: FloatLike,
 ) -> Frame:
     """Return the deflected optics for the sines and cosines of (Θ, φ).
 

@@ -66,7 +66,7 @@ class MirrorState(NamedTuple):
 class MirrorMotion(NamedTuple):
     """Motion of mirrors, each (..., updates): ``commanded`` and ``true`` angle [rad], ``rate`` [rad/s], ``limited``.
 
-    ``limited`` tells where the acceleration or the speed that the servo asked for was not to be had.
+    ``limited`` is where the servo's demand exceeded the acceleration or the speed that there is.
     """
 
     commanded: Array
@@ -76,7 +76,7 @@ class MirrorMotion(NamedTuple):
 
 
 def at_rest(angle: ArrayLike) -> MirrorState:
-    """Return mirrors at rest where they are told to be [rad], any shape."""
+    """Return mirrors at rest at their commanded angles [rad], any shape."""
     still = np.asarray(angle, dtype=np.float64)
     return MirrorState(still, np.zeros_like(still), still)
 
@@ -117,13 +117,13 @@ def follow(
     for mirror in np.argwhere(limited.any(axis=-1)):
         one = tuple(mirror)
         own = MirrorState(*(np.asarray(part)[one] for part in state))
-        angle[one], rate[one], limited[one] = _limited(galvanometers, own, before[one], wanted[one], step)
+        angle[one], rate[one], limited[one] = _limit(galvanometers, own, before[one], wanted[one], step)
     return MirrorMotion(wanted, angle, rate, limited), MirrorState(
         angle[..., -1], rate[..., -1], wanted[..., -1]
     )
 
 
-def latched(motion: MirrorMotion, before: MirrorState, step: float, delay: float) -> Array:
+def latch(motion: MirrorMotion, before: MirrorState, step: float, delay: float) -> Array:
     """Return the true angles a delay [s] before each update, shape (..., updates) [rad].
 
     ``before`` is the state one update before the first. Between updates the angle is the cubic through angles and
@@ -187,7 +187,7 @@ def _beyond(galvanometers: Galvanometers, state: MirrorState, rate: Array, step:
     return (np.abs(asked) > galvanometers.acceleration) | (np.abs(rate) > galvanometers.slew)
 
 
-def _limited(
+def _limit(
     galvanometers: Galvanometers, state: MirrorState, before: Array, wanted: Array, step: float
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Solve one mirror with its limits: limited updates one by one, and the free pieces between them at once."""

@@ -1,4 +1,4 @@
-"""Jumps of the mirrors from one place to another: the shortest command within their limits, and when they settle."""
+"""Jumps of the mirrors between directions: the shortest command within their limits, and when they settle."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from scanner_sim.optics.galvanometer import Galvanometers, at_rest, follow, resp
 
 Array = NDArray[np.float64]
 
-_STEP = 5e-6
+_SETTLING_STEP = 5e-6
 """Update interval [s] at which a jump's settling is looked at."""
-_MOST_STEPS = 1_000_000
+_MOST_SETTLING_STEPS = 1_000_000
 """Intervals of a jump: those of one that takes longer than five seconds are longer."""
-_SETTLING = 25.0
+_SETTLING_TIME_CONSTANTS = 25.0
 """Time constants 1/(ζω) for which it is looked at: e⁻²⁵ of any jump is nothing."""
 
 
@@ -25,7 +25,7 @@ def jump_duration(galvanometers: Galvanometers, distance: ArrayLike) -> Array:
     With the shares v and a of slew and acceleration: 2√(D/a) as long as it is no more than 2 v/a, else D/v + v/a.
     """
     D = np.abs(np.asarray(distance, dtype=np.float64))
-    v, a = _asked(galvanometers)
+    v, a = _limits(galvanometers)
     return np.where(v**2 / a > D, 2.0 * np.sqrt(D / a), D / v + v / a)
 
 
@@ -59,7 +59,7 @@ def jump_path(
     longest = np.maximum(shortest, np.asarray(duration, dtype=np.float64)[..., None])
     still = shortest == 0.0
     t = np.clip(time * np.where(still, 0.0, shortest / np.where(still, 1.0, longest)), 0.0, shortest)
-    v, a = _asked(galvanometers)
+    v, a = _limits(galvanometers)
     ramp = np.minimum(v / a, 0.5 * shortest)
     top = a * ramp
     rising = 0.5 * a * np.minimum(t, ramp) ** 2
@@ -76,9 +76,9 @@ def jump_time(galvanometers: Galvanometers, distance: ArrayLike) -> Array:
     and to a millionth of jumps that take longer than 5 s.
     """
     far = np.atleast_1d(np.abs(np.asarray(distance, dtype=np.float64)))
-    settling = _SETTLING / (galvanometers.damping * galvanometers.omega)
+    settling = _SETTLING_TIME_CONSTANTS / (galvanometers.damping * galvanometers.omega)
     last = float(np.max(jump_duration(galvanometers, far), initial=0.0)) + settling
-    step = max(_STEP, last / _MOST_STEPS)
+    step = max(_SETTLING_STEP, last / _MOST_SETTLING_STEPS)
     time: Array = step * np.arange(1, math.ceil(last / step) + 1, dtype=np.float64)
     flat = far.reshape(-1)
     command = jump_path(galvanometers, np.zeros_like(flat), flat, time)
@@ -116,7 +116,7 @@ def attainable_frequency(galvanometers: Galvanometers, amplitude: float) -> floa
     return low
 
 
-def _asked(galvanometers: Galvanometers) -> tuple[float, float]:
+def _limits(galvanometers: Galvanometers) -> tuple[float, float]:
     """Return the speed and acceleration that a jump's command asks for."""
     return (
         galvanometers.jump_share * galvanometers.slew,

@@ -127,7 +127,7 @@ class Pulse(Part):
         """Range c/(2 rate) [m] from which on an echo is taken for one of the next pulse."""
         return SPEED_OF_LIGHT / (2.0 * self.repetition_rate)
 
-    def doubts(self, farthest: float) -> Iterator[str]:
+    def range_warnings(self, farthest: float) -> Iterator[str]:
         """Yield a sentence if a scene that reaches ``farthest`` [m] is deeper than the ambiguity range."""
         if farthest > self.ambiguity_range:
             yield (

@@ -1,8 +1,8 @@
 """Speckle: how strong it is behind a lens, and how it is spread over the image of the laser's spot.
 
 A rough surface in coherent light sends waves of random phases. What the lens collects is made of independent
-*packets*: a packet comes from one place of the surface and passes one place of the pupil, as well as diffraction lets
-both be told, and its energy is random. In the phase space of image (s) and pupil (ξ) the beam's geometric image
+*packets*: a packet comes from one point of the surface and passes one point of the pupil, as well as diffraction lets
+both be known, and its energy is random. In the phase space of image (s) and pupil (ξ) the beam's geometric image
 e(s) and the pupil of area A give the density W = e/A; two weighted sums of the light have the covariance
 
     C² (λf)² ∬ W² g g' ds dξ
@@ -37,14 +37,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+
+from scanner_sim.foundation.device_types import FloatLike
 
 _LEFT_OUT = 0.01
 """Share of the variance of a point of the image that the modes may leave out."""
 _FEWEST, _MOST = 4, 16
 
 
-def packets(ratio: Any) -> Any:
+def packets(ratio: FloatLike) -> FloatLike:
     """Return how many independent packets the light of a spot has, 1/contrast² for C = 1.
 
     Parameters
@@ -61,7 +62,7 @@ def packets(ratio: Any) -> Any:
     return 1.0 + math.sqrt(math.pi) * ratio + math.pi**2 * ratio * ratio
 
 
-def slope_packets(ratio: Any) -> Any:
+def slope_packets(ratio: FloatLike) -> FloatLike:
     """Return how many packets average the wavefront's slope: σ_a²/this is the variance of its mean over the light.
 
     The edge of the pupil counts twice as much as in :func:`packets`, for there the slope is largest (of a lens out of
@@ -103,12 +104,12 @@ class Optics:
 class Packets:
     """The packets of a spot's light along the line; numbers, NumPy or Dr.Jit arrays.
 
-    With K̄ the pixel under the spread of all packets, a Gaussian of σ, and r = σ_p/σ that of the packets' places over
+    With K̄ the pixel under the spread of all packets, a Gaussian of σ, and r = σ_p/σ that of the packets' positions over
     it, Mehler's formula makes the covariance of the pixels a sum over modes,
 
         C² E[K_i K_j]/M = C²/M Σ_n (r σ)²ⁿ/n! ∂ⁿK̄_i/∂µⁿ ∂ⁿK̄_j/∂µⁿ:
 
-    n = 0 is the energy, n = 1 the place, n = 2 the width, and so on.
+    n = 0 is the energy, n = 1 the position, n = 2 the width, and so on.
 
     Attributes
     ----------
@@ -119,26 +120,26 @@ class Packets:
     ratio
         r.
     on_surface
-        Share of the variance of the packets' places that comes from the surface, σ_x²/2; the rest is aberration.
+        Share of the variance of the packets' positions that comes from the surface, σ_x²/2; the rest is aberration.
     """
 
-    energy: Any
-    sigma: Any
-    ratio: Any
-    on_surface: Any
+    energy: FloatLike
+    sigma: FloatLike
+    ratio: FloatLike
+    on_surface: FloatLike
 
-    def moving(self, energy: Any, place: Any) -> tuple[Any, Any]:
+    def moving(self, energy: FloatLike, position: FloatLike) -> tuple[FloatLike, FloatLike]:
         """Return what a dwell leaves of the variance of the first mode and of all others."""
-        return energy, self.on_surface * place + (1.0 - self.on_surface) * energy
+        return energy, self.on_surface * position + (1.0 - self.on_surface) * energy
 
 
-def packets_of(optics: Optics, along: Any, across: Any) -> Packets:
+def packets_of(optics: Optics, along: FloatLike, across: FloatLike) -> Packets:
     """Return the packets of a spot whose geometric image has variances along and across the line [pixel²]."""
     ratio = (along * across) ** 0.25 / optics.cell
     energy = 1.0 / packets(ratio)
     surface = 0.5 * along
     aberrant = optics.aberration**2 / (energy * slope_packets(ratio))
-    places = surface + aberrant
+    landing = surface + aberrant
     own = (optics.cell / math.pi) ** 2 * (1.0 + optics.aberration**2 / (along + optics.cell**2))
-    whole = places + optics.diffusion**2 + own
-    return Packets(energy, whole**0.5, (places / whole) ** 0.5, surface / places)
+    whole = landing + optics.diffusion**2 + own
+    return Packets(energy, whole**0.5, (landing / whole) ** 0.5, surface / landing)

@@ -20,7 +20,7 @@ from scipy.signal import fftconvolve
 from scanner_sim.render.camera_settings import LEAST_FIELD, Camera
 from scanner_sim.render.plugins.sky_emitter import register_orbit_sky
 from scanner_sim.scene.files.loader import LoadedScene
-from scanner_sim.scene.files.plugins import built
+from scanner_sim.scene.files.plugins import build_plugin
 
 _PATHS_AT_ONCE = 2**20
 _GLARE_WIDTH = 2.0
@@ -142,7 +142,7 @@ def _lit_scene(loaded: LoadedScene, sky: dict[str, Any]) -> mi.Scene:
     """Return the scene's shapes under the sky."""
     register_orbit_sky()
     shapes = {f"shape_{number}": shape for number, shape in enumerate(loaded.mitsuba.shapes())}
-    scene: mi.Scene = built({"type": "scene", "sky": sky, **shapes})
+    scene: mi.Scene = build_plugin({"type": "scene", "sky": sky, **shapes})
     return scene
 
 
@@ -158,9 +158,9 @@ def _trace(
 
     Pixels are added up here: a Mitsuba film adds with atomic operations, in an order that no run repeats.
     """
-    integrator: Any = built({"type": "path", "max_depth": camera.bounces + 1})
+    integrator: Any = build_plugin({"type": "path", "max_depth": camera.bounces + 1})
     # Stratified, so that the emitter's choice between Sun and Earth is no source of noise.
-    sampler: Any = built({"type": "multijitter", "sample_count": camera.samples})
+    sampler: Any = build_plugin({"type": "multijitter", "sample_count": camera.samples})
     samples = sampler.sample_count()
     sampler.set_samples_per_wavefront(samples)
     rows, columns = shape

@@ -22,7 +22,7 @@ class Frozen:
 
     Notes
     -----
-    Python's garbage collector rests during a call: where it frees memory that an array shares with NumPy while a
+    Python's garbage collector is off during a call: where it frees memory that an array shares with NumPy while a
     recording is made, Dr.Jit aborts the process.
     """
 

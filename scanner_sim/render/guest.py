@@ -20,7 +20,7 @@ from scanner_sim.render.libraries import LLVM_VARIABLE
 
 
 class _Settings(NamedTuple):
-    """Settings of the process; None where nobody has made any."""
+    """Settings of the process; None where there are none."""
 
     variant: str | None
     backend: Any
@@ -51,7 +51,7 @@ class Stay:
         self._settings = _settings()
 
     @contextlib.contextmanager
-    def resumed(self) -> Iterator[None]:
+    def resume(self) -> Iterator[None]:
         """Work on under these settings, and give back what the host has chosen since."""
         with guest():
             _restore(self._settings)

@@ -87,7 +87,7 @@ class Incident:
     shots
         The m shots.
     columns
-        Voxels of a row, by which a shot's number tells its row.
+        Voxels of a row, by which a shot's number gives its row.
     throughput
         Of the pixels.
     panorama

@@ -40,7 +40,7 @@ def take_poses(poses: tuple[Pose, ...], index: UInt32) -> tuple[Pose, ...]:
 
 def for_rows(loaded: LoadedScene, row: UInt32) -> LoadedScene:
     """Return a scene with one pose for each row as one for the rays of some rows; a pose for all stays."""
-    if all(dr.width(pose.place) == 1 for pose in loaded.poses):
+    if all(dr.width(pose.position) == 1 for pose in loaded.poses):
         return loaded
     return pose_scene(loaded, take_poses(loaded.poses, row))
 
@@ -71,7 +71,7 @@ def intersect(
         si = body.mitsuba.ray_intersect(_to_object_frame(ray, pose), flags, coherent=coherent, active=active)
         _end_kernel(si)
         nearer = si.t < nearest.t
-        si.p = mi.Point3f(pose.rotation @ mi.Vector3f(si.p) + pose.place)
+        si.p = mi.Point3f(pose.rotation @ mi.Vector3f(si.p) + pose.position)
         si.n = mi.Normal3f(pose.rotation @ mi.Vector3f(si.n))
         frame = si.sh_frame
         si.sh_frame = mi.Frame3f(
@@ -110,7 +110,7 @@ def _to_object_frame(ray: Ray3f, pose: Pose) -> Ray3f:
     """Return rays in the frame of an object."""
     back = pose.rotation.T
     moved = mi.Ray3f(ray)
-    moved.o = mi.Point3f(back @ (mi.Vector3f(ray.o) - pose.place))
+    moved.o = mi.Point3f(back @ (mi.Vector3f(ray.o) - pose.position))
     moved.d = back @ ray.d
     return moved
 

@@ -66,10 +66,6 @@ class LissajousPattern(Part):
         m, n = self.ratio.split(":")
         return int(m), int(n)
 
-    def enlarged(self, factor: float) -> LissajousPattern:
-        """Return the pattern with amplitudes larger by a factor, below 1.5 rad."""
-        return self.model_copy(update={"amplitude": min(self.amplitude * factor, 1.499)})
-
 
 class Figure(NamedTuple):
     """What varies of eqs 6 and 7 from pattern to pattern; each of shape (patterns, 2), Θ first.

@@ -78,7 +78,7 @@ class RasterScan(Part):
 
 @dataclass(frozen=True)
 class Aim:
-    """Where the mirrors are told to point, one entry per shot.
+    """Where the mirrors are commanded to point, one entry per shot.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ from pydantic import Field
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parts import Count, Part
 from scanner_sim.foundation.units import Angle, Time
-from scanner_sim.optics.galvanometer import Galvanometers, MirrorState, at_rest, follow, latched
+from scanner_sim.optics.galvanometer import Galvanometers, MirrorState, at_rest, follow, latch
 from scanner_sim.optics.jump import (
     attainable_amplitude,
     attainable_frequency,
@@ -33,21 +33,21 @@ from scanner_sim.scan.lissajous import (
 
 Array = NDArray[np.float64]
 
-_CATCHING_UP = 10.0
+_CATCH_UP_LAGS = 10.0
 """Lags of the servo after which it has caught up with the beginning of a pattern that it can follow."""
-_RECOVERS = 2.0
+_RECOVERY_SPEED = 2.0
 """Speed over lag · acceleration limit up to which a servo that has fallen behind comes back without passing by.
 
 At its limit a it turns at the distance 2ζv/ω from the command, and needs v²/2a to stop: less as long as v < 4ζa/ω, two
 lags' worth of a. Beyond that it swings from limit to limit, further than the command ever went.
 """
-_LONGEST_WAY = 10.0
+_LONGEST_APPROACH = 10.0
 """Time [s] before a pattern from which on its way is looked at: mirrors that have waited for longer are at rest."""
 MOST_VISITS = 2**25
 """Visits of a run: their shots have 32-bit numbers."""
 MOST_UPDATES = 5_000_000
 """Updates of the drive's command in one visit, way and pattern: a gigabyte."""
-_SHARES = (np.arange(16) + 0.5) / 16
+_TURN_SHARES = (np.arange(16) + 0.5) / 16
 """Instants of a turn, over its duration, at which its acceleration is looked at."""
 
 
@@ -189,20 +189,20 @@ def run_visit(
         The pattern, and the mirrors at the end of its last dwell.
     """
     step = dwell / visiting.updates
-    if start - mirrors.time > _LONGEST_WAY:
-        mirrors = MirrorPair(at_rest(mirrors.state.angle), np.zeros(2), start - _LONGEST_WAY)
+    if start - mirrors.time > _LONGEST_APPROACH:
+        mirrors = MirrorPair(at_rest(mirrors.state.angle), np.zeros(2), start - _LONGEST_APPROACH)
     figure = figures(pattern, number, np.asarray(centre, dtype=np.float64))
     shares = sample_shares(pattern.points, visiting.updates)
     curve = np.concatenate(figure_angles(figure, pattern.cycles, shares))
     ends = np.concatenate(figure_angles(figure, pattern.cycles, np.zeros(1)))[:, 0]
     near = 2.0 * pattern.amplitude
     slopes = figure_slopes(figure, pattern.cycles, np.array([0.0, 1.0])) / (pattern.points * dwell)
-    state, slope = _taken_up(galvanometers, mirrors)
-    way = _way(
+    state, slope = _resume_state(galvanometers, mirrors)
+    way = _approach(
         galvanometers, state.command, slope, visiting, ends, slopes[:, 0], step, start - mirrors.time, near
     )
     motion, after = follow(galvanometers, state, np.concatenate([way, curve], axis=1), step)
-    seen = latched(motion, state, step, galvanometers.readout_delay)
+    seen = latch(motion, state, step, galvanometers.readout_delay)
     gap = way.shape[1]
     middle = gap + np.arange(pattern.points) * visiting.updates + visiting.updates // 2 - 1
     commanded, true, read = (angles[:, middle] for angles in (motion.commanded, motion.true, seen))
@@ -217,12 +217,12 @@ def run_visit(
         latched_phi=read[1],
         travel_theta=travel[0],
         travel_phi=travel[1],
-        limited=bool(motion.limited[:, gap + math.ceil(_CATCHING_UP * galvanometers.lag / step) :].any()),
+        limited=bool(motion.limited[:, gap + math.ceil(_CATCH_UP_LAGS * galvanometers.lag / step) :].any()),
     )
     return made, MirrorPair(after, slopes[:, 1], mirrors.time + step * motion.true.shape[1])
 
 
-def _taken_up(galvanometers: Galvanometers, mirrors: MirrorPair) -> tuple[MirrorState, Array]:
+def _resume_state(galvanometers: Galvanometers, mirrors: MirrorPair) -> tuple[MirrorState, Array]:
     """Return the state from which the next command goes on, and the command's rate [rad/s], shape (2,).
 
     A mirror that its limits kept from the last pattern is not where the command was: towards a command that went on
@@ -233,13 +233,13 @@ def _taken_up(galvanometers: Galvanometers, mirrors: MirrorPair) -> tuple[Mirror
     ramp = angle + galvanometers.lag * rate
     most = galvanometers.acceleration
     kept = np.abs(command - ramp) > most / galvanometers.omega**2
-    kept |= np.abs(rate - mirrors.slope) > _RECOVERS * galvanometers.lag * most
+    kept |= np.abs(rate - mirrors.slope) > _RECOVERY_SPEED * galvanometers.lag * most
     if not kept.any():
         return mirrors.state, mirrors.slope
     return MirrorState(angle, rate, np.where(kept, ramp, command)), np.where(kept, rate, mirrors.slope)
 
 
-def _way(
+def _approach(
     galvanometers: Galvanometers,
     origin: Array,
     leaving: Array,
@@ -260,7 +260,7 @@ def _way(
     turnaround, most = visiting.turnaround, galvanometers.jump_share * galvanometers.acceleration
     close = np.abs(goal - origin).max() <= near
     short = max(given, turnaround)
-    slips = close and _slips(galvanometers, goal - origin, leaving, arriving, short)
+    slips = close and _falls_behind(galvanometers, goal - origin, leaving, arriving, short)
     # How long a jump would take is costly, and of no interest where there is no time for one.
     if close and not slips and given < turnaround + 0.5 * step:
         return _turn(origin, leaving, goal, arriving, step, round(short / step))
@@ -311,16 +311,16 @@ def _turn(origin: Array, leaving: Array, goal: Array, arriving: Array, step: flo
     )
 
 
-def _slips(
+def _falls_behind(
     galvanometers: Galvanometers, distance: Array, leaving: Array, arriving: Array, duration: float
 ) -> bool:
-    """Return whether a cubic over distances, shape (2,), asks for so much that the mirrors fall behind for good.
+    """Return whether a cubic over distances, shape (2,), demands so much that the mirrors never catch up.
 
     Its acceleration runs straight from (6D/T − 4v − 2w)/T to (2v + 4w − 6D/T)/T. What of its integral lies beyond the
     limit, one way or the other, is speed that the mirrors lack.
     """
     most = galvanometers.acceleration
-    enough = _RECOVERS * galvanometers.lag * most
+    enough = _RECOVERY_SPEED * galvanometers.lag * most
     if duration <= 0.0:
         # A step of angle D ends in the speed √(2aD).
         return bool(
@@ -330,14 +330,14 @@ def _slips(
     first, last = even - 4.0 * leaving - 2.0 * arriving, 2.0 * leaving + 4.0 * arriving - even
     if max(np.abs(first).max(), np.abs(last).max()) <= most * duration:
         return False
-    asked = first[:, None] * (1.0 - _SHARES) + last[:, None] * _SHARES
+    asked = first[:, None] * (1.0 - _TURN_SHARES) + last[:, None] * _TURN_SHARES
     beyond = np.maximum(np.abs(asked) - most * duration, 0.0) * np.sign(asked)
     lacking = np.maximum(np.maximum(beyond, 0.0).mean(axis=1), np.maximum(-beyond, 0.0).mean(axis=1))
     return bool(lacking.max() > enough)
 
 
-def pattern_doubts(
-    pattern: LissajousPattern, galvanometers: Galvanometers, dwell: float, place: str = "scan.pattern"
+def pattern_warnings(
+    pattern: LissajousPattern, galvanometers: Galvanometers, dwell: float, key: str = "scan.pattern"
 ) -> Iterator[str]:
     """Yield a sentence for each mirror that cannot follow a pattern, with what it can."""
     for axis, frequency, amplitude in zip(
@@ -352,7 +352,7 @@ def pattern_doubts(
         slower = attainable_frequency(galvanometers, amplitude)
         points = math.ceil(pattern.points * frequency / slower)
         yield (
-            f"{place}: the mirror of {axis} cannot follow {1e3 * amplitude:.3g} mrad at {frequency:.0f} Hz; at most "
+            f"{key}: the mirror of {axis} cannot follow {1e3 * amplitude:.3g} mrad at {frequency:.0f} Hz; at most "
             f"{1e3 * largest:.3g} mrad, or {slower:.0f} Hz, which is {points} points"
         )
 

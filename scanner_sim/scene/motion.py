@@ -1,6 +1,6 @@
 """How rigid objects move: a pose at any time, by a constant twist, by waypoints or by a file of poses.
 
-A motion takes the place of an object's pose where it names one; a twist starts from the object's own. All give
+A motion replaces an object's pose where it names one; a twist starts from the object's own. All give
 ``scanner_from_object`` as 4 × 4 matrices, for arrays of times.
 """
 
@@ -26,7 +26,7 @@ from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.named_files import read_text_file
 from scanner_sim.foundation.parts import InputFile, Part
 from scanner_sim.foundation.units import Dimension, Time
-from scanner_sim.scene.poses import FARTHEST, Position, Turns, placed
+from scanner_sim.scene.poses import FARTHEST, Position, Turns, placement_matrix
 
 Array = NDArray[np.float64]
 
@@ -87,7 +87,7 @@ class Waypoint(Part):
     time: Time = Field(ge=0.0, le=LATEST)
     """When, since the start."""
     position: Position
-    """Place of the object's origin in the scanner frame."""
+    """Position of the object's origin in the scanner frame."""
     rotation: Turns = ()
     """Turns about the object's origin, the first one first."""
 
@@ -100,7 +100,7 @@ class Waypoints(Part):
     points: tuple[Waypoint, ...] = Field(min_length=2, max_length=10_000)
     """Poses in the order of their times."""
     interpolation: Literal["linear", "smooth"] = "smooth"
-    """``linear``: straight and even from pose to pose; ``smooth``: twice differentiable, places from rest to rest."""
+    """``linear``: straight and even between poses; ``smooth``: twice differentiable, positions from rest to rest."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield times that do not ascend."""
@@ -126,7 +126,7 @@ class PoseFile(Part):
     file: PoseTable
     """The file. Quaternions need not be of length one."""
     interpolation: Literal["linear", "smooth"] = "linear"
-    """``linear``: straight and even from row to row; ``smooth``: twice differentiable, places from rest to rest."""
+    """``linear``: straight and even between rows; ``smooth``: twice differentiable, positions from rest to rest."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield what is wrong with the file."""
@@ -197,8 +197,8 @@ def read_poses(file: Path) -> Poses:
     Raises
     ------
     InputError
-        Missing columns, fields that are no finite numbers, places beyond 100 km, quaternions of length zero, times that
-        do not ascend, fewer than two rows: with the row's number, which counts the heading as 1.
+        Missing columns, fields that are no finite numbers, positions beyond 100 km, quaternions of length zero, times
+        that do not ascend, fewer than two rows: with the row's number, which counts the heading as 1.
     """
     text = read_text_file(file, _LARGEST)
     try:
@@ -216,13 +216,13 @@ def read_poses(file: Path) -> Poses:
         )
     if len(rows) - 1 > MOST_ROWS:
         raise InputError(f"{file.name} has more than {MOST_ROWS} rows.", remedy="Keep fewer poses a second.")
-    places = [heading.index(name) for name in COLUMNS]
+    columns = [heading.index(name) for name in COLUMNS]
     table: list[list[float]] = []
     for number, row in enumerate(rows[1:], start=2):
         if not any(field.strip() for field in row):
             continue
         try:
-            values = [float(row[place]) for place in places]
+            values = [float(row[column]) for column in columns]
         except (ValueError, IndexError):
             raise InputError(f"Row {number} of {file.name} is not a row of numbers.") from None
         if not all(map(math.isfinite, values)):
@@ -268,7 +268,7 @@ def _path_in(file: Path, changed: int, size: int, interpolation: Literal["linear
 
 @lru_cache(maxsize=64)
 def _path_of(points: tuple[Waypoint, ...], interpolation: Literal["linear", "smooth"]) -> PosePath:
-    matrices = np.stack([placed(point.position, point.rotation) for point in points])
+    matrices = np.stack([placement_matrix(point.position, point.rotation) for point in points])
     quaternion = Turning.from_matrix(matrices[:, :3, :3]).as_quat()[:, [3, 0, 1, 2]]
     return PosePath(
         Poses(np.array([point.time for point in points]), matrices[:, :3, 3], quaternion), interpolation

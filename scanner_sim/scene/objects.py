@@ -16,7 +16,7 @@ from scanner_sim.foundation.parts import Count, MeshFile, Part, XmlFile
 from scanner_sim.foundation.units import Length, Ratio
 from scanner_sim.scene.materials import MATERIALS, UnknownMaterialError, material
 from scanner_sim.scene.motion import RigidMotion
-from scanner_sim.scene.poses import FARTHEST, Extent, Name, Position, Rotation, Turns, placed
+from scanner_sim.scene.poses import FARTHEST, Extent, Name, Position, Rotation, Turns, placement_matrix
 from scanner_sim.scene.retroreflectors import RetroLobe
 
 
@@ -51,7 +51,7 @@ class Retroreflector(RetroLobe):
 _LIBRARY = WithJsonSchema({"type": "string", "enum": list(MATERIALS)})
 
 
-def _known(name: str) -> str:
+def _check_material(name: str) -> str:
     try:
         return material(name).name
     except UnknownMaterialError as error:
@@ -68,7 +68,7 @@ def _spelling_of_material(value: Any) -> str:
 
 
 MaterialChoice = Annotated[
-    Annotated[str, AfterValidator(_known), _LIBRARY, Tag("(word)")]
+    Annotated[str, AfterValidator(_check_material), _LIBRARY, Tag("(word)")]
     | Annotated[Surface, Tag("(surface)")]
     | Annotated[Retroreflector, Tag("(retroreflector)")],
     Discriminator(_spelling_of_material),
@@ -83,16 +83,16 @@ class Posed(Part):
     name: Name
     """Name, unique in the scene; it appears in the truth layer."""
     position: Position = (0.0, 0.0, 0.0)
-    """Place of the object's origin in the scanner frame."""
+    """Position of the object's origin in the scanner frame."""
     rotation: Turns = ()
     """Turns about the object's origin, the first one first."""
     motion: RigidMotion | None = None
-    """How the object moves; by default it rests. Waypoints and files of poses take the place of position and rotation,
+    """How the object moves; by default it rests. Waypoints and files of poses replace position and rotation,
     which are a twist's pose at time 0."""
 
     def scanner_from_object(self) -> NDArray[np.float64]:
         """Return the pose that position and rotation describe, as a 4 × 4 matrix; a motion may differ from it."""
-        return placed(self.position, self.rotation)
+        return placement_matrix(self.position, self.rotation)
 
     def pose_at(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return ``scanner_from_object`` at times [s] since the start of the scan, shape (n, 4, 4)."""

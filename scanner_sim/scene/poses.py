@@ -26,7 +26,7 @@ Extent = Annotated[Length, Field(ge=SMALLEST, le=FARTHEST)]
 
 
 def _spelling(word: str, otherwise: str) -> Discriminator:
-    """Tell a value that is one word, or else a list, from the longer spelling of the same thing.
+    """Distinguish a value that is one word, or else a list, from the longer spelling of the same thing.
 
     Tags in parentheses cannot be keys: messages leave them out of the path.
     """
@@ -70,8 +70,8 @@ Turns = Annotated[
 """A turn, or several one after the other."""
 
 
-def placed(position: Position, rotation: Turns) -> NDArray[np.float64]:
-    """Return ``scanner_from_object`` of a place and turns about it, the first one first, as a 4 × 4 matrix."""
+def placement_matrix(position: Position, rotation: Turns) -> NDArray[np.float64]:
+    """Return ``scanner_from_object`` of a position and turns about it, the first one first, as a 4 × 4 matrix."""
     turns = (rotation,) if isinstance(rotation, Rotation) else rotation
     total = np.eye(3)
     for turn in turns:

@@ -8,7 +8,7 @@ import numpy as np
 
 from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.scan.lissajous import LissajousPattern
-from scanner_sim.scan.schedule import pattern_doubts
+from scanner_sim.scan.schedule import pattern_warnings
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.scan import TrackScan
 
@@ -38,12 +38,12 @@ def track_warnings(
     """
     amplitudes = [_amplitude(scan, target) for target in targets]
     largest = max(amplitudes, default=0.0)
-    yield from pattern_doubts(
+    yield from pattern_warnings(
         _with_amplitude(scan.pattern, largest), galvanometers, dwell, "scan.pattern (tracking)"
     )
     if scan.tracker.search_most > largest:
         pattern = _with_amplitude(scan.pattern, scan.tracker.search_most)
-        yield from pattern_doubts(pattern, galvanometers, dwell, "scan.tracker.search_most")
+        yield from pattern_warnings(pattern, galvanometers, dwell, "scan.tracker.search_most")
     reach = np.array([1.0, scan.pattern.aspect])
     for target, amplitude in zip(targets, amplitudes, strict=True):
         if (np.abs(target.expected[:2]) + amplitude * reach > max_deflection).any():

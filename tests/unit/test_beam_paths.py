@@ -94,7 +94,7 @@ def test_a_lens_takes_its_solid_angle(stop: tuple[float, float]) -> None:
 
 
 def pose(turn: Array, place: Array) -> Any:
-    return SimpleNamespace(rotation=mi.Matrix3f(turn.tolist()), place=mi.Vector3f(*place.tolist()))
+    return SimpleNamespace(rotation=mi.Matrix3f(turn.tolist()), position=mi.Vector3f(*place.tolist()))
 
 
 def test_rays_meet_the_nearest_of_moved_plates() -> None:

@@ -7,7 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from scanner_sim.optics.galvanometer import Galvanometers, at_rest, follow, latched, response
+from scanner_sim.optics.galvanometer import Galvanometers, at_rest, follow, latch, response
 from scanner_sim.optics.jump import (
     attainable_amplitude,
     attainable_frequency,
@@ -101,15 +101,15 @@ def test_encoders_latch_earlier() -> None:
     def run(step: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         u = 6e-3 * np.sin(2.0 * np.pi * frequency * step * np.arange(1, round(6e-3 / step) + 1))
         motion, _ = follow(SERVO, at_rest(0.0), u, step)
-        return motion.true, latched(motion, at_rest(0.0), step, delay)
+        return motion.true, latch(motion, at_rest(0.0), step, delay)
 
     (true, _), (_, seen) = run(fine), run(coarse)
     earlier = true[round((coarse - delay) / fine) - 1 :: round(coarse / fine)]
     np.testing.assert_allclose(seen[200:], earlier[200 : len(seen)], atol=2e-6)
     still, _ = follow(SERVO, at_rest(0.1), np.full(5, 0.1), coarse)
-    np.testing.assert_allclose(latched(still, at_rest(0.1), coarse, 30e-6), 0.1)
+    np.testing.assert_allclose(latch(still, at_rest(0.1), coarse, 30e-6), 0.1)
     with pytest.raises(ValueError, match="longer than the motion"):
-        latched(still, at_rest(0.1), coarse, 1.0)
+        latch(still, at_rest(0.1), coarse, 1.0)
 
 
 def test_attainable_is_the_edge_of_the_limits() -> None:

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from scanner_sim.config.load import scenario_from_text
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.scene.light.earth import EARTH_RADIUS, earth_angular_radius, visible_share
-from scanner_sim.scene.light.lighting import Earth, Lighting, Sky, Sun, lighting_doubts
+from scanner_sim.scene.light.lighting import Earth, Lighting, Sky, Sun, lighting_warnings
 from scanner_sim.scene.light.orbit import Orbit
 
 TLE = {
@@ -200,7 +200,7 @@ def test_lighting_loads_no_heavy_library() -> None:
     ],
 )
 def test_doubts(data: dict[str, Any], words: str) -> None:
-    found = lighting_doubts(Lighting.model_validate(data))
+    found = lighting_warnings(Lighting.model_validate(data))
     assert len(found) == (1 if words else 0)
     assert words in "".join(found)
 

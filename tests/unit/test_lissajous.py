@@ -9,7 +9,7 @@ from pydantic import ValidationError
 from scanner_sim.foundation.units import FROM_FILE
 from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures, sample_shares
-from scanner_sim.scan.schedule import Visiting, mirrors_at, pattern_doubts, run_visit, visits
+from scanner_sim.scan.schedule import Visiting, mirrors_at, pattern_warnings, run_visit, visits
 
 DWELL = 50e-6
 SERVO = Galvanometers()
@@ -102,11 +102,11 @@ def test_patterns_are_read_with_units() -> None:
 def test_impossible_patterns_are_doubted_with_what_is_possible() -> None:
     """The number of points in the message is one that the mirrors follow."""
     pattern = LissajousPattern(amplitude=30e-3)
-    (sentence,) = pattern_doubts(pattern, SERVO, DWELL)
+    (sentence,) = pattern_warnings(pattern, SERVO, DWELL)
     assert "cannot follow 30 mrad at 469 Hz; at most 23" in sentence
     points = int(sentence.rsplit(" ", 2)[1])
-    assert not list(pattern_doubts(pattern.model_copy(update={"points": points}), SERVO, DWELL))
-    assert not list(pattern_doubts(LissajousPattern(), SERVO, DWELL))
+    assert not list(pattern_warnings(pattern.model_copy(update={"points": points}), SERVO, DWELL))
+    assert not list(pattern_warnings(LissajousPattern(), SERVO, DWELL))
 
 
 def test_visits_of_one_target_turn_round_in_time() -> None:

@@ -92,8 +92,8 @@ def test_contradictions_are_faults(make: Any, problem: str) -> None:
 def test_a_scene_beyond_the_ambiguity_range_is_doubted() -> None:
     pulse = Pulse(repetition_rate=1e6)
     assert pulse.ambiguity_range == pytest.approx(149.9, abs=0.1)
-    assert not list(pulse.doubts(149.0))
-    assert "149.9 m" in next(pulse.doubts(151.0))
+    assert not list(pulse.range_warnings(149.0))
+    assert "149.9 m" in next(pulse.range_warnings(151.0))
 
 
 def test_a_level_beyond_the_saturation_is_refused(device: Device) -> None:

@@ -45,7 +45,7 @@ class Signal:
     Attributes
     ----------
     number
-        Digital numbers, Dr.Jit float array; :meth:`address` tells where each one is. Two neighbours stand together,
+        Digital numbers, Dr.Jit float array; :meth:`address` gives the index of each. Two neighbours stand together,
         and behind them the same two of the exposure without the laser, where there is one.
     shots, pixels
         Number m of shots, and of pixels in each line.

@@ -27,13 +27,13 @@ from scanner_sim.detector.surface_noise import LatticePositions, SurfacePoints, 
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 
-_FOLLOWED = 4.0
+_SPOT_SIGMAS = 4.0
 """Standard deviations of a spot within which its speckle is followed: beyond lies 6e-5 of its light."""
-_APART = 3.0
+_LEAST_GAP = 3.0
 """Gap between the light of two spots, in standard deviations of the beam's image."""
-_LEAST = 1e-3
+_LEAST_IMAGE_VARIANCE = 1e-3
 """Least variance of a geometric image, of the beam's."""
-_FAINT = 1e-5
+_LEAST_SHARE = 1e-5
 """Share of a spot on a pixel from which it is followed: below, single precision runs out of digits."""
 
 
@@ -132,7 +132,7 @@ def line_speckle(
     blur = dr.opaque(auto.Float, optics.aberration**2 + optics.diffusion**2)
     parts = []
     for number, spot in enumerate(spots):
-        own = packets_of(optics, dr.maximum(spot.variance - blur, _LEAST * beam), beam)
+        own = packets_of(optics, dr.maximum(spot.variance - blur, _LEAST_IMAGE_VARIANCE * beam), beam)
         parts.append((spot, own, _amplitudes(optics, spot, own, left, lattice, number, seed)))
     first, count = _pixels_lit(spots, pixels)
     dr.eval(first, count, parts)
@@ -155,7 +155,7 @@ def _spots(light: LineLight, beam: Float) -> list[_Spot]:
     if light.count == 1:
         amount, position, sigma, coherence = cluster(auto.UInt32(0))
         return [_Spot(amount, position, dr.square(sigma), coherence)]
-    gap = _APART * dr.sqrt(beam)
+    gap = _LEAST_GAP * dr.sqrt(beam)
 
     def add(number: UInt32, last: Float, second: Mask, *sums: Float) -> tuple[Any, ...]:
         amount, position, sigma, coherence = cluster(number)
@@ -191,7 +191,7 @@ def _pixels_lit(spots: list[_Spot], pixels: int) -> tuple[Int32, Int32]:
     low, high = auto.Float(dr.inf), auto.Float(-dr.inf)
     for spot in spots:
         lit = spot.amount > 0.0
-        away = _FOLLOWED * dr.sqrt(dr.maximum(spot.variance, 0.0)) + 0.5
+        away = _SPOT_SIGMAS * dr.sqrt(dr.maximum(spot.variance, 0.0)) + 0.5
         low = dr.select(lit, dr.minimum(low, spot.position - away), low)
         high = dr.select(lit, dr.maximum(high, spot.position + away), high)
     first = auto.Int32(dr.clip(dr.floor(low), 0.0, pixels - 1.0))
@@ -219,11 +219,11 @@ def _amplitudes(
         others = coarse_numbers(lattice, optics.modes + 1, 2, seed)
         first, others = (others[0], others[1]), others[2:]
     tilt = dr.sqrt(own.on_surface) * first[1] + dr.sqrt(1.0 - own.on_surface) * others[0]
-    lasting = spread * dr.sqrt(position)
+    amplitude = spread * dr.sqrt(position)
     return [
         gamma_like(spread * dr.sqrt(energy), first[0]) - 1.0,
-        lasting * tilt,
-        *(lasting * other for other in others[1:]),
+        amplitude * tilt,
+        *(amplitude * other for other in others[1:]),
     ]
 
 
@@ -254,7 +254,7 @@ def _factors(
         charge, change = auto.Float(0.0), auto.Float(0.0)
         for number, (spot, _, _) in enumerate(parts):
             mean, total = (after[2 * number + k] - before[2 * number + k] for k in (0, 1))
-            lit = (spot.amount > 0.0) & (mean > _FAINT)
+            lit = (spot.amount > 0.0) & (mean > _LEAST_SHARE)
             charge += dr.select(lit, spot.amount * mean, 0.0)
             change += dr.select(lit, spot.amount * total, 0.0)
         factor = dr.select(charge > 0.0, dr.maximum(1.0 + change / charge, 0.0), 1.0)

@@ -55,11 +55,11 @@ class Waveforms:
     Attributes
     ----------
     number
-        Digital numbers, Dr.Jit float array; :meth:`address` tells where each one is.
+        Digital numbers, Dr.Jit float array; :meth:`address` gives the index of each.
     shots, samples
         Number m of shots, and n of samples of each.
     background
-        Light of the background [W] that the bias monitor told, shape (m,).
+        Light of the background [W] that the bias monitor measured, shape (m,).
     """
 
     number: Float

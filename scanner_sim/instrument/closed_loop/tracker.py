@@ -186,7 +186,7 @@ class Tracker:
             dwell=dwell,
             visiting=self.scan.visiting,
         )
-        with self._stay.resumed():
+        with self._stay.resume():
             samples, seen, parts = self._sensor.see(target, order, motion, state.visits)
         others = [
             other.motion

@@ -22,12 +22,12 @@ from scanner_sim.foundation.device_types import Float, UInt32, Vector2f
 from scanner_sim.render.background.paths import FirstHit
 
 _STRIDES = (1, 2, 4, 8)
-"""Wider ones blur more than they calm: on a Space Station Node what they add is as large as the noise."""
-_LIKE_NORMAL = 0.02
+"""Wider ones blur more than they smooth: on a Space Station Node what they add is as large as the noise."""
+_NORMAL_TOLERANCE = 0.02
 """Departure of the normals' cosine from 1 at which a neighbour's weight falls to 1/e."""
-_IN_PLANE = 0.05
+_PLANE_TOLERANCE = 0.05
 """Distance from the tangent plane, as a share of the neighbour's distance, at which it falls to 1/e."""
-_TOGETHER = 64
+_WEIGHTS_PER_KERNEL = 64
 """Weights of a convolution that one kernel takes."""
 
 
@@ -108,8 +108,8 @@ def _filter_pass(
             at = mi.UInt32(dr.select(inside, y * columns + x, mi.Int32(lane)))
             kind, met = (dr.gather(mi.Vector4f, part, at) for part in (features.kind, features.point))
             away = mi.Vector3f(met.x, met.y, met.z) - point
-            turned = (1.0 - dr.dot(normal, mi.Vector3f(kind.x, kind.y, kind.z))) / _LIKE_NORMAL
-            lifted = dr.abs(dr.dot(normal, away)) / (_IN_PLANE * dr.norm(away) + 1e-6)
+            turned = (1.0 - dr.dot(normal, mi.Vector3f(kind.x, kind.y, kind.z))) / _NORMAL_TOLERANCE
+            lifted = dr.abs(dr.dot(normal, away)) / (_PLANE_TOLERANCE * dr.norm(away) + 1e-6)
             weight: Float = weight_down * weight_right * dr.exp(-turned - lifted)
             weight = dr.select(inside & (kind.w == own_kind.w), weight, 0.0)
             total += weight
@@ -131,7 +131,7 @@ def convolve_rows(layers: list[Float], columns: int, weights: NDArray[np.float64
         for index, layer in enumerate(layers):
             sums[index] += float(weight) * dr.gather(mi.Float, layer, at)
         # Fine pixels have thousands of weights: one kernel of all would take minutes to compile.
-        if number % _TOGETHER == _TOGETHER - 1:
+        if number % _WEIGHTS_PER_KERNEL == _WEIGHTS_PER_KERNEL - 1:
             dr.eval(sums)
     dr.eval(sums)
     return sums

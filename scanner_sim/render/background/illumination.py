@@ -24,11 +24,11 @@ from scanner_sim.render.transport import OpticalLayout, device_frame
 from scanner_sim.scene.files.loader import LoadedScene
 
 _STREAM_ADDRESS = 0xFFFFFFF0
-"""Addresses of the random points: apart from those of the paths."""
-_DRAWN = 8
+"""Addresses of the random points, none of which a path has."""
+_OVERSAMPLING = 8
 """Points drawn for one that is kept: most of a body is hidden by itself."""
-_DISC = 256
-"""Points of the Sun's disc that are looked for."""
+_DISC_POINTS = 256
+"""Points of the Sun's disc to which lines of sight are traced."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,9 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
         loaded.objects[number - 1]
     )
     areas = np.array([float(np.ravel(shape.surface_area())[0]) for shape in shapes])
-    ends = np.rint(_DRAWN * count * np.concatenate([[0.0], np.cumsum(areas) / areas.sum()])).astype(int)
+    ends = np.rint(_OVERSAMPLING * count * np.concatenate([[0.0], np.cumsum(areas) / areas.sum()])).astype(
+        int
+    )
     points, normals = [], []
     for part, (shape, start, end) in enumerate(zip(shapes, ends, ends[1:], strict=False)):
         if end == start:
@@ -84,7 +86,7 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
         found = shape.sample_position(0.0, mi.Point2f(drawn[0], drawn[1]))
         position, facing = found.p, found.n
         if pose is not None:
-            position, facing = pose.rotation @ position + pose.place, pose.rotation @ facing
+            position, facing = pose.rotation @ position + pose.position, pose.rotation @ facing
         points.append(position.numpy().T)
         normals.append(facing.numpy().T)
     if not points:
@@ -176,7 +178,7 @@ def sun_at(
 
     One is free where neither the Earth nor an object is in front of the Sun, and it stands before the scanner.
     """
-    lane = dr.arange(mi.UInt32, _DISC)
+    lane = dr.arange(mi.UInt32, _DISC_POINTS)
     draws = generator(seed, Stream.BACKGROUND, mi.UInt32(_STREAM_ADDRESS + 4), lane).next_float32x4()
     towards, density = sky.sample_sun(light, mi.Point2f(draws[0], draws[1]))
     x, y, z = towards.numpy().astype(np.float64)

@@ -39,10 +39,10 @@ from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
 
 _PATHS_TOGETHER = 1 << 21
-_NOTHING = 1e-12
+_LEAST_RADIANCE = 1e-12
 """Radiance per unit of the Sun's irradiance [1/sr] that counts as none: far smaller numbers come from the filter's
 tails, and threads may round their products, below 1e-38 W, to 0 or not."""
-_NEIGHBOURS = 8
+_ERROR_BINS = 8
 """Bins to either side over which the squared error is averaged."""
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _GENERALISED_GOLDEN = 1.085070245491451
@@ -182,9 +182,9 @@ def _assemble(view: PanoramaView | Window, layout: OpticalLayout, halves: list[F
     window = np.clip(0.5 * width + 0.5 - np.abs(np.arange(-reach, reach + 1)), 0.0, 1.0)
     apart = [0.5 * (halves[0] - halves[2]), 0.5 * (halves[1] - halves[3])]
     squares = [dr.square(layer) for layer in convolve_rows(apart, view.bins, window / window.sum())]
-    near = np.full(2 * _NEIGHBOURS + 1, 1.0 / (2 * _NEIGHBOURS + 1))
+    near = np.full(2 * _ERROR_BINS + 1, 1.0 / (2 * _ERROR_BINS + 1))
     errors = [dr.sqrt(_over_rows(layer, view)) for layer in convolve_rows(squares, view.bins, near)]
-    layers = [dr.select(layer > _NOTHING, layer, 0.0) for layer in (in_band, out_of_band, *errors)]
+    layers = [dr.select(layer > _LEAST_RADIANCE, layer, 0.0) for layer in (in_band, out_of_band, *errors)]
     dr.eval(layers)
     return Panorama(view, *layers)
 
@@ -238,10 +238,10 @@ def _trace_rows(
         spread = mi.Point4f(*(_evenly(spread_number, number, axis, seed, first_sample) for axis in range(4)))
         return dr.select(number < 2, spread, free)
 
-    place = generator(seed, Stream.BACKGROUND, address, drawn_before * 64 + 62).next_float32x4()
+    draws = generator(seed, Stream.BACKGROUND, address, drawn_before * 64 + 62).next_float32x4()
     # Each half of the samples covers the bin on its own, as a lattice with a random start.
     start = generator(seed, Stream.BACKGROUND, address, dr.opaque(mi.UInt32, first_sample * 64 + 61))
-    along = (mi.Float(sample) + place[0]) / dr.opaque(mi.Float, float(samples)) - 0.5
+    along = (mi.Float(sample) + draws[0]) / dr.opaque(mi.Float, float(samples)) - 0.5
     height = mi.Float(sample) * _GOLDEN + start.next_float32x4()[0]
     height -= dr.floor(height)
     whole_row = row + dr.opaque(mi.UInt32, int(rows[0]))

@@ -23,17 +23,17 @@ from scanner_sim.render.rays import for_rows
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
 
-_LEVELS = ((0.0, 2), (0.02, 6), (0.2, 24))
+_SAMPLES_BY_CONTRAST = ((0.0, 2), (0.02, 6), (0.2, 24))
 """From which contrast on how many samples are taken, in each half."""
 _RAYS_TOGETHER = 1 << 21
-_FAINT = 0.003
+_DARK_RADIANCE = 0.003
 """Radiance that counts as dark [1/sr]: a hundredth of a white wall's in the Sun."""
-_REACH = 1
+_CONTRAST_BINS = 1
 """Bins to either side, among which the pilot's samples are compared."""
-_STARTS = 0xFFFFFF00
-"""Addresses of the lattices' random starts: apart from those of the paths."""
+_STREAM_ADDRESS = 0xFFFFFF00
+"""Addresses of the lattices' random starts, none of which a path has."""
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-_DISC = (0.8191725134, 0.6710436067)
+_DISC_STEPS = (0.8191725134, 0.6710436067)
 """Powers of the reciprocal of the real root of x⁴ = x + 1: steps of a sequence even in two further dimensions."""
 
 
@@ -53,12 +53,12 @@ def contrast(low: Float, high: Float, view: PanoramaView | Window, reach_rows: i
     row, column = mi.Int32(lane // view.bins), mi.Int32(lane % view.bins)
     least, most = mi.Float(low), mi.Float(high)
     for down in range(-reach_rows, reach_rows + 1):
-        for right in range(-_REACH, _REACH + 1):
+        for right in range(-_CONTRAST_BINS, _CONTRAST_BINS + 1):
             y, x = dr.clip(row + down, 0, view.rows - 1), dr.clip(column + right, 0, view.bins - 1)
             at = mi.UInt32(y * view.bins + x)
             least = dr.minimum(least, dr.gather(mi.Float, low, at))
             most = dr.maximum(most, dr.gather(mi.Float, high, at))
-    return (most - least) / (most + _FAINT)
+    return (most - least) / (most + _DARK_RADIANCE)
 
 
 def sharp_light(
@@ -92,10 +92,10 @@ def sharp_light(
         [1/sr], shape (rows · bins,).
     """
     halves = [[dr.zeros(mi.Float, view.rows * view.bins) for _ in range(2)] for _ in range(2)]
-    for level, (least, samples) in enumerate(_LEVELS):
+    for level, (least, samples) in enumerate(_SAMPLES_BY_CONTRAST):
         members = uneven >= least
-        if level + 1 < len(_LEVELS):
-            members &= uneven < _LEVELS[level + 1][0]
+        if level + 1 < len(_SAMPLES_BY_CONTRAST):
+            members &= uneven < _SAMPLES_BY_CONTRAST[level + 1][0]
         index = dr.compress(members)
         together = max(1, _RAYS_TOGETHER // (samples * finer))
         for start in range(0, dr.width(index), together):
@@ -142,7 +142,9 @@ def _trace(
     index = dr.gather(mi.UInt32, bins, lane // samples)
     row, column = index // view.bins, index % view.bins
     number = column * samples + lane % samples
-    starts = generator(seed, Stream.BACKGROUND, mi.UInt32(_STARTS), row * 4 + dr.opaque(mi.UInt32, 2 * part))
+    starts = generator(
+        seed, Stream.BACKGROUND, mi.UInt32(_STREAM_ADDRESS), row * 4 + dr.opaque(mi.UInt32, 2 * part)
+    )
     first, second = starts.next_float32x4(), starts.next_float32x4()
 
     def lattice(step: float, start: Float) -> Float:
@@ -153,7 +155,7 @@ def _trace(
 
     along = (mi.Float(lane % samples) + first[0]) * dr.opaque(mi.Float, 1.0 / samples) - 0.5
     across = within(lattice(_GOLDEN, first[1]))
-    disc = mi.Point2f(within(lattice(_DISC[0], first[2])), within(lattice(_DISC[1], first[3])))
+    disc = mi.Point2f(within(lattice(_DISC_STEPS[0], first[2])), within(lattice(_DISC_STEPS[1], first[3])))
     origin, direction = rays_through(layout, view, row, column, along, across)
     in_band, out_of_band = trace_sharp(for_rows(loaded, row), sky, albedo, origin, direction, disc, second)
     return [dr.block_sum(value, samples) / samples for value in (in_band, out_of_band)]

@@ -208,7 +208,7 @@ def _with_speckle(echoes: Echoes, shots: Shots, truth: Truth, speckle: Speckle |
 def _classify_footprints(
     loaded: LoadedScene, layout: OpticalLayout, beamlets: Beamlets, returns: Returns, chief: UInt32
 ) -> UInt32:
-    """Tell what each shot's beam meets: a smooth surface, an uneven one or an edge."""
+    """Return what each shot's beam meets: a smooth surface, an uneven one or an edge."""
 
     def beamlet(values: Any, number: int) -> Any:
         return dr.gather(type(values), values, chief + number)

@@ -205,7 +205,7 @@ def _with_bounces(
 def _classify_footprints(
     loaded: LoadedScene, layout: OpticalLayout, beamlets: Beamlets, shots: Shots, spots: Spots, chief: UInt32
 ) -> UInt32:
-    """Tell what each shot's beam meets: a smooth surface, an uneven one, an edge, or an edge that only grazes it.
+    """Return what each shot's beam meets: a smooth surface, an uneven one, an edge, or an edge that only grazes it.
 
     Where beamlets disagree with the chief one on material or visibility, or lie far off its tangent plane, there is an
     edge, which only grazes the light where the outermost do; where they leave the plane a little or return

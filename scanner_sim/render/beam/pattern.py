@@ -3,7 +3,7 @@
 A raster sorts its shots by what their beams meet (:mod:`scanner_sim.render.beam.light`) and so has groups of any size.
 Few shots that are wanted again and again are better all followed alike, with beamlets that lie evenly across each one's
 sweep (:mod:`scanner_sim.render.beam.swept_beamlets`): then the kernels of one pattern are those of every other. A chief
-ray without light goes first; it tells the truth, and how wide the beam is where it lands.
+ray without light goes first; it gives the truth, and the width of the beam where it lands.
 
 What that costs: at an edge across the sweep the light errs by up to 1/(2k) of its step, and by more at oblique ones.
 """

@@ -113,7 +113,7 @@ def fired_shots(
 
 
 def _join_columns(columns: list[NDArray[Any]], kind: Any) -> NDArray[Any]:
-    """Return columns one after the other, in memory that is aligned and nobody else's."""
+    """Return columns one after the other, in aligned memory of their own."""
     size = sum(len(column) for column in columns)
     memory = np.empty(size + _ALIGNMENT // 4, dtype=kind)
     start = -memory.ctypes.data % _ALIGNMENT // 4

@@ -55,10 +55,10 @@ def surface_positions(
     for body, pose in zip(loaded.bodies, poses, strict=True):
         own = truth.object == dr.opaque(mi.UInt32, loaded.objects.index(body.item.name) + 1)
         frame_of = Pose(
-            dr.select(own, pose.rotation, frame_of.rotation), dr.select(own, pose.place, frame_of.place)
+            dr.select(own, pose.rotation, frame_of.rotation), dr.select(own, pose.position, frame_of.position)
         )
     back = frame_of.rotation.T
-    vectors = [back @ (vectors[0] - frame_of.place), *(back @ axis for axis in vectors[1:])]
+    vectors = [back @ (vectors[0] - frame_of.position), *(back @ axis for axis in vectors[1:])]
     point, along, across, normal = vectors
     return SurfacePositions(point, along, across, normal, truth.object, radius, distance)
 

@@ -119,7 +119,7 @@ def cube_entrance(cosine: Float, index: Float) -> Float:
     return (2.0 / math.pi) * (dr.acos(shift) - shift * dr.sqrt(1.0 - dr.square(shift)))
 
 
-def _mirrored(direction: Vector3f) -> Vector3f:
+def _mirror(direction: Vector3f) -> Vector3f:
     """Return a local direction mirrored about the normal."""
     return mi.Vector3f(-direction.x, -direction.y, direction.z)
 
@@ -219,7 +219,7 @@ def _bsdf_class() -> type:
             active = active & (cos_in > 0.0) & (cos_out > 0.0)
             smaller = dr.minimum(self._entrance(cos_in), self._entrance(cos_out))
             albedo_in, albedo_out = self._lobe_albedo(wi), self._lobe_albedo(wo)
-            back = _mirrored(wi)
+            back = _mirror(wi)
             half = dr.normalize(back + wo)
             facets, towards = self._facets(), dr.maximum(dr.dot(wo, half), _TINY)
             lobe_pdf = facets.pdf(back, half) / (4.0 * towards)
@@ -255,7 +255,7 @@ def _bsdf_class() -> type:
             """Choose lobe or base, then a direction; return it and BSDF times cosine over density."""
             chance = self._chance(ctx, self._lobe_albedo(si.wi))
             to_lobe = sample1 < chance
-            back = _mirrored(si.wi)
+            back = _mirror(si.wi)
             facet, _ = self._facets().sample(back, sample2)
             bs: Any = dr.zeros(mi.BSDFSample3f)
             bs.wo = dr.select(to_lobe, mi.reflect(back, facet), mi.warp.square_to_cosine_hemisphere(sample2))

@@ -43,7 +43,7 @@ from scanner_sim.render.background.sky import (
     sun_radiance,
 )
 
-_FAR = 1e6
+_SKY_DISTANCE = 1e6
 """A python plugin is not told the size of the scene; in single precision directions stay exact to 1e-7 here."""
 
 
@@ -90,7 +90,7 @@ def _emitter_class() -> type:
             self.earth_altitude = _number(props.get("earth_altitude", 400e3))
             self.earth_radius = _number(props.get("earth_radius", 6371e3))
             self.albedo = _number(props.get("albedo", 0.3))
-            self.distance = _number(props.get("distance", _FAR))
+            self.distance = _number(props.get("distance", _SKY_DISTANCE))
             self._prepare()
 
         def _prepare(self) -> None:

@@ -1,20 +1,21 @@
 """From the description of a scene to Mitsuba scenes, with the names of its objects and materials.
 
-What rests is one Mitsuba scene. Every object that moves is one of its own, in the frame of the object, which never
-changes: a motion is a pose for each ray, and nothing is built or compiled anew. Every fault of every object is reported
-together.
+What does not move is one Mitsuba scene. Every object that moves is one of its own, in the frame of the object, which
+never changes: a motion is a pose for each ray, and nothing is built or compiled anew. Every fault of every object is
+reported together.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.foundation.device_types import Float, Matrix3f, MitsubaScene, Shape, UInt32, Vector3f
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError, printable
 from scanner_sim.scene.files.plugins import installed_plugins_only
 from scanner_sim.scene.files.shapes import Surfaces, shapes_of
@@ -25,15 +26,17 @@ from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
 class Pose:
     """Poses ``scanner_from_object`` for n rays, or one for all.
 
-    ``rotation`` is a ``mi.Matrix3f``, ``place`` of the object's origin a ``mi.Vector3f`` [m].
+    ``rotation`` is a ``mi.Matrix3f``, ``position`` of the object's origin a ``mi.Vector3f`` [m].
     """
 
-    rotation: Any
-    place: Any
+    rotation: Matrix3f
+    position: Vector3f
 
-    def take(self, index: Any) -> Pose:
-        """Return the poses at some places."""
-        return Pose(dr.gather(mi.Matrix3f, self.rotation, index), dr.gather(mi.Vector3f, self.place, index))
+    def take(self, index: UInt32) -> Pose:
+        """Return poses by their indices."""
+        return Pose(
+            dr.gather(mi.Matrix3f, self.rotation, index), dr.gather(mi.Vector3f, self.position, index)
+        )
 
 
 @dataclass(frozen=True)
@@ -41,7 +44,7 @@ class Body:
     """An object that moves: its description, and its ``mitsuba.Scene`` in its own frame."""
 
     item: Posed
-    mitsuba: Any
+    mitsuba: MitsubaScene
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,7 @@ class LoadedScene:
     Attributes
     ----------
     mitsuba
-        The ``mitsuba.Scene`` of what rests.
+        The ``mitsuba.Scene`` of what does not move.
     objects, materials
         Names; object and material number k (from 1) is entry k − 1. Number 0 is "nothing".
     object_of, material_of
@@ -70,19 +73,19 @@ class LoadedScene:
         Where each of them is: for all rays alike, or for each ray on its own. As loaded, at time 0.
     """
 
-    mitsuba: Any
+    mitsuba: MitsubaScene
     objects: tuple[str, ...]
     materials: tuple[str, ...]
-    object_of: Any
-    material_of: Any
-    out_of_band_ratio: Any
-    coherence: Any
-    frames: Any
+    object_of: UInt32
+    material_of: UInt32
+    out_of_band_ratio: Float
+    coherence: Float
+    frames: Float
     bodies: tuple[Body, ...] = ()
     poses: tuple[Pose, ...] = ()
 
     @property
-    def shapes(self) -> tuple[Any, ...]:
+    def shapes(self) -> tuple[Shape, ...]:
         """The Mitsuba shapes of all objects; those that move are in the frames of their objects."""
         return tuple(
             shape
@@ -95,9 +98,9 @@ class LoadedScene:
         """Number of triangles of all meshes."""
         return sum(shape.face_count() for shape in self.shapes if shape.is_mesh())
 
-    def frames_of(self, number: Any) -> Pose:
+    def frames_of(self, number: UInt32) -> Pose:
         """Return the poses at time 0 of the objects of some numbers, one for each."""
-        entries = [dr.gather(mi.Float, self.frames, 12 * number + place) for place in range(12)]
+        entries = [dr.gather(mi.Float, self.frames, 12 * number + entry_index) for entry_index in range(12)]
         rotation = mi.Matrix3f(*(entry for row in range(3) for entry in entries[4 * row : 4 * row + 3]))
         return Pose(rotation, mi.Vector3f(*entries[3::4]))
 
@@ -122,8 +125,8 @@ def packed_poses(matrices: list[NDArray[np.float64]]) -> NDArray[np.float32]:
     return np.ascontiguousarray(rows.reshape(len(rows), -1).T, dtype=np.float32).ravel()
 
 
-def unpacked_poses(numbers: Any, objects: int, count: int, first: int = 0) -> tuple[Pose, ...]:
-    """Return the poses of ``count`` rays that :func:`packed_poses` made, out of an array from a place on."""
+def unpacked_poses(numbers: Float, objects: int, count: int, first: int = 0) -> tuple[Pose, ...]:
+    """Return the poses of ``count`` rays that :func:`packed_poses` made, out of an array from an index on."""
     at, step = dr.arange(mi.UInt32, count) + dr.opaque(mi.UInt32, first), dr.opaque(mi.UInt32, count)
     entries = [dr.gather(mi.Float, numbers, at + number * step) for number in range(12 * objects)]
     poses = []
@@ -144,10 +147,10 @@ def load_scene(scene: Scene) -> LoadedScene:
         unknown materials.
     """
     with installed_plugins_only():
-        return _loaded(scene)
+        return _load(scene)
 
 
-def _loaded(scene: Scene) -> LoadedScene:
+def _load(scene: Scene) -> LoadedScene:
     surfaces = Surfaces()
     loaded: list[_Loaded] = []
     faults: list[Fault] = []
@@ -167,18 +170,18 @@ class _Loaded(NamedTuple):
 
     name: str
     item: Posed
-    shapes: list[Any]
+    shapes: list[Shape]
 
 
 def _collect(
-    loaded: list[_Loaded], faults: list[Fault], place: str, name: str, item: Posed, surfaces: Surfaces
+    loaded: list[_Loaded], faults: list[Fault], key: str, name: str, item: Posed, surfaces: Surfaces
 ) -> None:
     """Append an object with its shapes, or its fault; what moves is loaded in its own frame."""
     still = {"position": (0.0, 0.0, 0.0), "rotation": ()}
     try:
         shapes = shapes_of(item if item.motion is None else item.model_copy(update=still), surfaces)
     except InputError as error:
-        faults.append(Fault(f"{place} ({name})", error.message, error.remedy))
+        faults.append(Fault(f"{key} ({name})", error.message, error.remedy))
     else:
         loaded.append(_Loaded(name, item, shapes))
 
@@ -209,7 +212,7 @@ def _assemble(loaded: list[_Loaded], surfaces: Surfaces) -> LoadedScene:
     )
 
 
-def _frames(loaded: list[_Loaded], objects: tuple[str, ...]) -> Any:
+def _frames(loaded: list[_Loaded], objects: tuple[str, ...]) -> Float:
     """Return the table of the objects' poses at time 0."""
     poses = np.broadcast_to(np.eye(4)[:3], (len(objects) + 1, 3, 4)).copy()
     for one in loaded:
@@ -219,13 +222,13 @@ def _frames(loaded: list[_Loaded], objects: tuple[str, ...]) -> Any:
     return mi.Float(poses.astype(np.float32).ravel())
 
 
-def _scene(shapes: list[Any]) -> Any:
+def _scene(shapes: list[Shape]) -> MitsubaScene:
     return mi.load_dict(
         {"type": "scene", **{f"shape_{number}": shape for number, shape in enumerate(shapes)}},
         optimize=False,
     )
 
 
-def _registry_index(shape: Any) -> int:
-    index: Any = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
+def _registry_index(shape: Shape) -> int:
+    index: UInt32 = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
     return int(index[0])

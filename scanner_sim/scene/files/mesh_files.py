@@ -16,7 +16,7 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import LARGEST_MESH, read_ordinary
 from scanner_sim.scene.files.obj_files import obj_triangles
 from scanner_sim.scene.files.ply_files import ply_triangles
-from scanner_sim.scene.files.triangles import MeshError, Triangles, checked
+from scanner_sim.scene.files.triangles import MeshError, Triangles, check_triangles
 
 
 def read_mesh(path: Path) -> Triangles:
@@ -55,7 +55,7 @@ def stl_triangles(content: bytes) -> Triangles:
         corners = _stl_text(content)
     else:
         raise MeshError("it is no STL file, or its length is not that of the triangles that it announces")
-    return checked(corners, np.arange(len(corners)).reshape(-1, 3))
+    return check_triangles(corners, np.arange(len(corners)).reshape(-1, 3))
 
 
 def _stl_text(content: bytes) -> NDArray[np.float64]:

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.scene.files.triangles import MeshError, Triangles, checked
+from scanner_sim.scene.files.triangles import MeshError, Triangles, check_triangles
 
 _COLUMNS = {"v": 3, "vt": 2, "vn": 3}
 _ORDER = ("v", "vt", "vn")
@@ -86,9 +86,9 @@ def _mesh(
         raise MeshError("it has no faces, and a point cloud cannot be scanned")
     index = np.array(corners, dtype=np.int64)
     columns: list[NDArray[np.float64] | None] = [
-        np.array(rows[kind])[index[:, place]] if (index[:, place] >= 0).all() else None
-        for place, kind in enumerate(_ORDER)
+        np.array(rows[kind])[index[:, column]] if (index[:, column] >= 0).all() else None
+        for column, kind in enumerate(_ORDER)
     ]
     vertices, texture, normals = columns
     assert vertices is not None  # every corner has a vertex
-    return checked(vertices, np.array(faces, dtype=np.int64), normals, texture)
+    return check_triangles(vertices, np.array(faces, dtype=np.int64), normals, texture)

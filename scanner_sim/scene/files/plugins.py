@@ -41,18 +41,18 @@ def installed_plugins_only() -> Iterator[None]:
         mi.set_log_level(level)
 
 
-def built(description: Mapping[str, Any]) -> Any:
+def build_plugin(description: Mapping[str, Any]) -> Any:
     """Build what ``mitsuba.load_dict`` builds from a description, with this package's own plugins within it.
 
     The renderer's own function asks for the kind of each plugin. It does not know ours in the variant that it asks for,
     and then takes a library of that name from the working folder.
     """
     with installed_plugins_only():
-        return _built(description)
+        return _build(description)
 
 
-def _built(description: Mapping[str, Any]) -> Any:
-    parts = {name: _built(part) if _holds_own(part) else part for name, part in description.items()}
+def _build(description: Mapping[str, Any]) -> Any:
+    parts = {name: _build(part) if _holds_own(part) else part for name, part in description.items()}
     if parts["type"] not in OWN:
         return mi.load_dict(parts, optimize=False)
     settings = mi.Properties(parts.pop("type"))

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.named_files import LARGEST_MESH
-from scanner_sim.scene.files.triangles import MeshError, Triangles, checked, fans
+from scanner_sim.scene.files.triangles import MeshError, Triangles, check_triangles, fans
 
 LONGEST_HEADER = 1 << 20
 """Bytes before the data: comments may be long."""
@@ -78,7 +78,7 @@ def ply_triangles(content: bytes) -> Triangles:
 
 
 def _header(content: bytes) -> tuple[str, list[_Element], int]:
-    """Return byte order (empty for text), elements and the place where the data start."""
+    """Return byte order (empty for text), elements and the offset at which the data start."""
     end = re.compile(rb"\nend_header[ \t]*\r?(\n|\Z)").search(content, 0, LONGEST_HEADER)
     if content[:3] != b"ply" or content[3:4] not in (b"\n", b"\r") or end is None:
         raise MeshError("it has no PLY header")
@@ -114,7 +114,7 @@ def _least(element: _Element, *, text: bool) -> int:
 
 
 class _Binary:
-    """The data of a binary file, from a place on."""
+    """The data of a binary file, from an offset on."""
 
     def __init__(self, content: bytes, start: int, order: str) -> None:
         self._content, self._at, self._order = content, start, order
@@ -170,8 +170,8 @@ class _Binary:
         data = np.frombuffer(self._content, np.uint8)
         kind = np.dtype(self._order + column.kind)
         return [
-            data[place[:, None] + np.arange(length * kind.itemsize)].view(kind)
-            for length, place in _alike(lengths, starts)
+            data[offset[:, None] + np.arange(length * kind.itemsize)].view(kind)
+            for length, offset in _by_length(lengths, starts)
         ]
 
     def _length(self, at: int, column: _Property) -> int:
@@ -236,7 +236,8 @@ class _Text:
             raise MeshError(_ENDS)
         self._at = at
         return [
-            self._numbers[place[:, None] + np.arange(length)] for length, place in _alike(lengths, starts)
+            self._numbers[offset[:, None] + np.arange(length)]
+            for length, offset in _by_length(lengths, starts)
         ]
 
     def _length(self, at: int) -> int:
@@ -252,10 +253,10 @@ def _size(kind: str) -> int:
     return int(kind[1:])
 
 
-def _alike(lengths: list[int], starts: list[int]) -> list[tuple[int, NDArray[np.int64]]]:
-    """Return each length with the places of the lists that have it."""
-    every, place = np.array(lengths), np.array(starts, dtype=np.int64)
-    return [(int(length), place[every == length]) for length in np.unique(every)]
+def _by_length(lengths: list[int], starts: list[int]) -> list[tuple[int, NDArray[np.int64]]]:
+    """Return each length with the offsets of the lists that have it."""
+    every, offset = np.array(lengths), np.array(starts, dtype=np.int64)
+    return [(int(length), offset[every == length]) for length in np.unique(every)]
 
 
 def _numbers(content: bytes) -> NDArray[np.float64]:
@@ -302,15 +303,15 @@ def _mesh(tables: dict[str, Table]) -> Triangles:
     vertex, face = tables.get("vertex", {}), tables.get("face", {})
     if "corners" not in face:
         raise MeshError("it has no faces, and a point cloud cannot be scanned")
-    place = _columns(vertex, "x", "y", "z")
-    if place is None:
+    vertices = _columns(vertex, "x", "y", "z")
+    if vertices is None:
         raise MeshError("its vertices have no x, y and z")
     corners = face["corners"]
     if corners.dtype.kind == "f" and not (corners == np.floor(corners)).all():
         raise MeshError("a face names a vertex by a number that is not whole")
     texture = _columns(vertex, "u", "v")
     texture = _columns(vertex, "s", "t") if texture is None else texture
-    return checked(place, corners, _columns(vertex, "nx", "ny", "nz"), texture)
+    return check_triangles(vertices, corners, _columns(vertex, "nx", "ny", "nz"), texture)
 
 
 def _columns(table: Table, *names: str) -> NDArray[np.generic] | None:

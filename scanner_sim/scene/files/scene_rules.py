@@ -15,7 +15,7 @@ from xml.sax.saxutils import quoteattr
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import file_beside
-from scanner_sim.scene.files.scene_xml import Element, needed, only, read_scene
+from scanner_sim.scene.files.scene_xml import Element, only, read_scene, required_attribute
 
 SHAPES = ("sphere", "rectangle", "disk", "cube", "cylinder", "ply", "obj")
 BSDFS = (
@@ -73,18 +73,18 @@ def renderers_scene(path: Path) -> str:
     """
     scene = read_scene(path)
     only(scene, "version")
-    version = needed(scene, "version")
+    version = required_attribute(scene, "version")
     if not re.fullmatch(r"[0-9]{1,4}(\.[0-9]{1,4}){2}", version):
         scene.fault(f"{version[:80]!r} is no version.", 'Write version="3.0.0".')
     kept = [element for element in scene.inside if element.tag not in LEFT_OUT]
     names, folder = _Names(scene.inside), path.parent.resolve()
     for element in kept:
         if element.tag not in (*KNOWN, "alias"):
-            _unknown(element, (*KNOWN, *LEFT_OUT))
+            _refuse_unknown(element, (*KNOWN, *LEFT_OUT))
         if element.tag != "alias":
             _check(element, folder, names)
     names.refuse_endless()
-    inside = "\n".join(_written(element) for element in kept if element.tag != "alias")
+    inside = "\n".join(_as_xml(element) for element in kept if element.tag != "alias")
     return f"<scene version={quoteattr(version)}>\n{inside}\n</scene>\n"
 
 
@@ -96,7 +96,8 @@ class _Names:
         for element in _all(elements):
             if element.tag == "alias":
                 only(element, "id", "as")
-                self._put(element, needed(element, "as"), self.of(element, needed(element, "id")))
+                name, meant = required_attribute(element, "as"), required_attribute(element, "id")
+                self._put(element, name, self.of(element, meant))
             elif "id" in element.attributes and element.tag != "ref":
                 self._put(element, element.attributes["id"], element)
 
@@ -148,7 +149,7 @@ def _all(elements: list[Element]) -> Iterator[Element]:
         yield from _all(element.inside)
 
 
-def _unknown(element: Element, known: tuple[str, ...]) -> None:
+def _refuse_unknown(element: Element, known: tuple[str, ...]) -> None:
     if element.tag == "rgb":
         element.fault("a colour belongs to visible light.", "Write <spectrum> with one number at 1.5 µm.")
     near = difflib.get_close_matches(element.tag, known, n=1)
@@ -160,7 +161,7 @@ def _unknown(element: Element, known: tuple[str, ...]) -> None:
 
 def _check(element: Element, folder: Path, names: _Names) -> None:
     """Find the first fault of a shape, a material or a texture, and put absolute paths into it."""
-    kind = needed(element, "type")
+    kind = required_attribute(element, "type")
     only(element, "type", "id", "name")
     if kind not in KNOWN[element.tag]:
         near = difflib.get_close_matches(kind, KNOWN[element.tag], n=1)
@@ -177,7 +178,7 @@ def _check(element: Element, folder: Path, names: _Names) -> None:
         elif part.tag in _ATTRIBUTES and part.tag not in _STEPS:
             _check_value(part)
         else:
-            _unknown(part, ("bsdf", "texture", *_ATTRIBUTES))
+            _refuse_unknown(part, ("bsdf", "texture", *_ATTRIBUTES))
     if element.tag == "shape":
         _name_mesh(element, kind, folder)
     elif kind in HELD:
@@ -199,7 +200,7 @@ def _left_out(part: Element, names: _Names) -> bool:
     """Return whether a part of a shape is a light or a medium, or refers to one; and write ids for aliases."""
     if part.tag != "ref":
         return part.tag in LEFT_OUT
-    meant = names.of(part, needed(part, "id"))
+    meant = names.of(part, required_attribute(part, "id"))
     if meant.tag == "shape":
         part.fault("it refers to a shape.", "Refer to a material.")
     part.attributes["id"] = meant.attributes["id"]
@@ -218,7 +219,7 @@ def _check_value(part: Element) -> None:
                 _check_step(step)
             return
         case "string":
-            value = needed(part, "value")
+            value = required_attribute(part, "value")
             # A conductor of the material "none" is a perfect mirror.
             mirror = name == "material" and value == "none"
             if not mirror and (name not in _STRINGS or not value.isprintable()):
@@ -227,7 +228,7 @@ def _check_value(part: Element) -> None:
             if part.attributes.get("value") not in ("true", "false"):
                 part.fault(f"{name!r} is neither true nor false.")
         case "float" | "integer" | "spectrum":
-            (value_of,) = numbers(part, needed(part, "value"), 1)
+            (value_of,) = numbers(part, required_attribute(part, "value"), 1)
             if part.tag == "integer" and value_of != int(value_of):
                 part.fault(f"{name!r} is not a whole number.")
             possible, words = _RANGES.get(name, (lambda _: True, ""))
@@ -249,14 +250,14 @@ def _check_step(step: Element) -> None:
     only(step, *_ATTRIBUTES[step.tag])
     match step.tag:
         case "matrix":
-            numbers(step, needed(step, "value"), 9, 16)
+            numbers(step, required_attribute(step, "value"), 9, 16)
         case "lookat":
             for name in ("origin", "target", "up"):
-                numbers(step, needed(step, name), 3)
+                numbers(step, required_attribute(step, name), 3)
         case _:
             _check_coordinates(step)
             if step.tag == "rotate":
-                numbers(step, needed(step, "angle"), 1)
+                numbers(step, required_attribute(step, "angle"), 1)
 
 
 def _check_coordinates(part: Element) -> None:
@@ -300,7 +301,7 @@ def _name_mesh(shape: Element, kind: str, folder: Path) -> None:
             part.fault(error.message, error.remedy)
 
 
-def _written(element: Element) -> str:
+def _as_xml(element: Element) -> str:
     attributes = "".join(f" {name}={quoteattr(value)}" for name, value in element.attributes.items())
-    inside = "".join(map(_written, element.inside))
+    inside = "".join(map(_as_xml, element.inside))
     return f"<{element.tag}{attributes}>{inside}</{element.tag}>"

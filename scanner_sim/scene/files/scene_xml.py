@@ -50,7 +50,7 @@ def read_scene(path: Path) -> Element:
     scene = reader.tree(path)
     if scene.tag != "scene":
         scene.fault(f"the outermost element is {scene.tag!r}, not a scene.", "Wrap it in <scene>.")
-    scene.inside = list(reader.resolved(scene, 0))
+    scene.inside = list(reader.resolve(scene, 0))
     return scene
 
 
@@ -99,34 +99,36 @@ class _Reader:
             raise InputError(f"the scene {str(path)!r} is no XML.", remedy="Save it in UTF-8.") from None
         return outermost[0]
 
-    def resolved(self, parent: Element, depth: int) -> Iterator[Element]:
+    def resolve(self, parent: Element, depth: int) -> Iterator[Element]:
         """Yield the elements within one: parameters filled in, included files in the place of their names."""
         for element in parent.inside:
             for name, value in element.attributes.items():
-                element.attributes[name] = self._filled(element, value)
+                element.attributes[name] = self._fill_parameters(element, value)
             if element.tag == "default":
                 only(element, "name", "value")
                 # What is given from outside counts more than a default; here only the first one does.
-                self._parameters.setdefault(needed(element, "name"), needed(element, "value"))
+                self._parameters.setdefault(
+                    required_attribute(element, "name"), required_attribute(element, "value")
+                )
             elif element.tag == "include":
                 only(element, "filename")
-                yield from self._included(element, depth)
+                yield from self._include(element, depth)
             else:
-                element.inside = list(self.resolved(element, depth))
+                element.inside = list(self.resolve(element, depth))
                 yield element
 
-    def _included(self, element: Element, depth: int) -> Iterator[Element]:
+    def _include(self, element: Element, depth: int) -> Iterator[Element]:
         self._files += 1
         if depth >= 15 or self._files > MOST_FILES:
             element.fault("files include one another too often.", "Look for a file that includes itself.")
         try:
-            inner = self.tree(file_beside(needed(element, "filename"), self._folder))
+            inner = self.tree(file_beside(required_attribute(element, "filename"), self._folder))
         except InputError as error:
             element.fault(error.message, error.remedy)
         holder = inner if inner.tag == "scene" else Element("scene", {}, inner.line, inner.file, [inner])
-        yield from self.resolved(holder, depth + 1)
+        yield from self.resolve(holder, depth + 1)
 
-    def _filled(self, element: Element, value: str) -> str:
+    def _fill_parameters(self, element: Element, value: str) -> str:
         """Return a value with its parameters, ``$name``, in place; of two names the longer one counts."""
         if "$" in value:
             for name in sorted(self._parameters, key=len, reverse=True):
@@ -147,7 +149,7 @@ def only(element: Element, *names: str) -> None:
             element.fault(f"<{element.tag}> has no attribute {name!r}.", f"It has {', '.join(names)}.")
 
 
-def needed(element: Element, name: str) -> str:
+def required_attribute(element: Element, name: str) -> str:
     """Return an attribute that an element must have."""
     value = element.attributes.get(name)
     if not value:

@@ -17,11 +17,12 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_types import BSDF, Shape
 from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.foundation.frames import pose_matrix, rotation_about
 from scanner_sim.scene import materials
 from scanner_sim.scene.files.mesh_files import read_mesh
-from scanner_sim.scene.files.plugins import built, installed_plugins
+from scanner_sim.scene.files.plugins import build_plugin, installed_plugins
 from scanner_sim.scene.files.scene_rules import MESHES, renderers_scene
 from scanner_sim.scene.files.triangles import Triangles, canonical_ply
 from scanner_sim.scene.objects import (
@@ -50,7 +51,7 @@ _FLATTEST = 1e-12
 """Least determinant of a transform whose largest entry is 1."""
 
 
-def shapes_of(item: Any, surfaces: Surfaces) -> list[Any]:
+def shapes_of(item: Any, surfaces: Surfaces) -> list[Shape]:
     """Return the Mitsuba shapes of an object of a scene, where its position and rotation put it.
 
     Raises
@@ -80,22 +81,22 @@ class Surfaces:
         known = self._described.get(name)
         return speckle_contrast(1.0 if known is None else known.depolarised_share) ** 2
 
-    def __call__(self, choice: MaterialChoice) -> Any:
+    def __call__(self, choice: MaterialChoice) -> BSDF:
         """Return the BSDF of a material, made when it is first asked for."""
         if isinstance(choice, str):
             name, chosen = choice, materials.material(choice)
         else:
-            chosen = _described(choice)
+            chosen = _material_of(choice)
             name = chosen.name
         self._described[name] = chosen
         if name not in self._made:
-            self._made[name] = built(materials.mitsuba_bsdf(chosen))
+            self._made[name] = build_plugin(materials.mitsuba_bsdf(chosen))
             self._made[name].set_id(name)
         return self._made[name]
 
 
-def _described(choice: Surface | Retroreflector) -> materials.Material:
-    """Return the material that a scenario describes, under a name that tells it from all others."""
+def _material_of(choice: Surface | Retroreflector) -> materials.Material:
+    """Return the material that a scenario describes, under a name of its own."""
     other = choice.reflectance_out_of_band
     numbers: list[Any] = [choice.reflectance, other]
     lobe = choice.lobe if isinstance(choice, Retroreflector) else None
@@ -123,35 +124,35 @@ def _scaling(x: float, y: float, z: float) -> NDArray[np.float64]:
     return np.diag([x, y, z, 1.0])
 
 
-def _plugin(kind: str, matrix: NDArray[np.float64], bsdf: Any, **settings: Any) -> Any:
+def _plugin(kind: str, matrix: NDArray[np.float64], bsdf: BSDF, **settings: Any) -> Shape:
     name = bsdf.id()  # loading renames a nested plugin to its key
     shape = mi.load_dict({"type": kind, "to_world": _transform(matrix), "bsdf": bsdf, **settings})
     bsdf.set_id(name)
     return shape
 
 
-def _rectangle(item: Rectangle, bsdfs: Surfaces) -> list[Any]:
+def _rectangle(item: Rectangle, bsdfs: Surfaces) -> list[Shape]:
     width, height = item.size
     matrix = item.scanner_from_object() @ _FACING @ _scaling(0.5 * width, 0.5 * height, 1.0)
     return [_plugin("rectangle", matrix, bsdfs(item.material))]
 
 
-def _disc(item: Disc, bsdfs: Surfaces) -> list[Any]:
+def _disc(item: Disc, bsdfs: Surfaces) -> list[Shape]:
     radius = 0.5 * item.diameter
     matrix = item.scanner_from_object() @ _FACING @ _scaling(radius, radius, 1.0)
     return [_plugin("disk", matrix, bsdfs(item.material))]
 
 
-def _sphere(item: Sphere, bsdfs: Surfaces) -> list[Any]:
+def _sphere(item: Sphere, bsdfs: Surfaces) -> list[Shape]:
     return [_plugin("sphere", item.scanner_from_object(), bsdfs(item.material), radius=0.5 * item.diameter)]
 
 
-def _box(item: Box, bsdfs: Surfaces) -> list[Any]:
+def _box(item: Box, bsdfs: Surfaces) -> list[Shape]:
     matrix = item.scanner_from_object() @ _scaling(*(0.5 * edge for edge in item.size))
     return [_plugin("cube", matrix, bsdfs(item.material))]
 
 
-def _cylinder(item: Cylinder, bsdfs: Surfaces) -> list[Any]:
+def _cylinder(item: Cylinder, bsdfs: Surfaces) -> list[Shape]:
     """Return a tube along y and its two lids."""
     pose, bsdf = item.scanner_from_object(), bsdfs(item.material)
     radius, half = 0.5 * item.diameter, 0.5 * item.length
@@ -163,15 +164,15 @@ def _cylinder(item: Cylinder, bsdfs: Surfaces) -> list[Any]:
     return [tube, *lids]
 
 
-def _mesh_file(item: Mesh, bsdfs: Surfaces) -> list[Any]:
+def _mesh_file(item: Mesh, bsdfs: Surfaces) -> list[Shape]:
     bsdf = bsdfs(item.material)
     mesh = read_mesh(item.mesh)
     unit = item.length_unit
     matrix = item.scanner_from_object() @ _scaling(unit, unit, unit)
     settings = _SETTINGS_OF_FILES[item.mesh.suffix.lower()]
     with _folder_for_meshes() as folder:
-        shape = _plugin("ply", matrix, bsdf, filename=_rewritten(mesh, folder), **settings)
-    return [_checked(shape, item.mesh)]
+        shape = _plugin("ply", matrix, bsdf, filename=_rewrite(mesh, folder), **settings)
+    return [_check(shape, item.mesh)]
 
 
 _SETTINGS_OF_FILES: dict[str, dict[str, bool]] = {
@@ -195,7 +196,7 @@ def _folder_for_meshes() -> Iterator[Path]:
         ) from None
 
 
-def _rewritten(mesh: Triangles, folder: Path, number: int = 0) -> str:
+def _rewrite(mesh: Triangles, folder: Path, number: int = 0) -> str:
     """Write a mesh that was read and checked for the renderer; return the path."""
     path = folder / f"{number}.ply"
     path.write_bytes(canonical_ply(mesh))
@@ -207,8 +208,8 @@ def _mesh(
     vertices: NDArray[np.float64],
     faces: NDArray[Any],
     matrix: NDArray[np.float64],
-    bsdf: Any,
-) -> Any:
+    bsdf: BSDF,
+) -> Shape:
     """Return a mesh from arrays, with flat faces."""
     settings = mi.Properties()
     settings["bsdf"] = bsdf
@@ -219,10 +220,10 @@ def _mesh(
     parameters["vertex_positions"] = mi.Float(placed.astype(np.float32).ravel())
     parameters["faces"] = mi.UInt32(faces.astype(np.uint32).ravel())
     parameters.update()
-    return _checked(mesh, Path(name))
+    return _check(mesh, Path(name))
 
 
-def _checked(shape: Any, path: Path) -> Any:
+def _check(shape: Any, path: Path) -> Shape:
     """Return a shape that lies where single precision resolves it, and has an extent."""
     box = shape.bbox()
     corners = np.array([box.min, box.max], dtype=np.float64)
@@ -238,7 +239,7 @@ def _checked(shape: Any, path: Path) -> Any:
     return shape
 
 
-def _mitsuba_file(item: MitsubaFile, _: Surfaces) -> list[Any]:
+def _mitsuba_file(item: MitsubaFile, _: Surfaces) -> list[Shape]:
     """Return the shapes of an XML scene, moved as one body."""
     text = renderers_scene(item.file)
     settings = mi.parser.ParserConfig(str(mi.variant()))
@@ -260,7 +261,7 @@ def _mitsuba_file(item: MitsubaFile, _: Surfaces) -> list[Any]:
             raise InputError(f"the scene {str(item.file)!r} cannot be loaded: {_reason(error)}") from None
     if not isinstance(root, mi.Scene) or not root.shapes():
         raise InputError(f"the scene {str(item.file)!r} holds no shapes.")
-    return [_checked(shape, item.file) for shape in root.shapes()]
+    return [_check(shape, item.file) for shape in root.shapes()]
 
 
 def _prepare(nodes: Any, pose: Any, folder: Path) -> None:
@@ -282,7 +283,7 @@ def _prepare(nodes: Any, pose: Any, folder: Path) -> None:
             named = node.props["filename"]
             if named not in copies:
                 mesh = read_mesh(Path(named))
-                copies[named] = _rewritten(mesh, folder, len(copies)), len(mesh.faces)
+                copies[named] = _rewrite(mesh, folder, len(copies)), len(mesh.faces)
             node.props["filename"], faces = copies[named]
             total += faces
             if total > MOST_TRIANGLES:
@@ -304,7 +305,7 @@ def _refuse_singular(name: str, transform: Any) -> None:
         raise InputError(f"the transform {name!r} of a shape flattens it, or is not finite.")
 
 
-def _target_array(item: TargetArray, bsdfs: Surfaces) -> list[Any]:
+def _target_array(item: TargetArray, bsdfs: Surfaces) -> list[Shape]:
     layout = item.array
     positions = target_positions(layout.rows, layout.columns, *layout.spacing)
     parts = target_array(positions, layout.diameter, layout.plate)

@@ -27,7 +27,7 @@ class Triangles(NamedTuple):
     texture: Floats | None = None
 
 
-def checked(
+def check_triangles(
     vertices: NDArray[np.generic],
     faces: NDArray[np.generic],
     normals: NDArray[np.generic] | None = None,
@@ -46,16 +46,16 @@ def checked(
     if not low >= 0 or not high < len(vertices):
         wrong = low if not low >= 0 else high
         raise MeshError(f"a face names the vertex {wrong:.0f}, and the {len(vertices)} vertices count from 0")
-    place = _single(vertices, "coordinate")
+    position = _single(vertices, "coordinate")
     index = faces.astype(np.uint32)
-    if not _have_area(place, index):
+    if not _have_area(position, index):
         raise MeshError("none of its faces has an area")
     direction = None if normals is None else _single(normals, "normal")
     if direction is not None and not direction.any(axis=1).all():
         # Exporters write zero for vertices of slivers: the renderer finds better ones from the faces.
         direction = None
     return Triangles(
-        place, index, direction, None if texture is None else _single(texture, "texture coordinate")
+        position, index, direction, None if texture is None else _single(texture, "texture coordinate")
     )
 
 

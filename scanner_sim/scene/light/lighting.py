@@ -123,18 +123,18 @@ class Sky:
         return self.sun_direction is None
 
 
-def _given(kind: str) -> Discriminator:
+def _by_form(kind: str) -> Discriminator:
     return Discriminator(lambda value: "(word)" if isinstance(value, str) else kind)
 
 
 SunChoice = Annotated[
     Annotated[Literal["none"], Tag("(word)")] | Annotated[Sun, Tag("(sun)")],
-    _given("(sun)"),
+    _by_form("(sun)"),
     Field(examples=[{"direction": [0.3, -0.8, -0.5]}]),
 ]
 EarthChoice = Annotated[
     Annotated[Literal["none"], Tag("(word)")] | Annotated[Earth, Tag("(earth)")],
-    _given("(earth)"),
+    _by_form("(earth)"),
     Field(examples=[{"direction": [0.0, 1.0, 0.0]}]),
 ]
 
@@ -208,7 +208,7 @@ class Lighting(Part):
         ValueError
             If an orbit from elements cannot be followed to that time.
         """
-        sun_direction, earth_direction, altitude = self._places(after)
+        sun_direction, earth_direction, altitude = self._directions(after)
         sun = Sun() if self.sun == "none" else self.sun
         share, phase, disc = 1.0, float("nan"), 0.0
         if earth_direction is not None:
@@ -229,7 +229,9 @@ class Lighting(Part):
             phase=phase,
         )
 
-    def _places(self, after: float) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None, float]:
+    def _directions(
+        self, after: float
+    ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None, float]:
         """Return the directions of Sun and Earth in the scanner's frame, and the altitude [m]."""
         sun: NDArray[np.float64] | None = None
         earth: NDArray[np.float64] | None = None
@@ -277,7 +279,7 @@ def skies(lighting: Lighting, times: NDArray[np.float64]) -> Iterator[Sky]:
         yield lighting.sky(float(after))
 
 
-def lighting_doubts(lighting: Lighting) -> tuple[str, ...]:
+def lighting_warnings(lighting: Lighting) -> tuple[str, ...]:
     """Return a sentence for everything that is possible but probably not meant."""
     found = []
     if lighting.sun == "none" and lighting.earth != "none":

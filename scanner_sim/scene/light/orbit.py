@@ -111,7 +111,7 @@ class Attitude(Part):
 
 
 class Orbit(Part):
-    """A circular orbit and a place on it."""
+    """A circular orbit and a position on it."""
 
     altitude: Distance = Field(default=DEFAULT_ALTITUDE, gt=100e3, le=1e9)
     """Height above ground."""
@@ -120,7 +120,7 @@ class Orbit(Part):
     beta: Angle = Field(default=0.0, ge=-math.pi / 2.0, le=math.pi / 2.0)
     """Angle from the orbit's plane to the Sun, positive to port."""
     anomaly: Angle = Field(default=0.0, ge=-2.0 * math.pi, le=2.0 * math.pi)
-    """Place on the orbit, counted forwards from orbital noon."""
+    """Position on the orbit, counted forwards from orbital noon."""
     attitude: Attitude = Attitude()
     """Where the scanner looks."""
 

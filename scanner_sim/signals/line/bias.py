@@ -22,7 +22,7 @@ import drjit.auto.ad as auto
 import numpy as np
 
 from scanner_sim.foundation.device_types import Float, Int32, Mask
-from scanner_sim.signals.line.bias_table import BiasTable, inverted
+from scanner_sim.signals.line.bias_table import BiasTable, invert
 from scanner_sim.signals.line.digital_line import Baseline, no_baseline
 from scanner_sim.signals.line.estimators import PeakEstimate, estimate
 from scanner_sim.signals.line.expected import ExpectedSpot
@@ -135,7 +135,7 @@ def computed_bias(method: PeakMethod, narrowest: float, widest: float) -> BiasTa
         method, _Template(position, sigma, no_baseline()), Width.certain(sigma, widest)
     )
     found = result.shift.numpy().astype(np.float64).reshape(_WIDTHS, _POSITIONS)
-    return BiasTable(method, widths, shifts, np.stack([inverted(row, truth, shifts) for row in found]))
+    return BiasTable(method, widths, shifts, np.stack([invert(row, truth, shifts) for row in found]))
 
 
 def widths_of(spot: ExpectedSpot) -> tuple[float, float]:

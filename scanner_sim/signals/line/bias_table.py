@@ -1,6 +1,6 @@
 """Tables of an estimator's systematic error, and the files that hold them.
 
-A table tells the error of a position, estimate − truth, by the two things that decide it: how far the estimate lies
+A table holds the error of a position, estimate − truth, as a function of what decides it: how far the estimate lies
 from the centre of the brightest pixel, and the spot's width. It is a table of the *estimate*, because that is what is
 known when it is used.
 """
@@ -54,7 +54,7 @@ class BiasTable:
         return np.stack([np.interp(widths, self.widths, column) for column in along.T], axis=1)
 
 
-def inverted(estimate: Floats, truth: Floats, shifts: Floats) -> Floats:
+def invert(estimate: Floats, truth: Floats, shifts: Floats) -> Floats:
     """Return the error at given estimates from estimates at given truths.
 
     Parameters

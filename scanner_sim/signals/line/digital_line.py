@@ -16,7 +16,7 @@ _MEDIAN_VARIANCE = 0.2104
 EVEN = 9.0
 """Squared difference of the baseline's two sides, over its variance, that counts as none: noise hardly exceeds it."""
 SIDE = 7
-"""Pixels on each side of a peak that tell its background."""
+"""Pixels on each side of a peak from which its background is estimated."""
 
 
 class Line:
@@ -60,7 +60,7 @@ class Line:
         return self.known.variance_above(self.known.ambient(self._numbers(pixel)[1]), charge)
 
     def full(self, pixel: Int32) -> Mask:
-        """Tell where a pixel is saturated in an exposure."""
+        """Return whether a pixel is saturated in an exposure."""
         lit, unlit = self._numbers(pixel)
         return self._is_full(dr.maximum(lit, unlit) if self.subtracted else lit)
 
@@ -196,11 +196,11 @@ class Around:
         return dr.clip(self.centre + step, 0, self.line.pixels - 1)
 
     def full(self, step: int) -> Mask:
-        """Tell where a pixel is saturated."""
+        """Return whether a pixel is saturated."""
         return self.line.full(self.pixel(step))
 
     def inside(self, step: int) -> Mask:
-        """Tell where a pixel lies on the array."""
+        """Return whether a pixel lies on the array."""
         pixel = self.centre + step
         return (pixel >= 0) & (pixel < self.line.pixels)
 

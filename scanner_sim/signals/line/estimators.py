@@ -37,13 +37,13 @@ class PeakEstimate:
     """Positions, Dr.Jit arrays of shape (m,).
 
     ``shift`` from the centre of the brightest pixel [pixel]; ``variance`` [pixel²]; ``within`` whether the position
-    lies in the estimator's window; ``settled`` whether a fit came to rest.
+    lies in the estimator's window; ``converged`` whether a fit converged.
     """
 
     shift: Float
     variance: Float
     within: Mask
-    settled: Mask
+    converged: Mask
 
 
 def estimate(
@@ -76,12 +76,12 @@ def estimate(
         charges. Of ``centre_of_mass`` that of the window's position is added (:func:`_window_variance`).
     """
     known = width if width is not None else Width.unknown()
-    apart, settled = auto.Float(0.0), auto.Bool(True)
+    apart, converged = auto.Float(0.0), auto.Bool(True)
     limit: Float = MARGIN[method]
     if method == "maximum_likelihood":
-        grainy = None if speckle is None else speckle.single
-        fit = fit_spot(around, known, dr.clip(_gaussian(around)[0], -0.6, 0.6), grainy)
-        shift, slopes, apart, settled = fit.shift, fit.slopes, fit.prior_variance, fit.settled
+        speckle_variance = None if speckle is None else speckle.single
+        fit = fit_spot(around, known, dr.clip(_gaussian(around)[0], -0.6, 0.6), speckle_variance)
+        shift, slopes, apart, converged = fit.shift, fit.slopes, fit.prior_variance, fit.converged
         limit = auto.Float(known.guard)
     else:
         shift, slopes = _ESTIMATORS[method](around)
@@ -106,7 +106,7 @@ def estimate(
     variance *= dr.square(stretch) * _curvature_inflation(method, around, shift, speckle)
     if method == "centre_of_mass":
         variance += _window_variance(around, shift, lambda position: corrected(position)[0], speckle)
-    return PeakEstimate(shift, variance, within, settled)
+    return PeakEstimate(shift, variance, within, converged)
 
 
 def _curvature_inflation(

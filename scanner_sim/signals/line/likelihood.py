@@ -38,7 +38,7 @@ from scanner_sim.signals.line.digital_line import EVEN, Baseline
 from scanner_sim.signals.line.expected import ExpectedSpot
 
 _SCORING_STEPS = 6
-"""Steps of the scoring: at a peak of five times the noise one line in 1000 has then not come to rest, at ten none."""
+"""Steps of the scoring: at a peak of five times the noise one line in 1000 has then not converged, at ten none."""
 _CONVERGED_SIGMAS = 0.2
 """Largest last step, in standard deviations of the position, of a fit that has converged."""
 _CONVERGED_PIXELS = 1e-3
@@ -58,7 +58,7 @@ Slopes = dict[int, Float]
 
 
 class Pixels(Protocol):
-    """Something that tells charges about a pixel; :class:`~scanner_sim.signals.line.digital_line.Around` does."""
+    """A source of charges about a pixel; :class:`~scanner_sim.signals.line.digital_line.Around` does."""
 
     @property
     def baseline(self) -> Baseline:
@@ -76,7 +76,7 @@ class Pixels(Protocol):
         """Return the pixel at a step."""
 
     def inside(self, step: int) -> Mask:
-        """Tell where a pixel lies on the array."""
+        """Return whether a pixel lies on the array."""
 
     def __call__(self, step: int) -> tuple[Float, Float]:
         """Return the charge above the baseline [electron] and its variance [electron²]."""
@@ -152,14 +152,14 @@ class LineFit:
     """Fitted spots, Dr.Jit arrays of shape (m,).
 
     ``shift`` from the centre pixel [pixel]; ``slopes`` its derivatives by the charges; ``prior_variance`` the part of
-    its variance that comes from what was not known of the width [pixel²]; ``settled`` where the scoring came to rest;
+    its variance that comes from what was not known of the width [pixel²]; ``converged`` where the scoring converged;
     ``charge`` N [electron] and ``variance`` v [pixel²] of the spot.
     """
 
     shift: Float
     slopes: Slopes
     prior_variance: Float
-    settled: Mask
+    converged: Mask
     charge: Float
     variance: Float
 
@@ -186,7 +186,7 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
     steps = range(-width.reach, width.reach + 1)
     charges = [around(step)[0] for step in steps]
     counts = [around.inside(step) & (dr.abs(auto.Int32(step)) <= width.guard) for step in steps]
-    grain = auto.Float(0.0) if speckle is None else speckle
+    speckle_variance = auto.Float(0.0) if speckle is None else speckle
     known = dr.rcp(dr.square(width.spread))
     logarithm = dr.log(width.variance)
     middle = charges[width.reach]
@@ -214,7 +214,7 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
             edge, below, density = edge_next, below_next, density_next
             whole = model + around.baseline.level + step * around.baseline.slope
             variance = dr.maximum(around.line.variance(around.pixel(step), whole), _LEAST_VARIANCE)
-            variance += grain * charge * model + uneven
+            variance += speckle_variance * charge * model + uneven
             weight = dr.select(counts[number], dr.rcp(variance), 0.0)
             residual = weight * (charges[number] - model)
             slopes = [model, moved, widened]
@@ -268,9 +268,9 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
         step: weight * sum(row[index] * derivative[index] for index in range(3))
         for step, derivative, weight in zip(steps, derivatives, weights, strict=True)
     }
-    settled = dr.abs(moved) <= dr.maximum(_CONVERGED_SIGMAS * dr.sqrt(row[1]), _CONVERGED_PIXELS)
-    settled &= dr.abs(position) <= auto.Float(width.guard)
-    return LineFit(position, slopes, dr.square(row[2]) * known, settled, charge, spread)
+    converged = dr.abs(moved) <= dr.maximum(_CONVERGED_SIGMAS * dr.sqrt(row[1]), _CONVERGED_PIXELS)
+    converged &= dr.abs(position) <= auto.Float(width.guard)
+    return LineFit(position, slopes, dr.square(row[2]) * known, converged, charge, spread)
 
 
 def _inverse(matrix: list[Float]) -> list[list[Float]]:

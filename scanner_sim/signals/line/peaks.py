@@ -128,18 +128,18 @@ def find_peaks(
     inside = (found.pixel >= margin) & (found.pixel < line.pixels - margin)
     centre = dr.clip(found.pixel, margin, line.pixels - 1 - margin)
     around = Around(line, centre, baseline)
-    width = grainy = None
+    width = spot_speckle = None
     if spot is not None and speckle is not None:
-        grainy = speckle.about(spot, centre, sine, cosine)
+        spot_speckle = speckle.about(spot, centre, sine, cosine)
     if spot is not None:
         width = Width.of(spot, centre, guard, (sine, cosine), settings.beam_width, farthest_pixel(spot))
-    estimated = estimate(processing.peak, around, width, bias, grainy)
+    estimated = estimate(processing.peak, around, width, bias, spot_speckle)
     variance = estimated.variance
     rivalled = found.rival > dr.opaque(auto.Float, processing.ambiguity) * found.height
-    too_bright, misshapen = auto.Bool(False), inside & ~estimated.settled
+    too_bright, misshapen = auto.Bool(False), inside & ~estimated.converged
     full = top.full(0)
     if spot is not None:
-        shape = judge_shape(top, spot, guard, sine, cosine, settings, grainy)
+        shape = judge_shape(top, spot, guard, sine, cosine, settings, spot_speckle)
         full |= shape.saturated
         if settings.shape:
             misshapen |= inside & ~shape.fits
@@ -163,7 +163,7 @@ def find_peaks(
     ):
         status = dr.select(failed, auto.UInt32(int(code)), status)
     valid = status == int(Status.VALID)
-    total, total_variance = _summed(top)
+    total, total_variance = _sum_signal(top)
     peaks = Peaks(
         position=dr.select(valid, auto.Float(centre) + estimated.shift, dr.nan),
         sigma=dr.select(valid, dr.sqrt(variance), dr.nan),
@@ -207,13 +207,13 @@ def _search(
     return spot_pixel(line, away, Limits((least, steepness), dimmest, flank, origin), gate)
 
 
-def _summed(around: Around) -> tuple[Float, Float]:
+def _sum_signal(around: Around) -> tuple[Float, Float]:
     """Return the charge around the brightest pixel, and its variance by noise and by the light beneath it.
 
     An edge of the background beneath or beside the peak bends it away from the straight baseline. The outermost pixels,
-    which the peak itself hardly reaches, tell: by the mean m of both the background beneath is wrong as a whole, though
-    by no more than there is; and where they differ by 2h, an edge lies anywhere between them, which makes the whole
-    wrong by up to h, h/√3 rms.
+    which the peak itself hardly reaches, show it: by the mean m of both the background beneath is wrong as a whole,
+    though by no more than there is; and where they differ by 2h, an edge lies anywhere between them, which makes the
+    whole wrong by up to h, h/√3 rms.
     """
     total, variance, pixels = auto.Float(0.0), auto.Float(0.0), auto.Float(0.0)
     for step in range(-_SIGNAL_PIXELS, _SIGNAL_PIXELS + 1):

@@ -95,7 +95,7 @@ class PulseDetector:
     settings
         How echoes are found and timed.
     laser
-        The beam, which tells how far a surface can stretch a pulse; without it overlapping echoes are not looked for.
+        The beam, which limits how far a surface can stretch a pulse; without it overlapping echoes are not looked for.
 
     Raises
     ------
@@ -263,7 +263,7 @@ class PulseDetector:
         return self.edges.fraction_of(waveforms, found.sample, coloured, good)
 
     def _is_too_wide(self, found: FoundEcho, samples: list[Float], coloured: Float) -> Mask:
-        """Tell which pulses are wider than a surface makes them."""
+        """Return which pulses are wider than a surface makes them."""
         if self.overlap is None:
             return auto.Bool(False)
         position, _ = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))

@@ -1,4 +1,4 @@
-"""Edges of pulses: where a waveform crosses a level before and behind its peak, and what that tells of the delay.
+"""Edges of pulses: where a waveform crosses a level before and behind its peak, and the delay that follows.
 
 The crossing of a fixed level walks with the amplitude, and a straight line between samples is not the pulse. Both
 errors are functions of what is measured: the time above the level, and the position of the crossing between its

@@ -1,10 +1,10 @@
 """Overlapping echoes: pulses wider than one surface makes them.
 
-Two surfaces in one spot, nearer to each other than the pulse is long, return one pulse between them: it is wider, by
-f (1 − f) Δ² in variance for shares f, 1 − f a time Δ apart, and its delay lies between the two. A change δv of a
-pulse's variance adds A δv ∂p/∂v to the record. The filter that tells it is the best linear one, blind to amplitude and
-delay, so that its noise is known (Kay, *Fundamentals of statistical signal processing* 1, 1993, ch. 4). A surface
-inclined by α stretches the pulse of a beam of radius w by (w tanα/c)², which is allowed for up to the steepest one.
+Two surfaces in one spot, nearer to each other than the pulse is long, return one pulse between them: it is wider, by f
+(1 − f) Δ² in variance for shares f, 1 − f a time Δ apart, and its delay lies between the two. A change δv of a pulse's
+variance adds A δv ∂p/∂v to the record. The filter that detects it is the best linear one, blind to amplitude and delay,
+so that its noise is known (Kay, *Fundamentals of statistical signal processing* 1, 1993, ch. 4). A surface inclined by
+α stretches the pulse of a beam of radius w by (w tanα/c)², which is allowed for up to the steepest one.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _WIDTH_UNCERTAINTY = 0.01
 """Relative error with which the variance of the instrument's own pulse is known."""
 _STEEPEST = math.tan(math.radians(80.0))
 """Slope of the steepest surface whose stretched pulses pass."""
-_CHANGE = 0.02
+_DERIVATIVE_STEP = 0.02
 """Relative change of the variance by which the derivative is taken."""
 _NONZERO = 1e-20
 
@@ -81,7 +81,7 @@ class OverlapTest:
         current: Float,
         noise: tuple[Float, Float, Float],
     ) -> Mask:
-        """Tell which pulses are too wide, Dr.Jit, shape (m,).
+        """Return which pulses are too wide, Dr.Jit, shape (m,).
 
         Parameters
         ----------
@@ -131,7 +131,7 @@ def width_filter(response: PulseResponse, noise: Noise) -> tuple[Array, Moments]
     _, covariance = noise.covariance(away.size)
     phases = np.arange(-PHASES, PHASES + 1) / PHASES
     time = away[None, :] - phases[:, None]
-    change = _CHANGE * (response.variance + pulse.variance)
+    change = _DERIVATIVE_STEP * (response.variance + pulse.variance)
     change = min(change, 0.5 * pulse.variance)
     ends = [response.values(time, pulse.variance + side * change) / pulse.peak for side in (1.0, -1.0)]
     basis = np.stack([pulse.values(time), pulse.slope(time), (ends[0] - ends[1]) / (2.0 * change)], axis=1)
