@@ -87,9 +87,9 @@ class Rays:
         from scanner_sim.render.transport import frame_at, launch, trace_spots
         from scanner_sim.scan.raster import raster_aim, tiled_order
 
-        self.workbench = Instrument(scenario)
+        self.instrument = Instrument(scenario)
         scan, settings = scenario.scan, scenario.transport
-        loaded, optics = self.workbench.loaded, self.workbench.optics
+        loaded, optics = self.instrument.loaded, self.instrument.optics
         order = tiled_order(scan)
         dwell = scenario.scanner.dwell
         self.aims = [
@@ -122,7 +122,7 @@ class Rays:
 
     def chain(self) -> None:
         for aim in self.aims:
-            self.workbench.measure(aim)
+            self.instrument.measure(aim)
 
     def bare(self) -> None:
         import drjit as dr

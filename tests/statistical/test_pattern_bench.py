@@ -1,4 +1,4 @@
-"""Patterns measured by frozen kernels against the workbench that measures anything."""
+"""Patterns measured by frozen kernels against the instrument that measures anything."""
 
 from __future__ import annotations
 
@@ -124,8 +124,8 @@ def moving_sunlit(device: Device) -> Scenario:
     return scenario(moving=True, lighting=SUN)
 
 
-def test_light_and_places_are_the_workbench_s(device: Device) -> None:
-    """Claim: without noise a pattern's voxels are those of the workbench, but for the beamlets at edges.
+def test_light_and_positions_are_those_of_the_instrument(device: Device) -> None:
+    """Claim: without noise a pattern's voxels are those of the instrument, but for the beamlets at edges.
 
     Set-up: four patterns each on a black disc, a ball and a tilted step before a wall, everything that is random
     switched off. Expected: truth, and which voxels are lit, alike; on the disc, where the light changes and the place
@@ -154,8 +154,8 @@ def test_light_and_places_are_the_workbench_s(device: Device) -> None:
     assert differing <= 0.02 * 3 * 4 * POINTS
 
 
-def test_random_numbers_are_the_workbench_s(benches: tuple[Instrument, FrozenInstrument]) -> None:
-    """Claim: noise, speckle and the mirrors' errors of a shot are those that the workbench draws for it.
+def test_random_numbers_are_those_of_the_instrument(benches: tuple[Instrument, FrozenInstrument]) -> None:
+    """Claim: noise, speckle and the mirrors' errors of a shot are those that the instrument draws for it.
 
     Set-up: patterns on the black disc with all noise. Expected: the mirrors' errors and the encoders alike, ranges that
     differ by the beamlets only. Tolerance: errors 1e-12 rad (float32 sums), ranges 0.4 of their σ for nine voxels of
@@ -265,7 +265,7 @@ def test_background_is_the_raster_s(device: Device) -> None:
 def test_photodiode_sees_the_raster_s_background(device: Device) -> None:
     """Claim: time of flight sees the same background in a pattern's windows as in a raster.
 
-    Set-up: 12 × 16 voxels over disc, ball and step, ranging by both; the fast kernels leave them to the workbench.
+    Set-up: 12 × 16 voxels over disc, ball and step, ranging by both; the fast kernels leave them to the instrument.
     Expected: the light on the photodiode alike but for the paths' noise. Tolerance: mean within 2 %, rms within 6 %
     of the mean (found 0.02 % and 1.3 %): the field averages eight bins, and no error is stated.
     """
@@ -286,8 +286,8 @@ def test_photodiode_sees_the_raster_s_background(device: Device) -> None:
     assert np.sqrt(np.mean((ours - theirs) ** 2)) < 0.06 * theirs.mean()
 
 
-def test_other_ranging_is_the_workbench_s(device: Device) -> None:
-    """Claim: time of flight is measured by the workbench itself."""
+def test_other_ranging_is_measured_by_the_instrument(device: Device) -> None:
+    """Claim: time of flight is measured by the instrument itself."""
     bench = Instrument(scenario(ranging="tof"), device="cpu")
     fast, aim = FrozenInstrument(bench), pattern(0, points=16)
     assert not fast.fast
