@@ -10,11 +10,16 @@ from __future__ import annotations
 from typing import Final, Literal, NamedTuple
 
 import numpy as np
-from colour.plotting.datasets import astm_g_173
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import zeta
 
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
+
+# Loading colour-science changes how NumPy prints in the whole process.
+_PRINTED = np.get_printoptions()
+from colour.plotting.datasets import astm_g_173  # noqa: E402
+
+np.set_printoptions(**_PRINTED)
 
 Floats = NDArray[np.float64]
 Model = Literal["physical", "printed"]
@@ -137,7 +142,7 @@ def solar_spectra() -> SolarSpectra:
     """Return the curves of Figure 16, from 280 nm to 4 µm.
 
     The measured ones are those of ASTM G-173-03, which stand in for the paper's references 10 and 11. The
-    standard is read through colour-science, which takes over a second to load.
+    standard is read through colour-science.
     """
     outside, ground = astm_g_173.SD_ASTMG173_ETR, astm_g_173.SD_ASTMG173_GLOBAL_TILT
     wavelength = 1e-9 * np.asarray(outside.wavelengths, dtype=np.float64)

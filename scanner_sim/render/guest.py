@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import sys
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
@@ -20,11 +19,11 @@ from scanner_sim.render.libraries import LLVM_VARIABLE
 
 
 class _Settings(NamedTuple):
-    """Settings of the process; None where there are none."""
+    """Settings of the process; variant and backend are None until somebody chooses one."""
 
     variant: str | None
     backend: Any
-    threads: int | None
+    threads: int
 
 
 @contextlib.contextmanager
@@ -59,20 +58,16 @@ class Stay:
 
 
 def _settings() -> _Settings:
-    if "mitsuba" not in sys.modules:
-        return _Settings(None, None, None)
     variant = mi.variant()
     backend = None if variant is None else dr.backend_v(drjit.auto.Float)
     return _Settings(variant, backend, dr.thread_count())
 
 
 def _restore(settings: _Settings) -> None:
-    if "mitsuba" not in sys.modules:
-        return
     now = _settings()
     if settings.variant is not None and settings.variant != now.variant:
         mi.set_variant(settings.variant)
     if settings.backend is not None and settings.backend != now.backend:
         dr.set_backend(settings.backend)
-    if settings.threads is not None and settings.threads != now.threads:
+    if settings.threads != now.threads:
         dr.set_thread_count(settings.threads)

@@ -54,6 +54,7 @@ def dying_at(step: int, work: Callable[[], object], *, at_byte: int | None = Non
             # Dies in the middle of the write that crosses this byte of any file.
             signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            sys.dont_write_bytecode = True  # else Python cuts off the bytecode that it keeps
             resource.setrlimit(resource.RLIMIT_FSIZE, (at_byte, at_byte))
         work()
         os._exit(0)

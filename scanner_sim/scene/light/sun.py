@@ -1,7 +1,6 @@
 """The spectrum of the Sun as it arrives outside of the atmosphere.
 
-Planck's law and the measured spectrum come from colour-science, which takes over a second to load and is
-loaded when first used.
+Planck's law and the measured spectrum come from colour-science.
 """
 
 from __future__ import annotations
@@ -11,12 +10,17 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from colour.colorimetry.blackbody import planck_law
-from colour.plotting.datasets.astm_g_173 import SD_ASTMG173_ETR
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.scene.light.lighting import Sun
+
+# Loading colour-science changes how NumPy prints in the whole process, which is not ours to decide.
+_PRINTED = np.get_printoptions()
+from colour.colorimetry.blackbody import planck_law  # noqa: E402
+from colour.plotting.datasets.astm_g_173 import SD_ASTMG173_ETR  # noqa: E402
+
+np.set_printoptions(**_PRINTED)
 
 Floats = NDArray[np.float64]
 
