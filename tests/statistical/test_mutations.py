@@ -6,6 +6,7 @@ Levels: a right program fails a test of this file for fewer than one in 10⁴ se
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -39,9 +40,16 @@ def right() -> dict[str, str]:
 
 
 def wrapped(patch: Patch, owner: Any, name: str, changed: Callable[..., Any]) -> None:
-    """Put ``changed(original, *arguments)`` in the place of a function."""
+    """Put ``changed(original, *arguments)`` in the place of a function, wherever it was imported."""
     original = getattr(owner, name)
-    patch.setattr(owner, name, lambda *given, **more: changed(original, *given, **more))
+
+    def replacement(*given: Any, **more: Any) -> Any:
+        return changed(original, *given, **more)
+
+    patch.setattr(owner, name, replacement)
+    for module in list(sys.modules.values()):
+        if module.__name__.startswith("scanner_sim.") and getattr(module, name, None) is original:
+            patch.setattr(module, name, replacement)
 
 
 def optics(patch: Patch, part: str, **factors: float) -> None:
