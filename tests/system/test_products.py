@@ -43,7 +43,7 @@ def run(device: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[Range
 
 
 def test_mitsuba_reads_every_channel_of_the_exr(run: tuple[RangeImage, Path]) -> None:
-    """Claim: layers and header are read as they were; by two threads, since Mitsuba waits for ever where there is one."""
+    """Claim: layers and header are read as they were. By two threads: Mitsuba waits for ever where there is one."""
     import drjit as dr
     import mitsuba as mi
 
