@@ -220,7 +220,7 @@ class Instrument:
             self.travel(shots),
             self.scenario.scanner.position_sensor.pixels,
             self.scenario.seed,
-            whole=fixed_size,
+            fixed_size=fixed_size,
         )
 
     @cached_property

@@ -94,7 +94,7 @@ def line_speckle(
     pixels: int,
     seed: int,
     *,
-    whole: bool = False,
+    fixed_size: bool = False,
 ) -> LineSpeckle:
     """Return the speckle of m shots.
 
@@ -115,7 +115,7 @@ def line_speckle(
         Pixels of the line.
     seed
         Seed of the patterns: a function of (seed, object, position of the beam on it) and of nothing else.
-    whole
+    fixed_size
         Whether the tables have room for the whole line, whatever is lit: their size then does not depend on the light.
 
     Returns
@@ -136,7 +136,7 @@ def line_speckle(
         parts.append((spot, own, _amplitudes(optics, spot, own, left, lattice, number, seed)))
     first, count = _pixels_lit(spots, pixels)
     dr.eval(first, count, parts)
-    steps = pixels if whole else int(dr.max(count)[0])
+    steps = pixels if fixed_size else int(dr.max(count)[0])
     return LineSpeckle(_factors(optics, parts, first, count, steps), first, steps, light.shots)
 
 
