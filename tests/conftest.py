@@ -68,7 +68,10 @@ def shifted_seeds(device: Device) -> None:
     host, bits, on_device = np.random.default_rng, np.random.Philox, auto.Philox4x32
 
     def other_host(seed: Any = None) -> np.random.Generator:
-        if seed is None or isinstance(seed, np.random.SeedSequence):
+        # Libraries pass on generators that they were given, whose seeds are shifted already.
+        if seed is None or isinstance(
+            seed, np.random.SeedSequence | np.random.Generator | np.random.BitGenerator
+        ):
             return host(seed)
         return host([SHIFT, *np.atleast_1d(seed).tolist()])
 
