@@ -107,11 +107,11 @@ def solve(
     """
     ranked = ranked_fits(observations, method, point_weights, thorough=thorough)
     best = PoseFit(*(getattr(ranked, name)[..., 0, :].copy() for name in ranked.__dataclass_fields__))
-    carried = observations.object_variances is not None
-    for _ in range(2 if carried else 1):
-        pose = (best.rotation, best.position) if carried else None
+    surveyed = observations.object_variances is not None
+    for _ in range(2 if surveyed else 1):
+        pose = (best.rotation, best.position) if surveyed else None
         problem = problem_of(observations, method, point_weights, huber=huber, pose=pose)
-        if carried or huber:
+        if surveyed or huber:
             best = begin(problem, best.rotation, best.position)
         best = adjust(problem, best, until=SETTLED_STEP)
     covariance, determined = _inverse(best.normal)
@@ -119,7 +119,7 @@ def solve(
     if method == "xyz" and point_weights == "equal":
         pose = (best.rotation, best.position)
         covariance = _sandwich(observations, pose, covariance)
-        full = problem_of(observations, method, "covariance", pose=pose if carried else None)
+        full = problem_of(observations, method, "covariance", pose=pose if surveyed else None)
         chi2 = linearise(full, *pose)[0]
     curved = bent(problem, best, covariance, observations.principal)
     # Of poses that need all starts the first-order covariance does not tell which others it covers.

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
-from scanner_sim.ranging.neighbours import beside
+from scanner_sim.ranging.neighbours import neighbour_values
 from scanner_sim.ranging.shared_noise import SharedNoise
 from scanner_sim.ranging.uneven import REACH, Raster, around
 
@@ -64,10 +64,12 @@ def is_mixed(
     for down, right in around(raster.steps(REACH)):
         before = np.hypot(max(abs(right) - 1, 0) * raster.across, max(abs(down) - 1, 0) * raster.down)
         near = (before < REACH * raster.spot) | (max(abs(down), abs(right)) == 1)
-        there, apart = beside(r, down, right), np.hypot(right * raster.across, down * raster.down)
+        there, apart = neighbour_values(r, down, right), np.hypot(right * raster.across, down * raster.down)
         limit = rise * apart * np.fmin(1.0, there / r)
         chance = noise.of({(0, 0): -1.0, (down, right): 1.0})
-        limit += np.sqrt(_NOISE_SIGMAS**2 * chance + doubt + beside(doubt, down, right))
-        nothing = (beside(missing, down, right) == 1.0) & ~(faint & (beside(hidden, down, right) == 1.0))
+        limit += np.sqrt(_NOISE_SIGMAS**2 * chance + doubt + neighbour_values(doubt, down, right))
+        nothing = (neighbour_values(missing, down, right) == 1.0) & ~(
+            faint & (neighbour_values(hidden, down, right) == 1.0)
+        )
         found |= near & ((np.abs(there - r) > limit) | nothing)
     return np.asarray(valid & found)

@@ -68,7 +68,7 @@ def is_isolated(
     return alone
 
 
-def beside(values: NDArray[np.float64], down: int, right: int) -> NDArray[np.float64]:
+def neighbour_values(values: NDArray[np.float64], down: int, right: int) -> NDArray[np.float64]:
     """Return the values some rows further down and columns further right, NaN beyond the image; same shape."""
     rows, columns = values.shape
     shifted = np.full(values.shape, np.nan)

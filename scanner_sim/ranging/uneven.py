@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from scanner_sim.foundation.arithmetic import exp, log
-from scanner_sim.ranging.neighbours import beside
+from scanner_sim.ranging.neighbours import neighbour_values
 from scanner_sim.ranging.shared_noise import SharedNoise, Stencil
 
 Array = NDArray[np.float64]
@@ -156,7 +156,7 @@ def is_rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
     about = found.copy()
     for down, right in around(raster.steps(_RUGGED_REACH)):
         near = np.hypot(right * raster.across, down * raster.down) <= _RUGGED_REACH * raster.spot
-        about = np.where(near, np.fmax(about, beside(found, down, right)), about)
+        about = np.where(near, np.fmax(about, neighbour_values(found, down, right)), about)
     return np.asarray(about > 0.0)
 
 
@@ -185,7 +185,7 @@ def texture(signal: Array, noise: SharedNoise, raster: Raster, is_rugged: Mask) 
         the gradient next to it counts too. 0 without neighbours.
     """
     logarithm = log(np.where(signal > 0.0, signal, np.nan))
-    left, right = beside(logarithm, 0, -1), beside(logarithm, 0, 1)
+    left, right = neighbour_values(logarithm, 0, -1), neighbour_values(logarithm, 0, 1)
     trust = np.where(is_rugged, _TEXTURE_NOISE[1], _TEXTURE_NOISE[0])
 
     def contrast(trust: Array | float) -> Array:
@@ -273,13 +273,15 @@ def _sum_of(values: Array, stencil: Stencil) -> Array:
     """Return a weighted sum of voxels about each; NaN where one is missing."""
     total = np.zeros(values.shape)
     for (down, right), weight in stencil.items():
-        total += weight * beside(values, down, right)
+        total += weight * neighbour_values(values, down, right)
     return total
 
 
 def _beside_largest(values: Array, way: tuple[int, int]) -> Array:
     """Return the larger value of the two neighbours in a direction and against it; NaN where there is none."""
-    return np.asarray(np.fmax(beside(values, way[0], way[1]), beside(values, -way[0], -way[1])))
+    return np.asarray(
+        np.fmax(neighbour_values(values, way[0], way[1]), neighbour_values(values, -way[0], -way[1]))
+    )
 
 
 def _widened(values: Array, raster: Raster) -> Array:
@@ -294,7 +296,7 @@ def _widened(values: Array, raster: Raster) -> Array:
 
 def _sharp_edge(signal: Array) -> Array:
     """Return the slope of ln Y times s where a sharp edge passes between a voxel's neighbours."""
-    left, right = beside(signal, 0, -1), beside(signal, 0, 1)
+    left, right = neighbour_values(signal, 0, -1), neighbour_values(signal, 0, 1)
     low, whole = np.fmin(left, right), np.abs(right - left)
     share = np.clip((signal - low) / np.where(whole > 0.0, whole, 1.0), 1e-4, 1.0 - 1e-4)
     slope = whole / signal * exp(-0.5 * ndtri(share) ** 2) / math.sqrt(2.0 * math.pi)
