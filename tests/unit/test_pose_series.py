@@ -209,6 +209,13 @@ def test_what_two_objects_share_cancels_in_their_relative_pose() -> None:
     a, b = (replace(one, covariance=own, gains=gains) for one in (a, b))
     assert relative_series(a, b).covariance[0, 1, 1] == pytest.approx(2.0 * 64.0 * 1e-8)
     assert relative_series(a, b, common).covariance[0, 1, 1] == pytest.approx(0.0, abs=1e-15)
+    # Each has an error of its own besides, of which the other knows nothing.
+    apart = np.array([[2e-8, 1e-8], [1e-8, 3e-8]])
+    mixed = replace(common, covariance=apart[None, :, :, None, None] * np.ones((3, 3)))
+    unlike = [replace(a, covariance=2.0 * own), replace(b, covariance=3.0 * own)]
+    assert relative_series(*unlike, mixed).covariance[0, 1, 1] == pytest.approx(
+        (2.0 + 3.0 - 2.0) * 64.0 * 1e-8
+    )
 
 
 def test_what_lasts_is_not_averaged() -> None:
