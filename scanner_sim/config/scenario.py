@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag
 
@@ -27,6 +27,15 @@ _MOST_GREYS = 1 << 27
 """Pixels of the camera's picture: half a gigabyte, and three while it is made."""
 _MOST_SAMPLES = 1 << 28
 """Samples of all waveforms that are kept together: a gigabyte."""
+
+
+RangefinderName: TypeAlias = Literal["triangulation", "tof"]
+_RANGEFINDERS: dict[str, tuple[RangefinderName, ...]] = {
+    "triangulation": ("triangulation",),
+    "tof": ("tof",),
+    "both": ("triangulation", "tof"),
+}
+"""What measures ranges, for each word of ``ranging``."""
 
 
 def _kind_of_scan(value: object) -> str:
@@ -92,6 +101,11 @@ class Scenario(Part):
             yield from self._line_contradictions()
         if self.ranging != "triangulation":
             yield from self._pulse_contradictions()
+
+    @property
+    def rangefinders(self) -> tuple[RangefinderName, ...]:
+        """What measures ranges; the light of the first one is what tracking sees."""
+        return _RANGEFINDERS[self.ranging]
 
     @property
     def raster(self) -> RasterScan:

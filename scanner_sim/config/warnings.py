@@ -204,7 +204,14 @@ def _light(scenario: Scenario) -> Iterator[str]:
     sensor, receiver = scanner.position_sensor, scanner.receiver
     yield from lighting_warnings(scenario.lighting)
     steepest = math.atan((sensor.offset + sensor.length) / receiver.focal_length)
-    yield from filter_warnings(scanner.filter, scanner.laser, sensor.response, steepest)
+    both = {
+        "triangulation": filter_warnings(scanner.filter, scanner.laser, sensor.response, steepest),
+        "tof": filter_warnings(
+            scanner.filter, scanner.laser, scanner.lidar.photodiode.response, detector="lidar.photodiode"
+        ),
+    }
+    # What misses the laser at normal incidence misses it on both detectors.
+    yield from dict.fromkeys(word for way in scenario.rangefinders for word in both[way])
 
 
 def _retro_reflectors(scenario: Scenario) -> Iterator[str]:

@@ -1,7 +1,7 @@
 """The time-of-flight half of an instrument: pulse, echoes, waveforms, delays, ranges; and fusion with triangulation.
 
 One pulse belongs to each voxel. It is fired in the middle of the dwell, through the same mirrors as the light of the
-triangulation, and its light passes the same filter. The diode responds where the line sensor does.
+triangulation, and its light passes the same filter.
 """
 
 from __future__ import annotations
@@ -114,7 +114,7 @@ class TimeOfFlight:
         scanner = scenario.scanner
         self.reuse = reuse
         self.scenario, self.loaded, self.unit = scenario, loaded, scanner.lidar
-        passed = float(laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response))
+        passed = float(laser_gain(scanner.filter, scanner.laser, self.unit.photodiode.response))
         self.bare = optics
         self.optics = dataclasses.replace(optics, filter_transmission=optics.filter_transmission * passed)
         self.baseline = scanner.receiver.baseline if self.unit.photodiode.place == "offset" else 0.0
@@ -175,8 +175,8 @@ class TimeOfFlight:
         scanner, sun = self.scenario.scanner, self.scenario.lighting.sun
         if sun == "none":
             return 0.0, 0.0
-        response, wavelength = scanner.position_sensor.response, scanner.laser.wavelength
-        bands = band_irradiance(sun, scanner.filter, response, wavelength)
+        response = self.unit.photodiode.response
+        bands = band_irradiance(sun, scanner.filter, response, scanner.laser.wavelength)
         lens = scanner.receiver
         transmission = lens.transmission * self.bare.filter_transmission
         field = self.unit.photodiode.field_of_view

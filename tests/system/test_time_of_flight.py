@@ -234,7 +234,7 @@ def test_background_is_the_light_of_a_sunlit_wall() -> None:
         inside, outside = band_irradiance(
             scenario.lighting.sun,
             scanner.filter,
-            scanner.position_sensor.response,
+            scanner.lidar.photodiode.response,
             scanner.laser.wavelength,
         )
         radiance = 0.5 * np.cos(np.deg2rad(30.0)) / np.pi * float(inside + outside)
