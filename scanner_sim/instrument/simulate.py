@@ -15,7 +15,7 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.memory import BATCH, check_raster, check_waveforms
 from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.instrument.voxel_records import voxel_record
-from scanner_sim.products.image import RangeImage
+from scanner_sim.products.image import CHANNEL, RangeImage
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.products.waveforms import WaveformSet, concatenate_waveforms
 from scanner_sim.render.camera import photograph
@@ -73,10 +73,11 @@ def simulate(
     layers: dict[str, NDArray[np.float32]] = {}
     for start in range(0, scan.shots, batch):
         shots = order[start : start + batch]
-        for name, values in instrument.measure(raster_aim(scan, shots, scenario.scanner.dwell)).items():
+        samples = instrument.measure(raster_aim(scan, shots, scenario.scanner.dwell))
+        for name in samples.keys() & CHANNEL.keys():
             if name not in layers:
                 layers[name] = np.empty(scan.shots, dtype=np.float32)
-            layers[name][shots] = values
+            layers[name][shots] = samples[name]
         if progress is not None:
             progress(start + len(shots), scan.shots)
     theta, phi = scan.angles()
@@ -154,7 +155,7 @@ def simulate_waveforms(
         part = shots[start : start + BATCH]
         aim = raster_aim(scan, part, scenario.scanner.dwell)
         rows, columns = np.divmod(part.astype(np.int32), np.int32(scan.columns))
-        parts.append(instrument.echoes.records(instrument.fire(aim)[0], rows, columns))
+        parts.append(instrument.time_of_flight.records(instrument.fire(aim)[0], rows, columns))
     return concatenate_waveforms(parts)
 
 
