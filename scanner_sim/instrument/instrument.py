@@ -19,6 +19,7 @@ from scanner_sim.detector.line.exposure import Signal, electrons_per_watt, expos
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.foundation.device_types import Float
+from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import incidence, laser_gain, peak_transmission
@@ -36,7 +37,7 @@ from scanner_sim.ranging.ranges import (
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
-from scanner_sim.render.background.view import panorama_view
+from scanner_sim.render.background.view import Rows, panorama_view
 from scanner_sim.render.beam.light import Light, Truth, render_light
 from scanner_sim.render.beam.surface_positions import surface_positions
 from scanner_sim.render.device import activate
@@ -44,7 +45,7 @@ from scanner_sim.render.incident import Incident, Throughput
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.render.shots import Pointing, Shots, true_shots
 from scanner_sim.render.transport import OpticalLayout
-from scanner_sim.scan.raster import Aim, RasterScan
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene, load_scene
 from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
 from scanner_sim.signals.line.bias_table import read_bias
@@ -130,20 +131,22 @@ class Instrument:
 
     @cached_property
     def panorama(self) -> Panorama | None:
-        """The background of the scenario's raster, rendered when it is first asked for; None in the dark."""
-        sky, settings = self.scenario.lighting.sky(), self.scenario.transport
-        if sky.dark:
+        """The background of the scenario's scan, rendered when it is first asked for; None in the dark."""
+        if self.scenario.lighting.sky().dark:
             return None
         if self.reuse is not None:
             return self.reuse.panorama
-        scan, dwell = self.scenario.raster, self.scenario.scanner.dwell
-        pixels = self.scenario.scanner.position_sensor.pixels
+        return self.panorama_of(scan_rows(self.scenario, self.optics))
+
+    def panorama_of(self, rows: Rows) -> Panorama:
+        """Return what the line sees of Sun and Earth in some rows."""
+        sky, settings = self.scenario.lighting.sky(), self.scenario.transport
         return render_panorama(
             self.loaded,
             self.optics,
             light_of(sky),
             Albedo(sky.albedo, sky.albedo_out_of_band),
-            panorama_view(scan.horizontal, scan.angles()[1], self.optics, pixels, scan.row_times(dwell)),
+            panorama_view(rows, self.optics, self.scenario.scanner.position_sensor.pixels),
             bounces=settings.background_bounces,
             samples=settings.background_samples,
             seed=self.scenario.seed,
@@ -183,17 +186,16 @@ class Instrument:
     @property
     def columns(self) -> int:
         """Voxels of a row, by which a shot's number tells its row; 1 where there are no rows."""
-        scan = self.scenario.scan
-        return scan.columns if isinstance(scan, RasterScan) else 1
+        return self.scenario.scan.shots_per_row
 
     def travel(self, shots: Shots | None) -> tuple[float | Float, float | Float]:
         """Return the angles by which the beams of shots move while the laser shines, along the line and across [rad].
 
         In a raster they are all alike, and no shots are needed; else of shape (m,), Dr.Jit.
         """
-        scan, scanner = self.scenario.scan, self.scenario.scanner
-        if isinstance(scan, RasterScan):
-            return scan.travel * scanner.exposure / scanner.dwell, 0.0
+        even, scanner = self.scenario.scan.even_travel, self.scenario.scanner
+        if even is not None:
+            return even * scanner.exposure / scanner.dwell, 0.0
         if shots is None:
             raise ValueError("only the shots of a raster all move alike")
         along, across = shots.ways
@@ -235,8 +237,9 @@ class Instrument:
         """Return the layers of the shots of an aim: each of shape (n,).
 
         Layers without a prefix hold the triangulation where there is one, and otherwise time of flight. ``line`` and
-        ``field`` are the panoramas that line sensor and photodiode see, where they are not the raster's. ``details``
-        adds what images do not keep: ``sigma_Y``, the standard deviation of the line's ``Y`` by all but speckle.
+        ``field`` are the panoramas that line sensor and photodiode see, where they are not the whole scan's.
+        ``details`` adds what images do not keep: ``sigma_Y``, the standard deviation of the line's ``Y`` by all but
+        speckle.
         """
         shots, pointing = self.fire(aim)
         deflections = self.deflections(aim, pointing)

@@ -14,7 +14,7 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.covariance import PointCovariance, point_covariance
 from scanner_sim.ranging.triangulation import position_sigma, range_from_position, range_jacobian
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 
 Array = NDArray[np.float64]
 

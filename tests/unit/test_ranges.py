@@ -24,7 +24,7 @@ from scanner_sim.ranging.ranges import (
     with_truth,
 )
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 
 Array = NDArray[np.float64]
 
