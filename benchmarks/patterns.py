@@ -24,7 +24,7 @@ from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrumen
 from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.device import activate
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 
 Array = NDArray[np.float64]
 

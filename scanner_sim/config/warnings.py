@@ -9,14 +9,12 @@ import numpy as np
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.optics.filter import filter_warnings
-from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.light.lighting import lighting_warnings
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.motion import ConstantTwist
 from scanner_sim.scene.objects import MitsubaFile, Retroreflector, TargetArray
 from scanner_sim.scene.retroreflectors import RetroLobe
 from scanner_sim.signals.processing import MARGIN
-from scanner_sim.tracking.scan import TrackScan
 from scanner_sim.tracking.warnings import track_warnings
 
 _NARROWEST = 0.35
@@ -46,7 +44,7 @@ def scenario_warnings(scenario: Scenario) -> tuple[str, ...]:
         *(() if scenario.ranging == "tof" else _instrument(scenario)),
         *(() if scenario.ranging == "triangulation" else _time_of_flight(scenario)),
         *_light(scenario),
-        *_tracking(scenario),
+        *_pointing(scenario),
         *(() if scenario.ranging == "tof" else _retro_reflectors(scenario)),
     )
 
@@ -72,7 +70,7 @@ def _scene(scenario: Scenario) -> Iterator[str]:
 def _motions(scenario: Scenario) -> Iterator[str]:
     """Warn of motions that do not take place in the time of the scan, or are too fast for its dwell."""
     scanner, scan = scenario.scanner, scenario.scan
-    duration = scan.shots * scanner.dwell if isinstance(scan, RasterScan) else scan.duration
+    duration = scan.scan_time(scenario.scan_setup)
     time, lit = np.linspace(0.0, duration, _MOTION_INSTANTS), not scenario.lighting.sky().dark
     for index, item in enumerate(scenario.scene.objects):
         if item.motion is None:
@@ -95,7 +93,7 @@ def _motions(scenario: Scenario) -> Iterator[str]:
             )
         pixel = scanner.position_sensor.pitch / scanner.receiver.focal_length
         if (
-            isinstance(scan, RasterScan)
+            scan.layout == "image"
             and lit
             and (way * scan.columns > 2.0 * _LARGEST_SHADOW_ERROR * pixel * far).any()
         ):
@@ -106,11 +104,12 @@ def _motions(scenario: Scenario) -> Iterator[str]:
 
 
 def _sweep(scenario: Scenario) -> Iterator[str]:
-    """Warn of a raster so coarse that each voxel is the mean over a long stripe of the surface."""
+    """Warn of a scan so coarse that each voxel is the mean over a long stripe of the surface."""
     scan, laser = scenario.scan, scenario.scanner.laser
-    if not isinstance(scan, RasterScan) or scenario.ranging == "tof":
+    if scan.layout == "visits" or scenario.ranging == "tof":
         return
-    duty_cycle = scan.travel * scenario.scanner.exposure / scenario.scanner.dwell
+    sweep = scan.sweep(scenario.scan_setup)
+    duty_cycle = sweep.angle * scenario.scanner.exposure / scenario.scanner.dwell
     widest, name, far = 0.0, "", 0.0
     for item in scenario.scene.objects:
         distance = math.hypot(*item.pose_at(0.0)[0, :3, 3])
@@ -119,9 +118,8 @@ def _sweep(scenario: Scenario) -> Iterator[str]:
             widest, name, far = diameters, item.name, distance
     if widest > _LARGEST_SWEEP:
         yield (
-            f"scan.columns: at the {far:.3g} m of '{name}' the spot sweeps {widest:.2g} of its diameters while a voxel "
-            "is measured; edges and texture finer than that stay unseen and move ranges; use more columns, or "
-            "motion: stepped"
+            f"{sweep.key}: at the {far:.3g} m of '{name}' the spot sweeps {widest:.2g} of its diameters while a voxel "
+            f"is measured; edges and texture finer than that stay unseen and move ranges; {sweep.remedy}"
         )
 
 
@@ -151,11 +149,13 @@ def _time_of_flight(scenario: Scenario) -> Iterator[str]:
     yield from (f"scanner.lidar.{doubt}" for doubt in lidar.pulse.range_warnings(farthest))
 
 
-def _tracking(scenario: Scenario) -> Iterator[str]:
+def _pointing(scenario: Scenario) -> Iterator[str]:
     scan, scanner = scenario.scan, scenario.scanner
-    if isinstance(scan, TrackScan):
+    if scan.layout == "visits":
         limit = scanner.mirrors.max_deflection
         yield from track_warnings(scan, scenario.targets, scanner.galvanometers, scanner.dwell, limit)
+    else:
+        yield from scan.warnings(scenario.scan_setup)
 
 
 def _instrument(scenario: Scenario) -> Iterator[str]:

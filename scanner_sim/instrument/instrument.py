@@ -30,7 +30,7 @@ from scanner_sim.render.device import activate
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.render.shots import Pointing, Shots, true_shots
 from scanner_sim.render.transport import OpticalLayout
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene, load_scene
 
 
@@ -101,7 +101,7 @@ class Instrument:
         aim
             The shots. Their numbers address the random numbers: the same number meets the same errors.
         backgrounds
-            What each rangefinder sees of Sun and Earth, where it is not the background of the scenario's raster.
+            What each rangefinder sees of Sun and Earth, where it is not the background of the scenario's scan.
         """
         shots, pointing = self.fire(aim)
         deflections = self.deflections(aim, pointing)

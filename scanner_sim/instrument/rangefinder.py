@@ -8,10 +8,11 @@ from typing import Protocol
 from scanner_sim.products.image import Channel
 from scanner_sim.ranging.ranges import Deflections, Layers, Ranges
 from scanner_sim.render.background.panorama import Panorama
+from scanner_sim.render.background.view import Rows
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 
 SIGMA_Y = Channel("sigma_Y", "electron", "standard deviation of Y by all but speckle")
 LIGHT = ("Y", SIGMA_Y.name)
@@ -42,6 +43,9 @@ class Rangefinder(Protocol):
     def sight(self) -> tuple[OpticalLayout, tuple[float, float]]:
         """Optics whose pixels are the bins of its background, and least and largest angle less Θ that it sees [rad]."""
 
+    def panorama_of(self, rows: Rows) -> Panorama:
+        """Return what it sees of Sun and Earth in some rows."""
+
     def measure(
         self, aim: Aim, shots: Shots, deflections: Deflections, background: Panorama | None = None
     ) -> Reading:
@@ -56,5 +60,5 @@ class Rangefinder(Protocol):
         deflections
             What the encoders read.
         background
-            What Sun and Earth make of all that it sees, where it is not that of the scenario's raster.
+            What Sun and Earth make of all that it sees, where it is not that of the scenario's scan.
         """

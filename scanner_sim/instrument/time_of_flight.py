@@ -24,6 +24,7 @@ from scanner_sim.detector.photodiode.waveform import Waveforms, record
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.rangefinder import Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import laser_gain
@@ -34,6 +35,7 @@ from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
+from scanner_sim.render.background.view import Rows
 from scanner_sim.render.beam.echo_clusters import Echoes, PhotodiodeView
 from scanner_sim.render.beam.echoes import render_echoes
 from scanner_sim.render.beam.light import Truth
@@ -47,7 +49,7 @@ from scanner_sim.render.field_of_view import (
 )
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
-from scanner_sim.scan.raster import Aim, RasterScan
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene
 from scanner_sim.signals.waveform.detection import Delays, PulseDetector
 
@@ -170,22 +172,25 @@ class TimeOfFlight:
 
     @cached_property
     def panorama(self) -> Panorama | None:
-        """The background of the raster's rows about the photodiode's lens; None in the dark."""
-        scenario, sky = self.scenario, self.scenario.lighting.sky()
-        if sky.dark:
+        """The background of the scenario's scan about the photodiode's lens; None in the dark."""
+        if self.scenario.lighting.sky().dark:
             return None
         if self.reuse is not None:
             return self.reuse.panorama
+        return self.panorama_of(scan_rows(self.scenario, self.sight[0]))
+
+    def panorama_of(self, rows: Rows) -> Panorama:
+        """Return what the photodiode sees of Sun and Earth in some rows."""
+        scenario, sky = self.scenario, self.scenario.lighting.sky()
         return field_panorama(
             self.loaded,
             self.bare,
             self.field,
             light_of(sky),
             Albedo(sky.albedo, sky.albedo_out_of_band),
-            scenario.raster,
+            rows,
             scenario.transport,
             scenario.seed,
-            scenario.raster.row_times(scenario.scanner.dwell),
         )
 
     @cached_property
@@ -214,7 +219,7 @@ class TimeOfFlight:
         """
         unit, scenario = self.unit, self.scenario
         diode, clock = unit.photodiode, unit.digitiser
-        columns = scenario.scan.columns if isinstance(scenario.scan, RasterScan) else 1
+        columns = scenario.scan.shots_per_row
         seen = self.panorama if panorama is None else panorama
         light = field_light(seen, self.field, shots, columns, self.collected)
         view = PhotodiodeView(diode.place == "offset", diode.field_of_view)

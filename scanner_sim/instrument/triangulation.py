@@ -17,6 +17,7 @@ from scanner_sim.detector.line.exposure import Signal, electrons_per_watt, expos
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.foundation.device_types import Float, UInt32
+from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import incidence, laser_gain
@@ -25,13 +26,13 @@ from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_from_
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
-from scanner_sim.render.background.view import panorama_view
+from scanner_sim.render.background.view import Rows, panorama_view
 from scanner_sim.render.beam.light import Light, Truth, render_light
 from scanner_sim.render.beam.surface_positions import surface_positions
 from scanner_sim.render.incident import Incident, LinkBudget, Throughput
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
-from scanner_sim.scan.raster import Aim, RasterScan
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene
 from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
 from scanner_sim.signals.line.bias_table import read_bias
@@ -145,20 +146,22 @@ class Triangulation:
 
     @cached_property
     def panorama(self) -> Panorama | None:
-        """The background of the scenario's raster, rendered when it is first asked for; None in the dark."""
-        sky, settings = self.scenario.lighting.sky(), self.scenario.transport
-        if sky.dark:
+        """The background of the scenario's scan, rendered when it is first asked for; None in the dark."""
+        if self.scenario.lighting.sky().dark:
             return None
         if self.reuse is not None:
             return self.reuse.panorama
-        scan, dwell = self.scenario.raster, self.scenario.scanner.dwell
-        pixels = self.scenario.scanner.position_sensor.pixels
+        return self.panorama_of(scan_rows(self.scenario, self.optics))
+
+    def panorama_of(self, rows: Rows) -> Panorama:
+        """Return what the line sees of Sun and Earth in some rows."""
+        sky, settings = self.scenario.lighting.sky(), self.scenario.transport
         return render_panorama(
             self.loaded,
             self.optics,
             light_of(sky),
             Albedo(sky.albedo, sky.albedo_out_of_band),
-            panorama_view(scan.horizontal, scan.angles()[1], self.optics, pixels, scan.row_times(dwell)),
+            panorama_view(rows, self.optics, self.scenario.scanner.position_sensor.pixels),
             bounces=settings.background_bounces,
             samples=settings.background_samples,
             seed=self.scenario.seed,
@@ -206,17 +209,16 @@ class Triangulation:
     @property
     def columns(self) -> int:
         """Voxels of a row, by which a shot's number tells its row; 1 where there are no rows."""
-        scan = self.scenario.scan
-        return scan.columns if isinstance(scan, RasterScan) else 1
+        return self.scenario.scan.shots_per_row
 
     def travel(self, shots: Shots | None) -> tuple[float | Float, float | Float]:
         """Return the angles by which the beams of shots move while the laser shines, along the line and across [rad].
 
         In a raster they are all alike, and no shots are needed; else of shape (m,), Dr.Jit.
         """
-        scan, scanner = self.scenario.scan, self.scenario.scanner
-        if isinstance(scan, RasterScan):
-            return scan.travel * scanner.exposure / scanner.dwell, 0.0
+        even, scanner = self.scenario.scan.even_travel, self.scenario.scanner
+        if even is not None:
+            return even * scanner.exposure / scanner.dwell, 0.0
         if shots is None:
             raise ValueError("only the shots of a raster all move alike")
         along, across = shots.ways

@@ -15,7 +15,8 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.device import Device
-from scanner_sim.scan.raster import Aim, raster_aim
+from scanner_sim.scan.protocol import Aim
+from scanner_sim.scan.raster import raster_aim
 
 Array = NDArray[np.float64]
 

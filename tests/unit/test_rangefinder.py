@@ -18,7 +18,8 @@ from scanner_sim.products.image import CHANNEL, Channel
 from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
 from scanner_sim.render.device import Device
 from scanner_sim.render.shots import Pointing
-from scanner_sim.scan.raster import Aim, raster_aim
+from scanner_sim.scan.protocol import Aim
+from scanner_sim.scan.raster import raster_aim
 
 Array = NDArray[np.float64]
 COLUMNS, FAR, NEAR = 6, 7.0, 6.0

@@ -25,7 +25,7 @@ from scanner_sim.render.beam.swept_beamlets import SweptTables
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.render.shots import Pointing
 from scanner_sim.render.transport import BeamletTables
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 
 
 class FrozenInstrument:

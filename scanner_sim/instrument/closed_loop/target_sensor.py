@@ -16,7 +16,7 @@ from scanner_sim.detector.packets import dwell_average
 from scanner_sim.instrument.closed_loop.visit_errors import duty_cycle_of, error_parts
 from scanner_sim.optics.speckle import packets, packets_of
 from scanner_sim.ranging.ranges import Columns
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import Measurement, measure_target

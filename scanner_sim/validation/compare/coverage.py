@@ -13,7 +13,8 @@ from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.ranging.ranges import Columns
-from scanner_sim.scan.raster import Aim, RasterScan, raster_aim
+from scanner_sim.scan.protocol import Aim
+from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scene.objects import Scene
 from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import ClosedForms
@@ -58,8 +59,8 @@ def _honest(setting: ComparisonSetup) -> str:
         return "the mirrors drift, which is common to all voxels"
     if not setting.own_scene:
         return ""
-    if not isinstance(scenario.scan, RasterScan):
-        return "the scenario follows targets; name flat targets with --target"
+    if scenario.scan.layout != "image":
+        return "the scenario's scan is no raster; name flat targets with --target"
     if scenario.scan.shots < 4 * _FEWEST:
         return f"the scan has {scenario.scan.shots} voxels only; name flat targets with --target"
     return ""

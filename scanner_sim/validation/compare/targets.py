@@ -15,7 +15,6 @@ from scanner_sim.pose.estimate import estimate_pose
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
-from scanner_sim.scan.raster import RasterScan
 from scanner_sim.tracking.centroid import better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.response import TargetKind, target_response
@@ -42,7 +41,7 @@ _EDGE = 0.02
 def _pattern(setting: ComparisonSetup) -> LissajousPattern:
     """Return the scenario's figure, or the usual one for a scenario that has none."""
     scan = setting.scenario.scan
-    return LissajousPattern() if isinstance(scan, RasterScan) else scan.pattern
+    return scan.pattern if scan.layout == "visits" else LissajousPattern()
 
 
 def _disc(setting: ComparisonSetup) -> tuple[float, float]:

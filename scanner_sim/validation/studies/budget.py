@@ -35,7 +35,8 @@ from scanner_sim.ranging.fusion import fuse
 from scanner_sim.ranging.ranges import Ranges
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.scan.raster import Aim, RasterScan, raster_aim
+from scanner_sim.scan.protocol import Aim
+from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene
 

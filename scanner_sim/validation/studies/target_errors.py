@@ -23,7 +23,7 @@ from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor, aim_o
 from scanner_sim.ranging.ranges import Columns
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.measurement import Measurement
 from scanner_sim.tracking.state import TrackCommand, TrackMode
