@@ -48,7 +48,7 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
 
 def _files(scenario: Scenario) -> tuple[str, ...]:
     if scenario.scan.layout == "image":
-        return planned_files(scenario.output, lit=sunlit(scenario), ranging=scenario.ranging)
+        return planned_files(scenario.output, lit=sunlit(scenario), rangefinders=scenario.rangefinders)
     carriers = carriers_of(scenario.targets) if scenario.pose.methods else ()
     return planned_track_files(scenario.output, len(carriers))
 

@@ -105,10 +105,9 @@ class Scenario(Part):
             yield from self._camera_contradictions(self.scan)
         if self.output.waveforms != "none":
             yield from self._waveform_contradictions()
-        if self.ranging != "tof":
-            yield from self._line_contradictions()
-        if self.ranging != "triangulation":
-            yield from self._pulse_contradictions()
+        checks = {"triangulation": self._line_contradictions, "tof": self._pulse_contradictions}
+        for rangefinder in self.rangefinders:
+            yield from checks[rangefinder]()
 
     @property
     def rangefinders(self) -> tuple[RangefinderName, ...]:
@@ -238,7 +237,7 @@ class Scenario(Part):
             what = "a run that follows targets" if scan.layout == "visits" else f"a scan of type {scan.type}"
             yield Fault("output.waveforms", f"{what} keeps no waveforms.", "Write none, or a raster.")
             return
-        if self.ranging == "triangulation":
+        if "tof" not in self.rangefinders:
             yield Fault(
                 "output.waveforms",
                 "triangulation has no waveforms.",

@@ -53,7 +53,8 @@ def background_bins(scenario: Scenario) -> int:
 def background_rows(scenario: Scenario) -> tuple[int, float]:
     """Return in how many rows the line's background is rendered, 0 in the dark, and the angle between two [rad]."""
     scan, scanner = scenario.scan, scenario.scanner
-    if scan.layout == "visits" or scenario.ranging == "tof" or scenario.lighting.sky().dark:
+    by_line = "triangulation" in scenario.rangefinders
+    if scan.layout == "visits" or not by_line or scenario.lighting.sky().dark:
         return 0, math.inf
     height = abs(scan.vertical[1] - scan.vertical[0])
     if scan.layout == "image":
@@ -122,7 +123,9 @@ def _background_step(scenario: Scenario) -> float:
 
 
 def _layers(scenario: Scenario) -> float:
-    return (3.0 if scenario.ranging == "both" else 1.0) * VOXEL_BYTES * scenario.open_scan.shots
+    # Those of each rangefinder, and of two with what is fused of them.
+    ranges = 2.0 * len(scenario.rangefinders) - 1.0
+    return ranges * VOXEL_BYTES * scenario.open_scan.shots
 
 
 def _background(scenario: Scenario) -> float:

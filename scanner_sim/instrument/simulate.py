@@ -121,7 +121,7 @@ def simulate_voxel(
     InputError
         If the raster has no such voxel, or the scenario no line sensor.
     """
-    if scenario.ranging == "tof":
+    if "triangulation" not in scenario.rangefinders:
         raise InputError("time of flight reads no line.", remedy="Ask for the waveform instead.")
     _check_voxel(scenario, row, column)
     instrument = Instrument(scenario, device=device)
@@ -152,7 +152,7 @@ def simulate_waveforms(
     InputError
         If the scenario has no time of flight, the raster no such voxel, or the memory that is free does not hold them.
     """
-    if scenario.ranging == "triangulation":
+    if "tof" not in scenario.rangefinders:
         raise InputError("triangulation has no waveforms.", remedy="Write ranging: tof, or both.")
     scan = scenario.raster
     if voxels is None:

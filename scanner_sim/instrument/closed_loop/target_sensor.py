@@ -26,10 +26,12 @@ from scanner_sim.tracking.state import TrackCommand
 
 Array = NDArray[np.float64]
 
-_LEAST_NOISE = {"triangulation": 5e-3, "tof": 0.01}
-"""Relative differences between a target's response and its model, a straight edge and a round spot, without any noise.
-Line sensor: the scatter of 128 voxels on discs at 4 to 12 m, tilted by up to 20°, 0.3 to 1 %. Photodiode, which sees
-the whole spot: what surfaces and light are uneven by."""
+_LEAST_NOISE_PHOTODIODE = 0.01
+"""Relative differences of the light from a surface that no noise explains, on a photodiode that sees the whole spot."""
+_LEAST_NOISE_LINE = 5e-3
+"""Relative differences between a target's response and its model, a straight edge and a round spot, without any noise:
+the scatter of 128 voxels on discs at 4 to 12 m, tilted by up to 20°: 0.3 to 1 %."""
+_LEAST_NOISE = {"triangulation": _LEAST_NOISE_LINE, "tof": _LEAST_NOISE_PHOTODIODE}
 _SHOTS_TOGETHER = 8192
 """Shots whose encoder noise is drawn together: it depends on their numbers alone."""
 

@@ -50,7 +50,7 @@ _HALF = 0.03
 def _honest(setting: ComparisonSetup) -> str:
     scenario = setting.scenario
     chosen, mirrors = scenario.processing, scenario.scanner.mirrors
-    if scenario.ranging == "tof":
+    if "triangulation" not in scenario.rangefinders:
         return "the scenario ranges by time of flight alone, whose clock and bound are laws of their own"
     if chosen.bias_correction == "none" and chosen.peak not in _UNBIASED:
         return f"{chosen.peak} has a systematic error, which no σ holds, and it is not corrected"

@@ -34,7 +34,7 @@ _BIAS = 1e-3
 
 def pulses_uncovered(setting: ComparisonSetup) -> str:
     """Return why the closed forms do not cover the scenario's time of flight; empty where they do."""
-    if setting.scenario.ranging == "triangulation":
+    if "tof" not in setting.scenario.rangefinders:
         return "the scenario ranges by triangulation alone"
     if setting.scenario.scanner.lidar.pulse.shape != "gaussian":
         return "the pulse is no Gaussian"

@@ -70,7 +70,7 @@ _LIFT = 32.0
 
 def modes_of(scenario: Scenario) -> tuple[Mode, ...]:
     """Return the ways of ranging in a scenario's budget: with time of flight both, and their fusion."""
-    return ("triangulation",) if scenario.ranging == "triangulation" else ("triangulation", "tof", "fused")
+    return ("triangulation", "tof", "fused") if "tof" in scenario.rangefinders else ("triangulation",)
 
 
 def sources_of(scenario: Scenario, mode: Mode = "triangulation") -> tuple[str, ...]:
