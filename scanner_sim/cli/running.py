@@ -19,7 +19,6 @@ from scanner_sim.instrument.memory import check_memory
 from scanner_sim.products.files.contents import RUN, TRACK
 from scanner_sim.products.files.folder import check_target, claim_folder
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.tracking.scan import TrackScan
 
 if TYPE_CHECKING:
     from scanner_sim.products.image import RangeImage
@@ -45,7 +44,7 @@ def run_scenario(
     from scanner_sim.cli.tracking import run_tracking
 
     scenario = load_and_warn(config, overrides, quiet)
-    follows = isinstance(scenario.scan, TrackScan)
+    follows = scenario.scan.layout == "visits"
     kind = TRACK if follows else RUN
     if dry_run:
         check_target(folder, overwrite, kind)

@@ -75,14 +75,14 @@ def show_voxel(
     write = partial(write_file, overwrite=overwrite or output is None)
     table: dict[str, str] = {}
     pictures: list[Path] = []
-    if scenario.ranging != "tof":
+    if "triangulation" in scenario.rangefinders:
         from scanner_sim.instrument.simulate import simulate_voxel
         from scanner_sim.products.pictures.image import draw_voxel
 
         record = simulate_voxel(scenario, row, column, device=device)
         pictures.append(write(folder / f"voxel_{row}_{column}.png", lambda to: draw_voxel(record, to)))
         table |= _numbers(record)
-    if scenario.ranging != "triangulation":
+    if "tof" in scenario.rangefinders:
         from scanner_sim.instrument.simulate import simulate_waveforms
         from scanner_sim.instrument.time_of_flight import fitted_pulse
         from scanner_sim.products.pictures.waveform import draw_waveform

@@ -11,6 +11,9 @@ from scanner_sim.foundation.parts import Count, Part
 _MOST_FINER = 64
 """Largest factor of the background's samples where rows are sparse."""
 
+ROW_SPACING = 0.5
+"""Distance of rows of the background between which one interpolates, over the height of a pixel."""
+
 
 class Transport(Part):
     """Settings of the light transport; the defaults meet the accuracy stated in the documentation."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
 
 from scanner_sim.products.files.folder import ResultFolder
 from scanner_sim.products.settings import Output
@@ -81,15 +81,15 @@ POSE_STUDY = ResultFolder(
 
 
 def planned_files(
-    output: Output, *, lit: bool = False, ranging: Literal["triangulation", "tof", "both"] = "triangulation"
+    output: Output, *, lit: bool = False, rangefinders: Sequence[str] = ("triangulation",)
 ) -> tuple[str, ...]:
     """Return the names of the files that a run writes, in the order of presentation; ``lit`` under the Sun."""
     left_out = (() if output.pictures else PICTURES) + (() if output.points else ("points.ply",))
     added: tuple[str, ...] = ()
     if output.pictures:
-        added = (() if ranging == "triangulation" else TIMED_PICTURES) + (LIT_PICTURES if lit else ())
+        added = (TIMED_PICTURES if "tof" in rangefinders else ()) + (LIT_PICTURES if lit else ())
         # The charge of the background is one on the line sensor.
-        left_out += ("background.png",) if ranging == "tof" else ()
+        left_out += () if "triangulation" in rangefinders else ("background.png",)
     added += () if output.waveforms == "none" else (WAVEFORMS,)
     return tuple(name for name in (*FILES, *added) if name not in left_out)
 
