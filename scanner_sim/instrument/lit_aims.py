@@ -12,9 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from scanner_sim.instrument.background_rows import rows_of
+from scanner_sim.instrument.background_rows import rows_about
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_slots import TimeSlots, middle
 from scanner_sim.render.background.panorama import Panorama
@@ -48,13 +46,14 @@ def lit_aims(instrument: Instrument, batch: int) -> Iterator[tuple[Aim, Panorama
     # Shots stand in the order of their times, so those of a slot stand together.
     found = [slots.at(time) for time in whole.time.tolist()]
     changes = [index for index in range(1, len(found)) if found[index] != found[index - 1]]
-    for indices in np.split(np.arange(len(found)), changes):
-        part, moment = whole.part(slice(int(indices[0]), int(indices[-1]) + 1)), middle(found[indices[0]])
-        line = field = None
-        if scenario.ranging != "tof":
-            line = instrument.panorama_of(rows_of(part, layout, moment))
-        if scenario.ranging != "triangulation":
-            echoes = instrument.echoes
-            field = echoes.panorama_of(rows_of(part, echoes.field_optics, moment))
+    ends = [*changes, len(found)]
+    parts = [whole.part(slice(first, last)) for first, last in zip([0, *changes], ends, strict=True)]
+    times = [middle(found[last - 1]) for last in ends]
+    ranging, echoes = scenario.ranging, None if scenario.ranging == "triangulation" else instrument.echoes
+    line_rows = [None] * len(parts) if ranging == "tof" else rows_about(parts, times, layout)
+    field_rows = [None] * len(parts) if echoes is None else rows_about(parts, times, echoes.field_optics)
+    for part, line_row, field_row in zip(parts, line_rows, field_rows, strict=True):
+        line = None if line_row is None else instrument.panorama_of(line_row)
+        field = None if echoes is None or field_row is None else echoes.panorama_of(field_row)
         for aim in part.batches(batch):
             yield aim, line, field
