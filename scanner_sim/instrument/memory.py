@@ -6,6 +6,7 @@ import math
 from pathlib import Path
 
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.channels import layer_bytes
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.render.settings import times_finer
 from scanner_sim.scan.raster import RasterScan
@@ -16,8 +17,8 @@ START_BYTES = 0.55e9
 """Memory of the program, its kernels and one batch."""
 SHOT_BYTES = 4600.0
 """Memory of a shot while its batch goes through the kernels."""
-VOXEL_BYTES = 160.0
-"""Memory of a voxel: its layers, and what writing and drawing them takes for a while."""
+JUDGED_BYTES = 290.0
+"""Memory of a voxel beside its layers while its neighbours judge it, for each way of ranging; writing takes less."""
 WAVEFORM_BYTES = 14.0
 """Memory of a sample of a waveform that is kept, joined and written."""
 BIN_BYTES = 220.0
@@ -112,7 +113,8 @@ def _background_step(scenario: Scenario) -> float:
 
 
 def _layers(scenario: Scenario) -> float:
-    return (3.0 if scenario.ranging == "both" else 1.0) * VOXEL_BYTES * scenario.raster.shots
+    judged = (2.0 if scenario.ranging == "both" else 1.0) * JUDGED_BYTES
+    return (layer_bytes(scenario.ranging) + judged) * scenario.raster.shots
 
 
 def _background(scenario: Scenario) -> float:

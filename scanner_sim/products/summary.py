@@ -8,8 +8,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.image import CHANNEL, RangeImage
+from scanner_sim.products.image import RangeImage
 
 _BEYOND = (3, 5, 6)
 """Standard deviations beyond which errors are counted."""
@@ -45,7 +46,7 @@ def summary(image: RangeImage) -> dict[str, object]:
             result[name] = {"unit": CHANNEL[name].unit, **_quantiles(image[name])}
     result["truth"] = _truth(image)
     result["channels"] = {
-        name: {"unit": CHANNEL[name].unit, "meaning": CHANNEL[name].sentence} for name in image.channels
+        name: {"unit": CHANNEL[name].unit, "meaning": CHANNEL[name].meaning} for name in image.channels
     }
     result["versions"] = dict(image.made_by)
     result["warnings"] = list(image.warnings)

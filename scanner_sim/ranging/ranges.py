@@ -9,6 +9,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.channels import MEASURED_BY
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.coordinates import coordinates
@@ -218,7 +219,7 @@ def layers_of(ranges: Ranges, prefix: str = "") -> Layers:
 
 def with_truth(layers: Layers, ranges: Ranges, aim: Aim, pointing: TruePointing, truth: ChiefTruth) -> Layers:
     """Return layers without the peaks of refused voxels, and with the truth about all."""
-    for name in ("peak_px", "sigma_peak_px"):
+    for name in MEASURED_BY["status"]:
         if name in layers:
             layers[name][ranges.status != Status.VALID] = np.nan
     return layers | {
