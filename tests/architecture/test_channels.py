@@ -80,13 +80,7 @@ print(memory(scenario) / scenario.raster.shots)
 )
 
 
-@pytest.fixture(scope="module")
-def repository() -> Path:
-    """The folder with documents and scenarios, which the wheel's tests have too."""
-    return Path(__file__).parents[2]
-
-
-def test_a_row_and_its_values_arrive_everywhere(tmp_path: Path, repository: Path) -> None:
+def test_a_row_and_its_values_arrive_everywhere(tmp_path: Path, repo_root: Path) -> None:
     """Claim: EXR, xarray, points, pictures, planned files, summary, documents and memory follow from a row alone.
 
     Set-up: the table's own file is loaded with a row more, by a new process, before anything reads it; nothing else
@@ -95,8 +89,8 @@ def test_a_row_and_its_values_arrive_everywhere(tmp_path: Path, repository: Path
     from scanner_sim.config import load_scenario
     from scanner_sim.instrument.memory import memory
 
-    config = repository / "configs" / "plane.yaml"
-    arguments = [str(tmp_path), str(repository / "docs"), str(config)]
+    config = repo_root / "configs" / "plane.yaml"
+    arguments = [str(tmp_path), str(repo_root / "docs"), str(config)]
     done = subprocess.run(
         [sys.executable, "-c", FOLLOWED, *arguments], capture_output=True, text=True, check=False
     )
