@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from scanner_sim.config.scanner import geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import read_encoders, readings
+from scanner_sim.foundation.channels import MEASURED_BY
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.instrument.triangulation import ShotGroup, Triangulation
 from scanner_sim.optics.filter import peak_transmission
-from scanner_sim.products.image import MEASURED_BY
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import Deflections, Layers, layers_of
 from scanner_sim.render.background.panorama import Panorama

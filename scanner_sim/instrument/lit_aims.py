@@ -52,7 +52,8 @@ def lit_aims(instrument: Instrument, batch: int) -> Iterator[tuple[Aim, list[Pan
     rows = [rows_about(parts, times, rangefinder.sight[0]) for rangefinder in instrument.rangefinders]
     for part, *own in zip(parts, *rows, strict=True):
         seen = [
-            rangefinder.panorama_of(one) for rangefinder, one in zip(instrument.rangefinders, own, strict=True)
+            rangefinder.panorama_of(one)
+            for rangefinder, one in zip(instrument.rangefinders, own, strict=True)
         ]
         for aim in part.batches(batch):
             yield aim, seen
