@@ -15,7 +15,7 @@ from scanner_sim.instrument.memory import (
     patterns,
     period,
 )
-from scanner_sim.products.files.contents import planned_files, planned_track_files
+from scanner_sim.products.files.contents import planned_files, planned_shot_files, planned_track_files
 from scanner_sim.scan.protocol import OpenScan
 
 START_SECONDS = 8.0
@@ -49,6 +49,8 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
 def _files(scenario: Scenario) -> tuple[str, ...]:
     if scenario.scan.layout == "image":
         return planned_files(scenario.output, lit=sunlit(scenario), rangefinders=scenario.rangefinders)
+    if scenario.scan.layout == "shots":
+        return planned_shot_files(scenario.output, lit=sunlit(scenario))
     carriers = carriers_of(scenario.targets) if scenario.pose.methods else ()
     return planned_track_files(scenario.output, len(carriers))
 

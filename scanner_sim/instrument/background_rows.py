@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from scanner_sim.config.scenario import Scenario
@@ -24,13 +26,29 @@ def scan_rows(scenario: Scenario, layout: OpticalLayout) -> Rows:
         raster = scenario.scan
         return Rows(raster.horizontal, raster.angles()[1], raster.row_times(scenario.scanner.dwell))
     scan = scenario.open_scan
-    return rows_of(next(scan.aims(scenario.scan_setup, scan.shots)), layout)
+    (whole,) = scan.aims(scenario.scan_setup, scan.shots)
+    return rows_about([whole], [None], layout)[0]
 
 
-def rows_of(aim: Aim, layout: OpticalLayout, time: float | None = None) -> Rows:
-    """Return an even grid of rows about the shots of an aim, with moving objects where they are at a time [s]."""
-    ends = []
-    for angle, travel in ((aim.theta, aim.travel_theta), (aim.phi, aim.travel_phi)):
-        reach = 0.5 * np.abs(travel)
-        ends.append((float((angle - reach).min()), float((angle + reach).max())))
-    return rows_between(ends[0], ends[1], layout, time)
+def rows_about(aims: Sequence[Aim], times: Sequence[float | None], layout: OpticalLayout) -> list[Rows]:
+    """Return an even grid of rows about the shots of each aim, all of one size.
+
+    Parameters
+    ----------
+    aims
+        The shots.
+    times
+        For each when moving objects are looked at [s]; None as they were loaded.
+    layout
+        The optics whose pixels decide how dense the grid is.
+    """
+    first, last = [], []
+    for aim in aims:
+        pairs = (aim.theta, 0.5 * np.abs(aim.travel_theta)), (aim.phi, 0.5 * np.abs(aim.travel_phi))
+        first.append([float((angle - reach).min()) for angle, reach in pairs])
+        last.append([float((angle + reach).max()) for angle, reach in pairs])
+    width, height = (np.array(last) - np.array(first)).max(axis=0).tolist()
+    return [
+        rows_between((left, left + width), (top, top + height), layout, time)
+        for (left, top), time in zip(first, times, strict=True)
+    ]

@@ -12,9 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-import numpy as np
-
-from scanner_sim.instrument.background_rows import rows_of
+from scanner_sim.instrument.background_rows import rows_about
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_slots import TimeSlots, middle
 from scanner_sim.render.background.panorama import Panorama
@@ -48,11 +46,11 @@ def lit_aims(instrument: Instrument, batch: int) -> Iterator[tuple[Aim, list[Pan
     # Shots stand in the order of their times, so those of a slot stand together.
     found = [slots.at(time) for time in whole.time.tolist()]
     changes = [index for index in range(1, len(found)) if found[index] != found[index - 1]]
-    for indices in np.split(np.arange(len(found)), changes):
-        part, moment = whole.part(slice(int(indices[0]), int(indices[-1]) + 1)), middle(found[indices[0]])
-        seen = [
-            rangefinder.panorama_of(rows_of(part, rangefinder.sight[0], moment))
-            for rangefinder in instrument.rangefinders
-        ]
+    ends = [*changes, len(found)]
+    parts = [whole.part(slice(first, last)) for first, last in zip([0, *changes], ends, strict=True)]
+    times, rangefinders = [middle(found[last - 1]) for last in ends], instrument.rangefinders
+    rows = [rows_about(parts, times, rangefinder.sight[0]) for rangefinder in rangefinders]
+    for part, *own in zip(parts, *rows, strict=True):
+        seen = [rangefinder.panorama_of(row) for rangefinder, row in zip(rangefinders, own, strict=True)]
         for aim in part.batches(batch):
             yield aim, seen

@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
+
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.render.settings import ROW_SPACING, times_finer
+from scanner_sim.render.settings import LONGEST_SLOT, ROW_SPACING, slot_halvings, times_finer
 
 BATCH = 65536
 """Shots that go through the kernels together."""
@@ -21,6 +23,8 @@ WAVEFORM_BYTES = 14.0
 """Memory of a sample of a waveform that is kept, joined and written."""
 BIN_BYTES = 220.0
 """Memory of a direction of the background: its light, what guides its filter, and their errors."""
+_MOTION_INSTANTS = 257
+"""Instants of a scan at which motions are looked at."""
 RECORD_BYTES = 64.0
 """Memory of a voxel of a pattern: its samples."""
 
@@ -60,7 +64,7 @@ def background_rows(scenario: Scenario) -> tuple[int, float]:
     if scan.layout == "image":
         return scan.rows, height / (scan.rows - 1) if scan.rows > 1 else math.inf
     step = ROW_SPACING * scanner.position_sensor.height / scanner.receiver.focal_length
-    return math.ceil(height / step) + 3, step
+    return math.ceil(height / step) + 4, step
 
 
 def background_paths(scenario: Scenario) -> float:
@@ -68,7 +72,23 @@ def background_paths(scenario: Scenario) -> float:
     if not (bins := background_bins(scenario)):
         return 0.0
     finer = times_finer(background_rows(scenario)[1], _background_step(scenario))
-    return float(bins) * scenario.transport.background_samples * finer
+    return float(bins) * scenario.transport.background_samples * finer * background_times(scenario)
+
+
+def background_times(scenario: Scenario) -> int:
+    """Return about how often the background of a scan without rows is rendered: once for each time slot."""
+    scan = scenario.scan
+    moving = [item for item in scenario.scene.objects if item.motion is not None]
+    if scan.layout != "shots" or not moving:
+        return 1
+    duration, fastest = scan.scan_time(scenario.scan_setup), 0.0
+    time = np.linspace(0.0, duration, _MOTION_INSTANTS)
+    for item in moving:
+        origin = item.pose_at(time)[:, :3, 3]
+        way, far = np.linalg.norm(np.diff(origin, axis=0), axis=1), np.linalg.norm(origin[1:], axis=1)
+        fastest = max(fastest, float((way / np.maximum(far, 0.1)).max()) / (time[1] - time[0]))
+    slots = 2 ** slot_halvings(fastest, _background_step(scenario)) / LONGEST_SLOT
+    return max(math.ceil(float(duration * slots)), 1)
 
 
 def memory(scenario: Scenario) -> float:

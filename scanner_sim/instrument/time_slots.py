@@ -8,12 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import product
+from scanner_sim.render.settings import LONGEST_SLOT, slot_halvings
 from scanner_sim.scene.files.loader import LoadedScene
 
-LONGEST, _MOST_HALVINGS = 1.0, 6
-"""Longest time slot [s], and how often it may be halved."""
-_MOST_MOVED_BINS = 1.0
-"""Bins by which anything may move in a time slot."""
 _SPEED_INSTANTS = np.linspace(0.0, 1.0, 5)
 """Moments of a block at which speeds are looked at."""
 _NEAREST_PART = 0.1
@@ -42,13 +39,12 @@ class TimeSlots:
         """Return the slot of a moment [s]; where nothing moves there is one only."""
         if not self._loaded.bodies:
             return 0, 0
-        block = math.floor(time / LONGEST)
+        block = math.floor(time / LONGEST_SLOT)
         if block not in self._halvings:
-            speed = self._speed(LONGEST * (block + _SPEED_INSTANTS))
-            moved = LONGEST * speed / (_MOST_MOVED_BINS * self._step)
-            self._halvings[block] = min(max(math.ceil(math.log2(max(moved, 1.0))), 0), _MOST_HALVINGS)
+            speed = self._speed(LONGEST_SLOT * (block + _SPEED_INSTANTS))
+            self._halvings[block] = slot_halvings(speed, self._step)
         halvings = self._halvings[block]
-        return math.floor(time / LONGEST * 2**halvings), halvings
+        return math.floor(time / LONGEST_SLOT * 2**halvings), halvings
 
     def _speed(self, time: NDArray[np.float64]) -> float:
         """Return the largest speed of corners of moving objects' boxes [rad/s], as the scanner sees it."""
@@ -69,4 +65,4 @@ class TimeSlots:
 def middle(slot: Slot) -> float:
     """Return the moment in the middle of a slot [s]."""
     number, halvings = slot
-    return (number + 0.5) * LONGEST * 0.5**halvings
+    return (number + 0.5) * LONGEST_SLOT * 0.5**halvings

@@ -16,6 +16,9 @@ from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.protocol import MOST_LISTED, Aim, Ends, ScanSetup, Sweep, beyond_mirrors, too_many
 from scanner_sim.scan.schedule import Visiting, mirrors_at, pattern_warnings, run_visit
 
+_RETRACED = 1e-3
+"""Difference from a figure that runs to and fro, in half turns, below which it looks like one."""
+
 
 class LissajousScan(Part):
     """One Lissajous figure (eqs 6 and 7) or several, run by the mirrors' servos without looking at the result."""
@@ -103,7 +106,16 @@ class LissajousScan(Part):
             )
 
     def warnings(self, setup: ScanSetup) -> Iterator[str]:
-        """Yield amplitudes that the mirrors cannot follow."""
+        """Yield amplitudes that the mirrors cannot follow, and figures that run to and fro on one curve."""
+        (m, n), (first, second) = self.pattern.cycles, self.pattern.phases
+        # Reversed about a time c the figure is itself where m c + 2 φ_x and n c + 2 φ_y are both whole turns.
+        apart = (second * m - first * n) / np.pi
+        if self.pattern.dither_phase == 0.0 and abs(apart - round(apart)) < _RETRACED:
+            yield (
+                f"scan.pattern.phases: with these a figure {self.pattern.ratio} runs to and fro on one curve, and half "
+                "of its shots see nothing new; write for example phases: [0 deg, -90 deg], or cycles of which one is "
+                "even"
+            )
         yield from pattern_warnings(self.pattern, setup.galvanometers, setup.dwell)
 
     def _ends(self, axis: int) -> Ends:

@@ -24,6 +24,22 @@ WAVEFORMS = "waveforms.nc"
 RUN = ResultFolder("range.exr", (*FILES, *TIMED_PICTURES, *LIT_PICTURES, WAVEFORMS))
 """The folder of a run."""
 
+SHOT_TABLE = "shots.parquet"
+
+SHOT_FILES = (
+    SHOT_TABLE,
+    "shots.csv",
+    "scenario.yaml",
+    "summary.json",
+    "range.png",
+    "status.png",
+    "points.ply",
+)
+"""Files that a scan without rows may write, in the dark."""
+
+SHOTS = ResultFolder(SHOT_TABLE, (*SHOT_FILES, "camera.png"))
+"""The folder of a scan without rows."""
+
 TABLE, VOXELS = "track.parquet", "patterns.parquet"
 
 TABLES = ("track.csv", TABLE, VOXELS, "scenario.yaml", "summary.json")
@@ -92,6 +108,15 @@ def planned_files(
         left_out += () if "triangulation" in rangefinders else ("background.png",)
     added += () if output.waveforms == "none" else (WAVEFORMS,)
     return tuple(name for name in (*FILES, *added) if name not in left_out)
+
+
+def planned_shot_files(output: Output, *, lit: bool = False) -> tuple[str, ...]:
+    """Return the names of the files that a scan without rows writes, in the order of presentation."""
+    left_out = (() if output.pictures else ("range.png", "status.png")) + (
+        () if output.points else ("points.ply",)
+    )
+    added = ("camera.png",) if output.pictures and lit else ()
+    return tuple(name for name in (*SHOT_FILES, *added) if name not in left_out)
 
 
 def planned_track_files(output: Output, carriers: int) -> tuple[str, ...]:

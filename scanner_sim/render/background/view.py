@@ -172,7 +172,8 @@ def rows_between(
     """Return even rows for shots anywhere between two Θ and two φ [rad], at a time [s] or as the scene was loaded."""
     step = row_spacing(layout)
     first = math.floor(vertical[0] / step) - 1
-    phi = step * np.arange(first, math.ceil(vertical[1] / step) + 2, dtype=np.float64)
+    # As many rows wherever the shots lie on the grid: kernels know the numbers of rows and bins.
+    phi = step * (first + np.arange(math.ceil((vertical[1] - vertical[0]) / step) + 4, dtype=np.float64))
     return Rows(horizontal, phi, None if time is None else np.array([time]), between=True)
 
 
