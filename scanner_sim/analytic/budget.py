@@ -1,9 +1,10 @@
 """The error budget in closed form: what each source makes of the range of a facing target.
 
-First order throughout: an estimate moves by g·δf when the line of charges f moves by δf, so that a source with the
-covariance C of the pixels has the variance gᵀ C g. g is the gradient of the estimator or, for the maximum-likelihood
-fit, that of weighted least squares, g_i = (m'_i/v_i)/Σ (m'_j²/v_j) with m' = ∂m/∂µ and the variance v of all sources
-(Winick, *J. Opt. Soc. Am. A* 3, 1986). Averages are over the place of the spot in its pixel.
+To first order, a change δf of the charges of the line moves an estimate by g·δf, where g is the gradient of the
+estimator. A source of noise whose charges have the covariance C therefore gives the estimate the variance gᵀ C g. For
+the maximum-likelihood fit, g is that of weighted least squares, g_i = (m'_i/v_i)/Σ (m'_j²/v_j), with m' = ∂m/∂µ and
+the variance v of all sources (Winick, *J. Opt. Soc. Am. A* 3, 1986). Variances are averaged over where in its pixel
+the centre of the spot lies.
 
 Not modelled: the light's slant, the loss above and below the pixels, the baseline's noise, noise that changes which
 pixel is the brightest, the Earth's light.
@@ -32,15 +33,28 @@ _LINE, _PHASES = 24, 16
 class InstrumentNumbers:
     """Plain numbers of an instrument and its target, SI; pixels for what ends in ``_px``.
 
-    ``estimator`` is a key of :data:`~scanner_sim.analytic.estimators.ESTIMATORS` or ``maximum_likelihood``;
-    ``corrected`` says whether its systematic error is taken off. ``power`` is the laser's, ``transmission`` that of
-    lens and filter. ``read``, ``dark`` and ``step`` are read noise, mean dark charge and step of the converter
-    [electron], ``response`` the pixels' relative spread; any of them is 0 where it is switched off, and so are ``shot``
-    (1 or 0) and the ``contrast`` of the speckle. ``dwell`` is the time for which the laser shines, ``subtracted`` that
-    time over the one in which it is off, 0 where nothing is subtracted. ``sweep`` is the angle by which the beam moves
-    meanwhile, ``half`` the deflection to each side over which shots are spread. ``sunlight`` is the Sun's irradiance
-    that counts on the target [W/m²] and ``height`` that of the pixels; ``drift_zero`` and ``drift_scale`` are what a
-    kelvin does to the mirrors and ``kelvins`` the root mean square of their course.
+    Attributes
+    ----------
+    estimator, corrected
+        Key of :data:`~scanner_sim.analytic.estimators.ESTIMATORS`, or ``maximum_likelihood``; whether its systematic
+        error is taken off.
+    transmission
+        Of lens and filter together.
+    power
+        Of the laser.
+    shot, contrast
+        1 with shot noise, 0 without; contrast of the speckle, 0 without.
+    read, dark, step, response
+        Read noise, mean dark charge and step of the converter [electron], relative spread of the pixels; 0 where
+        switched off.
+    dwell, subtracted
+        Time for which the laser shines, and that time over the one for which it is off; 0 where nothing is subtracted.
+    sweep, half
+        Angle by which the beam moves during a dwell; deflection to each side over which the shots are spread.
+    sunlight, height
+        Irradiance of the Sun on the target, as far as the filter passes it [W/m²]; height of the pixels.
+    drift_zero, drift_scale, kelvins
+        Change of a mirror's zero and scale by a kelvin; root mean square of the temperature's course.
     """
 
     estimator: str
@@ -80,7 +94,7 @@ class InstrumentNumbers:
     kelvins: float = 0.0
 
 
-def range_budget(bench: InstrumentNumbers, distance: float) -> dict[str, float]:
+def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float]:
     """Return the standard deviation of the range [m] that each source makes at a distance [m], and ``all`` make.
 
     σ_p of the peak and of the angle between projection and reception, f (1 + p²/f²) σ_e, become R²σ_p/(f d) (eq 4 at
@@ -97,19 +111,30 @@ def range_budget(bench: InstrumentNumbers, distance: float) -> dict[str, float]:
     :func:`~scanner_sim.analytic.speckle.pixel_covariance`, averaged over the sweep, which is along the line.
     """
     radius = float(
-        beam_radius(distance, bench.waist_radius, bench.waist_distance, bench.wavelength, bench.m_squared)
+        beam_radius(
+            distance, numbers.waist_radius, numbers.waist_distance, numbers.wavelength, numbers.m_squared
+        )
     )
-    cell = bench.wavelength * bench.focal_length / bench.aperture
-    image = 0.5 * radius * bench.focal_length / distance
-    grainy = SpeckledSpot(image, cell, bench.aberration, bench.diffusion, bench.pitch)
-    along = grainy.sigma / bench.pitch
-    left = averaged((bench.sweep * distance, 0.0), radius)
-    watts = bench.power * bench.transmission * bench.reflectance * bench.aperture**2 / (4.0 * distance**2)
-    charge = float(electrons(watts, bench.dwell, bench.wavelength, bench.efficiency))
-    k = bench.subtracted
-    collected = bench.transmission * 0.25 * math.pi * bench.aperture**2
-    seen = bench.sunlight * bench.reflectance / math.pi * bench.pitch * bench.height / bench.focal_length**2
-    ambient = float(electrons(seen * collected, bench.dwell, bench.wavelength, bench.efficiency))
+    cell = numbers.wavelength * numbers.focal_length / numbers.aperture
+    image = 0.5 * radius * numbers.focal_length / distance
+    grainy = SpeckledSpot(image, cell, numbers.aberration, numbers.diffusion, numbers.pitch)
+    along = grainy.sigma / numbers.pitch
+    left = averaged((numbers.sweep * distance, 0.0), radius)
+    watts = (
+        numbers.power * numbers.transmission * numbers.reflectance * numbers.aperture**2 / (4.0 * distance**2)
+    )
+    charge = float(electrons(watts, numbers.dwell, numbers.wavelength, numbers.efficiency))
+    k = numbers.subtracted
+    collected = numbers.transmission * 0.25 * math.pi * numbers.aperture**2
+    seen = (
+        numbers.sunlight
+        * numbers.reflectance
+        / math.pi
+        * numbers.pitch
+        * numbers.height
+        / numbers.focal_length**2
+    )
+    ambient = float(electrons(seen * collected, numbers.dwell, numbers.wavelength, numbers.efficiency))
     squares: dict[str, list[float]] = {
         name: [] for name in ("shot", "read", "quantisation", "response", "sun")
     }
@@ -118,35 +143,35 @@ def range_budget(bench: InstrumentNumbers, distance: float) -> dict[str, float]:
         centre = _LINE // 2 + float(phase)
         m = charge * pixel_shares(centre, along, _LINE)
         parts = {
-            "shot": bench.shot * (m + bench.dark * (1.0 + k)),
-            "read": np.full(_LINE, bench.read**2 * (1.0 + k**2)),
-            "quantisation": np.full(_LINE, bench.step**2 / 12.0 * (1.0 + k**2)),
-            "response": (bench.response * (m if k else m + ambient)) ** 2,
-            "sun": np.full(_LINE, bench.shot * ambient * (1.0 + k)),
+            "shot": numbers.shot * (m + numbers.dark * (1.0 + k)),
+            "read": np.full(_LINE, numbers.read**2 * (1.0 + k**2)),
+            "quantisation": np.full(_LINE, numbers.step**2 / 12.0 * (1.0 + k**2)),
+            "response": (numbers.response * (m if k else m + ambient)) ** 2,
+            "sun": np.full(_LINE, numbers.shot * ambient * (1.0 + k)),
         }
         variance = np.maximum(sum(parts.values(), np.zeros(_LINE)), 1.0)
-        if bench.contrast > 0.0:
-            variance = variance + bench.contrast**2 * grainy.single_variance(left) * charge * m
-        slopes = _slopes(bench.estimator, m, centre, along, charge, variance)
+        if numbers.contrast > 0.0:
+            variance = variance + numbers.contrast**2 * grainy.single_variance(left) * charge * m
+        slopes = _slopes(numbers.estimator, m, centre, along, charge, variance)
         for name, values in parts.items():
             squares[name].append(float(slopes**2 @ values))
-        if bench.contrast > 0.0:
+        if numbers.contrast > 0.0:
             covariance = pixel_covariance(grainy, centre, _LINE, left)
-            speckle.append((bench.contrast * charge) ** 2 * float(slopes @ covariance @ slopes))
-        bias.append(_bias(bench, m, centre))
+            speckle.append((numbers.contrast * charge) ** 2 * float(slopes @ covariance @ slopes))
+        bias.append(_bias(numbers, m, centre))
     peak = {name: math.sqrt(float(np.mean(values))) for name, values in squares.items()}
     peak["speckle"] = math.sqrt(sum(speckle) / _PHASES)
     peak["estimator"] = math.sqrt(float(np.mean(np.square(bias))))
-    per_metre = float(range_error(distance, 0.0, bench.focal_length, bench.baseline, 1.0))
-    found = {name: per_metre * bench.pitch * value for name, value in peak.items()}
-    p = bench.focal_length * bench.baseline / distance
-    apart = bench.focal_length * (1.0 + (p / bench.focal_length) ** 2) * bench.synchronisation
+    per_metre = float(range_error(distance, 0.0, numbers.focal_length, numbers.baseline, 1.0))
+    found = {name: per_metre * numbers.pitch * value for name, value in peak.items()}
+    p = numbers.focal_length * numbers.baseline / distance
+    apart = numbers.focal_length * (1.0 + (p / numbers.focal_length) ** 2) * numbers.synchronisation
     found["synchronisation"] = per_metre * apart
-    by_theta = math.hypot(bench.baseline, distance * bench.half / math.sqrt(3.0))
-    found |= {name: by_theta * getattr(bench, name) for name in ("jitter", "wobble", "readout")}
-    angle = np.linspace(-bench.half, bench.half, 201)
-    turned = bench.kelvins * (bench.drift_zero + bench.drift_scale * angle)
-    found["drift"] = float(np.sqrt(np.mean(((bench.baseline - distance * angle) * turned) ** 2)))
+    by_theta = math.hypot(numbers.baseline, distance * numbers.half / math.sqrt(3.0))
+    found |= {name: by_theta * getattr(numbers, name) for name in ("jitter", "wobble", "readout")}
+    angle = np.linspace(-numbers.half, numbers.half, 201)
+    turned = numbers.kelvins * (numbers.drift_zero + numbers.drift_scale * angle)
+    found["drift"] = float(np.sqrt(np.mean(((numbers.baseline - distance * angle) * turned) ** 2)))
     found["all"] = math.sqrt(sum(value**2 for value in found.values()))
     return found
 
@@ -170,7 +195,7 @@ def _slopes(
     return slopes
 
 
-def _bias(bench: InstrumentNumbers, m: Floats, centre: float) -> float:
-    if bench.corrected or bench.estimator == "maximum_likelihood":
+def _bias(numbers: InstrumentNumbers, m: Floats, centre: float) -> float:
+    if numbers.corrected or numbers.estimator == "maximum_likelihood":
         return 0.0
-    return ESTIMATORS[bench.estimator](m.tolist()) - centre
+    return ESTIMATORS[numbers.estimator](m.tolist()) - centre

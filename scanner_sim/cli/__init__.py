@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -14,15 +14,15 @@ from scanner_sim.cli.options import (
     Device,
     DeviceName,
     Override,
-    Overwrite,
-    Quiet,
     Seed,
-    folder_of,
-    folder_option,
     overrides_of,
+    scenario_verb,
 )
 from scanner_sim.cli.report import open_streams, reported
 from scanner_sim.cli.studies import budget, calibrate, orbit, pose_study
+
+if TYPE_CHECKING:
+    from scanner_sim.cli.call import Call
 
 app = typer.Typer(
     name="scanner-sim",
@@ -37,15 +37,10 @@ app = typer.Typer(
 
 
 @app.command()
+@scenario_verb(before="overwrite")
 def run(
-    config: Config,
-    output: Annotated[Path | None, folder_option()] = None,
-    override: Override = [],  # noqa: B006 (typer reads the default, nothing changes it)
-    seed: Seed = None,
-    device: Device = DeviceName.auto,
+    call: Call,
     dry_run: Annotated[bool, typer.Option("--dry-run", help="Say what would be done, and stop.")] = False,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Simulate a scenario and write its range image, pictures and point cloud.
 
@@ -53,22 +48,13 @@ def run(
 
     The files appear whole or not at all. The same scenario and seed give the same bytes.
     """
-    with reported():
-        from scanner_sim.cli.running import run_scenario
+    from scanner_sim.cli.running import run_scenario
 
-        run_scenario(
-            config,
-            output or folder_of(config),
-            overrides_of(override, seed),
-            device=device.value,
-            dry_run=dry_run,
-            overwrite=overwrite,
-            quiet=quiet,
-        )
+    run_scenario(call, dry_run=dry_run)
 
 
 @app.command()
-def check(config: Config, override: Override = [], seed: Seed = None) -> None:  # noqa: B006 (as above)
+def check(config: Config, override: Override = [], seed: Seed = None) -> None:  # noqa: B006 (typer reads the default, nothing changes it)
     """Check a scenario: print all of its faults, or the scenario with every default written out.
 
     Example: `scanner-sim check configs/quickstart.yaml > resolved.yaml`

@@ -4,36 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
-from scanner_sim.cli.progress import progress_bar
-from scanner_sim.cli.report import scenario_of
-from scanner_sim.cli.scenarios import load_and_warn
+from scanner_sim.cli.call import Call, files_of
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.units import FROM_FILE, Angle
 from scanner_sim.products.budget import BudgetRow, crossing
 from scanner_sim.products.files.contents import BUDGET
-from scanner_sim.products.files.folder import claim_folder
-from scanner_sim.render.libraries import DeviceChoice
 
 
-def budget_scenario(
-    config: Path,
-    folder: Path,
-    overrides: Sequence[str],
-    *,
-    count: int,
-    reflectance: float,
-    sweep: str | None,
-    image: bool,
-    device: DeviceChoice,
-    overwrite: bool,
-    quiet: bool,
-) -> None:
+def budget_scenario(call: Call, *, count: int, reflectance: float, sweep: str | None, image: bool) -> None:
     """Measure and compute the error budget of a scenario's instrument into a folder.
 
     Raises
@@ -43,9 +26,9 @@ def budget_scenario(
     """
     from scanner_sim.products.files.budget_folder import write_budget
 
-    scenario = load_and_warn(config, overrides, quiet)
+    scenario = call.scenario()
     chosen = None if sweep is None else _angle(sweep)
-    with claim_folder(folder, overwrite, BUDGET):
+    with call.claimed(BUDGET):
         from scanner_sim.validation.compare.instrument import closed_crossing, with_closed_forms
         from scanner_sim.validation.studies.budget import distances_of, measure_budget, with_sweep
         from scanner_sim.validation.studies.dominance import dominating
@@ -55,11 +38,11 @@ def budget_scenario(
 
         distances = distances_of(scenario, count)
         dominance = None
-        with progress_bar("source by source", quiet) as (advance, say), scenario_of(config):
-            rows = measure_budget(scenario, distances, reflectance, device=device, progress=advance)
+        with call.work("source by source") as (advance, say):
+            rows = measure_budget(scenario, distances, reflectance, device=call.device, progress=advance)
             if image:
                 say("over the image")
-                dominance = dominating(own, device=device, progress=advance)
+                dominance = dominating(own, device=call.device, progress=advance)
         rows = with_closed_forms(rows, scenario, reflectance)
         ends = float(distances[0]), float(distances[-1])
         at_rest = math.nan
@@ -67,7 +50,7 @@ def budget_scenario(
             at_rest = closed_crossing(with_sweep(scenario, 0.0), reflectance, *ends)
         paths = write_budget(
             rows,
-            folder,
+            call.output,
             reflectance=reflectance,
             scenario_yaml=resolved_yaml(own),
             light=("dark" if scenario.lighting.sky().dark else "lit as the scenario says")
@@ -75,14 +58,14 @@ def budget_scenario(
             sweep=turn,
             at_rest=at_rest,
             dominance=dominance,
-            overwrite=overwrite,
+            overwrite=call.overwrite,
         )
-    if quiet:
+    if call.quiet:
         return
     print_rows(budget_rows(rows))
     closing = {"the beam in a dwell": _turn(turn) + (" (as the scan's columns)" if chosen is None else "")}
     closing |= _meeting(rows, turn, at_rest)
-    closing |= {"folder": str(folder), "files": ", ".join(path.name for path in paths)}
+    closing |= files_of(paths)
     if dominance is not None:
         shares = sorted(dominance.shares().items(), key=lambda share: -share[1])
         closing["most of σ"] = ", ".join(f"{name} {100.0 * share:.3g} %" for name, share in shares if share)

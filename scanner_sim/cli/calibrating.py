@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
-
 import numpy as np
 
-from scanner_sim.cli.progress import progress_bar
-from scanner_sim.cli.report import scenario_of
-from scanner_sim.cli.scenarios import load_and_warn
+from scanner_sim.cli.call import Call
 from scanner_sim.cli.tables import print_table
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.exchange import check_files, write_files
-from scanner_sim.render.libraries import DeviceChoice
 
 
-def calibrate_scenario(
-    config: Path,
-    file: Path,
-    overrides: Sequence[str],
-    *,
-    device: DeviceChoice,
-    overwrite: bool,
-    quiet: bool,
-) -> None:
+def calibrate_scenario(call: Call) -> None:
     """Measure the systematic error of a scenario's estimator; write its table, and a picture beside it.
 
     Raises
@@ -36,17 +22,18 @@ def calibrate_scenario(
     """
     from scanner_sim.products.pictures.bias import BiasCurve, draw_bias
 
+    file = call.output
     if file.suffix.lower() != ".csv":
         raise InputError(f"{file.name} is no name of a table.", remedy="Write one that ends in .csv.")
     if not file.parent.is_dir():
         raise InputError(f"there is no folder {file.parent}.", remedy="Make it, or name another.")
     picture = file.with_suffix(".png")
-    check_files((file, picture), overwrite)
-    scenario = load_and_warn(config, overrides, quiet)
+    check_files((file, picture), call.overwrite)
+    scenario = call.scenario()
     from scanner_sim.validation.studies.calibrate import measure_bias
 
-    with progress_bar("along the line", quiet) as (advance, _), scenario_of(config):
-        table, passages = measure_bias(scenario, device=device, progress=advance)
+    with call.work("along the line") as (advance, _):
+        table, passages = measure_bias(scenario, device=call.device, progress=advance)
     from scanner_sim.signals.line.bias import computed_bias
     from scanner_sim.signals.line.bias_table import write_bias
 
@@ -60,8 +47,8 @@ def calibrate_scenario(
         file.name: lambda path: write_bias(table, path),
         picture.name: lambda path: draw_bias(scenario.processing.peak, curves, path),
     }
-    write_files(file.parent, writers, overwrite=overwrite)
-    if quiet:
+    write_files(file.parent, writers, overwrite=call.overwrite)
+    if call.quiet:
         return
     largest, left = (max(float(np.abs(getattr(c, name)).max()) for c in curves) for name in ("bias", "left"))
     print_table(

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from pathlib import Path
 
 import typer
 
-from scanner_sim.cli.progress import progress_bar
-from scanner_sim.cli.report import scenario_of
-from scanner_sim.cli.scenarios import load_and_warn
+from scanner_sim.cli.call import Call, files_of
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.products.comparison import Comparison
 from scanner_sim.products.files.contents import COMPARISON
-from scanner_sim.products.files.folder import claim_folder
-from scanner_sim.render.libraries import DeviceChoice
 
 
 def compare_scenario(
-    config: Path,
-    folder: Path,
-    overrides: Sequence[str],
+    call: Call,
     *,
     target: str | None,
     only: Collection[str],
@@ -29,9 +23,6 @@ def compare_scenario(
     level: float,
     quick: bool,
     baseline: Path | None,
-    device: DeviceChoice,
-    overwrite: bool,
-    quiet: bool,
 ) -> None:
     """Compare a scenario's simulation with the closed forms, into a folder.
 
@@ -44,23 +35,25 @@ def compare_scenario(
     """
     from scanner_sim.products.files.comparison_folder import write_comparison
 
-    scenario = load_and_warn(config, overrides, quiet)
+    scenario = call.scenario()
     from scanner_sim.validation.compare.baseline import against, read_baseline
     from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
     from scanner_sim.validation.compare.run import compare
 
     earlier = None if baseline is None else read_baseline(baseline)
     flat = None if target is None else FlatTarget.parse(target)
-    setting = ComparisonSetup(scenario, flat, seeds, quick, device)
-    with claim_folder(folder, overwrite, COMPARISON):
-        with progress_bar("law by law", quiet, "laws") as (advance, _), scenario_of(config):
+    setting = ComparisonSetup(scenario, flat, seeds, quick, call.device)
+    with call.claimed(COMPARISON):
+        with call.work("law by law", "laws") as (advance, _):
             found = compare(setting, only=only, level=level, progress=advance)
         if earlier is not None:
             found = against(found, earlier)
-        paths = write_comparison(found, folder, scenario_yaml=resolved_yaml(scenario), overwrite=overwrite)
-    if not quiet:
+        paths = write_comparison(
+            found, call.output, scenario_yaml=resolved_yaml(scenario), overwrite=call.overwrite
+        )
+    if not call.quiet:
         _print(found)
-        print_table({"folder": str(folder), "files": ", ".join(path.name for path in paths)})
+        print_table(files_of(paths))
     if not found.passed:
         raise typer.Exit(1)
 

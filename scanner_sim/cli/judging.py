@@ -3,28 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scanner_sim.cli.options import (
-    Config,
-    Device,
-    DeviceName,
-    Override,
-    Overwrite,
-    Quiet,
-    Seed,
-    folder_of,
-    folder_option,
-    overrides_of,
-)
+from scanner_sim.cli.options import Device, DeviceName, Quiet, scenario_verb
 from scanner_sim.cli.report import reported
 
+if TYPE_CHECKING:
+    from scanner_sim.cli.call import Call
 
+
+@scenario_verb("compare")
 def compare(
-    config: Config,
-    output: Annotated[Path | None, folder_option("compare")] = None,
+    call: Call,
     target: Annotated[
         str | None,
         typer.Option(
@@ -35,7 +27,7 @@ def compare(
     ] = None,
     only: Annotated[
         list[str], typer.Option(metavar="LAW", help="Judge this law only. May be repeated.")
-    ] = [],  # noqa: B006 (as above)
+    ] = [],  # noqa: B006 (typer reads the default, nothing changes it)
     seeds: Annotated[
         int, typer.Option(metavar="N", min=1, max=1000, help="Consecutive seeds whose samples are pooled.")
     ] = 1,
@@ -49,11 +41,6 @@ def compare(
             metavar="FILE", help="compare.json of an earlier run to compare with.", show_default=False
         ),
     ] = None,
-    override: Override = [],  # noqa: B006 (as above)
-    seed: Seed = None,
-    device: Device = DeviceName.auto,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Compare the simulation with closed forms, law by law; the exit status is 1 where one is broken.
 
@@ -63,23 +50,9 @@ def compare(
     probability at a family-wise level, and what the test would have found. A table, JSON and a page with pictures.
     With `--baseline` the same seed must give the same numbers, another seed the same statistics.
     """
-    with reported():
-        from scanner_sim.cli.comparing import compare_scenario
+    from scanner_sim.cli.comparing import compare_scenario
 
-        compare_scenario(
-            config,
-            output or folder_of(config, "compare"),
-            overrides_of(override, seed),
-            target=target,
-            only=only,
-            seeds=seeds,
-            level=level,
-            quick=quick,
-            baseline=baseline,
-            device=device.value,
-            overwrite=overwrite,
-            quiet=quiet,
-        )
+    compare_scenario(call, target=target, only=only, seeds=seeds, level=level, quick=quick, baseline=baseline)
 
 
 def reproduce(

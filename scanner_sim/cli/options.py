@@ -1,12 +1,17 @@
-"""Options that several verbs of the command line share."""
+"""Options that several verbs of the command line share, and what makes a verb for a scenario."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from enum import StrEnum
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, get_type_hints
 
 import typer
+
+from scanner_sim.cli.report import reported
 
 
 class DeviceName(StrEnum):
@@ -44,15 +49,78 @@ Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existin
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 
-def folder_option(ending: str = "") -> Any:
-    """Return the option of the folder that a verb writes, by default :func:`folder_of` its scenario."""
+def scenario_verb(
+    ending: str = "",
+    *,
+    output: Any = None,
+    place: Callable[[Path], Path] | None = None,
+    before: str = "override",
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Return what makes a verb of a function of a :class:`~scanner_sim.cli.call.Call` and of options of its own.
+
+    The verb has besides what every verb for a scenario has: CONFIG, -o, --set, --seed, --device, --overwrite and
+    --quiet. Its faults become messages.
+
+    Parameters
+    ----------
+    ending
+        Of the name of its folder, where none is given: output/ and the scenario's name.
+    output, place
+        Another option for what it writes, and where that is by default, for a scenario's file.
+    before
+        Before which of the shared options its own stand.
+    """
     usual = f"output/ and CONFIG's name{f' with _{ending}' if ending else ''}"
-    return typer.Option("--output", "-o", metavar="DIR", help="Folder of the result.", show_default=usual)
+    folder = typer.Option("--output", "-o", metavar="DIR", help="Folder of the result.", show_default=usual)
 
+    def default(config: Path) -> Path:
+        return Path("output", f"{config.stem}_{ending}" if ending else config.stem)
 
-def folder_of(config: Path, ending: str = "") -> Path:
-    """Return the folder in which the result of a verb for a scenario goes where none is named."""
-    return Path("output", f"{config.stem}_{ending}" if ending else config.stem)
+    shared: dict[str, tuple[Any, Any]] = {
+        "config": (Config, Parameter.empty),
+        "output": (Annotated[Path | None, output or folder], None),
+        "override": (Override, []),
+        "seed": (Seed, None),
+        "device": (Device, DeviceName.auto),
+        "overwrite": (Overwrite, False),
+        "quiet": (Quiet, False),
+    }
+
+    def made(work: Callable[..., None]) -> Callable[..., None]:
+        kinds = get_type_hints(work, localns={"Call": object}, include_extras=True)
+        own = [
+            option.replace(kind=Parameter.KEYWORD_ONLY, annotation=kinds[name])
+            for name, option in list(signature(work).parameters.items())[1:]
+        ]
+        every = [
+            Parameter(name, Parameter.KEYWORD_ONLY, default=value, annotation=kind)
+            for name, (kind, value) in shared.items()
+        ]
+        at = list(shared).index(before)
+        every[at:at] = own
+
+        @wraps(work)
+        def verb(**given: Any) -> None:
+            with reported():
+                from scanner_sim.cli.call import Call
+
+                work(
+                    Call(
+                        given["config"],
+                        given["output"] or (place or default)(given["config"]),
+                        overrides_of(given["override"], given["seed"]),
+                        given["device"].value,
+                        given["overwrite"],
+                        given["quiet"],
+                    ),
+                    **{option.name: given[option.name] for option in own},
+                )
+
+        verb.__signature__ = Signature(every)  # type: ignore[attr-defined]
+        verb.__annotations__ = {option.name: option.annotation for option in every}
+        return verb
+
+    return made
 
 
 def overrides_of(override: list[str], seed: int | None) -> list[str]:

@@ -2,32 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from scanner_sim.cli.progress import progress_bar
-from scanner_sim.cli.report import scenario_of, warn
-from scanner_sim.cli.scenarios import load_and_warn
+from scanner_sim.cli.call import Call, files_of
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.products.files.contents import ORBIT
-from scanner_sim.products.files.folder import claim_folder
-from scanner_sim.render.libraries import DeviceChoice
 
 if TYPE_CHECKING:
     from scanner_sim.products.timeline import Timeline
 
 
-def orbit_scenario(
-    config: Path,
-    folder: Path,
-    overrides: Sequence[str],
-    *,
-    steps: int,
-    device: DeviceChoice,
-    overwrite: bool,
-    quiet: bool,
-) -> None:
+def orbit_scenario(call: Call, *, steps: int) -> None:
     """Sweep one orbit of a scenario into a folder.
 
     Raises
@@ -37,25 +22,23 @@ def orbit_scenario(
     """
     from scanner_sim.products.files.orbit_folder import write_orbit
 
-    scenario = load_and_warn(config, overrides, quiet)
-    with claim_folder(folder, overwrite, ORBIT):
+    scenario = call.scenario()
+    with call.claimed(ORBIT):
         from scanner_sim.validation.studies.sweep import sweep_orbit
 
-        with progress_bar("along the orbit", quiet) as (advance, _), scenario_of(config):
-            timeline = sweep_orbit(scenario, steps, device=device, progress=advance)
-        paths = write_orbit(timeline, folder, overwrite=overwrite)
-    if quiet:
+        with call.work("along the orbit") as (advance, _):
+            timeline = sweep_orbit(scenario, steps, device=call.device, progress=advance)
+        paths = write_orbit(timeline, call.output, overwrite=call.overwrite)
+    call.warn(timeline.warnings)
+    if call.quiet:
         return
-    for sentence in timeline.warnings:
-        warn(sentence)
     rows = share_rows(timeline)
     print_rows(rows, left=(0, len(rows[0]) - 1))
     eclipse = 100.0 * (1.0 - float(timeline.sun_visible.mean()))
     print_table(
         {
             "orbit": f"{timeline.period / 60.0:.1f} min in {timeline.times.size} steps, {eclipse:.1f} % in eclipse",
-            "folder": str(folder),
-            "files": ", ".join(path.name for path in paths),
+            **files_of(paths),
         }
     )
 

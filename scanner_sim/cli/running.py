@@ -8,33 +8,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from scanner_sim.cli.call import Call, files_of
 from scanner_sim.cli.plan import plan, slow, sunlit
-from scanner_sim.cli.progress import progress_bar
-from scanner_sim.cli.report import scenario_of, warn
-from scanner_sim.cli.scenarios import load_and_warn
 from scanner_sim.cli.tables import print_table
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.memory import check_memory
 from scanner_sim.products.files.contents import RUN, SHOTS, TRACK
-from scanner_sim.products.files.folder import check_target, claim_folder
-from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.products.files.folder import check_target
 
 if TYPE_CHECKING:
     from scanner_sim.products.image import Layered, RangeImage
     from scanner_sim.products.shots import ShotTable
 
 
-def run_scenario(
-    config: Path,
-    folder: Path,
-    overrides: Sequence[str],
-    *,
-    device: DeviceChoice,
-    dry_run: bool,
-    overwrite: bool,
-    quiet: bool,
-) -> None:
+def run_scenario(call: Call, *, dry_run: bool) -> None:
     """Simulate a scenario into a folder, with everything that can be refused refused before the work.
 
     Raises
@@ -44,67 +32,58 @@ def run_scenario(
     """
     from scanner_sim.cli.tracking import run_tracking
 
-    scenario = load_and_warn(config, overrides, quiet)
+    scenario = call.scenario()
     kind, work = {"image": (RUN, _run_raster), "shots": (SHOTS, _run_shots), "visits": (TRACK, run_tracking)}[
         scenario.scan.layout
     ]
     if dry_run:
-        check_target(folder, overwrite, kind)
-        print_table(plan(scenario, folder))
+        check_target(call.output, call.overwrite, kind)
+        print_table(plan(scenario, call.output))
         return
     check_memory(scenario)
-    for sentence in () if quiet else slow(scenario):
-        warn(sentence)
-    with claim_folder(folder, overwrite, kind):
-        work(scenario, config, folder, device=device, overwrite=overwrite, quiet=quiet)
+    call.warn(slow(scenario))
+    with call.claimed(kind):
+        work(scenario, call)
 
 
-def _run_raster(
-    scenario: Scenario, config: Path, folder: Path, *, device: DeviceChoice, overwrite: bool, quiet: bool
-) -> None:
+def _run_raster(scenario: Scenario, call: Call) -> None:
     # Loads the renderer: only after everything that can be refused without it.
     from scanner_sim.instrument.simulate import simulate, simulate_waveforms, take_photo
     from scanner_sim.products.files.run_folder import write_run
 
     camera = waveforms = None
-    with progress_bar("simulating", quiet, "voxels") as (advance, say):
-        with scenario_of(config):
-            image = simulate(scenario, device=device, progress=advance)
-            if scenario.output.pictures and sunlit(scenario):
-                say("taking the photograph")
-                camera = take_photo(scenario, device=device)
-            if (chosen := scenario.output.waveforms) != "none":
-                say("recording waveforms")
-                waveforms = simulate_waveforms(scenario, None if chosen == "all" else chosen, device=device)
+    with call.work("simulating", "voxels") as (advance, say):
+        image = simulate(scenario, device=call.device, progress=advance)
+        if scenario.output.pictures and sunlit(scenario):
+            say("taking the photograph")
+            camera = take_photo(scenario, device=call.device)
+        if (chosen := scenario.output.waveforms) != "none":
+            say("recording waveforms")
+            waveforms = simulate_waveforms(scenario, None if chosen == "all" else chosen, device=call.device)
         say("writing")
         paths = write_run(
-            image, folder, scenario.output, camera=camera, waveforms=waveforms, overwrite=overwrite
+            image, call.output, scenario.output, camera=camera, waveforms=waveforms, overwrite=call.overwrite
         )
-    if not quiet:
-        for sentence in image.warnings:
-            warn(sentence)
+    call.warn(image.warnings)
+    if not call.quiet:
         print_table(closing(image, paths))
 
 
-def _run_shots(
-    scenario: Scenario, config: Path, folder: Path, *, device: DeviceChoice, overwrite: bool, quiet: bool
-) -> None:
+def _run_shots(scenario: Scenario, call: Call) -> None:
     from scanner_sim.instrument.shots import simulate_shots
     from scanner_sim.instrument.simulate import take_photo
     from scanner_sim.products.files.shots_folder import write_shots
 
     camera = None
-    with progress_bar("simulating", quiet, "shots") as (advance, say):
-        with scenario_of(config):
-            shots = simulate_shots(scenario, device=device, progress=advance)
-            if scenario.output.pictures and sunlit(scenario):
-                say("taking the photograph")
-                camera = take_photo(scenario, device=device)
+    with call.work("simulating", "shots") as (advance, say):
+        shots = simulate_shots(scenario, device=call.device, progress=advance)
+        if scenario.output.pictures and sunlit(scenario):
+            say("taking the photograph")
+            camera = take_photo(scenario, device=call.device)
         say("writing")
-        paths = write_shots(shots, folder, scenario.output, camera=camera, overwrite=overwrite)
-    if not quiet:
-        for sentence in shots.warnings:
-            warn(sentence)
+        paths = write_shots(shots, call.output, scenario.output, camera=camera, overwrite=call.overwrite)
+    call.warn(shots.warnings)
+    if not call.quiet:
         print_table(closing_shots(shots, paths))
 
 
@@ -144,6 +123,4 @@ def _closing(image: Layered, paths: Sequence[Path]) -> dict[str, str]:
         count = np.count_nonzero(image["status"] == code)
         if count and code is not Status.VALID:
             rows[code.name.lower().replace("_", " ")] = f"{count:,} ({code.sentence})"
-    rows["folder"] = str(paths[0].parent)
-    rows["files"] = ", ".join(path.name for path in paths)
-    return rows
+    return rows | files_of(paths)

@@ -3,36 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scanner_sim.cli.options import (
-    Config,
-    Device,
-    DeviceName,
-    Override,
-    Overwrite,
-    Quiet,
-    Seed,
-    folder_of,
-    folder_option,
-    overrides_of,
-)
-from scanner_sim.cli.report import reported
+from scanner_sim.cli.options import scenario_verb
+
+if TYPE_CHECKING:
+    from scanner_sim.cli.call import Call
 
 
+@scenario_verb("orbit")
 def orbit(
-    config: Config,
-    output: Annotated[Path | None, folder_option("orbit")] = None,
+    call: Call,
     steps: Annotated[
         int, typer.Option(metavar="N", min=1, max=100_000, help="Moments, evenly spaced over one orbit.")
     ] = 90,
-    override: Override = [],  # noqa: B006 (as above)
-    seed: Seed = None,
-    device: Device = DeviceName.auto,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Sweep one orbit: for each target the share of time in each condition of illumination.
 
@@ -41,38 +27,22 @@ def orbit(
     The scenario's lighting needs an `orbit` or a `tle`. Targets are its target arrays, or else all objects. A table,
     a timeline, CSV and JSON say when each is lit, in shadow, in the dark, or seen against the Sun.
     """
-    with reported():
-        from scanner_sim.cli.orbit import orbit_scenario
+    from scanner_sim.cli.orbit import orbit_scenario
 
-        orbit_scenario(
-            config,
-            output or folder_of(config, "orbit"),
-            overrides_of(override, seed),
-            steps=steps,
-            device=device.value,
-            overwrite=overwrite,
-            quiet=quiet,
-        )
+    orbit_scenario(call, steps=steps)
 
 
-def calibrate(
-    config: Config,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="FILE",
-            help="Table of the errors, a CSV file.",
-            show_default="CONFIG's name with _bias.csv",
-        ),
-    ] = None,
-    override: Override = [],  # noqa: B006 (as above)
-    seed: Seed = None,
-    device: Device = DeviceName.auto,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
+@scenario_verb(
+    output=typer.Option(
+        "--output",
+        "-o",
+        metavar="FILE",
+        help="Table of the errors, a CSV file.",
+        show_default="CONFIG's name with _bias.csv",
+    ),
+    place=lambda config: Path(f"{config.stem}_bias.csv"),
+)
+def calibrate(call: Call) -> None:
     """Measure the systematic error of the peak estimator, and write the table that corrects it.
 
     Example: `scanner-sim calibrate configs/quickstart.yaml -o bias.csv --set processing.peak=parabola`
@@ -80,22 +50,14 @@ def calibrate(
     A flat white target is moved through the range without noise. The table, with a picture beside it, is used by
     `processing.bias_correction: bias.csv`.
     """
-    with reported():
-        from scanner_sim.cli.calibrating import calibrate_scenario
+    from scanner_sim.cli.calibrating import calibrate_scenario
 
-        calibrate_scenario(
-            config,
-            output or Path(f"{config.stem}_bias.csv"),
-            overrides_of(override, seed),
-            device=device.value,
-            overwrite=overwrite,
-            quiet=quiet,
-        )
+    calibrate_scenario(call)
 
 
+@scenario_verb("budget")
 def budget(
-    config: Config,
-    output: Annotated[Path | None, folder_option("budget")] = None,
+    call: Call,
     distances: Annotated[
         int, typer.Option(metavar="N", min=2, max=200, help="Distances of the target, up to 30 m.")
     ] = 12,
@@ -113,11 +75,6 @@ def budget(
     image: Annotated[
         bool, typer.Option("--image", help="Draw also which source dominates in the scenario's own scan.")
     ] = False,
-    override: Override = [],  # noqa: B006 (as above)
-    seed: Seed = None,
-    device: Device = DeviceName.auto,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Tell where the range error comes from: each source alone and all together, against range.
 
@@ -126,26 +83,14 @@ def budget(
     A facing flat target stands in the dark at log-spaced distances. A table, CSV, JSON and a picture hold simulated
     standard deviations with 95 % intervals beside those of closed forms.
     """
-    with reported():
-        from scanner_sim.cli.budgeting import budget_scenario
+    from scanner_sim.cli.budgeting import budget_scenario
 
-        budget_scenario(
-            config,
-            output or folder_of(config, "budget"),
-            overrides_of(override, seed),
-            count=distances,
-            reflectance=reflectance,
-            sweep=sweep,
-            image=image,
-            device=device.value,
-            overwrite=overwrite,
-            quiet=quiet,
-        )
+    budget_scenario(call, count=distances, reflectance=reflectance, sweep=sweep, image=image)
 
 
+@scenario_verb("pose_study")
 def pose_study(
-    config: Config,
-    output: Annotated[Path | None, folder_option("pose_study")] = None,
+    call: Call,
     diameter: Annotated[
         float | None,
         typer.Option(
@@ -159,11 +104,6 @@ def pose_study(
     quick: Annotated[
         bool, typer.Option("--quick", help="Three ranges, fewer arrays, patterns and poses.")
     ] = False,
-    override: Override = [],  # noqa: B006 (as above)
-    seed: Seed = None,
-    device: Device = DeviceName.auto,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
 ) -> None:
     """Compare arrays of targets: the error of each component of their pose against range, size, number and method.
 
@@ -173,16 +113,6 @@ def pose_study(
     angles (uv), points (xyz) and both (joint), with triangulation and time of flight, stand beside closed forms:
     tables, JSON, and Figure 15 as a picture.
     """
-    with reported():
-        from scanner_sim.cli.pose_study import study_scenario
+    from scanner_sim.cli.pose_study import study_scenario
 
-        study_scenario(
-            config,
-            output or folder_of(config, "pose_study"),
-            overrides_of(override, seed),
-            diameter=diameter,
-            quick=quick,
-            device=device.value,
-            overwrite=overwrite,
-            quiet=quiet,
-        )
+    study_scenario(call, diameter=diameter, quick=quick)

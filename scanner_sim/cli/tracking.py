@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from scanner_sim.cli.progress import progress_bar
-from scanner_sim.cli.report import scenario_of, warn
+from scanner_sim.cli.call import Call, files_of
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import scenario_from_text
 from scanner_sim.config.scenario import Scenario
@@ -32,9 +32,7 @@ _BACKDROP = 320
 """Voxels along the longer side of the image behind the targets."""
 
 
-def run_tracking(
-    scenario: Scenario, config: Path, folder: Path, *, device: DeviceChoice, overwrite: bool, quiet: bool
-) -> None:
+def run_tracking(scenario: Scenario, call: Call) -> None:
     """Follow the targets of a scenario into a folder.
 
     Raises
@@ -45,35 +43,32 @@ def run_tracking(
     from scanner_sim.instrument.closed_loop.track import track
     from scanner_sim.products.files.track_folder import write_track
 
-    expected, done = patterns(scenario), 0
+    expected, visits = patterns(scenario), count(1)
 
-    with progress_bar("tracking", quiet, "patterns") as (advance, say):
+    with call.work("tracking", "patterns") as (advance, say):
 
         def visited(_time: float, _duration: float) -> None:
-            nonlocal done
-            done += 1
+            done = next(visits)
             advance(done, max(done, expected))
 
-        with scenario_of(config):
-            made = track(scenario, device=device, progress=visited)
+        made = track(scenario, device=call.device, progress=visited)
         say("estimating poses")
         poses = poses_of(made)
         backdrop = None
         if scenario.output.pictures:
             say("drawing")
-            backdrop = backdrop_of(made, scenario, device)
+            backdrop = backdrop_of(made, scenario, call.device)
         paths = write_track(
             made,
-            folder,
+            call.output,
             scenario.output,
             poses=poses,
             backdrop=backdrop,
             rim=rims_of(made),
-            overwrite=overwrite,
+            overwrite=call.overwrite,
         )
-    if not quiet:
-        for sentence in made.warnings:
-            warn(sentence)
+    call.warn(made.warnings)
+    if not call.quiet:
         _print_closing(made, poses, paths)
 
 
@@ -169,13 +164,10 @@ def _print_closing(track: Track, poses: Sequence[PoseSeries], paths: Sequence[Pa
     if records:
         rows["time"] = f"{records[-1].time:.4g} s on the instrument"
     for code in TrackStatus:
-        count = sum(record.status is code for record in records)
-        if count:
-            rows[code.name.lower().replace("_", " ")] = f"{count:,} ({code.sentence})"
-    if paths:
-        rows["folder"] = str(paths[0].parent)
-        rows["files"] = ", ".join(path.name for path in paths)
-    print_table(rows)
+        found = sum(record.status is code for record in records)
+        if found:
+            rows[code.name.lower().replace("_", " ")] = f"{found:,} ({code.sentence})"
+    print_table(rows | files_of(paths))
 
 
 def _target_rows(track: Track) -> list[list[str]]:
@@ -202,9 +194,9 @@ def _pose_rows(poses: Sequence[PoseSeries]) -> list[list[str]]:
     rows = [["rms error of", "method", "poses", "x mm", "y mm", "z mm", "ωx mrad", "ωy mrad", "ωz mrad"]]
     for one in poses:
         good = (one.status == PoseStatus.VALID) & np.isfinite(one.error).all(axis=1)
-        count = f"{np.count_nonzero(one.status == PoseStatus.VALID)}/{len(one.time)}"
+        valid = f"{np.count_nonzero(one.status == PoseStatus.VALID)}/{len(one.time)}"
         rms = 1e3 * np.sqrt(np.mean(one.error[good] ** 2, axis=0)) if good.any() else []
-        rows.append([one.label, one.method, count, *(f"{value:.3g}" for value in rms)])
+        rows.append([one.label, one.method, valid, *(f"{value:.3g}" for value in rms)])
         rows[-1] += [""] * (len(rows[0]) - len(rows[-1]))
     return rows
 

@@ -37,7 +37,7 @@ ORDER = {name: rank for rank, name in enumerate(ROOMS)}
 
 # What the judge may share with the judged, and who may ask it.
 SHARED_WITH_JUDGE = {"foundation.constants", "foundation.units", "foundation.errors"}
-MAY_ASK_JUDGE = ("analytic", "validation.compare", "validation.reproduce", "cli")
+MAY_ASK_JUDGE = ("analytic", "validation.compare", "validation.reproduce")
 
 # The device side of the flow. Elsewhere only the loader's three files and the streams touch it.
 DEVICE_ROOMS = {"mitsuba": {"render"}, "drjit": {"render", "detector", "signals"}}

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scanner_sim import Scenario, estimate_pose
 from scanner_sim.analytic import geometry
 from scanner_sim.analytic import pose as judge
-from scanner_sim.cli.pose_study import closed_forms
 from scanner_sim.pose.target_layouts import Layout, circle, line_and_one, pyramid, square
 from scanner_sim.products.pose_study import COMPONENTS, PoseRow
+from scanner_sim.validation.compare.pose_forms import with_closed_forms
 from scanner_sim.validation.studies.pose_laws import exponents_of, gains_of, power_law
 from scanner_sim.validation.studies.pose_study import BASE, MODES, StudyPlan, measure_study, target_rows
 from scanner_sim.validation.studies.target_errors import TargetErrors, measure_targets
@@ -44,7 +44,7 @@ def studied(scenario: Scenario) -> tuple[tuple[TargetErrors, ...], tuple[PoseRow
     target = StudyTarget.of(scenario)
     plan = StudyPlan((6.0, 8.0, 10.0), (BASE, pyramid(1.0)), poses=1500, positions=2, patterns=2)
     pools, rows = measure_study(scenario, plan, target, device="cpu")
-    return pools, closed_forms(rows, plan.arrays, target_rows(pools), 10.0)
+    return pools, with_closed_forms(rows, plan.arrays, target_rows(pools), 10.0)
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -171,7 +171,7 @@ def first_order(layout: Layout, pool: TargetErrors, method: str, ranging: str, c
 
 
 @pytest.mark.slow
-def test_poses_from_pixels_are_the_closed_forms(
+def test_poses_from_pixels_are_the_with_closed_forms(
     studied: tuple[tuple[TargetErrors, ...], tuple[PoseRow, ...]],
 ) -> None:
     """Claim: poses from simulated observations err as the first order says: of points that count alike by the closed
