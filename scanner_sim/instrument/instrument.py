@@ -37,7 +37,9 @@ from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.background.view import panorama_view
-from scanner_sim.render.beam.light import Light, Truth, render_light
+from scanner_sim.render.beam.light import Light, Truth
+from scanner_sim.render.beam.line_projection import LineProjection
+from scanner_sim.render.beam.splitter import render_light
 from scanner_sim.render.beam.surface_positions import surface_positions
 from scanner_sim.render.device import activate
 from scanner_sim.render.incident import Incident, Throughput
@@ -213,7 +215,7 @@ class Instrument:
         if self.speckle is None:
             return None
         return line_speckle(
-            light.clusters,
+            light,
             surface_positions(self.loaded, self.optics, shots, truth),
             self.speckle,
             self.optics.receiver.focal_length / self.optics.pitch,
@@ -331,7 +333,8 @@ class Instrument:
     ) -> tuple[Truth, Iterator[ShotGroup]]:
         scenario = self.scenario
         seen = self.panorama if panorama is None else panorama
-        truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, scenario.seed)
+        line = LineProjection(self.optics)
+        truth, lights = render_light(self.loaded, line, scenario.transport, shots, scenario.seed)
 
         def groups() -> Iterator[ShotGroup]:
             for light in lights:
