@@ -17,6 +17,7 @@ from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.render.beam.beamlets import smooth_beamlets
+from scanner_sim.render.beam.line_projection import LineProjection
 from scanner_sim.render.beam.path_projection import PathProjection
 from scanner_sim.render.beam.projection import trace_returns
 from scanner_sim.render.rays import intersect
@@ -162,6 +163,16 @@ def test_a_pulse_goes_there_and_back(offset: bool, turn: list[float]) -> None:
     sigma = 0.5 * float(beam_radius(3.0, 1e-3, 4.0, 1.5e-6))
     wanted = beamlets.width * sigma * math.hypot(*slopes)
     assert floats(returns.spots.sigma)[0] == pytest.approx(wanted, rel=1e-3)
+
+
+def test_a_pulse_lasts_no_part_of_the_dwell() -> None:
+    """Claim: it is fired in the middle of it, where the continuous beam travels on; both at the same angles."""
+    shots = Shots(mi.UInt32(3), mi.Float(0.5), mi.Float(0.1), mi.Float(2e-3), mi.Float(3e-3))
+    pulse = PathProjection(bench(), False, 0.01).fired(shots)
+    continuous = LineProjection(bench()).fired(shots)
+    for fired, share in ((pulse, 0.0), (continuous, 1.0)):
+        found = [floats(way)[0] for way in (fired.travel_theta, fired.travel_phi, fired.theta)]
+        assert found == pytest.approx([share * 2e-3, share * 3e-3, 0.5])
 
 
 def test_a_beam_moves_less_across_the_line_where_it_is_deflected() -> None:

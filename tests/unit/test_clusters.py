@@ -6,24 +6,13 @@ import drjit as dr
 import numpy as np
 import pytest
 
-from scanner_sim.config.scanner import Scanner
 from scanner_sim.render.beam.light import Light, cluster
 from scanner_sim.render.beam.line_projection import LineProjection
 from scanner_sim.render.beam.path_projection import PathProjection
-from scanner_sim.render.beam.projection import Projection, Spots
+from scanner_sim.render.beam.projection import Spots
 from scanner_sim.render.device import Device
-from scanner_sim.render.transport import OpticalLayout
 
 SHOTS, COUNT = 5, 200
-
-
-def projection(path: bool = False) -> Projection:
-    scanner = Scanner()
-    sensor = scanner.position_sensor
-    layout = OpticalLayout(
-        scanner.laser, scanner.receiver, 0.05, 1.0, sensor.pitch, sensor.height, sensor.offset, 0.0
-    )
-    return PathProjection(layout, False, 0.01) if path else LineProjection(layout)
 
 
 def gathered(spots: Spots, clusters: int, *, path: bool = False, shots: int = SHOTS) -> Light:
@@ -32,7 +21,8 @@ def gathered(spots: Spots, clusters: int, *, path: bool = False, shots: int = SH
 
     index = dr.arange(mi.UInt32, shots)
     count = dr.width(spots.power) // shots
-    return Light(index, index, *cluster(spots, index, count, clusters, projection(path)))
+    kept = (PathProjection if path else LineProjection).resolution
+    return Light(index, index, *cluster(spots, index, count, clusters, kept))
 
 
 @pytest.fixture

@@ -81,7 +81,7 @@ def trace_bounces(
     first = Vertex(si, lane.weight * dr.opaque(mi.Float, projection.power), way, si.is_valid())
     vertices, paths = bounces - 1, dr.width(lane.shot)
     found = Spots(*(dr.empty(mi.Float, paths * vertices) for _ in range(3)))
-    if projection.keeps_coherence:
+    if projection.resolution.keeps_coherence:
         found.coherence = dr.zeros(mi.Float, paths * vertices)
     for number, vertex in enumerate(_walk(loaded, lane, first, bounces, seed)):
         strength, seen = connect(

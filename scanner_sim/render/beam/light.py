@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Float, UInt32
-from scanner_sim.render.beam.projection import Projection, Spots
+from scanner_sim.render.beam.projection import Resolution, Spots
 from scanner_sim.scene.files.loader import LoadedScene
 
 _CLUSTER_SIGMAS = 6.0
@@ -166,9 +166,9 @@ class Truth:
 
 
 def cluster(
-    spots: Spots, shot: UInt32, count: int, clusters: int, projection: Projection
+    spots: Spots, shot: UInt32, count: int, clusters: int, resolution: Resolution
 ) -> tuple[Float, Float, Float, Float | None]:
-    """Gather each shot's spots into clusters along the coordinate of a projection.
+    """Gather each shot's spots into clusters along their coordinate.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def cluster(
         Spots of each shot.
     clusters
         Number of clusters c; each covers an equal part of the extent of the shot's lit spots.
-    projection
+    resolution
         How clusters are kept.
 
     Returns
@@ -189,7 +189,7 @@ def cluster(
         Amount, position, standard deviation and coherence of the clusters, as in :class:`Light`. Power, mean and
         variance of the spots in each are kept exactly, and the mean coherence if there is one.
     """
-    m, first_spot, about = dr.width(shot), shot * count, projection.moments_about
+    m, first_spot, about = dr.width(shot), shot * count, resolution.moments_about
 
     def spot(number: UInt32) -> tuple[Float, Float, Float]:
         at = first_spot + number
@@ -223,7 +223,7 @@ def cluster(
     for slot in range(clusters):
         total, *moments = (values.read(mi.UInt32(slot)) for values in ended[1:])
         mean, square, *contrast = (dr.select(total > 0.0, moment / total, 0.0) for moment in moments)
-        variance = dr.maximum(square - dr.square(mean), projection.least_variance)
+        variance = dr.maximum(square - dr.square(mean), resolution.least_variance)
         found.append((total, origin + (slot + about) * width + mean, dr.sqrt(variance), *contrast))
     dr.eval(found)
     amount, position, sigma, *contrast = (dr.concat(values) for values in zip(*found, strict=True))

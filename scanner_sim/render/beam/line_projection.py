@@ -15,7 +15,7 @@ import mitsuba as mi
 from scanner_sim.foundation.device_types import Float, Mask, Vector3f
 from scanner_sim.optics.deflection import Frame
 from scanner_sim.render.beam.beamlets import Beamlets
-from scanner_sim.render.beam.projection import Hits, Laid
+from scanner_sim.render.beam.projection import Hits, Laid, Resolution
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
 
@@ -32,12 +32,14 @@ class LineProjection:
     """The line sensor behind its lens: positions and standard deviations in pixels, power in watts."""
 
     layout: OpticalLayout
-    uneven_departure: ClassVar[float] = 0.05
-    edge_departure: ClassVar[float] = 0.5
-    gaussian_travel: ClassVar[float] = 2.0
-    keeps_coherence: ClassVar[bool] = True
-    least_variance: ClassVar[float] = 1e-4
-    moments_about: ClassVar[float] = 0.0
+    resolution: ClassVar[Resolution] = Resolution(
+        uneven_departure=0.05,
+        edge_departure=0.5,
+        gaussian_travel=2.0,
+        least_variance=1e-4,
+        moments_about=0.0,
+        keeps_coherence=True,
+    )
 
     @property
     def power(self) -> float:

@@ -22,7 +22,7 @@ import mitsuba as mi
 from scanner_sim.foundation.device_types import Float, Mask, Vector3f
 from scanner_sim.optics.deflection import Frame
 from scanner_sim.render.beam.beamlets import Beamlets
-from scanner_sim.render.beam.projection import Hits, Laid
+from scanner_sim.render.beam.projection import Hits, Laid, Resolution
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
 
@@ -52,12 +52,14 @@ class PathProjection:
     offset: bool
     field_of_view: float
     power: ClassVar[float] = 1.0
-    uneven_departure: ClassVar[float] = 5e-3
-    edge_departure: ClassVar[float] = 20e-3
-    gaussian_travel: ClassVar[float] = math.inf
-    keeps_coherence: ClassVar[bool] = False
-    least_variance: ClassVar[float] = 0.0
-    moments_about: ClassVar[float] = 0.5
+    resolution: ClassVar[Resolution] = Resolution(
+        uneven_departure=5e-3,
+        edge_departure=20e-3,
+        gaussian_travel=math.inf,
+        least_variance=0.0,
+        moments_about=0.5,
+        keeps_coherence=False,
+    )
 
     def fired(self, shots: Shots) -> Shots:
         """Return the shots at rest in the middle of their dwell."""

@@ -59,4 +59,5 @@ def pattern_light(
     dr.eval(beamlets.length, beamlets.cosine, beamlets.sine)
     spots = trace_returns(loaded, projection, beamlets, shots).spots
     dr.eval(spots)
-    return truth, Light(index, shots.number, *cluster(spots, index, beamlets.count, CLUSTERS, projection))
+    clusters = cluster(spots, index, beamlets.count, CLUSTERS, projection.resolution)
+    return truth, Light(index, shots.number, *clusters)

@@ -113,6 +113,34 @@ class Laid:
     reference: Float | None = None
 
 
+@dataclass(frozen=True)
+class Resolution:
+    """What calls for more beamlets on a coordinate, and how clusters are kept there, in its unit.
+
+    Attributes
+    ----------
+    uneven_departure
+        Departure of a beamlet's position from the tangent plane's that calls for more beamlets.
+    edge_departure
+        The same departure that can only be an edge of depth.
+    gaussian_travel
+        Way of a spot during the dwell beyond which its light is no longer nearly Gaussian.
+    least_variance
+        Floor of a cluster's variance: rounding cannot make it negative.
+    moments_about
+        Point about which a cluster's moments are summed, from 0 at its low end to 1 at its high one.
+    keeps_coherence
+        Whether clusters keep the coherence of their light; else that of the chief ray's surface stands for it.
+    """
+
+    uneven_departure: float
+    edge_departure: float
+    gaussian_travel: float
+    least_variance: float
+    moments_about: float
+    keeps_coherence: bool
+
+
 class Projection(Protocol):
     """Onto what coordinate light is laid, and what calls for finer beamlets there."""
 
@@ -125,28 +153,8 @@ class Projection(Protocol):
         """Power of the beam, in the unit of :class:`Spots`."""
 
     @property
-    def uneven_departure(self) -> float:
-        """Departure of a beamlet's position from the tangent plane's that calls for more beamlets."""
-
-    @property
-    def edge_departure(self) -> float:
-        """The same departure that can only be an edge of depth."""
-
-    @property
-    def keeps_coherence(self) -> bool:
-        """Whether clusters keep the coherence of their light; else that of the chief ray's surface stands for it."""
-
-    @property
-    def least_variance(self) -> float:
-        """Floor of a cluster's variance."""
-
-    @property
-    def moments_about(self) -> float:
-        """Point about which a cluster's moments are summed, from 0 at its low end to 1 at its high one."""
-
-    @property
-    def gaussian_travel(self) -> float:
-        """Way of a spot during the dwell beyond which its light is no longer nearly Gaussian."""
+    def resolution(self) -> Resolution:
+        """How finely light is followed."""
 
     def fired(self, shots: Shots) -> Shots:
         """Return the shots with the way that the beam travels while this light shines."""
@@ -202,7 +210,7 @@ def trace_returns(
         dr.select(hit, laid.position, 0.0),
         dr.select(hit, laid.sigma, 0.0),
     )
-    if projection.keeps_coherence:
+    if projection.resolution.keeps_coherence:
         material = dr.gather(mi.UInt32, loaded.material_of, shape)
         spots.coherence = dr.gather(mi.Float, loaded.coherence, material)
     return BeamletReturns(

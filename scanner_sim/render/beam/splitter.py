@@ -117,7 +117,7 @@ def _gather(
     clusters: int,
 ) -> Light:
     """Return the light of m shots from the returns at some indices; ``index`` is that in the batch."""
-    found = cluster(returns.spots, indices, len(beamlets.weights), clusters, projection)
+    found = cluster(returns.spots, indices, len(beamlets.weights), clusters, projection.resolution)
     reference = returns.reference
     return Light(
         index, shots.number, *found, None if reference is None else dr.gather(mi.Float, reference, indices)
@@ -148,7 +148,7 @@ def _with_bounces(
             loaded, projection, beamlets, settings.bounces, own, seed, reference=part.reference
         )
         every = dr.arange(mi.UInt32, part.shots)
-        late = cluster(spots, every, points, _BOUNCE_CLUSTERS, projection)
+        late = cluster(spots, every, points, _BOUNCE_CLUSTERS, projection.resolution)
         yield part.join(Light(part.index, part.shot, *late, part.reference))
 
 
@@ -170,7 +170,7 @@ def _classify_footprints(
     def beamlet(values: Any, number: int) -> Any:
         return dr.gather(type(values), values, chief + number)
 
-    layout, positions = projection.layout, returns.spots.position
+    layout, resolution, positions = projection.layout, projection.resolution, returns.spots.position
     material = dr.gather(mi.UInt32, loaded.material_of, beamlet(returns.shape, 0))
     seen, position, distance = (beamlet(values, 0) for values in (returns.seen, positions, returns.distance))
     slope_a, slope_b, slope_time = (
@@ -188,12 +188,12 @@ def _classify_footprints(
         flat += slope_time * float(beamlets.times[number])
         departure = dr.select(seen == 1, dr.abs(beamlet(positions, number) - flat), 0.0)
         differs = dr.gather(mi.UInt32, loaded.material_of, beamlet(returns.shape, number)) != material
-        differs |= (beamlet(returns.seen, number) != seen) | (departure > projection.edge_departure)
+        differs |= (beamlet(returns.seen, number) != seen) | (departure > resolution.edge_departure)
         beyond += dr.select(differs, float(beamlets.weights[number]), 0.0)
         farthest = dr.maximum(farthest, departure)
     edge = beyond > _GRAZING_WEIGHT * dr.minimum(swept * (1.0 / _LONG_SWEEP), 1.0)
     strength = [beamlet(returns.strength, number) for number in range(len(beamlets.weights))]
-    uneven = (farthest > projection.uneven_departure) | projection.is_unequal(strength, beamlets)
-    uneven |= (seen == 1) & (dr.abs(slope_time) > projection.gaussian_travel)
+    uneven = (farthest > resolution.uneven_departure) | projection.is_unequal(strength, beamlets)
+    uneven |= (seen == 1) & (dr.abs(slope_time) > resolution.gaussian_travel)
     footprint = dr.select(uneven, mi.UInt32(_UNEVEN), _SMOOTH)
     return dr.select(edge, _EDGE, dr.select(beyond > 0.0, _GRAZED, footprint))
