@@ -80,7 +80,8 @@ def lines(objects: list[dict[str, Any]], theta: Any, phi: Any, rays: int, travel
     import mitsuba as mi
 
     from scanner_sim.render.background.reference import reference_line
-    from scanner_sim.render.beam.light import render_light
+    from scanner_sim.render.beam.line_projection import LineProjection
+    from scanner_sim.render.beam.splitter import render_light
     from scanner_sim.render.shots import Shots
     from scanner_sim.render.transport import OpticalLayout
     from scanner_sim.scene.files.loader import load_scene
@@ -95,7 +96,7 @@ def lines(objects: list[dict[str, Any]], theta: Any, phi: Any, rays: int, travel
     swept = dr.full(mi.Float, travel, len(theta))
     shots = Shots(dr.arange(mi.UInt32, len(theta)), mi.Float(theta), mi.Float(phi), swept)
     beamlets = np.zeros((len(theta), PIXELS))
-    for light in render_light(loaded, bench, Transport(), shots, 0)[1]:
+    for light in render_light(loaded, LineProjection(bench), Transport(), shots, 0)[1]:
         for place, index in enumerate(light.index.numpy()):
             beamlets[index] = light.line(place, PIXELS)
     random = [

@@ -81,10 +81,12 @@ class Rays:
 
         from scanner_sim.instrument.instrument import Instrument
         from scanner_sim.instrument.simulate import BATCH
-        from scanner_sim.render.beam import light
+        from scanner_sim.render.beam import splitter
         from scanner_sim.render.beam.beamlets import edge_beamlets, smooth_beamlets
+        from scanner_sim.render.beam.line_projection import LineProjection
+        from scanner_sim.render.beam.projection import trace_returns
         from scanner_sim.render.shots import true_shots
-        from scanner_sim.render.transport import frame_at, launch, trace_spots
+        from scanner_sim.render.transport import frame_at, launch
         from scanner_sim.scan.raster import raster_aim, tiled_order
 
         self.instrument = Instrument(scenario)
@@ -95,18 +97,18 @@ class Rays:
         self.aims = [
             raster_aim(scan, order[start : start + BATCH], dwell) for start in range(0, scan.shots, BATCH)
         ]
-        smooth = smooth_beamlets(settings.beamlets)
+        smooth, projection = smooth_beamlets(settings.beamlets), LineProjection(optics)
         self.scene, self.batches, self.rays, finer = loaded.mitsuba, [], 0, 0
         for aim in self.aims:
             shots, _ = true_shots(aim, scenario.scanner.mirrors, 0)
-            spots = trace_spots(loaded, optics, smooth, shots)
+            returns = trace_returns(loaded, projection, smooth, shots)
             chief = dr.arange(mi.UInt32, len(aim.shot)) * len(smooth.weights)
-            ground = light._classify_footprints(loaded, optics, smooth, shots, spots, chief)
+            ground = splitter._classify_footprints(loaded, projection, smooth, shots, returns, chief)
             for members, beamlets in (
                 (dr.arange(mi.UInt32, len(aim.shot)), smooth),
-                (dr.compress(ground == light._UNEVEN), edge_beamlets(settings.uneven_beamlets)),
-                (dr.compress(ground == light._GRAZED), edge_beamlets(settings.edge_beamlets // 2)),
-                (dr.compress(ground == light._EDGE), edge_beamlets(settings.edge_beamlets)),
+                (dr.compress(ground == splitter._UNEVEN), edge_beamlets(settings.uneven_beamlets)),
+                (dr.compress(ground == splitter._GRAZED), edge_beamlets(settings.edge_beamlets // 2)),
+                (dr.compress(ground == splitter._EDGE), edge_beamlets(settings.edge_beamlets)),
             ):
                 finer += dr.width(members) if beamlets is not smooth else 0
                 k = len(beamlets.weights)

@@ -33,20 +33,21 @@ def main() -> None:
     arguments.add_argument("--device", default="auto", choices=("auto", "cpu", "gpu"))
     given = arguments.parse_args()
     activate(given.device)
-    from scanner_sim.render.beam.echo_clusters import Echoes
+    from scanner_sim.render.beam.light import Light
 
     m, clock = given.records, Digitiser()
     random = np.random.default_rng(1)
     shots = dr.arange(auto.UInt32, m)
 
-    def sent(count: int) -> Echoes:
+    def sent(count: int) -> Light:
         floats = [
             (1e-7 / count * random.uniform(0.02, 2.0, count * m)),
             random.uniform(0.0, 2.0, count * m),
             random.uniform(0.0, 0.05, count * m),
             2.0 * random.uniform(1.0, 30.0, m),
         ]
-        return Echoes(shots, shots, *(auto.Float(values.astype(np.float32)) for values in floats))
+        *clusters, reference = (auto.Float(values.astype(np.float32)) for values in floats)
+        return Light(shots, shots, *clusters, reference=reference)
 
     table = Table("timing", "echoes", "recorded/s", "detected/s", "both/s", title=f"{m} × {clock.samples}")
     for method in METHODS:

@@ -124,7 +124,8 @@ def _rendered(name: str, R: float, coaxial: bool) -> float:
     """Return the rendered power [W] of a wall square to the beam, on pixels that see all of its spot."""
     import mitsuba as mi
 
-    from scanner_sim.render.beam.light import render_light
+    from scanner_sim.render.beam.line_projection import LineProjection
+    from scanner_sim.render.beam.splitter import render_light
     from scanner_sim.render.settings import Transport
     from scanner_sim.render.shots import Shots
     from scanner_sim.render.transport import OpticalLayout
@@ -140,7 +141,7 @@ def _rendered(name: str, R: float, coaxial: bool) -> float:
     wall = {"name": "wall", "shape": "rectangle", "size": (20.0, 20.0), "position": (0.0, 0.0, R)}
     loaded = load_scene(Scene.model_validate({"objects": [{**wall, "material": name}]}))
     shot = Shots(number=mi.UInt32(0), theta=mi.Float(0.0), phi=mi.Float(0.0))
-    _, (light,) = render_light(loaded, bench, Transport(uneven_beamlets=256), shot, seed=0)
+    _, (light,) = render_light(loaded, LineProjection(bench), Transport(uneven_beamlets=256), shot, seed=0)
     return float(light.line(0, sensor.pixels).sum())
 
 

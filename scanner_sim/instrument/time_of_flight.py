@@ -36,9 +36,9 @@ from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.background.view import Rows
-from scanner_sim.render.beam.echo_clusters import Echoes, PhotodiodeView
-from scanner_sim.render.beam.echoes import render_echoes
-from scanner_sim.render.beam.light import Truth
+from scanner_sim.render.beam.light import Light, Truth
+from scanner_sim.render.beam.path_projection import PathProjection
+from scanner_sim.render.beam.splitter import render_light
 from scanner_sim.render.beam.surface_positions import coherence_of, surface_positions
 from scanner_sim.render.field_of_view import (
     Field,
@@ -227,11 +227,9 @@ class TimeOfFlight:
         columns = scenario.scan.shots_per_row
         seen = self.panorama if panorama is None else panorama
         light = field_light(seen, self.field, shots, columns, self.collected)
-        view = PhotodiodeView(diode.place == "offset", diode.field_of_view)
+        view = PathProjection(self.optics, diode.place == "offset", diode.field_of_view)
         speckle = self._speckle if scenario.scanner.laser.speckle else None
-        truth, echoes = render_echoes(
-            self.loaded, self.optics, view, scenario.transport, shots, scenario.seed, speckle
-        )
+        truth, echoes = render_light(self.loaded, view, scenario.transport, shots, scenario.seed, speckle)
         detector = self.detector if detector is None else detector
 
         def groups() -> Iterator[EchoGroup]:
@@ -241,17 +239,16 @@ class TimeOfFlight:
 
         return truth, light, groups()
 
-    def _speckle(self, echoes: Echoes, shots: Shots, truth: Truth) -> Echoes:
+    def _speckle(self, echoes: Light, shots: Shots, truth: Truth) -> Float:
         """Return what speckle makes of the echoes of shots whose chief rays meet something; a pulse lasts no dwell."""
         scanner = self.scenario.scanner
-        speckled: Echoes = echo_speckle(
+        return echo_speckle(
             echoes,
             surface_positions(self.loaded, self.optics, shots, truth),
             coherence_of(self.loaded, truth),
             scanner.receiver.aperture / scanner.laser.wavelength,
             self.scenario.seed,
         )
-        return speckled
 
     def measure(
         self, aim: Aim, shots: Shots, deflections: Deflections, background: Panorama | None = None

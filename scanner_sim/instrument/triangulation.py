@@ -27,7 +27,9 @@ from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.background.view import Rows, panorama_view
-from scanner_sim.render.beam.light import Light, Truth, render_light
+from scanner_sim.render.beam.light import Light, Truth
+from scanner_sim.render.beam.line_projection import LineProjection
+from scanner_sim.render.beam.splitter import render_light
 from scanner_sim.render.beam.surface_positions import surface_positions
 from scanner_sim.render.incident import Incident, LinkBudget, Throughput
 from scanner_sim.render.shots import Shots
@@ -238,7 +240,7 @@ class Triangulation:
         if self.speckle is None:
             return None
         return line_speckle(
-            light.clusters,
+            light,
             surface_positions(self.loaded, self.optics, shots, truth),
             self.speckle,
             self.optics.receiver.focal_length / self.optics.pitch,
@@ -284,7 +286,9 @@ class Triangulation:
         """Render, expose and read the shots of an aim as they are fired: their truth, and the shots in groups."""
         scenario = self.scenario
         seen = self.panorama if background is None else background
-        truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, scenario.seed)
+        truth, lights = render_light(
+            self.loaded, LineProjection(self.optics), scenario.transport, shots, scenario.seed
+        )
 
         def groups() -> Iterator[ShotGroup]:
             for light in lights:

@@ -14,12 +14,12 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
-from scanner_sim.foundation.device_types import Float, UInt32
+from scanner_sim.foundation.device_types import Float
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.background.view import PanoramaView, Rows
-from scanner_sim.render.beam.echo_clusters import Echoes
+from scanner_sim.render.beam.light import Light
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
@@ -132,11 +132,10 @@ def field_light(
     return power
 
 
-def batches_of_echoes(groups: Iterator[Echoes], light: Float, most: int) -> Iterator[tuple[Echoes, UInt32]]:
+def batches_of_echoes(groups: Iterator[Light], light: Float, most: int) -> Iterator[tuple[Light, Float]]:
     """Yield echoes in parts of no more than ``most`` shots, each with the background of its shots [W]."""
     for echoes in groups:
-        count = dr.width(echoes.shot)
-        for start in range(0, count, most):
-            indices = dr.arange(mi.UInt32, start, min(start + most, count))
-            some = echoes if count <= most else echoes.part(indices)
+        for start in range(0, echoes.shots, most):
+            indices = dr.arange(mi.UInt32, start, min(start + most, echoes.shots))
+            some = echoes if echoes.shots <= most else echoes.part(indices)
             yield some, dr.gather(mi.Float, light, some.index)

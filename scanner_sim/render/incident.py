@@ -130,15 +130,15 @@ class Incident:
 
     def link_budget(self) -> LinkBudget:
         """Return the light of each shot as the paper counts it."""
-        clusters, index = self.light.clusters, dr.arange(mi.UInt32, dr.width(self.light.index))
+        light, index = self.light, dr.arange(mi.UInt32, self.light.shots)
         last = self.throughput.pixels - 1
         laser, moment = mi.Float(0.0), mi.Float(0.0)
-        for number in range(clusters.count):
-            at = index + number * clusters.shots
-            position = dr.gather(mi.Float, clusters.position, at)
+        for number in range(light.count):
+            at = index + number * light.shots
+            position = dr.gather(mi.Float, light.position, at)
             nearest = mi.UInt32(dr.clip(dr.round(position), 0.0, last))
             on_array = (position > -0.5) & (position < last + 0.5)
-            amount = dr.gather(mi.Float, clusters.amount, at) * self._at_pixel(self.throughput.laser, nearest)
+            amount = dr.gather(mi.Float, light.amount, at) * self._at_pixel(self.throughput.laser, nearest)
             amount = dr.select(on_array, amount, 0.0)
             laser += amount
             moment += amount * position

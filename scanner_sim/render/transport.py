@@ -1,9 +1,8 @@
-"""The laser's light, from its beam over the scene into the pixels' plane.
+"""The laser's light, from its beam over the scene into a lens.
 
 Each shot's beam is a sum of Gaussian beamlets (:mod:`scanner_sim.render.beam.beamlets`). A beamlet follows a straight
-line of the beam's ruled hyperboloid, so that the radius w(z) is exact at every distance; where it meets a
-surface, the surface's tangent plane and the lens map its Gaussian onto the sensor; the pixels' height cuts it.
-What arrives is a list of *spots*: power, position and width on the line, without random numbers.
+line of the beam's ruled hyperboloid, so that the radius w(z) is exact at every distance. What its Gaussian becomes
+behind the lens stands in :mod:`scanner_sim.render.beam.projection`; there are no random numbers.
 
 Radiometry: power into the lens from a beamlet of power P on a surface with BSDF f_r is
 P f_r cosθ_o · A cosθ_l / r² · T (Pedrotti, *Introduction to optics*, 3rd ed., ch. 5; eq 19 for a Lambertian
@@ -14,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
@@ -25,12 +24,10 @@ from scanner_sim.optics.deflection import Frame, deflected_frame
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.render.beam.beamlets import Beamlets
-from scanner_sim.render.rays import intersect, is_occluded, pose_scene
+from scanner_sim.render.rays import intersect, is_occluded
 from scanner_sim.render.shots import Shots
 from scanner_sim.scene.files.loader import LoadedScene
 
-_LEAST_COSINE = 0.02
-"""Least cosine of incidence for the beamlet's footprint; nearer to grazing it stays at this size."""
 _NONZERO = 1e-30
 
 
@@ -52,30 +49,14 @@ class OpticalLayout:
         """Standard deviation of the image of a point on the line [m], per axis."""
         return math.hypot(self.receiver.aberration, self.diffusion)
 
+    def twist(self, distance: Float) -> Float:
+        """Return (z − z₀)/z_R at distances z [m] along the beam: its ruled lines turn about its axis by atan of it."""
+        waist = dr.opaque(mi.Float, self.laser.waist_distance)
+        return (distance - waist) / dr.opaque(mi.Float, self.laser.rayleigh_length)
 
-@dataclass
-class Spots:
-    """Spots on the line, all Dr.Jit arrays of one length.
-
-    ``position`` and ``sigma`` of the Gaussian along the line [pixel], ``power`` that reaches the line's
-    height [W] (0 where nothing arrives), ``strength`` the power before the height cuts it, per power of the
-    beamlet; ``slope_a``, ``slope_b`` the derivatives of the position along the beam's two axes, per standard
-    deviation of the beam [pixel], ``slope_time`` that along the dwell, per dwell [pixel]; ``distance`` along
-    the beamlet [m], ``seen`` 1 where the lens sees it; ``shape`` registry index of the surface, 0 for none;
-    ``coherence`` squared contrast of its speckle.
-    """
-
-    position: Float
-    sigma: Float
-    power: Float
-    strength: Float
-    slope_a: Float
-    slope_b: Float
-    slope_time: Float
-    distance: Float
-    seen: UInt32
-    shape: UInt32
-    coherence: Float
+    def beam_sigma(self, twist: Float) -> Float:
+        """Return the standard deviation of the beam's irradiance, w/2 [m], where it has a :meth:`twist`."""
+        return dr.opaque(mi.Float, 0.5 * self.laser.waist_radius) * dr.sqrt(1.0 + dr.square(twist))
 
 
 @dataclass
@@ -126,10 +107,11 @@ class BeamletTables:
 class Lanes:
     """A lane for each of k beamlets of each of n shots: lane i · k + j is beamlet j of shot i.
 
-    Dr.Jit arrays of shape (n · k,): ``shot`` and ``beamlet`` i and j; ``own`` the shot itself; ``node``, ``stop``,
-    ``weight`` and ``time`` of the beamlet.
+    ``count`` is k; Dr.Jit arrays of shape (n · k,): ``shot`` and ``beamlet`` i and j; ``own`` the shot itself;
+    ``node``, ``stop``, ``weight`` and ``time`` of the beamlet.
     """
 
+    count: int
     shot: UInt32
     beamlet: UInt32
     own: Shots
@@ -162,34 +144,7 @@ def lanes(beamlets: Beamlets | Split, shots: Shots) -> Lanes:
     shot = lane // count
     beamlet = lane - shot * count
     node, stop, weight, time = split.draw(beamlet, shot)
-    return Lanes(shot, beamlet, shots.take(shot), node, stop, weight, time)
-
-
-def trace_spots(
-    loaded: LoadedScene, layout: OpticalLayout, beamlets: Beamlets | Split, shots: Shots
-) -> Spots:
-    """Return the direct spots of all beamlets of all shots.
-
-    Parameters
-    ----------
-    loaded
-        The scene.
-    layout
-        The optics.
-    beamlets
-        How the beam is split into k beamlets, each with its moment in the dwell.
-    shots
-        The n shots.
-
-    Returns
-    -------
-    Spots
-        Arrays of n · k entries; entry i · k + j is beamlet j of shot i: neighbours trace alike.
-    """
-    lane = lanes(beamlets, shots)
-    frame = frame_at(layout, lane.own, lane.time)
-    loaded = pose_scene(loaded, lane.own.poses)
-    return _spots(loaded, layout, lane.own, frame, lane.node, lane.stop, lane.weight, beamlets.width)
+    return Lanes(count, shot, beamlet, shots.take(shot), node, stop, weight, time)
 
 
 def frame_at(layout: OpticalLayout, shots: Shots, time: Float) -> Frame:
@@ -271,118 +226,3 @@ def connect(
     seen = wanted & ~is_occluded(loaded, si.spawn_ray_to(eye), coherent=coherent, active=wanted)
     gain = dr.opaque(mi.Float, receiver.aperture_area * receiver.transmission * layout.filter_transmission)
     return dr.select(seen, reflected * facing / squared * gain, 0.0), seen
-
-
-def image(layout: OpticalLayout, frame: Frame, point: Vector3f) -> tuple[Float, Float, Float]:
-    """Return where the lens images points: p along the line, q across it (eq 1, exactly), and their depth [m]."""
-    offset = mi.Vector3f(point - frame.lens)
-    depth = dr.dot(offset, frame.along)
-    scale = dr.opaque(mi.Float, layout.receiver.focal_length) / depth
-    return -scale * dr.dot(offset, frame.across), scale * dr.dot(offset, frame.normal), depth
-
-
-def synchronisation_shift(layout: OpticalLayout, p: Float, synchronisation: Float) -> Float:
-    """Return where on the line light lands [m] whose receiver looks past the laser by an angle [rad].
-
-    p = f tanα becomes f tan(α + e), to first order p + e (f + p²/f); the position across the line changes by e p/f of
-    itself, which is left out.
-    """
-    f = dr.opaque(mi.Float, layout.receiver.focal_length)
-    return p + synchronisation * (f + dr.square(p) / f)
-
-
-def to_pixels(layout: OpticalLayout, p: Float) -> Float:
-    """Return positions p [m] in pixels."""
-    return (p - dr.opaque(mi.Float, layout.offset)) / dr.opaque(mi.Float, layout.pitch) - 0.5
-
-
-def _spots(
-    loaded: LoadedScene,
-    layout: OpticalLayout,
-    shots: Shots,
-    frame: Frame,
-    node: list[Float],
-    stop: list[Float],
-    weight: Float,
-    width: float,
-) -> Spots:
-    """Trace one beamlet per lane and image it."""
-    laser, receiver = layout.laser, layout.receiver
-    beam = launch(layout, frame, node)
-    si = meet(loaded, beam.origin, beam.direction)
-    hit = si.is_valid()
-    strength, seen = connect(loaded, layout, frame, si, stop, hit)
-    p, q, depth = image(layout, frame, si.p)
-
-    # Derivatives of the image along the two axes of the beam, on the surface's tangent plane.
-    cosine: Any = dr.dot(si.n, beam.direction)
-    cosine = dr.select(dr.abs(cosine) < _LEAST_COSINE, dr.copysign(mi.Float(_LEAST_COSINE), cosine), cosine)
-    along_beam = (si.t - dr.opaque(mi.Float, laser.waist_distance)) / dr.opaque(
-        mi.Float, laser.rayleigh_length
-    )
-    spread = dr.opaque(mi.Float, 0.5 * laser.waist_radius) * dr.sqrt(1.0 + dr.square(along_beam))
-    f = dr.opaque(mi.Float, receiver.focal_length)
-
-    def slopes(axis: Vector3f) -> tuple[Float, Float]:
-        moved = (axis - beam.direction * (dr.dot(si.n, axis) / cosine)) * spread
-        deeper = dr.dot(moved, frame.along)
-        return (
-            (-f * dr.dot(moved, frame.across) - p * deeper) / depth,
-            (f * dr.dot(moved, frame.normal) - q * deeper) / depth,
-        )
-
-    (pa, qa), (pb, qb) = slopes(frame.across), slopes(frame.normal)
-    # The same for the sweep. The first mirror turns the beam about the laser, and the lens's axis turns with it; the
-    # second carries beam and lens round its axis together, and only the slide along the beam is seen.
-    reach = si.t * frame.across.x - dr.opaque(mi.Float, layout.axis_separation)
-    pt = shots.travel_theta * (pa * si.t / spread + f + dr.square(p) / f) + shots.travel_phi * (
-        pb * reach / spread
-    )
-    residual = dr.opaque(mi.Float, width**2)
-    blur = dr.opaque(mi.Float, layout.point_spread**2)
-    var_p = residual * (dr.square(pa) + dr.square(pb)) + blur
-    var_q = residual * (dr.square(qa) + dr.square(qb)) + blur
-    covariance = residual * (pa * qa + pb * qb)
-    height = dr.opaque(mi.Float, layout.height)
-    p = synchronisation_shift(layout, p, shots.synchronisation)
-    inside, p, var_p = cut_by_height(p, q, var_p, var_q, covariance, height)
-    shape: UInt32 = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
-
-    pitch = dr.opaque(mi.Float, layout.pitch)
-    return Spots(
-        position=dr.select(hit, to_pixels(layout, p), 0.0),
-        sigma=dr.select(hit, dr.sqrt(var_p) / pitch, 1.0),
-        power=weight * dr.opaque(mi.Float, laser.power) * strength * inside,
-        strength=strength,
-        slope_a=pa / pitch,
-        slope_b=pb / pitch,
-        slope_time=pt / pitch,
-        distance=dr.select(hit, si.t, dr.nan),
-        seen=dr.select(seen, mi.UInt32(1), 0),
-        shape=shape,
-        coherence=dr.gather(mi.Float, loaded.coherence, dr.gather(mi.UInt32, loaded.material_of, shape)),
-    )
-
-
-def cut_by_height(
-    p: Float, q: Float, var_p: Float, var_q: Float, covariance: Float, height: Float
-) -> tuple[Float, Float, Float]:
-    """Return the share of a two-dimensional Gaussian within |q| < height/2, and mean and variance of p there.
-
-    Moments of the truncated normal distribution (Johnson, Kotz, Balakrishnan, *Continuous univariate
-    distributions* 1, 1994, ch. 13), carried over to p by the regression of p on q.
-    """
-    sigma_q = dr.sqrt(var_q)
-    low, high = (-0.5 * height - q) / sigma_q, (0.5 * height - q) / sigma_q
-    share = 0.5 * (dr.erf(high * math.sqrt(0.5)) - dr.erf(low * math.sqrt(0.5)))
-    density = [dr.exp(-0.5 * dr.square(end)) / math.sqrt(2.0 * math.pi) for end in (low, high)]
-    safe = dr.maximum(share, 1e-6)
-    shift = (density[0] - density[1]) / safe
-    narrowing = (low * density[0] - high * density[1]) / safe - dr.square(shift)
-    share = dr.select(share > 1e-6, share, 0.0)
-    regression = covariance / var_q
-    return (
-        share,
-        p + dr.select(share > 0.0, regression * sigma_q * shift, 0.0),
-        dr.maximum(var_p + dr.select(share > 0.0, regression * covariance * narrowing, 0.0), 0.1 * var_p),
-    )

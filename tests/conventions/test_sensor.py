@@ -78,7 +78,8 @@ def test_a_receiver_that_looks_further_right_sees_the_spot_nearer(device: Device
     import mitsuba as mi
 
     from scanner_sim.config.scanner import Scanner
-    from scanner_sim.render.transport import OpticalLayout, synchronisation_shift
+    from scanner_sim.render.beam.line_projection import synchronisation_shift
+    from scanner_sim.render.transport import OpticalLayout
 
     scanner = Scanner()
     bench = OpticalLayout(scanner.laser, scanner.receiver, 0.05, 1.0, 50e-6, 250e-6, 0.0, 40e-6)

@@ -11,7 +11,8 @@ import pytest
 
 from scanner_sim.analytic import beam, geometry, quadrature, spot
 from scanner_sim.config.scanner import Scanner
-from scanner_sim.render.beam.light import render_light
+from scanner_sim.render.beam.line_projection import LineProjection
+from scanner_sim.render.beam.splitter import render_light
 from scanner_sim.render.device import Device
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
@@ -127,7 +128,7 @@ def _line_of(theta: float, phi: float, about_y: float, about_x: float, z: float)
     )
     loaded = load_scene(Scene(objects=(wall,)))
     shot = Shots(number=mi.UInt32(0), theta=mi.Float(theta), phi=mi.Float(phi))
-    _, (light,) = render_light(loaded, bench, Transport(), shot, seed=0)
+    _, (light,) = render_light(loaded, LineProjection(bench), Transport(), shot, seed=0)
     return light.line(0, 256)
 
 

@@ -135,7 +135,8 @@ def line(material: Any, R: float, coaxial: bool, degrees: float = 0.0, beamlets:
     """Return the power on every pixel [W] of the shot along the axis."""
     import mitsuba as mi
 
-    from scanner_sim.render.beam.light import render_light
+    from scanner_sim.render.beam.line_projection import LineProjection
+    from scanner_sim.render.beam.splitter import render_light
     from scanner_sim.render.settings import Transport
     from scanner_sim.render.shots import Shots
     from scanner_sim.scene.files.loader import load_scene
@@ -143,7 +144,7 @@ def line(material: Any, R: float, coaxial: bool, degrees: float = 0.0, beamlets:
     loaded = load_scene(wall(material, R, degrees))
     shot = Shots(number=mi.UInt32(0), theta=mi.Float(0.0), phi=mi.Float(0.0))
     transport = Transport(uneven_beamlets=beamlets)
-    _, (light,) = render_light(loaded, bench(coaxial), transport, shot, seed=0)
+    _, (light,) = render_light(loaded, LineProjection(bench(coaxial)), transport, shot, seed=0)
     return np.asarray(light.line(0, SCANNER.position_sensor.pixels))
 
 

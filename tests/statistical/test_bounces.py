@@ -28,7 +28,8 @@ def lines(objects: list[dict[str, Any]], bounces: int, paths: int, count: int) -
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.beam.light import render_light
+    from scanner_sim.render.beam.line_projection import LineProjection
+    from scanner_sim.render.beam.splitter import render_light
     from scanner_sim.render.shots import Shots
     from scanner_sim.render.transport import OpticalLayout
     from scanner_sim.scene.files.loader import load_scene
@@ -46,7 +47,9 @@ def lines(objects: list[dict[str, Any]], bounces: int, paths: int, count: int) -
     )
     loaded = load_scene(Scene(objects=tuple(objects)))
     shots = Shots(dr.arange(mi.UInt32, count), dr.zeros(mi.Float, count), dr.zeros(mi.Float, count))
-    _, lights = render_light(loaded, bench, Transport(bounces=bounces, bounce_paths=paths), shots, 0)
+    _, lights = render_light(
+        loaded, LineProjection(bench), Transport(bounces=bounces, bounce_paths=paths), shots, 0
+    )
     result = np.zeros((count, PIXELS))
     for light in lights:
         for place, index in enumerate(light.index.numpy()):

@@ -70,17 +70,16 @@ def echoes(
     import drjit as dr
     import mitsuba as mi
 
-    from scanner_sim.render.beam.echo_clusters import PhotodiodeView
-    from scanner_sim.render.beam.echoes import render_echoes
+    from scanner_sim.render.beam.path_projection import PathProjection
+    from scanner_sim.render.beam.splitter import render_light
     from scanner_sim.render.shots import Shots
     from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(objects)))
     theta, phi = (np.atleast_1d(np.asarray(angle, dtype=np.float32)) for angle in (theta, phi))
     shots = Shots(dr.arange(mi.UInt32, len(theta)), mi.Float(theta), mi.Float(phi))
-    truth, groups = render_echoes(
-        loaded, bench(laser), PhotodiodeView(offset, field), settings or Transport(), shots, seed
-    )
+    projection = PathProjection(bench(laser), offset, field)
+    truth, groups = render_light(loaded, projection, settings or Transport(), shots, seed)
     return truth.distance.numpy().astype(np.float64), list(groups)
 
 
@@ -125,9 +124,9 @@ def test_an_offset_receiver_measures_the_same() -> None:
     found = measured(groups, theta, (0.5, 12.0), SCANNER.receiver.baseline)
     assert np.abs(found - truth).max() < 20e-6
     _, dark = echoes([wall(5.0)], theta, phi, offset=True, field=5e-3)
-    assert sum(float(group.share.numpy().sum()) for group in dark) == 0.0
+    assert sum(float(group.amount.numpy().sum()) for group in dark) == 0.0
     _, lit = echoes([wall(50.0)], 0.0, 0.0, offset=True, field=5e-3)
-    assert lit[0].share.numpy().sum() > 0.0
+    assert lit[0].amount.numpy().sum() > 0.0
 
 
 @pytest.mark.parametrize(
@@ -178,7 +177,7 @@ def test_the_power_is_that_of_the_link_budget() -> None:
         _, groups = echoes([wall(distance)], 0.0, 0.0)
         area = SCANNER.receiver.aperture_area * SCANNER.receiver.transmission
         expected = spot.laser_power_printed(distance, 1.0, 0.5, area)
-        assert groups[0].share.numpy().sum() == pytest.approx(expected, rel=1e-4)
+        assert groups[0].amount.numpy().sum() == pytest.approx(expected, rel=1e-4)
 
 
 def test_an_edge_splits_the_pulse() -> None:
@@ -194,7 +193,7 @@ def test_an_edge_splits_the_pulse() -> None:
     whole = {}
     for distance in (5.0, 6.0):
         _, alone = echoes([wall(distance)], 0.0, 0.0)
-        whole[distance] = float(alone[0].share.numpy().sum())
+        whole[distance] = float(alone[0].amount.numpy().sum())
     beam, farther = (0.5 * SCANNER.laser.radius(z) for z in (5.0, 6.0))
     random = np.random.default_rng(5)
     ray, angle = random.standard_normal(1_000_000), random.uniform(0.0, 2.0 * np.pi, 1_000_000)
@@ -202,7 +201,7 @@ def test_an_edge_splits_the_pulse() -> None:
     for aside in (-1.0, 0.0, 1.0):
         theta = aside * beam / 5.0
         _, groups = echoes([near, wall(6.0, name="far")], theta, 0.0)
-        share, path = groups[0].share.numpy(), groups[0].path.numpy() + groups[0].reference.numpy()[0]
+        share, path = groups[0].amount.numpy(), groups[0].position.numpy() + groups[0].reference.numpy()[0]
         lit = share > 0.0
         first = lit & (path < 11.0)
         assert path[first] == pytest.approx(10.0, abs=1e-3)
@@ -220,18 +219,18 @@ def late_light(objects: list[dict[str, Any]], shots: int, paths: int, laser: Las
     import mitsuba as mi
 
     from scanner_sim.render.beam.beamlets import edge_beamlets
-    from scanner_sim.render.beam.echo_bounces import trace_late
-    from scanner_sim.render.beam.echo_clusters import PhotodiodeView
+    from scanner_sim.render.beam.bounces import trace_bounces
+    from scanner_sim.render.beam.path_projection import PathProjection
     from scanner_sim.render.shots import Shots
     from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(objects)))
     fired = Shots(dr.arange(mi.UInt32, shots), *(dr.zeros(mi.Float, shots) for _ in range(2)))
     reference = dr.full(mi.Float, 8.0, shots)
-    beamlets = edge_beamlets(paths)
-    late = trace_late(loaded, bench(laser), PhotodiodeView(False, field), beamlets, 2, fired, reference, 0)
+    projection = PathProjection(bench(laser), False, field)
+    late = trace_bounces(loaded, projection, edge_beamlets(paths), 2, fired, 0, reference)
     share, path = (
-        values.numpy().reshape(shots, paths).astype(np.float64) for values in (late.share, late.path)
+        values.numpy().reshape(shots, paths).astype(np.float64) for values in (late.power, late.position)
     )
     return share, path + 8.0
 
@@ -279,9 +278,9 @@ def test_late_echoes_join_the_direct_one() -> None:
     _, alone = echoes(corner, 0.0, 0.0, field=2.0)
     _, both = echoes(corner, 0.0, 0.0, field=2.0, settings=settings)
     _, again = echoes(corner, 0.0, 0.0, field=2.0, settings=settings)
-    share, path = both[0].share.numpy(), both[0].path.numpy()
-    np.testing.assert_array_equal(share[:1], alone[0].share.numpy())
-    np.testing.assert_array_equal(share, again[0].share.numpy())
+    share, path = both[0].amount.numpy(), both[0].position.numpy()
+    np.testing.assert_array_equal(share[:1], alone[0].amount.numpy())
+    np.testing.assert_array_equal(share, again[0].amount.numpy())
     late = share[1:] > 0.0
     assert late.sum() > 10
     assert (path[1:][late] > path[0]).all()

@@ -71,8 +71,8 @@ def by_beamlets(shots: int, paths: int) -> np.ndarray:
     import mitsuba as mi
 
     from scanner_sim.render.beam.beamlets import edge_beamlets
-    from scanner_sim.render.beam.echo_bounces import trace_late
-    from scanner_sim.render.beam.echo_clusters import PhotodiodeView
+    from scanner_sim.render.beam.bounces import trace_bounces
+    from scanner_sim.render.beam.path_projection import PathProjection
     from scanner_sim.render.shots import Shots
     from scanner_sim.render.transport import OpticalLayout
     from scanner_sim.scene.files.loader import load_scene
@@ -96,11 +96,11 @@ def by_beamlets(shots: int, paths: int) -> np.ndarray:
     x, y = sine * np.cos(around), sine * np.sin(around)
     angles = np.arcsin(x), np.arctan2(y, cosine)
     fired = Shots(dr.arange(mi.UInt32, shots), *(mi.Float(angle.astype(np.float32)) for angle in angles))
-    beamlets, view = edge_beamlets(paths), PhotodiodeView(False, 2.0 * HALF_FIELD)
+    beamlets, projection = edge_beamlets(paths), PathProjection(bench, False, 2.0 * HALF_FIELD)
     loaded = load_scene(Scene(objects=walls))
-    late = trace_late(loaded, bench, view, beamlets, 2, fired, dr.full(mi.Float, 8.0, shots), 0)
+    late = trace_bounces(loaded, projection, beamlets, 2, fired, 0, dr.full(mi.Float, 8.0, shots))
     area = receiver.aperture_area * receiver.transmission
-    share, way = (values.numpy().reshape(shots, paths) for values in (late.share, late.path))
+    share, way = (values.numpy().reshape(shots, paths) for values in (late.power, late.position))
     edges = START + WIDTH * np.arange(BINS + 1)
     return np.array(
         [np.histogram(w + 8.0, edges, weights=s / area)[0] for w, s in zip(way, share, strict=True)]

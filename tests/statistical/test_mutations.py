@@ -89,10 +89,11 @@ def divergence(patch: Patch) -> None:
 
 def cosine(patch: Patch) -> None:
     """Forget the cosine of the surface."""
-    from scanner_sim.render.beam import light
+    from scanner_sim.render.beam import splitter
 
-    def changed(original: Any, loaded: Any, bench: Any, beamlets: Any, shots: Any) -> Any:
-        spots = original(loaded, bench, beamlets, shots)
+    def changed(original: Any, loaded: Any, projection: Any, beamlets: Any, shots: Any) -> Any:
+        returns = original(loaded, projection, beamlets, shots)
+        spots = returns.spots
         shot = dr.arange(auto.UInt32, dr.width(spots.power)) // (
             dr.width(spots.power) // dr.width(shots.theta)
         )
@@ -100,9 +101,9 @@ def cosine(patch: Patch) -> None:
             dr.gather(auto.Float, shots.phi, shot)
         )
         spots.power = spots.power / facing
-        return spots
+        return returns
 
-    wrapped(patch, light, "trace_spots", changed)
+    wrapped(patch, splitter, "trace_returns", changed)
 
 
 def sunlight(patch: Patch) -> None:

@@ -20,7 +20,7 @@ from scanner_sim.detector.photodiode.waveform import Waveforms, noise_sigma, rec
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.status import Status
 from scanner_sim.optics.pulse import FWHM, Pulse
-from scanner_sim.render.beam.echo_clusters import Echoes
+from scanner_sim.render.beam.light import Light
 from scanner_sim.signals.waveform.calibration import peak_of
 from scanner_sim.signals.waveform.detection import Delays, PulseDetector
 from scanner_sim.signals.waveform.settings import PulseDetection
@@ -46,13 +46,13 @@ def sent(
     path = SPEED_OF_LIGHT * (sample / clock.rate + clock.start)
     coarse = np.floor(path[0] * 64.0) / 64.0
     m = amplitude.shape[1]
-    echoes = Echoes(
+    echoes = Light(
         dr.arange(auto.UInt32, m),
         dr.arange(auto.UInt32, m),
         auto.Float((amplitude / peak).ravel().astype(np.float32)),
         auto.Float((path - coarse).ravel().astype(np.float32)),
         dr.zeros(auto.Float, amplitude.size),
-        auto.Float(coarse.astype(np.float32)),
+        reference=auto.Float(coarse.astype(np.float32)),
     )
     return record(echoes, echoes.shot, pulse, diode, clock, 1, **more)
 
@@ -80,11 +80,11 @@ def test_the_threshold_gives_the_rate_of_false_alarms(method: str, bandwidth: fl
     m = 50_000
     alarms = 0
     for part in range(4):
-        dark = Echoes(
+        dark = Light(
             dr.arange(auto.UInt32, m),
             dr.arange(auto.UInt32, m) + part * m,
             *(dr.zeros(auto.Float, m) for _ in range(3)),
-            dr.full(auto.Float, 20.0, m),
+            reference=dr.full(auto.Float, 20.0, m),
         )
         waveforms = record(dark, dark.shot, PULSE, diode, CLOCK, 3)
         alarms += int((detector.detect(waveforms).echoes.numpy() > 0).sum())

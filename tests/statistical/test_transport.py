@@ -59,7 +59,8 @@ def both(
     import mitsuba as mi
 
     from scanner_sim.render.background.reference import reference_line
-    from scanner_sim.render.beam.light import render_light
+    from scanner_sim.render.beam.line_projection import LineProjection
+    from scanner_sim.render.beam.splitter import render_light
     from scanner_sim.render.shots import Shots
     from scanner_sim.scene.files.loader import load_scene
 
@@ -67,7 +68,7 @@ def both(
     theta, phi = theta.astype(np.float32), phi.astype(np.float32)
     same = [dr.full(mi.Float, value, len(theta)) for value in (*travel, synchronisation)]
     shots = Shots(dr.arange(mi.UInt32, len(theta)), mi.Float(theta), mi.Float(phi), *same)
-    _, lights = render_light(loaded, bench(**laser), Transport(), shots, 0)
+    _, lights = render_light(loaded, LineProjection(bench(**laser)), Transport(), shots, 0)
     lines = np.zeros((len(theta), PIXELS))
     for light in lights:
         for place, index in enumerate(light.index.numpy()):

@@ -17,25 +17,25 @@ from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode, Ph
 from scanner_sim.detector.photodiode.waveform import Waveforms, noise_sigma, record
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.optics.pulse import Pulse
-from scanner_sim.render.beam.echo_clusters import Echoes
+from scanner_sim.render.beam.light import Light
 
 pytestmark = pytest.mark.usefixtures("device")
 
 ANALOGUE = PhotodiodeNoise(saturation=False, quantisation=False, clock=False)
 
 
-def echoes(m: int, share: float, sample: float, digitiser: Digitiser, numbers: Any = None) -> Echoes:
+def echoes(m: int, share: float, sample: float, digitiser: Digitiser, numbers: Any = None) -> Light:
     """Return one echo for each of m shots, at a sample of the record."""
     number = dr.arange(auto.UInt32, m) if numbers is None else auto.UInt32(numbers)
     path = SPEED_OF_LIGHT * (sample / digitiser.rate + digitiser.start)
     coarse = np.floor(path * 64.0) / 64.0
-    return Echoes(
+    return Light(
         dr.arange(auto.UInt32, m),
         number,
         dr.full(auto.Float, share, m),
         dr.full(auto.Float, path - coarse, m),
         dr.zeros(auto.Float, m),
-        dr.full(auto.Float, coarse, m),
+        reference=dr.full(auto.Float, coarse, m),
     )
 
 

@@ -17,8 +17,9 @@ from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.render.beam.beamlets import smooth_beamlets
-from scanner_sim.render.beam.echo_clusters import PhotodiodeView
-from scanner_sim.render.beam.echoes import trace_returns
+from scanner_sim.render.beam.line_projection import LineProjection
+from scanner_sim.render.beam.path_projection import PathProjection
+from scanner_sim.render.beam.projection import trace_returns
 from scanner_sim.render.rays import intersect
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout, connect, device_frame, launch, meet
@@ -129,8 +130,8 @@ def test_a_field_beside_the_laser_reaches_from_infinity_inwards(
     """Claim: of 10 mrad, 5 m ahead: within 25 mm about the axis; beside the laser from 0 to 50 mm towards it."""
     frame = device_frame(bench(), mi.Float(0.0), mi.Float(0.0))
     for offset, wanted in ((False, on_axis), (True, beside)):
-        view = PhotodiodeView(offset, 0.01)
-        own = view.frame(frame)
+        view = PathProjection(bench(), offset, 0.01)
+        own = view.seen_from(frame)
         lens = BASE if offset else 0.0
         found = view.sees(own, mi.Point3f(lens - aside, 0.0, 5.0))
         assert bool(np.asarray(found.numpy()).ravel()[0]) is wanted
@@ -143,12 +144,10 @@ def test_a_pulse_goes_there_and_back(offset: bool, turn: list[float]) -> None:
     """Claim: its path is that to the plate and on to the lens; a beam one standard deviation aside has another, which
     over both axes, in squares and times the beamlet's width, is its spread: by differences of plain geometry."""
     turned = Rotation.from_rotvec(turn).as_matrix()
-    layout = bench()
     beamlets = smooth_beamlets(19)
     shots = Shots(mi.UInt32(0), mi.Float(0.0), mi.Float(0.0))
-    returns, reference = trace_returns(
-        still(plate(3.0, turned)), layout, PhotodiodeView(offset, 0.4), beamlets, shots
-    )
+    projection = PathProjection(bench(), offset, 0.4)
+    returns = trace_returns(still(plate(3.0, turned)), projection, beamlets, shots)
     normal, middle = turned[:, 2], np.array([0.0, 0.0, 3.0])
     lens = np.array([BASE if offset else 0.0, 0.0, 0.0])
     ahead = np.array([0.0, 0.0, 1.0])
@@ -157,11 +156,23 @@ def test_a_pulse_goes_there_and_back(offset: bool, turn: list[float]) -> None:
         t = normal @ (middle - shift) / (normal @ ahead)
         return float(t + np.linalg.norm(shift + t * ahead - lens))
 
-    assert floats(returns.path)[0] + floats(reference)[0] == pytest.approx(path(np.zeros(3)), abs=2e-6)
+    assert floats(returns.spots.position)[0] + floats(returns.reference)[0] == pytest.approx(
+        path(np.zeros(3)), abs=2e-6
+    )
     slopes = [(path(1e-4 * axis) - path(-1e-4 * axis)) / 2e-4 for axis in np.eye(3)[:2]]
     sigma = 0.5 * float(beam_radius(3.0, 1e-3, 4.0, 1.5e-6))
     wanted = beamlets.width * sigma * math.hypot(*slopes)
-    assert floats(returns.spread)[0] == pytest.approx(wanted, rel=1e-3)
+    assert floats(returns.spots.sigma)[0] == pytest.approx(wanted, rel=1e-3)
+
+
+def test_a_pulse_lasts_no_part_of_the_dwell() -> None:
+    """Claim: it is fired in the middle of it, where the continuous beam travels on; both at the same angles."""
+    shots = Shots(mi.UInt32(3), mi.Float(0.5), mi.Float(0.1), mi.Float(2e-3), mi.Float(3e-3))
+    pulse = PathProjection(bench(), False, 0.01).fired(shots)
+    continuous = LineProjection(bench()).fired(shots)
+    for fired, share in ((pulse, 0.0), (continuous, 1.0)):
+        found = [floats(way)[0] for way in (fired.travel_theta, fired.travel_phi, fired.theta)]
+        assert found == pytest.approx([share * 2e-3, share * 3e-3, 0.5])
 
 
 def test_a_beam_moves_less_across_the_line_where_it_is_deflected() -> None:

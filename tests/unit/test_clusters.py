@@ -2,24 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import drjit as dr
 import numpy as np
 import pytest
 
+from scanner_sim.render.beam.light import Light, cluster
+from scanner_sim.render.beam.line_projection import LineProjection
+from scanner_sim.render.beam.path_projection import PathProjection
+from scanner_sim.render.beam.projection import Spots
 from scanner_sim.render.device import Device
 
 SHOTS, COUNT = 5, 200
 
 
-@dataclass
-class Spots:
-    power: Any
-    position: Any
-    sigma: Any
-    coherence: Any
+def gathered(spots: Spots, clusters: int, *, path: bool = False, shots: int = SHOTS) -> Light:
+    """Return the light of shots in clusters, on pixels or along the path."""
+    import mitsuba as mi
+
+    index = dr.arange(mi.UInt32, shots)
+    count = dr.width(spots.power) // shots
+    kept = (PathProjection if path else LineProjection).resolution
+    return Light(index, index, *cluster(spots, index, count, clusters, kept))
 
 
 @pytest.fixture
@@ -43,13 +46,10 @@ def moments(power: np.ndarray, position: np.ndarray, sigma: np.ndarray) -> np.nd
     return np.array([total, mean, (power * (sigma**2 + (position - mean) ** 2)).sum(axis=0) / total])
 
 
+@pytest.mark.parametrize("path", [False, True])
 @pytest.mark.parametrize("clusters", [1, 4, 16])
-def test_moments_are_kept(spots: Spots, clusters: int) -> None:
-    import mitsuba as mi
-
-    from scanner_sim.render.beam.clusters import cluster
-
-    found = cluster(spots, dr.arange(mi.UInt32, SHOTS), COUNT, clusters)
+def test_moments_are_kept(spots: Spots, clusters: int, path: bool) -> None:
+    found = gathered(spots, clusters, path=path)
     expected = moments(
         *(part.numpy().reshape(SHOTS, -1).T for part in (spots.power, spots.position, spots.sigma))
     )
@@ -67,9 +67,7 @@ def test_moments_are_kept(spots: Spots, clusters: int) -> None:
 def test_pixels_share_all_the_light(spots: Spots) -> None:
     import mitsuba as mi
 
-    from scanner_sim.render.beam.clusters import cluster
-
-    found = cluster(spots, dr.arange(mi.UInt32, SHOTS), COUNT, 16)
+    found = gathered(spots, 16)
     for place in range(SHOTS):
         pixel = dr.arange(mi.UInt32, 80)
         line = found.power(pixel, dr.full(mi.UInt32, place, 80)).numpy().astype(np.float64)
@@ -88,13 +86,13 @@ def test_pixels_share_all_the_light(spots: Spots) -> None:
 def test_part_and_join(spots: Spots) -> None:
     import mitsuba as mi
 
-    from scanner_sim.render.beam.clusters import cluster
-
-    found = cluster(spots, dr.arange(mi.UInt32, SHOTS), COUNT, 4)
+    found = gathered(spots, 4)
     part = found.part(mi.UInt32([4, 1]))
     assert part.shots == 2
     kept = found.amount.numpy().reshape(4, SHOTS)[:, [4, 1]]
     np.testing.assert_array_equal(part.amount.numpy().reshape(4, 2), kept)
+    assert part.reference is None
+    assert found.part(mi.UInt32([3])).coherence.numpy() == pytest.approx(found.coherence.numpy()[3::SHOTS])
     twice = found.join(found)
     assert twice.count == 8
     pixel, place = dr.arange(mi.UInt32, 80), dr.zeros(mi.UInt32, 80)
@@ -103,14 +101,28 @@ def test_part_and_join(spots: Spots) -> None:
     )
 
 
+def test_parts_of_a_pulse_keep_their_reference(spots: Spots) -> None:
+    """Claim: paths without coherence of their own are parted and joined with what they are counted from."""
+    import mitsuba as mi
+
+    spots.coherence = None
+    found = gathered(spots, 4, path=True)
+    assert found.coherence is None
+    found.reference = mi.Float([5, 6, 7, 8, 9])
+    part = found.part(mi.UInt32([4, 1]))
+    both = part.join(part)
+    assert both.reference.numpy().tolist() == [9.0, 6.0]
+    assert (both.count, both.shots, both.coherence) == (8, 2, None)
+    kept = found.position.numpy().reshape(4, SHOTS)[:, [4, 1]]
+    np.testing.assert_array_equal(both.position.numpy().reshape(2, 4, 2)[1], kept)
+
+
 def test_dark_shots_stay_dark(device: Device) -> None:
     import mitsuba as mi
 
-    from scanner_sim.render.beam.clusters import cluster
-
     one = dr.ones(mi.Float, 6)
     dark = Spots(dr.zeros(mi.Float, 6), mi.Float([1, 2, 3, 4, 5, 6]), one, one)
-    found = cluster(dark, dr.arange(mi.UInt32, 2), 3, 4)
+    found = gathered(dark, 4, shots=2)
     line = found.power(dr.arange(mi.UInt32, 10), dr.zeros(mi.UInt32, 10)).numpy()
     assert (line == 0.0).all()
     assert np.isfinite(found.position.numpy()).all()

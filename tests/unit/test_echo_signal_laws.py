@@ -48,7 +48,7 @@ def diode(*on: str, **more: Any) -> Photodiode:
 def echoes(share: float, path: float, spread: float, reference: float, shots: int = 1) -> Any:
     """Return one echo of each of some shots."""
     values = [dr.full(auto.Float, value, shots) for value in (share, path, spread, reference)]
-    return SimpleNamespace(**dict(zip(("share", "path", "spread", "reference"), values, strict=True)))
+    return SimpleNamespace(**dict(zip(("amount", "position", "sigma", "reference"), values, strict=True)))
 
 
 def arrived(digitiser: Digitiser, *echo: float, shots: int = 1, clock: bool = False) -> dict[str, Array]:

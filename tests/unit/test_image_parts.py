@@ -22,7 +22,7 @@ def test_a_spot_cut_by_the_height_is_a_truncated_gaussian(device: Device, q: flo
     """
     import drjit.auto.ad as auto
 
-    from scanner_sim.render.transport import cut_by_height
+    from scanner_sim.render.beam.line_projection import cut_by_height
 
     var_p, var_q, covariance, height, p = 0.5, 0.3, 0.25, 1.2, 0.2
     found = cut_by_height(*(auto.Float(value) for value in (p, q, var_p, var_q, covariance, height)))

@@ -48,7 +48,10 @@ class LineLight(Protocol):
     position: Float
     sigma: Float
     coherence: Float
-    shots: int
+
+    @property
+    def shots(self) -> int:
+        """Number m of shots."""
 
     @property
     def count(self) -> int:

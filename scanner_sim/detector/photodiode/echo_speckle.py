@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Protocol
-
 import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.detector.packets import gamma_like
+from scanner_sim.detector.photodiode.waveform import ReceivedEchoes
 from scanner_sim.detector.surface_noise import LatticePositions, SurfacePoints, coarse_numbers, fine_numbers
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.optics.speckle import packets
 
 
-class PulseLight(Protocol):
-    """Shares of the pulse's power that come back, Dr.Jit, shape (c · m,): entry k · m + j is echo k of shot j."""
-
-    share: Float
-    reference: Float
-
-
 def echo_speckle(
-    light: PulseLight, positions: SurfacePoints, coherence: Float, aperture: float, seed: int
+    light: ReceivedEchoes, positions: SurfacePoints, coherence: Float, aperture: float, seed: int
 ) -> Float:
     """Return what multiplies the echoes of m shots, shape (c · m,).
 
@@ -45,14 +37,14 @@ def echo_speckle(
     the energy on the line: the beam and the lens are the same.
     """
     m = dr.width(light.reference)
-    count = dr.width(light.share) // m
+    count = dr.width(light.amount) // m
     shot = dr.arange(auto.UInt32, m)
     ratio = 0.5 * dr.opaque(auto.Float, aperture) * positions.radius / positions.distance
     energy = coherence / packets(ratio)
     lattice = LatticePositions.of(positions)
     if count == 1:
         return gamma_like(dr.sqrt(energy), fine_numbers(lattice, seed)[0])
-    shares = [dr.gather(auto.Float, light.share, shot + number * m) for number in range(count)]
+    shares = [dr.gather(auto.Float, light.amount, shot + number * m) for number in range(count)]
     whole = sum(shares, auto.Float(0.0))
     return dr.concat(
         [

@@ -38,13 +38,13 @@ _ECHO_SIGMAS = 7.0
 class ReceivedEchoes(Protocol):
     """Light that comes back, of m shots with c Gaussian echoes each: k · m + j is echo k of shot j.
 
-    ``share`` of the pulse's power that reaches the photodiode; ``path`` there and back [m], counted from the shot's
-    ``reference`` (shape (m,)), and its standard deviation ``spread`` [m].
+    ``amount`` the share of the pulse's power that reaches the photodiode; ``position`` the path there and back [m],
+    counted from the shot's ``reference`` (shape (m,)), and its standard deviation ``sigma`` [m].
     """
 
-    share: Float
-    path: Float
-    spread: Float
+    amount: Float
+    position: Float
+    sigma: Float
     reference: Float
 
 
@@ -204,7 +204,7 @@ def arrive(
 
     The reference of each shot is reckoned in double precision, all else relative to it.
     """
-    m, count = dr.width(shot), dr.width(echoes.share) // dr.width(shot)
+    m, count = dr.width(shot), dr.width(echoes.amount) // dr.width(shot)
     drift, jitter = (digitiser.drift, digitiser.jitter) if photodiode.noise.clock else (0.0, 0.0)
     rate = digitiser.rate * (1.0 + drift)
     per_metre = dr.opaque(auto.Float64, rate / SPEED_OF_LIGHT)
@@ -217,9 +217,9 @@ def arrive(
     fraction = auto.Float(when - first)
     index = dr.arange(auto.UInt32, m * count) % m
     to_samples = dr.opaque(auto.Float, rate / SPEED_OF_LIGHT)
-    position = echoes.path * to_samples + dr.gather(auto.Float, fraction, index)
-    spread = echoes.spread * to_samples
-    power = echoes.share * dr.opaque(auto.Float, pulse.pulse_energy * digitiser.rate)
+    position = echoes.position * to_samples + dr.gather(auto.Float, fraction, index)
+    spread = echoes.sigma * to_samples
+    power = echoes.amount * dr.opaque(auto.Float, pulse.pulse_energy * digitiser.rate)
     response = PulseResponse.of(pulse, digitiser.rate)
     sigma = photodiode.response_sigma * digitiser.rate
     # The window holds both the optical and the electrical pulse: the later is the wider one.

@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Float, UInt32, Vector3f, Vector4f
 from scanner_sim.foundation.streams import Stream, generator
-from scanner_sim.optics.deflection import deflected_frame
 from scanner_sim.render.background.paths import Albedo, trace_paths
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.rays import intersect, is_occluded
-from scanner_sim.render.transport import OpticalLayout
+from scanner_sim.render.transport import OpticalLayout, device_frame
 from scanner_sim.scene.files.loader import LoadedScene
 
 _RAYS_TOGETHER = 1 << 21
@@ -134,7 +133,7 @@ def reference_background(
     ).next_float32x4_normal()
     p = layout.offset + (pixel + draws[0]) * layout.pitch + blur[0] * layout.point_spread
     q = (draws[1] - 0.5) * layout.height + blur[1] * layout.point_spread
-    along, across, normal, _, lens = _optics(layout, theta, phi)
+    along, across, normal, _, lens = device_frame(layout, mi.Float(theta), mi.Float(phi))
     direction = dr.normalize(along * receiver.focal_length - across * p + normal * q)
     origin = mi.Point3f(lens) + dr.zeros(mi.Point3f, dr.width(number))
     found, _ = trace_paths(loaded, light, albedo, bounces, origin, direction, random)
@@ -145,17 +144,6 @@ def reference_background(
         pixels, samples
     ) * gain
     return ReferenceLine(power.mean(axis=1), power.std(axis=1, ddof=1) / math.sqrt(samples))
-
-
-def _optics(layout: OpticalLayout, theta: Float, phi: Float) -> tuple[Vector3f, ...]:
-    """Return the deflected optics at pairs of angles [rad]: along, across, normal, laser, lens."""
-    parts = deflected_frame(
-        *dr.sincos(mi.Float(theta)),
-        *dr.sincos(mi.Float(phi)),
-        layout.axis_separation,
-        layout.receiver.baseline,
-    )
-    return tuple(mi.Vector3f(*part) for part in parts)
 
 
 def _land(
@@ -171,7 +159,7 @@ def _land(
     laser, receiver = layout.laser, layout.receiver
     random = generator(seed, Stream.REFERENCE, mi.UInt32(shot), number)
     beam, blur, stop = random.next_float32x4_normal(), random.next_float32x4_normal(), random.next_float32x4()
-    along, across, normal, origin, lens = _optics(layout, *aim)
+    along, across, normal, origin, lens = device_frame(layout, *map(mi.Float, aim))
 
     sigma = 0.5 * laser.waist_radius
     slope_a, slope_b = beam[2] * sigma / laser.rayleigh_length, beam[3] * sigma / laser.rayleigh_length

@@ -1,65 +1,57 @@
-"""Laser light that meets several surfaces before it is seen: false spots and a faint veil.
+"""Laser light that meets several surfaces before it is seen: false spots, a faint veil, late echoes.
 
-Random paths start on the beamlets of the spot (:mod:`scanner_sim.render.beam.random_walks`). Each later surface that
-the lens sees is imaged with the lens's point spread.
+Random paths start on the beamlets. Each surface scatters a path by a sample of its BSDF, and every later surface is
+connected to the receiving aperture (next-event estimation; Veach, *Robust Monte Carlo methods for light transport
+simulation*, 1997, ch. 10). What is left out: light whose last surface before the lens is a perfect mirror (the spot
+seen in a mirror).
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
 
-from scanner_sim.foundation.device_types import Float
-from scanner_sim.optics.deflection import Frame
+from scanner_sim.foundation.device_types import Float, Mask, SurfaceInteraction3f
+from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.render.beam.beamlets import Beamlets
-from scanner_sim.render.beam.random_walks import Vertex, walk
-from scanner_sim.render.rays import pose_scene
+from scanner_sim.render.beam.projection import Projection, Spots
+from scanner_sim.render.rays import leaving_rays, pose_scene
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import (
-    OpticalLayout,
-    connect,
-    cut_by_height,
-    frame_at,
-    image,
-    lanes,
-    launch,
-    meet,
-    synchronisation_shift,
-    to_pixels,
-)
+from scanner_sim.render.transport import Lanes, connect, frame_at, lanes, launch, meet
 from scanner_sim.scene.files.loader import LoadedScene
 
 
 @dataclass
-class BounceSpots:
-    """Where light is seen that met several surfaces, Dr.Jit arrays: power [W], position and sigma [pixel].
+class Vertex:
+    """Where paths meet a surface, one lane each.
 
-    ``coherence`` squared contrast of its speckle, which is 0: this light comes from so large a part of the scene that
-    little of its speckle is left.
+    ``si`` there, ``power`` that arrives, ``way`` of the path so far [m], whether they are ``alive``.
     """
 
+    si: SurfaceInteraction3f
     power: Float
-    position: Float
-    sigma: Float
-    coherence: Float
+    way: Float
+    alive: Mask
 
 
 def trace_bounces(
     loaded: LoadedScene,
-    layout: OpticalLayout,
+    projection: Projection,
     beamlets: Beamlets,
     bounces: int,
     shots: Shots,
     seed: int,
-) -> BounceSpots:
-    """Follow random paths from the spots of n shots over up to ``bounces`` surfaces.
+    reference: Float | None = None,
+) -> Spots:
+    """Follow random paths of n shots over up to ``bounces`` surfaces.
 
     Parameters
     ----------
-    loaded, layout
-        Scene and optics.
+    loaded, projection
+        The scene, and where light is laid.
     beamlets
         Starts of the k paths of each shot.
     bounces
@@ -68,46 +60,70 @@ def trace_bounces(
         The n shots.
     seed
         Seed of the paths.
+    reference
+        What the paths of each shot are counted from [m], shape (n,); None for 0.
 
     Returns
     -------
-    BounceSpots
-        n · k · (bounces − 1) entries; entry (i · k + j) · (bounces − 1) + v is surface v + 2 of path j of shot i.
+    Spots
+        n · k · (bounces − 1) entries; entry (i · k + j) · (bounces − 1) + v is surface v + 2 of path j of shot i. Their
+        coherence, where it is kept, is 0: the light comes from so large a part of the scene that little of its speckle
+        is left.
     """
-    lane = lanes(beamlets, shots)
-    frame = frame_at(layout, lane.own, lane.time)
+    layout, lane = projection.layout, lanes(beamlets, shots)
+    frame = projection.seen_from(frame_at(layout, lane.own, lane.time))
     beam = launch(layout, frame, lane.node)
     loaded = pose_scene(loaded, lane.own.poses)
     si = meet(loaded, beam.origin, beam.direction)
-    power = lane.weight * dr.opaque(mi.Float, layout.laser.power)
+    way = dr.select(si.is_valid(), si.t, 0.0)
+    if reference is not None:
+        way = way - dr.gather(mi.Float, reference, lane.shot)
+    first = Vertex(si, lane.weight * dr.opaque(mi.Float, projection.power), way, si.is_valid())
     vertices, paths = bounces - 1, dr.width(lane.shot)
-    power_seen, position, sigma = (dr.empty(mi.Float, paths * vertices) for _ in range(3))
-    found = BounceSpots(power_seen, position, sigma, dr.zeros(mi.Float, paths * vertices))
-    for number, vertex in enumerate(walk(loaded, lane, si, power, bounces, seed)):
-        spots = _image_vertex(loaded, layout, lane.own, frame, lane.stop, vertex)
-        dr.eval(vertex, spots)
+    found = Spots(*(dr.empty(mi.Float, paths * vertices) for _ in range(3)))
+    if projection.resolution.keeps_coherence:
+        found.coherence = dr.zeros(mi.Float, paths * vertices)
+    for number, vertex in enumerate(_walk(loaded, lane, first, bounces, seed)):
+        strength, seen = connect(
+            loaded,
+            layout,
+            frame,
+            vertex.si,
+            lane.stop,
+            vertex.alive & projection.sees(frame, vertex.si.p),
+            coherent=False,
+        )
+        position, sigma, kept = projection.lay_point(frame, lane.own, vertex.si.p, vertex.way)
+        good = seen & dr.isfinite(position)
+        power = dr.select(good, vertex.power * strength * kept, 0.0)
+        position = dr.select(good, position, 0.0)
+        sigma = sigma + dr.zeros(mi.Float, paths)
+        dr.eval(vertex, power, position, sigma)
         at = dr.arange(mi.UInt32, paths) * vertices + number
-        dr.scatter(found.power, spots.power, at)
-        dr.scatter(found.position, spots.position, at)
-        dr.scatter(found.sigma, spots.sigma, at)
+        dr.scatter(found.power, power, at)
+        dr.scatter(found.position, position, at)
+        dr.scatter(found.sigma, sigma, at)
     return found
 
 
-def _image_vertex(
-    loaded: LoadedScene, layout: OpticalLayout, shots: Shots, frame: Frame, stop: list[Float], vertex: Vertex
-) -> BounceSpots:
-    """Return the image of the light at surface points."""
-    strength, seen = connect(loaded, layout, frame, vertex.si, stop, vertex.alive, coherent=False)
-    p, q, depth = image(layout, frame, vertex.si.p)
-    p = synchronisation_shift(layout, p, shots.synchronisation)
-    blur = dr.opaque(mi.Float, layout.point_spread**2)
-    height = dr.opaque(mi.Float, layout.height)
-    inside, p, variance = cut_by_height(p, q, blur, blur, mi.Float(0.0), height)
-    position, pitch = to_pixels(layout, p), dr.opaque(mi.Float, layout.pitch)
-    good = seen & (depth > 0.0) & dr.isfinite(position)
-    return BounceSpots(
-        dr.select(good, vertex.power * strength * inside, 0.0),
-        dr.select(good, position, 0.0),
-        dr.sqrt(variance) / pitch + dr.zeros(mi.Float, dr.width(position)),
-        mi.Float(0.0),
-    )
+def _walk(loaded: LoadedScene, lane: Lanes, vertex: Vertex, surfaces: int, seed: int) -> Iterator[Vertex]:
+    """Yield the second to the last surface of random paths from their first.
+
+    Each is to be evaluated, with all that is made of it, before the next is asked for. ``lane`` are the starts of the
+    paths, which address their random numbers; ``loaded`` has poses for them.
+    """
+    si, power, way, alive = vertex.si, vertex.power, vertex.way, vertex.alive
+    for surface in range(2, surfaces + 1):
+        random = generator(
+            seed, Stream.BOUNCES, lane.own.number, lane.beamlet * 32 + surface
+        ).next_float32x4()
+        sample, weight = si.bsdf().sample(
+            mi.BSDFContext(), si, random[0], mi.Point2f(random[1], random[2]), alive
+        )
+        power = power * dr.select(alive, weight[0], 0.0)
+        alive = alive & (power > 0.0)
+        ray = leaving_rays(si, si.to_world(sample.wo))
+        si = meet(loaded, ray.o, ray.d, alive, coherent=False)
+        alive = alive & si.is_valid()
+        way = way + dr.select(alive, si.t, 0.0)
+        yield Vertex(si, power, way, alive)

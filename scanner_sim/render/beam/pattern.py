@@ -1,7 +1,7 @@
 """The laser's light of a pattern: a fixed number of shots, whose arrays have sizes that no light can change.
 
-A raster sorts its shots by what their beams meet (:mod:`scanner_sim.render.beam.light`) and so has groups of any size.
-Few shots that are wanted again and again are better all followed alike, with beamlets that lie evenly across each one's
+A raster sorts its shots by what their beams meet (:mod:`scanner_sim.render.beam.splitter`), in groups of any size. Few
+shots that are wanted again and again are better all followed alike, with beamlets that lie evenly across each one's
 sweep (:mod:`scanner_sim.render.beam.swept_beamlets`): then the kernels of one pattern are those of every other. A chief
 ray without light goes first; it gives the truth, and the width of the beam where it lands.
 
@@ -15,15 +15,14 @@ import mitsuba as mi
 import numpy as np
 
 from scanner_sim.render.beam.beamlets import Beamlets
-from scanner_sim.render.beam.clusters import Clusters, cluster
-from scanner_sim.render.beam.light import Light, Truth, chief_truth
+from scanner_sim.render.beam.light import Light, Truth, cluster
+from scanner_sim.render.beam.line_projection import LineProjection
+from scanner_sim.render.beam.projection import trace_returns
+from scanner_sim.render.beam.splitter import CLUSTERS
 from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import BeamletTables, OpticalLayout, trace_spots
+from scanner_sim.render.transport import BeamletTables, OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
-
-CLUSTERS = 16
-"""Clusters that each shot keeps."""
 
 
 def chief_beamlet() -> Beamlets:
@@ -51,13 +50,14 @@ def pattern_light(
     Truth, Light
         Of all shots, in their order. Light that met several surfaces is not in it.
     """
-    axis = trace_spots(loaded, layout, chief, shots)
+    projection = LineProjection(layout)
+    axis = trace_returns(loaded, projection, chief, shots)
     index = dr.arange(mi.UInt32, dr.width(shots.theta))
-    truth = chief_truth(loaded, axis.distance, axis.shape, index)
+    truth = Truth.of(loaded, axis.distance, axis.shape, index)
     dr.eval(truth)
     beamlets = SweptBeamlets.of(tables, layout, shots, truth.distance)
     dr.eval(beamlets.length, beamlets.cosine, beamlets.sine)
-    spots = trace_spots(loaded, layout, beamlets, shots)
-    dr.eval(spots.power, spots.position, spots.sigma, spots.coherence)
-    clusters: Clusters = cluster(spots, index, beamlets.count, CLUSTERS)
-    return truth, Light(index, shots.number, clusters)
+    spots = trace_returns(loaded, projection, beamlets, shots).spots
+    dr.eval(spots)
+    clusters = cluster(spots, index, beamlets.count, CLUSTERS, projection.resolution)
+    return truth, Light(index, shots.number, *clusters)

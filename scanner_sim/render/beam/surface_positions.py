@@ -40,11 +40,10 @@ def surface_positions(
     A beam whose axis meets nothing counts as one that does at its Rayleigh length: what is beside it may be lit.
     """
     laser = layout.laser
-    rayleigh, waist = dr.opaque(mi.Float, laser.rayleigh_length), dr.opaque(mi.Float, laser.waist_distance)
+    rayleigh = dr.opaque(mi.Float, laser.rayleigh_length)
     frame = device_frame(layout, shots.theta, shots.phi)
     distance = dr.select(dr.isfinite(truth.distance), truth.distance, rayleigh)
-    twist = (distance - waist) / rayleigh
-    radius = dr.opaque(mi.Float, laser.waist_radius) * dr.sqrt(1.0 + dr.square(twist))
+    radius = dr.opaque(mi.Float, laser.waist_radius) * dr.sqrt(1.0 + dr.square(layout.twist(distance)))
     point = mi.Vector3f(frame.laser) + frame.along * distance
     vectors: list[Vector3f] = [
         point,

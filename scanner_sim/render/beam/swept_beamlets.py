@@ -87,7 +87,7 @@ class SweptBeamlets:
         laser = layout.laser
         waist = dr.opaque(mi.Float, laser.waist_distance)
         reach = dr.select(dr.isfinite(distance), distance, waist)
-        twist = (reach - waist) / dr.opaque(mi.Float, laser.rayleigh_length)
+        twist = layout.twist(reach)
         straight = dr.rsqrt(1.0 + dr.square(twist))
         sigma = dr.opaque(mi.Float, 0.5 * laser.waist_radius) / straight
         right = reach * shots.travel_theta

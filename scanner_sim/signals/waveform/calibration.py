@@ -29,9 +29,9 @@ _HEIGHT = 0.3
 class _Sent:
     """Echoes of pulses that are sent through the receiver."""
 
-    share: Float
-    path: Float
-    spread: Float
+    amount: Float
+    position: Float
+    sigma: Float
     reference: Float
 
 

@@ -1,0 +1,171 @@
+"""Light on the line sensor: the lens maps each beamlet's Gaussian to the pixels, whose height cuts it.
+
+The continuous beam shines while the mirrors move, so that its spot travels during the dwell.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
+
+import drjit as dr
+import mitsuba as mi
+
+from scanner_sim.foundation.device_types import Float, Mask, Vector3f
+from scanner_sim.optics.deflection import Frame
+from scanner_sim.render.beam.beamlets import Beamlets
+from scanner_sim.render.beam.projection import Hits, Laid, Resolution
+from scanner_sim.render.shots import Shots
+from scanner_sim.render.transport import OpticalLayout
+
+_UNEVEN_RISE = 0.02
+"""Relative rise of the returned strength per standard deviation of the beam that calls for more beamlets: it shifts the
+light within each beamlet. A rise along the sweep does not."""
+_UNEVEN_KINK = 0.03
+"""Departure of two opposite beamlets' mean strength from the chief one's, relative to the strongest, that calls for
+more."""
+
+
+@dataclass(frozen=True)
+class LineProjection:
+    """The line sensor behind its lens: positions and standard deviations in pixels, power in watts."""
+
+    layout: OpticalLayout
+    resolution: ClassVar[Resolution] = Resolution(
+        uneven_departure=0.05,
+        edge_departure=0.5,
+        gaussian_travel=2.0,
+        least_variance=1e-4,
+        moments_about=0.0,
+        keeps_coherence=True,
+    )
+
+    @property
+    def power(self) -> float:
+        """Power of the laser [W]."""
+        return self.layout.laser.power
+
+    def fired(self, shots: Shots) -> Shots:
+        """Return the shots as they are: the laser shines while the mirrors move."""
+        return shots
+
+    def seen_from(self, frame: Frame) -> Frame:
+        """Return the deflected optics as they are, with the lens at the triangulation base."""
+        return frame
+
+    def sees(self, frame: Frame, point: Vector3f) -> Mask:  # noqa: ARG002 (the line's ends are far off)
+        """Return True: what falls beside the line is in no pixel."""
+        return mi.Bool(True)
+
+    def lay(self, hits: Hits, width: float) -> Laid:
+        """Return where beamlets' light lies: the tangent plane and the lens map Gaussians to Gaussians."""
+        layout, frame, shots, distance = self.layout, hits.frame, hits.lane.own, hits.si.t
+        p, q, depth = image(layout, frame, hits.si.p)
+        spread = layout.beam_sigma(layout.twist(distance))
+        f = dr.opaque(mi.Float, layout.receiver.focal_length)
+
+        def slopes(slide: Vector3f) -> tuple[Float, Float]:
+            moved = slide * spread
+            deeper = dr.dot(moved, frame.along)
+            return (
+                (-f * dr.dot(moved, frame.across) - p * deeper) / depth,
+                (f * dr.dot(moved, frame.normal) - q * deeper) / depth,
+            )
+
+        (pa, qa), (pb, qb) = (slopes(slide) for slide in hits.slides())
+        # The same for the sweep. The first mirror turns the beam about the laser, and the lens's axis turns with it;
+        # the second carries beam and lens round its axis together, and only the slide along the beam is seen.
+        reach = distance * frame.across.x - dr.opaque(mi.Float, layout.axis_separation)
+        pt = shots.travel_theta * (pa * distance / spread + f + dr.square(p) / f) + shots.travel_phi * (
+            pb * reach / spread
+        )
+        residual = dr.opaque(mi.Float, width**2)
+        blur = dr.opaque(mi.Float, layout.point_spread**2)
+        var_p = residual * (dr.square(pa) + dr.square(pb)) + blur
+        var_q = residual * (dr.square(qa) + dr.square(qb)) + blur
+        covariance = residual * (pa * qa + pb * qb)
+        p = synchronisation_shift(layout, p, shots.synchronisation)
+        inside, p, var_p = cut_by_height(p, q, var_p, var_q, covariance, dr.opaque(mi.Float, layout.height))
+        pitch = dr.opaque(mi.Float, layout.pitch)
+        return Laid(to_pixels(layout, p), dr.sqrt(var_p) / pitch, inside, pa / pitch, pb / pitch, pt / pitch)
+
+    def lay_point(
+        self,
+        frame: Frame,
+        shots: Shots,
+        point: Vector3f,
+        way: Float,  # noqa: ARG002 (the line does not tell when light comes)
+    ) -> tuple[Float, Float, Float]:
+        """Return position and standard deviation [pixel] and share of the light of points, by the point spread."""
+        layout = self.layout
+        p, q, depth = image(layout, frame, point)
+        p = synchronisation_shift(layout, p, shots.synchronisation)
+        blur = dr.opaque(mi.Float, layout.point_spread**2)
+        height = dr.opaque(mi.Float, layout.height)
+        inside, p, variance = cut_by_height(p, q, blur, blur, mi.Float(0.0), height)
+        sigma = dr.sqrt(variance) / dr.opaque(mi.Float, layout.pitch)
+        return to_pixels(layout, p), sigma, dr.select(depth > 0.0, inside, 0.0)
+
+    def is_unequal(self, strength: list[Float], beamlets: Beamlets) -> Mask:
+        """Return whether the strength rises or bends so much across the beam that light shifts within beamlets."""
+        strongest, kink = strength[0], mi.Float(0.0)
+        rise_a, rise_b = mi.Float(0.0), mi.Float(0.0)
+        for number, (a, b) in enumerate(beamlets.nodes.tolist()[1:], 1):
+            weight = float(beamlets.weights[number])
+            rise_a += weight * a * strength[number]
+            rise_b += weight * b * strength[number]
+            strongest = dr.maximum(strongest, strength[number])
+            if (number - 1) % 6 < 3:  # the one opposite on the ring stands three further
+                mean = 0.5 * (strength[number] + strength[number + 3])
+                kink = dr.maximum(kink, dr.abs(mean - strength[0]))
+        # Times are independent of positions: this is the rise across the beam alone, the sweep's left out.
+        rise = dr.sqrt(dr.square(rise_a) + dr.square(rise_b)) / (1.0 - beamlets.width**2)
+        return (kink > _UNEVEN_KINK * strongest) | (rise > _UNEVEN_RISE * strongest)
+
+
+def image(layout: OpticalLayout, frame: Frame, point: Vector3f) -> tuple[Float, Float, Float]:
+    """Return where the lens images points: p along the line, q across it (eq 1, exactly), and their depth [m]."""
+    offset = mi.Vector3f(point - frame.lens)
+    depth = dr.dot(offset, frame.along)
+    scale = dr.opaque(mi.Float, layout.receiver.focal_length) / depth
+    return -scale * dr.dot(offset, frame.across), scale * dr.dot(offset, frame.normal), depth
+
+
+def synchronisation_shift(layout: OpticalLayout, p: Float, synchronisation: Float) -> Float:
+    """Return where on the line light lands [m] whose receiver looks past the laser by an angle [rad].
+
+    p = f tanα becomes f tan(α + e), to first order p + e (f + p²/f); the position across the line changes by e p/f of
+    itself, which is left out.
+    """
+    f = dr.opaque(mi.Float, layout.receiver.focal_length)
+    return p + synchronisation * (f + dr.square(p) / f)
+
+
+def to_pixels(layout: OpticalLayout, p: Float) -> Float:
+    """Return positions p [m] in pixels."""
+    return (p - dr.opaque(mi.Float, layout.offset)) / dr.opaque(mi.Float, layout.pitch) - 0.5
+
+
+def cut_by_height(
+    p: Float, q: Float, var_p: Float, var_q: Float, covariance: Float, height: Float
+) -> tuple[Float, Float, Float]:
+    """Return the share of a two-dimensional Gaussian within |q| < height/2, and mean and variance of p there.
+
+    Moments of the truncated normal distribution (Johnson, Kotz, Balakrishnan, *Continuous univariate
+    distributions* 1, 1994, ch. 13), carried over to p by the regression of p on q.
+    """
+    sigma_q = dr.sqrt(var_q)
+    low, high = (-0.5 * height - q) / sigma_q, (0.5 * height - q) / sigma_q
+    share = 0.5 * (dr.erf(high * math.sqrt(0.5)) - dr.erf(low * math.sqrt(0.5)))
+    density = [dr.exp(-0.5 * dr.square(end)) / math.sqrt(2.0 * math.pi) for end in (low, high)]
+    safe = dr.maximum(share, 1e-6)
+    shift = (density[0] - density[1]) / safe
+    narrowing = (low * density[0] - high * density[1]) / safe - dr.square(shift)
+    share = dr.select(share > 1e-6, share, 0.0)
+    regression = covariance / var_q
+    return (
+        share,
+        p + dr.select(share > 0.0, regression * sigma_q * shift, 0.0),
+        dr.maximum(var_p + dr.select(share > 0.0, regression * covariance * narrowing, 0.0), 0.1 * var_p),
+    )

@@ -1,0 +1,226 @@
+"""From beamlets to what each of them brings back, laid on a coordinate: the line's pixels, or metres of path.
+
+Light of every kind leaves the laser, meets a surface and is seen by a lens in the same way. Where it is laid then, and
+what calls for finer beamlets there, a projection says: :mod:`scanner_sim.render.beam.line_projection` for the line
+sensor, :mod:`scanner_sim.render.beam.path_projection` for the photodiode.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import drjit as dr
+import mitsuba as mi
+
+from scanner_sim.foundation.device_types import Float, Mask, SurfaceInteraction3f, UInt32, Vector3f
+from scanner_sim.optics.deflection import Frame
+from scanner_sim.render.beam.beamlets import Beamlets
+from scanner_sim.render.rays import pose_scene
+from scanner_sim.render.shots import Shots
+from scanner_sim.render.transport import (
+    Lanes,
+    Launch,
+    OpticalLayout,
+    Split,
+    connect,
+    frame_at,
+    lanes,
+    launch,
+    meet,
+)
+from scanner_sim.scene.files.loader import LoadedScene
+
+_LEAST_COSINE = 0.02
+"""Least cosine of incidence for the beamlet's footprint; nearer to grazing it stays at this size."""
+
+
+@dataclass
+class Spots:
+    """Gaussian spots of light on the coordinate of a projection, Dr.Jit arrays of one length.
+
+    ``power`` that arrives, 0 where none does, [W] or as a share of a pulse's; ``position`` and standard deviation
+    ``sigma`` [pixel] or [m]; ``coherence`` squared contrast of the speckle, None where the surface that the chief ray
+    meets tells it.
+    """
+
+    power: Float
+    position: Float
+    sigma: Float
+    coherence: Float | None = None
+
+
+@dataclass
+class BeamletReturns:
+    """What beamlets bring back from the first surface, Dr.Jit arrays: entry i · k + j is beamlet j of shot i.
+
+    ``spots``; ``strength`` the power that the lens takes in, per power of the beamlet; ``slope_a`` and ``slope_b`` the
+    derivatives of the position along the beam's two axes, per standard deviation of the beam, ``slope_time`` that along
+    the dwell, per dwell; ``distance`` along the beamlet [m], NaN for nothing; ``seen`` 1 where the lens sees it;
+    ``shape`` registry index of the surface, 0 for none. ``reference`` is what the positions of a shot are counted from,
+    shape (n,), None for 0.
+    """
+
+    spots: Spots
+    strength: Float
+    slope_a: Float
+    slope_b: Float
+    slope_time: Float
+    distance: Float
+    seen: UInt32
+    shape: UInt32
+    reference: Float | None
+
+
+@dataclass
+class Hits:
+    """Where beamlets meet their first surfaces, one lane each.
+
+    ``frame`` the deflected optics; ``beam`` the rays; ``si`` the surfaces; ``strength`` and ``seen`` are those of
+    :class:`BeamletReturns`, the second as a mask.
+    """
+
+    lane: Lanes
+    frame: Frame
+    beam: Launch
+    si: SurfaceInteraction3f
+    strength: Float
+    seen: Mask
+
+    def slides(self) -> list[Vector3f]:
+        """Return how far the surface point moves where the beam moves along its two axes, on the tangent plane."""
+        normal, direction = self.si.n, self.beam.direction
+        cosine: Any = dr.dot(normal, direction)
+        cosine = dr.select(
+            dr.abs(cosine) < _LEAST_COSINE, dr.copysign(mi.Float(_LEAST_COSINE), cosine), cosine
+        )
+        return [
+            axis - direction * (dr.dot(normal, axis) / cosine)
+            for axis in (self.frame.across, self.frame.normal)
+        ]
+
+
+@dataclass
+class Laid:
+    """Beamlets' light on the coordinate, as in :class:`BeamletReturns`; ``kept`` is the share of it that lies there."""
+
+    position: Float
+    sigma: Float
+    kept: Float
+    slope_a: Float
+    slope_b: Float
+    slope_time: Float
+    reference: Float | None = None
+
+
+@dataclass(frozen=True)
+class Resolution:
+    """What calls for more beamlets on a coordinate, and how clusters are kept there, in its unit.
+
+    Attributes
+    ----------
+    uneven_departure
+        Departure of a beamlet's position from the tangent plane's that calls for more beamlets.
+    edge_departure
+        The same departure that can only be an edge of depth.
+    gaussian_travel
+        Way of a spot during the dwell beyond which its light is no longer nearly Gaussian.
+    least_variance
+        Floor of a cluster's variance: rounding cannot make it negative.
+    moments_about
+        Point about which a cluster's moments are summed, from 0 at its low end to 1 at its high one.
+    keeps_coherence
+        Whether clusters keep the coherence of their light; else that of the chief ray's surface stands for it.
+    """
+
+    uneven_departure: float
+    edge_departure: float
+    gaussian_travel: float
+    least_variance: float
+    moments_about: float
+    keeps_coherence: bool
+
+
+class Projection(Protocol):
+    """Onto what coordinate light is laid, and what calls for finer beamlets there."""
+
+    @property
+    def layout(self) -> OpticalLayout:
+        """The optics."""
+
+    @property
+    def power(self) -> float:
+        """Power of the beam, in the unit of :class:`Spots`."""
+
+    @property
+    def resolution(self) -> Resolution:
+        """How finely light is followed."""
+
+    def fired(self, shots: Shots) -> Shots:
+        """Return the shots with the way that the beam travels while this light shines."""
+
+    def seen_from(self, frame: Frame) -> Frame:
+        """Return the deflected optics with the lens that sees the light."""
+
+    def sees(self, frame: Frame, point: Vector3f) -> Mask:
+        """Return whether points lie in the field of view."""
+
+    def lay(self, hits: Hits, width: float) -> Laid:
+        """Return where beamlets' light lies, each of a width in standard deviations of the beam."""
+
+    def lay_point(
+        self, frame: Frame, shots: Shots, point: Vector3f, way: Float
+    ) -> tuple[Float, Float, Float]:
+        """Return position, standard deviation and share of the light of points at the end of a way [m] to them."""
+
+    def is_unequal(self, strength: list[Float], beamlets: Beamlets) -> Mask:
+        """Return whether beamlets of one surface return light so unequally that more are needed."""
+
+
+def trace_returns(
+    loaded: LoadedScene, projection: Projection, beamlets: Beamlets | Split, shots: Shots
+) -> BeamletReturns:
+    """Return what all beamlets of all shots bring back.
+
+    Parameters
+    ----------
+    loaded, projection
+        The scene, and where light is laid.
+    beamlets
+        How the beam is split into k beamlets, each with its moment in the dwell.
+    shots
+        The n shots, as :meth:`Projection.fired` returns them.
+
+    Returns
+    -------
+    BeamletReturns
+        Arrays of n · k entries: neighbours trace alike.
+    """
+    layout, lane = projection.layout, lanes(beamlets, shots)
+    frame = projection.seen_from(frame_at(layout, lane.own, lane.time))
+    loaded = pose_scene(loaded, lane.own.poses)
+    beam = launch(layout, frame, lane.node)
+    si = meet(loaded, beam.origin, beam.direction)
+    hit = si.is_valid()
+    strength, seen = connect(loaded, layout, frame, si, lane.stop, hit & projection.sees(frame, si.p))
+    laid = projection.lay(Hits(lane, frame, beam, si, strength, seen), beamlets.width)
+    shape: UInt32 = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
+    spots = Spots(
+        lane.weight * dr.opaque(mi.Float, projection.power) * strength * laid.kept,
+        dr.select(hit, laid.position, 0.0),
+        dr.select(hit, laid.sigma, 0.0),
+    )
+    if projection.resolution.keeps_coherence:
+        material = dr.gather(mi.UInt32, loaded.material_of, shape)
+        spots.coherence = dr.gather(mi.Float, loaded.coherence, material)
+    return BeamletReturns(
+        spots,
+        strength,
+        laid.slope_a,
+        laid.slope_b,
+        laid.slope_time,
+        dr.select(hit, si.t, dr.nan),
+        dr.select(seen, mi.UInt32(1), 0),
+        shape,
+        laid.reference,
+    )

@@ -1,0 +1,199 @@
+"""The laser's light of a batch of shots: beams split into as many beamlets as what they meet asks for.
+
+Shots are sorted by what their beam meets. On smooth surfaces a few beamlets suffice and their sum is one Gaussian
+with their mean and variance; where beamlets disagree on material, visibility or position, the shot is traced again
+with many and keeps the shape of its light in clusters, each with exact power, mean and variance. All this is the same
+for the line sensor and for the photodiode; what differs is in their projections
+(:mod:`scanner_sim.render.beam.projection`).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import drjit as dr
+import mitsuba as mi
+
+from scanner_sim.foundation.device_types import Float, UInt32
+from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets, smooth_beamlets
+from scanner_sim.render.beam.bounces import trace_bounces
+from scanner_sim.render.beam.light import Light, Truth, cluster
+from scanner_sim.render.beam.projection import BeamletReturns, Projection, trace_returns
+from scanner_sim.render.settings import Transport
+from scanner_sim.render.shots import Shots
+from scanner_sim.scene.files.loader import LoadedScene
+
+CLUSTERS = 16
+"""Clusters that a shot on an edge keeps."""
+_BOUNCE_CLUSTERS = 64
+"""Clusters of the light that met several surfaces; it may cover the whole line, or the whole record."""
+_BATCH = 1 << 22
+"""Beamlets, or surface points of random paths, that are traced together: bounds the memory."""
+_GRAZING_WEIGHT = 0.01
+"""Weight of the beamlets beyond an edge below which the edge only grazes the light of a long sweep, whose outermost
+beamlets are far out."""
+_LONG_SWEEP = 4.0
+"""Standard deviations of the beam that make a sweep long."""
+_SMOOTH, _UNEVEN, _EDGE, _GRAZED = 0, 1, 2, 3
+
+Speckle = Callable[[Light, Shots, Truth], Float]
+"""What multiplies the amounts of clusters by speckle, of the light, its shots and what their chief rays meet."""
+
+
+def render_light(
+    loaded: LoadedScene,
+    projection: Projection,
+    settings: Transport,
+    shots: Shots,
+    seed: int,
+    speckle: Speckle | None = None,
+) -> tuple[Truth, Iterator[Light]]:
+    """Follow the laser's light of a batch of shots to its detector.
+
+    Parameters
+    ----------
+    loaded, projection, settings
+        Scene, where the light is laid, and how finely the beam is split.
+    shots
+        The n shots with their true deflections.
+    seed
+        Seed of the random paths of several bounces.
+    speckle
+        Of light that met one surface; without it there is none.
+
+    Returns
+    -------
+    Truth
+        Of all shots.
+    iterator of Light
+        Groups of shots that together hold every shot once.
+    """
+    shots = projection.fired(shots)
+    beamlets = smooth_beamlets(settings.beamlets)
+    returns = trace_returns(loaded, projection, beamlets, shots)
+    dr.eval(returns)
+    chief = dr.arange(mi.UInt32, dr.width(shots.theta)) * len(beamlets.weights)
+    truth = Truth.of(loaded, returns.distance, returns.shape, chief)
+    footprint = _classify_footprints(loaded, projection, beamlets, shots, returns, chief)
+    dr.eval(truth, footprint)
+
+    def direct() -> Iterator[Light]:
+        smooth = dr.compress(footprint == _SMOOTH)
+        if dr.width(smooth):
+            yield _gather(projection, returns, smooth, smooth, shots.take(smooth), beamlets, 1)
+        for kind, count in (
+            (_UNEVEN, settings.uneven_beamlets),
+            (_GRAZED, max(settings.uneven_beamlets, settings.edge_beamlets // 2)),
+            (_EDGE, settings.edge_beamlets),
+        ):
+            finer = edge_beamlets(count)
+            for index in _batches(dr.compress(footprint == kind), count):
+                own = shots.take(index)
+                many = trace_returns(loaded, projection, finer, own)
+                dr.eval(many.spots, many.reference)
+                every = dr.arange(mi.UInt32, dr.width(index))
+                yield _gather(projection, many, every, index, own, finer, CLUSTERS)
+
+    def groups() -> Iterator[Light]:
+        for light in direct():
+            if speckle is not None:
+                factor = speckle(light, shots.take(light.index), truth.take(light.index))
+                light = dataclasses.replace(light, amount=light.amount * factor)
+                dr.eval(light.amount)
+            yield from _with_bounces(loaded, projection, settings, shots, seed, light)
+
+    return truth, groups()
+
+
+def _gather(
+    projection: Projection,
+    returns: BeamletReturns,
+    indices: UInt32,
+    index: UInt32,
+    shots: Shots,
+    beamlets: Beamlets,
+    clusters: int,
+) -> Light:
+    """Return the light of m shots from the returns at some indices; ``index`` is that in the batch."""
+    found = cluster(returns.spots, indices, len(beamlets.weights), clusters, projection.resolution)
+    reference = returns.reference
+    return Light(
+        index, shots.number, *found, None if reference is None else dr.gather(mi.Float, reference, indices)
+    )
+
+
+def _batches(indices: UInt32, lanes: int) -> Iterator[UInt32]:
+    """Yield indices of shots in batches whose lanes, so many each, fit the memory."""
+    together = max(1, _BATCH // lanes)
+    for start in range(0, dr.width(indices), together):
+        some = dr.arange(mi.UInt32, start, min(start + together, dr.width(indices)))
+        yield dr.gather(mi.UInt32, indices, some)
+
+
+def _with_bounces(
+    loaded: LoadedScene, projection: Projection, settings: Transport, shots: Shots, seed: int, direct: Light
+) -> Iterator[Light]:
+    """Yield the light of a group, in parts that fit the memory, with the light of several bounces added."""
+    if settings.bounces == 1:
+        yield direct
+        return
+    beamlets = edge_beamlets(settings.bounce_paths)
+    points = settings.bounce_paths * (settings.bounces - 1)
+    for some in _batches(dr.arange(mi.UInt32, direct.shots), points):
+        part = direct.part(some)
+        own = shots.take(part.index)
+        spots = trace_bounces(
+            loaded, projection, beamlets, settings.bounces, own, seed, reference=part.reference
+        )
+        every = dr.arange(mi.UInt32, part.shots)
+        late = cluster(spots, every, points, _BOUNCE_CLUSTERS, projection.resolution)
+        yield part.join(Light(part.index, part.shot, *late, part.reference))
+
+
+def _classify_footprints(
+    loaded: LoadedScene,
+    projection: Projection,
+    beamlets: Beamlets,
+    shots: Shots,
+    returns: BeamletReturns,
+    chief: UInt32,
+) -> UInt32:
+    """Return what each shot's beam meets: a smooth surface, an uneven one, an edge, or an edge that only grazes it.
+
+    Where beamlets disagree with the chief one on material or visibility, or lie far off its tangent plane, there is an
+    edge, which only grazes the light of a long sweep where the outermost do; where they leave the plane a little or
+    return unequally, the surface is uneven.
+    """
+
+    def beamlet(values: Any, number: int) -> Any:
+        return dr.gather(type(values), values, chief + number)
+
+    layout, resolution, positions = projection.layout, projection.resolution, returns.spots.position
+    material = dr.gather(mi.UInt32, loaded.material_of, beamlet(returns.shape, 0))
+    seen, position, distance = (beamlet(values, 0) for values in (returns.seen, positions, returns.distance))
+    slope_a, slope_b, slope_time = (
+        beamlet(values, 0) for values in (returns.slope_a, returns.slope_b, returns.slope_time)
+    )
+    # The beam's ruled lines turn about its axis by atan((z − z₀)/z_R).
+    twist = layout.twist(distance)
+    cosine = dr.rsqrt(1.0 + dr.square(twist))
+    sine = twist * cosine
+    swept = dr.sqrt(dr.square(shots.travel_theta) + dr.square(shots.travel_phi))
+    swept = dr.select(swept > 0.0, swept * (distance / layout.beam_sigma(twist)), 0.0)
+    beyond, farthest = mi.Float(0.0), mi.Float(0.0)
+    for number, (a, b) in enumerate(beamlets.nodes.tolist()[1:], 1):
+        flat = position + slope_a * (a * cosine - b * sine) + slope_b * (a * sine + b * cosine)
+        flat += slope_time * float(beamlets.times[number])
+        departure = dr.select(seen == 1, dr.abs(beamlet(positions, number) - flat), 0.0)
+        differs = dr.gather(mi.UInt32, loaded.material_of, beamlet(returns.shape, number)) != material
+        differs |= (beamlet(returns.seen, number) != seen) | (departure > resolution.edge_departure)
+        beyond += dr.select(differs, float(beamlets.weights[number]), 0.0)
+        farthest = dr.maximum(farthest, departure)
+    edge = beyond > _GRAZING_WEIGHT * dr.minimum(swept * (1.0 / _LONG_SWEEP), 1.0)
+    strength = [beamlet(returns.strength, number) for number in range(len(beamlets.weights))]
+    uneven = (farthest > resolution.uneven_departure) | projection.is_unequal(strength, beamlets)
+    uneven |= (seen == 1) & (dr.abs(slope_time) > resolution.gaussian_travel)
+    footprint = dr.select(uneven, mi.UInt32(_UNEVEN), _SMOOTH)
+    return dr.select(edge, _EDGE, dr.select(beyond > 0.0, _GRAZED, footprint))
