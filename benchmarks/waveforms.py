@@ -16,9 +16,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.detector.photodiode.waveform import record
-from scanner_sim.optics.pulse import Pulse
 from scanner_sim.render.device import activate
 from scanner_sim.signals.waveform.detection import PulseDetector
 from scanner_sim.signals.waveform.settings import PulseDetection
@@ -35,7 +34,8 @@ def main() -> None:
     activate(given.device)
     from scanner_sim.render.beam.light import Light
 
-    m, clock = given.records, Digitiser()
+    m, lidar = given.records, Scanner().lidar
+    clock = lidar.digitiser
     random = np.random.default_rng(1)
     shots = dr.arange(auto.UInt32, m)
 
@@ -53,11 +53,11 @@ def main() -> None:
     for method in METHODS:
         for count in (1, 16) if method == "matched_filter" else (1,):
             echoes = sent(count)
-            detector = PulseDetector(Pulse(), Photodiode(), clock, PulseDetection(timing=method))
+            detector = PulseDetector(lidar.pulse, lidar.photodiode, clock, PulseDetection(timing=method))
             times = []
             for number in range(given.rounds + 1):
                 start = time.perf_counter()
-                waveforms = record(echoes, shots, Pulse(), Photodiode(), clock, number, 1e-8)
+                waveforms = record(echoes, shots, lidar.pulse, lidar.photodiode, clock, number, 1e-8)
                 dr.sync_thread()
                 middle = time.perf_counter()
                 detector.detect(waveforms)

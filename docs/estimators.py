@@ -39,9 +39,9 @@ def measure(
     """Return errors, shape (places, lines), and bounds, shape (places,), of spots ``ratio`` times the noise high."""
     import drjit.auto.ad as auto
 
+    from scanner_sim.config.scanner import Scanner
     from scanner_sim.detector.line.exposure import electrons_per_watt, expose
     from scanner_sim.detector.line.noise import NoiseSwitches
-    from scanner_sim.detector.line.position_sensor import PositionSensor
     from scanner_sim.signals.line.bias import Bias, computed_bias
     from scanner_sim.signals.line.expected import ExpectedSpot
     from scanner_sim.signals.line.peaks import find_peaks
@@ -51,9 +51,8 @@ def measure(
     shares = spot.pixel_shares(centres, np.full_like(centres, sigma), PIXELS)
     charge = ratio * READ / shares.max(axis=1)
     switches = dict.fromkeys(NoiseSwitches.model_fields, False) | {"read": read > 0.0}
-    line = PositionSensor(
-        pixels=PIXELS, gain=1.0, adc_bits=24, full_well=1e9, read_noise=read, noise=NoiseSwitches(**switches)
-    )
+    changes = {"pixels": PIXELS, "gain": 1.0, "adc_bits": 24, "full_well": 1e9, "read_noise": read}
+    line = Scanner(position_sensor={**changes, "noise": NoiseSwitches(**switches)}).position_sensor
     watts = charge[:, None] * shares / electrons_per_watt(line, 1.5e-6, 50e-6)
     table = auto.Float(watts.astype(np.float32).ravel())
     signal = expose(

@@ -15,6 +15,7 @@ from typing import Any
 import scanner_sim
 from scanner_sim.config import json_schema
 from scanner_sim.config.outline import EACH, outline
+from scanner_sim.config.preset import MARKS, read_preset, shipped_presets
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.foundation.status import Status
@@ -114,7 +115,8 @@ def scenario_page() -> str:
         "Written from the program's own types. In a file every number with a dimension needs a unit; the",
         "column *form* shows the SI unit in which the program holds it, and any unit of the same dimension is",
         "understood. `scanner-sim check` prints a scenario with all defaults, and `scanner-sim schema` the",
-        "JSON schema by which editors complete keys.",
+        "JSON schema by which editors complete keys. The defaults of the scanner are those of `nrc_2000`, whose",
+        "sources stand under [Instruments](instruments.md).",
         "",
     ]
     for name in order:
@@ -386,6 +388,30 @@ def materials_page() -> str:
     return "\n".join(lines) + "\n"
 
 
+def instruments_page() -> str:
+    """The shipped instruments: each value with its mark and its source."""
+    lines = [
+        "# Instruments",
+        "",
+        "`scanner: {preset: NAME}` in a scenario takes one of these; without it, it is `nrc_2000`. What the scenario",
+        "says itself goes before. For an instrument of your own, save what `scanner-sim instruments nrc_2000` prints,",
+        "change it, and give that file in the place of NAME. It needs every value, each with mark and source.",
+        "",
+        "| mark | the value is |",
+        "|---|---|",
+        *(f"| {mark} | {meaning} |" for mark, meaning in MARKS.items()),
+        "",
+    ]
+    for name in shipped_presets():
+        preset = read_preset(name)
+        lines += [f"## {name}", "", preset.about, "", "| key | value | mark | source |", "|---|---|---|---|"]
+        for location, stated in preset.stated.items():
+            key = ".".join(map(str, location[1:]))
+            lines.append(f"| `{key}` | {_yaml(stated.value)} | {stated.mark} | {_cell(stated.source)} |")
+        lines.append("")
+    return "\n".join(lines) + "\n"
+
+
 def python_page() -> str:
     """The public names: functions, and the types that they give and take."""
     lines = [
@@ -410,6 +436,7 @@ PAGES: Mapping[str, Callable[[], str]] = {
     "reference/command_line.md": command_page,
     "reference/files.md": files_page,
     "reference/materials.md": materials_page,
+    "reference/instruments.md": instruments_page,
     "reference/python.md": python_page,
 }
 """Every generated page by its path in the site."""

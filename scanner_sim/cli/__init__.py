@@ -142,6 +142,27 @@ def info() -> None:
 
 
 @app.command()
+def instruments(
+    name: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="NAME_OR_FILE", help="Shipped instrument, or a file of your own.", show_default=False
+        ),
+    ] = None,
+) -> None:
+    """List the shipped instruments, or print one: each value with its mark and its source.
+
+    Example: `scanner-sim instruments nrc_2000 > my_scanner.yaml`
+
+    With `scanner: {preset: my_scanner.yaml}` a scenario takes a file of your own. Here all of its faults are printed.
+    """
+    with reported():
+        from scanner_sim.cli.checking import print_instruments
+
+        print_instruments(name)
+
+
+@app.command()
 def schema() -> None:
     """Print the JSON schema of scenarios, by which editors complete and check them.
 

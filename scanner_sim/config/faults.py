@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import difflib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple, SupportsFloat
 
 from pydantic import ValidationError
 
 from scanner_sim.config.document import Location, Value, value_at
-from scanner_sim.config.outline import Slot, inline_yaml, locations_of_key, slot_at
+from scanner_sim.config.outline import Slot, locations_of_key, slot_at
+from scanner_sim.config.preset import DEFAULT
+from scanner_sim.config.wording import capital, choice, nearest, shorten, shown
 from scanner_sim.scene.objects import KINDS, SHAPES
 
 
@@ -21,11 +22,11 @@ class RawFault(NamedTuple):
     remedy: str
 
 
-def faults_found(error: ValidationError, data: Value) -> list[RawFault]:
-    """Return the faults that pydantic found in ``data``, in its own order and without repetitions."""
+def faults_found(error: ValidationError, data: Value, inside: Location = ()) -> list[RawFault]:
+    """Return the faults that pydantic found ``inside`` data, in its own order and without repetitions."""
     found: dict[RawFault, None] = {}
     for details in error.errors(include_url=False):
-        tagged: Location = details["loc"]
+        tagged: Location = (*inside, *details["loc"])
         location = tuple(step for step in tagged if not (isinstance(step, str) and step.startswith("(")))
         for fault in _translate(details, tagged, location, data):
             found.setdefault(fault)
@@ -86,7 +87,7 @@ def _translate(
             yield RawFault(location, context["problem"], context["remedy"])
         case "input_file":
             problem, _, remedy = context["problem"].partition("; ")
-            yield RawFault(location, problem if problem.endswith(".") else f"{problem}.", _capital(remedy))
+            yield RawFault(location, problem if problem.endswith(".") else f"{problem}.", capital(remedy))
         case _:
             yield RawFault(location, f"{shown(came)} is not {_expected_kind(details['type'])}.", _write(slot))
 
@@ -128,7 +129,7 @@ def _unknown(key: str, slot: Slot) -> tuple[str, str]:
     known = f"known here are {', '.join(slot.keys)}."
     if elsewhere:
         return "there is no such key here.", f"It belongs to {' or '.join(elsewhere)}; {known}"
-    return "there is no such key.", _capital(known)
+    return "there is no such key.", capital(known)
 
 
 def _kind_of_object(location: Location, came: Value) -> RawFault:
@@ -171,48 +172,9 @@ def _out_of_bounds(details: Mapping[str, Any], slot: Slot, came: Value) -> str:
     limit = f"{bound:g}" if slot.dimension is None else str(slot.dimension.format(float(bound)))
     if slot.dimension is not None and isinstance(came, SupportsFloat):
         came = slot.dimension.format(float(came))
-    return f"{_short(str(came))} is not possible; it must be {relation} {limit}."
+    return f"{shorten(str(came))} is not possible; it must be {relation} {limit}."
 
 
 def _default(slot: Slot) -> str:
-    return f"The default is {slot.default}." if slot.default else ""
-
-
-def nearest(word: object, words: tuple[str, ...] | list[str]) -> str | None:
-    """Return the legal word that was probably meant, or None."""
-    spelling = str(word).lower().replace("-", "_").replace(" ", "_")
-    found = difflib.get_close_matches(spelling, words, n=1, cutoff=0.65)
-    return found[0] if found else None
-
-
-def choice(came: object, choices: Sequence[object]) -> str:
-    """Say which of some words was probably meant, or name them all."""
-    near = nearest(came, [str(item) for item in choices])
-    known = f"Possible: {', '.join(map(str, choices))}."
-    return f"Did you mean '{near}'? {known}" if near else known
-
-
-def shown(value: object) -> str:
-    """Return a value as a message shows it."""
-    match value:
-        case None:
-            return "nothing (an empty value)"
-        case dict():
-            return "a block of keys"
-        case list():
-            return f"a list of {len(value)}"
-        case str():
-            return f"'{_short(value)}'"
-        case bool() | int() | float():
-            return _short(inline_yaml(value))
-    return f"a {type(value).__name__}"
-
-
-def _short(text: str) -> str:
-    return text if len(text) <= 60 else f"{text[:57]}…"
-
-
-def _capital(text: str) -> str:
-    if not text:
-        return ""
-    return text[0].upper() + text[1:] + ("" if text.endswith((".", "?")) else ".")
+    who = "The default is" if slot.preset is None else f"{DEFAULT} has"
+    return f"{who} {slot.default}." if slot.default else ""

@@ -19,8 +19,11 @@ from scanner_sim.config.document import (
     spell,
     value_at,
 )
-from scanner_sim.config.faults import choice, faults_found, shown
+from scanner_sim.config.faults import faults_found
+from scanner_sim.config.preset import DEFAULT, Preset, fill, preset_of, read_preset
+from scanner_sim.config.scanner import FILLED, Scanner
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.config.wording import choice, shown
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.units import FROM_FILE
 
@@ -83,16 +86,82 @@ def _load(document: Document, name: str, context: Mapping[str, object], override
     origins = _override(document, overrides, faults)
     if (version := _version_fault(document, origins)) is not None:
         raise ScenarioError([version], source=name)
+    _fill_scanner(document, context.get("folder", ""), origins, faults)
     try:
-        scenario = Scenario.model_validate(document.data, context=dict(context))
+        scenario = Scenario.model_validate(document.data, context={**context, **FILLED})
     except ValidationError as error:
-        for found in faults_found(error, document.data):
-            if not any(found.location[: len(location)] == location for location in document.broken):
-                faults.append(_fault(document, origins, *found))
+        faults += _faults(error, document, origins)
     if faults:
-        # Faults without a line come from overrides, or concern what is not there.
-        raise ScenarioError(sorted(faults, key=lambda fault: fault.line or 10**9), source=name)
+        raise ScenarioError(_in_order(faults), source=name)
     return scenario
+
+
+def _faults(
+    error: ValidationError, document: Document, origins: Mapping[Location, str], inside: Location = ()
+) -> list[Fault]:
+    """Return what pydantic found, but for what is missing or doubtful because of faults of the text."""
+    return [
+        _fault(document, origins, *found)
+        for found in faults_found(error, document.data, inside)
+        if not any(found.location[: len(location)] == location for location in document.broken)
+    ]
+
+
+def _in_order(faults: list[Fault]) -> list[Fault]:
+    """Return faults in the order of the file; those without a line are overrides', or of what is not there."""
+    return sorted(faults, key=lambda fault: fault.line or 10**9)
+
+
+def load_scanner(preset: str, folder: str | Path = "") -> Scanner:
+    """Load an instrument.
+
+    Parameters
+    ----------
+    preset
+        Name of a shipped preset, or a YAML file.
+    folder
+        Where the file's path counts from; by default the working folder.
+
+    Raises
+    ------
+    InputError
+        If there is no such preset, or its file cannot be read.
+    ScenarioError
+        If it has faults; it holds all that could be found, in the order of the file.
+    """
+    return _scanner(read_preset(preset, folder))
+
+
+def _scanner(preset: Preset) -> Scanner:
+    """Return the scanner of a preset, or raise all of its faults."""
+    document = preset.document
+    data: dict[str, Value] = {"scanner": {**preset.values, "preset": preset.name}}
+    faults = list(document.faults)
+    try:
+        scanner = Scanner.model_validate(data["scanner"], context={**FROM_FILE, **FILLED})
+    except ValidationError as error:
+        faults += _faults(error, Document(data, document.lines, broken=document.broken), {}, ("scanner",))
+    if faults:
+        raise ScenarioError(_in_order(faults), source=preset.name)
+    return scanner
+
+
+def _fill_scanner(
+    document: Document, folder: object, origins: Mapping[Location, str], faults: list[Fault]
+) -> None:
+    """Put into a scenario's scanner what its preset says; faults in the preset's file are told by themselves."""
+    assert isinstance(document.data, dict)
+    block = document.data.get("scanner", {})
+    if not isinstance(block, dict):
+        return
+    try:
+        preset = preset_of(block, str(folder))
+    except InputError as error:
+        faults.append(_fault(document, origins, ("scanner", "preset"), error.message, error.remedy))
+        preset = read_preset(DEFAULT)
+    if preset is not None:
+        _scanner(preset)
+        document.data["scanner"] = fill(block, preset)
 
 
 def _text(path: Path) -> str:

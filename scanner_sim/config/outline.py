@@ -7,11 +7,13 @@ from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-import yaml
 from pydantic import Tag
 from pydantic.fields import FieldInfo
 
+from scanner_sim.config.document import Value, value_at
+from scanner_sim.config.preset import DEFAULT, read_preset
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.config.wording import inline_yaml
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Dimension
 
@@ -45,15 +47,32 @@ class Slot:
             return inline_yaml(self.choices[0])
         if self.part is not None:
             return f"{{{self.keys[0]}: {slot_at((*self.location, self.keys[0])).example}}}"
-        return inline_yaml(None if self.field is None or self.field.is_required() else self.field.default)
+        return inline_yaml(self._unwritten)
 
     @property
     def default(self) -> str:
         """The default as YAML; empty where there is none, or where it is no plain value."""
-        value = None if self.field is None or self.field.is_required() else self.field.default
+        value = self._unwritten
         if not isinstance(value, bool | int | float | str):
             return ""
-        return str(self.dimension.format(float(value))) if self.dimension is not None else inline_yaml(value)
+        return (
+            str(self.dimension.format(value))
+            if isinstance(value, float) and self.dimension
+            else inline_yaml(value)
+        )
+
+    @property
+    def preset(self) -> Value:
+        """What the instrument of a scenario that names none has here, as its file spells it; None elsewhere."""
+        steps = [step for step in self.location if not step.startswith("(")]
+        return value_at(dict(read_preset(DEFAULT).values), steps[1:]) if steps[:1] == ["scanner"] else None
+
+    @property
+    def _unwritten(self) -> Any:
+        """What a scenario has here that does not write it."""
+        if self.preset is not None:
+            return self.preset
+        return None if self.field is None or self.field.is_required() else self.field.default
 
 
 @cache
@@ -82,14 +101,6 @@ def locations_of_key(key: str) -> list[str]:
 def key_of(name: str, field: FieldInfo) -> str:
     """Return the key of a field in files."""
     return field.alias or name
-
-
-def inline_yaml(value: object) -> str:
-    """Return a value as YAML on one line."""
-    text: str = yaml.safe_dump(
-        value, default_flow_style=True, sort_keys=False, width=10**6, allow_unicode=True
-    )
-    return text.removesuffix("\n").removesuffix("\n...")
 
 
 def _visit(

@@ -1,20 +1,21 @@
-"""The instrument as a whole, and its presets."""
+"""The instrument as a whole; what is not said of it comes from its preset."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Literal
+from collections.abc import Iterator, Mapping
+from typing import Any
 
-from pydantic import Field
+from pydantic import Field, ValidationInfo, model_validator
 
+from scanner_sim.config.preset import DEFAULT, fill, preset_of
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Frequency, Ratio
 from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.optics.filter import BandpassFilter, FilterChoice
+from scanner_sim.optics.filter import FilterChoice
 from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.pulse import Pulse
@@ -22,50 +23,56 @@ from scanner_sim.optics.receiver import Receiver
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Geometry
 
+FILLED = {"scanner": "filled"}
+"""Validation context where the scanner's block already has what its preset says."""
+
 
 class Lidar(Part):
-    """The time-of-flight unit: one pulse for each voxel, through the beam, mirrors and filter of the triangulation.
+    """The time-of-flight unit: one pulse for each voxel, through the beam, mirrors and filter of the triangulation."""
 
-    Nothing of it is printed in the paper; the defaults are assumptions.
-    """
-
-    pulse: Pulse = Pulse()
+    pulse: Pulse
     """The laser's pulse."""
-    photodiode: Photodiode = Photodiode()
+    photodiode: Photodiode
     """The avalanche photodiode and its amplifier; its ``place`` says whether it looks along the laser."""
-    digitiser: Digitiser = Digitiser()
+    digitiser: Digitiser
     """The converter that records the waveform, and its clock."""
 
 
 class Scanner(Part):
-    """An auto-synchronised laser scanner; the defaults are the preset ``nrc_2000``.
+    """An auto-synchronised laser scanner.
 
-    ``nrc_2000`` is the prototype of Blais, Beraldin, El-Hakim (2000): wavelength, power, focal length, rate,
-    deflection and the sensor's pixel area are printed there; base, aperture, axis separation and the
-    detector's noise are not, and are assumptions.
+    What is not written comes from its preset, a file of an instrument that has a source for each value.
     """
 
-    preset: Literal["nrc_2000"] = "nrc_2000"
-    """Instrument whose values stand where nothing else is written."""
-    laser: Laser = Laser()
+    preset: str = Field(default=DEFAULT, examples=[DEFAULT, "my_scanner.yaml"])
+    """Instrument whose values stand where nothing else is written: the name of a shipped one, or a file."""
+    laser: Laser
     """The laser and its beam."""
-    mirrors: Mirrors = Mirrors()
+    mirrors: Mirrors
     """The deflection."""
-    galvanometers: Galvanometers = Galvanometers()
+    galvanometers: Galvanometers
     """The servos that turn the mirrors, which tracking needs; a raster's lag is taken to be calibrated."""
-    receiver: Receiver = Receiver()
+    receiver: Receiver
     """The receiving lens."""
-    filter: FilterChoice = BandpassFilter()
+    filter: FilterChoice
     """The interference filter, or ``none``."""
-    position_sensor: PositionSensor = PositionSensor()
+    position_sensor: PositionSensor
     """The line sensor of the triangulation."""
-    lidar: Lidar = Lidar()
+    lidar: Lidar
     """The time-of-flight unit, where ``ranging`` asks for it."""
-    rate: Frequency = Field(default=20e3, ge=1e-3, le=1e9)
+    rate: Frequency = Field(ge=1e-3, le=1e9)
     """Voxels per second; its inverse is the dwell."""
-    laser_off: Ratio = Field(default=0.0, ge=0.0, le=0.9)
+    laser_off: Ratio = Field(ge=0.0, le=0.9)
     """Share of the dwell in which the laser is off: the line then sees the background alone, which is subtracted. 0 is
-    a laser that always shines, as printed."""
+    a laser that always shines."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fill(cls, data: Any, info: ValidationInfo) -> Any:
+        context = info.context if isinstance(info.context, dict) else {}
+        if not isinstance(data, Mapping) or FILLED.items() <= context.items():
+            return data
+        return fill(data, preset_of(data, context.get("folder", "")))
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield an array that reaches into the near range, where the equations no longer hold."""

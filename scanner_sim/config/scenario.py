@@ -67,7 +67,7 @@ class Scenario(Part):
     """Version of the scenario's form."""
     seed: Count = Field(default=0, ge=0, lt=2**63)
     """Seed of every random number."""
-    scanner: Scanner = Scanner()
+    scanner: Scanner = Field(default_factory=lambda: Scanner.model_validate({}))
     """The instrument."""
     ranging: Literal["triangulation", "tof", "both"] = "triangulation"
     """How ranges are measured: by the line sensor, by time of flight (``scanner.lidar``), or both with their fusion."""

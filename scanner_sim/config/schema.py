@@ -59,6 +59,11 @@ def _spell_defaults(schema: dict[str, Any]) -> None:
         if part is None or slot.field is None:
             continue
         node = schema if part is Scenario else schema["$defs"][part.__name__]
+        if location[0] == "scanner" and len(location) > 1:
+            # What a scenario leaves out its preset has.
+            node.pop("required", None)
+        if slot.preset is not None and slot.part is None:
+            node["properties"][location[-1]]["default"] = slot.preset
         default = slot.field.default
         entry = outline().get((*location, EACH))
         if slot.dimension is not None and isinstance(default, float):

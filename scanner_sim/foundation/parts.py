@@ -80,7 +80,7 @@ class InputFile:
         try:
             mode = path.stat().st_mode
         except (OSError, ValueError):
-            raise self._error(f"there is no file {path}; {_nearest_file(path, self.suffixes)}") from None
+            raise self._error(f"there is no file {path}; {nearest_file(path, self.suffixes)}") from None
         if stat.S_ISDIR(mode):
             raise self._error(f"{path} is a folder, not a file; name the file in it")
         if not stat.S_ISREG(mode):
@@ -122,14 +122,14 @@ MeshFile = Annotated[Path, InputFile((".ply", ".obj", ".stl")), Field(examples=[
 XmlFile = Annotated[Path, InputFile((".xml",)), Field(examples=["scenes/module.xml"])]
 
 
-def _nearest_file(path: Path, suffixes: tuple[str, ...]) -> str:
+def nearest_file(path: Path, suffixes: tuple[str, ...]) -> str:
     """Say which file was probably meant by a path that leads nowhere."""
     folder = path.parent
     try:
         names = sorted(entry.name for entry in folder.iterdir() if entry.suffix.lower() in suffixes)
     except (FileNotFoundError, NotADirectoryError):
         return f"its folder {folder} does not exist either; paths count from the scenario's folder"
-    except OSError:
+    except (OSError, ValueError):
         names = []
     near = difflib.get_close_matches(path.name, names, n=1, cutoff=0.5)
     return f"did you mean {near[0]}?" if near else "paths count from the scenario's folder"

@@ -43,11 +43,11 @@ ERRORS: dict[str, tuple[str, ...]] = {
 class TemperatureCourse(Part):
     """How far the mirrors' temperature is from that of their calibration: rate · t + amplitude · sin(2π t/period)."""
 
-    amplitude: TemperatureDifference = Field(default=0.0, ge=0.0, le=200.0)
+    amplitude: TemperatureDifference = Field(ge=0.0, le=200.0)
     """Amplitude of the periodic part."""
-    period: Time = Field(default=5520.0, ge=1e-3, le=1e9)
-    """Period; 92 minutes is a low orbit."""
-    rate: TemperatureRate = Field(default=0.0, ge=-10.0, le=10.0)
+    period: Time = Field(ge=1e-3, le=1e9)
+    """Period of that part."""
+    rate: TemperatureRate = Field(ge=-10.0, le=10.0)
     """Steady change since the calibration, which was at the first shot."""
 
     def difference(self, time: Array) -> Array:
@@ -65,32 +65,32 @@ class TemperatureCourse(Part):
 class Mirrors(Part):
     """The two galvanometer mirrors."""
 
-    axis_separation: Length = Field(default=50e-3, ge=0.0, le=1.0)
+    axis_separation: Length = Field(ge=0.0, le=1.0)
     """Distance D_g between the two deflection axes (eq 3)."""
-    max_deflection: Angle = Field(default=0.5, gt=0.0, lt=1.5)
+    max_deflection: Angle = Field(gt=0.0, lt=1.5)
     """Largest optical deflection of each axis, to both sides."""
-    jitter: Angle = Field(default=8e-6, ge=0.0, le=1e-2)
+    jitter: Angle = Field(ge=0.0, le=1e-2)
     """Standard deviation of the pointing error common to laser and receiver, per axis and shot (repeatability)."""
-    jitter_seen: Ratio = Field(default=0.0, ge=0.0, le=1.0)
+    jitter_seen: Ratio = Field(ge=0.0, le=1.0)
     """Share of the jitter's variance that the angle encoders read, because it is a motion of the shafts."""
-    wobble: Angle = Field(default=3e-6, ge=0.0, le=1e-2)
+    wobble: Angle = Field(ge=0.0, le=1e-2)
     """Standard deviation of the cross-axis error of each mirror, common to laser and receiver; encoders miss it."""
-    wobble_angle: Angle = Field(default=0.05, ge=1e-4, le=10.0)
+    wobble_angle: Angle = Field(ge=1e-4, le=10.0)
     """Deflection of the wobbling mirror over which its wobble changes."""
-    wobble_time: Time = Field(default=50e-3, ge=1e-4, le=1e6)
+    wobble_time: Time = Field(ge=1e-4, le=1e6)
     """Time over which the wobble changes; within it a motion that is repeated wobbles alike."""
-    synchronisation: Angle = Field(default=1e-6, ge=0.0, le=1e-3)
+    synchronisation: Angle = Field(ge=0.0, le=1e-3)
     """Standard deviation of the angle between projection and reception, per shot: it moves the spot on the sensor."""
-    readout_noise: Angle = Field(default=2e-6, ge=0.0, le=1e-2)
+    readout_noise: Angle = Field(ge=0.0, le=1e-2)
     """Standard deviation of the angle encoders' noise, per axis and shot."""
-    readout_step: Angle = Field(default=1e-6, ge=0.0, le=1e-2)
+    readout_step: Angle = Field(ge=0.0, le=1e-2)
     """Step of the angle encoders; 0 for none."""
-    drift_zero: AnglePerKelvin = Field(default=15e-6, ge=-1e-2, le=1e-2)
+    drift_zero: AnglePerKelvin = Field(ge=-1e-2, le=1e-2)
     """Drift of the encoders' zero with temperature, both axes."""
-    drift_scale: RatioPerKelvin = Field(default=50e-6, ge=-1e-2, le=1e-2)
+    drift_scale: RatioPerKelvin = Field(ge=-1e-2, le=1e-2)
     """Drift of the encoders' scale with temperature, both axes."""
-    temperature: TemperatureCourse = TemperatureCourse()
-    """Temperature of the mirrors; by default it stays, and nothing drifts."""
+    temperature: TemperatureCourse
+    """Temperature of the mirrors, by which they drift."""
 
     def still(self, *, but: str | None = None) -> Mirrors:
         """Return the mirrors without errors, or with those of one of the sources in :data:`ERRORS`."""

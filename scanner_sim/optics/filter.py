@@ -25,19 +25,19 @@ Floats = NDArray[np.float64]
 class BandpassFilter(Part):
     """An interference filter in front of the lens."""
 
-    transmission: Ratio = Field(default=1.0, gt=0.0, le=1.0)
+    transmission: Ratio = Field(gt=0.0, le=1.0)
     """Peak transmission."""
     centre: Length | None = Field(default=None, ge=0.2e-6, le=30e-6)
     """Centre of the pass band at normal incidence; by default the laser's nominal wavelength."""
-    bandwidth: Length = Field(default=30e-9, ge=1e-11, le=2e-6)
+    bandwidth: Length = Field(ge=1e-11, le=2e-6)
     """Full width of the pass band at half of its peak."""
-    shape: Literal["tophat", "cavities"] = "tophat"
+    shape: Literal["tophat", "cavities"]
     """``tophat`` as in eq 18, or the rounded edges of a filter of several ``cavities``."""
-    cavities: Count = Field(default=3, ge=2, le=10)
+    cavities: Count = Field(ge=2, le=10)
     """Number of coupled cavities: more make steeper edges. Without meaning for ``tophat``."""
-    blocking: Ratio = Field(default=1e-6, ge=0.0, le=0.1)
+    blocking: Ratio = Field(ge=0.0, le=0.1)
     """Transmission outside of the pass band, relative to the peak: ``-60 dB``."""
-    effective_index: Number = Field(default=2.0, gt=1.0, le=4.0)
+    effective_index: Number = Field(gt=1.0, le=4.0)
     """Effective index of refraction: a high one shifts less with incidence."""
 
     def cross_checks(self) -> Iterator[Fault]:

@@ -27,21 +27,21 @@ AngleAcceleration = Annotated[float, Dimension("rad/s^2", ("2e5 rad/s^2",))]
 
 
 class Galvanometers(Part):
-    """The servos of the two mirrors, which are alike. None of these numbers is printed in the paper: assumptions."""
+    """The servos of the two mirrors, which are alike."""
 
-    natural_frequency: Frequency = Field(default=3.5e3, ge=1.0, le=1e6)
+    natural_frequency: Frequency = Field(ge=1.0, le=1e6)
     """Natural frequency ω/2π of a servo for small angles."""
-    damping: Ratio = Field(default=0.7, ge=0.2, le=0.99)
+    damping: Ratio = Field(ge=0.2, le=0.99)
     """Damping ζ, as a share of the critical one."""
-    slew: AngleRate = Field(default=280.0, gt=0.0, le=1e6)
+    slew: AngleRate = Field(gt=0.0, le=1e6)
     """Fastest deflection, optical."""
-    acceleration: AngleAcceleration = Field(default=2e5, gt=0.0, le=1e10)
+    acceleration: AngleAcceleration = Field(gt=0.0, le=1e10)
     """Largest acceleration, optical: torque over inertia."""
-    jump_share: Ratio = Field(default=0.9, gt=0.0, le=0.95)
+    jump_share: Ratio = Field(gt=0.0, le=0.95)
     """Share of both limits that the command of a jump asks for; the rest is the servo's to settle."""
-    settled: Angle = Field(default=100e-6, gt=0.0, le=0.1)
+    settled: Angle = Field(gt=0.0, le=0.1)
     """Distance from the goal below which a jump has settled."""
-    readout_delay: Time = Field(default=10e-6, ge=0.0, le=1e-3)
+    readout_delay: Time = Field(ge=0.0, le=1e-3)
     """By how much earlier than its voxel an encoder's reading is latched."""
 
     @property
@@ -51,7 +51,7 @@ class Galvanometers(Part):
 
     @property
     def lag(self) -> float:
-        """Lag behind a slow command [s], 2ζ/ω; 64 µs by default."""
+        """Lag behind a slow command [s], 2ζ/ω."""
         return 2.0 * self.damping / self.omega
 
 

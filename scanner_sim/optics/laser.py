@@ -17,17 +17,17 @@ class Laser(Part):
     length z_R = π w₀² / (M² λ) (Siegman, *Lasers*, 1986, ch. 17; M²: ISO 11146-1:2021).
     """
 
-    power: Power = Field(default=15e-3, ge=1e-12, le=1e6)
+    power: Power = Field(ge=1e-12, le=1e6)
     """Power of the beam as it leaves the scanner."""
-    wavelength: Length = Field(default=1.5e-6, ge=0.3e-6, le=20e-6)
+    wavelength: Length = Field(ge=0.3e-6, le=20e-6)
     """Nominal wavelength in vacuum."""
-    drift: Length = Field(default=0.0, ge=-100e-9, le=100e-9)
+    drift: Length = Field(ge=-100e-9, le=100e-9)
     """How far the line has drifted from the nominal wavelength (temperature, current, age)."""
-    waist_radius: Length = Field(default=2e-3, ge=1e-6, le=0.1)
+    waist_radius: Length = Field(ge=1e-6, le=0.1)
     """Radius of the waist at 1/e² of the irradiance."""
-    waist_distance: Length = Field(default=0.0, ge=-1e5, le=1e5)
+    waist_distance: Length = Field(ge=-1e5, le=1e5)
     """Distance of the waist along the beam, from the first deflection axis."""
-    m_squared: Number = Field(default=1.0, ge=1.0, le=1000.0)
+    m_squared: Number = Field(ge=1.0, le=1000.0)
     """Beam quality M²: 1 is an ideal Gaussian beam; the divergence grows with it."""
     speckle: Switch = True
     """Whether the light is coherent, so that rough surfaces make speckle of it. Off: the mean image alone."""

@@ -30,8 +30,6 @@ PulseShape = Annotated[
 FWHM: Final = 2.0 * math.sqrt(2.0 * math.log(2.0))
 """Full width at half maximum of a Gaussian over its standard deviation."""
 
-_PEAK_POWER = 100.0
-"""Peak power [W] where a scenario gives neither power nor energy."""
 _T2_WIDTH = 3.394607797
 """Full width at half maximum of t² e^(−t/τ), in units of τ."""
 _LARGEST = 100_000
@@ -47,20 +45,22 @@ class Pulse(Part):
     """
 
     peak_power: Power | None = Field(default=None, ge=1e-12, le=1e9)
-    """Highest power; 100 W where neither this nor ``energy`` is given."""
+    """Highest power."""
     energy: Energy | None = Field(default=None, ge=1e-24, le=1e3)
     """Energy of a pulse, instead of ``peak_power``."""
-    width: Time = Field(default=2e-9, ge=1e-12, le=1e-3)
+    width: Time = Field(ge=1e-12, le=1e-3)
     """Full width at half maximum of the named shapes; a file has its own."""
-    shape: PulseShape = "gaussian"
+    shape: PulseShape
     """Shape in time, or a CSV file of samples."""
-    repetition_rate: Frequency = Field(default=20e3, ge=1.0, le=1e9)
+    repetition_rate: Frequency = Field(ge=1.0, le=1e9)
     """Pulses per second."""
 
     def cross_checks(self) -> Iterator[Fault]:
-        """Yield power beside energy, a file that holds no pulse, and pulses longer than their period."""
+        """Yield power beside energy or neither, a file that holds no pulse, and pulses longer than their period."""
         if self.peak_power is not None and self.energy is not None:
             yield Fault("energy", "a pulse has a peak power or an energy, not both.", "Keep one of them.")
+        if self.peak_power is None and self.energy is None:
+            yield Fault("peak_power", "a pulse has neither a peak power nor an energy.", "Write one of them.")
         if isinstance(self.shape, Path):
             try:
                 read_pulse(self.shape)
@@ -112,7 +112,8 @@ class Pulse(Part):
         """Energy of a pulse [J]."""
         if self.energy is not None:
             return self.energy
-        peak = _PEAK_POWER if self.peak_power is None else self.peak_power
+        peak = self.peak_power
+        assert peak is not None  # one of the two is given
         if self.shape == "gaussian":
             return peak * self.sigma * math.sqrt(2.0 * math.pi)
         return peak / float(self.samples()[1].max())

@@ -20,18 +20,16 @@ class Receiver(Part):
     a phase in the pupil: it widens the image of the beam, and moves each grain of its speckle by as much.
     """
 
-    baseline: Length = Field(default=0.2, gt=0.0, le=100.0)
+    baseline: Length = Field(gt=0.0, le=100.0)
     """Triangulation base d: from the laser's axis to the lens node."""
-    focal_length: Length = Field(default=0.1, ge=1e-4, le=10.0)
+    focal_length: Length = Field(ge=1e-4, le=10.0)
     """Focal length f."""
-    aperture: Length = Field(default=25e-3, ge=1e-6)
+    aperture: Length = Field(ge=1e-6)
     """Diameter of the aperture stop."""
-    transmission: Ratio = Field(default=0.5, gt=0.0, le=1.0)
+    transmission: Ratio = Field(gt=0.0, le=1.0)
     """Transmission of lens and mirrors at the laser's wavelength, filter apart."""
-    aberration: Length = Field(default=12e-6, ge=0.0, le=1e-2)
-    """Standard deviation of the lens's rays on the sensor, per axis: defocus and errors of the wavefront. Never
-    printed; with 40 um instead of 12 the range errs 2.5 times as much by speckle, and an accuracy of a few millimetres
-    at 10 m, as published for this family's flight instrument, would be out of reach."""
+    aberration: Length = Field(ge=0.0, le=1e-2)
+    """Standard deviation of the lens's rays on the sensor, per axis: defocus and errors of the wavefront."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield an aperture that is larger than the focal length."""

@@ -5,11 +5,11 @@ from __future__ import annotations
 import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
+from prototype import PositionSensor
 
 from scanner_sim.analytic import spot
 from scanner_sim.detector.line.exposure import expose
 from scanner_sim.detector.line.noise import NoiseSwitches
-from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.optics.deflection import deflected_frame
 from scanner_sim.ranging import triangulation
 from scanner_sim.ranging.ranges import Geometry

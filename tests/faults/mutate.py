@@ -194,7 +194,9 @@ def part(rng: random.Random, slot: Slot, depth: int = 0) -> Any:
     block = {}
     for name, field in slot.part.model_fields.items():
         key = field.alias or name
-        if field.is_required() or rng.random() < 0.3:
+        # What a scenario leaves out of the scanner its preset has.
+        required = field.is_required() and slot.location[:1] != ("scanner",)
+        if required or rng.random() < 0.3:
             inside = outline().get((*slot.location, key), Slot())
             deeper = inside.part is not None and depth < 3
             block[key] = part(rng, inside, depth + 1) if deeper else legal(rng, inside)

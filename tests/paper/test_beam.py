@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from prototype import Laser
 
 from scanner_sim.analytic import beam
-from scanner_sim.optics.laser import Laser
 
 
 @given(z=st.floats(0.0, 100.0), w0=st.floats(1e-4, 1e-2), z0=st.floats(-20.0, 20.0), m2=st.floats(1.0, 20.0))

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from prototype import BandpassFilter
 
 from scanner_sim.analytic import sun as judge
 from scanner_sim.optics.band_irradiance import band_irradiance
-from scanner_sim.optics.filter import BandpassFilter
 from scanner_sim.scene.light.lighting import Sun
 
 P, F, S, WAVELENGTH = 15e-3, 0.1, 200e-6 * 250e-6, 1.5e-6

@@ -18,6 +18,7 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Laser
 
 from scanner_sim import Scenario, simulate
 from scanner_sim.analytic import speckle as judge
@@ -25,7 +26,6 @@ from scanner_sim.analytic.geometry import range_error
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.detector.packets import gamma_like
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.speckle import Optics, packets, slope_packets
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.beam.surface_positions import SurfacePositions

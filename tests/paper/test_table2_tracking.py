@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import pytest
+from prototype import Galvanometers
 
 from scanner_sim.config.scanner import Scanner
-from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.optics.jump import jump_time
 from scanner_sim.scan.schedule import Visiting, raster_time, visits
 

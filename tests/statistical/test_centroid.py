@@ -12,9 +12,9 @@ import claims
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Galvanometers
 
 from scanner_sim.analytic import tracking as judge
-from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
 from scanner_sim.scan.schedule import Visiting, mirrors_at, run_visit
 from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid

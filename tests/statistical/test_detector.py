@@ -11,12 +11,12 @@ import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 import pytest
+from prototype import PositionSensor
 from scipy import stats
 
 from scanner_sim.analytic import noise, spot
 from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pixel_response, poisson
 from scanner_sim.detector.line.noise import NoiseSwitches
-from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.render.device import Device
 
 WAVELENGTH, DWELL = 1.5e-6, 50e-6

@@ -10,14 +10,13 @@ from typing import Any
 import claims
 import numpy as np
 import pytest
+from prototype import Digitiser, Laser, Photodiode, Pulse
 
 from scanner_sim.analytic import spot
 from scanner_sim.analytic import time_of_flight as judge
 from scanner_sim.config.scanner import Scanner
-from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode, PhotodiodeNoise
+from scanner_sim.detector.photodiode.photodiode import PhotodiodeNoise
 from scanner_sim.detector.photodiode.waveform import record
-from scanner_sim.optics.laser import Laser
-from scanner_sim.optics.pulse import Pulse
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.render.settings import Transport
 from scanner_sim.scene.objects import Scene

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from prototype import Laser
 
 from scanner_sim.config.scanner import Scanner
-from scanner_sim.optics.laser import Laser
 from scanner_sim.scene.objects import Scene
 
 pytestmark = pytest.mark.usefixtures("device")

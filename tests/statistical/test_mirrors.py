@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from prototype import Mirrors, TemperatureCourse
 from scipy import stats
 
 from scanner_sim import load_scenario
 from scanner_sim.analytic import geometry
 from scanner_sim.detector.encoders import read_encoders
-from scanner_sim.optics.deflection import Mirrors, TemperatureCourse
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.raster import RasterScan, raster_aim
 

@@ -13,13 +13,14 @@ import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 import pytest
+from prototype import Digitiser, Photodiode, Pulse
 
 from scanner_sim.analytic import time_of_flight as judge
-from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode, PhotodiodeNoise
+from scanner_sim.detector.photodiode.photodiode import PhotodiodeNoise
 from scanner_sim.detector.photodiode.waveform import Waveforms, noise_sigma, record
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.status import Status
-from scanner_sim.optics.pulse import FWHM, Pulse
+from scanner_sim.optics.pulse import FWHM
 from scanner_sim.render.beam.light import Light
 from scanner_sim.signals.waveform.calibration import peak_of
 from scanner_sim.signals.waveform.detection import Delays, PulseDetector

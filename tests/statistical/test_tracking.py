@@ -14,10 +14,10 @@ import claims
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Galvanometers
 
 from scanner_sim.analytic import tracking as judge
 from scanner_sim.foundation.status import Status
-from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.schedule import MirrorPair, Visiting, mirrors_at, run_visit
 from scanner_sim.tracking.identify import identify

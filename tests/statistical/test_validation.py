@@ -15,13 +15,11 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Laser, PositionSensor, Receiver
 from scipy import stats
 
 from scanner_sim.detector.line.exposure import electrons_per_watt, expose
-from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.status import Status
-from scanner_sim.optics.laser import Laser
-from scanner_sim.optics.receiver import Receiver
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.processing import Processing, Validation

@@ -68,7 +68,7 @@ def test_the_scenario_from_which_the_bad_ones_are_made_is_good(tmp_path: Path) -
         ("preset: nrc_2000", "laser: {power: .nan}", ("line 2, scanner.laser.power", "not a finite number", "15 mW")),
         ("preset: nrc_2000", "laser: {power: 1e400 W}", ("line 2, scanner.laser.power", "not finite", "15 mW")),
         ("preset: nrc_2000", "receiver: {baseline: 0 m}",
-         ("line 2, scanner.receiver.baseline", "more than 0 m", "0.2 m")),
+         ("line 2, scanner.receiver.baseline", "more than 0 m", "nrc_2000 has 200 mm")),
         ("preset: nrc_2000", "receiver: {aperture: 0.3 m}",
          ("line 2, scanner.receiver.aperture", "Reduce the aperture")),
         ("schema: 1", "schema: 1\nprocessing: {range_gate: [0.1 m, 1 m]}",

@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
-from scanner_sim.config import resolved_yaml
+from scanner_sim.config import load_scanner, resolved_yaml
 from scanner_sim.products.files.contents import FILES
 from scanner_sim.products.files.exr import read_range_image
 
@@ -63,7 +63,7 @@ def content(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-@pytest.mark.parametrize("verb", ["run", "check", "show", "info", "schema"])
+@pytest.mark.parametrize("verb", ["run", "check", "show", "info", "instruments", "schema"])
 def test_every_verb_explains_itself(verb: str) -> None:
     result = invoke(verb, "--help")
     assert result.exit_code == 0
@@ -153,6 +153,20 @@ def test_check_warns_of_what_makes_little_sense(config: Path) -> None:
 
 def test_schema_prints_json() -> None:
     assert json.loads(invoke("schema").stdout)["title"] == "Scanner Sim scenario"
+
+
+def test_instruments_lists_prints_and_checks_them(tmp_path: Path) -> None:
+    """Claim: what it prints of a shipped one is, saved, an instrument of one's own with the same values."""
+    assert "nrc_2000  Prototype of F. Blais" in invoke("instruments").stdout
+    text = invoke("instruments", "nrc_2000").stdout
+    own = tmp_path / "mine.yaml"
+    own.write_text(text, encoding="utf-8")
+    assert invoke("instruments", str(own)).stdout == text
+    assert load_scanner(str(own)).model_copy(update={"preset": "nrc_2000"}) == load_scanner("nrc_2000")
+    own.write_text(text.replace("value: 15 mW", "value: 15"), encoding="utf-8")
+    refused = invoke("instruments", str(own))
+    assert refused.exit_code == 2
+    assert "scanner.laser.power: 15 has no unit" in refused.stderr
 
 
 def test_info_names_what_it_runs_on() -> None:

@@ -17,6 +17,7 @@ from typer.testing import CliRunner
 
 from scanner_sim.cli import app
 from scanner_sim.config import load_scenario, scenario_from_text
+from scanner_sim.config.preset import read_preset, shipped_presets
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.products.files import contents
 from scanner_sim.validation.studies.pose_study import StudyPlan
@@ -151,6 +152,14 @@ def test_the_reference_has_every_key(reference: ModuleType) -> None:
     assert not missing
     described = re.findall(r"^\| `(\w+)` \| [^\n]*\|\s*\|$", page, re.M)
     assert not described, f"without a meaning: {described}"
+
+
+def test_the_reference_has_every_value_of_an_instrument_with_its_source(reference: ModuleType) -> None:
+    page = reference.instruments_page()
+    for name in shipped_presets():
+        for location, stated in read_preset(name).stated.items():
+            (row,) = re.findall(rf"^\| `{re.escape('.'.join(location[1:]))}` \| .*$", page, re.M)
+            assert row.endswith(f"| {stated.mark} | {stated.source} |")
 
 
 def test_the_reference_has_every_channel_file_and_verb(reference: ModuleType) -> None:

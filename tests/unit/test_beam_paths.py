@@ -10,12 +10,11 @@ import mitsuba
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Laser, Receiver
 from scipy.spatial.transform import Rotation
 
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.analytic.beam import beam_radius
-from scanner_sim.optics.laser import Laser
-from scanner_sim.optics.receiver import Receiver
 from scanner_sim.render.beam.beamlets import smooth_beamlets
 from scanner_sim.render.beam.line_projection import LineProjection
 from scanner_sim.render.beam.path_projection import PathProjection

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from prototype import PositionSensor
 
 from scanner_sim.detector.line.noise import NoiseSwitches
-from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.signals.line.calibration import Calibration
 
 DWELL = 50e-6

@@ -152,7 +152,7 @@ def test_a_file_and_a_mapping_are_two_spellings_of_the_same_thing(tmp_path: Path
          "line 4, scanner.laser.baseline: there is no such key here. It belongs to scanner.receiver.baseline"),
         ("{power: 20 mW}", "{power: yes}", "line 4, scanner.laser.power: 'yes' is not a number with a unit."),
         ("{power: 20 mW}", "", "line 4, scanner.laser: nothing (an empty value) is not a block of keys."),
-        ("preset: nrc_2000", "preset: nrc_200", "line 3, scanner.preset: 'nrc_200' is not possible here. "
+        ("preset: nrc_2000", "preset: nrc_200", "line 3, scanner.preset: there is no preset 'nrc_200'. "
          "Did you mean 'nrc_2000'?"),
         ("size: [4 m, 4 m]", "size: [4 m]",
          "line 7, scene.objects[0].size (object 'wall'): this list has 1 entry. Write for example [4 m, 4 m]."),

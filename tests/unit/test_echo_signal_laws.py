@@ -12,16 +12,15 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Digitiser, Photodiode, Pulse
 from scipy.special import ndtr
 from scipy.stats import multivariate_normal, norm
 
 from scanner_sim.analytic import speckle as judge
 from scanner_sim.detector.line.speckle import line_speckle
-from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import arrive, record
 from scanner_sim.instrument.time_of_flight import EchoDelays, TimeOfFlight
-from scanner_sim.optics.pulse import Pulse
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.render.beam.surface_positions import SurfacePositions
@@ -42,7 +41,7 @@ pytestmark = pytest.mark.usefixtures("device")
 
 
 def diode(*on: str, **more: Any) -> Photodiode:
-    return Photodiode.model_validate({"noise": QUIET | dict.fromkeys(on, True), **more})
+    return Photodiode(**{"noise": QUIET | dict.fromkeys(on, True), **more})
 
 
 def echoes(share: float, path: float, spread: float, reference: float, shots: int = 1) -> Any:

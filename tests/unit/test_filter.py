@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from prototype import BandpassFilter, Laser, PositionSensor
 from pydantic import TypeAdapter, ValidationError
 
 from scanner_sim.config.scanner import Scanner
-from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import (
-    BandpassFilter,
     FilterChoice,
     centre_at,
     filter_warnings,
@@ -23,7 +22,6 @@ from scanner_sim.optics.filter import (
     passband,
     peak_transmission,
 )
-from scanner_sim.optics.laser import Laser
 from scanner_sim.scene.light.lighting import Sun
 
 LASER, INGAAS = Laser(), (0.9e-6, 1.7e-6)
@@ -55,7 +53,7 @@ def test_a_real_filter_has_its_stated_width_and_skirts(cavities: int) -> None:
 def test_a_passband_lies_between_0_and_1_and_knows_no_left_or_right(
     shape: str, wavelength: float, angle: float, bandwidth: float
 ) -> None:
-    chosen = BandpassFilter.model_validate({"shape": shape, "bandwidth": bandwidth})
+    chosen = BandpassFilter(shape=shape, bandwidth=bandwidth)
     share = passband(chosen, wavelength, angle, nominal=1.5e-6)
     assert 0.0 <= share <= 1.0
     assert share == passband(chosen, wavelength, -angle, nominal=1.5e-6)
@@ -111,7 +109,7 @@ def test_light_is_either_in_the_band_or_blocked() -> None:
     """Without blocking both add up to everything, at any place of the band; half of a band outside does not count."""
     everything = float(band_irradiance(Sun(), "none", INGAAS, 1.5e-6)[1])
     for shape in ("tophat", "cavities"):
-        leaky = BandpassFilter.model_validate({"shape": shape, "blocking": 0.1, "bandwidth": "100 nm"})
+        leaky = BandpassFilter(shape=shape, blocking=0.1, bandwidth="100 nm")
         inside, outside = band_irradiance(Sun(), leaky, INGAAS, 1.5e-6)
         assert inside + outside / 0.1 == pytest.approx(everything, rel=1e-9)
     middle, edge, beyond = (

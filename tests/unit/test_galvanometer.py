@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Galvanometers
 from scipy.integrate import solve_ivp
 
-from scanner_sim.optics.galvanometer import Galvanometers, at_rest, follow, latch, response
+from scanner_sim.optics.galvanometer import at_rest, follow, latch, response
 from scanner_sim.optics.jump import (
     attainable_amplitude,
     attainable_frequency,

@@ -10,6 +10,7 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Laser, PositionSensor, Receiver
 from pydantic import ValidationError
 
 from scanner_sim import load_scenario, simulate
@@ -17,12 +18,9 @@ from scanner_sim.analytic import spot
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.detector.line.exposure import electrons_per_watt, expose
 from scanner_sim.detector.line.noise import NoiseSwitches
-from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.channels import MEASURED_BY
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.simulate import simulate_voxel
-from scanner_sim.optics.laser import Laser
-from scanner_sim.optics.receiver import Receiver
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.processing import Processing, Validation

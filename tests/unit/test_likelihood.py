@@ -9,11 +9,11 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import PositionSensor
 
 from scanner_sim.analytic import spot
 from scanner_sim.detector.line.exposure import electrons_per_watt, expose
 from scanner_sim.detector.line.noise import NoiseSwitches
-from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.status import Status
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks

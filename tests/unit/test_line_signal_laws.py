@@ -10,6 +10,7 @@ import drjit.auto.ad as auto
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Laser, PositionSensor, Receiver
 from scipy.integrate import quad
 from scipy.stats import chi2, norm
 
@@ -18,9 +19,6 @@ from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.analytic.geometry import image_position, triangulated_range
 from scanner_sim.analytic.noise import first_order
 from scanner_sim.analytic.spot import pixel_shares
-from scanner_sim.detector.line.position_sensor import PositionSensor
-from scanner_sim.optics.laser import Laser
-from scanner_sim.optics.receiver import Receiver
 from scanner_sim.render.device import Device
 from scanner_sim.signals.line import digital_line
 from scanner_sim.signals.line.bias import Bias, _Template

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from prototype import Galvanometers
 from pydantic import ValidationError
 
 from scanner_sim.foundation.units import FROM_FILE
-from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures, sample_shares
 from scanner_sim.scan.schedule import Visiting, mirrors_at, pattern_warnings, run_visit, visits
 

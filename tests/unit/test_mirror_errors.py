@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from prototype import Mirrors, TemperatureCourse
 
-from scanner_sim.optics.deflection import Mirrors, TemperatureCourse
 from scanner_sim.render.shots import true_shots
 from scanner_sim.scan.protocol import Aim
 

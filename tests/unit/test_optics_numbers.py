@@ -6,13 +6,11 @@ import math
 
 import numpy as np
 import pytest
+from prototype import Galvanometers, Laser, Pulse, Receiver
 from pydantic import ValidationError
 
-from scanner_sim.optics.galvanometer import Galvanometers, MirrorState, follow
+from scanner_sim.optics.galvanometer import MirrorState, follow
 from scanner_sim.optics.jump import attainable_amplitude
-from scanner_sim.optics.laser import Laser
-from scanner_sim.optics.pulse import Pulse
-from scanner_sim.optics.receiver import Receiver
 
 SERVO = Galvanometers()
 

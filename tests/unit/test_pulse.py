@@ -8,14 +8,15 @@ from typing import Any
 import drjit.auto.ad as auto
 import numpy as np
 import pytest
+from prototype import Digitiser, Photodiode, Pulse
 from pydantic import ValidationError
 
 from scanner_sim.analytic import time_of_flight as judge
 from scanner_sim.detector.photodiode.noise_colour import colouring_taps, correlation
-from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode, background_power
+from scanner_sim.detector.photodiode.photodiode import background_power
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.optics.pulse import Pulse, read_pulse
+from scanner_sim.optics.pulse import read_pulse
 from scanner_sim.render.device import Device
 from scanner_sim.signals.waveform.detection import PulseDetector
 from scanner_sim.signals.waveform.settings import PulseDetection

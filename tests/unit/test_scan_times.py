@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from prototype import Mirrors, TemperatureCourse
 
-from scanner_sim.optics.deflection import Mirrors, TemperatureCourse
 from scanner_sim.scan.lissajous import LissajousPattern, frequencies, sample_shares
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scan.schedule import raster_time, visits

@@ -19,35 +19,34 @@ class PositionSensor(Part):
     charge above the full well: it does not reach the neighbours.
     """
 
-    pixels: Count = Field(default=256, ge=8, le=4096)
+    pixels: Count = Field(ge=8, le=4096)
     """Number of pixels."""
-    pitch: Length = Field(default=50e-6, ge=1e-7, le=1e-2)
+    pitch: Length = Field(ge=1e-7, le=1e-2)
     """Distance of the pixels, and their width (fill factor 1)."""
-    height: Length = Field(default=250e-6, ge=1e-7, le=0.1)
+    height: Length = Field(ge=1e-7, le=0.1)
     """Height of the pixels; light above or below is lost."""
-    diffusion: Length = Field(default=38.2e-6, ge=0.0, le=1e-2)
+    diffusion: Length = Field(ge=0.0, le=1e-2)
     """Standard deviation, per axis, by which charge spreads before a pixel collects it: diffusion in the layer that
-    absorbs, cross-talk, an optical low-pass before the array. Never printed; with the lens's aberration the spot of a
-    point is 40 um, 0.8 pixel, and covers the four pixels over which the paper's sensor area speaks."""
-    offset: Length = Field(default=0.0, ge=0.0, le=1.0)
+    absorbs, cross-talk, an optical low-pass before the array."""
+    offset: Length = Field(ge=0.0, le=1.0)
     """Position p of the array's far end: 0 shows everything out to infinity."""
-    quantum_efficiency: Ratio = Field(default=0.8, gt=0.0, le=1.0)
+    quantum_efficiency: Ratio = Field(gt=0.0, le=1.0)
     """Electrons per photon, at every wavelength of the response."""
-    response: tuple[Length, Length] = Field(default=(0.9e-6, 1.7e-6), examples=[["0.9 um", "1.7 um"]])
-    """Shortest and longest wavelength that frees electrons; the default is that of InGaAs."""
-    full_well: Electrons = Field(default=5e7, ge=1.0, le=1e15)
+    response: tuple[Length, Length] = Field(examples=[["0.9 um", "1.7 um"]])
+    """Shortest and longest wavelength that frees electrons."""
+    full_well: Electrons = Field(ge=1.0, le=1e15)
     """Charge at which a pixel saturates."""
-    read_noise: Electrons = Field(default=1000.0, ge=0.0, le=1e12)
+    read_noise: Electrons = Field(ge=0.0, le=1e12)
     """Standard deviation of the read noise."""
-    dark_current: ElectronRate = Field(default=2.5e7, ge=0.0, le=1e18)
-    """Mean dark current of a pixel (2.5e7 electron/s are 4 pA)."""
-    prnu: Ratio = Field(default=0.005, ge=0.0, le=0.2)
+    dark_current: ElectronRate = Field(ge=0.0, le=1e18)
+    """Mean dark current of a pixel."""
+    prnu: Ratio = Field(ge=0.0, le=0.2)
     """Standard deviation of the pixels' response, left after the flat field."""
-    adc_bits: Count = Field(default=16, ge=4, le=24)
+    adc_bits: Count = Field(ge=4, le=24)
     """Bits of the analogue-digital converter."""
     gain: ElectronsPerNumber | None = Field(default=None, ge=1e-3, le=1e12)
     """Electrons per digital number; by default the converter's range equals the full well."""
-    bias: Count = Field(default=64, ge=0)
+    bias: Count = Field(ge=0)
     """Digital number of a pixel without charge: keeps negative noise from being cut off."""
     noise: NoiseSwitches = NoiseSwitches()
     """A switch for every term."""

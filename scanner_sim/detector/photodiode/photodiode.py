@@ -53,27 +53,27 @@ class Photodiode(Part):
     The mean background current is known from the monitor of the bias supply.
     """
 
-    responsivity: Responsivity = Field(default=0.95, gt=0.0, le=10.0)
-    """Current per light at gain 1; 0.95 A/W is InGaAs at 1.55 µm."""
-    response: tuple[Length, Length] = Field(default=(0.9e-6, 1.7e-6), examples=[["0.9 um", "1.7 um"]])
-    """Shortest and longest wavelength that makes a current, the same at each; the default is that of InGaAs."""
-    gain: Number = Field(default=10.0, ge=1.0, le=1000.0)
+    responsivity: Responsivity = Field(gt=0.0, le=10.0)
+    """Current per light at gain 1."""
+    response: tuple[Length, Length] = Field(examples=[["0.9 um", "1.7 um"]])
+    """Shortest and longest wavelength that makes a current, the same at each."""
+    gain: Number = Field(ge=1.0, le=1000.0)
     """Mean multiplication M of the avalanche; 1 is a photodiode without."""
-    ionisation_ratio: Ratio = Field(default=0.45, ge=0.0, le=1.0)
-    """Ratio k of the carriers' ionisation coefficients; InGaAs has 0.4 to 0.5."""
-    bulk_dark_current: Current = Field(default=0.5e-9, ge=0.0, le=1e-3)
+    ionisation_ratio: Ratio = Field(ge=0.0, le=1.0)
+    """Ratio k of the carriers' ionisation coefficients."""
+    bulk_dark_current: Current = Field(ge=0.0, le=1e-3)
     """Dark current of the bulk before it is multiplied."""
-    surface_dark_current: Current = Field(default=5e-9, ge=0.0, le=1e-3)
+    surface_dark_current: Current = Field(ge=0.0, le=1e-3)
     """Dark current of the surface, which is not multiplied."""
-    bandwidth: Frequency = Field(default=200e6, ge=1e5, le=1e11)
+    bandwidth: Frequency = Field(ge=1e5, le=1e11)
     """Bandwidth of diode and amplifier at −3 dB."""
-    amplifier_noise: CurrentNoise = Field(default=2e-12, ge=0.0, le=1e-6)
+    amplifier_noise: CurrentNoise = Field(ge=0.0, le=1e-6)
     """White noise of the amplifier, referred to its input."""
-    saturation: Current = Field(default=0.5e-3, ge=1e-9, le=10.0)
+    saturation: Current = Field(ge=1e-9, le=10.0)
     """Largest current that the amplifier passes on; it recovers at once."""
-    field_of_view: Angle = Field(default=5e-3, ge=1e-6, le=0.5)
+    field_of_view: Angle = Field(ge=1e-6, le=0.5)
     """Full angle of the round field that the diode sees through the lens."""
-    place: Literal["coaxial", "offset"] = "coaxial"
+    place: Literal["coaxial", "offset"]
     """Behind the laser's own axis, or behind the lens at the triangulation base, with a field from infinity inwards."""
     noise: PhotodiodeNoise = PhotodiodeNoise()
     """A switch for every term."""
@@ -130,15 +130,15 @@ class Photodiode(Part):
 class Digitiser(Part):
     """The converter that records a waveform from each shot, and its clock."""
 
-    rate: Frequency = Field(default=1e9, ge=1e6, le=1e12)
+    rate: Frequency = Field(ge=1e6, le=1e12)
     """Samples per second."""
-    bits: Count = Field(default=14, ge=4, le=24)
+    bits: Count = Field(ge=4, le=24)
     """Bits of the converter; its range reaches from −1/16 of the amplifier's saturation to all of it."""
-    gate: tuple[Length, Length] = Field(default=(0.5, 35.0), examples=[["0.5 m", "35 m"]])
+    gate: tuple[Length, Length] = Field(examples=[["0.5 m", "35 m"]])
     """Nearest and farthest range that is recorded."""
-    jitter: Time = Field(default=67e-12, ge=0.0, le=1e-6)
-    """Standard deviation, per shot, of the time between pulse and clock; 67 ps are the 10 mm of a range floor."""
-    drift: Ratio = Field(default=0.0, ge=-0.01, le=0.01)
+    jitter: Time = Field(ge=0.0, le=1e-6)
+    """Standard deviation, per shot, of the time between pulse and clock."""
+    drift: Ratio = Field(ge=-0.01, le=0.01)
     """Relative error of the clock's frequency, which the instrument does not know of."""
 
     def cross_checks(self) -> Iterator[Fault]:

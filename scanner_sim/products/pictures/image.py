@@ -33,7 +33,7 @@ from scanner_sim.products.pictures.style import (
 _PICTURES = {picture.file: (channel, picture) for channel in CHANNELS for picture in channel.pictures}
 _SMALLEST, _LARGEST = 960, 2048
 """Dots of the longer side of an image."""
-_PRESET = re.compile(r"^scanner:\n(?:  .*\n)*?  preset: (.+)$", re.MULTILINE)
+_PRESET = re.compile(r"^scanner:\n(?:  .*\n)*?  preset: (?:.*/)?(.+?)(?:\.ya?ml)?$", re.MULTILINE)
 """Name of the scanner's preset in a resolved scenario."""
 _SLENDEREST = 8.0
 """Longer over shorter side at which an image is stretched to stay readable."""

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.optics.deflection import Mirrors, TemperatureCourse
+from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.light.lighting import Lighting
@@ -135,7 +135,9 @@ def on_test_bench(
 
 def mirrors_with_errors(setting: ComparisonSetup) -> Mirrors:
     """Return the scenario's mirrors with their random errors, at an even temperature."""
-    return setting.scenario.scanner.mirrors.model_copy(update={"temperature": TemperatureCourse()})
+    mirrors = setting.scenario.scanner.mirrors
+    even = mirrors.temperature.model_copy(update={"amplitude": 0.0, "rate": 0.0})
+    return mirrors.model_copy(update={"temperature": even})
 
 
 def directions(theta: ArrayLike, phi: ArrayLike, mirrors: Mirrors, dwell: float) -> Aim:

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.config import load_scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.scan.protocol import Aim
@@ -14,9 +15,13 @@ from scanner_sim.validation.reproduce.item import Task
 
 Array = NDArray[np.float64]
 
-FOCAL, BASE, SEPARATION, PITCH = 0.1, 0.2, 0.05, 50e-6
-"""Focal length f, base d, axis separation D_g and pixel pitch of the preset [m]."""
-DWELL = 50e-6
+NRC_2000 = load_scanner("nrc_2000")
+"""The paper's instrument."""
+FOCAL, BASE = NRC_2000.receiver.focal_length, NRC_2000.receiver.baseline
+"""Focal length f and base d [m]."""
+SEPARATION, PITCH = NRC_2000.mirrors.axis_separation, NRC_2000.position_sensor.pitch
+"""Axis separation D_g and pixel pitch [m]."""
+DWELL = NRC_2000.dwell
 """Time of a voxel [s]."""
 STILL: Mapping[str, float] = {
     "jitter": 0.0,

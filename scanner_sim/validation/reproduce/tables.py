@@ -9,12 +9,11 @@ from matplotlib.axes import Axes
 
 from scanner_sim.analytic.orbit import eclipse_fraction
 from scanner_sim.config import load_scenario
-from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.products.pictures.timeline import draw_timeline
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scan.schedule import Visiting, mirrors_at, run_visit
-from scanner_sim.validation.reproduce.bench import DWELL
+from scanner_sim.validation.reproduce.bench import DWELL, NRC_2000
 from scanner_sim.validation.reproduce.drawing import BLUE, OCHRE, RED, sheet
 from scanner_sim.validation.reproduce.item import Item, Outcome, Task, chosen, row_of_claim, within
 from scanner_sim.validation.studies.conditions import ESTIMATES
@@ -89,7 +88,7 @@ def table_2(task: Task) -> Outcome:
             chosen(
                 f"each of four targets, {2.0 * half:g} rad apart",
                 "10 ms",
-                f"{1e3 * Visiting().period(128, DWELL, 4, Galvanometers()):.2f} ms",
+                f"{1e3 * Visiting().period(128, DWELL, 4, NRC_2000.galvanometers):.2f} ms",
                 f"{1e3 * spread[half]:.2f} ms, off by {1e6 * settled:.0f} µrad at most when measuring begins",
                 within(spread[half], 10e-3, 0.02) and settled < 300e-6,
             )
@@ -114,7 +113,7 @@ def table_2(task: Task) -> Outcome:
 
 def _visit_times(positions: Sequence[tuple[float, float]], turns: int) -> tuple[float, float]:
     """Return the mean time from pattern to pattern [s], and how far the first voxel is from its command [rad]."""
-    servo, visiting, pattern = Galvanometers(), Visiting(), LissajousPattern(amplitude=6e-3)
+    servo, visiting, pattern = NRC_2000.galvanometers, Visiting(), LissajousPattern(amplitude=6e-3)
     period = visiting.period(pattern.points, DWELL, len(positions), servo)
     mirrors, begun, late = mirrors_at(*positions[0]), [], 0.0
     for number in range(turns * len(positions)):
