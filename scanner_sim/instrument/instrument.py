@@ -34,7 +34,6 @@ from scanner_sim.ranging.ranges import (
     with_truth,
 )
 from scanner_sim.render.background.panorama import Panorama, render_panorama
-from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.background.view import panorama_view
 from scanner_sim.render.beam.light import Light, Truth
@@ -144,7 +143,6 @@ class Instrument:
             self.loaded,
             self.optics,
             light_of(sky),
-            Albedo(sky.albedo, sky.albedo_out_of_band),
             panorama_view(scan.horizontal, scan.angles()[1], self.optics, pixels, scan.row_times(dwell)),
             bounces=settings.background_bounces,
             samples=settings.background_samples,

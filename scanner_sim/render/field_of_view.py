@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.render.background.panorama import Panorama, render_panorama
-from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.background.view import PanoramaView
 from scanner_sim.render.beam.light import Light
@@ -57,7 +56,6 @@ def field_panorama(
     layout: OpticalLayout,
     field: Field,
     sky: SkyLight,
-    albedo: Albedo,
     scan: RasterScan,
     settings: Transport,
     seed: int,
@@ -67,7 +65,7 @@ def field_panorama(
 
     Parameters
     ----------
-    loaded, layout, sky, albedo
+    loaded, layout, sky
         Scene, optics of the triangulation, Sun and Earth.
     field
         The photodiode's field.
@@ -88,7 +86,6 @@ def field_panorama(
         loaded,
         optics,
         sky,
-        albedo,
         view,
         bounces=settings.background_bounces,
         samples=settings.background_samples,
