@@ -33,7 +33,6 @@ from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.render.background.panorama import Panorama
-from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.background.view import Rows
 from scanner_sim.render.beam.light import Light, Truth
@@ -192,7 +191,6 @@ class TimeOfFlight:
             self.bare,
             self.field,
             light_of(sky),
-            Albedo(sky.albedo, sky.albedo_out_of_band),
             rows,
             scenario.transport,
             scenario.seed,

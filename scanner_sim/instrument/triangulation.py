@@ -24,7 +24,6 @@ from scanner_sim.optics.filter import incidence, laser_gain
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_from_peaks
 from scanner_sim.render.background.panorama import Panorama, render_panorama
-from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.background.view import Rows, panorama_view
 from scanner_sim.render.beam.light import Light, Truth
@@ -162,7 +161,6 @@ class Triangulation:
             self.loaded,
             self.optics,
             light_of(sky),
-            Albedo(sky.albedo, sky.albedo_out_of_band),
             panorama_view(rows, self.optics, self.scenario.scanner.position_sensor.pixels),
             bounces=settings.background_bounces,
             samples=settings.background_samples,
@@ -286,9 +284,8 @@ class Triangulation:
         """Render, expose and read the shots of an aim as they are fired: their truth, and the shots in groups."""
         scenario = self.scenario
         seen = self.panorama if background is None else background
-        truth, lights = render_light(
-            self.loaded, LineProjection(self.optics), scenario.transport, shots, scenario.seed
-        )
+        line = LineProjection(self.optics)
+        truth, lights = render_light(self.loaded, line, scenario.transport, shots, scenario.seed)
 
         def groups() -> Iterator[ShotGroup]:
             for light in lights:

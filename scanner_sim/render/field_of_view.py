@@ -16,7 +16,6 @@ import mitsuba as mi
 
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.render.background.panorama import Panorama, render_panorama
-from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.background.view import PanoramaView, Rows
 from scanner_sim.render.beam.light import Light
@@ -54,7 +53,6 @@ def field_panorama(
     layout: OpticalLayout,
     field: Field,
     sky: SkyLight,
-    albedo: Albedo,
     rows: Rows,
     settings: Transport,
     seed: int,
@@ -63,7 +61,7 @@ def field_panorama(
 
     Parameters
     ----------
-    loaded, layout, sky, albedo
+    loaded, layout, sky
         Scene, optics of the triangulation, Sun and Earth.
     field
         The photodiode's field.
@@ -82,7 +80,6 @@ def field_panorama(
         loaded,
         optics,
         sky,
-        albedo,
         view,
         bounces=settings.background_bounces,
         samples=settings.background_samples,

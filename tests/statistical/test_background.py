@@ -44,7 +44,6 @@ def bench() -> Any:
 def panorama_lines(
     loaded: Any,
     light: Any,
-    albedo: Any,
     voxels: list[tuple[int, int]],
     bounces: int,
     seed: int,
@@ -62,7 +61,7 @@ def panorama_lines(
     theta, phi = RASTER.angles()
     view = panorama_view(RASTER.horizontal, phi, bench(), PIXELS)
     settings = {"bounces": bounces, "samples": 4, **changes}
-    panorama = render_panorama(loaded, bench(), light, albedo, view, seed=seed, **settings)
+    panorama = render_panorama(loaded, bench(), light, view, seed=seed, **settings)
     one = np.ones(PIXELS)
     throughput = Throughput(bench(), PIXELS, one, one, 0.0 * one)
     lines = []
@@ -73,12 +72,11 @@ def panorama_lines(
     return np.array(lines, dtype=np.float64)
 
 
-def sunlit() -> tuple[Any, Any]:
-    """Return a sky with the Sun over the scanner's left shoulder and the Earth below, and its albedo."""
-    from scanner_sim.render.background.paths import Albedo
+def sunlit() -> Any:
+    """Return a sky with the Sun over the scanner's left shoulder and the Earth below."""
     from scanner_sim.render.background.sky import sky_light
 
-    return sky_light((-0.5, -0.6, -0.6), 4.65e-3, (0.0, 1.0, 0.3)), Albedo(0.3, 0.3)
+    return sky_light((-0.5, -0.6, -0.6), 4.65e-3, (0.0, 1.0, 0.3), albedo=(0.3, 0.3))
 
 
 def brute_force(loaded: Any, row: int, column: int, *, bounces: int, shot: int) -> Any:
@@ -86,9 +84,9 @@ def brute_force(loaded: Any, row: int, column: int, *, bounces: int, shot: int) 
     from scanner_sim.render.background.reference import reference_background
 
     theta, phi = (float(angles[place]) for angles, place in zip(RASTER.angles(), (column, row), strict=True))
-    light, albedo = sunlit()
+    light = sunlit()
     return reference_background(
-        loaded, bench(), light, albedo, PIXELS, theta, phi, bounces=bounces, samples=2048, shot=shot
+        loaded, bench(), light, PIXELS, theta, phi, bounces=bounces, samples=2048, shot=shot
     )
 
 
@@ -106,9 +104,9 @@ def test_panoramas_agree_with_brute_force() -> None:
     from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(SHADOWED)))
-    light, albedo = sunlit()
+    light = sunlit()
     voxels = [(10, 5), (32, 40), (33, 60), (50, 30), (20, 33)]
-    lines = np.array([panorama_lines(loaded, light, albedo, voxels, 4, seed) for seed in range(8)])
+    lines = np.array([panorama_lines(loaded, light, voxels, 4, seed) for seed in range(8)])
     for number, (row, column) in enumerate(voxels):
         reference = brute_force(loaded, row, column, bounces=4, shot=number)
         sums = lines[:, number].sum(axis=1)
@@ -138,9 +136,9 @@ def test_a_glossy_sphere_agrees_with_brute_force() -> None:
         "material": "weathered_aluminium",
     }
     loaded = load_scene(Scene(objects=({**WALL, "material": GREY}, ball)))
-    light, albedo = sunlit()
+    light = sunlit()
     voxels = [(32, 24), (24, 30), (40, 34)]
-    lines = np.array([panorama_lines(loaded, light, albedo, voxels, 2, seed) for seed in range(8)])
+    lines = np.array([panorama_lines(loaded, light, voxels, 2, seed) for seed in range(8)])
     for number, (row, column) in enumerate(voxels):
         reference = brute_force(loaded, row, column, bounces=2, shot=number)
         sums, total = lines[:, number].sum(axis=1), reference.power.sum()
@@ -164,11 +162,11 @@ def test_the_stated_error_is_the_actual_one() -> None:
     from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(SHADOWED)))
-    light, albedo = sunlit()
+    light = sunlit()
     view = panorama_view(RASTER.horizontal, RASTER.angles()[1], bench(), PIXELS)
     means, stated = [], []
     for seed in range(12):
-        panorama = render_panorama(loaded, bench(), light, albedo, view, bounces=3, samples=4, seed=seed)
+        panorama = render_panorama(loaded, bench(), light, view, bounces=3, samples=4, seed=seed)
         layer = panorama.in_band.numpy().astype(np.float64).reshape(view.rows, view.bins)
         # Bins −2 to 2, the outer ones by half: the window of four pixels about a bin.
         means.append(
@@ -202,7 +200,6 @@ def test_a_white_room_is_as_bright_as_its_sky() -> None:
     fully lit; one bounce. Expected: the irradiance of the lit Earth over π, by fixed directions. Tolerance: 1 %,
     five standard errors of the panorama's mean over 256 pixels.
     """
-    from scanner_sim.render.background.paths import Albedo
     from scanner_sim.render.background.sky import earth_directions, sky_light
     from scanner_sim.render.incident import Throughput
     from scanner_sim.scene.files.loader import load_scene
@@ -210,8 +207,8 @@ def test_a_white_room_is_as_bright_as_its_sky() -> None:
     plane = {**WALL, "material": {"reflectance": 1.0}}
     loaded = load_scene(Scene(objects=(plane,)))
     # The Earth behind the scanner, and the Sun hidden from the wall's front, lighting the Earth's near side.
-    light = sky_light((0.0, -0.6, 0.8), 4.65e-3, (0.0, 0.0, -1.0))
-    line = panorama_lines(loaded, light, Albedo(1.0, 1.0), [(32, 32)], 1, 0)[0]
+    light = sky_light((0.0, -0.6, 0.8), 4.65e-3, (0.0, 0.0, -1.0), albedo=(1.0, 1.0))
+    line = panorama_lines(loaded, light, [(32, 32)], 1, 0)[0]
     directions, weights = earth_directions(light, 4096)
     irradiance = float((weights * np.maximum(-directions[:, 2], 0.0)).sum())
     one = np.ones(PIXELS)
@@ -225,7 +222,7 @@ def test_the_same_bytes_whatever_is_traced_together(monkeypatch: pytest.MonkeyPa
     from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(SHADOWED)))
-    light, albedo = sunlit()
-    whole = panorama_lines(loaded, light, albedo, [(32, 40)], 3, 5)
+    light = sunlit()
+    whole = panorama_lines(loaded, light, [(32, 40)], 3, 5)
     monkeypatch.setattr(background, "_PATHS_TOGETHER", 1 << 16)
-    np.testing.assert_array_equal(panorama_lines(loaded, light, albedo, [(32, 40)], 3, 5), whole)
+    np.testing.assert_array_equal(panorama_lines(loaded, light, [(32, 40)], 3, 5), whole)

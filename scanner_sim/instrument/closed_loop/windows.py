@@ -25,7 +25,6 @@ from scanner_sim.foundation.device_types import Float
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_slots import TimeSlots, middle
 from scanner_sim.render.background.panorama import Panorama, render_panorama
-from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import SkyLight, light_of
 from scanner_sim.render.background.view import Window, row_spacing, window_heights, window_position
 from scanner_sim.render.frozen import Frozen
@@ -138,12 +137,11 @@ class Windows:
     def _layers(self, corner: WindowArrays, poses: tuple[Pose, ...], rows: int, bins: int) -> WindowArrays:
         """Return the layers of a panorama over a window."""
         scenario, moving = self._instrument.scenario, bool(self._instrument.loaded.bodies)
-        sky, settings = scenario.lighting.sky(), scenario.transport
+        settings = scenario.transport
         found = render_panorama(
             pose_scene(self._instrument.loaded, poses),
             self._optics,
             self._light,
-            Albedo(sky.albedo, sky.albedo_out_of_band),
             Window(corner[0], corner[1], rows, bins, self.step, self.row_step, self._heights),
             bounces=settings.background_bounces,
             samples=_MOVING_SAMPLES if moving else settings.background_samples,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.device_types import Ray3f, UInt32, Vector3f, Vector4f
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.render.background import sky
-from scanner_sim.render.background.paths import Albedo, trace_paths
+from scanner_sim.render.background.paths import trace_paths
 from scanner_sim.render.rays import is_occluded
 from scanner_sim.render.transport import OpticalLayout, device_frame
 from scanner_sim.scene.files.loader import LoadedScene
@@ -136,7 +136,6 @@ def trace_sunlight(
     loaded: LoadedScene,
     layout: OpticalLayout,
     light: sky.SkyLight,
-    albedo: Albedo,
     sight: Sight,
     bounces: int,
     seed: int,
@@ -161,7 +160,7 @@ def trace_sunlight(
         ).next_float32x4()
 
     seen, first = trace_paths(
-        loaded, light, albedo, bounces, mi.Point3f(frame.lens), mi.Vector3f(frame.along), random
+        loaded, light, bounces, mi.Point3f(frame.lens), mi.Vector3f(frame.along), random
     )
     surface = first.material > 0
     layers = (seen.direct + seen.indirect, seen.direct_out + seen.indirect_out, seen.direct, seen.direct_out)

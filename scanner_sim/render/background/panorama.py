@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.device_types import Float, UInt32, Vector4f
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.render.background.filtering import Features, convolve_rows, smooth
-from scanner_sim.render.background.paths import Albedo, FirstHit, Radiance, trace_paths
+from scanner_sim.render.background.paths import FirstHit, Radiance, trace_paths
 from scanner_sim.render.background.sharp import contrast, evenly_sharp_light, sharp_light
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.background.view import WINDOW, PanoramaView, Window, rays_through
@@ -84,7 +84,6 @@ def render_panorama(
     loaded: LoadedScene,
     layout: OpticalLayout,
     sky: SkyLight,
-    albedo: Albedo,
     view: PanoramaView | Window,
     *,
     bounces: int,
@@ -96,7 +95,7 @@ def render_panorama(
 
     Parameters
     ----------
-    loaded, layout, sky, albedo
+    loaded, layout, sky
         Scene, optics, Sun and Earth.
     view
         Angles of the panoramas.
@@ -118,9 +117,7 @@ def render_panorama(
     for start in range(0, view.rows, together):
         some = np.arange(start, min(start + together, view.rows))
         for part in range(2):
-            radiance, first = _trace_rows(
-                loaded, layout, sky, albedo, view, some, part * half, half, bounces, seed
-            )
+            radiance, first = _trace_rows(loaded, layout, sky, view, some, part * half, half, bounces, seed)
             at = dr.arange(mi.UInt32, len(some) * view.bins) + start * view.bins
             values = [
                 dr.block_reduce(dr.ReduceOp.Min, radiance.direct, half),
@@ -134,9 +131,9 @@ def render_panorama(
             features[part].put(first, half, at)
             dr.eval(sums, features)
     if sharp_samples is None:
-        sharp = _sharp_by_contrast(loaded, layout, sky, albedo, view, sums, min(finer, 4), seed)
+        sharp = _sharp_by_contrast(loaded, layout, sky, view, sums, min(finer, 4), seed)
     else:
-        sharp = evenly_sharp_light(loaded, layout, sky, albedo, view, sharp_samples, seed)
+        sharp = evenly_sharp_light(loaded, layout, sky, view, sharp_samples, seed)
     halves = [
         one + other
         for part in range(2)
@@ -153,7 +150,6 @@ def _sharp_by_contrast(
     loaded: LoadedScene,
     layout: OpticalLayout,
     sky: SkyLight,
-    albedo: Albedo,
     view: PanoramaView | Window,
     sums: list[list[Float]],
     finer: int,
@@ -165,7 +161,7 @@ def _sharp_by_contrast(
     # An edge between rows, at the end of the pixels' height, may escape all samples of one row.
     uneven = contrast(low, high, view, 1 if view.row_step < 2.0 * seen else 0)
     dr.eval(uneven)
-    return sharp_light(loaded, layout, sky, albedo, view, uneven, finer=finer, seed=seed)
+    return sharp_light(loaded, layout, sky, view, uneven, finer=finer, seed=seed)
 
 
 def _assemble(view: PanoramaView | Window, layout: OpticalLayout, halves: list[Float]) -> Panorama:
@@ -214,7 +210,6 @@ def _trace_rows(
     loaded: LoadedScene,
     layout: OpticalLayout,
     sky: SkyLight,
-    albedo: Albedo,
     view: PanoramaView | Window,
     rows: NDArray[np.intp],
     first_sample: int,
@@ -246,4 +241,4 @@ def _trace_rows(
     height -= dr.floor(height)
     whole_row = row + dr.opaque(mi.UInt32, int(rows[0]))
     origin, direction = rays_through(layout, view, whole_row, column, along, height)
-    return trace_paths(for_rows(loaded, whole_row), sky, albedo, bounces, origin, direction, random)
+    return trace_paths(for_rows(loaded, whole_row), sky, bounces, origin, direction, random)

@@ -54,18 +54,9 @@ class FirstHit:
     point: Vector3f
 
 
-@dataclass(frozen=True)
-class Albedo:
-    """The Earth's reflectance, in band and out of band."""
-
-    in_band: float
-    out_of_band: float
-
-
 def trace_paths(
     loaded: LoadedScene,
     light: sky.SkyLight,
-    albedo: Albedo,
     bounces: int,
     origin: Vector3f,
     direction: Vector3f,
@@ -79,8 +70,6 @@ def trace_paths(
         The scene.
     light
         Sun and Earth.
-    albedo
-        Of the Earth.
     bounces
         Largest number of surfaces on a path.
     origin, direction
@@ -88,7 +77,7 @@ def trace_paths(
     random
         Function of a number of a draw, 0, 1, 2…, that returns four uniform random numbers of each ray.
     """
-    tracer = _Tracer(loaded, light, albedo, dr.opaque(mi.UInt32, bounces), random)
+    tracer = _Tracer(loaded, light, dr.opaque(mi.UInt32, bounces), random)
     total = _dark(dr.width(direction))
     draws = random(mi.UInt32(0))
     si, ratio, first = tracer.begin(total, origin, direction, mi.Point2f(draws[0], draws[1]))
@@ -112,7 +101,6 @@ def trace_paths(
 def trace_sharp(
     loaded: LoadedScene,
     light: sky.SkyLight,
-    albedo: Albedo,
     origin: Vector3f,
     direction: Vector3f,
     disc: Vector2f,
@@ -122,7 +110,7 @@ def trace_sharp(
 
     Parameters
     ----------
-    loaded, light, albedo, origin, direction
+    loaded, light, origin, direction
         As there.
     disc
         Uniform numbers for the point on the Sun's disc, ``mi.Point2f``, shape (n,).
@@ -134,7 +122,7 @@ def trace_sharp(
     tuple
         Radiance in band and out of band per unit of the Sun's irradiance [1/sr], shape (n,).
     """
-    tracer = _Tracer(loaded, light, albedo, mi.UInt32(1), None)
+    tracer = _Tracer(loaded, light, mi.UInt32(1), None)
     total = _dark(dr.width(direction))
     si, ratio, _ = tracer.begin(total, origin, direction, disc, coherent=True)
     delta = mi.BSDFFlags.Delta
@@ -161,12 +149,10 @@ class _Tracer:
         self,
         loaded: LoadedScene,
         light: sky.SkyLight,
-        albedo: Albedo,
         limit: UInt32,
         random: Any,
     ) -> None:
         self._loaded, self._light, self._limit, self._random = loaded, light, limit, random
-        self._albedo = dr.opaque(mi.Float, albedo.in_band), dr.opaque(mi.Float, albedo.out_of_band)
 
     def begin(
         self,
@@ -269,7 +255,8 @@ class _Tracer:
 
     def collect(self, total: Radiance, sharp: Mask, sun: Float, earth: Float, ratio: Float) -> None:
         """Add light to the direct part where ``sharp``, else to the indirect one."""
-        light, light_out = sun + self._albedo[0] * earth, ratio * (sun + self._albedo[1] * earth)
+        light = sun + self._light.albedo * earth
+        light_out = ratio * (sun + self._light.albedo_out * earth)
         total.direct = total.direct + dr.select(sharp, light, 0.0)
         total.direct_out = total.direct_out + dr.select(sharp, light_out, 0.0)
         total.indirect = total.indirect + dr.select(sharp, 0.0, light)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Float, UInt32, Vector3f, Vector4f
 from scanner_sim.foundation.streams import Stream, generator
-from scanner_sim.render.background.paths import Albedo, trace_paths
+from scanner_sim.render.background.paths import trace_paths
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.rays import intersect, is_occluded
 from scanner_sim.render.transport import OpticalLayout, device_frame
@@ -85,7 +85,6 @@ def reference_background(
     loaded: LoadedScene,
     layout: OpticalLayout,
     light: SkyLight,
-    albedo: Albedo,
     pixels: int,
     theta: float,
     phi: float,
@@ -102,7 +101,7 @@ def reference_background(
 
     Parameters
     ----------
-    loaded, layout, light, albedo
+    loaded, layout, light
         Scene, optics, Sun and Earth.
     pixels
         Number of pixels of the line.
@@ -136,7 +135,7 @@ def reference_background(
     along, across, normal, _, lens = device_frame(layout, mi.Float(theta), mi.Float(phi))
     direction = dr.normalize(along * receiver.focal_length - across * p + normal * q)
     origin = mi.Point3f(lens) + dr.zeros(mi.Point3f, dr.width(number))
-    found, _ = trace_paths(loaded, light, albedo, bounces, origin, direction, random)
+    found, _ = trace_paths(loaded, light, bounces, origin, direction, random)
     gain = receiver.aperture_area * receiver.transmission * layout.filter_transmission
     gain *= layout.pitch * layout.height / receiver.focal_length**2
     falloff = dr.square(dr.square(dr.dot(direction, along)))

@@ -16,7 +16,7 @@ import mitsuba as mi
 
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.streams import Stream, generator
-from scanner_sim.render.background.paths import Albedo, trace_sharp
+from scanner_sim.render.background.paths import trace_sharp
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.background.view import PanoramaView, Window, rays_through
 from scanner_sim.render.rays import for_rows
@@ -65,7 +65,6 @@ def sharp_light(
     loaded: LoadedScene,
     layout: OpticalLayout,
     sky: SkyLight,
-    albedo: Albedo,
     view: PanoramaView | Window,
     uneven: Float,
     *,
@@ -76,7 +75,7 @@ def sharp_light(
 
     Parameters
     ----------
-    loaded, layout, sky, albedo, view
+    loaded, layout, sky, view
         Scene, optics, Sun and Earth, angles.
     uneven
         Contrast about each bin, Dr.Jit, shape (rows · bins,).
@@ -103,7 +102,7 @@ def sharp_light(
                 mi.UInt32, index, dr.arange(mi.UInt32, start, min(start + together, dr.width(index)))
             )
             for part, half in enumerate(halves):
-                found = _trace(loaded, layout, sky, albedo, view, some, samples * finer, part, seed)
+                found = _trace(loaded, layout, sky, view, some, samples * finer, part, seed)
                 for target, value in zip(half, found, strict=True):
                     dr.scatter(target, value, some)
                 dr.eval(half)
@@ -114,14 +113,13 @@ def evenly_sharp_light(
     loaded: LoadedScene,
     layout: OpticalLayout,
     sky: SkyLight,
-    albedo: Albedo,
     view: PanoramaView | Window,
     samples: int,
     seed: int,
 ) -> list[list[Float]]:
     """Return what :func:`sharp_light` does, with as many samples of every bin in each half."""
     bins = dr.arange(mi.UInt32, view.rows * view.bins)
-    halves = [_trace(loaded, layout, sky, albedo, view, bins, samples, part, seed) for part in range(2)]
+    halves = [_trace(loaded, layout, sky, view, bins, samples, part, seed) for part in range(2)]
     dr.eval(halves)
     return halves
 
@@ -130,7 +128,6 @@ def _trace(
     loaded: LoadedScene,
     layout: OpticalLayout,
     sky: SkyLight,
-    albedo: Albedo,
     view: PanoramaView | Window,
     bins: UInt32,
     samples: int,
@@ -157,5 +154,5 @@ def _trace(
     across = within(lattice(_GOLDEN, first[1]))
     disc = mi.Point2f(within(lattice(_DISC_STEPS[0], first[2])), within(lattice(_DISC_STEPS[1], first[3])))
     origin, direction = rays_through(layout, view, row, column, along, across)
-    in_band, out_of_band = trace_sharp(for_rows(loaded, row), sky, albedo, origin, direction, disc, second)
+    in_band, out_of_band = trace_sharp(for_rows(loaded, row), sky, origin, direction, disc, second)
     return [dr.block_sum(value, samples) / samples for value in (in_band, out_of_band)]

@@ -1,10 +1,11 @@
 """The sky over a scene in orbit: the Sun's disc and the sunlit Earth, as laws and as samplers.
 
-All is for a Sun of unit irradiance (1 W/m² on a plate that faces it); light is linear, so that the spectral band,
-the Earth's albedo in it and the power are factors of the caller. Directions point away from the scene and have
-unit length. The Earth is a Lambertian ball, its radiance cosζ/π times the albedo, where ζ is the Sun's zenith angle
-at the point that is seen (Pedrotti, *Introduction to optics*, 3rd ed., ch. 5); its night side is black. The Sun
-is a uniform disc. Where the two overlap the Earth is in front: eclipse and penumbra need no factor of their own.
+All is for a Sun of unit irradiance (1 W/m² on a plate that faces it) and an Earth of albedo 1; light is linear, so that
+the spectral band, the Earth's albedo in it and the power are factors of the caller. Directions point away from the
+scene and have unit length. The Earth is a Lambertian ball, its radiance cosζ/π times the albedo, where ζ is the Sun's
+zenith angle at the point that is seen (Pedrotti, *Introduction to optics*, 3rd ed., ch. 5); its night side is black.
+The Sun is a uniform disc. Where the two overlap the Earth is in front: eclipse and penumbra need no factor of their
+own.
 
 An angle γ from an axis is carried as 1 − cosγ = |d − axis|²/2. In single precision the cosine itself would leave
 half a per cent of error in the solid angle of the Sun.
@@ -49,6 +50,8 @@ class SkyLight:
         Cosine and sine of the Sun's zenith angle at the point under the scene.
     lit_from, lit_to
         The ring of 1 − cosγ around ``earth`` in which anything is lit; both 0 where nothing is.
+    albedo, albedo_out
+        The Earth's reflectance, in the filter's band and out of it.
     """
 
     sun: Vector3f
@@ -64,6 +67,8 @@ class SkyLight:
     slant: Float
     lit_from: Float
     lit_to: Float
+    albedo: Float
+    albedo_out: Float
 
 
 def sky_light(
@@ -72,6 +77,7 @@ def sky_light(
     earth_direction: ArrayLike | None,
     earth_altitude: float = 400e3,
     earth_radius: float = 6371e3,
+    albedo: tuple[float, float] = (0.0, 0.0),
 ) -> SkyLight:
     """Return the sky of a scene.
 
@@ -85,6 +91,8 @@ def sky_light(
         From the scene to the Earth's centre, shape (3,), of any length; None without an Earth.
     earth_altitude, earth_radius
         Height of the scene above the ground, and radius of the Earth [m].
+    albedo
+        The Earth's reflectance, in band and out of band.
 
     Raises
     ------
@@ -122,6 +130,8 @@ def sky_light(
         slant=_opaque(0.0 if sun is None else float(side @ sun)),
         lit_from=_opaque(ring[0]),
         lit_to=_opaque(ring[1]),
+        albedo=_opaque(albedo[0]),
+        albedo_out=_opaque(albedo[1]),
     )
 
 
@@ -133,6 +143,7 @@ def light_of(sky: Sky) -> SkyLight:
         sky.earth_direction,
         sky.earth_altitude,
         sky.earth_radius,
+        (sky.albedo, sky.albedo_out_of_band),
     )
 
 

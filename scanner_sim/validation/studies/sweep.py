@@ -19,7 +19,6 @@ from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.render.background import illumination as light
 from scanner_sim.render.background.illumination import Sight, SurfaceSamples, half_height, visible_samples
-from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
@@ -190,9 +189,8 @@ class _Stage:
             np.concatenate([sight.angle for sight in sights]), np.concatenate([sight.phi for sight in sights])
         )
         bounces = self._scenario.transport.background_bounces
-        albedo = Albedo(sky.albedo, sky.albedo_out_of_band)
         whole_in, whole_out, sharp_in, sharp_out = light.trace_sunlight(
-            loaded, optics, lamp, albedo, every, bounces, seed
+            loaded, optics, lamp, every, bounces, seed
         )
         charge = self._gain[0] * whole_in + self._gain[1] * whole_out
         glint = self._gain[0] * sharp_in + self._gain[1] * sharp_out
