@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from scanner_sim.config.scanner import geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import read_encoders, readings
+from scanner_sim.foundation.channels import MEASURED_BY
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.background_rows import rows_about
@@ -24,7 +25,6 @@ from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.instrument.triangulation import ShotGroup, Triangulation
 from scanner_sim.optics.filter import peak_transmission
-from scanner_sim.products.image import MEASURED_BY
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import Deflections, Layers, layers_of
 from scanner_sim.render.background.panorama import Panorama

@@ -48,9 +48,12 @@ def lit_aims(instrument: Instrument, batch: int) -> Iterator[tuple[Aim, list[Pan
     changes = [index for index in range(1, len(found)) if found[index] != found[index - 1]]
     ends = [*changes, len(found)]
     parts = [whole.part(slice(first, last)) for first, last in zip([0, *changes], ends, strict=True)]
-    times, rangefinders = [middle(found[last - 1]) for last in ends], instrument.rangefinders
-    rows = [rows_about(parts, times, rangefinder.sight[0]) for rangefinder in rangefinders]
+    times = [middle(found[last - 1]) for last in ends]
+    rows = [rows_about(parts, times, rangefinder.sight[0]) for rangefinder in instrument.rangefinders]
     for part, *own in zip(parts, *rows, strict=True):
-        seen = [rangefinder.panorama_of(row) for rangefinder, row in zip(rangefinders, own, strict=True)]
+        seen = [
+            rangefinder.panorama_of(one)
+            for rangefinder, one in zip(instrument.rangefinders, own, strict=True)
+        ]
         for aim in part.batches(batch):
             yield aim, seen

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from scanner_sim.config.scanner import geometry_of, speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.packets import dwell_average
+from scanner_sim.foundation.channels import MEASURED_BY
 from scanner_sim.foundation.status import Status
 from scanner_sim.optics.speckle import Packets, packets_of
-from scanner_sim.products.image import MEASURED, MEASURED_BY
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.covariance import PointCovariance
 from scanner_sim.ranging.fusion import fuse_points
@@ -227,7 +227,7 @@ def _fuse_again(
     for ranges, prefix in ((triangulated, ""), (echo, "tof."), (fused, "fused.")):
         for name, values in layers_of(ranges, prefix).items():
             layers[name] = values.reshape(shape).astype(np.float32)
-    for name in MEASURED:
+    for name in MEASURED_BY["status"]:
         layers[name][layers["status"] != Status.VALID] = np.nan
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
-from scanner_sim.products.image import Channel
+from scanner_sim.foundation.channels import Channel
 from scanner_sim.ranging.ranges import Deflections, Layers, Ranges
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.view import Rows
@@ -14,7 +14,7 @@ from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.protocol import Aim
 
-SIGMA_Y = Channel("sigma_Y", "electron", "standard deviation of Y by all but speckle")
+SIGMA_Y = Channel("sigma_Y", "electron", "standard deviation of Y by all but speckle", "signal")
 LIGHT = ("Y", SIGMA_Y.name)
 """Layers that every rangefinder fills beside its ranges: the light of its shots and σ of it."""
 

@@ -9,7 +9,7 @@ from typing import Any
 import xarray
 from numpy.typing import NDArray
 
-from scanner_sim.products.image import CHANNEL, Channel
+from scanner_sim.foundation.channels import CHANNEL, Channel
 from scanner_sim.ranging.ranges import Layers
 
 _TRUTH = "truth."
@@ -67,7 +67,7 @@ class Samples(Mapping[str, NDArray[Any]]):
         about = {name: self.channel(name) for name in self}
         return xarray.Dataset(
             {
-                name: ("shot", values, {"units": about[name].unit, "long_name": about[name].sentence})
+                name: ("shot", values, {"units": about[name].unit, "long_name": about[name].meaning})
                 for name, values in self.items()
             }
         )

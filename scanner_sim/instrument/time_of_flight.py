@@ -21,6 +21,7 @@ from scanner_sim.detector.photodiode.echo_speckle import echo_speckle
 from scanner_sim.detector.photodiode.photodiode import ELEMENTARY_CHARGE, Digitiser, background_power
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import Waveforms, record
+from scanner_sim.foundation.channels import Channel
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.foundation.status import Status
@@ -28,7 +29,6 @@ from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.rangefinder import Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import laser_gain
-from scanner_sim.products.image import Channel
 from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
@@ -116,7 +116,12 @@ class TimeOfFlight:
 
     prefix = "tof."
     channels = (
-        Channel("tof.sigma_Y", "electron", "standard deviation of tof.Y by the noise of a sample without it"),
+        Channel(
+            "tof.sigma_Y",
+            "electron",
+            "standard deviation of tof.Y by the noise of a sample without it",
+            "signal",
+        ),
     )
 
     def __init__(

@@ -10,11 +10,11 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim import Scenario, load_scenario
+from scanner_sim.foundation.channels import CHANNEL, Channel
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.rangefinder import Reading
-from scanner_sim.products.image import CHANNEL, Channel
 from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
 from scanner_sim.render.device import Device
 from scanner_sim.render.shots import Pointing
@@ -34,8 +34,8 @@ class Stadia:
 
     prefix = "stadia."
     channels = (
-        Channel("stadia.hairs", "1", "number of hairs that were read"),
-        Channel("stadia.sigma_Y", "1", "standard deviation of stadia.Y"),
+        Channel("stadia.hairs", "1", "number of hairs that were read", "signal"),
+        Channel("stadia.sigma_Y", "1", "standard deviation of stadia.Y", "signal"),
     )
 
     def __init__(self, sight: Any, refused: tuple[int, ...] = ()) -> None:
