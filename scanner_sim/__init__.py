@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from scanner_sim.instrument.closed_loop.poses import poses_of as poses_of
     from scanner_sim.instrument.closed_loop.track import track as track
     from scanner_sim.instrument.closed_loop.tracker import Tracker as Tracker
+    from scanner_sim.instrument.instrument import Instrument as Instrument
+    from scanner_sim.instrument.samples import Samples as Samples
     from scanner_sim.instrument.shots import simulate_shots as simulate_shots
     from scanner_sim.instrument.simulate import simulate as simulate
     from scanner_sim.instrument.simulate import simulate_voxel as simulate_voxel
@@ -36,15 +38,19 @@ if TYPE_CHECKING:
     from scanner_sim.products.shots import ShotTable as ShotTable
     from scanner_sim.products.track import read_track as read_track
     from scanner_sim.products.waveforms import WaveformSet as WaveformSet
+    from scanner_sim.scan.protocol import Aim as Aim
 
     __version__: str
 
 __all__ = [
+    "Aim",
     "InputError",
+    "Instrument",
     "PoseEstimate",
     "PoseFilter",
     "RangeImage",
     "RunError",
+    "Samples",
     "Scenario",
     "ScenarioError",
     "ShotTable",
@@ -69,11 +75,14 @@ __all__ = [
 ]
 
 _HOMES = {
+    "Aim": "scanner_sim.scan.protocol",
     "InputError": "scanner_sim.foundation.errors",
+    "Instrument": "scanner_sim.instrument.instrument",
     "PoseEstimate": "scanner_sim.pose.result",
     "PoseFilter": "scanner_sim.pose.filter",
     "RangeImage": "scanner_sim.products.image",
     "RunError": "scanner_sim.foundation.errors",
+    "Samples": "scanner_sim.instrument.samples",
     "Scenario": "scanner_sim.config.scenario",
     "ScenarioError": "scanner_sim.foundation.errors",
     "ShotTable": "scanner_sim.products.shots",

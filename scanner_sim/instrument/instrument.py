@@ -10,13 +10,16 @@ from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.config.scanner import geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import read_encoders, readings
 from scanner_sim.foundation.channels import MEASURED_BY
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.background_rows import rows_about
+from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
@@ -27,6 +30,7 @@ from scanner_sim.ranging.ranges import Deflections, Layers, layers_of
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.device import activate
+from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.render.shots import Pointing, Shots, true_shots
 from scanner_sim.render.transport import OpticalLayout
@@ -40,7 +44,7 @@ class Instrument:
     Parameters
     ----------
     scenario
-        Instrument, scene and processing.
+        Instrument, scene and processing. Its scan counts for the background alone, which is rendered for it.
     device, threads
         Where to compute.
     reuse
@@ -51,6 +55,13 @@ class Instrument:
     ----------
     rangefinders
         What measures each shot, as ``ranging`` says. Columns without a prefix are of the first.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene cannot be loaded.
+    InputError
+        If the device cannot be used.
     """
 
     def __init__(
@@ -61,12 +72,14 @@ class Instrument:
         threads: int | None = None,
         reuse: Instrument | None = None,
     ) -> None:
-        activate(device, threads)
         scanner = scenario.scanner
         sensor = scanner.position_sensor
         self.scenario = scenario
         self.reuse = reuse
-        self.loaded: LoadedScene = load_scene(scenario.scene) if reuse is None else reuse.loaded
+        with guest():
+            activate(device, threads)
+            self._stay = Stay()
+            self.loaded: LoadedScene = load_scene(scenario.scene) if reuse is None else reuse.loaded
         self.optics = OpticalLayout(
             laser=scanner.laser,
             receiver=scanner.receiver,
@@ -93,6 +106,19 @@ class Instrument:
         reuse = None if self.reuse is None else self.reuse.time_of_flight
         return TimeOfFlight(self.scenario, self.loaded, self.optics, reuse)
 
+    def aim(
+        self,
+        theta: ArrayLike,
+        phi: ArrayLike,
+        *,
+        first: int = 0,
+        travel_theta: ArrayLike = 0.0,
+        travel_phi: ArrayLike = 0.0,
+    ) -> Aim:
+        """Return shots in directions [rad] that broadcast, one dwell after the other: see :func:`aim_at`."""
+        dwell = self.scenario.scanner.dwell
+        return aim_at(theta, phi, dwell, first=first, travel_theta=travel_theta, travel_phi=travel_phi)
+
     def measure(self, aim: Aim, *, backgrounds: Sequence[Panorama | None] | None = None) -> Samples:
         """Return what is measured of the shots of an aim.
 
@@ -101,8 +127,41 @@ class Instrument:
         aim
             The shots. Their numbers address the random numbers: the same number meets the same errors.
         backgrounds
-            What each rangefinder sees of Sun and Earth, where it is not the background of the scenario's scan.
+            What each rangefinder sees of Sun and Earth, from :meth:`backgrounds`. By default it is that of the
+            scenario's scan where the scan has these shots, and rendered for them where it has not.
+
+        Raises
+        ------
+        InputError
+            If the aim cannot be, or not every rangefinder has a background.
         """
+        check_aim(aim, self.scenario.scanner.mirrors.max_deflection)
+        if backgrounds is not None and len(backgrounds) != len(self.rangefinders):
+            raise InputError(
+                f"{len(backgrounds)} backgrounds are not one for each of {len(self.rangefinders)} rangefinders.",
+                remedy="Take what Instrument.backgrounds returns.",
+            )
+        with self._stay.resume():
+            if backgrounds is None and not is_of_scan(aim, self.scenario):
+                backgrounds = self.backgrounds(aim)
+            return self.read(aim, backgrounds)
+
+    def backgrounds(self, aim: Aim) -> list[Panorama | None]:
+        """Return what the rangefinders see of Sun and Earth about the shots of an aim; None in the dark.
+
+        Objects that move stand where they are in the middle of the aim's time.
+        """
+        if self.scenario.lighting.sky().dark:
+            return [None] * len(self.rangefinders)
+        time = 0.5 * float(aim.time.min() + aim.time.max()) if self.loaded.bodies else None
+        with self._stay.resume():
+            return [
+                rangefinder.panorama_of(rows_about([aim], [time], rangefinder.sight[0])[0])
+                for rangefinder in self.rangefinders
+            ]
+
+    def read(self, aim: Aim, backgrounds: Sequence[Panorama | None] | None = None) -> Samples:
+        """Return the same as :meth:`measure` of an aim that can be; backgrounds are by default those of the scan."""
         shots, pointing = self.fire(aim)
         deflections = self.deflections(aim, pointing)
         seen = [None] * len(self.rangefinders) if backgrounds is None else backgrounds

@@ -37,8 +37,17 @@ class Samples(Mapping[str, NDArray[Any]]):
     own: Mapping[str, Channel]
 
     def __getitem__(self, name: str) -> NDArray[Any]:
-        """Return a column."""
-        return self.truth[name.removeprefix(_TRUTH)] if name.startswith(_TRUTH) else self.measured[name]
+        """Return a column.
+
+        Raises
+        ------
+        KeyError
+            If there is none of that name; the message names those that there are.
+        """
+        found = (self.truth if name.startswith(_TRUTH) else self.measured).get(name.removeprefix(_TRUTH))
+        if found is None:
+            raise KeyError(f"no column {name!r} in these samples; they have {', '.join(self)}")
+        return found
 
     def __iter__(self) -> Iterator[str]:
         """Iterate over the names: what was measured, then the truth."""

@@ -214,9 +214,9 @@ class Triangulation:
     def travel(self, shots: Shots | None) -> tuple[float | Float, float | Float]:
         """Return the angles by which the beams of shots move while the laser shines, along the line and across [rad].
 
-        In a raster they are all alike, and no shots are needed; else of shape (m,), Dr.Jit.
+        In a raster they are all alike, and no shots are needed. Else of shape (m,), Dr.Jit.
         """
-        even, scanner = self.scenario.scan.even_travel, self.scenario.scanner
+        even, scanner = (self.scenario.scan if shots is None else shots).even_travel, self.scenario.scanner
         if even is not None:
             return even * scanner.exposure / scanner.dwell, 0.0
         if shots is None:

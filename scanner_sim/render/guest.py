@@ -26,21 +26,29 @@ class _Settings(NamedTuple):
     threads: int
 
 
+_guests: list[_Settings] = []
+"""What the guests that are at work found, the outermost first."""
+
+
 @contextlib.contextmanager
 def guest() -> Iterator[None]:
-    """Give back what the work within has changed; may be nested, and may decorate a function.
+    """Give back what the work within has changed; may decorate a function.
 
-    A process that had chosen no variant keeps ours: Mitsuba cannot go back to none.
+    Guests within a guest give nothing back: its work goes on under the settings that they chose. A process that had
+    chosen no variant keeps ours: Mitsuba cannot go back to none.
     """
     environment, before = os.environ.get(LLVM_VARIABLE), _settings()
+    _guests.append(before)
     try:
         yield
     finally:
-        _restore(before)
-        if environment is None:
-            os.environ.pop(LLVM_VARIABLE, None)
-        else:
-            os.environ[LLVM_VARIABLE] = environment
+        _guests.pop()
+        if not _guests:
+            _restore(before)
+            if environment is None:
+                os.environ.pop(LLVM_VARIABLE, None)
+            else:
+                os.environ[LLVM_VARIABLE] = environment
 
 
 class Stay:

@@ -33,7 +33,8 @@ class Shots:
     ``number`` of each shot (it addresses random numbers); true deflections ``theta`` and ``phi`` in the middle of the
     dwell, ``travel_theta`` and ``travel_phi`` by which they change while the laser shines, ``synchronisation`` by which
     the receiver looks further along Θ than the laser [rad]. What is not given is 0. ``poses`` of the moving objects in
-    the middle of the dwell; None leaves them where the loaded scene has them.
+    the middle of the dwell; None leaves them where the loaded scene has them. ``even_travel`` is by how much Θ is
+    commanded to change in a dwell, φ at rest, where it is the same for all shots [rad]; else None.
     """
 
     number: UInt32
@@ -43,6 +44,7 @@ class Shots:
     travel_phi: Float = None
     synchronisation: Float = None
     poses: tuple[Pose, ...] | None = None
+    even_travel: float | None = None
 
     def __post_init__(self) -> None:
         """Put zeros where nothing was given."""
@@ -63,7 +65,8 @@ class Shots:
         )
         number = dr.gather(mi.UInt32, self.number, index)
         poses = None if self.poses is None else take_poses(self.poses, index)
-        return Shots(number, theta, phi, travel_theta, travel_phi, synchronisation, poses)
+        even = self.even_travel
+        return Shots(number, theta, phi, travel_theta, travel_phi, synchronisation, poses, even)
 
 
 @dataclass(frozen=True)
@@ -118,6 +121,7 @@ def true_shots(
         _to_float(duty_cycle * aim.travel_phi),
         synchronisation,
         poses,
+        float(aim.travel_theta[0]) if not np.ptp(aim.travel_theta) and not aim.travel_phi.any() else None,
     )
     encoders = [np.asarray(part.numpy(), dtype=np.float64) for part in shaft]
     return shots, Pointing(errors[0], errors[1], encoders[0], encoders[1])

@@ -21,11 +21,14 @@ def python(code: str) -> str:
 
 def test_the_public_names_are_these() -> None:
     assert set(scanner_sim.__all__) == {
+        "Aim",
         "InputError",
+        "Instrument",
         "PoseEstimate",
         "PoseFilter",
         "RangeImage",
         "RunError",
+        "Samples",
         "Scenario",
         "ScenarioError",
         "ShotTable",

@@ -45,7 +45,7 @@ def compare(before, what):
     assert not changed, (what, changed)
 
 before = state()
-from scanner_sim import Tracker, load_scenario, simulate
+from scanner_sim import Instrument, Tracker, load_scenario, simulate
 scenario = load_scenario(sys.argv[1])
 first = simulate(scenario, device="cpu", threads=2)
 compare(before, "simulate")
@@ -58,6 +58,10 @@ tracker = Tracker(load_scenario(sys.argv[2]), device="cpu", threads=2)
 compare(before, "Tracker")
 records = [next(tracker) for _ in range(3)]
 compare(before, "visits")
+instrument = Instrument(scenario, device="cpu", threads=2)
+compare(before, "Instrument")
+instrument.measure(instrument.aim(np.linspace(-0.1, 0.1, 5), 0.0))
+compare(before, "measure")
 try:
     simulate(scenario, device="tpu")
 except Exception:

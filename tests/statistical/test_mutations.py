@@ -18,6 +18,8 @@ import pytest
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.instrument.time_of_flight import TimeOfFlight
+from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
 from scanner_sim.validation.compare.run import compare
 
@@ -55,13 +57,14 @@ def wrapped(patch: Patch, owner: Any, name: str, changed: Callable[..., Any]) ->
 def optics(patch: Patch, part: str, **factors: float) -> None:
     """Change numbers of the light's optics behind the back of whoever reads the scenario."""
 
-    def changed(original: Any, self: Any, *given: Any, **more: Any) -> None:
-        original(self, *given, **more)
-        piece = getattr(self.optics, part)
+    def changed(original: Any, self: Any, known: Any, loaded: Any, layout: Any, *rest: Any) -> None:
+        piece = getattr(layout, part)
         values = {name: getattr(piece, name) * factor for name, factor in factors.items()}
-        self.optics = dataclasses.replace(self.optics, **{part: piece.model_copy(update=values)})
+        wrong = dataclasses.replace(layout, **{part: piece.model_copy(update=values)})
+        original(self, known, loaded, wrong, *rest)
 
-    wrapped(patch, Instrument, "__init__", changed)
+    for rangefinder in (Triangulation, TimeOfFlight):
+        wrapped(patch, rangefinder, "__init__", changed)
 
 
 def mirrors(patch: Patch, **factors: float) -> None:
@@ -121,13 +124,12 @@ def sunlight(patch: Patch) -> None:
 def sigma(patch: Patch) -> None:
     """State a σ that is 10 % too small."""
 
-    def changed(original: Any, self: Any, aim: Any) -> Any:
-        layers = original(self, aim)
-        for name in layers:
-            layers[name] = layers[name] * (
-                0.9 if name.startswith("sigma_") else 0.81 if "cov_" in name else 1.0
-            )
-        return layers
+    def changed(original: Any, self: Any, aim: Any, **more: Any) -> Any:
+        samples = original(self, aim, **more)
+        for name in samples.measured:
+            factor = 0.9 if name.startswith("sigma_") else 0.81 if "cov_" in name else 1.0
+            samples.measured[name] = samples.measured[name] * factor
+        return samples
 
     wrapped(patch, Instrument, "measure", changed)
 

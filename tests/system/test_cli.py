@@ -27,9 +27,9 @@ BEGUN = """
 from scanner_sim.cli import main
 from scanner_sim.instrument.instrument import Instrument
 measure = Instrument.measure
-def told(*arguments):
+def told(*arguments, **more):
     print("begun", flush=True)
-    return measure(*arguments)
+    return measure(*arguments, **more)
 Instrument.measure = told
 main()
 """

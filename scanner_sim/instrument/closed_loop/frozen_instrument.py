@@ -72,7 +72,7 @@ class FrozenInstrument:
         instrument, seen = self.instrument, [windows.seen_by(aim) for windows in self.windows]
         if not self.fast:
             lit = [own.panorama(window) for own, window in zip(self.windows, seen, strict=True)]
-            return instrument.measure(aim, backgrounds=lit or None)
+            return instrument.read(aim, lit or None)
         scanner, count = instrument.scenario.scanner, len(aim.shot)
         mirrors, duty_cycle = scanner.mirrors, scanner.exposure / scanner.dwell
         still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
