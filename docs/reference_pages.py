@@ -20,6 +20,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
+from scanner_sim.products.shots import AIMED
 from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.tracking.record import Track, TrackStatus
@@ -35,6 +36,20 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "points.ply": "the points with intensity and σ, binary little-endian PLY",
             "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
             "waveforms.nc": "waveforms of the voxels under `output.waveforms`, as NetCDF for xarray",
+        },
+    ),
+    "run, of a scan without rows": (
+        "SHOTS",
+        {
+            "shots.parquet": "a line for each shot: columns below, then every layer of an image; scenario, units and "
+            "legends in the file's metadata",
+            "shots.csv": "the same columns as text",
+            "scenario.yaml": "the scenario with every default written out",
+            "summary.json": "counts, quantiles and, apart, the distance from the truth",
+            "range.png": "dots at the angles of the shots, in the colours of their ranges",
+            "status.png": "the same in the colours of their status",
+            "points.ply": "the points with intensity, σ and number of the shot, binary little-endian PLY",
+            "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
         },
     ),
     "run, of a track": (
@@ -319,6 +334,8 @@ def files_page() -> str:
         "|---|---|---|",
     ]
     lines += [f"| `{channel.name}` | {channel.unit} | {_cell(channel.meaning)} |" for channel in CHANNELS]
+    lines += ["", "## First columns of shots.parquet", "", "| column | unit | meaning |", "|---|---|---|"]
+    lines += [f"| `{column.name}` | {column.unit} | {_cell(column.meaning)} |" for column in AIMED]
     lines += ["", "## Status", "", "| code | name | why there is no range |", "|---|---|---|"]
     lines += [f"| {int(code)} | `{code.name}` | {code.sentence} |" for code in Status]
     lines += ["", "## Status of visits and poses", "", "| code | name | meaning |", "|---|---|---|"]

@@ -38,6 +38,7 @@ if __name__ == "__main__":
     {run}
 '''
 RASTER = "print(simulate(scenario))"
+SHOTS = "print(simulate_shots(scenario))"
 TRACK = """\
 for record in track(scenario).records:
         print(f"{record.time:.4f} s {record.target} {record.mode.name} {record.position}")"""
@@ -64,10 +65,12 @@ def twin(path: Path) -> str:
     """Return the program that makes the scenario of a file, as the formatter leaves it."""
     text = path.read_text(encoding="utf-8")
     content = yaml.safe_load(text)
-    tracks = content["scan"].get("type") == "track"
+    kind = content["scan"].get("type", "raster")
+    function, run = {"raster": ("simulate", RASTER), "track": ("track", TRACK)}.get(
+        kind, ("simulate_shots", SHOTS)
+    )
     placed = with_paths(content)
-    names = "load_scenario, track" if tracks else "load_scenario, simulate"
-    imports = f"from scanner_sim import {names}\n"
+    imports = f"from scanner_sim import load_scenario, {function}\n"
     if "CONFIGS" in repr(placed):
         imports = f"from pathlib import Path\n\n{imports}\nCONFIGS = Path(__file__).resolve().parents[1]\n"
     source = TEMPLATE.format(
@@ -75,7 +78,7 @@ def twin(path: Path) -> str:
         name=path.stem,
         imports=imports.rstrip(),
         scenario=pprint.pformat(placed, width=96, sort_dicts=False),
-        run=TRACK if tracks else RASTER,
+        run=run,
     )
     command = [
         sys.executable,

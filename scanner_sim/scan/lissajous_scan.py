@@ -70,14 +70,13 @@ class LissajousScan(Part):
         visiting = Visiting(turnaround=self.turnaround)
         columns: list[list[NDArray[np.float64]]] = [[] for _ in range(5)]
         for number in range(self.patterns):
-            start = mirrors.time + self.turnaround
             motion, mirrors = run_visit(
                 setup.galvanometers,
                 mirrors,
                 self.pattern,
                 number,
                 self.centre,
-                start=start,
+                start=mirrors.time,  # or as soon as they have turned round
                 dwell=dwell,
                 visiting=visiting,
             )

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, ClassVar, Literal, NamedTuple
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,8 @@ _MOST_FAULTS = 5
 AngleFile = Annotated[Path, InputFile((".csv",)), Field(examples=["angles.csv"])]
 
 
-class Angles(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Angles:
     """What a file holds, each of shape (shots,): ``theta`` and ``phi`` [rad], and ``time`` [s] or None."""
 
     theta: Array
@@ -107,7 +109,7 @@ class ListedScan(Part):
 
     def aims(self, setup: ScanSetup, batch: int) -> Iterator[Aim]:
         """Yield the shots in the order of the file."""
-        theta, phi, _ = self.angles
+        theta, phi = self.angles.theta, self.angles.phi
         shot = np.arange(len(theta), dtype=np.uint32)
         return Aim(shot, theta, phi, self._times(setup), *self._travels(setup)).batches(batch)
 
@@ -151,7 +153,7 @@ class ListedScan(Part):
 
     def _travels(self, setup: ScanSetup) -> tuple[Array, Array]:
         """Return by how much Θ and φ change in each dwell [rad]: second-order differences over uneven times."""
-        theta, phi, _ = self.angles
+        theta, phi = self.angles.theta, self.angles.phi
         if self.motion == "stepped" or len(theta) < 2:
             return np.zeros(len(theta)), np.zeros(len(theta))
         time = self._times(setup)

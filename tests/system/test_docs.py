@@ -109,7 +109,9 @@ def run_line(line: str) -> None:
     program, verb, *arguments = shlex.split(line, comments=True)
     assert program == "scanner-sim", line
     small = SMALL.get(verb, [])
-    if verb == "run" and "type: track" in Path(arguments[0]).read_text(encoding="utf-8"):
+    if verb == "run" and re.search(
+        r"type: (track|spiral|listed)", Path(arguments[0]).read_text(encoding="utf-8")
+    ):
         small = ["--overwrite"]
     result = CliRunner().invoke(app, [verb, *arguments, *small])
     assert result.exit_code == 0, f"{line}\n{result.output}"
