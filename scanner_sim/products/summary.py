@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.json_text import json_text
 
 _BEYOND = (3, 5, 6)
 """Standard deviations beyond which errors are counted."""
@@ -76,7 +76,7 @@ def share_beyond(image: RangeImage, sigmas: float, prefix: str = "") -> float | 
 
 def summary_json(image: RangeImage) -> str:
     """Return :func:`summary` as the text of ``summary.json``."""
-    return json.dumps(summary(image), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_text(summary(image))
 
 
 def _truth(image: RangeImage) -> dict[str, object]:
