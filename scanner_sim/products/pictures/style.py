@@ -81,6 +81,24 @@ def house_style() -> Iterator[None]:
         yield
 
 
+@contextlib.contextmanager
+def drawing(
+    path: str | Path | BinaryIO, size: tuple[float, float], dpi: float = 150, layout: str | None = None
+) -> Iterator[Figure]:
+    """Give an empty figure of a size [inch] to draw into, in the house style; then write it as :func:`save` does."""
+    with house_style():
+        figure = Figure(figsize=size, dpi=dpi, layout=layout)
+        yield figure
+        save(figure, path)
+
+
+def ruled(axes: Axes) -> None:
+    """Give axes a faint grid behind what is drawn, and no line above and at the right."""
+    axes.grid(which="major", color="#e3e6e9", lw=0.5)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+
+
 @dataclass(frozen=True)
 class Canvas:
     """A figure with axes of a whole number of dots, so that every voxel is a sharp rectangle.
