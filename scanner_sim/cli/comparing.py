@@ -50,13 +50,15 @@ def compare_scenario(
             found = compare(setting, only=only, level=level, progress=advance)
         if earlier is not None:
             found = against(found, earlier)
-        contents = {
-            COMPARISON.result: comparison_json(found),
-            "compare.html": comparison_page(found, resolved_yaml(scenario)),
-            "compare.png": partial(draw_comparison, found),
-            "scenario.yaml": resolved_yaml(scenario),
-        }
-        paths = call.write(COMPARISON, contents)
+        paths = call.write(
+            COMPARISON,
+            {
+                COMPARISON.result: comparison_json(found),
+                "compare.html": comparison_page(found, resolved_yaml(scenario)),
+                "compare.png": partial(draw_comparison, found),
+                "scenario.yaml": resolved_yaml(scenario),
+            },
+        )
     if not call.quiet:
         _print(found)
         print_table(files_of(paths))

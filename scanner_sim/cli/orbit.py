@@ -30,13 +30,15 @@ def orbit_scenario(call: Call, *, steps: int) -> None:
 
         with call.work("along the orbit") as (advance, _):
             timeline = sweep_orbit(scenario, steps, device=call.device, progress=advance)
-        contents = {
-            "orbit.json": orbit_json(timeline),
-            "orbit.csv": orbit_csv(timeline),
-            "orbit.png": partial(draw_timeline, timeline),
-            "scenario.yaml": timeline.scenario_yaml,
-        }
-        paths = call.write(ORBIT, contents)
+        paths = call.write(
+            ORBIT,
+            {
+                "orbit.json": orbit_json(timeline),
+                "orbit.csv": orbit_csv(timeline),
+                "orbit.png": partial(draw_timeline, timeline),
+                "scenario.yaml": timeline.scenario_yaml,
+            },
+        )
     call.warn(timeline.warnings)
     if call.quiet:
         return

@@ -52,17 +52,19 @@ def study_scenario(call: Call, *, diameter: float | None, quick: bool) -> None:
             exponents=exponents_of(rows, BASE.name, BASE.size, REFERENCE),
             gains=gains_of(rows, BASE.name, BASE.size),
         )
-        contents = {
-            "pose_study.json": study_json(study),
-            "pose_study.csv": records_csv(study.rows),
-            "exponents.csv": records_csv(study.exponents),
-            "gains.csv": records_csv(study.gains),
-            "targets.csv": records_csv(study.targets),
-            "figure_15.png": partial(draw_figure_15, study),
-            "arrays.png": partial(draw_arrays, study),
-            "scenario.yaml": resolved_yaml(scenario),
-        }
-        paths = call.write(POSE_STUDY, contents)
+        paths = call.write(
+            POSE_STUDY,
+            {
+                "pose_study.json": study_json(study),
+                "pose_study.csv": records_csv(study.rows),
+                "exponents.csv": records_csv(study.exponents),
+                "gains.csv": records_csv(study.gains),
+                "targets.csv": records_csv(study.targets),
+                "figure_15.png": partial(draw_figure_15, study),
+                "arrays.png": partial(draw_arrays, study),
+                "scenario.yaml": resolved_yaml(scenario),
+            },
+        )
     if call.quiet:
         return
     print_rows(exponent_rows(study), left=(0, 1))

@@ -111,8 +111,9 @@ def budget_json(
     by the closed forms without the sweep of ``sweep_rad``, which averages speckle.
     """
     names: tuple[Literal["analytic_m", "simulated_m"], ...] = ("analytic_m", "simulated_m")
+    crossings: dict[str, float] = {name: crossing(rows, name) for name in names}
     result = {
-        "crossing": {**{name: crossing(rows, name) for name in names}, "at_rest_m": at_rest},
+        "crossing": crossings | {"at_rest_m": at_rest},
         "sweep_rad": sweep,
         "reflectance": reflectance,
         "rows": [asdict(row) for row in rows],

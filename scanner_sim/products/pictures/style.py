@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import matplotlib
 import numpy as np
@@ -83,7 +83,10 @@ def house_style() -> Iterator[None]:
 
 @contextlib.contextmanager
 def drawing(
-    path: str | Path | BinaryIO, size: tuple[float, float], dpi: float = 150, layout: str | None = None
+    path: str | Path | BinaryIO,
+    size: tuple[float, float],
+    dpi: float = 150,
+    layout: Literal["constrained"] | None = None,
 ) -> Iterator[Figure]:
     """Give an empty figure of a size [inch] to draw into, in the house style; then write it as :func:`save` does."""
     with house_style():
