@@ -1,4 +1,4 @@
-"""Where a rising edge crosses a level when only samples of it are known: the judge's own reading of chords."""
+"""Where a rising edge crosses a level when only samples of it are known, and straight lines between them."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ _PHASES = 64
 def sampled_crossing(sigma: float, step: float, ratio: float) -> float:
     """Return by how much before its peak a sampled Gaussian pulse first crosses a level [s], mean over all samplings.
 
-    Between two samples the pulse is taken for their chord, which on the foot of the edge lies above it and crosses
-    earlier. For fine samples σ √(2 ln ratio), :func:`scanner_sim.analytic.time_of_flight.leading_edge_walk`'s law.
+    Between two samples the pulse is replaced by a straight line. At the foot of the edge, where the pulse is convex,
+    the line lies above it and crosses the level earlier. For fine samples the result is σ √(2 ln ratio), on which
+    :func:`scanner_sim.analytic.time_of_flight.leading_edge_walk` rests.
 
     Parameters
     ----------

@@ -1,7 +1,8 @@
 """The interference filter and what passes it, written apart from the simulator's.
 
-A stack of layers passes the wavelength that its optical thickness n t cosθ' fits; with Snell's law in the stack,
-n sinθ' = sinθ, an incidence θ shifts all of it by cosθ' (Macleod, *Thin-film optical filters*, 4th ed., 2010, 8.2.4).
+A stack of layers passes the wavelengths that fit its optical thickness n t cosθ', where Snell's law gives the angle
+within, n sinθ' = sinθ. For light that comes in at θ the whole band therefore lies at wavelengths shorter by the factor
+cosθ' (Macleod, *Thin-film optical filters*, 4th ed., 2010, 8.2.4).
 """
 
 from __future__ import annotations

@@ -7,9 +7,9 @@ The array has the side a, stands at the range R on the axis and faces the scanne
 
     δΘ = δx/R − x δz/R²,   δφ = δy/R − y δz/R²,   δR = δz,
 
-where the axis separation against R and (h/R)² against 1 are left out. The normal equations fall apart: t_z and roll ω_z
-stand alone, and t_x goes with ω_y (t_y with ω_x) because x² is h² at every corner: in Θ a tilt looks like a shift of
-h² ω_y/R, and the two are told apart by φ, in which the tilt shows as x y ω_y/R².
+neglecting the axis separation against R and (h/R)² against 1. The normal equations then decouple: t_z and the roll ω_z
+are each estimated alone, while t_x is coupled with ω_y, and t_y with ω_x. For since x² is h² at every corner, a tilt
+ω_y changes Θ as a shift of h² ω_y/R does. What separates the two is φ, which the tilt changes by x y ω_y/R².
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def square_resection(sigma: float, R: float, a: float) -> SquareErrors:
 
 
 def square_points(sigma: float, sigma_range: float, R: float, a: float) -> SquareErrors:
-    """Return the errors from points that count alike (XYZ, eq 11).
+    """Return the errors from points of equal weight (XYZ, eq 11).
 
     lateral² = (σR)²/4 + (h σ_R/R)²/4, h = a/2, depth σ_R/2, tilt σ_R/a, roll σR/(√2 a), with ``sigma`` as in
     :func:`square_resection` and ``sigma_range`` the standard deviation of the ranges [m]. The second lateral term is
@@ -86,25 +86,25 @@ def facing_errors(
     Parameters
     ----------
     points
-        Targets (x, y, z) about the array's origin [m], shape (n, 3). Those before or behind the plane z = 0 move with
-        its tilt: to the δx above comes ω_y z, to δy −ω_x z.
+        Targets (x, y, z) about the array's origin [m], shape (n, 3). For targets before or behind the plane z = 0 the
+        tilt adds ω_y z to the δx above, and −ω_x z to δy.
     R
         Range of the origin [m].
     method
-        ``uv``: angles; ``joint``: angles and ranges, each weighted by the inverse of ``sigma``²; ``xyz``: points that
-        count alike (eq 11).
+        ``uv``: angles; ``joint``: angles and ranges, each weighted by the inverse of ``sigma``²; ``xyz``: points of
+        equal weight (eq 11).
     sigma
         Standard deviations of Θ, φ [rad] and R [m], independent from target to target.
     common
-        Standard deviations of the errors that all targets share besides, of which the estimator knows nothing.
+        Standard deviations of further errors that all targets have in common, and that the estimator does not know of.
 
     Returns
     -------
     ndarray, shape (6,)
-        Standard deviations of (t_x, t_y, t_z) [m] and (ω_x, ω_y, ω_z) [rad]: of G diag(σ²) Gᵀ and the common part,
-        with G the estimator to first order, (AᵀWA)⁻¹AᵀW, and for ``xyz`` (BᵀB)⁻¹BᵀL with B the moves of the points and
-        L what the errors of angles and range do to a point: R δΘ and R δφ across, δR along its line of sight
-        (x/R, y/R, 1). Of a square they are the forms above.
+        Standard deviations of (t_x, t_y, t_z) [m] and (ω_x, ω_y, ω_z) [rad], from G diag(σ²) Gᵀ and the common part.
+        G is the estimator to first order: (AᵀWA)⁻¹AᵀW, and for ``xyz`` (BᵀB)⁻¹BᵀL. B holds the moves of the points and
+        L how errors of the measurements move a point: R δΘ and R δφ across, δR along its line of sight
+        (x/R, y/R, 1). For a square these are the forms above.
     """
     x, y, z = np.asarray(points, dtype=np.float64).T
     one, none = np.ones_like(x), np.zeros_like(x)

@@ -1,9 +1,9 @@
 """The image of the spot by dense integration: the reference for any faster transport.
 
-It integrates the model of :mod:`scanner_sim.analytic.spot` without expanding it: every point of a fine grid
-in the beam's cross section is followed along its own line of energy flow to the plane, imaged with the full
-perspective and spread over the pixels in closed form. The trapezoidal rule on a Gaussian converges faster
-than any power of the step; 61 × 61 points over ±6 σ leave less than 1e-9.
+It integrates the model of :mod:`scanner_sim.analytic.spot` without a series expansion. Every point of a fine grid in
+the beam's cross section is followed along its own ray to the plane, imaged in full perspective, and spread over the
+pixels in closed form. The trapezoidal rule converges faster on a Gaussian than any power of the step: 61 × 61 points
+over ±6 σ leave an error below 1e-9.
 """
 
 from __future__ import annotations

@@ -1,14 +1,15 @@
 """Speckle on the sensor in closed form: the published limits, and sums over the packets of a spot's light.
 
-A lens of the area A passes M = A/((λf)² ∫e²) independent packets of light that comes from a beam of the geometric image
-e (Goodman, *Speckle phenomena in optics*, 2007, ch. 4, for the integrated speckle). For a round Gaussian image the
-energy has the contrast C/√M, M = π²σ²/(λN)², and the places have these limits without aberration:
+Of light that a beam with the geometric image e scatters, a lens of the area A passes M = A/((λf)² ∫e²) statistically
+independent packets (Goodman, *Speckle phenomena in optics*, 2007, ch. 4, on integrated speckle). For a round Gaussian
+image, M = π²σ²/(λN)²: the energy varies by C/√M, and the position on the sensor, without aberration, by
 
-* centroid: σ/√(2M) = C λN/(π√2) = 0.225 C λN;
-* the place that halves the light: C λN/√(2π) = 0.40 C λN, the figure of Baribeau and Rioux (*Appl. Opt.* 30, 1991);
+* σ/√(2M) = C λN/(π√2) = 0.225 C λN, if it is taken as the centroid;
+* C λN/√(2π) = 0.40 C λN, if it is taken where half of the light lies to each side, as Baribeau and Rioux have it
+  (*Appl. Opt.* 30, 1991).
 
-both whatever the size of the spot. Dorsch, Häusler and Herrmann (*Appl. Opt.* 33, 1994) have C λN/π = 0.318 C λN.
-What assumes less is in :mod:`scanner_sim.analytic.wave_optics`.
+Neither depends on the size of the spot. Dorsch, Häusler and Herrmann (*Appl. Opt.* 33, 1994) have C λN/π = 0.318 C λN.
+:mod:`scanner_sim.analytic.wave_optics` gets along with fewer assumptions.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ def centroid_limit(contrast: float, wavelength: float, f_number: float) -> float
 
 
 def halving_limit(contrast: float, wavelength: float, f_number: float) -> float:
-    """Return the standard deviation of the place that halves a round Gaussian spot, C λN/√(2π) [m]."""
+    """Return the standard deviation of the point that halves the light of a round Gaussian spot, C λN/√(2π) [m]."""
     return contrast * wavelength * f_number / math.sqrt(2.0 * math.pi)
 
 
@@ -52,7 +53,7 @@ def published_range_limit(
 
 @lru_cache(maxsize=256)
 def pupil_averages(ratio: float) -> tuple[float, float]:
-    """Return the variances of the light through a round pupil, and of the mean of a slope 2u over it.
+    """Return the relative variance of the light through a round pupil, and that of its mean slope.
 
     Parameters
     ----------
@@ -61,8 +62,9 @@ def pupil_averages(ratio: float) -> tuple[float, float]:
 
     Notes
     -----
-    ∬|γ(u − u')|² g g' over the pupil, in radii of it, over its area squared: |γ|² = exp(−(π ratio Δu)²), g = 1 and the
-    slope 2u of unit variance that a lens out of focus has. By Parseval as a sum over frequencies.
+    ∬|γ(u − u')|² g(u) g(u') du du' over the pupil, divided by the square of its area; u is in radii of the pupil, and
+    |γ|² = exp(−(π ratio Δu)²) is the coherence of the light there. For the energy g = 1; for the slope g = 2u, that of
+    a lens out of focus, scaled to a variance of 1. The integral is a sum over spatial frequencies (Parseval).
     """
     u = (np.arange(_GRID) - _GRID // 2) * (4.0 / _GRID)
     k = 2.0 * math.pi * np.fft.fftfreq(_GRID, u[1] - u[0])
@@ -89,8 +91,9 @@ def averaged(travel: tuple[float, float], radius: float) -> tuple[float, float]:
 
     Notes
     -----
-    The mean over a straight path of length L of patterns with the correlation ρ(δ) has the variance
-    2 ∫₀¹ (1 − x) ρ(x L) dx; ρ = exp(−δ²/w²), and its second derivative along the line for the centroid.
+    Patterns whose correlation over a displacement δ is ρ(δ), averaged along a straight path of length L, keep the share
+    2 ∫₀¹ (1 − x) ρ(x L) dx of their variance. For the energy ρ = exp(−δ²/w²); for the centroid, that function's second
+    derivative along the line, scaled to 1 at δ = 0.
     """
     place = (np.arange(4000) + 0.5) / 4000
     along, across = (place * way / radius for way in travel)
@@ -120,15 +123,16 @@ class SpeckledSpot:
 
     @property
     def packets(self) -> tuple[float, float, float]:
-        """Variances [m²] of the packets' places from the surface and from aberration, and of what blurs each."""
+        """Variances [m²] of the packets' positions, by the surface and by aberration, and of the blur of each."""
         energy, slope = pupil_averages(self.image / self.cell)
         own = (self.cell / math.pi) ** 2 * (1.0 + (self.aberration / self.image) ** 2)
         return 0.5 * self.image**2, self.aberration**2 * slope / energy, self.diffusion**2 + own
 
     def single_variance(self, left: tuple[float, float]) -> float:
-        """Return the relative variance for C = 1 that the program's fit takes as one of single pixels.
+        """Return the relative variance for C = 1 that the maximum-likelihood fit counts as noise of single pixels.
 
-        Places to the fourth power over the whole spread: its weights leave out what pixels have in common.
+        The fit's weights leave out what the pixels have in common. What remains is the variance of the energy times the
+        square of the packets' share of the spot's variance: the rest of it is the blur of each packet.
         """
         surface, aberrant, blur = self.packets
         places = (surface * left[1] + aberrant * left[0]) / (surface + aberrant)
@@ -159,9 +163,10 @@ def pixel_covariance(
 
     Notes
     -----
-    E[K_i(p) K_j(p)]/M as a sum over places p of packets, Gaussian of the variance σ²/2 + σ_a² of which both parts count
-    as their own averages over the pupil have it; K is the pixel blurred by diffusion and by the packets' own size,
-    (λN/π) √(1 + σ_a²/σ²). What all pixels have in common averages as the energy does, the rest as the places do.
+    E[K_i(p) K_j(p)]/M, summed over the positions p of packets. K_i(p) is the share of a packet at p that falls on pixel
+    i: the pixel blurred by diffusion and by the packet's own size, (λN/π) √(1 + σ_a²/σ²). The positions are Gaussian,
+    with the variances of the surface and of aberration that :attr:`SpeckledSpot.packets` gives. During a dwell, what
+    all pixels have in common averages as the energy does, and the rest as the positions do.
     """
     energy = spot.energy_variance
     surface, aberrant, blur = spot.packets
@@ -185,7 +190,7 @@ def pixel_shares(pitch: float, centre: float, along: float, pixels: int) -> Floa
 
 
 def fitted_place(lines: Floats, centre: float, sigma: float, guard: int) -> Floats:
-    """Return the places [pixel] of spots of a known width, by the likelihood of packets that each fall on one pixel.
+    """Return the positions [pixel] of spots of a known width, by maximum likelihood.
 
     Parameters
     ----------
@@ -198,7 +203,8 @@ def fitted_place(lines: Floats, centre: float, sigma: float, guard: int) -> Floa
 
     Notes
     -----
-    Variances in proportion to the mean charges, as Poisson's (Winick, *J. Opt. Soc. Am. A* 3, 1986), by scoring.
+    As if each packet fell on one pixel: the variances are then in proportion to the mean charges, as for Poisson's law
+    (Winick, *J. Opt. Soc. Am. A* 3, 1986). Found by Fisher's method of scoring.
     """
     first = round(centre) - guard
     few, place = lines[:, first : first + 2 * guard + 1], np.full(len(lines), float(centre))

@@ -1,8 +1,8 @@
 """The response of a disc under a Gaussian spot by integration, and the bound on its centre.
 
 Nothing is approximated: the spot's irradiance is integrated over the disc in polar coordinates, which gives a Bessel
-function, and along the travel of a dwell by a dense sum. The bound of an unbiased centre is that of Cramér and Rao for
-independent normal errors, with the disc's radius, amplitude and ground unknown as well.
+function, and along the travel of a dwell by a dense sum. The bound on the centre is that of Cramér and Rao for
+unbiased estimates and independent normal errors; the disc's radius and the signals on it and off it are unknown too.
 """
 
 from __future__ import annotations

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -12,7 +14,7 @@ from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.units import FROM_FILE, Angle
-from scanner_sim.products.budget import BudgetRow, crossing
+from scanner_sim.products.budget import BudgetRow, budget_json, crossing
 from scanner_sim.products.files.contents import BUDGET
 
 
@@ -24,7 +26,8 @@ def budget_scenario(call: Call, *, count: int, reflectance: float, sweep: str | 
     ScannerSimError
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
-    from scanner_sim.products.files.budget_folder import write_budget
+    from scanner_sim.products.files.tables import records_csv
+    from scanner_sim.products.pictures.budget import draw_budget, draw_curves, draw_dominance
 
     scenario = call.scenario()
     chosen = None if sweep is None else _angle(sweep)
@@ -48,18 +51,20 @@ def budget_scenario(call: Call, *, count: int, reflectance: float, sweep: str | 
         at_rest = math.nan
         if "tof" in scenario.rangefinders:
             at_rest = closed_crossing(with_sweep(scenario, 0.0), reflectance, *ends)
-        paths = write_budget(
-            rows,
-            call.output,
-            reflectance=reflectance,
-            scenario_yaml=resolved_yaml(own),
-            light=("dark" if scenario.lighting.sky().dark else "lit as the scenario says")
-            + f", {_turn(turn)}",
-            sweep=turn,
-            at_rest=at_rest,
-            dominance=dominance,
-            overwrite=call.overwrite,
-        )
+        light = "dark" if scenario.lighting.sky().dark else "lit as the scenario says"
+        light += f", {_turn(turn)}"
+        contents: dict[str, str | Callable[[Path], None]] = {
+            "budget.json": budget_json(rows, reflectance, dominance, turn, at_rest),
+            "budget.csv": records_csv(rows),
+            "budget.png": partial(draw_budget, rows, reflectance, light=light),
+            "scenario.yaml": resolved_yaml(own),
+        }
+        if any(row.mode == "tof" for row in rows):
+            contents["budget_tof.png"] = partial(draw_budget, rows, reflectance, mode="tof", light=light)
+            contents["curves.png"] = partial(draw_curves, rows, reflectance, light=light)
+        if dominance is not None:
+            contents["dominance.png"] = partial(draw_dominance, dominance)
+        paths = call.write(BUDGET, contents)
     if call.quiet:
         return
     print_rows(budget_rows(rows))

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.config import load_scenario, scenario_warnings
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.products.files.folder import ResultFolder, claim_folder
+from scanner_sim.products.files.folder import ResultFolder, claim_folder, write_folder, write_text
 from scanner_sim.render.libraries import DeviceChoice
 
 
@@ -68,6 +69,22 @@ class Call:
         """
         with progress_bar(stage, self.quiet, unit) as (advance, say), scenario_of(self.config):
             yield advance, say
+
+    def write(
+        self, kind: ResultFolder, contents: Mapping[str, str | Callable[[Path], None]]
+    ) -> tuple[Path, ...]:
+        """Write the files of a result, each a text or by what writes it to a path, in the order of presentation.
+
+        Raises
+        ------
+        InputError, RunError
+            As :func:`~scanner_sim.products.files.folder.write_folder`.
+        """
+        writers = {
+            name: partial(write_text, text=content) if isinstance(content, str) else content
+            for name, content in contents.items()
+        }
+        return write_folder(self.output, kind, writers, overwrite=self.overwrite)
 
     def warn(self, sentences: Sequence[str]) -> None:
         """Print warnings."""

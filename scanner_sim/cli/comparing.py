@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
+from functools import partial
 from pathlib import Path
 
 import typer
@@ -10,7 +11,7 @@ import typer
 from scanner_sim.cli.call import Call, files_of
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
-from scanner_sim.products.comparison import Comparison
+from scanner_sim.products.comparison import Comparison, comparison_json
 from scanner_sim.products.files.contents import COMPARISON
 
 
@@ -33,7 +34,8 @@ def compare_scenario(
     typer.Exit
         With 1 where a law is broken, or anything differs from the baseline.
     """
-    from scanner_sim.products.files.comparison_folder import write_comparison
+    from scanner_sim.products.comparison_page import comparison_page
+    from scanner_sim.products.pictures.comparison import draw_comparison
 
     scenario = call.scenario()
     from scanner_sim.validation.compare.baseline import against, read_baseline
@@ -48,8 +50,14 @@ def compare_scenario(
             found = compare(setting, only=only, level=level, progress=advance)
         if earlier is not None:
             found = against(found, earlier)
-        paths = write_comparison(
-            found, call.output, scenario_yaml=resolved_yaml(scenario), overwrite=call.overwrite
+        paths = call.write(
+            COMPARISON,
+            {
+                COMPARISON.result: comparison_json(found),
+                "compare.html": comparison_page(found, resolved_yaml(scenario)),
+                "compare.png": partial(draw_comparison, found),
+                "scenario.yaml": resolved_yaml(scenario),
+            },
         )
     if not call.quiet:
         _print(found)

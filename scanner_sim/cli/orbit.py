@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING
 
 from scanner_sim.cli.call import Call, files_of
@@ -20,7 +21,8 @@ def orbit_scenario(call: Call, *, steps: int) -> None:
     ScannerSimError
         If the scenario has no orbit, it, the folder or the device cannot be used, or the disk fails.
     """
-    from scanner_sim.products.files.orbit_folder import write_orbit
+    from scanner_sim.products.pictures.timeline import draw_timeline
+    from scanner_sim.products.timeline import orbit_csv, orbit_json
 
     scenario = call.scenario()
     with call.claimed(ORBIT):
@@ -28,7 +30,15 @@ def orbit_scenario(call: Call, *, steps: int) -> None:
 
         with call.work("along the orbit") as (advance, _):
             timeline = sweep_orbit(scenario, steps, device=call.device, progress=advance)
-        paths = write_orbit(timeline, call.output, overwrite=call.overwrite)
+        paths = call.write(
+            ORBIT,
+            {
+                "orbit.json": orbit_json(timeline),
+                "orbit.csv": orbit_csv(timeline),
+                "orbit.png": partial(draw_timeline, timeline),
+                "scenario.yaml": timeline.scenario_yaml,
+            },
+        )
     call.warn(timeline.warnings)
     if call.quiet:
         return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from scanner_sim.cli.call import Call, files_of
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml
 from scanner_sim.products.files.contents import POSE_STUDY
-from scanner_sim.products.pose_study import COMPONENTS, PoseStudy
+from scanner_sim.products.pose_study import COMPONENTS, PoseStudy, study_json
 
 
 def study_scenario(call: Call, *, diameter: float | None, quick: bool) -> None:
@@ -21,7 +22,8 @@ def study_scenario(call: Call, *, diameter: float | None, quick: bool) -> None:
     ScannerSimError
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
-    from scanner_sim.products.files.pose_study_folder import write_pose_study
+    from scanner_sim.products.files.tables import records_csv
+    from scanner_sim.products.pictures.pose_study import draw_arrays, draw_figure_15
 
     scenario = call.scenario()
     from scanner_sim.validation.compare.pose_forms import with_closed_forms
@@ -50,8 +52,18 @@ def study_scenario(call: Call, *, diameter: float | None, quick: bool) -> None:
             exponents=exponents_of(rows, BASE.name, BASE.size, REFERENCE),
             gains=gains_of(rows, BASE.name, BASE.size),
         )
-        paths = write_pose_study(
-            study, call.output, scenario_yaml=resolved_yaml(scenario), overwrite=call.overwrite
+        paths = call.write(
+            POSE_STUDY,
+            {
+                "pose_study.json": study_json(study),
+                "pose_study.csv": records_csv(study.rows),
+                "exponents.csv": records_csv(study.exponents),
+                "gains.csv": records_csv(study.gains),
+                "targets.csv": records_csv(study.targets),
+                "figure_15.png": partial(draw_figure_15, study),
+                "arrays.png": partial(draw_arrays, study),
+                "scenario.yaml": resolved_yaml(scenario),
+            },
         )
     if call.quiet:
         return

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -46,6 +46,15 @@ class Part(BaseModel):
     def cross_checks(self) -> Iterator[Fault]:
         """Yield what is impossible about the values together; locations are relative to this part."""
         return iter(())
+
+    def changed(self, **changes: Any) -> Self:
+        """Return a copy with other values, which are not checked; a mapping changes values of a part within it."""
+        update = {}
+        for name, value in changes.items():
+            own = getattr(self, name)
+            nested = isinstance(own, Part) and isinstance(value, Mapping)
+            update[name] = own.changed(**value) if nested else value
+        return self.model_copy(update=update)
 
     @model_validator(mode="after")
     def _is_possible(self) -> Self:

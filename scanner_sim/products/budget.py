@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -11,6 +10,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.products.json_text import json_text
 from scanner_sim.products.provenance import versions
 
 Mode = Literal["triangulation", "tof", "fused"]
@@ -110,19 +110,14 @@ def budget_json(
     ``crossing`` is the range from which time of flight is the more precise, where there is one; ``at_rest_m`` the same
     by the closed forms without the sweep of ``sweep_rad``, which averages speckle.
     """
-    plain = [
-        {name: None if isinstance(v, float) and math.isnan(v) else v for name, v in asdict(row).items()}
-        for row in rows
-    ]
     names: tuple[Literal["analytic_m", "simulated_m"], ...] = ("analytic_m", "simulated_m")
     crossings: dict[str, float] = {name: crossing(rows, name) for name in names}
-    crossings |= {"at_rest_m": at_rest}
     result = {
-        "crossing": {name: None if math.isnan(value) else value for name, value in crossings.items()},
-        "sweep_rad": None if math.isnan(sweep) else sweep,
+        "crossing": crossings | {"at_rest_m": at_rest},
+        "sweep_rad": sweep,
         "reflectance": reflectance,
-        "rows": plain,
+        "rows": [asdict(row) for row in rows],
         "share_of_voxels_dominated": None if dominance is None else dominance.shares(),
         "versions": dict(versions()),
     }
-    return json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_text(result)

@@ -9,6 +9,8 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter
 
+from scanner_sim.products.json_text import json_text
+
 CONFIDENCE = 0.95
 """Confidence of the intervals; verdicts have a level of their own."""
 
@@ -146,11 +148,11 @@ class Comparison:
 
 def comparison_json(comparison: Comparison) -> str:
     """Return a comparison as JSON: all numbers in full, null for what is not finite; no date, host or path."""
-    content = _plain(asdict(comparison))
+    content = asdict(comparison)
     for finding, plain in zip(comparison.findings, content["findings"], strict=True):
         plain["verdict"] = finding.verdict
     content["passed"] = comparison.passed
-    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_text(content, indent=1)
 
 
 def comparison_from_json(text: str) -> Comparison:
@@ -172,15 +174,6 @@ def comparison_from_json(text: str) -> Comparison:
         if check.error < 0.0 or not check.freedom > 0.0 or max(map(abs, _finite_numbers(check))) > _BEYOND:
             raise ValueError(f"{check.case} has numbers that no comparison has")
     return read
-
-
-def _plain(value: object) -> Any:
-    """Return a value as JSON knows it."""
-    if isinstance(value, dict):
-        return {name: _plain(part) for name, part in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _finite_numbers(check: Check) -> list[float]:

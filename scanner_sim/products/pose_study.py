@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
-import math
 from dataclasses import asdict, dataclass
 from typing import Literal
 
+from scanner_sim.products.json_text import json_text
 from scanner_sim.products.provenance import versions
 
 COMPONENTS = ("t_x", "t_y", "t_z", "omega_x", "omega_y", "omega_z")
@@ -173,12 +172,7 @@ class PoseStudy:
 
 def study_json(study: PoseStudy) -> str:
     """Return a study as JSON; null for NaN."""
-    tables = {
-        name: [
-            {key: None if isinstance(v, float) and math.isnan(v) else v for key, v in asdict(row).items()}
-            for row in getattr(study, name)
-        ]
-        for name in ("targets", "rows", "exponents", "gains")
-    }
+    names = ("targets", "rows", "exponents", "gains")
+    tables = {name: [asdict(row) for row in getattr(study, name)] for name in names}
     result = {"base": study.base, "base_size_m": study.base_size, **tables, "versions": dict(versions())}
-    return json.dumps(result, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_text(result, indent=1)

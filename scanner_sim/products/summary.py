@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.image import Layered, RangeImage
+from scanner_sim.products.json_text import json_text
 from scanner_sim.products.shots import ShotTable
 
 _BEYOND = (3, 5, 6)
@@ -95,16 +95,12 @@ def share_beyond(image: Layered, sigmas: float, prefix: str = "") -> float | Non
 
 def summary_json(image: RangeImage) -> str:
     """Return :func:`summary` as the text of ``summary.json``."""
-    return _json(summary(image))
+    return json_text(summary(image))
 
 
 def shots_json(shots: ShotTable) -> str:
     """Return :func:`shots_summary` as the text of ``summary.json``."""
-    return _json(shots_summary(shots))
-
-
-def _json(content: dict[str, object]) -> str:
-    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_text(shots_summary(shots))
 
 
 def _truth(image: Layered, unit: str) -> dict[str, object]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.products.files.tables import six_digits
+from scanner_sim.products.json_text import json_text
 from scanner_sim.products.provenance import versions
 
 Floats = NDArray[np.float64]
@@ -172,4 +172,4 @@ def orbit_json(timeline: Timeline) -> str:
         "versions": dict(timeline.made_by),
         "warnings": list(timeline.warnings),
     }
-    return json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_text(result)

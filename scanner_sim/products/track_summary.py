@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
+from scanner_sim.products.json_text import json_text
 from scanner_sim.products.pose import COMPONENTS
 from scanner_sim.products.provenance import versions
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
@@ -50,7 +50,7 @@ def track_summary(track: Track, poses: Sequence[PoseSeries] = ()) -> dict[str, o
 
 def track_json(track: Track, poses: Sequence[PoseSeries] = ()) -> str:
     """Return :func:`track_summary` as the text of ``summary.json``."""
-    return json.dumps(track_summary(track, poses), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    return json_text(track_summary(track, poses))
 
 
 def errors_of(records: Sequence[PatternRecord]) -> tuple[Array, Array]:

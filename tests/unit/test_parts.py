@@ -55,3 +55,18 @@ def test_endings_are_read_in_any_case(tmp_path: Path) -> None:
     other.write_text("", encoding="utf-8")
     with pytest.raises(ValidationError, match=r"part\.txt is none of the kinds"):
         Meshed(file=other)
+
+
+class Whole(Part):
+    """A part with a part."""
+
+    inner: Plain = Plain()
+    other: Number = 1.0
+
+
+def test_a_mapping_changes_a_part_within_and_leaves_the_rest() -> None:
+    made = Whole(inner=Plain(number=3.0, count=2))
+    assert made.changed(inner={"count": 5}, other=4.0) == Whole(inner=Plain(number=3.0, count=5), other=4.0)
+    assert made.changed(inner=Plain()).inner == Plain()
+    with pytest.raises(AttributeError, match="numbre"):
+        made.changed(inner={"numbre": 1.0})

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from scanner_sim.products.pictures.style import FAINT, house_style, save
+from scanner_sim.products.pictures.style import FAINT, drawing
 
 _SHOWN = 4
 _MAP, _FROM, _TO = "viridis", 0.0, 0.85
@@ -47,8 +46,7 @@ def draw_bias(estimator: str, curves: Sequence[BiasCurve], path: str | Path) -> 
         If the file cannot be written.
     """
     chosen = sorted({round(position) for position in np.linspace(0, len(curves) - 1, _SHOWN)})
-    with house_style():
-        figure = Figure(figsize=(6.4, 4.6), dpi=150, layout="constrained")
+    with drawing(path, (6.4, 4.6), layout="constrained") as figure:
         upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(2.0, 1.0))
         for number, colour in zip(chosen, np.linspace(_FROM, _TO, len(chosen)), strict=True):
             curve, tint = curves[number], colormaps[_MAP](colour)
@@ -62,4 +60,3 @@ def draw_bias(estimator: str, curves: Sequence[BiasCurve], path: str | Path) -> 
         lower.set(xlabel="true place of the spot within its brightest pixel [pixel]", xlim=(-0.5, 0.5))
         upper.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         upper.set_title(f"Systematic error of {estimator}", loc="left", weight="bold", size=10.5)
-        save(figure, path)

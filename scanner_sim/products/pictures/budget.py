@@ -8,11 +8,10 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 
 from scanner_sim.products.budget import BudgetRow, Dominance, Mode, crossing
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, save
+from scanner_sim.products.pictures.style import FAINT, INK, drawing, ruled
 
 COLOURS = {
     "all": INK,
@@ -77,8 +76,7 @@ def draw_budget(
         What shines on the target, for the heading.
     """
     rows = [row for row in rows if row.mode == mode]
-    with house_style():
-        figure = Figure(figsize=(7.4, 5.0), dpi=150, layout="constrained")
+    with drawing(path, (7.4, 5.0), layout="constrained") as figure:
         axes = figure.subplots()
         for name in dict.fromkeys(row.source for row in rows):
             own = [row for row in rows if row.source == name]
@@ -88,7 +86,6 @@ def draw_budget(
             axes.set_ylim(_DEEPEST * min(whole), 3.0 * max(whole))
         axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         _finish(axes, f"Where the range error comes from: {_TITLES[mode]}", _about(reflectance, light))
-        save(figure, path)
 
 
 def draw_curves(
@@ -102,8 +99,7 @@ def draw_curves(
         As for :func:`draw_budget`.
     """
     rows = [row for row in rows if row.source == "all"]
-    with house_style():
-        figure = Figure(figsize=(7.4, 4.6), dpi=150, layout="constrained")
+    with drawing(path, (7.4, 4.6), layout="constrained") as figure:
         axes = figure.subplots()
         for mode, (colour, label) in CURVES.items():
             own = [row for row in rows if row.mode == mode]
@@ -120,7 +116,6 @@ def draw_curves(
             )
         axes.legend(loc="upper left")
         _finish(axes, "σ of the range by both ways of ranging (Figure 12)", _about(reflectance, light))
-        save(figure, path)
 
 
 def _about(reflectance: float, light: str) -> str:
@@ -149,9 +144,7 @@ def _finish(axes: Axes, title: str, about: str) -> None:
     ticks = [tick for tick in _TICKS if axes.get_xlim()[0] < tick < axes.get_xlim()[1]]
     axes.set_xticks(ticks, [str(tick) for tick in ticks])
     axes.set_xticks([], minor=True)
-    axes.grid(which="major", color="#e3e6e9", lw=0.5)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)
+    ruled(axes)
     axes.set_title(title, loc="left", weight="bold", size=10.5, pad=20)
     axes.text(0.0, 1.02, about, transform=axes.transAxes, color=FAINT)
 
@@ -161,12 +154,11 @@ def draw_dominance(dominance: Dominance, path: str | Path) -> None:
     largest, shares = dominance.largest, dominance.shares()
     shown = [number for number, name in enumerate(dominance.sources) if shares[name] > 0.0]
     shown.sort(key=lambda number: -shares[dominance.sources[number]])
-    with house_style():
-        picture = np.empty((*largest.shape, 3))
-        picture[...] = to_rgb(_NOWHERE)
-        for number in shown:
-            picture[largest == number] = to_rgb(COLOURS[dominance.sources[number]])
-        figure = Figure(figsize=(7.6, 5.2), dpi=150, layout="constrained")
+    picture = np.empty((*largest.shape, 3))
+    picture[...] = to_rgb(_NOWHERE)
+    for number in shown:
+        picture[largest == number] = to_rgb(COLOURS[dominance.sources[number]])
+    with drawing(path, (7.6, 5.2), layout="constrained") as figure:
         axes = figure.subplots()
         theta, phi = np.degrees(dominance.theta), np.degrees(dominance.phi)
         step = [0.5 * (a[1] - a[0]) if a.size > 1 else 0.5 for a in (theta, phi)]
@@ -178,4 +170,3 @@ def draw_dominance(dominance: Dominance, path: str | Path) -> None:
         patches = [Patch(color=COLOURS[name], label=f"{name} {100.0 * shares[name]:.3g} %") for name in names]
         patches.append(Patch(color=_NOWHERE, label="no range"))
         axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        save(figure, path)

@@ -9,10 +9,9 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from scanner_sim.products.comparison import CONFIDENCE, Check, Comparison, Finding
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, save
+from scanner_sim.products.pictures.style import FAINT, INK, drawing
 
 HOLDS, BROKEN, NEUTRAL = "#2b6f8f", "#b4331a", "#cfd6db"
 """Colours of what holds, of what is broken, and of the accuracy of a closed form."""
@@ -25,8 +24,7 @@ def draw_comparison(comparison: Comparison, path: str | Path) -> None:
     1 is the deviation that breaks the law in 90 % of runs; so laws of any kind and unit share one axis.
     """
     judged = [finding for finding in comparison.findings if finding.checks]
-    with house_style():
-        figure = Figure(figsize=(7.4, 1.3 + 0.26 * max(len(judged), 1)), dpi=150, layout="constrained")
+    with drawing(path, (7.4, 1.3 + 0.26 * max(len(judged), 1)), layout="constrained") as figure:
         axes = figure.subplots()
         axes.axvspan(-1.0, 1.0, color="#f2f4f5", lw=0)
         axes.axvline(0.0, color=FAINT, lw=0.6)
@@ -52,7 +50,6 @@ def draw_comparison(comparison: Comparison, path: str | Path) -> None:
         about = f"{len(judged)} laws, {count} checks, family-wise level {comparison.level:g}  ·  "
         about += f"bars: {100.0 * CONFIDENCE:g} % intervals"
         axes.text(0.0, 1.01, about, transform=axes.transAxes, color=FAINT, va="bottom")
-        save(figure, path)
 
 
 _WIDEST = 2.0
@@ -74,10 +71,10 @@ def finding_picture(finding: Finding) -> str:
     Deviations with intervals over the accuracy of the closed form (dark) and what would have been found (light); beside
     them, where a law holds at several ranges, simulated numbers and the line of their predictions in logarithms.
     """
-    with house_style():
-        checks, ranged = finding.checks, _ranged(finding)
-        height = 0.8 + 0.19 * max(len(checks), 8 if ranged else 0)
-        figure = Figure(figsize=(8.2, height), dpi=130, layout="constrained")
+    checks, ranged = finding.checks, _ranged(finding)
+    height = 0.8 + 0.19 * max(len(checks), 8 if ranged else 0)
+    target = io.BytesIO()
+    with drawing(target, (8.2, height), dpi=130, layout="constrained") as figure:
         axes = figure.subplots(1, 2, width_ratios=(1.0, 1.6)) if ranged else [figure.subplots()]
         if ranged:
             _draw_ranges(axes[0], ranged)
@@ -90,8 +87,6 @@ def finding_picture(finding: Finding) -> str:
         axes[-1].ticklabel_format(axis="x", style="sci", scilimits=(-3, 3))
         axes[-1].spines[["top", "right", "left"]].set_visible(False)
         axes[-1].tick_params(axis="y", length=0)
-        target = io.BytesIO()
-        save(figure, target)
     return "data:image/png;base64," + base64.b64encode(target.getvalue()).decode("ascii")
 
 

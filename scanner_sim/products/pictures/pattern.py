@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from scanner_sim.products.pictures.style import (
@@ -15,9 +14,8 @@ from scanner_sim.products.pictures.style import (
     INK,
     RANGE_MAP,
     SIGNAL_MAP,
-    house_style,
+    drawing,
     plot_label,
-    save,
 )
 from scanner_sim.tracking.centroid import Centroid, circle_fit
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
@@ -79,8 +77,7 @@ def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = N
     record = next(record for record in track.records if record.number == visit)
     response = response_of(track, record)
     circle = circle_fit(record.samples, response)
-    with house_style():
-        figure = Figure(figsize=(11.4, 4.3), dpi=150)
+    with drawing(path, (11.4, 4.3)) as figure:
         positions = ((0.055, 0.13, 0.25, 0.67), (0.43, 0.13, 0.25, 0.67), (0.82, 0.30, 0.165, 0.43))
         by_signal, by_range, centre = (figure.add_axes(position) for position in positions)
         outline = _outline(track, record) if rim is None else rim(record)
@@ -113,7 +110,6 @@ def draw_pattern(track: Track, visit: int, path: str | Path, rim: Rim | None = N
         _centre(centre, record)
         figure.text(0.055, 0.945, f"Pattern over {plot_label(record.target)}", size=10.5, weight="bold")
         figure.text(0.055, 0.90, _about(record, response), color=FAINT)
-        save(figure, path)
 
 
 def _about(record: PatternRecord, response: Response) -> str:

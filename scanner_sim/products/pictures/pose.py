@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, plot_label, save
+from scanner_sim.products.pictures.style import FAINT, INK, drawing, plot_label
 from scanner_sim.tracking.record import Track, TrackTarget
 
 Array = NDArray[np.float64]
@@ -58,8 +58,7 @@ def draw_poses(series: Sequence[PoseSeries], path: str | Path) -> None:
     labels = list(dict.fromkeys(one.label for one in series))[:_MOST_COLUMNS]
     methods = list(dict.fromkeys(one.method for one in series))
     wide = max(2.9 * len(labels) + 0.9, 6.4)
-    with house_style():
-        figure = Figure(figsize=(wide, 8.6), dpi=150)
+    with drawing(path, (wide, 8.6)) as figure:
         grid = figure.subplots(6, len(labels), sharex=True, squeeze=False)
         figure.subplots_adjust(
             left=0.8 / wide, right=1.0 - 0.12 / wide, top=0.905, bottom=0.085, wspace=0.24, hspace=0.16
@@ -75,7 +74,6 @@ def draw_poses(series: Sequence[PoseSeries], path: str | Path) -> None:
         figure.text(0.8 / wide, 0.972, "Poses over time: estimated − true", size=10.5, weight="bold")
         figure.text(0.8 / wide, 0.950, "lines: ±2σ  ·  ticks: no valid pose", color=FAINT)
         _methods(figure, methods, (0.8 / wide, 0.012))
-        save(figure, path)
 
 
 def _component(axes: Axes, chosen: Sequence[PoseSeries], component: int) -> None:
@@ -129,8 +127,7 @@ def draw_outlines(track: Track, series: Sequence[PoseSeries], path: str | Path) 
     own = [one for one in series if not one.relative_to]
     names = list(dict.fromkeys(one.name for one in own))[:_MOST_COLUMNS]
     wide = max(3.6 * len(names) + 0.3, 5.6)
-    with house_style():
-        figure = Figure(figsize=(wide, 6.9), dpi=150)
+    with drawing(path, (wide, 6.9)) as figure:
         grid = figure.subplots(2, len(names), squeeze=False, height_ratios=(1.6, 1.0))
         figure.subplots_adjust(
             left=0.7 / wide, right=1.0 - 0.15 / wide, top=0.885, bottom=0.125, wspace=0.28, hspace=0.26
@@ -142,7 +139,6 @@ def draw_outlines(track: Track, series: Sequence[PoseSeries], path: str | Path) 
         figure.text(0.7 / wide, 0.938, "the last pose of each method; displacement enlarged", color=FAINT)
         methods = list(dict.fromkeys(one.method for one in own))
         _methods(figure, methods, (0.7 / wide, 0.012), with_truth=True)
-        save(figure, path)
 
 
 def _object(

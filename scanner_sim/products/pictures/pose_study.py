@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullFormatter
 
-from scanner_sim.products.pictures.style import FAINT, house_style, save
+from scanner_sim.products.pictures.style import FAINT, drawing, ruled
 from scanner_sim.products.pose_study import COMPONENTS, PoseRow, PoseStudy
 
 MODES = {
@@ -45,8 +44,7 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
         The PNG to write.
     """
     base = [row for row in study.rows if row.array == study.base and row.size_m == study.base_size]
-    with house_style():
-        figure = Figure(figsize=(9.6, 6.6), dpi=150, layout="constrained")
+    with drawing(path, (9.6, 6.6), layout="constrained") as figure:
         panels = figure.subplots(2, 3, sharex=True)
         for axes, component in zip(panels.ravel(), COMPONENTS, strict=True):
             for mode, (name, colour, mark) in MODES.items():
@@ -60,9 +58,7 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
             axes.set_xticks(ticks, [str(tick) for tick in ticks])
             axes.set_xticks([], minor=True)
             _plain_ticks(axes.yaxis, axes.get_ylim())
-            axes.grid(which="major", color="#e3e6e9", lw=0.5)
-            axes.set_axisbelow(True)
-            axes.spines[["top", "right"]].set_visible(False)
+            ruled(axes)
         for axes in panels[1]:
             axes.set_xlabel("range [m]")
         handles, labels = panels[0, 0].get_legend_handles_labels()
@@ -76,7 +72,6 @@ def draw_figure_15(study: PoseStudy, path: str | Path) -> None:
         )
         about = "marks: simulated, 95 %  ·  lines: closed forms"
         figure.text(0.99, 0.985, about, ha="right", va="top", color=FAINT)
-        save(figure, path)
 
 
 def _draw_mode(axes: Axes, own: list[PoseRow], name: str, colour: str, mark: str) -> None:
@@ -103,8 +98,7 @@ def draw_arrays(study: PoseStudy, path: str | Path) -> None:
     distance = min({row.range_m for row in study.rows}, key=lambda r: abs(np.log(r / 10.0)))
     rows = [row for row in study.rows if row.range_m == distance]
     arrays = list(dict.fromkeys((row.array, row.size_m, row.targets) for row in rows))
-    with house_style():
-        figure = Figure(figsize=(10.4, 1.6 + 0.26 * len(arrays)), dpi=150, layout="constrained")
+    with drawing(path, (10.4, 1.6 + 0.26 * len(arrays)), layout="constrained") as figure:
         panels = figure.subplots(1, 4, sharey=True)
         shown = ("t_x", "t_z", "omega_y", "omega_z")
         for axes, component in zip(panels, shown, strict=True):
@@ -119,9 +113,7 @@ def draw_arrays(study: PoseStudy, path: str | Path) -> None:
             axes.set(xscale="log", xlabel=f"error [{unit}]")
             _plain_ticks(axes.xaxis, axes.get_xlim())
             axes.set_title(_TITLES[component], loc="left", weight="bold", size=9.0)
-            axes.grid(which="major", color="#e3e6e9", lw=0.5)
-            axes.set_axisbelow(True)
-            axes.spines[["top", "right"]].set_visible(False)
+            ruled(axes)
         names = [f"{name}, {size:.3g} m ({targets})" for name, size, targets in arrays]
         panels[0].set_yticks(range(len(arrays)), names)
         panels[0].invert_yaxis()
@@ -135,4 +127,3 @@ def draw_arrays(study: PoseStudy, path: str | Path) -> None:
             size=10.5,
         )
         figure.text(0.99, 0.985, "marks: simulated, strokes: closed forms", ha="right", va="top", color=FAINT)
-        save(figure, path)

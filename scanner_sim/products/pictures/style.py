@@ -7,7 +7,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any, BinaryIO, Literal
 
 import matplotlib
 import numpy as np
@@ -79,6 +79,27 @@ def house_style() -> Iterator[None]:
     settings.update(_SETTINGS)
     with matplotlib.rc_context(settings):
         yield
+
+
+@contextlib.contextmanager
+def drawing(
+    path: str | Path | BinaryIO,
+    size: tuple[float, float],
+    dpi: float = 150,
+    layout: Literal["constrained"] | None = None,
+) -> Iterator[Figure]:
+    """Give an empty figure of a size [inch] to draw into, in the house style; then write it as :func:`save` does."""
+    with house_style():
+        figure = Figure(figsize=size, dpi=dpi, layout=layout)
+        yield figure
+        save(figure, path)
+
+
+def ruled(axes: Axes) -> None:
+    """Give axes a faint grid behind what is drawn, and no line above and at the right."""
+    axes.grid(which="major", color="#e3e6e9", lw=0.5)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, plot_label, save
+from scanner_sim.products.pictures.style import FAINT, INK, drawing, plot_label
 from scanner_sim.products.timeline import Timeline
 
 Array = NDArray[np.float64]
@@ -28,8 +28,7 @@ def draw_timeline(timeline: Timeline, path: str | Path) -> None:
     count = len(timeline.tracks)
     bands, curves, foot = 0.30 * count, 1.05, 0.30 * 2
     high = 0.62 + bands + 3 * (curves + 0.24) + 0.45 + foot
-    with house_style():
-        figure = Figure(figsize=(_WIDE, high), dpi=150)
+    with drawing(path, (_WIDE, high)) as figure:
 
         def panel(top: float, tall: float) -> Axes:
             across = 1.0 - (_LEFT + _RIGHT) / _WIDE
@@ -55,7 +54,6 @@ def draw_timeline(timeline: Timeline, path: str | Path) -> None:
         )
         figure.text(_LEFT / _WIDE, 1.0 - 0.46 / high, about, color=FAINT)
         _legend(figure, timeline, high)
-        save(figure, path)
 
 
 def _bands(axes: Axes, timeline: Timeline, minutes: Array) -> None:

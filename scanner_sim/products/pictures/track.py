@@ -15,7 +15,7 @@ from matplotlib.patheffects import AbstractPathEffect, withStroke
 from numpy.typing import NDArray
 
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, plot_label, save
+from scanner_sim.products.pictures.style import FAINT, INK, drawing, plot_label
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
@@ -51,8 +51,7 @@ def draw_track(track: Track, path: str | Path) -> None:
     shown = track.targets[:_MOST_ROWS]
     tall = 1.15
     high = 0.78 + tall * len(shown) + 0.62
-    with house_style():
-        figure = Figure(figsize=(10.0, high), dpi=150)
+    with drawing(path, (10.0, high)) as figure:
         grid = figure.subplots(len(shown), 3, sharex=True, squeeze=False)
         figure.subplots_adjust(
             left=0.075, right=0.99, top=1.0 - 0.78 / high, bottom=0.62 / high, wspace=0.24, hspace=0.22
@@ -71,7 +70,6 @@ def draw_track(track: Track, path: str | Path) -> None:
         about = f"points: measured visits  ·  band: ±2σ  ·  ticks: not measured  ·  at the foot: state{more}"
         figure.text(0.075, 1.0 - 0.46 / high, about, color=FAINT)
         _states(figure, 0.10 / high)
-        save(figure, path)
 
 
 def _errors(axes: Axes, records: Sequence[PatternRecord], axis: int) -> None:
@@ -134,11 +132,10 @@ def draw_field(track: Track, path: str | Path, backdrop: RangeImage | None = Non
     """
     last = [track.of(target.name)[-1] for target in track.targets if track.of(target.name)]
     left, right, upper, lower = field_of(track)
-    with house_style():
-        wide, tall = right - left, lower - upper
-        scale = 7.2 / max(wide, tall)
-        size = (max(scale * wide, 3.6) + 0.9, scale * tall + 1.35)
-        figure = Figure(figsize=size, dpi=150)
+    wide, tall = right - left, lower - upper
+    scale = 7.2 / max(wide, tall)
+    size = (max(scale * wide, 3.6) + 0.9, scale * tall + 1.35)
+    with drawing(path, size) as figure:
         axes = figure.add_axes((0.7 / size[0], 0.75 / size[1], 1.0 - 0.9 / size[0], 1.0 - 1.35 / size[1]))
         ink = INK
         if backdrop is not None:
@@ -165,7 +162,6 @@ def draw_field(track: Track, path: str | Path, backdrop: RangeImage | None = Non
         about = "each target's last pattern; dashed: its last of search or loss  ·  +: measured  ·  blue: true path"
         figure.text(0.7 / size[0], 1.0 - 0.46 / size[1], about, color=FAINT, fontsize=7.0)
         _states(figure, 0.10 / size[1])
-        save(figure, path)
 
 
 def field_of(track: Track) -> tuple[float, float, float, float]:

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, save
+from scanner_sim.products.pictures.style import FAINT, INK, drawing
 from scanner_sim.products.voxel import VoxelRecord
 
 _SIGNAL, _LIGHT, _PEAK, _TRUTH, _LIMIT = "#9fb3c8", "#b4531a", "#0b4f8a", "#111111", "#8a2f52"
@@ -24,8 +23,7 @@ def draw_voxel(record: VoxelRecord, path: str | Path) -> None:
     noise about it. Detected and true position, threshold, window and saturation are marked, and the foot says
     what came out, with the residual in pixels and millimetres.
     """
-    with house_style():
-        figure = Figure(figsize=(9.0, 6.0), dpi=150)
+    with drawing(path, (9.0, 6.0)) as figure:
         strip = figure.add_axes((0.085, 0.765, 0.885, 0.115))
         close = figure.add_axes((0.085, 0.225, 0.885, 0.435))
         unit, power = _electrons(record)
@@ -52,7 +50,6 @@ def draw_voxel(record: VoxelRecord, path: str | Path) -> None:
         )
         for line, text in enumerate(outcome(record)):
             figure.text(0.085, 0.105 - 0.04 * line, text, size=8.5)
-        save(figure, path)
 
 
 def outcome(record: VoxelRecord) -> tuple[str, str]:

@@ -5,12 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, save
+from scanner_sim.products.pictures.style import FAINT, INK, drawing
 from scanner_sim.products.waveforms import WaveformSet
 
 Array = NDArray[np.float64]
@@ -39,8 +38,7 @@ def draw_waveform(
     time = waveforms.time * 1e9
     delay, sigma = waveforms.delay[number], waveforms.sigma[number]
     status = Status(int(waveforms.status[number]))
-    with house_style():
-        figure = Figure(figsize=(5.6, 2.6 if fit is None else 4.6), dpi=_DPI, layout="constrained")
+    with drawing(path, (5.6, 2.6 if fit is None else 4.6), dpi=_DPI, layout="constrained") as figure:
         axes = figure.add_subplot(1 if fit is None else 2, 1, 1)
         close = [] if fit is None else [figure.add_subplot(2, 1, 2)]
         for one in (axes, *close):
@@ -72,4 +70,3 @@ def draw_waveform(
         above.set_xlabel("range [m]", labelpad=2.0)
         for one in (axes, above):
             one.spines["right"].set_visible(False)
-        save(figure, path)

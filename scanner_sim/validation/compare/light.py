@@ -67,12 +67,15 @@ def _dilution(setting: ComparisonSetup) -> float:
 def _lit_layers(setting: ComparisonSetup) -> Iterator[tuple[float, dict[str, Array]]]:
     """Yield ranges, and the layers of one noise-free shot at a wall that scanner and Sun face."""
     chosen = setting.scenario.lighting.sun
-    source = (Sun() if chosen == "none" else chosen).model_copy(update={"direction": (0.0, 0.0, -1.0)})
-    transport = setting.scenario.transport.model_copy(update={"background_bounces": 1})
+    source = (Sun() if chosen == "none" else chosen).changed(direction=(0.0, 0.0, -1.0))
     for R in _sunlit_ranges(setting):
         wall = test_bench.plate(R, setting.flat.reflectance, size=4.0 * R)
         made = test_bench.on_test_bench(
-            setting, wall, seed=setting.seed(9)[0], lighting=Lighting(sun=source), transport=transport
+            setting,
+            wall,
+            seed=setting.seed(9)[0],
+            lighting=Lighting(sun=source),
+            transport={"background_bounces": 1},
         )
         yield R, test_bench.measure(setting, made, test_bench.directions(0.0, 0.0, made.scanner.mirrors, 0.0))
 
@@ -175,8 +178,7 @@ def _measure_saturation(setting: ComparisonSetup) -> dict[str, Measured]:
     for strength in _STRENGTHS:
         plate = test_bench.plate(setting.middle, setting.flat.reflectance, size=0.5 * setting.middle)
         made = test_bench.on_test_bench(setting, plate, seed=setting.seed(10)[0], noise=("saturation",))
-        laser = made.scanner.laser.model_copy(update={"power": _power(setting, strength)})
-        made = made.model_copy(update={"scanner": made.scanner.model_copy(update={"laser": laser})})
+        made = made.changed(scanner={"laser": {"power": _power(setting, strength)}})
         aim = test_bench.directions(0.0, 0.0, made.scanner.mirrors, 0.0)
         case = f"{strength:g} times the full well"
         cases[f"charge at {case}"] = exact(float(test_bench.lines(setting, made, aim).max()))

@@ -112,18 +112,16 @@ def _near(setting: ComparisonSetup, R: float) -> Iterator[float]:
 
 def silent(setting: ComparisonSetup, *on: str, **timing: str | float | bool) -> dict[str, object]:
     """Return the changes of the scenario that leave the named imperfections of the receiver only."""
-    scenario = setting.scenario
-    unit, still = scenario.scanner.lidar, scenario.scanner.mirrors.still()
-    switches = {name: name in on and value for name, value in unit.photodiode.noise}
-    diode = unit.photodiode.model_copy(update={"noise": unit.photodiode.noise.model_copy(update=switches)})
-    clock = unit.digitiser.model_copy(update={"drift": 0.0})
-    lidar = unit.model_copy(update={"photodiode": diode, "digitiser": clock})
-    laser = scenario.scanner.laser.model_copy(update={"speckle": False})
-    pulse = scenario.processing.pulse.model_copy(update=timing)
+    scanner = setting.scenario.scanner
+    switches = {name: name in on and value for name, value in scanner.lidar.photodiode.noise}
     return {
         "ranging": "tof",
-        "scanner": scenario.scanner.model_copy(update={"lidar": lidar, "mirrors": still, "laser": laser}),
-        "processing": scenario.processing.model_copy(update={"range_gate": None, "pulse": pulse}),
+        "scanner": {
+            "lidar": {"photodiode": {"noise": switches}, "digitiser": {"drift": 0.0}},
+            "mirrors": scanner.mirrors.still(),
+            "laser": {"speckle": False},
+        },
+        "processing": {"range_gate": None, "pulse": timing},
     }
 
 

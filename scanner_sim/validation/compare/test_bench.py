@@ -109,35 +109,31 @@ def on_test_bench(
         Other parts of the scenario, by name.
     """
     scenario = setting.scenario
-    scanner, processing = scenario.scanner, scenario.processing
-    sensor = scanner.position_sensor
     switches = NoiseSwitches(**{name: name in noise for name in NoiseSwitches.model_fields})
     parts = {
-        "laser": scanner.laser.model_copy(update={"speckle": speckle}),
-        "mirrors": mirrors or scanner.mirrors.still(),
-        "position_sensor": sensor.model_copy(update={"noise": switches}),
+        "laser": {"speckle": speckle},
+        "mirrors": mirrors or scenario.scanner.mirrors.still(),
+        "position_sensor": {"noise": switches},
         "laser_off": 0.0,
     }
     settings: dict[str, object] = {"validation": _BARE, "ambiguity": 1.0, "range_gate": None}
     if peak is not None:
         settings |= {"peak": peak, "bias_correction": "none"}
-    whole = {
+    whole: dict[str, object] = {
         "seed": seed,
         "ranging": "triangulation",
-        "scanner": scanner.model_copy(update=parts),
+        "scanner": parts,
         "scene": Scene.model_validate({"objects": list(targets)}),
         "lighting": Lighting(),
         "scan": _AHEAD,
-        "processing": processing.model_copy(update=settings),
+        "processing": settings,
     }
-    return scenario.model_copy(update=whole | changes)
+    return scenario.changed(**whole | changes)
 
 
 def mirrors_with_errors(setting: ComparisonSetup) -> Mirrors:
     """Return the scenario's mirrors with their random errors, at an even temperature."""
-    mirrors = setting.scenario.scanner.mirrors
-    even = mirrors.temperature.model_copy(update={"amplitude": 0.0, "rate": 0.0})
-    return mirrors.model_copy(update={"temperature": even})
+    return setting.scenario.scanner.mirrors.changed(temperature={"amplitude": 0.0, "rate": 0.0})
 
 
 def directions(theta: ArrayLike, phi: ArrayLike, mirrors: Mirrors, dwell: float) -> Aim:

@@ -41,19 +41,15 @@ def _scene(setting: ComparisonSetup, kind: Kind, seed: int) -> MixedCoverage:
     random = np.random.default_rng([seed, 7])
     drawn = drawn.at(pitch=beam * float(np.exp(random.uniform(math.log(1.0), math.log(3.0)))))
     own = drawn.scenario()
-    parts = {
-        "seed": seed,
-        "scene": own.scene,
-        "scan": own.scan,
-        "lighting": own.lighting,
-        "ranging": "triangulation",
-    }
-    processing = setting.scenario.processing.model_copy(update={"range_gate": None})
-    return MixedCoverage.of(
-        simulate(
-            setting.scenario.model_copy(update=parts | {"processing": processing}), device=setting.device
-        )
+    made = setting.scenario.changed(
+        seed=seed,
+        scene=own.scene,
+        scan=own.scan,
+        lighting=own.lighting,
+        ranging="triangulation",
+        processing={"range_gate": None},
     )
+    return MixedCoverage.of(simulate(made, device=setting.device))
 
 
 def _measure(setting: ComparisonSetup) -> dict[str, Measured]:

@@ -147,11 +147,10 @@ def with_sweep(scenario: Scenario, sweep: float | None) -> Scenario:
         )
     raster = scenario.raster
     if sweep == 0.0:
-        return scenario.model_copy(update={"scan": raster.model_copy(update={"motion": "stepped"})})
+        return scenario.changed(scan={"motion": "stepped"})
     columns = max(2, raster.columns)
     half = 0.5 * sweep * (columns - 1)
-    scan = {"motion": "continuous", "columns": columns, "horizontal": (-half, half)}
-    return scenario.model_copy(update={"scan": raster.model_copy(update=scan)})
+    return scenario.changed(scan={"motion": "continuous", "columns": columns, "horizontal": (-half, half)})
 
 
 @guest()
@@ -284,7 +283,7 @@ class _Target:
         seed: int,
         device: DeviceChoice,
     ) -> None:
-        self.scenario = scenario.model_copy(update={"seed": seed})
+        self.scenario = scenario.changed(seed=seed)
         self.assumed, self.device = assumed, device
         self.scene = _plate(scenario, distance, reflectance)
         self.aim = _aim(scenario)
@@ -400,36 +399,29 @@ def _alone(scenario: Scenario, name: str, scene: Scene) -> Scenario:
     scanner = scenario.scanner
     lighting = Lighting() if name == "shot" else scenario.lighting
     if scenario.lighting.sky().dark:
-        scanner = scanner.model_copy(update={"laser_off": 0.0})
+        scanner = scanner.changed(laser_off=0.0)
     if name != _ALL:
         scanner = _quietened(scanner, "shot" if name == _SUN else name)
-    processing = scenario.processing.model_copy(update={"range_gate": None})
-    return scenario.model_copy(
-        update={
-            "scanner": scanner,
-            "scene": scene,
-            "scan": _raster(scenario),
-            "lighting": lighting,
-            "processing": processing,
-        }
+    return scenario.changed(
+        scanner=scanner,
+        scene=scene,
+        scan=_raster(scenario),
+        lighting=lighting,
+        processing={"range_gate": None},
     )
 
 
 def _quietened(scanner: Scanner, name: str) -> Scanner:
     """Return the instrument with one source of error."""
-    sensor, diode = scanner.position_sensor, scanner.lidar.photodiode
+    sensor = scanner.position_sensor
     switches = sensor.noise.only("dark", "saturation", *([_NOISE[name]] if name in _NOISE else []))
-    heard = diode.noise.model_copy(update={source: source == name for source in _ECHO_NOISE})
+    heard = {source: source == name for source in _ECHO_NOISE}
     mirrors = scanner.mirrors.still(but=name)
     if name in _LIFTED:
-        mirrors = mirrors.model_copy(update={key: _LIFT * getattr(mirrors, key) for key in ERRORS[name]})
-    return scanner.model_copy(
-        update={
-            "laser": scanner.laser.model_copy(update={"speckle": name == "speckle"}),
-            "mirrors": mirrors,
-            "position_sensor": sensor.model_copy(update={"noise": switches}),
-            "lidar": scanner.lidar.model_copy(
-                update={"photodiode": diode.model_copy(update={"noise": heard})}
-            ),
-        }
+        mirrors = mirrors.changed(**{key: _LIFT * getattr(mirrors, key) for key in ERRORS[name]})
+    return scanner.changed(
+        laser={"speckle": name == "speckle"},
+        mirrors=mirrors,
+        position_sensor={"noise": switches},
+        lidar={"photodiode": {"noise": heard}},
     )

@@ -236,31 +236,20 @@ def _scan(scenario: Scenario, rows: int) -> RasterScan:
 def _quiet(scenario: Scenario, scene: Scene, scan: RasterScan) -> Scenario:
     """Return the scenario with another scene and scan, in the dark, without any noise or correction."""
     scanner = scenario.scanner
-    sensor = scanner.position_sensor
-    sensor = sensor.model_copy(update={"noise": sensor.noise.only()})
-    laser = scanner.laser.model_copy(update={"speckle": False})
-    instrument = scanner.model_copy(
-        update={
-            "laser": laser,
-            "position_sensor": sensor,
+    return scenario.changed(
+        scanner={
+            "laser": {"speckle": False},
+            "position_sensor": {"noise": scanner.position_sensor.noise.only()},
             "mirrors": scanner.mirrors.still(),
             "laser_off": 0.0,
-        }
-    )
-    processing = scenario.processing.model_copy(update={"bias_correction": "none", "range_gate": None})
-    return scenario.model_copy(
-        update={
-            "scanner": instrument,
-            "scene": scene,
-            "scan": scan,
-            "lighting": Lighting(),
-            "processing": processing,
-        }
+        },
+        scene=scene,
+        scan=scan,
+        lighting=Lighting(),
+        processing={"bias_correction": "none", "range_gate": None},
     )
 
 
 def _assumed_sensor(scanner: Scanner) -> PositionSensor:
     """Return the sensor as its estimators know it: with its noise, which gives the pixels their weights."""
-    sensor = scanner.position_sensor
-    noise = sensor.noise.model_copy(update={"saturation": False, "dark": False, "quantisation": False})
-    return sensor.model_copy(update={"noise": noise})
+    return scanner.position_sensor.changed(noise={"saturation": False, "dark": False, "quantisation": False})

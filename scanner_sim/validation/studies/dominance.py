@@ -100,15 +100,12 @@ def _peak_parts(instrument: Instrument, aim: Aim) -> tuple[Array, Array]:
         )
         peak[group.index] = np.where(valid, position, np.nan)
         for number, part in enumerate(_PARTS):
-            noise = sensor.noise.model_copy(update=part.noise)
-            assumed = sensor.model_copy(update={"noise": noise})
             misfit = processing.validation.misfit if part.misfit else 0.0
-            validation = processing.validation.model_copy(update={"misfit": misfit, "shape": False})
             without = instrument.triangulation.find(
                 group.signal,
                 theta,
-                sensor=assumed,
-                processing=processing.model_copy(update={"validation": validation}),
+                sensor=sensor.changed(noise=part.noise),
+                processing=processing.changed(validation={"misfit": misfit, "shape": False}),
                 speckle=part.speckle,
             )
             left = np.asarray(without.sigma.numpy(), dtype=np.float64)
