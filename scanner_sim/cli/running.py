@@ -16,13 +16,13 @@ from scanner_sim.cli.tables import print_table
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.memory import check_memory
-from scanner_sim.products.files.contents import RUN, TRACK
+from scanner_sim.products.files.contents import RUN, SHOTS, TRACK
 from scanner_sim.products.files.folder import check_target, claim_folder
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.tracking.scan import TrackScan
 
 if TYPE_CHECKING:
-    from scanner_sim.products.image import RangeImage
+    from scanner_sim.products.image import Layered, RangeImage
+    from scanner_sim.products.shots import ShotTable
 
 
 def run_scenario(
@@ -45,8 +45,9 @@ def run_scenario(
     from scanner_sim.cli.tracking import run_tracking
 
     scenario = load_and_warn(config, overrides, quiet)
-    follows = isinstance(scenario.scan, TrackScan)
-    kind = TRACK if follows else RUN
+    kind, work = {"image": (RUN, _run_raster), "shots": (SHOTS, _run_shots), "visits": (TRACK, run_tracking)}[
+        scenario.scan.layout
+    ]
     if dry_run:
         check_target(folder, overwrite, kind)
         print_table(plan(scenario, folder))
@@ -55,10 +56,7 @@ def run_scenario(
     for sentence in () if quiet else slow(scenario):
         warn(sentence)
     with claim_folder(folder, overwrite, kind):
-        if follows:
-            run_tracking(scenario, config, folder, device=device, overwrite=overwrite, quiet=quiet)
-        else:
-            _run_raster(scenario, config, folder, device=device, overwrite=overwrite, quiet=quiet)
+        work(scenario, config, folder, device=device, overwrite=overwrite, quiet=quiet)
 
 
 def _run_raster(
@@ -88,13 +86,43 @@ def _run_raster(
         print_table(closing(image, paths))
 
 
+def _run_shots(
+    scenario: Scenario, config: Path, folder: Path, *, device: DeviceChoice, overwrite: bool, quiet: bool
+) -> None:
+    from scanner_sim.instrument.shots import simulate_shots
+    from scanner_sim.instrument.simulate import take_photo
+    from scanner_sim.products.files.shots_folder import write_shots
+
+    camera = None
+    with progress_bar("simulating", quiet, "shots") as (advance, say):
+        with scenario_of(config):
+            shots = simulate_shots(scenario, device=device, progress=advance)
+            if scenario.output.pictures and sunlit(scenario):
+                say("taking the photograph")
+                camera = take_photo(scenario, device=device)
+        say("writing")
+        paths = write_shots(shots, folder, scenario.output, camera=camera, overwrite=overwrite)
+    if not quiet:
+        for sentence in shots.warnings:
+            warn(sentence)
+        print_table(closing_shots(shots, paths))
+
+
 def closing(image: RangeImage, paths: Sequence[Path]) -> dict[str, str]:
     """Return the summary of a run as pairs of a word and a phrase."""
+    return {"voxels": f"{image.shape[0]} × {image.shape[1]}", **_closing(image, paths)}
+
+
+def closing_shots(shots: ShotTable, paths: Sequence[Path]) -> dict[str, str]:
+    """Return the summary of a scan without rows as pairs of a word and a phrase."""
+    return {"shots": f"{len(shots):,} in {shots.time[-1]:.4g} s", **_closing(shots, paths)}
+
+
+def _closing(image: Layered, paths: Sequence[Path]) -> dict[str, str]:
     from scanner_sim.products.summary import share_beyond
 
     valid = image.valid
     rows = {
-        "voxels": f"{image.shape[0]} × {image.shape[1]}",
         "with a range": f"{np.count_nonzero(valid):,} ({100.0 * valid.mean():.4g} %)",
     }
     if valid.any():
