@@ -164,6 +164,27 @@ def test_the_reference_has_every_value_of_an_instrument_with_its_source(referenc
             assert row.endswith(f"| {stated.mark} | {stated.source} |")
 
 
+def test_the_page_on_mirrors_has_the_values_of_the_instrument() -> None:
+    """Claim: the table of the mirrors' errors, written by hand, says what the file of the instrument says."""
+    mirrors = read_preset("nrc_2000").values["mirrors"]
+    rows = re.findall(
+        r"^\| (`\w+`(?:, `\w+`)*) \| (\d[^|]*) \|",
+        (DOCS / "theory/optics.md").read_text(encoding="utf-8"),
+        re.M,
+    )
+    said = {
+        key.strip("`"): value.replace("µ", "u")
+        for keys, values in rows
+        for key, value in zip(keys.split(", "), values.split(", "), strict=True)
+    }
+    assert len(said) == 8
+    assert said == {
+        key: f"{value:g}" if isinstance(value, float) else value
+        for key, value in mirrors.items()
+        if key in said
+    }
+
+
 def test_the_reference_has_every_channel_file_and_verb(reference: ModuleType) -> None:
     files, commands = reference.files_page(), reference.command_page()
     assert not {channel.name for channel in CHANNELS if f"| `{channel.name}` |" not in files}

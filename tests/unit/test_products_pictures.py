@@ -136,6 +136,8 @@ def test_the_heading_names_instrument_scene_and_outcome() -> None:
     image = make_image(np.full((4, 5), 9.0))
     assert about(image) == "nrc_2000  ·  node  ·  4 × 5 voxels  ·  seed 0  ·  100.0 % valid"
     assert about(replace(image, scenario_yaml="", objects=tuple("abcd"))).startswith("a, b, c, …  ·  4 × 5")
+    own = replace(image, scenario_yaml="scanner:\n  preset: /home/me/my_scanner.yaml\n")
+    assert about(own).startswith("my_scanner  ·  node")
 
 
 def make_record(status: Status = Status.VALID, truth: float = 20.2) -> VoxelRecord:
