@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets, smooth_beamlets
+from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets, edge_width, smooth_beamlets
 
 
 def moment(beamlets: Beamlets, first: int, second: int) -> float:
@@ -113,3 +113,10 @@ def test_the_outermost_beamlets_reach_the_ends_of_the_sweep(sweep: float) -> Non
 
 def test_a_lone_beamlet_shines_in_the_middle() -> None:
     assert edge_beamlets(3).times.tolist() == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("count", "wanted"), [(256, 0.125), (64, 0.25), (9, 0.5)])
+def test_beamlets_at_an_edge_are_as_wide_as_they_lie_apart(count: int, wanted: float) -> None:
+    """Claim: the width of one of n is 2/√n of the beam's, so that they overlap evenly, and at most half of it."""
+    assert edge_width(count) == wanted
+    assert edge_beamlets(count).width == pytest.approx(wanted)

@@ -58,3 +58,35 @@ def test_bins_are_blurred_to_the_point_spread_and_no_further(device: Device, spr
     assert seen @ place == pytest.approx(0.0, abs=1e-5)
     # Cut at 3.5 of its width, a Gaussian keeps 0.9945 of its variance.
     assert seen @ place**2 == pytest.approx(spread**2 - 1.0 / 6.0, rel=0.02)
+
+
+def test_a_bins_error_is_that_of_its_row_and_the_next_two(device: Device) -> None:
+    """Claim: the squared error is averaged over three rows, the last twice at the rim.
+
+    Set-up: both halves differ by 6 in the whole of the middle row of five, so that its mean errs by 3 there.
+    """
+    from scanner_sim.render.background import panorama as background
+
+    mi: Any = mitsuba
+    bins, rows, pitch = 61, 5, 50e-6
+    line = np.ones((rows, bins), dtype=np.float32)
+    other = line.copy()
+    other[2] += 6.0
+    halves = [mi.Float(values.ravel()) for values in (line, line, other, other)]
+    view: Any = SimpleNamespace(bins=bins, rows=rows, row_step=1.0)
+    bench: Any = SimpleNamespace(point_spread=0.8 * pitch, pitch=pitch)
+    panorama = background._assemble(view, bench, halves)
+    error = np.asarray(panorama.error.numpy(), dtype=np.float64).reshape(rows, bins)[:, 30]
+    np.testing.assert_allclose(error, 3.0 / math.sqrt(3.0) * np.array([0.0, 1.0, 1.0, 1.0, 0.0]), atol=1e-5)
+
+
+@pytest.mark.parametrize(("row", "wanted"), [(0.0, 10.0), (0.25, 12.5), (1.5, 30.0), (2.0, 40.0)])
+def test_between_rows_the_background_is_interpolated(device: Device, row: float, wanted: float) -> None:
+    from scanner_sim.render.background.panorama import Panorama
+
+    mi: Any = mitsuba
+    view: Any = SimpleNamespace(bins=3, rows=3, lattice=lambda: (0.0, 1.0, 2.0))
+    layer = mi.Float(np.repeat([10.0, 20.0, 40.0], 3).astype(np.float32))
+    panorama = Panorama(view, layer, layer, layer, layer)
+    found = panorama.look(layer, mi.Float(row), mi.Float(1.0))
+    assert float(found[0]) == pytest.approx(wanted, rel=1e-6)
