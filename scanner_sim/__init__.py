@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from scanner_sim.instrument.closed_loop.poses import poses_of as poses_of
     from scanner_sim.instrument.closed_loop.track import track as track
     from scanner_sim.instrument.closed_loop.tracker import Tracker as Tracker
+    from scanner_sim.instrument.shots import simulate_shots as simulate_shots
     from scanner_sim.instrument.simulate import simulate as simulate
     from scanner_sim.instrument.simulate import simulate_voxel as simulate_voxel
     from scanner_sim.instrument.simulate import simulate_waveforms as simulate_waveforms
@@ -29,7 +30,10 @@ if TYPE_CHECKING:
     from scanner_sim.pose.result import PoseEstimate as PoseEstimate
     from scanner_sim.products.files.exr import read_range_image as read_range_image
     from scanner_sim.products.files.run_folder import write_run as write_run
+    from scanner_sim.products.files.shots_folder import read_shots as read_shots
+    from scanner_sim.products.files.shots_folder import write_shots as write_shots
     from scanner_sim.products.image import RangeImage as RangeImage
+    from scanner_sim.products.shots import ShotTable as ShotTable
     from scanner_sim.products.track import read_track as read_track
     from scanner_sim.products.waveforms import WaveformSet as WaveformSet
 
@@ -43,6 +47,7 @@ __all__ = [
     "RunError",
     "Scenario",
     "ScenarioError",
+    "ShotTable",
     "Status",
     "Tracker",
     "WaveformSet",
@@ -51,13 +56,16 @@ __all__ = [
     "load_scenario",
     "poses_of",
     "read_range_image",
+    "read_shots",
     "read_track",
     "simulate",
+    "simulate_shots",
     "simulate_voxel",
     "simulate_waveforms",
     "take_photo",
     "track",
     "write_run",
+    "write_shots",
 ]
 
 _HOMES = {
@@ -68,6 +76,7 @@ _HOMES = {
     "RunError": "scanner_sim.foundation.errors",
     "Scenario": "scanner_sim.config.scenario",
     "ScenarioError": "scanner_sim.foundation.errors",
+    "ShotTable": "scanner_sim.products.shots",
     "Status": "scanner_sim.foundation.status",
     "Tracker": "scanner_sim.instrument.closed_loop.tracker",
     "WaveformSet": "scanner_sim.products.waveforms",
@@ -75,13 +84,16 @@ _HOMES = {
     "load_scenario": "scanner_sim.config",
     "poses_of": "scanner_sim.instrument.closed_loop.poses",
     "read_range_image": "scanner_sim.products.files.exr",
+    "read_shots": "scanner_sim.products.files.shots_folder",
     "read_track": "scanner_sim.products.track",
     "simulate": "scanner_sim.instrument.simulate",
+    "simulate_shots": "scanner_sim.instrument.shots",
     "simulate_voxel": "scanner_sim.instrument.simulate",
     "simulate_waveforms": "scanner_sim.instrument.simulate",
     "take_photo": "scanner_sim.instrument.simulate",
     "track": "scanner_sim.instrument.closed_loop.track",
     "write_run": "scanner_sim.products.files.run_folder",
+    "write_shots": "scanner_sim.products.files.shots_folder",
 }
 
 

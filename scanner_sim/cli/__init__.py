@@ -111,7 +111,7 @@ def show(
     signal, the detected peak and the truth. A pattern is drawn from the voxels that the run has kept.
     """
     with reported():
-        from scanner_sim.cli.showing import show_result, show_voxel
+        from scanner_sim.cli.showing import show_result, show_shots, show_voxel
         from scanner_sim.cli.tracking import show_pattern, show_track
         from scanner_sim.products.files.exchange import recover
 
@@ -120,6 +120,8 @@ def show(
             show_pattern(result, pattern, output, overwrite=overwrite)
         elif voxel is None and (result / "track.csv").exists():
             show_track(result, output, device=device.value, overwrite=overwrite)
+        elif voxel is None and (result / "shots.parquet").exists():
+            show_shots(result, output, overwrite=overwrite)
         elif voxel is None:
             show_result(result, output, overwrite=overwrite)
         else:

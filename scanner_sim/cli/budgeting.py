@@ -49,7 +49,7 @@ def budget_scenario(call: Call, *, count: int, reflectance: float, sweep: str | 
         rows = with_closed_forms(rows, scenario, reflectance)
         ends = float(distances[0]), float(distances[-1])
         at_rest = math.nan
-        if scenario.ranging != "triangulation":
+        if "tof" in scenario.rangefinders:
             at_rest = closed_crossing(with_sweep(scenario, 0.0), reflectance, *ends)
         light = "dark" if scenario.lighting.sky().dark else "lit as the scenario says"
         light += f", {_turn(turn)}"

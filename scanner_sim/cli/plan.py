@@ -7,9 +7,16 @@ from pathlib import Path
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.poses import carriers_of
-from scanner_sim.instrument.memory import background_bins, background_paths, memory, patterns, period
-from scanner_sim.products.files.contents import planned_files, planned_track_files
-from scanner_sim.scan.raster import RasterScan
+from scanner_sim.instrument.memory import (
+    background_bins,
+    background_paths,
+    background_rows,
+    memory,
+    patterns,
+    period,
+)
+from scanner_sim.products.files.contents import planned_files, planned_shot_files, planned_track_files
+from scanner_sim.scan.protocol import OpenScan
 
 START_SECONDS = 8.0
 """Time to load the renderer and to compile the kernels, on two cores."""
@@ -29,7 +36,7 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
     scanner = scenario.scanner
     far = "infinity" if math.isinf(scanner.farthest_range) else f"{scanner.farthest_range:.4g} m"
     return {
-        **(_raster(scenario) if isinstance(scenario.scan, RasterScan) else _track(scenario)),
+        **_pointing(scenario),
         "ranges seen": f"{scanner.nearest_range:.4g} m to {far}",
         "objects": ", ".join(item.name for item in scenario.scene.objects) or "none of their own",
         "memory": f"about {memory(scenario) / 1e9:.1f} GB",
@@ -40,18 +47,27 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
 
 
 def _files(scenario: Scenario) -> tuple[str, ...]:
-    if isinstance(scenario.scan, RasterScan):
-        return planned_files(scenario.output, lit=sunlit(scenario), ranging=scenario.ranging)
+    if scenario.scan.layout == "image":
+        return planned_files(scenario.output, lit=sunlit(scenario), rangefinders=scenario.rangefinders)
+    if scenario.scan.layout == "shots":
+        return planned_shot_files(scenario.output, lit=sunlit(scenario))
     carriers = carriers_of(scenario.targets) if scenario.pose.methods else ()
     return planned_track_files(scenario.output, len(carriers))
 
 
-def _raster(scenario: Scenario) -> dict[str, str]:
-    scan = scenario.raster
+def _pointing(scenario: Scenario) -> dict[str, str]:
+    """Return where a scan points and for how long."""
+    scan, setup = scenario.scan, scenario.scan_setup
+    last = {"scan takes": f"{scan.scan_time(setup):.4g} s on the instrument"}
+    if scan.layout == "visits":
+        return _track(scenario) | last
+    return _open(scan) | last
+
+
+def _open(scan: OpenScan) -> dict[str, str]:
     return {
-        "voxels": f"{scan.rows} rows × {scan.columns} columns = {scan.shots:,}",
+        "voxels" if scan.layout == "image" else "shots": scan.summary,
         "field of view": f"Θ {_degrees(scan.horizontal)}, φ {_degrees(scan.vertical)}",
-        "scan takes": f"{scan.shots / scenario.scanner.rate:.4g} s on the instrument",
     }
 
 
@@ -62,7 +78,6 @@ def _track(scenario: Scenario) -> dict[str, str]:
         "targets": f"{len(names)}: {shown}",
         "patterns": f"{patterns(scenario):,} of {scan.pattern.points} voxels, {scan.pattern.ratio}",
         "one takes": f"{1e3 * period(scenario):.4g} ms on the instrument",
-        "scan takes": f"{scan.duration:.4g} s on the instrument",
     }
 
 
@@ -78,8 +93,8 @@ def slow(scenario: Scenario) -> tuple[str, ...]:
         return ()
     return (
         f"scanner.position_sensor.pitch: the background has {background_bins(scenario):,} directions, a pixel wide and "
-        f"in each of {scenario.raster.rows} rows, and takes about {hours:.2g} h on two processor cores; larger pixels, "
-        "a narrower scan.horizontal or fewer transport.background_samples take less",
+        f"in each of {background_rows(scenario)[0]:,} rows, and takes about {hours:.2g} h on two processor cores; "
+        "larger pixels, a narrower scan or fewer transport.background_samples take less",
     )
 
 
@@ -101,11 +116,11 @@ def _degrees(ends: tuple[float, float]) -> str:
 
 
 def _seconds(scenario: Scenario) -> float:
-    if not isinstance(scenario.scan, RasterScan):
+    if scenario.scan.layout == "visits":
         return START_SECONDS + patterns(scenario) / PATTERNS_PER_SECOND
     bounces = scenario.transport.bounces
     slower = 1.0 if bounces == 1 else 0.2 * scenario.transport.bounce_paths * (bounces - 1)
-    shots = scenario.raster.shots / VOXELS_PER_SECOND * max(slower, 1.0)
+    shots = scenario.open_scan.shots / VOXELS_PER_SECOND * max(slower, 1.0)
     return START_SECONDS + shots + _background_seconds(scenario)
 
 

@@ -14,12 +14,12 @@ from scanner_sim.cli.tables import print_table
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.memory import check_memory
-from scanner_sim.products.files.contents import RUN, TRACK
+from scanner_sim.products.files.contents import RUN, SHOTS, TRACK
 from scanner_sim.products.files.folder import check_target
-from scanner_sim.tracking.scan import TrackScan
 
 if TYPE_CHECKING:
-    from scanner_sim.products.image import RangeImage
+    from scanner_sim.products.image import Layered, RangeImage
+    from scanner_sim.products.shots import ShotTable
 
 
 def run_scenario(call: Call, *, dry_run: bool) -> None:
@@ -33,8 +33,9 @@ def run_scenario(call: Call, *, dry_run: bool) -> None:
     from scanner_sim.cli.tracking import run_tracking
 
     scenario = call.scenario()
-    follows = isinstance(scenario.scan, TrackScan)
-    kind = TRACK if follows else RUN
+    kind, work = {"image": (RUN, _run_raster), "shots": (SHOTS, _run_shots), "visits": (TRACK, run_tracking)}[
+        scenario.scan.layout
+    ]
     if dry_run:
         check_target(call.output, call.overwrite, kind)
         print_table(plan(scenario, call.output))
@@ -42,7 +43,7 @@ def run_scenario(call: Call, *, dry_run: bool) -> None:
     check_memory(scenario)
     call.warn(slow(scenario))
     with call.claimed(kind):
-        (run_tracking if follows else _run_raster)(scenario, call)
+        work(scenario, call)
 
 
 def _run_raster(scenario: Scenario, call: Call) -> None:
@@ -68,13 +69,39 @@ def _run_raster(scenario: Scenario, call: Call) -> None:
         print_table(closing(image, paths))
 
 
+def _run_shots(scenario: Scenario, call: Call) -> None:
+    from scanner_sim.instrument.shots import simulate_shots
+    from scanner_sim.instrument.simulate import take_photo
+    from scanner_sim.products.files.shots_folder import write_shots
+
+    camera = None
+    with call.work("simulating", "shots") as (advance, say):
+        shots = simulate_shots(scenario, device=call.device, progress=advance)
+        if scenario.output.pictures and sunlit(scenario):
+            say("taking the photograph")
+            camera = take_photo(scenario, device=call.device)
+        say("writing")
+        paths = write_shots(shots, call.output, scenario.output, camera=camera, overwrite=call.overwrite)
+    call.warn(shots.warnings)
+    if not call.quiet:
+        print_table(closing_shots(shots, paths))
+
+
 def closing(image: RangeImage, paths: Sequence[Path]) -> dict[str, str]:
     """Return the summary of a run as pairs of a word and a phrase."""
+    return {"voxels": f"{image.shape[0]} × {image.shape[1]}", **_closing(image, paths)}
+
+
+def closing_shots(shots: ShotTable, paths: Sequence[Path]) -> dict[str, str]:
+    """Return the summary of a scan without rows as pairs of a word and a phrase."""
+    return {"shots": f"{len(shots):,} in {shots.time[-1]:.4g} s", **_closing(shots, paths)}
+
+
+def _closing(image: Layered, paths: Sequence[Path]) -> dict[str, str]:
     from scanner_sim.products.summary import share_beyond
 
     valid = image.valid
     rows = {
-        "voxels": f"{image.shape[0]} × {image.shape[1]}",
         "with a range": f"{np.count_nonzero(valid):,} ({100.0 * valid.mean():.4g} %)",
     }
     if valid.any():

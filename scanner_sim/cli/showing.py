@@ -11,7 +11,7 @@ from scanner_sim.cli.tables import print_table
 from scanner_sim.config import scenario_from_text
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.files.contents import RUN, TRACK
+from scanner_sim.products.files.contents import RUN, SHOTS, TRACK
 from scanner_sim.products.files.exchange import write_file, write_files
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.render.libraries import DeviceChoice
@@ -42,6 +42,24 @@ def show_result(result: Path, output: Path | None, *, overwrite: bool) -> None:
     print_table(closing(image, paths))
 
 
+def show_shots(result: Path, output: Path | None, *, overwrite: bool) -> None:
+    """Draw the pictures of a scan without rows anew.
+
+    Raises
+    ------
+    InputError
+        If there is no such result, or the folder of the pictures cannot be written to.
+    """
+    from scanner_sim.cli.running import closing_shots
+    from scanner_sim.products.files.shots_folder import read_shots
+    from scanner_sim.products.pictures.shots import PICTURES_OF_SHOTS
+
+    shots = read_shots(result)
+    writers = {name: partial(draw, shots) for name, draw in PICTURES_OF_SHOTS.items()}
+    paths = write_files(output or result, writers, overwrite=overwrite or output is None)
+    print_table(closing_shots(shots, paths))
+
+
 def show_voxel(
     result: Path,
     voxel: tuple[int, int],
@@ -69,14 +87,14 @@ def show_voxel(
     write = partial(write_file, overwrite=overwrite or output is None)
     table: dict[str, str] = {}
     pictures: list[Path] = []
-    if scenario.ranging != "tof":
+    if "triangulation" in scenario.rangefinders:
         from scanner_sim.instrument.simulate import simulate_voxel
         from scanner_sim.products.pictures.voxel import draw_voxel
 
         record = simulate_voxel(scenario, row, column, device=device)
         pictures.append(write(folder / f"voxel_{row}_{column}.png", lambda to: draw_voxel(record, to)))
         table |= _numbers(record)
-    if scenario.ranging != "triangulation":
+    if "tof" in scenario.rangefinders:
         from scanner_sim.instrument.simulate import simulate_waveforms
         from scanner_sim.instrument.time_of_flight import fitted_pulse
         from scanner_sim.products.pictures.waveform import draw_waveform
@@ -137,6 +155,10 @@ def _read(result: Path) -> tuple[Path, RangeImage]:
 
     path = result / RUN.result if result.is_dir() else result
     if not path.exists():
+        if result.is_dir() and (result / SHOTS.result).exists():
+            raise InputError(
+                f"{result} holds shots, which are no voxels of a raster.", remedy="Leave --voxel out."
+            )
         if result.is_dir() and (result / TRACK.result).exists():
             raise InputError(
                 f"{result} holds a tracking run, which has patterns and no voxels of a raster.",

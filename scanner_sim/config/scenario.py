@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag
 
@@ -15,8 +15,11 @@ from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.products.settings import Output
 from scanner_sim.render.camera_settings import LEAST_FIELD, Camera
 from scanner_sim.render.settings import Transport
+from scanner_sim.scan.lissajous_scan import LissajousScan
+from scanner_sim.scan.listed import ListedScan
+from scanner_sim.scan.protocol import OpenScan, ScanSetup
 from scanner_sim.scan.raster import RasterScan
-from scanner_sim.scan.schedule import MOST_UPDATES, MOST_VISITS
+from scanner_sim.scan.spiral import SpiralScan
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene
 from scanner_sim.signals.processing import MARGIN, Processing
@@ -29,6 +32,15 @@ _MOST_SAMPLES = 1 << 28
 """Samples of all waveforms that are kept together: a gigabyte."""
 
 
+RangefinderName: TypeAlias = Literal["triangulation", "tof"]
+_RANGEFINDERS: dict[str, tuple[RangefinderName, ...]] = {
+    "triangulation": ("triangulation",),
+    "tof": ("tof",),
+    "both": ("triangulation", "tof"),
+}
+"""What measures ranges, for each word of ``ranging``."""
+
+
 def _kind_of_scan(value: object) -> str:
     """Return the tag of a scan; one without a type is a raster."""
     kind = value.get("type", "raster") if isinstance(value, dict) else getattr(value, "type", "raster")
@@ -36,7 +48,11 @@ def _kind_of_scan(value: object) -> str:
 
 
 ScanChoice = Annotated[
-    Annotated[RasterScan, Tag("(raster)")] | Annotated[TrackScan, Tag("(track)")],
+    Annotated[RasterScan, Tag("(raster)")]
+    | Annotated[LissajousScan, Tag("(lissajous)")]
+    | Annotated[SpiralScan, Tag("(spiral)")]
+    | Annotated[ListedScan, Tag("(listed)")]
+    | Annotated[TrackScan, Tag("(track)")],
     Discriminator(_kind_of_scan),
 ]
 
@@ -70,7 +86,7 @@ class Scenario(Part):
             }
         ]
     )
-    """Where it points: a raster, or patterns that follow targets."""
+    """Where it points: a raster, a figure, a spiral, angles from a file, or patterns that follow targets."""
     transport: Transport = Transport()
     """How light is followed."""
     processing: Processing = Processing()
@@ -84,14 +100,41 @@ class Scenario(Part):
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield angles beyond the mirrors, range gates beyond what is recorded, and settings that find no room."""
-        if isinstance(self.scan, RasterScan):
-            yield from self._raster_contradictions(self.scan)
-        else:
-            yield from self._track_contradictions(self.scan)
-        if self.ranging != "tof":
-            yield from self._line_contradictions()
-        if self.ranging != "triangulation":
-            yield from self._pulse_contradictions()
+        yield from self.scan.faults(self.scan_setup)
+        if self.scan.layout != "visits":
+            yield from self._camera_contradictions(self.scan)
+        if self.output.waveforms != "none":
+            yield from self._waveform_contradictions()
+        checks = {"triangulation": self._line_contradictions, "tof": self._pulse_contradictions}
+        for rangefinder in self.rangefinders:
+            yield from checks[rangefinder]()
+
+    @property
+    def rangefinders(self) -> tuple[RangefinderName, ...]:
+        """What measures ranges; the light of the first one is what tracking sees."""
+        return _RANGEFINDERS[self.ranging]
+
+    @property
+    def scan_setup(self) -> ScanSetup:
+        """What the scan is run with."""
+        scanner = self.scanner
+        return ScanSetup(self.scene, scanner.mirrors, scanner.galvanometers, scanner.dwell)
+
+    @property
+    def open_scan(self) -> OpenScan:
+        """The scan, for what needs to know all aims beforehand.
+
+        Raises
+        ------
+        InputError
+            If the scenario follows targets.
+        """
+        if self.scan.layout == "visits":
+            raise InputError(
+                "this needs a scan that is known beforehand, and the scenario follows targets (scan.type: track).",
+                remedy="Write scan: {type: raster, …}, or call track().",
+            )
+        return self.scan
 
     @property
     def raster(self) -> RasterScan:
@@ -100,11 +143,12 @@ class Scenario(Part):
         Raises
         ------
         InputError
-            If the scenario follows targets.
+            If it is none.
         """
-        if not isinstance(self.scan, RasterScan):
+        if self.scan.layout != "image":
+            other = "follows targets" if self.scan.layout == "visits" else "has none"
             raise InputError(
-                "this needs a raster, and the scenario follows targets (scan.type: track).",
+                f"this needs a raster, and the scenario {other} (scan.type: {self.scan.type}).",
                 remedy="Write scan: {type: raster, rows: 256, columns: 256, horizontal: […], vertical: […]}.",
             )
         return self.scan
@@ -116,33 +160,23 @@ class Scenario(Part):
         Raises
         ------
         InputError
-            If the scenario scans a raster.
+            If it does not.
         """
-        if not isinstance(self.scan, TrackScan):
+        if self.scan.layout != "visits":
             raise InputError(
-                "this follows targets, and the scenario scans a raster (scan.type: raster).",
+                f"this follows targets, and the scenario does not (scan.type: {self.scan.type}).",
                 remedy="Write scan: {type: track, targets: [node/1], duration: 2 s}.",
             )
         return self.scan
 
     @property
     def targets(self) -> tuple[TrackTarget, ...]:
-        """The targets that are followed, arrays taken apart; empty for a raster."""
-        if isinstance(self.scan, RasterScan):
+        """The targets that are followed, arrays taken apart; empty where none are."""
+        if self.scan.layout != "visits":
             return ()
         return resolve_targets(self.scan, self.scene, self.scanner.mirrors.axis_separation)[0]
 
-    def _raster_contradictions(self, scan: RasterScan) -> Iterator[Fault]:
-        limit = self.scanner.mirrors.max_deflection
-        for name, ends in (("horizontal", scan.horizontal), ("vertical", scan.vertical)):
-            if max(abs(end) for end in ends) > limit:
-                widest = math.degrees(max(ends, key=abs))
-                yield Fault(
-                    f"scan.{name}",
-                    f"{widest:.6g} deg lies beyond the mirrors, which deflect by up to "
-                    f"{math.degrees(limit):.6g} deg ({limit:g} rad) to both sides.",
-                    "Narrow the scan, or raise scanner.mirrors.max_deflection.",
-                )
+    def _camera_contradictions(self, scan: OpenScan) -> Iterator[Fault]:
         height = (scan.vertical[1] - scan.vertical[0]) / max(
             scan.horizontal[1] - scan.horizontal[0], LEAST_FIELD
         )
@@ -152,47 +186,6 @@ class Scenario(Part):
                 f"the field of view makes it a picture of {self.camera.width} × {self.camera.width * height:.3g} "
                 f"pixels; {_MOST_GREYS:.3g} are possible.",
                 "Reduce it, or widen scan.horizontal.",
-            )
-        yield from self._waveform_contradictions(scan)
-
-    def _track_contradictions(self, scan: TrackScan) -> Iterator[Fault]:
-        targets, faults = resolve_targets(scan, self.scene, self.scanner.mirrors.axis_separation)
-        yield from faults
-        yield from self._visit_contradictions(scan, len(targets))
-        if self.output.waveforms != "none":
-            yield Fault(
-                "output.waveforms",
-                "a run that follows targets keeps no waveforms.",
-                "Write none, or a raster.",
-            )
-
-    def _visit_contradictions(self, scan: TrackScan, targets: int) -> Iterator[Fault]:
-        """Yield patterns that the encoders do not see the end of, and visits that no memory holds."""
-        scanner, visiting, points = self.scanner, scan.visiting, scan.pattern.points
-        servos = scanner.galvanometers
-        if servos.readout_delay >= points * scanner.dwell:
-            yield Fault(
-                "scanner.galvanometers.readout_delay",
-                f"{servos.readout_delay:.4g} s are no less than the {points * scanner.dwell:.4g} s of a whole pattern.",
-                "Lower it or scanner.rate, or raise scan.pattern.points.",
-            )
-        farthest = 2.0 * scanner.mirrors.max_deflection
-        updates = visiting.updates_of(points, scanner.dwell, farthest, servos)
-        if updates > MOST_UPDATES:
-            yield Fault(
-                "scan.visiting.updates",
-                f"a visit takes up to {updates:.3g} updates of the drive's command; {MOST_UPDATES:.3g} are possible.",
-                "Lower it, scanner.rate, scan.pattern.points or scan.visiting.turnaround, or raise the limits of "
-                "scanner.galvanometers.",
-            )
-            return
-        visits = scan.duration / visiting.period(points, scanner.dwell, max(targets, 1), servos)
-        most = min(MOST_VISITS, 2**32 // points)
-        if visits > most:
-            yield Fault(
-                "scan.duration",
-                f"{scan.duration:.4g} s hold {visits:.3g} patterns; {most} are possible.",
-                "Shorten it, or raise scan.pattern.points or scan.visiting.turnaround.",
             )
 
     def _line_contradictions(self) -> Iterator[Fault]:
@@ -238,11 +231,13 @@ class Scenario(Part):
                 "Move the gate, or change scanner.lidar.digitiser.gate.",
             )
 
-    def _waveform_contradictions(self, scan: RasterScan) -> Iterator[Fault]:
-        chosen = self.output.waveforms
-        if chosen == "none":
+    def _waveform_contradictions(self) -> Iterator[Fault]:
+        chosen, scan = self.output.waveforms, self.scan
+        if scan.layout != "image":
+            what = "a run that follows targets" if scan.layout == "visits" else f"a scan of type {scan.type}"
+            yield Fault("output.waveforms", f"{what} keeps no waveforms.", "Write none, or a raster.")
             return
-        if self.ranging == "triangulation":
+        if "tof" not in self.rangefinders:
             yield Fault(
                 "output.waveforms",
                 "triangulation has no waveforms.",

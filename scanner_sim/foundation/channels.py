@@ -5,26 +5,21 @@ A row more and the layer's values, in ``ranging/ranges.py`` or where an instrume
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Literal
 
-Kind = Literal["point", "measured", "sigma", "signal", "status", "truth", "number"]
-"""What a layer holds: a range or coordinate, which is finite wherever ``status`` is 0; another measured number, or what
-the instrument states of its error; a signal, which is there without a range too; a status; a truth that only the
-simulator knows; the number of a name, which is a truth as well."""
+Kind = Literal["aim", "point", "measured", "sigma", "signal", "status", "truth", "number"]
+"""What a layer holds: when and where a shot points; a range or coordinate, which is finite wherever ``status`` is 0;
+another measured number, or what the instrument states of its error; a signal, which is there without a range too; a
+status; a truth that only the simulator knows; the number of a name, which is a truth as well."""
 
 Scale = Literal["linear", "logarithmic", "slope", "grey"]
 """How values become colours: evenly; by their logarithm; the inclination of what they are the range of; in grey levels
 without axes, a dot for each voxel, the largest the darkest."""
 
-_ANY, _LINE, _PULSE, _BOTH = (
-    ("triangulation", "tof", "both"),
-    ("triangulation", "both"),
-    ("tof", "both"),
-    ("both",),
-)
+_LINE, _PULSE = ("triangulation",), ("tof",)
 
 
 @dataclass(frozen=True)
@@ -65,10 +60,10 @@ class Channel:
         Name, unit and what it holds, in one sentence.
     kind
         What sort of number it holds.
-    ranging
-        The ways of ranging that make it.
+    rangefinders
+        Those that must be there for it; whichever there are for none.
     prefix
-        Of the layers of the same way of ranging; its ``status`` tells where measured layers are NaN.
+        Of the layers of the same rangefinder; its ``status`` tells where measured layers are NaN.
     vertex
         Name among the properties of a point cloud's vertices; empty for none.
     pictures
@@ -79,7 +74,7 @@ class Channel:
     unit: str
     meaning: str
     kind: Kind
-    ranging: tuple[str, ...] = _ANY
+    rangefinders: tuple[str, ...] = ()
     prefix: str = ""
     vertex: str = ""
     pictures: tuple[Picture, ...] = ()
@@ -130,19 +125,21 @@ _POINT = (
     Channel("cov_xz_m2", "m2", "covariance of P.X and P.Z that the instrument states", "sigma"),
     Channel("cov_yz_m2", "m2", "covariance of P.Y and P.Z that the instrument states", "sigma"),
 )
-"""Layers of a range and its point, which every way of ranging has."""
+"""Layers of a range and its point, which every rangefinder has."""
 # fmt: on
 
 
-def _point_by(prefix: str, way: str, ranging: tuple[str, ...], *pictures: Picture) -> tuple[Channel, ...]:
-    """Return the layers of another way of ranging; the pictures are of its range."""
+def _point_by(
+    prefix: str, way: str, rangefinders: tuple[str, ...], *pictures: Picture
+) -> tuple[Channel, ...]:
+    """Return the layers of another rangefinder, or of several; the pictures are of its range."""
     status = Channel("status", "1", "as status", "status")
     return tuple(
         replace(
             channel,
             name=prefix + channel.name,
             meaning=f"{channel.meaning}, {way}",
-            ranging=ranging,
+            rangefinders=rangefinders,
             prefix=prefix,
             vertex="",
             pictures=pictures if channel.name == "range_m" else (),
@@ -181,7 +178,7 @@ CHANNELS: tuple[Channel, ...] = (
     Channel("tof.snr_detection", "1", "height of the echo over the noise of a sample without it", "signal", _PULSE),
     Channel("tof.echoes", "1", "number of echoes in the waveform", "signal", _PULSE),
     Channel("tof.background_w", "W", "light of Sun and Earth on the photodiode, noise-free", "signal", _PULSE),
-    *_point_by("fused.", "from triangulation and time of flight", _BOTH),
+    *_point_by("fused.", "from triangulation and time of flight", _LINE + _PULSE),
     Channel("truth.range_m", "m", "true range along the chief ray; the instrument does not know it", "truth"),
     Channel("truth.theta_rad", "rad", "true deflection of the beam to the right, in the middle of the dwell", "truth"),
     Channel("truth.phi_rad", "rad", "true deflection of the beam downwards", "truth"),
@@ -191,7 +188,7 @@ CHANNELS: tuple[Channel, ...] = (
             vertex="truth_material"),
 )
 # fmt: on
-"""Every layer that a range image can have, in the order of presentation; a run holds those that its ranging makes."""
+"""Every layer that a range image can have, in the order of presentation; a run holds those of its rangefinders."""
 
 CHANNEL: Mapping[str, Channel] = MappingProxyType({channel.name: channel for channel in CHANNELS})
 """The table by name."""
@@ -208,11 +205,11 @@ MEASURED_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(
 """For each layer of status, the layers that are NaN wherever it is not 0."""
 
 
-def channels_by(ranging: str) -> tuple[Channel, ...]:
-    """Return the channels that a way of ranging makes."""
-    return tuple(channel for channel in CHANNELS if ranging in channel.ranging)
+def channels_by(rangefinders: Sequence[str]) -> tuple[Channel, ...]:
+    """Return the channels that some rangefinders make."""
+    return tuple(channel for channel in CHANNELS if set(channel.rangefinders) <= set(rangefinders))
 
 
-def layer_bytes(ranging: str) -> int:
-    """Return the bytes of a voxel in the layers that a way of ranging makes, float32 each."""
-    return 4 * len(channels_by(ranging))
+def layer_bytes(rangefinders: Sequence[str]) -> int:
+    """Return the bytes of a voxel in the layers that some rangefinders make, float32 each."""
+    return 4 * len(channels_by(rangefinders))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+import numpy as np
+
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import layer_bytes
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.render.settings import times_finer
-from scanner_sim.scan.raster import RasterScan
+from scanner_sim.render.settings import LONGEST_SLOT, ROW_SPACING, slot_halvings, times_finer
 
 BATCH = 65536
 """Shots that go through the kernels together."""
@@ -23,6 +24,8 @@ WAVEFORM_BYTES = 14.0
 """Memory of a sample of a waveform that is kept, joined and written."""
 BIN_BYTES = 220.0
 """Memory of a direction of the background: its light, what guides its filter, and their errors."""
+_MOTION_INSTANTS = 257
+"""Instants of a scan at which motions are looked at."""
 RECORD_BYTES = 64.0
 """Memory of a voxel of a pattern: its samples."""
 
@@ -41,31 +44,59 @@ def patterns(scenario: Scenario) -> int:
 
 
 def background_bins(scenario: Scenario) -> int:
-    """Return about how many directions the background of a raster has for the sensor's line, 0 where it is dark."""
-    scan, sensor = scenario.scan, scenario.scanner.position_sensor
-    if not isinstance(scan, RasterScan) or scenario.ranging == "tof" or scenario.lighting.sky().dark:
+    """Return about how many directions the background of a scan has for the sensor's line, 0 where it is dark."""
+    rows, _ = background_rows(scenario)
+    if not rows:
         return 0
+    scan, sensor = scenario.open_scan, scenario.scanner.position_sensor
     width = (
         abs(scan.horizontal[1] - scan.horizontal[0]) + sensor.length / scenario.scanner.receiver.focal_length
     )
-    return scan.rows * math.ceil(width / _background_step(scenario))
+    return rows * math.ceil(width / _background_step(scenario))
+
+
+def background_rows(scenario: Scenario) -> tuple[int, float]:
+    """Return in how many rows the line's background is rendered, 0 in the dark, and the angle between two [rad]."""
+    scan, scanner = scenario.scan, scenario.scanner
+    by_line = "triangulation" in scenario.rangefinders
+    if scan.layout == "visits" or not by_line or scenario.lighting.sky().dark:
+        return 0, math.inf
+    height = abs(scan.vertical[1] - scan.vertical[0])
+    if scan.layout == "image":
+        return scan.rows, height / (scan.rows - 1) if scan.rows > 1 else math.inf
+    step = ROW_SPACING * scanner.position_sensor.height / scanner.receiver.focal_length
+    return math.ceil(height / step) + 4, step
 
 
 def background_paths(scenario: Scenario) -> float:
-    """Return about how many random paths the background of a raster is followed with."""
+    """Return about how many random paths the background of a scan is followed with."""
     if not (bins := background_bins(scenario)):
         return 0.0
-    angles = scenario.raster.angles()[1]
-    row_step = abs(angles[1] - angles[0]) if len(angles) > 1 else math.inf
-    finer = times_finer(row_step, _background_step(scenario))
-    return float(bins) * scenario.transport.background_samples * finer
+    finer = times_finer(background_rows(scenario)[1], _background_step(scenario))
+    return float(bins) * scenario.transport.background_samples * finer * background_times(scenario)
+
+
+def background_times(scenario: Scenario) -> int:
+    """Return about how often the background of a scan without rows is rendered: once for each time slot."""
+    scan = scenario.scan
+    moving = [item for item in scenario.scene.objects if item.motion is not None]
+    if scan.layout != "shots" or not moving:
+        return 1
+    duration, fastest = scan.scan_time(scenario.scan_setup), 0.0
+    time = np.linspace(0.0, duration, _MOTION_INSTANTS)
+    for item in moving:
+        origin = item.pose_at(time)[:, :3, 3]
+        way, far = np.linalg.norm(np.diff(origin, axis=0), axis=1), np.linalg.norm(origin[1:], axis=1)
+        fastest = max(fastest, float((way / np.maximum(far, 0.1)).max()) / (time[1] - time[0]))
+    slots = 2 ** slot_halvings(fastest, _background_step(scenario)) / LONGEST_SLOT
+    return max(math.ceil(float(duration * slots)), 1)
 
 
 def memory(scenario: Scenario) -> float:
     """Return roughly how much memory a run takes [byte], the program's own included."""
-    if not isinstance(scenario.scan, RasterScan):
+    if scenario.scan.layout == "visits":
         return START_BYTES + _records(scenario)
-    kept = scenario.raster.shots if scenario.output.waveforms == "all" else 0
+    kept = scenario.open_scan.shots if scenario.output.waveforms == "all" else 0
     shots = START_BYTES + _layers(scenario) + _background(scenario)
     return shots + WAVEFORM_BYTES * scenario.scanner.lidar.digitiser.samples * kept
 
@@ -81,28 +112,28 @@ def check_memory(scenario: Scenario) -> None:
     _check(memory(scenario), *_words(scenario))
 
 
-def check_raster(scenario: Scenario, batch: int = BATCH) -> None:
-    """Check that the layers and the batches of a raster fit in the memory that is free.
+def check_shots(scenario: Scenario, batch: int = BATCH) -> None:
+    """Check that the layers and the batches of a scan fit in the memory that is free.
 
     The program itself is not counted: in the user's own process it may be there already.
 
     Raises
     ------
     InputError
-        If they do not, or the scenario has no raster.
+        If they do not, or the scenario follows targets.
     """
-    shots = min(batch, scenario.raster.shots)
+    shots = min(batch, scenario.open_scan.shots)
     _check(SHOT_BYTES * shots, f"batches of {shots:,} shots", "Reduce batch.")
     _check(_layers(scenario) + _background(scenario), *_words(scenario))
 
 
 def check_patterns(scenario: Scenario) -> None:
-    """Check that the patterns of a tracking run fit in the memory that is free; as :func:`check_raster`."""
+    """Check that the patterns of a tracking run fit in the memory that is free; as :func:`check_shots`."""
     _check(_records(scenario), *_words(scenario))
 
 
 def check_waveforms(scenario: Scenario, count: int) -> None:
-    """Check that so many waveforms fit in the memory that is free; as :func:`check_raster`."""
+    """Check that so many waveforms fit in the memory that is free; as :func:`check_shots`."""
     samples = scenario.scanner.lidar.digitiser.samples
     remedy = "Name fewer voxels, or shorten scanner.lidar.digitiser."
     _check(WAVEFORM_BYTES * samples * count, f"{count:,} waveforms of {samples} samples", remedy)
@@ -113,8 +144,8 @@ def _background_step(scenario: Scenario) -> float:
 
 
 def _layers(scenario: Scenario) -> float:
-    judged = (2.0 if scenario.ranging == "both" else 1.0) * JUDGED_BYTES
-    return (layer_bytes(scenario.ranging) + judged) * scenario.raster.shots
+    judged = len(scenario.rangefinders) * JUDGED_BYTES
+    return (layer_bytes(scenario.rangefinders) + judged) * scenario.open_scan.shots
 
 
 def _background(scenario: Scenario) -> float:
@@ -127,18 +158,18 @@ def _records(scenario: Scenario) -> float:
 
 def _words(scenario: Scenario) -> tuple[str, str]:
     """Return what takes the memory of a run, and what to do about it."""
-    if isinstance(scenario.scan, RasterScan):
-        scan = scenario.raster
-        if _background(scenario) > _layers(scenario):
-            return (
-                f"the {background_bins(scenario):,} directions of the background",
-                "Take larger pixels (scanner.position_sensor.pitch) or fewer scan.rows, or scan in several runs.",
-            )
+    scan = scenario.scan
+    if scan.layout == "visits":
+        return f"{patterns(scenario):,} patterns", "Reduce scan.duration, or scan in several runs."
+    if _background(scenario) > _layers(scenario):
         return (
-            f"{scan.rows} × {scan.columns} voxels",
-            "Reduce scan.rows or scan.columns, or scan in several runs.",
+            f"the {background_bins(scenario):,} directions of the background",
+            "Take larger pixels (scanner.position_sensor.pitch) or fewer scan.rows, or scan in several runs.",
         )
-    return f"{patterns(scenario):,} patterns", "Reduce scan.duration, or scan in several runs."
+    if scan.layout == "image":
+        remedy = "Reduce scan.rows or scan.columns, or scan in several runs."
+        return f"{scan.rows} × {scan.columns} voxels", remedy
+    return f"{scan.shots:,} shots", "Take fewer shots, or scan in several runs."
 
 
 def _check(needed: float, what: str, remedy: str) -> None:

@@ -9,10 +9,12 @@ from numpy.typing import NDArray
 
 from scanner_sim.config import resolved_yaml
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.instrument.memory import BATCH, check_raster, check_waveforms
+from scanner_sim.instrument.lit_aims import lit_aims
+from scanner_sim.instrument.memory import BATCH, check_shots, check_waveforms
 from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.instrument.voxel_records import voxel_record
 from scanner_sim.products.image import RangeImage
@@ -22,8 +24,8 @@ from scanner_sim.render.camera import photograph
 from scanner_sim.render.device import activate
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.scan.raster import raster_aim, tiled_order
-from scanner_sim.scene.files.loader import load_scene
+from scanner_sim.scan.raster import raster_aim
+from scanner_sim.scene.files.loader import LoadedScene, load_scene
 
 Progress = Callable[[int, int], None]
 """Called with the shots done and the shots in all."""
@@ -64,21 +66,8 @@ def simulate(
     InputError
         If the device cannot be used, ``batch`` is not positive, or the memory that is free does not hold the result.
     """
-    if batch < 1:
-        raise InputError("a batch needs at least one shot.")
-    check_raster(scenario, batch)
-    instrument = Instrument(scenario, device=device, threads=threads)
     scan = scenario.raster
-    order = tiled_order(scan)
-    layers: dict[str, NDArray[np.float32]] = {}
-    for start in range(0, scan.shots, batch):
-        shots = order[start : start + batch]
-        for name, values in instrument.measure(raster_aim(scan, shots, scenario.scanner.dwell)).items():
-            if name not in layers:
-                layers[name] = np.empty(scan.shots, dtype=np.float32)
-            layers[name][shots] = values
-        if progress is not None:
-            progress(start + len(shots), scan.shots)
+    layers, loaded = measure_scan(scenario, device=device, progress=progress, batch=batch, threads=threads)
     theta, phi = scan.angles()
     channels = {name: values.reshape(scan.rows, scan.columns) for name, values in layers.items()}
     judge_neighbours(scenario, channels, np.arange(scan.rows), np.arange(scan.columns))
@@ -86,12 +75,40 @@ def simulate(
         channels=channels,
         theta=theta,
         phi=phi,
-        objects=instrument.loaded.objects,
-        materials=instrument.loaded.materials,
+        objects=loaded.objects,
+        materials=loaded.materials,
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
-        warnings=_warnings(channels),
+        warnings=result_warnings(channels),
     )
+
+
+def measure_scan(
+    scenario: Scenario, *, device: DeviceChoice, progress: Progress | None, batch: int, threads: int | None
+) -> tuple[dict[str, NDArray[np.float32]], LoadedScene]:
+    """Measure all shots of a scan that is known beforehand: its layers, each of shape (shots,), and the loaded scene.
+
+    Arguments and faults as of :func:`simulate`.
+    """
+    if batch < 1:
+        raise InputError("a batch needs at least one shot.")
+    check_shots(scenario, batch)
+    instrument, shots, done = (
+        Instrument(scenario, device=device, threads=threads),
+        scenario.open_scan.shots,
+        0,
+    )
+    layers: dict[str, NDArray[np.float32]] = {}
+    for aim, backgrounds in lit_aims(instrument, batch):
+        samples = instrument.measure(aim, backgrounds=backgrounds)
+        for name in samples.keys() & CHANNEL.keys():
+            if name not in layers:
+                layers[name] = np.empty(shots, dtype=np.float32)
+            layers[name][aim.shot] = samples[name]
+        done += len(aim.shot)
+        if progress is not None:
+            progress(done, shots)
+    return layers, instrument.loaded
 
 
 @guest()
@@ -105,7 +122,7 @@ def simulate_voxel(
     InputError
         If the raster has no such voxel, or the scenario no line sensor.
     """
-    if scenario.ranging == "tof":
+    if "triangulation" not in scenario.rangefinders:
         raise InputError("time of flight reads no line.", remedy="Ask for the waveform instead.")
     _check_voxel(scenario, row, column)
     instrument = Instrument(scenario, device=device)
@@ -136,7 +153,7 @@ def simulate_waveforms(
     InputError
         If the scenario has no time of flight, the raster no such voxel, or the memory that is free does not hold them.
     """
-    if scenario.ranging == "triangulation":
+    if "tof" not in scenario.rangefinders:
         raise InputError("triangulation has no waveforms.", remedy="Write ranging: tof, or both.")
     scan = scenario.raster
     if voxels is None:
@@ -154,7 +171,7 @@ def simulate_waveforms(
         part = shots[start : start + BATCH]
         aim = raster_aim(scan, part, scenario.scanner.dwell)
         rows, columns = np.divmod(part.astype(np.int32), np.int32(scan.columns))
-        parts.append(instrument.echoes.records(instrument.fire(aim)[0], rows, columns))
+        parts.append(instrument.time_of_flight.records(instrument.fire(aim)[0], rows, columns))
     return concatenate_waveforms(parts)
 
 
@@ -186,7 +203,7 @@ def take_photo(scenario: Scenario, *, device: DeviceChoice = "auto") -> NDArray[
         If the device cannot be used.
     """
     activate(device)
-    sky, scan = scenario.lighting.sky(), scenario.raster
+    sky, scan = scenario.lighting.sky(), scenario.open_scan
     return photograph(
         load_scene(scenario.scene.resting_at(0.0)),
         scenario.camera,
@@ -210,7 +227,7 @@ def _check_voxel(scenario: Scenario, row: int, column: int) -> None:
         )
 
 
-def _warnings(layers: dict[str, NDArray[np.float32]]) -> tuple[str, ...]:
+def result_warnings(layers: dict[str, NDArray[np.float32]]) -> tuple[str, ...]:
     """Return sentences on results that look unintended."""
     if not layers["truth.object"].any():
         return ("nothing was hit: no object stands where the scanner points",)

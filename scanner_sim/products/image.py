@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
+from typing import Any, Protocol
 
 import numpy as np
 import xarray
@@ -13,6 +14,48 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.provenance import in_order, versions
+
+
+class Layered(Protocol):
+    """A result in named layers of one shape: an image of a raster, or a table of shots."""
+
+    @property
+    def channels(self) -> Mapping[str, NDArray[np.float32]]:
+        """Layers by name, in the order of :data:`CHANNELS`."""
+
+    @property
+    def objects(self) -> tuple[str, ...]:
+        """Names behind the numbers of ``truth.object``."""
+
+    @property
+    def materials(self) -> tuple[str, ...]:
+        """Names behind the numbers of ``truth.material``."""
+
+    @property
+    def seed(self) -> int:
+        """Seed of the random numbers."""
+
+    @property
+    def scenario_yaml(self) -> str:
+        """The resolved scenario."""
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences on things that look unintended."""
+
+    @property
+    def made_by(self) -> Mapping[str, str]:
+        """Versions of the programs that made it."""
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where a range was measured."""
+
+    def __getitem__(self, name: str) -> NDArray[np.float32]:
+        """Return a layer."""
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether there is such a layer."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,9 +101,9 @@ class RangeImage:
 
     def __post_init__(self) -> None:
         """Check the image and close its arrays to writing."""
-        object.__setattr__(self, "theta", _closed(_angles("theta", self.theta)))
-        object.__setattr__(self, "phi", _closed(_angles("phi", self.phi)))
-        _check_names(self.channels)
+        object.__setattr__(self, "theta", closed(_angles("theta", self.theta)))
+        object.__setattr__(self, "phi", closed(_angles("phi", self.phi)))
+        check_names(self.channels)
         if any("\n" in name for name in (*self.objects, *self.materials)):
             raise ValueError("names of objects and materials must stay on one line")
         for name, layer in self.channels.items():
@@ -68,43 +111,11 @@ class RangeImage:
                 raise ValueError(
                     f"{name} must be float32 of shape {self.shape}, not {layer.dtype} of shape {layer.shape}"
                 )
-        ordered = {name: _closed(self.channels[name]) for name in CHANNEL if name in self.channels}
+        ordered = {name: closed(self.channels[name]) for name in CHANNEL if name in self.channels}
         object.__setattr__(self, "channels", MappingProxyType(ordered))
         object.__setattr__(self, "made_by", MappingProxyType(in_order(self.made_by)))
-        self._check_codes()
-        self._check_marks()
-
-    def _check_codes(self) -> None:
-        for name, names in self._legends().items():
-            layer, end = self[name], len(names) - 1
-            if not ((layer >= 0) & (layer <= end) & (layer == np.rint(layer))).all():
-                raise ValueError(f"{name} must hold whole numbers from 0 to {end}")
-
-    def _legends(self) -> dict[str, list[str]]:
-        """Return the names behind the numbers of each layer of whole numbers."""
-        own = {"truth.object": self.objects, "truth.material": self.materials}
-        return {
-            name: ["nothing", *own[name]] if name in own else [status.name for status in Status]
-            for name in self.channels
-            if CHANNEL[name].whole
-        }
-
-    def _check_marks(self) -> None:
-        for status, layers in MEASURED_BY.items():
-            if status not in self:
-                if present := [name for name in layers if name in self]:
-                    raise ValueError(f"{present[0]} needs the channel {status}")
-                continue
-            valid = np.equal(self[status], Status.VALID)
-            for name in layers:
-                if name in self and not np.isnan(self[name][~valid]).all():
-                    raise ValueError(f"{name} must be NaN wherever {status} is not 0")
-                if (
-                    CHANNEL[name].kind == "point"
-                    and name in self
-                    and not np.isfinite(self[name][valid]).all()
-                ):
-                    raise ValueError(f"{name} must be a finite number wherever {status} is 0")
+        check_codes(self)
+        check_marks(self)
 
     def __getitem__(self, name: str) -> NDArray[np.float32]:
         """Return a layer, shape (rows, columns).
@@ -147,17 +158,7 @@ class RangeImage:
             status and truth numbers are int32 with CF ``flag_values`` and ``flag_meanings``. Seed,
             scenario, versions and warnings are attributes of the dataset.
         """
-        names, variables = self._legends(), {}
-        for name, layer in self.channels.items():
-            about: dict[str, object] = {"units": CHANNEL[name].unit, "long_name": CHANNEL[name].meaning}
-            values: NDArray[np.float32] | NDArray[np.int32] = layer
-            if name in names:
-                values = layer.astype(np.int32)
-                about["flag_values"] = np.arange(len(names[name]), dtype=np.int32)
-                about["flag_meanings"] = " ".join(word.replace(" ", "_") for word in names[name])
-            if name in MEASURED_BY:
-                about["comment"] = "; ".join(f"{status.name}: {status.sentence}" for status in Status)
-            variables[name] = (("phi", "theta"), values, about)
+        variables = layer_variables(self, ("phi", "theta"))
         coordinates = {
             "phi": ("phi", self.phi, {"units": "rad", "long_name": "deflection downwards, per row"}),
             "theta": (
@@ -199,9 +200,60 @@ class RangeImage:
         return text
 
 
-def _check_names(channels: Mapping[str, NDArray[np.float32]]) -> None:
+def check_codes(result: Layered) -> None:
+    """Raise a ValueError where a layer of codes holds something else than their whole numbers."""
+    for name, names in _legends(result).items():
+        layer, end = result[name], len(names) - 1
+        if not ((layer >= 0) & (layer <= end) & (layer == np.rint(layer))).all():
+            raise ValueError(f"{name} must hold whole numbers from 0 to {end}")
+
+
+def _legends(result: Layered) -> dict[str, list[str]]:
+    """Return the names behind the numbers of each layer of whole numbers."""
+    own = {"truth.object": result.objects, "truth.material": result.materials}
+    return {
+        name: ["nothing", *own[name]] if name in own else [status.name for status in Status]
+        for name in result.channels
+        if CHANNEL[name].whole
+    }
+
+
+def check_marks(result: Layered) -> None:
+    """Raise a ValueError where what was not measured is no NaN, or what was is no number."""
+    for status, layers in MEASURED_BY.items():
+        if status not in result:
+            if present := [name for name in layers if name in result]:
+                raise ValueError(f"{present[0]} needs the channel {status}")
+            continue
+        valid = np.equal(result[status], Status.VALID)
+        for name in layers:
+            if name in result and not np.isnan(result[name][~valid]).all():
+                raise ValueError(f"{name} must be NaN wherever {status} is not 0")
+            finite = name in result and CHANNEL[name].kind == "point"
+            if finite and not np.isfinite(result[name][valid]).all():
+                raise ValueError(f"{name} must be a finite number wherever {status} is 0")
+
+
+def layer_variables(result: Layered, dimensions: tuple[str, ...]) -> dict[str, Any]:
+    """Return layers as variables for xarray over some dimensions, with units, meanings and names of their codes."""
+    names, variables = _legends(result), {}
+    for name, layer in result.channels.items():
+        about: dict[str, object] = {"units": CHANNEL[name].unit, "long_name": CHANNEL[name].meaning}
+        values: NDArray[np.float32] | NDArray[np.int32] = layer
+        if name in names:
+            values = layer.astype(np.int32)
+            about["flag_values"] = np.arange(len(names[name]), dtype=np.int32)
+            about["flag_meanings"] = " ".join(word.replace(" ", "_") for word in names[name])
+        if name in MEASURED_BY:
+            about["comment"] = "; ".join(f"{status.name}: {status.sentence}" for status in Status)
+        variables[name] = (dimensions, values, about)
+    return variables
+
+
+def check_names(channels: Mapping[str, NDArray[np.float32]]) -> None:
+    """Raise a ValueError where channels are unknown or the status is missing."""
     if "status" not in channels:
-        raise ValueError("a range image needs the channel status")
+        raise ValueError("a result needs the channel status")
     if unknown := [name for name in channels if name not in CHANNEL]:
         raise ValueError(f"unknown channels: {', '.join(unknown)}; known are {', '.join(CHANNEL)}")
 
@@ -217,7 +269,7 @@ def _angles(name: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
     return values
 
 
-def _closed(array: NDArray[np.generic]) -> NDArray[np.generic]:
+def closed(array: NDArray[np.generic]) -> NDArray[np.generic]:
     """Return a view of ``array`` that cannot be written to; nothing is copied."""
     view = array.view()
     view.flags.writeable = False

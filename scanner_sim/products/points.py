@@ -8,19 +8,19 @@ import numpy as np
 
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.foundation.errors import printable
-from scanner_sim.products.image import RangeImage
+from scanner_sim.products.image import Layered
 
 _FIRST = ("x", "y", "z", "intensity")
 """Properties of a vertex that programs look for; the others follow in the order of the channels."""
 _PLY_TYPE = {"<f4": "float", "<i4": "int"}
 
 
-def write_ply(path: str | Path, image: RangeImage) -> None:
-    """Write the measured points, row by row; an existing file is overwritten.
+def write_ply(path: str | Path, image: Layered) -> None:
+    """Write the measured points of an image, row by row, or of a table of shots; an existing file is overwritten.
 
     Every vertex has ``x y z`` [m] in the scanner frame, the other channels that are properties of vertices where the
-    image holds them, and its ``row`` and ``column`` in the image. Voxels without a range are left out, so a file may
-    hold no vertex at all.
+    result holds them, and its ``row`` and ``column`` in the image or the number of its ``shot``. What has no range is
+    left out, so a file may hold no vertex at all.
 
     Raises
     ------
@@ -36,12 +36,14 @@ def write_ply(path: str | Path, image: RangeImage) -> None:
         if channel.vertex and (channel.name in image or channel.vertex in "xyz")
     ]
     used.sort(key=lambda channel: (*_FIRST, channel.vertex).index(channel.vertex))
+    index = ("row", "column") if valid.ndim == 2 else ("shot",)
     fields = [(channel.vertex, "<i4" if channel.whole else "<f4") for channel in used]
-    fields += [("row", "<i4"), ("column", "<i4")]
+    fields += [(name, "<i4") for name in index]
     vertices = np.empty(np.count_nonzero(valid), dtype=fields)
     for channel in used:
         vertices[channel.vertex] = image[channel.name][valid]
-    vertices["row"], vertices["column"] = np.nonzero(valid)
+    for name, numbers in zip(index, np.nonzero(valid), strict=True):
+        vertices[name] = numbers
     header = "\n".join(
         [
             "ply",

@@ -22,7 +22,8 @@ class Output(Part):
 
     pictures: Switch = True
     """Write range.png, shaded.png and signal.png, with time of flight tof.png, and under the Sun background.png and
-    camera.png. Of a tracking scan pattern.png, track.png and field.png, with poses pose.png and outline.png."""
+    camera.png. Of a scan without rows range.png, status.png and camera.png. Of a tracking scan pattern.png, track.png
+    and field.png, with poses pose.png and outline.png."""
     points: Switch = True
     """Write points.ply."""
     compression: Literal["none", "rle", "zips", "zip", "piz"] = "zip"

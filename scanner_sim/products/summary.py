@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.image import RangeImage
+from scanner_sim.products.image import Layered, RangeImage
 from scanner_sim.products.json_text import json_text
+from scanner_sim.products.shots import ShotTable
 
 _BEYOND = (3, 5, 6)
 """Standard deviations beyond which errors are counted."""
@@ -24,17 +25,35 @@ def summary(image: RangeImage) -> dict[str, object]:
     ``truth`` is what a real instrument could not know. No time is in it: same image, same summary.
     """
     rows, columns = image.shape
-    status, valid = image["status"], image.valid
-    counts = {code: int(np.count_nonzero(status == code)) for code in Status}
-    result: dict[str, object] = {
+    return {
         "rows": rows,
         "columns": columns,
         "theta_rad": [float(image.theta[0]), float(image.theta[-1])],
         "phi_rad": [float(image.phi[0]), float(image.phi[-1])],
+        **_layers(image, "voxels"),
+    }
+
+
+def shots_summary(shots: ShotTable) -> dict[str, object]:
+    """Return the summary of a table of shots, as :func:`summary` does of an image."""
+    return {
+        "shots": len(shots),
+        "time_s": [float(shots.time.min()), float(shots.time.max())],
+        "theta_rad": [float(shots.theta.min()), float(shots.theta.max())],
+        "phi_rad": [float(shots.phi.min()), float(shots.phi.max())],
+        **_layers(shots, "shots"),
+    }
+
+
+def _layers(image: Layered, unit: str) -> dict[str, object]:
+    """Return what layers of any shape hold; ``unit`` is the word for one of their entries."""
+    status, valid = image["status"], image.valid
+    counts = {code: int(np.count_nonzero(status == code)) for code in Status}
+    result: dict[str, object] = {
         "seed": image.seed,
         "valid_share": counts[Status.VALID] / status.size,
         "status": [
-            {"code": int(code), "name": code.name, "meaning": code.sentence, "voxels": number}
+            {"code": int(code), "name": code.name, "meaning": code.sentence, unit: number}
             for code, number in counts.items()
         ],
     }
@@ -44,7 +63,7 @@ def summary(image: RangeImage) -> dict[str, object]:
     for name in ("tof.range_m", "tof.sigma_range_m", "fused.range_m", "fused.sigma_range_m"):
         if name in image:
             result[name] = {"unit": CHANNEL[name].unit, **_quantiles(image[name])}
-    result["truth"] = _truth(image)
+    result["truth"] = _truth(image, unit)
     result["channels"] = {
         name: {"unit": CHANNEL[name].unit, "meaning": CHANNEL[name].meaning} for name in image.channels
     }
@@ -53,7 +72,7 @@ def summary(image: RangeImage) -> dict[str, object]:
     return result
 
 
-def share_beyond(image: RangeImage, sigmas: float, prefix: str = "") -> float | None:
+def share_beyond(image: Layered, sigmas: float, prefix: str = "") -> float | None:
     """Return the share of ranges whose error is larger than some σ; None where there is no truth.
 
     Parameters
@@ -79,14 +98,19 @@ def summary_json(image: RangeImage) -> str:
     return json_text(summary(image))
 
 
-def _truth(image: RangeImage) -> dict[str, object]:
+def shots_json(shots: ShotTable) -> str:
+    """Return :func:`shots_summary` as the text of ``summary.json``."""
+    return json_text(shots_summary(shots))
+
+
+def _truth(image: Layered, unit: str) -> dict[str, object]:
     """Return what only the simulator knows: errors of the valid voxels, and hits of each object."""
     result: dict[str, object] = {}
     if {"range_m", "truth.range_m"} <= image.channels.keys():
         known = image.valid & np.isfinite(image["truth.range_m"])
         error = image["range_m"][known].astype(np.float64) - image["truth.range_m"][known]
-        result["voxels_compared"] = int(error.size)
-        result["voxels_without_truth"] = int(np.count_nonzero(image.valid & ~known))
+        result[f"{unit}_compared"] = int(error.size)
+        result[f"{unit}_without_truth"] = int(np.count_nonzero(image.valid & ~known))
         result["error_m"] = {
             "mean": _finite(np.mean, error),
             "rms": _finite(_rms, error),
@@ -110,8 +134,8 @@ def _truth(image: RangeImage) -> dict[str, object]:
         if name in image:
             hits = np.bincount(image[name].astype(np.int64).ravel(), minlength=len(names) + 1)
             labels = ["nothing", *names]
-            result[f"voxels_by_{name.removeprefix('truth.')}"] = [
-                {"number": number, "name": label, "voxels": int(hits[number])}
+            result[f"{unit}_by_{name.removeprefix('truth.')}"] = [
+                {"number": number, "name": label, unit: int(hits[number])}
                 for number, label in enumerate(labels)
             ]
     return result

@@ -13,19 +13,16 @@ from dataclasses import dataclass
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
-from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import SkyLight
-from scanner_sim.render.background.view import PanoramaView
+from scanner_sim.render.background.view import PanoramaView, Rows
 from scanner_sim.render.beam.echo_clusters import Echoes
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
-from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.files.loader import LoadedScene
 
 _BINS = 8
@@ -58,12 +55,11 @@ def field_panorama(
     field: Field,
     sky: SkyLight,
     albedo: Albedo,
-    scan: RasterScan,
+    rows: Rows,
     settings: Transport,
     seed: int,
-    time: NDArray[np.float64] | None = None,
 ) -> Panorama:
-    """Path-trace what the photodiode sees in all rows of a raster, averaged across the row over its field.
+    """Path-trace what the photodiode sees in some rows, averaged across the row over its field.
 
     Parameters
     ----------
@@ -71,19 +67,17 @@ def field_panorama(
         Scene, optics of the triangulation, Sun and Earth.
     field
         The photodiode's field.
-    scan
-        The raster.
+    rows
+        The rows.
     settings, seed
         How finely light is followed, and the seed of its paths.
-    time
-        When each row is looked at [s], shape (rows,).
     """
     optics = field_optics(layout, field)
     step = optics.pitch / optics.receiver.focal_length
     margin = 0.5 * field.side + 2.0 * step
-    first, last = (end - field.aside for end in scan.horizontal)
+    first, last = (end - field.aside for end in rows.horizontal)
     bins = math.ceil((last - first + 2.0 * margin) / step) + 1
-    view = PanoramaView(scan.angles()[1], first - margin, step, bins, time)
+    view = PanoramaView(rows.phi, first - margin, step, bins, rows.time, rows.between)
     return render_panorama(
         loaded,
         optics,

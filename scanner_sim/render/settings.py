@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Literal
 
 from pydantic import Field
@@ -10,6 +11,13 @@ from scanner_sim.foundation.parts import Count, Part
 
 _MOST_FINER = 64
 """Largest factor of the background's samples where rows are sparse."""
+
+LONGEST_SLOT, _MOST_HALVINGS = 1.0, 6
+"""Longest time slot for which a background of moving objects holds [s], and how often it may be halved."""
+_MOST_MOVED_BINS = 1.0
+"""Bins by which anything may move in a time slot."""
+ROW_SPACING = 0.5
+"""Distance of rows of the background between which one interpolates, over the height of a pixel."""
 
 
 class Transport(Part):
@@ -32,6 +40,12 @@ class Transport(Part):
     """Surfaces that light of Sun and Earth may meet."""
     background_samples: Count = Field(default=6, ge=2, le=65536, multiple_of=2)
     """Random paths of Sun and Earth per row of the raster and pixel."""
+
+
+def slot_halvings(speed: float, step: float) -> int:
+    """Return how often the longest time slot is halved for the fastest speed [rad/s] before bins of a step [rad]."""
+    moved = LONGEST_SLOT * speed / (_MOST_MOVED_BINS * step)
+    return min(max(math.ceil(math.log2(max(moved, 1.0))), 0), _MOST_HALVINGS)
 
 
 def times_finer(row_step: float, step: float) -> int:

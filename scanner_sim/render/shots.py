@@ -20,7 +20,7 @@ from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.render.rays import take_poses
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import Pose
 
 Array = NDArray[np.float64]

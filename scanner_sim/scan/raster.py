@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +13,7 @@ from scanner_sim.foundation.channels import layer_bytes
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Count, Part
 from scanner_sim.foundation.units import Angle
+from scanner_sim.scan.protocol import Aim, ScanSetup, Sweep, beyond_mirrors
 
 MOST_SHOTS = 2**26
 """Largest raster: its layers alone take 7 GB."""
@@ -21,6 +21,8 @@ MOST_SHOTS = 2**26
 
 class RasterScan(Part):
     """A raster of ``rows`` × ``columns`` voxels over a rectangle of angles, ends included."""
+
+    layout: ClassVar[Literal["image"]] = "image"
 
     type: Literal["raster"] = "raster"
     """Kind of scan."""
@@ -47,7 +49,7 @@ class RasterScan(Part):
             elif last == first and count > 1:
                 yield Fault(name, f"both ends are equal, yet there are {count} steps.", "Write two angles.")
         if self.shots > MOST_SHOTS:
-            size = self.shots * layer_bytes("triangulation")
+            size = self.shots * layer_bytes(["triangulation"])
             yield Fault(
                 "rows",
                 f"{self.rows} × {self.columns} are {self.shots / 1e6:.0f} million voxels, whose layers take "
@@ -75,29 +77,43 @@ class RasterScan(Part):
             return 0.0
         return (self.horizontal[1] - self.horizontal[0]) / (self.columns - 1)
 
+    @property
+    def shots_per_row(self) -> int:
+        """Number of columns."""
+        return self.columns
 
-@dataclass(frozen=True)
-class Aim:
-    """Where the mirrors are commanded to point, one entry per shot.
+    @property
+    def even_travel(self) -> float:
+        """The same as ``travel``: all voxels move alike."""
+        return self.travel
 
-    Attributes
-    ----------
-    shot
-        Number of each shot, shape (n,), uint32: row · columns + column. It addresses the random numbers.
-    theta, phi
-        Commanded optical deflections in the middle of the dwell [rad], shape (n,), float64.
-    time
-        Middle of the dwell since the start of the scan [s], shape (n,), float64.
-    travel_theta, travel_phi
-        By how much the deflections change during the dwell [rad], shape (n,), float64; 0 for mirrors at rest.
-    """
+    @property
+    def summary(self) -> str:
+        """Its voxels in a phrase."""
+        return f"{self.rows} rows × {self.columns} columns = {self.shots:,}"
 
-    shot: NDArray[np.uint32]
-    theta: NDArray[np.float64]
-    phi: NDArray[np.float64]
-    time: NDArray[np.float64]
-    travel_theta: NDArray[np.float64]
-    travel_phi: NDArray[np.float64]
+    def scan_time(self, setup: ScanSetup) -> float:
+        """Return how long it takes on the instrument [s]: the flyback takes no time."""
+        return self.shots * setup.dwell
+
+    def aims(self, setup: ScanSetup, batch: int) -> Iterator[Aim]:
+        """Yield the aims of all voxels in small tiles, at most ``batch`` together."""
+        order = tiled_order(self)
+        for start in range(0, self.shots, batch):
+            yield raster_aim(self, order[start : start + batch], setup.dwell)
+
+    def sweep(self, setup: ScanSetup) -> Sweep:  # noqa: ARG002 (other scans need it)
+        """Return by how much the beam moves along the row while a voxel is measured."""
+        return Sweep(self.travel, "scan.columns", "use more columns, or motion: stepped")
+
+    def faults(self, setup: ScanSetup) -> Iterator[Fault]:
+        """Yield angles that the mirrors do not reach."""
+        for name, ends in (("horizontal", self.horizontal), ("vertical", self.vertical)):
+            yield from beyond_mirrors(f"scan.{name}", ends, setup.mirrors)
+
+    def warnings(self, setup: ScanSetup) -> Iterator[str]:  # noqa: ARG002 (other scans need it)
+        """Yield nothing: its mirrors reach every voxel."""
+        return iter(())
 
 
 def raster_aim(scan: RasterScan, shots: NDArray[np.uint32], dwell: float) -> Aim:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,8 @@ from scanner_sim.foundation.parts import Part, Switch
 from scanner_sim.foundation.units import Angle, Length, Time
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.scan.lissajous import LissajousPattern
-from scanner_sim.scan.schedule import Visiting
+from scanner_sim.scan.protocol import ScanSetup
+from scanner_sim.scan.schedule import MOST_UPDATES, MOST_VISITS, Visiting
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.objects import (
     Disc,
@@ -87,6 +88,10 @@ TargetChoice = Annotated[
 class TrackScan(Part):
     """Patterns over targets in turn: the scanner searches for them, and follows them."""
 
+    layout: ClassVar[Literal["visits"]] = "visits"
+    shots_per_row: ClassVar[int] = 1
+    even_travel: ClassVar[None] = None
+
     type: Literal["track"]
     """Kind of scan."""
     targets: tuple[TargetChoice, ...] = Field(
@@ -107,6 +112,39 @@ class TrackScan(Part):
     def asked(self) -> tuple[FollowedTarget, ...]:
         """Return the targets in their long spelling, in the order of the list."""
         return tuple(FollowedTarget(target=item) if isinstance(item, str) else item for item in self.targets)
+
+    def scan_time(self, setup: ScanSetup) -> float:  # noqa: ARG002 (other scans need it)
+        """Return the time for which targets are followed [s]."""
+        return self.duration
+
+    def faults(self, setup: ScanSetup) -> Iterator[Fault]:
+        """Yield unknown targets, patterns that the encoders do not see the end of, and visits that no memory holds."""
+        targets, faults = resolve_targets(self, setup.scene, setup.mirrors.axis_separation)
+        yield from faults
+        visiting, points, dwell, servos = self.visiting, self.pattern.points, setup.dwell, setup.galvanometers
+        if servos.readout_delay >= points * dwell:
+            yield Fault(
+                "scanner.galvanometers.readout_delay",
+                f"{servos.readout_delay:.4g} s are no less than the {points * dwell:.4g} s of a whole pattern.",
+                "Lower it or scanner.rate, or raise scan.pattern.points.",
+            )
+        updates = visiting.updates_of(points, dwell, 2.0 * setup.mirrors.max_deflection, servos)
+        if updates > MOST_UPDATES:
+            yield Fault(
+                "scan.visiting.updates",
+                f"a visit takes up to {updates:.3g} updates of the drive's command; {MOST_UPDATES:.3g} are possible.",
+                "Lower it, scanner.rate, scan.pattern.points or scan.visiting.turnaround, or raise the limits of "
+                "scanner.galvanometers.",
+            )
+            return
+        visits = self.duration / visiting.period(points, dwell, max(len(targets), 1), servos)
+        most = min(MOST_VISITS, 2**32 // points)
+        if visits > most:
+            yield Fault(
+                "scan.duration",
+                f"{self.duration:.4g} s hold {visits:.3g} patterns; {most} are possible.",
+                "Shorten it, or raise scan.pattern.points or scan.visiting.turnaround.",
+            )
 
 
 def resolve_targets(

@@ -45,7 +45,7 @@ from scanner_sim.products.files.exr import read_range_image
 from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.settings import Output
-from scanner_sim.ranging.ranges import MEASURED_BY
+from scanner_sim.foundation.channels import MEASURED_BY
 
 folder = Path(sys.argv[1])
 assert "peak_width_px" in MEASURED_BY["status"]
@@ -61,7 +61,7 @@ else:
     raise AssertionError("a width where nothing was measured")
 written = [path.name for path in write_run(image, folder / "out")]
 assert "width.png" in written and "width.png" in RUN.files
-assert "width.png" in planned_files(Output()) and "width.png" not in planned_files(Output(), ranging="tof")
+assert "width.png" in planned_files(Output()) and "width.png" not in planned_files(Output(), rangefinders=("tof",))
 read = read_range_image(folder / "out" / "range.exr")
 np.testing.assert_array_equal(read["peak_width_px"], image["peak_width_px"])
 data = read.to_xarray()["peak_width_px"]

@@ -28,6 +28,7 @@ def test_the_public_names_are_these() -> None:
         "RunError",
         "Scenario",
         "ScenarioError",
+        "ShotTable",
         "Status",
         "Tracker",
         "WaveformSet",
@@ -36,13 +37,16 @@ def test_the_public_names_are_these() -> None:
         "load_scenario",
         "poses_of",
         "read_range_image",
+        "read_shots",
         "read_track",
         "simulate",
+        "simulate_shots",
         "simulate_voxel",
         "simulate_waveforms",
         "take_photo",
         "track",
         "write_run",
+        "write_shots",
     }
 
 

@@ -17,7 +17,8 @@ from scanner_sim import Scenario
 from scanner_sim.analytic import geometry
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.scan.raster import Aim, raster_aim
+from scanner_sim.scan.protocol import Aim
+from scanner_sim.scan.raster import raster_aim
 
 Array = NDArray[np.float64]
 

@@ -29,7 +29,7 @@ from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.speckle import Optics, packets, slope_packets
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.beam.surface_positions import SurfacePositions
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.polarisation import speckle_contrast
 

@@ -13,7 +13,8 @@ from scanner_sim import load_scenario
 from scanner_sim.analytic import geometry
 from scanner_sim.detector.encoders import read_encoders
 from scanner_sim.optics.deflection import Mirrors, TemperatureCourse
-from scanner_sim.scan.raster import Aim, RasterScan, raster_aim
+from scanner_sim.scan.protocol import Aim
+from scanner_sim.scan.raster import RasterScan, raster_aim
 
 STILL: dict[str, Any] = {
     "jitter": 0.0,

@@ -234,7 +234,7 @@ def test_background_is_the_light_of_a_sunlit_wall() -> None:
         inside, outside = band_irradiance(
             scenario.lighting.sun,
             scanner.filter,
-            scanner.position_sensor.response,
+            scanner.lidar.photodiode.response,
             scanner.laser.wavelength,
         )
         radiance = 0.5 * np.cos(np.deg2rad(30.0)) / np.pi * float(inside + outside)
@@ -366,6 +366,6 @@ def test_under_the_sun_the_planned_files_are_written(repo_root: Path, tmp_path: 
         assert result.exit_code == 0, result.output
         scenario = load_scenario(config, [*size, f"ranging={ranging}"])
         written = {path.name for path in out.iterdir()}
-        assert written == set(planned_files(scenario.output, lit=True, ranging=scenario.ranging))
+        assert written == set(planned_files(scenario.output, lit=True, rangefinders=scenario.rangefinders))
         assert ("background.png" in written) == (ranging == "both")
         assert (read_range_image(out / "range.exr")["tof.background_w"] > 0.0).any()

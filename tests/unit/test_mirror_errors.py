@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.optics.deflection import Mirrors, TemperatureCourse
 from scanner_sim.render.shots import true_shots
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 
 pytestmark = pytest.mark.usefixtures("device")
 

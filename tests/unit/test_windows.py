@@ -10,19 +10,25 @@ import numpy as np
 import pytest
 
 from scanner_sim.instrument.closed_loop.windows import Windows, _span
+from scanner_sim.instrument.time_slots import TimeSlots
+from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.render.device import Device
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 
 FOCAL, PITCH, HEIGHT, OFFSET, PIXELS = 0.1, 50e-6, 250e-6, 5e-3, 400
+
+
+class Steady(TimeSlots):
+    """The slots of what moves by three bins a second: a quarter of one."""
+
+    def _speed(self, *_: Any) -> float:
+        return 3.0 * self._step
 
 
 class Recorded(Windows):
     """Windows of a scene with one body that turns, which note what they were asked to render."""
 
     asked: tuple[Any, float]
-
-    def _speed(self, *_: Any) -> float:
-        return 3.0 * self.step  # bins in a second: slots of a quarter of one
 
     def _renderer(self, *_: int) -> Any:
         def render(reads: Any, place: Any, poses: float) -> list[Any]:
@@ -48,8 +54,11 @@ def windows(device: Device) -> Recorded:
         poses_at=lambda time: time,
     )
     scenario = SimpleNamespace(scanner=SimpleNamespace(position_sensor=SimpleNamespace(pixels=PIXELS)))
-    made = Recorded.of_line(SimpleNamespace(optics=optics, scenario=scenario, loaded=loaded))  # type: ignore[arg-type]
-    made.__dict__ |= {"_light": None, "_heights": None}
+    line = object.__new__(Triangulation)
+    line.optics, line.scenario = optics, scenario  # type: ignore[assignment]
+    made = Recorded(SimpleNamespace(scenario=scenario, loaded=loaded), *line.sight)  # type: ignore[arg-type]
+    slots = Steady(loaded, made.step)  # type: ignore[arg-type]
+    made.__dict__ |= {"_light": None, "_heights": None, "_slots": slots}
     return made
 
 

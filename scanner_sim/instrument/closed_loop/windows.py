@@ -20,43 +20,30 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-from scanner_sim.foundation.arithmetic import product
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.instrument.time_slots import TimeSlots, middle
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import SkyLight, light_of
-from scanner_sim.render.background.view import Window, window_heights, window_position
-from scanner_sim.render.field_of_view import field_optics
+from scanner_sim.render.background.view import Window, row_spacing, window_heights, window_position
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.render.rays import one_kernel, pose_scene
 from scanner_sim.render.transport import OpticalLayout
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import Pose
 
-_ROW_SPACING = 0.5
-"""Distance of rows, over the height of a pixel."""
 _SHIFT_BINS = 8
 """Bins by which windows are shifted."""
 _BINS_TOGETHER, _ROWS_TOGETHER = 64, 16
 """Sizes of windows are multiples of them: few sizes make few kernels."""
-_MOST_MOVED_BINS = 1.0
-"""Bins by which anything may move in a time slot."""
-_LONGEST_SLOT, _MOST_HALVINGS = 1.0, 6
-"""Longest time slot [s], and how often it may be halved."""
 _SHARP_SAMPLES = {False: 8, True: 4}
 """Samples of the sharp light of each bin, in each half: where all rests, and where something moves."""
 _MOVING_SAMPLES = 2
 """Long paths of each bin where something moves: windows are then wanted again and again."""
 _MOST_WINDOWS = 16
 """Windows that are kept."""
-_SPEED_INSTANTS = np.linspace(0.0, 1.0, 5)
-"""Moments of a block at which speeds are looked at."""
-_NEAREST_PART = 0.1
-"""Distance [m] below which a part of a moving object counts as being there: it may lie around the scanner."""
-
 Key = tuple[int, int, int, int, int, int]
 WindowArrays: TypeAlias = list[Float]
 """What frozen kernels need of a window: its first angles, rows and bins, and the layers of its panorama."""
@@ -78,30 +65,11 @@ class Windows:
     def __init__(self, instrument: Instrument, optics: OpticalLayout, seen: tuple[float, float]) -> None:
         self._instrument, self._optics, self._seen = instrument, optics, seen
         self.step = optics.pitch / optics.receiver.focal_length
-        self.row_step = _ROW_SPACING * optics.height / optics.receiver.focal_length
+        self.row_step = row_spacing(optics)
         self._kept: OrderedDict[Key, WindowArrays] = OrderedDict()
         self._renderers: dict[tuple[int, int], Frozen] = {}
-        self._slots: dict[int, int] = {}
+        self._slots = TimeSlots(instrument.loaded, self.step)
         self.rendered = 0
-
-    @classmethod
-    def of_line(cls, instrument: Instrument) -> Windows:
-        """Return those of the line sensor: a pixel at p looks along Θ − atan(p/f)."""
-        optics, pixels = instrument.optics, instrument.scenario.scanner.position_sensor.pixels
-        ends = optics.offset + pixels * optics.pitch, optics.offset
-        left, right = (-math.atan(end / optics.receiver.focal_length) for end in ends)
-        return cls(instrument, optics, (left, right))
-
-    @classmethod
-    def of_field(cls, instrument: Instrument) -> Windows:
-        """Return those of the photodiode's field of view."""
-        echoes = instrument.echoes
-        optics, middle, half = (
-            field_optics(echoes.bare, echoes.field),
-            -echoes.field.aside,
-            0.5 * echoes.field.side,
-        )
-        return cls(instrument, optics, (middle - half, middle + half))
 
     def seen_by(self, aim: Aim) -> WindowArrays:
         """Return what the frozen measurement of a pattern needs of its window, Dr.Jit arrays for :meth:`panorama`."""
@@ -130,34 +98,7 @@ class Windows:
         first, bins = _span(left, right, self.step, _SHIFT_BINS, _BINS_TOGETHER)
         top, bottom = float((aim.phi - reach[1]).min()), float((aim.phi + reach[1]).max())
         first_row, rows = _span(top, bottom, self.row_step, 1, _ROWS_TOGETHER)
-        return (first, bins, first_row, rows, *self._slot(0.5 * float(aim.time[0] + aim.time[-1])))
-
-    def _slot(self, time: float) -> tuple[int, int]:
-        """Return the number of the time slot of a moment [s], and how often a block was halved for it."""
-        if not self._instrument.loaded.bodies:
-            return 0, 0
-        block = math.floor(time / _LONGEST_SLOT)
-        if block not in self._slots:
-            speed = self._speed(_LONGEST_SLOT * (block + _SPEED_INSTANTS))
-            moved = _LONGEST_SLOT * speed / (_MOST_MOVED_BINS * self.step)
-            self._slots[block] = min(max(math.ceil(math.log2(max(moved, 1.0))), 0), _MOST_HALVINGS)
-        halvings = self._slots[block]
-        return math.floor(time / _LONGEST_SLOT * 2**halvings), halvings
-
-    def _speed(self, time: NDArray[np.float64]) -> float:
-        """Return the largest speed of corners of moving objects' boxes [rad/s], as the scanner sees it."""
-        fastest, apart = 0.0, 1e-3
-        for body in self._instrument.loaded.bodies:
-            box = body.mitsuba.bbox()
-            corners = np.array([np.asarray(box.corner(number)).ravel() for number in range(8)])
-            before, after = (
-                product(pose[:, :3, :3], corners.T) + pose[:, :3, 3:]
-                for pose in (body.item.pose_at(time - apart), body.item.pose_at(time + apart))
-            )
-            speed = np.linalg.norm(after - before, axis=1) / (2.0 * apart)
-            distance = np.maximum(np.linalg.norm(after, axis=1), _NEAREST_PART)
-            fastest = max(fastest, float((speed / distance).max()))
-        return fastest
+        return (first, bins, first_row, rows, *self._slots.at(0.5 * float(aim.time[0] + aim.time[-1])))
 
     @cached_property
     def _heights(self) -> Float:
@@ -181,7 +122,7 @@ class Windows:
             self._heights,
         ]
         corner = window_position(first * self.step, first_row * self.row_step, rows, bins)
-        poses = loaded.poses_at((slot + 0.5) * _LONGEST_SLOT / 2**halvings) if loaded.bodies else ()
+        poses = loaded.poses_at(middle((slot, halvings))) if loaded.bodies else ()
         return [*corner, *self._renderer(rows, bins)(reads, corner[:2], poses)]
 
     def _renderer(self, rows: int, bins: int) -> Frozen:

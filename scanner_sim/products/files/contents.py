@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
 
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.products.files.folder import ResultFolder
@@ -11,16 +11,16 @@ from scanner_sim.products.settings import Output
 _DRAWN = tuple((channel, picture) for channel in CHANNELS for picture in channel.pictures)
 
 PICTURES = tuple(
-    picture.file for channel, picture in _DRAWN if len(channel.ranging) == 3 and not picture.sunlit
+    picture.file for channel, picture in _DRAWN if not channel.rangefinders and not picture.sunlit
 )
 
 FILES = ("range.exr", "scenario.yaml", "summary.json", *PICTURES, "points.ply")
-"""Every file that a run in the dark may write, whatever its ranging."""
+"""Every file that a run in the dark may write, whatever its rangefinders."""
 
 TIMED_PICTURES = tuple(
     picture.file for _, picture in _DRAWN if picture.file not in PICTURES and not picture.sunlit
 )
-"""Pictures that a run adds by its way of ranging."""
+"""Pictures that a run adds by its rangefinders."""
 
 LIT_PICTURES = (*(picture.file for _, picture in _DRAWN if picture.sunlit), "camera.png")
 """Pictures that a run adds where the Sun shines."""
@@ -30,6 +30,22 @@ WAVEFORMS = "waveforms.nc"
 
 RUN = ResultFolder("range.exr", (*FILES, *TIMED_PICTURES, *LIT_PICTURES, WAVEFORMS))
 """The folder of a run."""
+
+SHOT_TABLE = "shots.parquet"
+
+SHOT_FILES = (
+    SHOT_TABLE,
+    "shots.csv",
+    "scenario.yaml",
+    "summary.json",
+    "range.png",
+    "status.png",
+    "points.ply",
+)
+"""Files that a scan without rows may write, in the dark."""
+
+SHOTS = ResultFolder(SHOT_TABLE, (*SHOT_FILES, "camera.png"))
+"""The folder of a scan without rows."""
 
 TABLE, VOXELS = "track.parquet", "patterns.parquet"
 
@@ -88,19 +104,28 @@ POSE_STUDY = ResultFolder(
 
 
 def planned_files(
-    output: Output, *, lit: bool = False, ranging: Literal["triangulation", "tof", "both"] = "triangulation"
+    output: Output, *, lit: bool = False, rangefinders: Sequence[str] = ("triangulation",)
 ) -> tuple[str, ...]:
     """Return the names of the files that a run writes, in the order of presentation; ``lit`` under the Sun."""
     drawn = {
         picture.file
         for channel, picture in _DRAWN
-        if ranging in channel.ranging and (lit or not picture.sunlit)
+        if set(channel.rangefinders) <= set(rangefinders) and (lit or not picture.sunlit)
     }
     drawn |= {"camera.png"} if lit else set()
     left_out = {*PICTURES, *TIMED_PICTURES, *LIT_PICTURES} - (drawn if output.pictures else set())
     left_out |= set() if output.points else {"points.ply"}
     left_out |= {WAVEFORMS} if output.waveforms == "none" else set()
     return tuple(name for name in RUN.files if name not in left_out)
+
+
+def planned_shot_files(output: Output, *, lit: bool = False) -> tuple[str, ...]:
+    """Return the names of the files that a scan without rows writes, in the order of presentation."""
+    left_out = (() if output.pictures else ("range.png", "status.png")) + (
+        () if output.points else ("points.ply",)
+    )
+    added = ("camera.png",) if output.pictures and lit else ()
+    return tuple(name for name in (*SHOT_FILES, *added) if name not in left_out)
 
 
 def planned_track_files(output: Output, carriers: int) -> tuple[str, ...]:

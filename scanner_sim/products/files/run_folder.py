@@ -80,5 +80,5 @@ def _writers(
             writers["camera.png"] = lambda path: save_grey(camera, path)
     if waveforms is not None:
         writers[WAVEFORMS] = lambda path: write_waveforms(path, waveforms)
-    ordered = planned_files(output, lit=True, ranging="both")
+    ordered = planned_files(output, lit=True, rangefinders=("triangulation", "tof"))
     return {name: writers[name] for name in ordered if name in writers}

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from scanner_sim.foundation.device_types import Float, UInt32, Vector3f
+from scanner_sim.render.settings import ROW_SPACING
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout, device_frame
 
@@ -20,6 +21,29 @@ WINDOW = 200e-6
 """Length of the window in which the paper counts the background, along the line [m] (eq 18)."""
 
 _QUANTILES = 1024
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Rows of φ in which the background is rendered, over a range of Θ.
+
+    Attributes
+    ----------
+    horizontal
+        First and last Θ of the shots [rad].
+    phi
+        φ of each row [rad], shape (rows,), in even steps.
+    time
+        When each row is looked at [s], shape (rows,), or (1,) for all alike; None leaves moving objects where the
+        loaded scene has them.
+    between
+        Whether shots look between rows, and not each at the row that its number tells.
+    """
+
+    horizontal: tuple[float, float]
+    phi: NDArray[np.float64]
+    time: NDArray[np.float64] | None = None
+    between: bool = False
 
 
 @dataclass(frozen=True)
@@ -34,8 +58,8 @@ class PanoramaView:
         Angle of the first bin's centre, and of a bin [rad].
     bins
         Number of bins of a row.
-    time
-        When each row is looked at [s], shape (rows,); None leaves moving objects where the loaded scene has them.
+    time, between
+        Those of :class:`Rows`.
     """
 
     phi: NDArray[np.float64]
@@ -43,6 +67,7 @@ class PanoramaView:
     step: float
     bins: int
     time: NDArray[np.float64] | None = None
+    between: bool = False
 
     @property
     def rows(self) -> int:
@@ -61,11 +86,19 @@ class PanoramaView:
 
     def tables(self, layout: OpticalLayout) -> tuple[Float, Float]:
         """Return φ of the rows [rad] and the quantiles of the pixels' height [m], Dr.Jit."""
+        phi = mi.Float(self.phi.astype(np.float32))
+        if self.between:
+            return phi, window_heights(layout, self.row_step)
         heights = height_quantiles(layout.height, layout.point_spread)
-        return mi.Float(self.phi.astype(np.float32)), mi.Float(heights.astype(np.float32))
+        return phi, mi.Float(heights.astype(np.float32))
 
-    def row(self, shots: Shots, index: UInt32, columns: int) -> UInt32:
-        """Return the rows of shots by their indices; a raster's shots tell it by their number."""
+    def row(self, shots: Shots, index: UInt32, columns: int) -> UInt32 | Float:
+        """Return the rows of shots by their indices: by a raster's numbers, or where between the rows φ lies."""
+        if self.between:
+            at = (dr.gather(mi.Float, shots.phi, index) - dr.opaque(mi.Float, self.phi[0])) / dr.opaque(
+                mi.Float, self.row_step
+            )
+            return dr.clip(at, 0.0, self.rows - 1.0)
         return dr.gather(mi.UInt32, shots.number, index) // dr.opaque(mi.UInt32, columns)
 
 
@@ -128,22 +161,29 @@ def window_heights(layout: OpticalLayout, row_step: float) -> Float:
     return mi.Float(height_quantiles(height, layout.point_spread).astype(np.float32))
 
 
-def panorama_view(
-    theta: tuple[float, float],
-    phi: NDArray[np.float64],
-    layout: OpticalLayout,
-    pixels: int,
-    time: NDArray[np.float64] | None = None,
-) -> PanoramaView:
-    """Return the angles that the pixels of all voxels of a raster see: Θ from ``theta``, rows at ``phi`` [rad].
+def row_spacing(layout: OpticalLayout) -> float:
+    """Return the angle [rad] between rows that are dense enough to interpolate between them."""
+    return ROW_SPACING * layout.height / layout.receiver.focal_length
 
-    ``time`` is that of :class:`PanoramaView`.
-    """
+
+def rows_between(
+    horizontal: tuple[float, float], vertical: tuple[float, float], layout: OpticalLayout, time: float | None
+) -> Rows:
+    """Return even rows for shots anywhere between two Θ and two φ [rad], at a time [s] or as the scene was loaded."""
+    step = row_spacing(layout)
+    first = math.floor(vertical[0] / step) - 1
+    # As many rows wherever the shots lie on the grid: kernels know the numbers of rows and bins.
+    phi = step * (first + np.arange(math.ceil((vertical[1] - vertical[0]) / step) + 4, dtype=np.float64))
+    return Rows(horizontal, phi, None if time is None else np.array([time]), between=True)
+
+
+def panorama_view(rows: Rows, layout: OpticalLayout, pixels: int) -> PanoramaView:
+    """Return the angles that the pixels of the line see in some rows."""
     f, step = layout.receiver.focal_length, layout.pitch / layout.receiver.focal_length
-    first = theta[0] - math.atan((layout.offset + pixels * layout.pitch) / f) - step
-    last = theta[1] - math.atan(layout.offset / f) + step
+    first = rows.horizontal[0] - math.atan((layout.offset + pixels * layout.pitch) / f) - step
+    last = rows.horizontal[1] - math.atan(layout.offset / f) + step
     bins = math.ceil((last - first) / step) + 1
-    return PanoramaView(np.asarray(phi, dtype=np.float64), first, step, bins, time)
+    return PanoramaView(rows.phi, first, step, bins, rows.time, rows.between)
 
 
 def rays_through(

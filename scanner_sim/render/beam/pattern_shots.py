@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.render.shots import Lattice, Shots, draw_errors, lattice_position
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import Body, packed_poses, unpacked_poses
 
 Array = NDArray[np.float64]

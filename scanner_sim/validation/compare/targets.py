@@ -15,7 +15,6 @@ from scanner_sim.pose.estimate import estimate_pose
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
-from scanner_sim.scan.raster import RasterScan
 from scanner_sim.tracking.centroid import better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.response import TargetKind, target_response
@@ -42,7 +41,7 @@ _EDGE = 0.02
 def _pattern(setting: ComparisonSetup) -> LissajousPattern:
     """Return the scenario's figure, or the usual one for a scenario that has none."""
     scan = setting.scenario.scan
-    return LissajousPattern() if isinstance(scan, RasterScan) else scan.pattern
+    return scan.pattern if scan.layout == "visits" else LissajousPattern()
 
 
 def _disc(setting: ComparisonSetup) -> tuple[float, float]:
@@ -158,7 +157,7 @@ def _array(setting: ComparisonSetup) -> tuple[Array, tuple[Array, Array, Array]]
 
 def _posed(setting: ComparisonSetup) -> str:
     scenario, closed = setting.scenario, ClosedForms(setting.scenario)
-    if scenario.ranging == "tof":
+    if "triangulation" not in scenario.rangefinders:
         return "the scenario has no triangulation, whose ranges the array is measured with"
     if scenario.processing.peak != FIT and scenario.processing.bias_correction != "none":
         return "the correction of the estimator has no closed form"

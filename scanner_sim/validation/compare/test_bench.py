@@ -17,7 +17,8 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.optics.deflection import Mirrors, TemperatureCourse
-from scanner_sim.scan.raster import Aim, RasterScan
+from scanner_sim.scan.protocol import Aim
+from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene
 from scanner_sim.signals.processing import PeakMethod, Validation

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.scan.raster import Aim
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.validation.reproduce.item import Task
 
 Array = NDArray[np.float64]

@@ -15,7 +15,8 @@ from scanner_sim.products.budget import Dominance
 from scanner_sim.ranging.triangulation import position_sigma, range_jacobian
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.scan.raster import Aim, raster_aim, tiled_order
+from scanner_sim.scan.protocol import Aim
+from scanner_sim.scan.raster import raster_aim, tiled_order
 
 Array = NDArray[np.float64]
 Progress = Callable[[int, int], None]
@@ -100,7 +101,7 @@ def _peak_parts(instrument: Instrument, aim: Aim) -> tuple[Array, Array]:
         peak[group.index] = np.where(valid, position, np.nan)
         for number, part in enumerate(_PARTS):
             misfit = processing.validation.misfit if part.misfit else 0.0
-            without = instrument.find(
+            without = instrument.triangulation.find(
                 group.signal,
                 theta,
                 sensor=sensor.changed(noise=part.noise),

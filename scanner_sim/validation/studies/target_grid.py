@@ -61,7 +61,7 @@ class StudyTarget:
         ``diameter`` [m] takes the place of the array's.
         """
         own = next((item for item in scenario.scene.objects if isinstance(item, TargetArray)), None)
-        scan = scenario.scan if isinstance(scenario.scan, TrackScan) else None
+        scan = scenario.following if scenario.scan.layout == "visits" else None
         return cls(
             diameter=diameter or (own.array.diameter if own else _DIAMETER),
             disc=own.disc if own else "target_black",

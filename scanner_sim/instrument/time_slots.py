@@ -1,0 +1,68 @@
+"""Time slots: how long a background holds that was rendered of moving objects at one moment."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.arithmetic import product
+from scanner_sim.render.settings import LONGEST_SLOT, slot_halvings
+from scanner_sim.scene.files.loader import LoadedScene
+
+_SPEED_INSTANTS = np.linspace(0.0, 1.0, 5)
+"""Moments of a block at which speeds are looked at."""
+_NEAREST_PART = 0.1
+"""Distance [m] below which a part of a moving object counts as being there: it may lie around the scanner."""
+
+Slot = tuple[int, int]
+"""Number of a slot, counted from time 0, and how often the longest one was halved for it."""
+
+
+class TimeSlots:
+    """The time slots of a scene: powers of two of a second in which its fastest object moves by one bin at most.
+
+    Parameters
+    ----------
+    loaded
+        The scene.
+    step
+        Angle of a bin [rad].
+    """
+
+    def __init__(self, loaded: LoadedScene, step: float) -> None:
+        self._loaded, self._step = loaded, step
+        self._halvings: dict[int, int] = {}
+
+    def at(self, time: float) -> Slot:
+        """Return the slot of a moment [s]; where nothing moves there is one only."""
+        if not self._loaded.bodies:
+            return 0, 0
+        block = math.floor(time / LONGEST_SLOT)
+        if block not in self._halvings:
+            speed = self._speed(LONGEST_SLOT * (block + _SPEED_INSTANTS))
+            self._halvings[block] = slot_halvings(speed, self._step)
+        halvings = self._halvings[block]
+        return math.floor(time / LONGEST_SLOT * 2**halvings), halvings
+
+    def _speed(self, time: NDArray[np.float64]) -> float:
+        """Return the largest speed of corners of moving objects' boxes [rad/s], as the scanner sees it."""
+        fastest, apart = 0.0, 1e-3
+        for body in self._loaded.bodies:
+            box = body.mitsuba.bbox()
+            corners = np.array([np.asarray(box.corner(number)).ravel() for number in range(8)])
+            before, after = (
+                product(pose[:, :3, :3], corners.T) + pose[:, :3, 3:]
+                for pose in (body.item.pose_at(time - apart), body.item.pose_at(time + apart))
+            )
+            speed = np.linalg.norm(after - before, axis=1) / (2.0 * apart)
+            distance = np.maximum(np.linalg.norm(after, axis=1), _NEAREST_PART)
+            fastest = max(fastest, float((speed / distance).max()))
+        return fastest
+
+
+def middle(slot: Slot) -> float:
+    """Return the moment in the middle of a slot [s]."""
+    number, halvings = slot
+    return (number + 0.5) * LONGEST_SLOT * 0.5**halvings

@@ -1,0 +1,164 @@
+"""A table of shots: the result of a scan without rows, as named columns with units, one line for each shot."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import xarray
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.channels import CHANNEL, Channel
+from scanner_sim.foundation.status import Status
+from scanner_sim.products.image import (
+    check_codes,
+    check_marks,
+    check_names,
+    closed,
+    layer_variables,
+)
+from scanner_sim.products.provenance import in_order, versions
+
+Array = NDArray[np.float64]
+
+AIMED = (
+    Channel("shot", "1", "number of the shot, counted from 0 in the order of the scan", "aim"),
+    Channel("time_s", "s", "middle of the shot's dwell since the start of the scan", "aim"),
+    Channel(
+        "theta_rad",
+        "rad",
+        "deflection to the right in the middle of the dwell: as commanded, or of mirrors whose servos follow that",
+        "aim",
+    ),
+    Channel(
+        "phi_rad", "rad", "deflection downwards, likewise; both without the mirrors' random errors", "aim"
+    ),
+)
+"""Columns that every table of shots begins with; the others are layers that an image has, too."""
+
+COLUMN: Mapping[str, Channel] = MappingProxyType({channel.name: channel for channel in AIMED} | dict(CHANNEL))
+"""Unit and meaning of each column, by name."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ShotTable:
+    """Measurements of a scan without rows and the truth behind them, column by column.
+
+    A column is read by its name, ``shots["range_m"]``; :data:`COLUMN` tells unit and meaning of each. The arrays are
+    views that cannot be written to.
+
+    Parameters
+    ----------
+    channels
+        Layers by name as those of an image, each of shape (shots,), float32.
+    time
+        Middle of each dwell since the start [s], shape (shots,), ascending.
+    theta, phi
+        Deflections of each shot [rad], shape (shots,).
+    objects, materials, seed, scenario_yaml, warnings, made_by
+        As of :class:`~scanner_sim.products.image.RangeImage`.
+
+    Raises
+    ------
+    ValueError
+        If names, shapes, types, times or the marks of invalid shots contradict each other.
+    """
+
+    channels: Mapping[str, NDArray[np.float32]]
+    time: Array
+    theta: Array
+    phi: Array
+    objects: tuple[str, ...] = ()
+    materials: tuple[str, ...] = ()
+    seed: int = 0
+    scenario_yaml: str = ""
+    warnings: tuple[str, ...] = ()
+    made_by: Mapping[str, str] = field(default_factory=versions)
+
+    def __post_init__(self) -> None:
+        """Check the table and close its arrays to writing."""
+        for name in ("time", "theta", "phi"):
+            values = getattr(self, name)
+            if values.dtype != np.float64 or values.shape != (len(self),) or not np.isfinite(values).all():
+                raise ValueError(f"{name} must be {len(self)} finite float64 numbers")
+            object.__setattr__(self, name, closed(values))
+        if not len(self) or (np.diff(self.time) <= 0.0).any():
+            raise ValueError("time must ascend, and there must be a shot")
+        check_names(self.channels)
+        for name, layer in self.channels.items():
+            if layer.dtype != np.float32 or layer.shape != (len(self),):
+                raise ValueError(f"{name} must be float32 of shape ({len(self)},)")
+        ordered = {name: closed(self.channels[name]) for name in CHANNEL if name in self.channels}
+        object.__setattr__(self, "channels", MappingProxyType(ordered))
+        object.__setattr__(self, "made_by", MappingProxyType(in_order(self.made_by)))
+        check_codes(self)
+        check_marks(self)
+
+    def __len__(self) -> int:
+        """Return the number of shots."""
+        return len(self.time)
+
+    def __getitem__(self, name: str) -> NDArray[np.float32]:
+        """Return a layer, shape (shots,).
+
+        Raises
+        ------
+        KeyError
+            If the table has no such layer; the message names those that it has.
+        """
+        if name not in self.channels:
+            raise KeyError(f"no channel {name!r} in these shots; they have {', '.join(self.channels)}")
+        return self.channels[name]
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether the table has a layer."""
+        return name in self.channels
+
+    @property
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """All columns by name: those of :data:`AIMED`, then the layers."""
+        number = np.arange(len(self), dtype=np.uint32)
+        aimed: tuple[NDArray[Any], ...] = (number, self.time, self.theta, self.phi)
+        names = (channel.name for channel in AIMED)
+        return {**dict(zip(names, aimed, strict=True)), **self.channels}
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where a range was measured, shape (shots,)."""
+        return np.equal(self["status"], Status.VALID)
+
+    def points(self) -> NDArray[np.float32]:
+        """Return the measured points in the scanner frame, shape (valid shots, 3) [m]."""
+        valid = self.valid
+        return np.stack([self[name][valid] for name in ("P.X", "P.Y", "P.Z")], axis=1)
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the table as an xarray dataset over ``shot``, with units, meanings and names of the codes."""
+        coordinates = {
+            channel.name: ("shot", values, {"units": channel.unit, "long_name": channel.meaning})
+            for channel, values in zip(AIMED, list(self.columns.values())[: len(AIMED)], strict=True)
+        }
+        attributes = {
+            "title": "shots",
+            "seed": str(self.seed),
+            "scenario": self.scenario_yaml,
+            "warnings": "\n".join(self.warnings),
+            **{f"version_{program}": number for program, number in self.made_by.items()},
+        }
+        return xarray.Dataset(layer_variables(self, ("shot",)), coordinates, attributes)
+
+    def __repr__(self) -> str:
+        """Return a few lines that say what the table holds."""
+        valid = self.valid
+        lines = [f"ShotTable of {len(self):,} shots in {self.time[-1]:.4g} s, seed {self.seed}"]
+        if "range_m" in self and valid.any():
+            ranges = self["range_m"][valid]
+            lines.append(
+                f"  {100.0 * valid.mean():.4g} % have a range, from {ranges.min():.4g} m to {ranges.max():.4g} m"
+            )
+        lines.append(f"  channels: {', '.join(self.channels)}")
+        lines.extend(f"  warning: {warning}" for warning in self.warnings)
+        return "\n".join(lines)
