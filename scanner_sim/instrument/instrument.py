@@ -115,7 +115,10 @@ class Instrument:
         travel_theta: ArrayLike = 0.0,
         travel_phi: ArrayLike = 0.0,
     ) -> Aim:
-        """Return shots in directions [rad] that broadcast, one dwell after the other: see :func:`aim_at`."""
+        """Return shots in directions [rad], one dwell after the other.
+
+        Arguments as those of :func:`~scanner_sim.instrument.own_aims.aim_at`.
+        """
         dwell = self.scenario.scanner.dwell
         return aim_at(theta, phi, dwell, first=first, travel_theta=travel_theta, travel_phi=travel_phi)
 

@@ -101,7 +101,7 @@ def measure_scan(
     layers: dict[str, NDArray[np.float32]] = {}
     for aim, backgrounds in lit_aims(instrument, batch):
         samples = instrument.measure(aim, backgrounds=backgrounds)
-        for name in samples.keys() & CHANNEL.keys():
+        for name in [name for name in samples if name in CHANNEL]:
             if name not in layers:
                 layers[name] = np.empty(shots, dtype=np.float32)
             layers[name][aim.shot] = samples[name]

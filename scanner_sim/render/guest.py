@@ -26,8 +26,8 @@ class _Settings(NamedTuple):
     threads: int
 
 
-_guests: list[_Settings] = []
-"""What the guests that are at work found, the outermost first."""
+_found: list[tuple[str | None, _Settings]] = []
+"""What the guests that are at work found when they came, the first of them first: name of LLVM, and settings."""
 
 
 @contextlib.contextmanager
@@ -37,13 +37,12 @@ def guest() -> Iterator[None]:
     Guests within a guest give nothing back: its work goes on under the settings that they chose. A process that had
     chosen no variant keeps ours: Mitsuba cannot go back to none.
     """
-    environment, before = os.environ.get(LLVM_VARIABLE), _settings()
-    _guests.append(before)
+    _found.append((os.environ.get(LLVM_VARIABLE), _settings()))
     try:
         yield
     finally:
-        _guests.pop()
-        if not _guests:
+        environment, before = _found.pop()
+        if not _found:
             _restore(before)
             if environment is None:
                 os.environ.pop(LLVM_VARIABLE, None)

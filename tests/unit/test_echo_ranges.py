@@ -128,8 +128,11 @@ def test_each_detector_responds_by_itself(device: object) -> None:
     own = ["Y", "background", "background_peak", "peak_px", "sigma_peak_px"]
     assert (usual["status"] == 0).all()
     assert (usual["tof.status"] == 0).all()
+    blind = simulate(lit_wall(line=BLIND), device="cpu")
+    assert (blind["status"] != 0).all()
     for name in timed:
         np.testing.assert_array_equal(usual[name], line[name])
+        np.testing.assert_array_equal(usual[name], blind[name])
     for name in own:
         np.testing.assert_array_equal(usual[name], diode[name])
     assert (line["background"] < 0.5 * usual["background"]).all()
