@@ -42,6 +42,9 @@ AIMED = (
 COLUMN: Mapping[str, Channel] = MappingProxyType({channel.name: channel for channel in AIMED} | dict(CHANNEL))
 """Unit and meaning of each column, by name."""
 
+_WIDEST = 2.0
+"""Angle [rad] beyond which there is no deflection: the commands end at a right angle."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ShotTable:
@@ -85,8 +88,12 @@ class ShotTable:
             if values.dtype != np.float64 or values.shape != (len(self),) or not np.isfinite(values).all():
                 raise ValueError(f"{name} must be {len(self)} finite float64 numbers")
             object.__setattr__(self, name, closed(values))
-        if not len(self) or (np.diff(self.time) <= 0.0).any():
-            raise ValueError("time must ascend, and there must be a shot")
+        if not len(self) or (np.diff(self.time) <= 0.0).any() or self.time[0] < 0.0:
+            raise ValueError("time must ascend from 0, and there must be a shot")
+        if max(np.abs(self.theta).max(), np.abs(self.phi).max()) > _WIDEST:
+            raise ValueError("theta and phi must be deflections")
+        if any("\n" in name for name in (*self.objects, *self.materials)):
+            raise ValueError("names of objects and materials must stay on one line")
         check_names(self.channels)
         for name, layer in self.channels.items():
             if layer.dtype != np.float32 or layer.shape != (len(self),):

@@ -205,7 +205,7 @@ def _check_names(path: Path, names: Sequence[str]) -> None:
     known = ", ".join(_COLUMNS)
     if unknown := [name for name in names if name not in _COLUMNS]:
         raise InputError(
-            f"{path.name}, line 1: {unknown[0][:40]!r} is no column that is read; known are {known}."
+            f"{path.name}, line 1: {unknown[0][:40]!r} is no column that is read; known are {known}, between commas."
         )
     kinds = [_COLUMNS[name][0] for name in names]
     for kind in ("theta", "phi", "time"):
@@ -223,7 +223,8 @@ def _read_line(line: str, row: int, names: Sequence[str], values: Array) -> list
         return [f"line {row + 2} has {len(words)} entries instead of {len(names)}"]
     for column, (word, name) in enumerate(zip(words, names, strict=True)):
         try:
-            value = float(word)
+            # Python reads 1_000 as a number, no other program does.
+            value = float(word.replace("_", "?"))
         except ValueError:
             faults.append(f"line {row + 2}, column {name}: {word.strip()[:40]!r} is no number")
             continue
