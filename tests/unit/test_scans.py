@@ -7,11 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from prototype import Galvanometers, Mirrors
 
 from scanner_sim import InputError, ScenarioError, load_scenario
 from scanner_sim.config import scenario_warnings
-from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.lissajous_scan import LissajousScan
 from scanner_sim.scan.listed import ListedScan, read_angles
