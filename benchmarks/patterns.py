@@ -106,7 +106,7 @@ def main() -> None:
         known = scenario(changes, speed)
         bench = FrozenInstrument(Instrument(known, device="cpu"))
         measured = seconds(lambda number, bench=bench: bench.measure(pattern(number)), visits)
-        windows = "–" if bench.windows is None else f"{bench.windows.rendered / (1.1 * visits * PERIOD):.1f}"
+        windows = f"{bench.windows[0].rendered / (1.1 * visits * PERIOD):.1f}" if bench.windows else "–"
         tracker = Tracker(known, device="cpu")
         taken = seconds(lambda _, tracker=tracker: next(tracker), visits)
         table.add_row(

@@ -16,9 +16,9 @@ import scanner_sim
 from scanner_sim.config import json_schema
 from scanner_sim.config.outline import EACH, outline
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
-from scanner_sim.products.image import CHANNELS
 from scanner_sim.products.shots import AIMED
 from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.scene.materials import MATERIALS
@@ -31,12 +31,8 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "range.exr": "every layer below, float32, with scenario, versions, units and legends in its header",
             "scenario.yaml": "the scenario with every default written out; running it gives the same bytes",
             "summary.json": "counts, quantiles and, apart, the distance from the truth",
-            "range.png": "range in colours; voxels without one in the colour of their status",
-            "shaded.png": "derivative of the range in grey levels",
-            "signal.png": "returned signal on a logarithmic scale",
+            **{picture.file: picture.meaning for channel in CHANNELS for picture in channel.pictures},
             "points.ply": "the points with intensity and σ, binary little-endian PLY",
-            "tof.png": "with time of flight: its range in grey levels, a dot for each voxel",
-            "background.png": "under the Sun: charge of sunlight and Earthshine about the spot",
             "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
             "waveforms.nc": "waveforms of the voxels under `output.waveforms`, as NetCDF for xarray",
         },
@@ -335,9 +331,9 @@ def files_page() -> str:
         "| channel | unit | meaning |",
         "|---|---|---|",
     ]
-    lines += [f"| `{channel.name}` | {channel.unit} | {_cell(channel.sentence)} |" for channel in CHANNELS]
+    lines += [f"| `{channel.name}` | {channel.unit} | {_cell(channel.meaning)} |" for channel in CHANNELS]
     lines += ["", "## First columns of shots.parquet", "", "| column | unit | meaning |", "|---|---|---|"]
-    lines += [f"| `{column.name}` | {column.unit} | {_cell(column.sentence)} |" for column in AIMED]
+    lines += [f"| `{column.name}` | {column.unit} | {_cell(column.meaning)} |" for column in AIMED]
     lines += ["", "## Status", "", "| code | name | why there is no range |", "|---|---|---|"]
     lines += [f"| {int(code)} | `{code.name}` | {code.sentence} |" for code in Status]
     lines += ["", "## Status of visits and poses", "", "| code | name | meaning |", "|---|---|---|"]

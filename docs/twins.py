@@ -1,6 +1,7 @@
-"""Write each shipped scenario in Python beside its YAML: ``python docs/twins.py`` writes ``configs/python``.
+"""Shipped scenarios in Python: ``python docs/twins.py`` writes two of them into ``configs/python``, for reading.
 
-The twins are ordinary programs that a reader may copy; ``tests/system/test_twins.py`` holds them equal to the YAML.
+``python docs/twins.py NAME`` prints that of any other. They are ordinary programs that a reader may copy;
+``tests/system/test_twins.py`` makes all of them and holds them equal to the YAML.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import yaml
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 TWINS = CONFIGS / "python"
+SHIPPED = ("quickstart", "track_still")
 FILES = ("file", "mesh")
 """Keys whose values are paths that count from the scenario's folder."""
 
@@ -52,14 +54,15 @@ class Code(str):
 
 
 def main() -> None:
-    TWINS.mkdir(exist_ok=True)
-    for path in sorted(CONFIGS.glob("*.yaml")):
-        (TWINS / f"{path.stem}.py").write_text(twin(path), encoding="utf-8")
-    subprocess.run([sys.executable, "-m", "ruff", "format", "--quiet", str(TWINS)], check=True)
+    if len(sys.argv) > 1:
+        print(twin(CONFIGS / f"{sys.argv[1]}.yaml"))
+        return
+    for name in SHIPPED:
+        (TWINS / f"{name}.py").write_text(twin(CONFIGS / f"{name}.yaml"), encoding="utf-8")
 
 
 def twin(path: Path) -> str:
-    """Return the program that makes the scenario of a file."""
+    """Return the program that makes the scenario of a file, as the formatter leaves it."""
     text = path.read_text(encoding="utf-8")
     content = yaml.safe_load(text)
     kind = content["scan"].get("type", "raster")
@@ -70,13 +73,24 @@ def twin(path: Path) -> str:
     imports = f"from scanner_sim import load_scenario, {function}\n"
     if "CONFIGS" in repr(placed):
         imports = f"from pathlib import Path\n\n{imports}\nCONFIGS = Path(__file__).resolve().parents[1]\n"
-    return TEMPLATE.format(
+    source = TEMPLATE.format(
         about=about(text),
         name=path.stem,
         imports=imports.rstrip(),
         scenario=pprint.pformat(placed, width=96, sort_dicts=False),
         run=run,
     )
+    command = [
+        sys.executable,
+        "-m",
+        "ruff",
+        "format",
+        "--quiet",
+        "--stdin-filename",
+        str(TWINS / f"{path.stem}.py"),
+        "-",
+    ]
+    return subprocess.run(command, input=source, capture_output=True, text=True, check=True).stdout
 
 
 def with_paths(node: Any) -> Any:

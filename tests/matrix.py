@@ -1,10 +1,12 @@
 """Test with the oldest and the newest packages that pyproject.toml allows, on every Python that is found.
 
-    matrix.py                       all that are found, and the table of docs/tested.md
+    matrix.py                       all that are found
     matrix.py python3.13 -- tests/unit
 
-The oldest are the lowest versions of what the package asks for itself (not of what those ask for), as uv resolves them;
-pip cannot. Each pair gets an environment of its own, which is deleted again.
+Each pair of them has a row in the table of docs/tested.md, which says when it was tested last; a run replaces the rows
+of its own and leaves the others. It runs the quick tests: what a version breaks, it breaks there. The oldest are the
+lowest versions of what the package asks for itself (not of what those ask for), as uv resolves them; pip cannot. Each
+pair gets an environment of its own, which is deleted again.
 """
 
 from __future__ import annotations
@@ -49,8 +51,6 @@ def outcome(python: str, resolution: str, places: list[str]) -> tuple[str, str]:
                 "-m",
                 "pytest",
                 "-q",
-                "-m",
-                "",
                 "-p",
                 "no:cacheprovider",
                 "--tb=short",
@@ -70,7 +70,7 @@ def main() -> int:
     """Run as the module says; the exit status is 1 if a test fails."""
     given, _, places = " ".join(sys.argv[1:]).partition("--")
     pythons = given.split() or [name for name in PYTHONS if shutil.which(name)]
-    rows, failed = [], False
+    rows, failed = _rows(), False
     for python in pythons:
         said = subprocess.run(
             [python, "--version"], capture_output=True, text=True, check=True
@@ -78,20 +78,31 @@ def main() -> int:
         for resolution, word in RESOLUTIONS.items():
             versions, result = outcome(python, resolution, places.split() or ROOMS)
             failed |= "passed" not in result or "failed" in result or "error" in result
-            rows.append(f"| {said} | {word} | {versions} | {result} |")
-            print(rows[-1], flush=True)
+            series = said.rpartition(".")[0]
+            today = datetime.now(UTC).date().isoformat()
+            rows[series, word] = f"| {said} | {word} | {versions} | {result} | {today} |"
+            print(rows[series, word], flush=True)
     if not places:
-        today = datetime.now(UTC).date().isoformat()
-        table = [
-            f"{today}, {platform.system()} {platform.machine()}:",
-            "",
-            "| Python | packages | of them | tests |",
-        ]
-        made = "\n".join([*table, "|---|---|---|---|", *rows, ""])
-        text = PAGE.read_text(encoding="utf-8")
-        before, _, rest = text.partition(BEGIN)
-        PAGE.write_text(before + BEGIN + made + END + rest.partition(END)[2], encoding="utf-8")
+        _write(rows)
     return int(failed)
+
+
+def _rows() -> dict[tuple[str, str], str]:
+    """Return the rows of the table by Python and packages."""
+    made = PAGE.read_text(encoding="utf-8").partition(BEGIN)[2].partition(END)[0]
+    found = re.findall(r"^\| (3\.\d+)\S* \| (oldest|newest) \|.*", made, re.MULTILINE)
+    lines = [line for line in made.splitlines() if re.match(r"\| 3\.", line)]
+    return dict(zip(found, lines, strict=True))
+
+
+def _write(rows: dict[tuple[str, str], str]) -> None:
+    """Put the rows into the document, by Python."""
+    head = [f"{platform.system()} {platform.machine()}:", "", "| Python | packages | of them | tests | on |"]
+    order = sorted(rows, key=lambda pair: (int(pair[0].split(".")[1]), pair[1] == "newest"))
+    made = "\n".join([*head, "|---|---|---|---|---|", *(rows[pair] for pair in order), ""])
+    text = PAGE.read_text(encoding="utf-8")
+    before, _, rest = text.partition(BEGIN)
+    PAGE.write_text(before + BEGIN + made + END + rest.partition(END)[2], encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
 """Run the statistical tests with other seeds, and judge how often they fail by the levels that they state.
 
     seeds.py -n 20                          the folders that hold statistical claims, twenty times
-    seeds.py -n 20 tests/statistical        some of them
+    seeds.py -n 5 --first 21                the next five shifts
+    seeds.py -n 20 tests/statistical        some of the tests
 
 A test that fails in several runs, or more failures altogether than the levels allow, is a finding: its level, its claim
-or the program is wrong.
+or the program is wrong. A run of all of them adds a row to the table of docs/tested.md.
 """
 
 from __future__ import annotations
@@ -15,12 +16,15 @@ import re
 import subprocess
 import sys
 from collections import Counter
+from datetime import UTC, datetime
 from pathlib import Path
 
 from claims import LEVEL
 from scipy import stats
 
 REPOSITORY = Path(__file__).resolve().parents[1]
+PAGE = REPOSITORY / "docs" / "tested.md"
+END = "\n<!-- end of tests/seeds.py -->"
 FOLDERS = ["tests/statistical", "tests/paper"]
 SURE = 1e-3
 """Chance with which true levels are called wrong, for all tests together."""
@@ -63,6 +67,12 @@ def main() -> int:
     print(f"{total} failures in {given.n} runs of {ran} tests; {allowed} are allowed, {most} of one test")
     for name, count in sorted(wrong.items()):
         print(f"  not at its level: {name}, {count} of {given.n}")
+    if given.places == FOLDERS:
+        last = given.first + given.n - 1
+        names = ", ".join(f"{name} ({count})" for name, count in sorted(found.items())) or "none"
+        today = datetime.now(UTC).date().isoformat()
+        row = f"| {today} | {given.first} to {last} | {ran} | {total} | {allowed} | {names} |\n"
+        PAGE.write_text(PAGE.read_text(encoding="utf-8").replace(END, row + END), encoding="utf-8")
     return bool(wrong) or total > allowed
 
 

@@ -63,7 +63,7 @@ def budget_scenario(
         rows = with_closed_forms(rows, scenario, reflectance)
         ends = float(distances[0]), float(distances[-1])
         at_rest = math.nan
-        if scenario.ranging != "triangulation":
+        if "tof" in scenario.rangefinders:
             at_rest = closed_crossing(with_sweep(scenario, 0.0), reflectance, *ends)
         paths = write_budget(
             rows,

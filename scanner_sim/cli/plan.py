@@ -48,7 +48,7 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
 
 def _files(scenario: Scenario) -> tuple[str, ...]:
     if scenario.scan.layout == "image":
-        return planned_files(scenario.output, lit=sunlit(scenario), ranging=scenario.ranging)
+        return planned_files(scenario.output, lit=sunlit(scenario), rangefinders=scenario.rangefinders)
     if scenario.scan.layout == "shots":
         return planned_shot_files(scenario.output, lit=sunlit(scenario))
     carriers = carriers_of(scenario.targets) if scenario.pose.methods else ()

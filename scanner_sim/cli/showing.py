@@ -33,17 +33,11 @@ def show_result(result: Path, output: Path | None, *, overwrite: bool) -> None:
         If there is no result, or the folder of the pictures cannot be written to.
     """
     from scanner_sim.cli.running import closing
-    from scanner_sim.products.pictures.image import PICTURES_OF, draw_background, lit
-    from scanner_sim.products.pictures.waveform import draw_grey
+    from scanner_sim.products.pictures.image import draw_picture, pictures_of
 
     path, image = _read(result)
     folder = output or path.parent
-    pictures = {
-        **PICTURES_OF,
-        **({"tof.png": draw_grey} if "tof.range_m" in image else {}),
-        **({"background.png": draw_background} if lit(image) else {}),
-    }
-    writers = {name: partial(draw, image) for name, draw in pictures.items()}
+    writers = {name: partial(draw_picture, image, name) for name in pictures_of(image)}
     paths = write_files(folder, writers, overwrite=overwrite or output is None)
     print_table(closing(image, paths))
 
@@ -93,14 +87,14 @@ def show_voxel(
     write = partial(write_file, overwrite=overwrite or output is None)
     table: dict[str, str] = {}
     pictures: list[Path] = []
-    if scenario.ranging != "tof":
+    if "triangulation" in scenario.rangefinders:
         from scanner_sim.instrument.simulate import simulate_voxel
-        from scanner_sim.products.pictures.image import draw_voxel
+        from scanner_sim.products.pictures.voxel import draw_voxel
 
         record = simulate_voxel(scenario, row, column, device=device)
         pictures.append(write(folder / f"voxel_{row}_{column}.png", lambda to: draw_voxel(record, to)))
         table |= _numbers(record)
-    if scenario.ranging != "triangulation":
+    if "tof" in scenario.rangefinders:
         from scanner_sim.instrument.simulate import simulate_waveforms
         from scanner_sim.instrument.time_of_flight import fitted_pulse
         from scanner_sim.products.pictures.waveform import draw_waveform

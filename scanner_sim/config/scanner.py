@@ -20,6 +20,7 @@ from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.optics.speckle import Optics
+from scanner_sim.ranging.ranges import Geometry
 
 
 class Lidar(Part):
@@ -110,6 +111,19 @@ class Scanner(Part):
         """Farthest range that the array sees on the axis [m]; infinite where it starts at p = 0."""
         start = self.position_sensor.offset
         return self.receiver.focal_length * self.receiver.baseline / start if start > 0.0 else float("inf")
+
+
+def geometry_of(scanner: Scanner) -> Geometry:
+    """Return the calibration of an instrument's triangulation."""
+    receiver, sensor, mirrors = scanner.receiver, scanner.position_sensor, scanner.mirrors
+    return Geometry(
+        focal_length=receiver.focal_length,
+        baseline=receiver.baseline,
+        axis_separation=mirrors.axis_separation,
+        pitch=sensor.pitch,
+        offset=sensor.offset,
+        synchronisation=mirrors.synchronisation,
+    )
 
 
 def speckle_optics(scanner: Scanner) -> Optics:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag
 
@@ -30,6 +30,15 @@ _MOST_GREYS = 1 << 27
 """Pixels of the camera's picture: half a gigabyte, and three while it is made."""
 _MOST_SAMPLES = 1 << 28
 """Samples of all waveforms that are kept together: a gigabyte."""
+
+
+RangefinderName: TypeAlias = Literal["triangulation", "tof"]
+_RANGEFINDERS: dict[str, tuple[RangefinderName, ...]] = {
+    "triangulation": ("triangulation",),
+    "tof": ("tof",),
+    "both": ("triangulation", "tof"),
+}
+"""What measures ranges, for each word of ``ranging``."""
 
 
 def _kind_of_scan(value: object) -> str:
@@ -96,10 +105,14 @@ class Scenario(Part):
             yield from self._camera_contradictions(self.scan)
         if self.output.waveforms != "none":
             yield from self._waveform_contradictions()
-        if self.ranging != "tof":
-            yield from self._line_contradictions()
-        if self.ranging != "triangulation":
-            yield from self._pulse_contradictions()
+        checks = {"triangulation": self._line_contradictions, "tof": self._pulse_contradictions}
+        for rangefinder in self.rangefinders:
+            yield from checks[rangefinder]()
+
+    @property
+    def rangefinders(self) -> tuple[RangefinderName, ...]:
+        """What measures ranges; the light of the first one is what tracking sees."""
+        return _RANGEFINDERS[self.ranging]
 
     @property
     def scan_setup(self) -> ScanSetup:
@@ -224,7 +237,7 @@ class Scenario(Part):
             what = "a run that follows targets" if scan.layout == "visits" else f"a scan of type {scan.type}"
             yield Fault("output.waveforms", f"{what} keeps no waveforms.", "Write none, or a raster.")
             return
-        if self.ranging == "triangulation":
+        if "tof" not in self.rangefinders:
             yield Fault(
                 "output.waveforms",
                 "triangulation has no waveforms.",

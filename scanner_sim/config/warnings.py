@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -34,24 +34,8 @@ _LARGEST_SHADOW_ERROR = 3.0
 """Error of a shadow's position in pixels that could be seen in the background."""
 
 
-def scenario_warnings(scenario: Scenario) -> tuple[str, ...]:
-    """Return a sentence for everything that is possible but makes little sense."""
-    return (
-        *_scene(scenario),
-        *_motions(scenario),
-        *_sweep(scenario),
-        *_ranges(scenario),
-        *(() if scenario.ranging == "tof" else _instrument(scenario)),
-        *(() if scenario.ranging == "triangulation" else _time_of_flight(scenario)),
-        *_light(scenario),
-        *_pointing(scenario),
-        *(() if scenario.ranging == "tof" else _retro_reflectors(scenario)),
-    )
-
-
 def _scene(scenario: Scenario) -> Iterator[str]:
-    scene, nearest = scenario.scene, scenario.scanner.nearest_range
-    line = scenario.ranging != "tof"
+    scene = scenario.scene
     if scene.file is None and not scene.objects:
         yield "scene: it is empty, so no voxel will have a return"
     for index, item in enumerate(scene.objects):
@@ -60,7 +44,13 @@ def _scene(scenario: Scenario) -> Iterator[str]:
             yield f"scene.objects[{index}]: '{item.name}' stands at the scanner; give it a position"
         elif z <= 0.0:
             yield f"scene.objects[{index}]: '{item.name}' has its origin behind the scanner (z = {z:g} m)"
-        elif line and math.hypot(x, y, z) < nearest:
+
+
+def _nearer(scenario: Scenario) -> Iterator[str]:
+    nearest = scenario.scanner.nearest_range
+    for index, item in enumerate(scenario.scene.objects):
+        x, y, z = item.pose_at(0.0)[0, :3, 3]
+        if z > 0.0 and math.hypot(x, y, z) < nearest:
             yield (
                 f"scene.objects[{index}]: '{item.name}' has its origin at {math.hypot(x, y, z):.3g} m, nearer than "
                 f"the {nearest:.3g} m that the array sees"
@@ -106,7 +96,7 @@ def _motions(scenario: Scenario) -> Iterator[str]:
 def _sweep(scenario: Scenario) -> Iterator[str]:
     """Warn of a scan so coarse that each voxel is the mean over a long stripe of the surface."""
     scan, laser = scenario.scan, scenario.scanner.laser
-    if scan.layout == "visits" or scenario.ranging == "tof":
+    if scan.layout == "visits":
         return
     sweep = scan.sweep(scenario.scan_setup)
     duty_cycle = sweep.angle * scenario.scanner.exposure / scenario.scanner.dwell
@@ -123,18 +113,16 @@ def _sweep(scenario: Scenario) -> Iterator[str]:
         )
 
 
-def _ranges(scenario: Scenario) -> Iterator[str]:
+def _range_gate(scenario: Scenario) -> Iterator[str]:
     gate, scanner = scenario.processing.range_gate, scenario.scanner
-    if gate is None:
-        return
-    if scenario.ranging != "tof" and (gate[0] < scanner.nearest_range or gate[1] > scanner.farthest_range):
+    if gate is not None and (gate[0] < scanner.nearest_range or gate[1] > scanner.farthest_range):
         yield (
             f"processing.range_gate: it reaches beyond the ranges that the array sees, {scanner.nearest_range:.4g} m "
             f"to {scanner.farthest_range:.4g} m"
         )
 
 
-def _time_of_flight(scenario: Scenario) -> Iterator[str]:
+def _record(scenario: Scenario) -> Iterator[str]:
     """Warn of a record that ends before the scene does, and pulses that follow each other too soon for it."""
     lidar, farthest = scenario.scanner.lidar, 0.0
     for index, item in enumerate(scenario.scene.objects):
@@ -158,14 +146,10 @@ def _pointing(scenario: Scenario) -> Iterator[str]:
         yield from scan.warnings(scenario.scan_setup)
 
 
-def _instrument(scenario: Scenario) -> Iterator[str]:
+def _estimator(scenario: Scenario) -> Iterator[str]:
+    """Yield what detection makes of noise, and a peak estimator of spots too narrow or too wide for it."""
     if scenario.processing.threshold < 3.0:
         yield f"processing.threshold: at {scenario.processing.threshold:g} noise alone will be taken for returns"
-    yield from _estimator(scenario)
-
-
-def _estimator(scenario: Scenario) -> Iterator[str]:
-    """Yield what a peak estimator makes of spots too narrow or too wide for it."""
     scanner, peak = scenario.scanner, scenario.processing.peak
     sensor, receiver = scanner.position_sensor, scanner.receiver
     farthest = min(scanner.farthest_range, scanner.nearest_range * sensor.pixels)
@@ -199,12 +183,19 @@ def _estimator(scenario: Scenario) -> Iterator[str]:
         )
 
 
-def _light(scenario: Scenario) -> Iterator[str]:
-    scanner = scenario.scanner
-    sensor, receiver = scanner.position_sensor, scanner.receiver
+def _lighting(scenario: Scenario) -> Iterator[str]:
     yield from lighting_warnings(scenario.lighting)
-    steepest = math.atan((sensor.offset + sensor.length) / receiver.focal_length)
+
+
+def _line_filter(scenario: Scenario) -> Iterator[str]:
+    scanner, sensor = scenario.scanner, scenario.scanner.position_sensor
+    steepest = math.atan((sensor.offset + sensor.length) / scanner.receiver.focal_length)
     yield from filter_warnings(scanner.filter, scanner.laser, sensor.response, steepest)
+
+
+def _photodiode_filter(scenario: Scenario) -> Iterator[str]:
+    scanner, response = scenario.scanner, scenario.scanner.lidar.photodiode.response
+    yield from filter_warnings(scanner.filter, scanner.laser, response, detector="lidar.photodiode")
 
 
 def _retro_reflectors(scenario: Scenario) -> Iterator[str]:
@@ -229,3 +220,18 @@ def _lobe(choice: object) -> tuple[RetroLobe | None, float]:
         return choice, choice.reflectance
     known = MATERIALS.get(choice) if isinstance(choice, str) else None
     return (None, 0.0) if known is None else (known.retro, known.reflectance)
+
+
+_WARNINGS: dict[str, tuple[Callable[[Scenario], Iterator[str]], ...]] = {
+    "triangulation": (_nearer, _sweep, _range_gate, _estimator, _line_filter, _retro_reflectors),
+    "tof": (_record, _photodiode_filter),
+}
+"""What is looked at for each rangefinder."""
+
+
+def scenario_warnings(scenario: Scenario) -> tuple[str, ...]:
+    """Return a sentence for everything that is possible but makes little sense."""
+    own = (warnings for rangefinder in scenario.rangefinders for warnings in _WARNINGS[rangefinder])
+    every = (_scene, _motions, _lighting, _pointing, *own)
+    # A filter that misses the laser misses it for all.
+    return tuple(dict.fromkeys(words for warnings in every for words in warnings(scenario)))

@@ -19,8 +19,8 @@ from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.scan.protocol import Aim
 
 
-def lit_aims(instrument: Instrument, batch: int) -> Iterator[tuple[Aim, Panorama | None, Panorama | None]]:
-    """Yield the aims of an instrument's scan, with the panoramas that line sensor and photodiode see.
+def lit_aims(instrument: Instrument, batch: int) -> Iterator[tuple[Aim, list[Panorama] | None]]:
+    """Yield the aims of an instrument's scan, with the panoramas that its rangefinders see.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def lit_aims(instrument: Instrument, batch: int) -> Iterator[tuple[Aim, Panorama
     scan, lit = scenario.open_scan, not scenario.lighting.sky().dark
     if scan.layout == "image" or not lit or not instrument.loaded.bodies:
         for aim in scan.aims(scenario.scan_setup, batch):
-            yield aim, None, None
+            yield aim, None
         return
     (whole,) = scan.aims(scenario.scan_setup, scan.shots)
     layout = instrument.optics
@@ -49,11 +49,11 @@ def lit_aims(instrument: Instrument, batch: int) -> Iterator[tuple[Aim, Panorama
     ends = [*changes, len(found)]
     parts = [whole.part(slice(first, last)) for first, last in zip([0, *changes], ends, strict=True)]
     times = [middle(found[last - 1]) for last in ends]
-    ranging, echoes = scenario.ranging, None if scenario.ranging == "triangulation" else instrument.echoes
-    line_rows = [None] * len(parts) if ranging == "tof" else rows_about(parts, times, layout)
-    field_rows = [None] * len(parts) if echoes is None else rows_about(parts, times, echoes.field_optics)
-    for part, line_row, field_row in zip(parts, line_rows, field_rows, strict=True):
-        line = None if line_row is None else instrument.panorama_of(line_row)
-        field = None if echoes is None or field_row is None else echoes.panorama_of(field_row)
+    rows = [rows_about(parts, times, rangefinder.sight[0]) for rangefinder in instrument.rangefinders]
+    for part, *own in zip(parts, *rows, strict=True):
+        seen = [
+            rangefinder.panorama_of(one)
+            for rangefinder, one in zip(instrument.rangefinders, own, strict=True)
+        ]
         for aim in part.batches(batch):
-            yield aim, line, field
+            yield aim, seen

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.channels import layer_bytes
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.render.settings import LONGEST_SLOT, ROW_SPACING, slot_halvings, times_finer
 
@@ -17,8 +18,8 @@ START_BYTES = 0.55e9
 """Memory of the program, its kernels and one batch."""
 SHOT_BYTES = 4600.0
 """Memory of a shot while its batch goes through the kernels."""
-VOXEL_BYTES = 160.0
-"""Memory of a voxel: its layers, and what writing and drawing them takes for a while."""
+JUDGED_BYTES = 290.0
+"""Memory of a voxel beside its layers while its neighbours judge it, for each way of ranging; writing takes less."""
 WAVEFORM_BYTES = 14.0
 """Memory of a sample of a waveform that is kept, joined and written."""
 BIN_BYTES = 220.0
@@ -57,7 +58,8 @@ def background_bins(scenario: Scenario) -> int:
 def background_rows(scenario: Scenario) -> tuple[int, float]:
     """Return in how many rows the line's background is rendered, 0 in the dark, and the angle between two [rad]."""
     scan, scanner = scenario.scan, scenario.scanner
-    if scan.layout == "visits" or scenario.ranging == "tof" or scenario.lighting.sky().dark:
+    by_line = "triangulation" in scenario.rangefinders
+    if scan.layout == "visits" or not by_line or scenario.lighting.sky().dark:
         return 0, math.inf
     height = abs(scan.vertical[1] - scan.vertical[0])
     if scan.layout == "image":
@@ -142,7 +144,8 @@ def _background_step(scenario: Scenario) -> float:
 
 
 def _layers(scenario: Scenario) -> float:
-    return (3.0 if scenario.ranging == "both" else 1.0) * VOXEL_BYTES * scenario.open_scan.shots
+    judged = len(scenario.rangefinders) * JUDGED_BYTES
+    return (layer_bytes(scenario.rangefinders) + judged) * scenario.open_scan.shots
 
 
 def _background(scenario: Scenario) -> float:

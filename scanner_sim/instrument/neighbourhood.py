@@ -9,18 +9,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.config.scanner import speckle_optics
+from scanner_sim.config.scanner import geometry_of, speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.packets import dwell_average
+from scanner_sim.foundation.channels import MEASURED_BY
 from scanner_sim.foundation.status import Status
 from scanner_sim.optics.speckle import Packets, packets_of
-from scanner_sim.products.image import MEASURED, MEASURED_BY
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.covariance import PointCovariance
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.mixed_voxels import is_mixed
 from scanner_sim.ranging.neighbours import is_isolated
-from scanner_sim.ranging.ranges import Deflections, Geometry, Layers, Ranges, layers_of
+from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, layers_of
 from scanner_sim.ranging.shared_noise import SharedNoise
 from scanner_sim.ranging.uneven import Raster, is_rugged, pitch_of, relief, texture, window
 from scanner_sim.scan.raster import raster_aim
@@ -41,7 +41,7 @@ def reach(scenario: Scenario) -> int:
         "triangulation": scenario.scanner.nearest_range,
         "tof": scenario.scanner.lidar.digitiser.gate[0],
     }
-    distance = max(_NEAREST, nearest.get(scenario.ranging, min(nearest.values())))
+    distance = max(_NEAREST, min(nearest[name] for name in scenario.rangefinders))
     return window(float(_spot(scenario, np.array(distance))) / distance, _pitch(scenario))
 
 
@@ -65,7 +65,7 @@ def judge_neighbours(
         Rows and columns of the scenario's raster that the layers are of.
     """
     settings = scenario.processing.validation
-    prefixes = {"triangulation": ("",), "tof": ("tof.",), "both": ("", "tof.")}[scenario.ranging]
+    prefixes = [prefix for prefix in ("", "tof.") if f"{prefix}snr_detection" in layers]
     if "" in prefixes:
         if settings.isolated is not None:
             _refuse(layers, "", _isolated(scenario, layers, rows, columns), Status.ISOLATED)
@@ -73,10 +73,10 @@ def judge_neighbours(
     if settings.mixed is not None:
         for prefix in prefixes:
             _refuse(layers, prefix, _mixed(scenario, layers, prefix, settings.mixed), Status.MIXED)
-    if scenario.ranging == "tof":
+    if "" not in prefixes:
         for name in (*MEASURED_BY["tof.status"], "tof.status"):
             layers[name.removeprefix("tof.")] = layers[name]
-    if scenario.ranging == "both":
+    if "fused.status" in layers:
         _fuse_again(scenario, layers, rows, columns)
 
 
@@ -223,28 +223,12 @@ def _fuse_again(
     shots = (rows[:, None] * scan.columns + columns[None, :]).astype(np.uint32).ravel()
     time, mirrors = raster_aim(scan, shots, scanner.dwell).time, scanner.mirrors
     readings = Deflections(theta, phi, *(mirrors.reading_sigma(angle, time) for angle in (theta, phi)))
-    fused, triangulated, echo = fuse_points(triangulated, echo, readings, _geometry(scenario))
+    fused, triangulated, echo = fuse_points(triangulated, echo, readings, geometry_of(scanner))
     for ranges, prefix in ((triangulated, ""), (echo, "tof."), (fused, "fused.")):
         for name, values in layers_of(ranges, prefix).items():
             layers[name] = values.reshape(shape).astype(np.float32)
-    for name in MEASURED:
+    for name in MEASURED_BY["status"]:
         layers[name][layers["status"] != Status.VALID] = np.nan
-
-
-def _geometry(scenario: Scenario) -> Geometry:
-    receiver, sensor, mirrors = (
-        scenario.scanner.receiver,
-        scenario.scanner.position_sensor,
-        scenario.scanner.mirrors,
-    )
-    return Geometry(
-        receiver.focal_length,
-        receiver.baseline,
-        mirrors.axis_separation,
-        sensor.pitch,
-        sensor.offset,
-        mirrors.synchronisation,
-    )
 
 
 def _ranges(layers: Layers, prefix: str) -> Ranges:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.config import resolved_yaml
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
@@ -98,11 +99,12 @@ def measure_scan(
         0,
     )
     layers: dict[str, NDArray[np.float32]] = {}
-    for aim, line, field in lit_aims(instrument, batch):
-        for name, values in instrument.measure(aim, line=line, field=field).items():
+    for aim, backgrounds in lit_aims(instrument, batch):
+        samples = instrument.measure(aim, backgrounds=backgrounds)
+        for name in samples.keys() & CHANNEL.keys():
             if name not in layers:
                 layers[name] = np.empty(shots, dtype=np.float32)
-            layers[name][aim.shot] = values
+            layers[name][aim.shot] = samples[name]
         done += len(aim.shot)
         if progress is not None:
             progress(done, shots)
@@ -120,7 +122,7 @@ def simulate_voxel(
     InputError
         If the raster has no such voxel, or the scenario no line sensor.
     """
-    if scenario.ranging == "tof":
+    if "triangulation" not in scenario.rangefinders:
         raise InputError("time of flight reads no line.", remedy="Ask for the waveform instead.")
     _check_voxel(scenario, row, column)
     instrument = Instrument(scenario, device=device)
@@ -151,7 +153,7 @@ def simulate_waveforms(
     InputError
         If the scenario has no time of flight, the raster no such voxel, or the memory that is free does not hold them.
     """
-    if scenario.ranging == "triangulation":
+    if "tof" not in scenario.rangefinders:
         raise InputError("triangulation has no waveforms.", remedy="Write ranging: tof, or both.")
     scan = scenario.raster
     if voxels is None:
@@ -169,7 +171,7 @@ def simulate_waveforms(
         part = shots[start : start + BATCH]
         aim = raster_aim(scan, part, scenario.scanner.dwell)
         rows, columns = np.divmod(part.astype(np.int32), np.int32(scan.columns))
-        parts.append(instrument.echoes.records(instrument.fire(aim)[0], rows, columns))
+        parts.append(instrument.time_of_flight.records(instrument.fire(aim)[0], rows, columns))
     return concatenate_waveforms(parts)
 
 

@@ -1,7 +1,7 @@
-"""The time-of-flight half of an instrument: pulse, echoes, waveforms, delays, ranges; and fusion with triangulation.
+"""Time of flight before a scene: pulse, echoes, waveforms, delays, ranges.
 
 One pulse belongs to each voxel. It is fired in the middle of the dwell, through the same mirrors as the light of the
-triangulation, and its light passes the same filter. The diode responds where the line sensor does.
+triangulation, and its light passes the same filter.
 """
 
 from __future__ import annotations
@@ -21,14 +21,16 @@ from scanner_sim.detector.photodiode.echo_speckle import echo_speckle
 from scanner_sim.detector.photodiode.photodiode import ELEMENTARY_CHARGE, Digitiser, background_power
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import Waveforms, record
+from scanner_sim.foundation.channels import Channel
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.background_rows import scan_rows
+from scanner_sim.instrument.rangefinder import Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import laser_gain
 from scanner_sim.products.waveforms import WaveformSet
-from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_with_points
+from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.paths import Albedo
@@ -47,6 +49,7 @@ from scanner_sim.render.field_of_view import (
 )
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene
 from scanner_sim.signals.waveform.detection import Delays, PulseDetector
 
@@ -111,6 +114,16 @@ class TimeOfFlight:
         A unit before the same scene, under the same light and with the same raster, whose background is used again.
     """
 
+    prefix = "tof."
+    channels = (
+        Channel(
+            "tof.sigma_Y",
+            "electron",
+            "standard deviation of tof.Y by the noise of a sample without it",
+            "signal",
+        ),
+    )
+
     def __init__(
         self,
         scenario: Scenario,
@@ -121,7 +134,7 @@ class TimeOfFlight:
         scanner = scenario.scanner
         self.reuse = reuse
         self.scenario, self.loaded, self.unit = scenario, loaded, scanner.lidar
-        passed = float(laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response))
+        passed = float(laser_gain(scanner.filter, scanner.laser, self.unit.photodiode.response))
         self.bare = optics
         self.optics = dataclasses.replace(optics, filter_transmission=optics.filter_transmission * passed)
         self.baseline = scanner.receiver.baseline if self.unit.photodiode.place == "offset" else 0.0
@@ -156,6 +169,12 @@ class TimeOfFlight:
         aside = 0.5 * angle if self.baseline else 0.0
         return Field(0.5 * math.sqrt(math.pi) * angle, aside, self.baseline)
 
+    @property
+    def sight(self) -> tuple[OpticalLayout, tuple[float, float]]:
+        """Optics whose pixels are the bins of the field's background, and the angles between which it lies [rad]."""
+        middle, half = -self.field.aside, 0.5 * self.field.side
+        return field_optics(self.bare, self.field), (middle - half, middle + half)
+
     @cached_property
     def panorama(self) -> Panorama | None:
         """The background of the scenario's scan about the photodiode's lens; None in the dark."""
@@ -163,12 +182,7 @@ class TimeOfFlight:
             return None
         if self.reuse is not None:
             return self.reuse.panorama
-        return self.panorama_of(scan_rows(self.scenario, self.field_optics))
-
-    @property
-    def field_optics(self) -> OpticalLayout:
-        """The optics whose pixels would see what the photodiode's background is averaged over."""
-        return field_optics(self.bare, self.field)
+        return self.panorama_of(scan_rows(self.scenario, self.sight[0]))
 
     def panorama_of(self, rows: Rows) -> Panorama:
         """Return what the photodiode sees of Sun and Earth in some rows."""
@@ -190,8 +204,8 @@ class TimeOfFlight:
         scanner, sun = self.scenario.scanner, self.scenario.lighting.sun
         if sun == "none":
             return 0.0, 0.0
-        response, wavelength = scanner.position_sensor.response, scanner.laser.wavelength
-        bands = band_irradiance(sun, scanner.filter, response, wavelength)
+        response = self.unit.photodiode.response
+        bands = band_irradiance(sun, scanner.filter, response, scanner.laser.wavelength)
         lens = scanner.receiver
         transmission = lens.transmission * self.bare.filter_transmission
         field = self.unit.photodiode.field_of_view
@@ -240,23 +254,22 @@ class TimeOfFlight:
         return speckled
 
     def measure(
-        self, shots: Shots, deflections: Deflections, panorama: Panorama | None = None
-    ) -> tuple[Truth, Ranges, Layers]:
-        """Return truth, ranges and the echoes' own layers of n shots, each layer of shape (n,).
-
-        ``panorama`` is the background where it is not the raster's.
-        """
-        truth, light, groups = self.listen(shots, panorama=panorama)
-        delays = EchoDelays.empty(len(deflections.theta))
+        self, aim: Aim, shots: Shots, deflections: Deflections, background: Panorama | None = None
+    ) -> Reading:
+        """Return what it reads of n shots: see :class:`~scanner_sim.instrument.rangefinder.Rangefinder`."""
+        truth, light, groups = self.listen(shots, panorama=background)
+        delays = EchoDelays.empty(len(aim.shot))
         for group in groups:
             delays.fill(group.index, group.delays, self.unit.digitiser)
+        signal = delays.signal / self.amperes_per_electron
         layers = {
-            "tof.Y": delays.signal / self.amperes_per_electron,
+            "tof.Y": signal,
+            "tof.sigma_Y": np.nan_to_num(signal) / np.maximum(np.nan_to_num(delays.snr), 1.0),
             "tof.snr_detection": delays.snr,
             "tof.echoes": delays.echoes,
             "tof.background_w": light.numpy(),
         }
-        return truth, self.ranges(delays, deflections), layers
+        return Reading(truth, self.ranges(delays, deflections), layers)
 
     def ranges(self, delays: EchoDelays, deflections: Deflections) -> Ranges:
         """Return the ranges of n shots from the delays of their echoes, along measured deflections."""

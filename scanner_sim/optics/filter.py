@@ -135,6 +135,7 @@ def filter_warnings(
     laser: Laser,
     response: tuple[float, float],
     largest_incidence: float = 0.0,
+    detector: str = "position_sensor",
 ) -> tuple[str, ...]:
     """Return a sentence for each reason why the detector would not see the laser.
 
@@ -146,11 +147,13 @@ def filter_warnings(
         Wavelengths to which the detector responds [m].
     largest_incidence
         Incidence [rad] at which the array ends.
+    detector
+        The detector's key within the scanner.
     """
     line = f"{1e9 * laser.line:.6g} nm"
     if not response[0] <= laser.line <= response[1]:
         return (
-            f"scanner.position_sensor.response: the laser's {line} lies outside of it, so no voxel will have a return",
+            f"scanner.{detector}.response: the laser's {line} lies outside of it, so no voxel will have a return",
         )
     gains = laser_gain(filter, laser, response, np.array([0.0, largest_incidence]))
     if filter == "none" or gains.min() >= 0.5:

@@ -23,11 +23,11 @@ from scanner_sim.pose.transforms import cayley, cross_matrix, vector_from_rotati
 
 Array = NDArray[np.float64]
 
-FINE = 1e-8
+SETTLED_STEP = 1e-8
 """Step [rad, and of the distance] below which a pose has settled; the error left is its square, or a small share."""
-COARSE = 1e-3
+COARSE_DECREASE = 1e-3
 """Fall of χ² that a step promises below which a pose is good enough to be compared with others."""
-IMMATERIAL = 1e-10
+FINAL_DECREASE = 1e-10
 """The same for a final pose: 1e-5 standard deviations."""
 _MOST_STEPS, _MOST_COARSE_STEPS, _MOST_HUBER_STEPS = 100, 40, 300
 _SHARE_CLOSED = 0.15
@@ -246,7 +246,7 @@ def adjust(problem: Problem, start: PoseFit, *, until: float) -> PoseFit:
     start
         Where to start, from :func:`begin` or an earlier adjustment of the same problem; it is used up.
     until
-        :data:`FINE`, a bound on the step, or :data:`COARSE`, a bound on the fall of χ² that it promises.
+        :data:`SETTLED_STEP`, a bound on the step, or :data:`COARSE_DECREASE`, one on the fall of χ² that it promises.
 
     Returns
     -------
@@ -259,15 +259,21 @@ def adjust(problem: Problem, start: PoseFit, *, until: float) -> PoseFit:
     live, damping, share = np.arange(len(start.cost)), np.zeros(len(start.cost)), np.ones(len(start.cost))
     every = live
     closed = ~np.isfinite(start.cost)
-    most = _MOST_COARSE_STEPS if until == COARSE else _MOST_HUBER_STEPS if problem.huber else _MOST_STEPS
+    most = (
+        _MOST_COARSE_STEPS
+        if until == COARSE_DECREASE
+        else _MOST_HUBER_STEPS
+        if problem.huber
+        else _MOST_STEPS
+    )
     for _ in range(most):
         matrix = fit.normal.copy("C")
         matrix.reshape(36, -1)[::7] *= 1.0 + _RIDGE + damping
         step = _solve(matrix, fit.slope)
         promised = np.einsum("ab,ab->b", step, fit.slope)
         length, turn = np.abs(step).reshape(2, 3, -1).max(axis=1)
-        small = (turn < FINE) & (length < FINE * np.abs(fit.position).max(axis=0))
-        small |= promised < (COARSE if until == COARSE else IMMATERIAL)
+        small = (turn < SETTLED_STEP) & (length < SETTLED_STEP * np.abs(fit.position).max(axis=0))
+        small |= promised < (COARSE_DECREASE if until == COARSE_DECREASE else FINAL_DECREASE)
         small &= damping < 2.0 * FIRST_DAMPING
         step *= share
         turned = np.einsum("ijb,jkb->ikb", cayley(step[3:]), fit.rotation)

@@ -18,7 +18,7 @@ from scanner_sim.pose.transforms import exponential
 
 Array = NDArray[np.float64]
 
-_AS_MUCH = 2.0
+_LARGEST_RISE = 2.0
 """Rise of χ², over that of first order, at which what lies beyond the first order is as large as it."""
 
 
@@ -49,7 +49,7 @@ def bent(problem: Problem, fit: PoseFit, covariance: Array, principal: tuple[Arr
         swung = np.einsum("ijb,jb->ib", rotation, arm) - arm - np.cross(turn, arm, axis=0)
         turned = np.einsum("ijb,jkb->ikb", rotation, fit.rotation)
         rise = cost_of(problem, turned, fit.position + move + swung) - fit.cost
-        found |= (rise > _AS_MUCH * straight) | (rise < 0.0)
+        found |= (rise > _LARGEST_RISE * straight) | (rise < 0.0)
     return found
 
 

@@ -34,9 +34,9 @@ from scanner_sim.tracking.state import TrackMode
 
 Array = NDArray[np.float64]
 
-RIGID = 12
+RIGID_STATES = 12
 """Numbers of an object: position, attitude, velocity and rate of turn."""
-_OWN = 6
+_TARGET_STATES = 6
 """Numbers of a target: three of its surface, two of the wobble, one of the pixels."""
 
 
@@ -69,7 +69,7 @@ class FilterState:
 
     def covariance_of(self, number: int = 0) -> Array:
         """Return the covariance of one object's (δt, δω, δv, δ rate) [m, rad, m/s, rad/s], shape (12, 12)."""
-        part = slice(RIGID * number, RIGID * (number + 1))
+        part = slice(RIGID_STATES * number, RIGID_STATES * (number + 1))
         return self.covariance[part, part]
 
 
@@ -156,12 +156,12 @@ class PoseFilter:
                 raise InputError(f"the first visits give no pose of '{name}'.", remedy="Begin later.")
             position.append(found.position)
             rotation.append(found.rotation)
-        bodies, biases = len(position), _OWN * len(self.targets) + 1
+        bodies, biases = len(position), _TARGET_STATES * len(self.targets) + 1
         loose = np.repeat([0.1, 0.1, self.fastest, self.fastest_turn], 3) ** 2
         spread = np.concatenate([np.tile(loose, bodies), np.ones(biases)])
         last = max(seen.values(), key=lambda record: record.time)
         still = np.zeros((bodies, 3))
-        whole, bias = np.diag(spread), RIGID * bodies
+        whole, bias = np.diag(spread), RIGID_STATES * bodies
         state = FilterState(
             last.time, np.array(position), np.array(rotation), still, still, np.zeros(biases), whole
         )
@@ -180,12 +180,12 @@ class PoseFilter:
             (ahead.position[body] + arm)[:, None], self.axis_separation, with_range=True
         )
         by_shift = gradients[..., 0].T
-        rigid, own = RIGID * body, RIGID * len(self.objects) + _OWN * number
+        rigid, own = RIGID_STATES * body, RIGID_STATES * len(self.objects) + _TARGET_STATES * number
         slope = np.zeros((3, len(ahead.covariance)))
         slope[:, rigid : rigid + 3] = by_shift
         slope[:, rigid + 3 : rigid + 6] = np.cross(arm, by_shift)
-        slope[:, own : own + _OWN], slope[:2, -1] = _by_bias(record), record.errors.drift
-        known = applied(slope[:, RIGID * len(self.objects) :], ahead.bias)
+        slope[:, own : own + _TARGET_STATES], slope[:2, -1] = _by_bias(record), record.errors.drift
+        known = applied(slope[:, RIGID_STATES * len(self.objects) :], ahead.bias)
         away = record.position - wanted[:, 0] - known
         noise = record.errors.white
         crossed = product(slope, ahead.covariance)
@@ -196,7 +196,7 @@ class PoseFilter:
 
     def _moved(self, state: FilterState, change: Array, covariance: Array) -> FilterState:
         """Return the state with a correction added."""
-        bodies = RIGID * len(self.objects)
+        bodies = RIGID_STATES * len(self.objects)
         shift, turn, speed, rate = np.moveaxis(change[:bodies].reshape(-1, 4, 3), 1, 0)
         return replace(
             state,
@@ -216,7 +216,7 @@ class PoseFilter:
         acceleration_psd = np.repeat([self.acceleration, self.turn_acceleration], 3)
         first = np.arange(6)
         for body in range(len(self.objects)):
-            position, rate = RIGID * body + first, RIGID * body + 6 + first
+            position, rate = RIGID_STATES * body + first, RIGID_STATES * body + 6 + first
             onward[position, rate] = step
             onward[position[3:, None], position[3:]] = turned[body]
             noise[position, position], noise[rate, rate] = (
@@ -234,7 +234,7 @@ class PoseFilter:
         # From the rates alone: what noise does to a position is no motion.
         moved = image - self._targets_at(state, record)[1]
         fade = self._fading(ahead, record, step, sight, moved)
-        bias = slice(RIGID * len(self.objects), size)
+        bias = slice(RIGID_STATES * len(self.objects), size)
         onward[bias, bias] = np.diag(fade)
         # Fades are alike where processes are correlated, so that no noise has a negative variance.
         noise[bias, bias] = together * (1.0 - fade[:, None] * fade)
@@ -249,7 +249,7 @@ class PoseFilter:
     ) -> Array:
         """Return ρ of each bias, shape (6 n + 1,)."""
         errors = record.errors
-        fade = np.ones((len(moved), _OWN))
+        fade = np.ones((len(moved), _TARGET_STATES))
         for number, (body, _) in enumerate(self.targets.values()):
             roll = abs(float((ahead.turn_rate[body] * sight[number]).sum()))
             fade[number, :3] = exp(-roll * abs(step) / errors.turn)
@@ -273,11 +273,13 @@ class PoseFilter:
         depth = float(record.position[2] / np.cos(record.position[0]))
         image = errors.image * depth * np.cos(theta) / reach
         count = len(points)
-        together = np.eye(_OWN * count + 1)
+        together = np.eye(_TARGET_STATES * count + 1)
         for axis, angle in ((3, phi), (4, theta)):
             apart = (angle[:, None] - angle) / errors.wobble_angle
-            together[axis:-1:_OWN, axis:-1:_OWN] = wobble_correlation(apart)
-        together[5:-1:_OWN, 5:-1:_OWN] = pixel_correlation((image[:, None] - image) / errors.image_width)
+            together[axis:-1:_TARGET_STATES, axis:-1:_TARGET_STATES] = wobble_correlation(apart)
+        together[5:-1:_TARGET_STATES, 5:-1:_TARGET_STATES] = pixel_correlation(
+            (image[:, None] - image) / errors.image_width
+        )
         return points / np.sqrt((points**2).sum(axis=1))[:, None], image, together
 
 
@@ -289,7 +291,7 @@ def _counts(record: PatternRecord) -> bool:
 def _by_bias(record: PatternRecord) -> Array:
     """Return by how much a target's biases move what is measured of it, shape (3, 6)."""
     errors = record.errors
-    slope = np.zeros((3, _OWN))
+    slope = np.zeros((3, _TARGET_STATES))
     slope[:, :3] = cholesky(errors.surface + np.diag([1e-18, 1e-18, 1e-14]))
     slope[0, 3] = slope[1, 4] = np.sqrt(errors.wobble)
     slope[2, 5] = np.sqrt(errors.pixels)

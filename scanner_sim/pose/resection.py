@@ -124,8 +124,8 @@ def _inverse_of_apart(design: Array) -> Array:
     Coordinates along principal axes about the middle are; a row of nothing, of targets on a line, has none.
     """
     squares = np.sum(design * design, axis=1, keepdims=True)
-    told = squares > 1e-30 * squares.max(axis=0, keepdims=True)
-    return np.where(told, design / np.where(told, squares, 1.0), 0.0)
+    significant = squares > 1e-30 * squares.max(axis=0, keepdims=True)
+    return np.where(significant, design / np.where(significant, squares, 1.0), 0.0)
 
 
 def plane_strength(observations: Observations) -> Array:

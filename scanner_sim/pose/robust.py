@@ -15,7 +15,7 @@ from scipy.special import chdtri
 
 from scanner_sim.foundation.arithmetic import inverse, solve_linear
 from scanner_sim.pose.adjustment import (
-    COARSE,
+    COARSE_DECREASE,
     Problem,
     adjust,
     begin,
@@ -32,11 +32,11 @@ from scanner_sim.pose.weights import Method, measured_points, problem_of
 
 Array = NDArray[np.float64]
 
-_CHANCE = 1e-3
+_REJECTION_PROBABILITY = 1e-3
 """Probability with which a good target is left out."""
-_GATE = 4.0
+_GATE_WIDENING = 4.0
 """Widening of that limit for the poses of three targets, whose covariance is good to first order only."""
-_ROUNDS = 3
+_MOST_ROUNDS = 3
 
 
 def agreeing(observations: Observations, method: Method) -> tuple[Flags, Flags]:
@@ -60,7 +60,7 @@ def agreeing(observations: Observations, method: Method) -> tuple[Flags, Flags]:
         have a pose, three otherwise.
     """
     channels, needed = (2, 4) if method == "uv" else (3, 3)
-    limit = float(chdtri(channels, _CHANCE))
+    limit = float(chdtri(channels, _REJECTION_PROBABILITY))
     # All of them first: a lone three of a small square says little about the fourth. Most often that is all.
     plain = solve(observations, method, "covariance", 0.0)
     squares, kept = _refitted(observations, method, plain.rotation, plain.position, observations.seen, limit)
@@ -89,13 +89,13 @@ def _best_of_threes(
         for turned, placed in _poses_of(observations, three, method):
             apart = _distances(_problem(observations, method, (turned, placed)), turned, placed, three)
             apart = np.where(observations.seen & np.isfinite(apart), apart, np.inf)
-            score = np.minimum(apart, _GATE * limit).sum(axis=0)
+            score = np.minimum(apart, _GATE_WIDENING * limit).sum(axis=0)
             score = np.where(
                 np.isfinite(placed).all(axis=0) & np.isfinite(turned).all(axis=(0, 1)), score, np.inf
             )
             better = score < chosen
             chosen[better] = score[better]
-            agree[:, better] = apart[:, better] < _GATE * limit
+            agree[:, better] = apart[:, better] < _GATE_WIDENING * limit
             rotation[..., better], position[..., better] = turned[..., better], placed[..., better]
         squares, agree = _refitted(observations, method, rotation, position, agree, limit)
         score = np.where(np.isfinite(chosen), np.minimum(squares, limit).sum(axis=0), np.inf)
@@ -110,9 +110,9 @@ def _refitted(
 ) -> tuple[Array, Flags]:
     """Fit to the targets that agree, and choose them again; return all squared residuals and the choice (n, B)."""
     squares = np.full(agree.shape, np.inf)
-    for _ in range(_ROUNDS):
+    for _ in range(_MOST_ROUNDS):
         problem = _problem(observations.only(agree), method, (rotation, position))
-        fit = adjust(problem, begin(problem, rotation, position), until=COARSE)
+        fit = adjust(problem, begin(problem, rotation, position), until=COARSE_DECREASE)
         rotation, position = fit.rotation, fit.position
         whole = _problem(observations, method, (rotation, position))
         _, placed = place_points(whole, rotation, position)

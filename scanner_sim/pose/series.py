@@ -19,7 +19,7 @@ from scanner_sim.pose.weights import Method
 
 Array = NDArray[np.float64]
 
-_WEIGHED = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
+_WEIGHED_ENTRIES = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
 """Entries of the covariance of (Θ, φ, R) that weigh a target."""
 
 
@@ -205,7 +205,7 @@ def _gains(
         (found.weights > 0.0) & np.isfinite(rows).all(axis=(2, 3)) & np.isfinite(covariance).all(axis=(2, 3))
     )
     rows = np.where(counted[..., None, None], rows, 0.0)
-    used = covariance * _WEIGHED if with_range else covariance * np.eye(3)
+    used = covariance * _WEIGHED_ENTRIES if with_range else covariance * np.eye(3)
     weight = inverse(np.where(counted[..., None, None], used, np.eye(3)))
     if not with_range:
         weight = weight * np.diag([1.0, 1.0, 0.0])

@@ -10,7 +10,7 @@ from scipy.special import chdtrc, chdtri
 
 from scanner_sim.foundation.arithmetic import inverse as invert
 from scanner_sim.pose.adjustment import (
-    FINE,
+    SETTLED_STEP,
     PoseFit,
     adjust,
     begin,
@@ -29,22 +29,22 @@ from scanner_sim.pose.weights import Method, PointWeights, point_covariances, pr
 
 Array = NDArray[np.float64]
 
-SAME = 0.25
+SAME_POSE = 0.25
 """Squared Mahalanobis distance within which two poses are one."""
-DOUBTFUL = 9.0
+AMBIGUOUS_DIFFERENCE = 9.0
 """Difference of χ² to the next pose below which the best one is ambiguous: odds of 1 in 90."""
-APART = float(chdtri(6, 0.01))
+NOT_COVERED = float(chdtri(6, 0.01))
 """Squared Mahalanobis distance beyond which another pose is not covered by the covariance (99 %)."""
-IMPLAUSIBLE = 1e-4
+LEAST_PROBABILITY = 1e-4
 """Probability of χ² below which a pose is not valid."""
-_SUSPECT = 0.01
+_SUSPECT_PROBABILITY = 0.01
 """Probability of χ² below which other poses are looked for from all starts: a wrong one may fit as badly as this."""
 _WEAK, _NARROW, _THICK, _SOLID = 0.15, 0.1, 1e-3, 0.2
 """Strength of a plane's homography, width over length, and thickness of few targets over their lesser width from which
 they are no plane and up to which they are nearly one: there other poses are looked for from all starts."""
-_OPEN = 1e13
+_LARGEST_GROWTH = 1e13
 """Growth of a variance by what the other unknowns leave open from which rounding tells it: ε times this is 0.002."""
-_MIRRORED = 1e-6
+_MIRROR_PROBABILITY = 1e-6
 """Probability of χ² below which a fit is looked at in a mirror."""
 _UNSETTLED = (PoseStatus.NOT_CONVERGED, PoseStatus.UNDETERMINED)
 
@@ -107,37 +107,39 @@ def solve(
     """
     ranked = ranked_fits(observations, method, point_weights, thorough=thorough)
     best = PoseFit(*(getattr(ranked, name)[..., 0, :].copy() for name in ranked.__dataclass_fields__))
-    carried = observations.object_variances is not None
-    for _ in range(2 if carried else 1):
-        pose = (best.rotation, best.position) if carried else None
+    surveyed = observations.object_variances is not None
+    for _ in range(2 if surveyed else 1):
+        pose = (best.rotation, best.position) if surveyed else None
         problem = problem_of(observations, method, point_weights, huber=huber, pose=pose)
-        if carried or huber:
+        if surveyed or huber:
             best = begin(problem, best.rotation, best.position)
-        best = adjust(problem, best, until=FINE)
+        best = adjust(problem, best, until=SETTLED_STEP)
     covariance, determined = _inverse(best.normal)
     chi2, dof = best.cost, _dof(observations, method)
     if method == "xyz" and point_weights == "equal":
         pose = (best.rotation, best.position)
         covariance = _sandwich(observations, pose, covariance)
-        full = problem_of(observations, method, "covariance", pose=pose if carried else None)
+        full = problem_of(observations, method, "covariance", pose=pose if surveyed else None)
         chi2 = linearise(full, *pose)[0]
     curved = bent(problem, best, covariance, observations.principal)
     # Of poses that need all starts the first-order covariance does not tell which others it covers.
-    solution = _with_others(ranked, best, covariance, chi2, dof, SAME if thorough else APART)
+    solution = _with_others(ranked, best, covariance, chi2, dof, SAME_POSE if thorough else NOT_COVERED)
     # Along a bent valley other poses fit as well that the covariance does not cover.
     solution.status[curved & (solution.status == PoseStatus.VALID)] = PoseStatus.AMBIGUOUS
     solution.status[~determined] = PoseStatus.UNDETERMINED
     if not thorough and method != "xyz":
         bad = ~best.settled | ~determined | curved
         if not huber:
-            bad |= _probability(chi2, dof) < _SUSPECT
+            bad |= _probability(chi2, dof) < _SUSPECT_PROBABILITY
         if method == "uv":
             # A start that has not settled has not shown its pose, which may be the best one.
             lost = ~ranked.settled & np.isfinite(ranked.cost)
             bad |= _few(observations) | lost.any(axis=0)
         _try_again(solution, np.flatnonzero(bad), observations, method, point_weights, huber)
     if not huber and point_weights != "equal":  # whose χ² is no least one, and follows another law
-        misfit = (_probability(solution.chi2, dof) < IMPLAUSIBLE) & (solution.status <= PoseStatus.AMBIGUOUS)
+        misfit = (_probability(solution.chi2, dof) < LEAST_PROBABILITY) & (
+            solution.status <= PoseStatus.AMBIGUOUS
+        )
         solution.status[misfit] = PoseStatus.IMPLAUSIBLE
     return solution
 
@@ -151,7 +153,7 @@ def fits_mirrored(
     """
     mirrored = np.zeros(observations.count, dtype=bool)
     bad = np.flatnonzero(
-        (_probability(solution.chi2, solution.dof) < _MIRRORED) | ~np.isfinite(solution.chi2)
+        (_probability(solution.chi2, solution.dof) < _MIRROR_PROBABILITY) | ~np.isfinite(solution.chi2)
     )
     bad = at_least_two(bad)
     if bad.size:
@@ -203,19 +205,19 @@ def _with_others(
     for s in range(1, ranked.cost.shape[0]):
         rotation, position = ranked.rotation[..., s, :], ranked.position[..., s, :]
         far = _distance(rotation, position, best.rotation, best.position, best.normal)
-        new = ranked.settled[s] & ~(far < SAME) & (filled < ALTERNATIVES)
+        new = ranked.settled[s] & ~(far < SAME_POSE) & (filled < ALTERNATIVES)
         for k in range(int(filled.max())):  # an empty slot is NaN, and nearer to nothing
             other = solution.other_rotation[:, :, k], solution.other_position[:, k]
-            new &= ~(_distance(rotation, position, *other, best.normal) < SAME)
+            new &= ~(_distance(rotation, position, *other, best.normal) < SAME_POSE)
         slot, index = filled[new], poses[new]
         solution.other_rotation[:, :, slot, index] = rotation[..., new]
         solution.other_position[:, slot, index] = position[..., new]
         solution.other_chi2[slot, index] = ranked.cost[s, new]
         filled += new
-        doubtful = new & (ranked.cost[s] - best.cost < DOUBTFUL) & (far > apart)
+        doubtful = new & (ranked.cost[s] - best.cost < AMBIGUOUS_DIFFERENCE) & (far > apart)
         solution.status[doubtful & (solution.status == PoseStatus.VALID)] = PoseStatus.AMBIGUOUS
         # What fits nearly as well and has not settled may lead to what fits better.
-        going = ~ranked.settled[s] & (ranked.cost[s] - best.cost < DOUBTFUL)
+        going = ~ranked.settled[s] & (ranked.cost[s] - best.cost < AMBIGUOUS_DIFFERENCE)
         solution.status[going & (solution.status == PoseStatus.VALID)] = PoseStatus.AMBIGUOUS
     # Nothing checks an exact fit, of which there are two nearly always, at times too near to one another to be told.
     solution.status[(dof == 0) & (solution.status == PoseStatus.VALID)] = PoseStatus.AMBIGUOUS
@@ -293,7 +295,9 @@ def _inverse(normal: Array) -> tuple[Array, NDArray[np.bool_]]:
     inverse = 0.5 * (inverse + np.swapaxes(inverse, 1, 2))
     inverse = np.ascontiguousarray(np.moveaxis(inverse, 0, -1))
     growth = np.einsum("aab,aab->ab", normal, inverse)
-    determined = ((growth > 0.5) & (growth < _OPEN)).all(axis=0) & np.isfinite(inverse).all(axis=(0, 1))
+    determined = ((growth > 0.5) & (growth < _LARGEST_GROWTH)).all(axis=0) & np.isfinite(inverse).all(
+        axis=(0, 1)
+    )
     return np.where(determined, inverse, np.nan), determined
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.pose.adjustment import COARSE, PoseFit, adjust, begin, linearise
+from scanner_sim.pose.adjustment import COARSE_DECREASE, PoseFit, adjust, begin, linearise
 from scanner_sim.pose.observations import Observations
 from scanner_sim.pose.point_fit import point_fit
 from scanner_sim.pose.resection import PLANAR, planar_starts, three_point_starts, wide_threes, widest_three
@@ -141,11 +141,11 @@ def _adjusted(
     many = observations.take(every) if count > 1 else observations
     problem = problem_of(many, method, point_weights)
     flat = adjust(
-        problem, begin(problem, rotations.reshape(3, 3, -1), positions.reshape(3, -1)), until=COARSE
+        problem, begin(problem, rotations.reshape(3, 3, -1), positions.reshape(3, -1)), until=COARSE_DECREASE
     )
     if observations.object_variances is not None:
         problem = problem_of(many, method, point_weights, pose=(flat.rotation, flat.position))
-        flat = adjust(problem, begin(problem, flat.rotation, flat.position), until=COARSE)
+        flat = adjust(problem, begin(problem, flat.rotation, flat.position), until=COARSE_DECREASE)
     return PoseFit(
         *(
             getattr(flat, name).reshape(*getattr(flat, name).shape[:-1], count, observations.count)

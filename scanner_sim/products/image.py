@@ -5,119 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import numpy as np
 import xarray
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.provenance import in_order, versions
-
-
-class Channel(NamedTuple):
-    """One layer of a range image: its name, its unit and what it holds, in one sentence."""
-
-    name: str
-    unit: str
-    sentence: str
-
-
-_POINT = (
-    Channel("range_m", "m", "measured range: path from the first mirror axis to the surface"),
-    Channel("sigma_range_m", "m", "standard deviation of range_m that the instrument states"),
-    Channel("P.X", "m", "measured point, to the right of the scanner"),
-    Channel("P.Y", "m", "measured point, downwards"),
-    Channel("P.Z", "m", "measured point, away from the scanner"),
-    Channel("sigma_x_m", "m", "standard deviation of P.X that the instrument states, about the true point"),
-    Channel("sigma_y_m", "m", "standard deviation of P.Y that the instrument states"),
-    Channel("sigma_z_m", "m", "standard deviation of P.Z that the instrument states"),
-    Channel("cov_xy_m2", "m2", "covariance of P.X and P.Y that the instrument states"),
-    Channel("cov_xz_m2", "m2", "covariance of P.X and P.Z that the instrument states"),
-    Channel("cov_yz_m2", "m2", "covariance of P.Y and P.Z that the instrument states"),
-)
-"""Layers of a range and its point, which every way of ranging has."""
-
-
-def _point_by(prefix: str, way: str) -> tuple[Channel, ...]:
-    """Return the layers of another way of ranging."""
-    status = Channel(f"{prefix}status", "1", f"as status, {way}")
-    return (*(Channel(prefix + name, unit, f"{text}, {way}") for name, unit, text in _POINT), status)
-
-
-CHANNELS: tuple[Channel, ...] = (
-    *_POINT,
-    Channel(
-        "Y",
-        "electron",
-        "returned signal: charge of the detected peak, before any avalanche; 0 below the threshold",
-    ),
-    Channel(
-        "snr",
-        "1",
-        "laser light on the array over background in a window of 200 µm, I_laser/I_sun (eqs 18, 19); inf in the dark",
-    ),
-    Channel("snr_detection", "1", "charge of the brightest pixel over its standard deviation"),
-    Channel(
-        "background",
-        "electron",
-        "charge of Sun and Earth in a window of 200 µm about the laser's spot while it shines, noise-free",
-    ),
-    Channel(
-        "background_error", "electron", "standard error of background from the finite number of light paths"
-    ),
-    Channel(
-        "background_peak",
-        "electron",
-        "charge of Sun and Earth on the brightest pixel of the line while the laser shines, noise-free",
-    ),
-    Channel("peak_px", "pixel", "detected position on the line sensor; the centre of pixel i is at i"),
-    Channel("sigma_peak_px", "pixel", "standard deviation of peak_px that the instrument states"),
-    Channel(
-        "sigma_texture_m",
-        "m",
-        "part of sigma_range_m: what light that is uneven over the spot may move the range by, seen in the neighbours",
-    ),
-    Channel("status", "1", "0 where a range was measured, otherwise why there is none"),
-    *_point_by("tof.", "by time of flight"),
-    Channel(
-        "tof.Y",
-        "electron",
-        "charge of the detected echo before the avalanche, from its height; a lower bound where it is clipped",
-    ),
-    Channel("tof.snr_detection", "1", "height of the echo over the noise of a sample without it"),
-    Channel("tof.echoes", "1", "number of echoes in the waveform"),
-    Channel("tof.background_w", "W", "light of Sun and Earth on the photodiode, noise-free"),
-    *_point_by("fused.", "from triangulation and time of flight"),
-    Channel("truth.range_m", "m", "true range along the chief ray; the instrument does not know it"),
-    Channel("truth.theta_rad", "rad", "true deflection of the beam to the right, in the middle of the dwell"),
-    Channel("truth.phi_rad", "rad", "true deflection of the beam downwards"),
-    Channel("truth.object", "1", "number of the object hit by the chief ray, from 1; 0 for nothing"),
-    Channel("truth.material", "1", "number of the material hit by the chief ray, from 1; 0 for nothing"),
-)
-"""Every layer that a range image can have, in the order of presentation; a run holds those it made."""
-
-CHANNEL: Mapping[str, Channel] = MappingProxyType({channel.name: channel for channel in CHANNELS})
-"""The table by name."""
-
-SIGMAS = ("sigma_x_m", "sigma_y_m", "sigma_z_m", "cov_xy_m2", "cov_xz_m2", "cov_yz_m2")
-"""Layers of the point's covariance."""
-
-_RANGED = tuple(channel.name for channel in _POINT)
-
-MEASURED = (*_RANGED, "peak_px", "sigma_peak_px", "sigma_texture_m")
-"""Layers that are NaN wherever ``status`` is not 0."""
-
-MEASURED_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {
-        "status": MEASURED,
-        **{f"{way}.status": tuple(f"{way}.{name}" for name in _RANGED) for way in ("tof", "fused")},
-    }
-)
-"""For each layer of status, the layers that are NaN wherever it is not 0."""
-
-LEGENDS = (*MEASURED_BY, "truth.object", "truth.material")
-"""Layers of whole numbers that stand for names."""
 
 
 class Layered(Protocol):
@@ -166,8 +62,8 @@ class Layered(Protocol):
 class RangeImage:
     """Measurements of a raster and the truth behind them, layer by layer.
 
-    A layer is read by its name, ``image["range_m"]``; the table :data:`CHANNELS` tells unit and meaning of
-    each. The arrays are views that cannot be written to.
+    A layer is read by its name, ``image["range_m"]``; the table in :mod:`~scanner_sim.foundation.channels` tells
+    unit and meaning of each. The arrays are views that cannot be written to.
 
     Parameters
     ----------
@@ -306,13 +202,20 @@ class RangeImage:
 
 def check_codes(result: Layered) -> None:
     """Raise a ValueError where a layer of codes holds something else than their whole numbers."""
-    ends = dict.fromkeys(MEASURED_BY, int(max(Status)))
-    ends |= {"truth.object": len(result.objects), "truth.material": len(result.materials)}
-    for name in LEGENDS:
-        if name in result:
-            layer = result[name]
-            if not ((layer >= 0) & (layer <= ends[name]) & (layer == np.rint(layer))).all():
-                raise ValueError(f"{name} must hold whole numbers from 0 to {ends[name]}")
+    for name, names in _legends(result).items():
+        layer, end = result[name], len(names) - 1
+        if not ((layer >= 0) & (layer <= end) & (layer == np.rint(layer))).all():
+            raise ValueError(f"{name} must hold whole numbers from 0 to {end}")
+
+
+def _legends(result: Layered) -> dict[str, list[str]]:
+    """Return the names behind the numbers of each layer of whole numbers."""
+    own = {"truth.object": result.objects, "truth.material": result.materials}
+    return {
+        name: ["nothing", *own[name]] if name in own else [status.name for status in Status]
+        for name in result.channels
+        if CHANNEL[name].whole
+    }
 
 
 def check_marks(result: Layered) -> None:
@@ -326,21 +229,16 @@ def check_marks(result: Layered) -> None:
         for name in layers:
             if name in result and not np.isnan(result[name][~valid]).all():
                 raise ValueError(f"{name} must be NaN wherever {status} is not 0")
-            finite = name.rpartition(".")[2] in ("range_m", "X", "Y", "Z")
-            if finite and name in result and not np.isfinite(result[name][valid]).all():
+            finite = name in result and CHANNEL[name].kind == "point"
+            if finite and not np.isfinite(result[name][valid]).all():
                 raise ValueError(f"{name} must be a finite number wherever {status} is 0")
 
 
 def layer_variables(result: Layered, dimensions: tuple[str, ...]) -> dict[str, Any]:
     """Return layers as variables for xarray over some dimensions, with units, meanings and names of their codes."""
-    names = {
-        **{name: [status.name for status in Status] for name in MEASURED_BY},
-        "truth.object": ["nothing", *result.objects],
-        "truth.material": ["nothing", *result.materials],
-    }
-    variables = {}
+    names, variables = _legends(result), {}
     for name, layer in result.channels.items():
-        about: dict[str, object] = {"units": CHANNEL[name].unit, "long_name": CHANNEL[name].sentence}
+        about: dict[str, object] = {"units": CHANNEL[name].unit, "long_name": CHANNEL[name].meaning}
         values: NDArray[np.float32] | NDArray[np.int32] = layer
         if name in names:
             values = layer.astype(np.int32)

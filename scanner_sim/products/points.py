@@ -6,28 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
+from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.foundation.errors import printable
 from scanner_sim.products.image import Layered
 
-_FROM_CHANNEL = (
-    ("x", "P.X", "<f4"),
-    ("y", "P.Y", "<f4"),
-    ("z", "P.Z", "<f4"),
-    ("intensity", "Y", "<f4"),
-    ("sigma_range_m", "sigma_range_m", "<f4"),
-    ("sigma_texture_m", "sigma_texture_m", "<f4"),
-    ("truth_object", "truth.object", "<i4"),
-    ("truth_material", "truth.material", "<i4"),
-)
+_FIRST = ("x", "y", "z", "intensity")
+"""Properties of a vertex that programs look for; the others follow in the order of the channels."""
 _PLY_TYPE = {"<f4": "float", "<i4": "int"}
 
 
 def write_ply(path: str | Path, image: Layered) -> None:
     """Write the measured points of an image, row by row, or of a table of shots; an existing file is overwritten.
 
-    Every vertex has ``x y z`` [m] in the scanner frame, ``intensity`` [electron], ``sigma_range_m``,
-    ``sigma_texture_m`` and the truth numbers where there are any, and its ``row`` and ``column`` in the image or the
-    number of its ``shot``. What has no range is left out, so a file may hold no vertex at all.
+    Every vertex has ``x y z`` [m] in the scanner frame, the other channels that are properties of vertices where the
+    result holds them, and its ``row`` and ``column`` in the image or the number of its ``shot``. What has no range is
+    left out, so a file may hold no vertex at all.
 
     Raises
     ------
@@ -37,12 +30,18 @@ def write_ply(path: str | Path, image: Layered) -> None:
         If the file cannot be written.
     """
     valid = image.valid
-    used = [entry for entry in _FROM_CHANNEL if entry[1] in image or entry[0] in "xyz"]
+    used = [
+        channel
+        for channel in CHANNELS
+        if channel.vertex and (channel.name in image or channel.vertex in "xyz")
+    ]
+    used.sort(key=lambda channel: (*_FIRST, channel.vertex).index(channel.vertex))
     index = ("row", "column") if valid.ndim == 2 else ("shot",)
-    fields = [(name, kind) for name, _, kind in used] + [(name, "<i4") for name in index]
+    fields = [(channel.vertex, "<i4" if channel.whole else "<f4") for channel in used]
+    fields += [(name, "<i4") for name in index]
     vertices = np.empty(np.count_nonzero(valid), dtype=fields)
-    for name, channel, _ in used:
-        vertices[name] = image[channel][valid]
+    for channel in used:
+        vertices[channel.vertex] = image[channel.name][valid]
     for name, numbers in zip(index, np.nonzero(valid), strict=True):
         vertices[name] = numbers
     header = "\n".join(

@@ -11,10 +11,9 @@ import numpy as np
 import xarray
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.channels import CHANNEL, Channel
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.image import (
-    CHANNEL,
-    Channel,
     check_codes,
     check_marks,
     check_names,
@@ -26,14 +25,17 @@ from scanner_sim.products.provenance import in_order, versions
 Array = NDArray[np.float64]
 
 AIMED = (
-    Channel("shot", "1", "number of the shot, counted from 0 in the order of the scan"),
-    Channel("time_s", "s", "middle of the shot's dwell since the start of the scan"),
+    Channel("shot", "1", "number of the shot, counted from 0 in the order of the scan", "aim"),
+    Channel("time_s", "s", "middle of the shot's dwell since the start of the scan", "aim"),
     Channel(
         "theta_rad",
         "rad",
         "deflection to the right in the middle of the dwell: as commanded, or of mirrors whose servos follow that",
+        "aim",
     ),
-    Channel("phi_rad", "rad", "deflection downwards, likewise; both without the mirrors' random errors"),
+    Channel(
+        "phi_rad", "rad", "deflection downwards, likewise; both without the mirrors' random errors", "aim"
+    ),
 )
 """Columns that every table of shots begins with; the others are layers that an image has, too."""
 
@@ -143,7 +145,7 @@ class ShotTable:
     def to_xarray(self) -> xarray.Dataset:
         """Return the table as an xarray dataset over ``shot``, with units, meanings and names of the codes."""
         coordinates = {
-            channel.name: ("shot", values, {"units": channel.unit, "long_name": channel.sentence})
+            channel.name: ("shot", values, {"units": channel.unit, "long_name": channel.meaning})
             for channel, values in zip(AIMED, list(self.columns.values())[: len(AIMED)], strict=True)
         }
         attributes = {

@@ -8,8 +8,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.image import CHANNEL, Layered, RangeImage
+from scanner_sim.products.image import Layered, RangeImage
 from scanner_sim.products.shots import ShotTable
 
 _BEYOND = (3, 5, 6)
@@ -64,7 +65,7 @@ def _layers(image: Layered, unit: str) -> dict[str, object]:
             result[name] = {"unit": CHANNEL[name].unit, **_quantiles(image[name])}
     result["truth"] = _truth(image, unit)
     result["channels"] = {
-        name: {"unit": CHANNEL[name].unit, "meaning": CHANNEL[name].sentence} for name in image.channels
+        name: {"unit": CHANNEL[name].unit, "meaning": CHANNEL[name].meaning} for name in image.channels
     }
     result["versions"] = dict(image.made_by)
     result["warnings"] = list(image.warnings)

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
-from scanner_sim.ranging.neighbours import beside
+from scanner_sim.ranging.neighbours import neighbour_values
 from scanner_sim.ranging.shared_noise import SharedNoise
 from scanner_sim.ranging.uneven import REACH, Raster, around
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_CHANCE = 4.5
+_NOISE_SIGMAS = 4.5
 """Standard deviations of noise by which two ranges may differ beyond the slope: in 200 comparisons once in 700."""
-_DOUBT = 2.0
+_UNEVEN_SIGMAS = 2.0
 """The same of what unevenness may move them by."""
 
 
@@ -56,7 +56,7 @@ def is_mixed(
     """
     valid = np.asarray(status) == Status.VALID
     r = np.where(valid, range_m, np.nan)
-    doubt = np.where(valid, (_DOUBT * uneven) ** 2, np.nan)
+    doubt = np.where(valid, (_UNEVEN_SIGMAS * uneven) ** 2, np.nan)
     missing = (~valid).astype(np.float64)
     hidden = (np.asarray(status) == Status.BELOW_THRESHOLD).astype(np.float64)
     rise = math.tan(steepest)
@@ -64,10 +64,12 @@ def is_mixed(
     for down, right in around(raster.steps(REACH)):
         before = np.hypot(max(abs(right) - 1, 0) * raster.across, max(abs(down) - 1, 0) * raster.down)
         near = (before < REACH * raster.spot) | (max(abs(down), abs(right)) == 1)
-        there, apart = beside(r, down, right), np.hypot(right * raster.across, down * raster.down)
+        there, apart = neighbour_values(r, down, right), np.hypot(right * raster.across, down * raster.down)
         limit = rise * apart * np.fmin(1.0, there / r)
         chance = noise.of({(0, 0): -1.0, (down, right): 1.0})
-        limit += np.sqrt(_CHANCE**2 * chance + doubt + beside(doubt, down, right))
-        nothing = (beside(missing, down, right) == 1.0) & ~(faint & (beside(hidden, down, right) == 1.0))
+        limit += np.sqrt(_NOISE_SIGMAS**2 * chance + doubt + neighbour_values(doubt, down, right))
+        nothing = (neighbour_values(missing, down, right) == 1.0) & ~(
+            faint & (neighbour_values(hidden, down, right) == 1.0)
+        )
         found |= near & ((np.abs(there - r) > limit) | nothing)
     return np.asarray(valid & found)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
 
-_LEAST = 3
+_FEWEST_NEIGHBOURS = 3
 """Neighbours with a range that it takes to call a voxel isolated: fewer may all be another surface's."""
 
 
@@ -64,11 +64,11 @@ def is_isolated(
         for one in (here, there):
             others[one] += both
             agree[one] |= close
-    alone: NDArray[np.bool_] = valid & (others >= _LEAST) & ~agree
+    alone: NDArray[np.bool_] = valid & (others >= _FEWEST_NEIGHBOURS) & ~agree
     return alone
 
 
-def beside(values: NDArray[np.float64], down: int, right: int) -> NDArray[np.float64]:
+def neighbour_values(values: NDArray[np.float64], down: int, right: int) -> NDArray[np.float64]:
     """Return the values some rows further down and columns further right, NaN beyond the image; same shape."""
     rows, columns = values.shape
     shifted = np.full(values.shape, np.nan)

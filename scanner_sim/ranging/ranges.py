@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.covariance import PointCovariance, point_covariance
 from scanner_sim.ranging.triangulation import position_sigma, range_from_position, range_jacobian
-from scanner_sim.scan.protocol import Aim
 
 Array = NDArray[np.float64]
 
 Layers: TypeAlias = dict[str, NDArray[Any]]
 """Columns of shots by name, all of one shape: quantities as floats; status codes and counts as whole numbers."""
+Columns: TypeAlias = Mapping[str, NDArray[Any]]
+"""The same, to be read only."""
 
 
 @dataclass(frozen=True)
@@ -71,34 +72,6 @@ class Ranges:
     z: Array
     covariance: PointCovariance
     status: NDArray[np.uint32]
-
-
-class TruePointing(Protocol):
-    """By how much the true deflections of n shots differ from the commanded ones [rad], arrays of shape (n,)."""
-
-    @property
-    def theta(self) -> Array:
-        """Along the line."""
-
-    @property
-    def phi(self) -> Array:
-        """Across the line."""
-
-
-class ChiefTruth(Protocol):
-    """What the chief ray of each of n shots meets, on the device."""
-
-    @property
-    def distance(self) -> Float:
-        """Distance along the beam [m], NaN for nothing."""
-
-    @property
-    def object(self) -> UInt32:
-        """Number of the object, 0 for nothing."""
-
-    @property
-    def material(self) -> UInt32:
-        """Number of the material, 0 for nothing."""
 
 
 def ranges_from_peaks(
@@ -214,17 +187,3 @@ def layers_of(ranges: Ranges, prefix: str = "") -> Layers:
         "status": ranges.status,
     }
     return {prefix + name: values for name, values in layers.items()}
-
-
-def with_truth(layers: Layers, ranges: Ranges, aim: Aim, pointing: TruePointing, truth: ChiefTruth) -> Layers:
-    """Return layers without the peaks of refused voxels, and with the truth about all."""
-    for name in ("peak_px", "sigma_peak_px"):
-        if name in layers:
-            layers[name][ranges.status != Status.VALID] = np.nan
-    return layers | {
-        "truth.range_m": truth.distance.numpy(),
-        "truth.theta_rad": aim.theta + pointing.theta,
-        "truth.phi_rad": aim.phi + pointing.phi,
-        "truth.object": truth.object.numpy(),
-        "truth.material": truth.material.numpy(),
-    }

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import exp
-from scanner_sim.ranging.neighbours import beside
+from scanner_sim.ranging.neighbours import neighbour_values
 
 Array = NDArray[np.float64]
 
@@ -43,7 +43,7 @@ class SharedNoise:
         total = np.zeros(self.own.shape)
         apart: defaultdict[tuple[int, int], float] = defaultdict(float)
         for one, weight in stencil.items():
-            total += weight**2 * beside(self.own, *one)
+            total += weight**2 * neighbour_values(self.own, *one)
             for other, more in stencil.items():
                 apart[abs(one[0] - other[0]), abs(one[1] - other[1])] += weight * more
         for (down, right), weight in apart.items():

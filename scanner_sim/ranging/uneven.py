@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 
 from scanner_sim.foundation.arithmetic import exp, log
-from scanner_sim.ranging.neighbours import beside
+from scanner_sim.ranging.neighbours import neighbour_values
 from scanner_sim.ranging.shared_noise import SharedNoise, Stencil
 
 Array = NDArray[np.float64]
@@ -31,43 +31,43 @@ MOST_STEPS = 8
 """Farthest neighbour that is looked at, in voxels: rasters finer than a seventh of the spot see no farther."""
 REACH = 2.5
 """Standard deviations of the spot from its axis within which an edge sends a noticeable share of light, 0.6 %."""
-_STENCIL = 2.0
+_LEAST_STENCIL = 2.0
 """Least distance, in standard deviations of the spot, over which bends are looked for: on finer rasters noise hides
 them from direct neighbours."""
-_LARGEST = 0.8
+_LARGEST_SHIFT = 0.8
 """Largest shift of the light, in standard deviations of the spot: that of half a spot, √(2/π)."""
 _UNRESOLVED = 1.25
 """Pitch, in standard deviations of the spot, from which voxels at rest do not resolve an edge."""
-_INSIDE = 0.6
+_UNRESOLVED_CONTRAST = 0.6
 """Share of the contrast to its neighbours that an unresolved line within one spot is taken to have unevenly."""
-_BEND = 0.3
+_BEND_SHIFT = 0.3
 """Shift of the mean depth, root mean square over where a crease may lie, for a second difference of ranges Δ² at a
 pitch of δ: 0.3 s Δ²/δ. From 1.5 to 6 s it is 0.45 to 0.17 for mirrors at rest, 0.49 to 0.28 for a sweep."""
-_STEP = 0.4
+_STEP_SHIFT = 0.4
 """The same for a step, over the difference of second differences: 0.43 to 0.11, and 0.50 to 0.20."""
-_WAYS = ((0, 1), (1, 0))
+_AXES = ((0, 1), (1, 0))
 """Steps down and right along a row and along a column."""
-_BORROWED = 2
+_RIM_VOXELS = 2
 """Voxels over which the rim takes the differences of others."""
 _BENDING = ((-1, 1.0), (0, -2.0), (1, 1.0))
 _RISING = ((-2, -1.0), (-1, 2.0), (1, -2.0), (2, 1.0))
 """Weights of neighbours in a second difference, and in the difference of two."""
-_WIDENED = 1.0
+_WIDENED_REACH = 1.0
 """Standard deviations of the spot within which what is found counts too: just on an edge differences pass zero."""
-_TRUST = (6.0, 1.0)
+_TEXTURE_NOISE = (6.0, 1.0)
 """Square of a texture's difference, over its variance, that counts as noise: anywhere, and where surfaces are known
 to bend or to end (:func:`is_rugged`). There noise is taken off once, which is right on the average."""
-_LINE_TRUST = 4.0
+_LINE_NOISE = 4.0
 """The same of a signal that is above or below both of its neighbours', anywhere."""
-_BEND_TRUST = (4.0, 1.0)
+_BEND_NOISE = (4.0, 1.0)
 """The same of a second difference of ranges."""
-_STEP_TRUST = (8.0, 2.0)
+_STEP_NOISE = (8.0, 2.0)
 """The same of a difference of second differences, which has more noise."""
 _CERTAIN = 25.0
 """The same that noise does not make: five standard deviations."""
-_RUGGED = 3.0
+_RUGGED_REACH = 3.0
 """Standard deviations of the spot about such a position within which surfaces are taken to be uneven."""
-_ALONE = 1e3
+_LONE_PITCH = 1e3
 """Pitch of a raster of one column or row [rad]."""
 
 
@@ -106,14 +106,17 @@ class Raster:
 
 def pitch_of(angles: Array) -> float:
     """Return the angle between neighbours [rad]; one that no spot reaches over where there are none."""
-    return float(angles[-1] - angles[0]) / (len(angles) - 1) if len(angles) > 1 else _ALONE
+    return float(angles[-1] - angles[0]) / (len(angles) - 1) if len(angles) > 1 else _LONE_PITCH
 
 
 def window(slimness: float, pitch: tuple[float, float]) -> int:
     """Return how many voxels to each side have a say in a voxel, for the largest s over range and a pitch [rad]."""
     ratio = slimness / min(pitch)
-    steps = [farthest_step(reach, ratio) for reach in (REACH, _WIDENED, _RUGGED, _STENCIL, _STENCIL)]
-    return sum(steps) + _BORROWED + 1
+    steps = [
+        farthest_step(reach, ratio)
+        for reach in (REACH, _WIDENED_REACH, _RUGGED_REACH, _LEAST_STENCIL, _LEAST_STENCIL)
+    ]
+    return sum(steps) + _RIM_VOXELS + 1
 
 
 def farthest_step(reach: float, ratio: float) -> int:
@@ -151,9 +154,9 @@ def is_rugged(range_m: Array, noise: SharedNoise, raster: Raster) -> Mask:
         if step == 1:
             found = np.fmax(found, np.nan_to_num(_beside_largest(missing, way)))
     about = found.copy()
-    for down, right in around(raster.steps(_RUGGED)):
-        near = np.hypot(right * raster.across, down * raster.down) <= _RUGGED * raster.spot
-        about = np.where(near, np.fmax(about, beside(found, down, right)), about)
+    for down, right in around(raster.steps(_RUGGED_REACH)):
+        near = np.hypot(right * raster.across, down * raster.down) <= _RUGGED_REACH * raster.spot
+        about = np.where(near, np.fmax(about, neighbour_values(found, down, right)), about)
     return np.asarray(about > 0.0)
 
 
@@ -182,8 +185,8 @@ def texture(signal: Array, noise: SharedNoise, raster: Raster, is_rugged: Mask) 
         the gradient next to it counts too. 0 without neighbours.
     """
     logarithm = log(np.where(signal > 0.0, signal, np.nan))
-    left, right = beside(logarithm, 0, -1), beside(logarithm, 0, 1)
-    trust = np.where(is_rugged, _TRUST[1], _TRUST[0])
+    left, right = neighbour_values(logarithm, 0, -1), neighbour_values(logarithm, 0, 1)
+    trust = np.where(is_rugged, _TEXTURE_NOISE[1], _TEXTURE_NOISE[0])
 
     def contrast(trust: Array | float) -> Array:
         """Return the squared difference to the neighbours beyond noise."""
@@ -198,7 +201,7 @@ def texture(signal: Array, noise: SharedNoise, raster: Raster, is_rugged: Mask) 
     coarse = np.square(raster.across / raster.spot)
     square = np.where(inner, middle, contrast(trust)) * (1.0 + coarse / (coarse + 5.0))
     outside = ~((logarithm >= np.fmin(left, right)) & (logarithm <= np.fmax(left, right)))
-    line = _INSIDE**2 * contrast(_LINE_TRUST)
+    line = _UNRESOLVED_CONTRAST**2 * contrast(_LINE_NOISE)
     gradient = np.sqrt(np.where(outside, np.fmax(square, line), square)) / raster.across
     gradient = np.where(inner, gradient, np.fmax(gradient, _beside_largest(gradient, (0, 1))))
     unresolved = (raster.travel == 0.0) & (raster.across > _UNRESOLVED * raster.spot)
@@ -206,7 +209,7 @@ def texture(signal: Array, noise: SharedNoise, raster: Raster, is_rugged: Mask) 
         edge = _beyond(_sharp_edge(signal) ** 2, noise.of({(0, -1): -1.0, (0, 1): 1.0}))
         sharp = np.sqrt(np.where(outside, line, edge)) / raster.spot
         gradient = np.where(unresolved, np.fmax(sharp, 0.5 * gradient), gradient)
-    moved = np.minimum(raster.spot**2 * np.nan_to_num(gradient), _LARGEST * raster.spot)
+    moved = np.minimum(raster.spot**2 * np.nan_to_num(gradient), _LARGEST_SHIFT * raster.spot)
     return _widened(moved, raster)
 
 
@@ -236,19 +239,19 @@ def relief(
         is taken off. Where one is missing, at the rim, that of the nearest voxel counts. 0 without neighbours.
     """
     moved = replace(noise, own=noise.own + sigma_texture**2)
-    bending, rising = (np.where(is_rugged, trust[1], trust[0]) for trust in (_BEND_TRUST, _STEP_TRUST))
+    bending, rising = (np.where(is_rugged, trust[1], trust[0]) for trust in (_BEND_NOISE, _STEP_NOISE))
     wide = np.hypot(raster.spot, raster.travel / math.sqrt(12.0))
-    largest = {way: np.full(range_m.shape, np.nan) for way in _WAYS}
+    largest = {way: np.full(range_m.shape, np.nan) for way in _AXES}
     for way, step, pitch, near in _axes(raster):
         bend, rise = (_along(weights, way, step) for weights in (_BENDING, _RISING))
         bent = np.sqrt(_beyond(_sum_of(range_m, bend) ** 2, bending * noise.of(bend)))
         stepped = np.sqrt(_beyond(_sum_of(range_m, rise) ** 2, rising * moved.of(rise)))
         spot = wide if way == (0, 1) else raster.spot
-        found = np.fmax(_BEND * spot / (step * pitch) * bent, _STEP * stepped)
+        found = np.fmax(_BEND_SHIFT * spot / (step * pitch) * bent, _STEP_SHIFT * stepped)
         largest[way] = np.where(near, np.fmax(largest[way], found), largest[way])
     total = np.zeros(range_m.shape)
     for way, own in largest.items():
-        for _ in range(_BORROWED):
+        for _ in range(_RIM_VOXELS):
             own = np.where(np.isfinite(own), own, _beside_largest(own, way))
         total += np.nan_to_num(own) ** 2
     return _widened(np.sqrt(total), raster)
@@ -256,9 +259,9 @@ def relief(
 
 def _axes(raster: Raster) -> Iterator[tuple[tuple[int, int], int, Array, Mask]]:
     """Yield directions, steps of differences, pitches, and where on the raster a step is wanted."""
-    for way, pitch in zip(_WAYS, (raster.across, raster.down), strict=True):
-        for step in range(1, raster.steps(_STENCIL) + 1):
-            yield way, step, pitch, (step == 1) | ((step - 1) * pitch < _STENCIL * raster.spot)
+    for way, pitch in zip(_AXES, (raster.across, raster.down), strict=True):
+        for step in range(1, raster.steps(_LEAST_STENCIL) + 1):
+            yield way, step, pitch, (step == 1) | ((step - 1) * pitch < _LEAST_STENCIL * raster.spot)
 
 
 def _along(weights: tuple[tuple[int, float], ...], way: tuple[int, int], step: int) -> Stencil:
@@ -270,28 +273,30 @@ def _sum_of(values: Array, stencil: Stencil) -> Array:
     """Return a weighted sum of voxels about each; NaN where one is missing."""
     total = np.zeros(values.shape)
     for (down, right), weight in stencil.items():
-        total += weight * beside(values, down, right)
+        total += weight * neighbour_values(values, down, right)
     return total
 
 
 def _beside_largest(values: Array, way: tuple[int, int]) -> Array:
     """Return the larger value of the two neighbours in a direction and against it; NaN where there is none."""
-    return np.asarray(np.fmax(beside(values, way[0], way[1]), beside(values, -way[0], -way[1])))
+    return np.asarray(
+        np.fmax(neighbour_values(values, way[0], way[1]), neighbour_values(values, -way[0], -way[1]))
+    )
 
 
 def _widened(values: Array, raster: Raster) -> Array:
     """Return the largest value at each voxel and within a standard deviation of the spot in its row and column."""
     widened = values.copy()
-    for step in range(1, raster.steps(_WIDENED) + 1):
-        for way, pitch in zip(_WAYS, (raster.across, raster.down), strict=True):
+    for step in range(1, raster.steps(_WIDENED_REACH) + 1):
+        for way, pitch in zip(_AXES, (raster.across, raster.down), strict=True):
             there = _beside_largest(values, (step * way[0], step * way[1]))
-            widened = np.where(step * pitch <= _WIDENED * raster.spot, np.fmax(widened, there), widened)
+            widened = np.where(step * pitch <= _WIDENED_REACH * raster.spot, np.fmax(widened, there), widened)
     return np.asarray(widened)
 
 
 def _sharp_edge(signal: Array) -> Array:
     """Return the slope of ln Y times s where a sharp edge passes between a voxel's neighbours."""
-    left, right = beside(signal, 0, -1), beside(signal, 0, 1)
+    left, right = neighbour_values(signal, 0, -1), neighbour_values(signal, 0, 1)
     low, whole = np.fmin(left, right), np.abs(right - left)
     share = np.clip((signal - low) / np.where(whole > 0.0, whole, 1.0), 1e-4, 1.0 - 1e-4)
     slope = whole / signal * exp(-0.5 * ndtri(share) ** 2) / math.sqrt(2.0 * math.pi)

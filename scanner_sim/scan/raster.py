@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from scanner_sim.foundation.channels import layer_bytes
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Count, Part
 from scanner_sim.foundation.units import Angle
@@ -16,8 +17,6 @@ from scanner_sim.scan.protocol import Aim, ScanSetup, Sweep, beyond_mirrors
 
 MOST_SHOTS = 2**26
 """Largest raster: its layers alone take 7 GB."""
-LAYERS = 27
-"""Layers of an image, four bytes a voxel each."""
 
 
 class RasterScan(Part):
@@ -50,10 +49,11 @@ class RasterScan(Part):
             elif last == first and count > 1:
                 yield Fault(name, f"both ends are equal, yet there are {count} steps.", "Write two angles.")
         if self.shots > MOST_SHOTS:
+            size = self.shots * layer_bytes(["triangulation"])
             yield Fault(
                 "rows",
                 f"{self.rows} × {self.columns} are {self.shots / 1e6:.0f} million voxels, whose layers take "
-                f"{self.shots * 4 * LAYERS / 1e9:.0f} GB; at most {MOST_SHOTS / 1e6:.0f} million are possible.",
+                f"{size / 1e9:.0f} GB; at most {MOST_SHOTS / 1e6:.0f} million are possible.",
                 "Scan in several runs of fewer rows.",
             )
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag
 
@@ -15,27 +16,24 @@ from scanner_sim.foundation.units import Angle, Length
 from scanner_sim.signals.line.bias_table import read_bias
 from scanner_sim.signals.waveform.settings import PulseDetection
 
-PeakMethod = Literal[
-    "centre_of_mass",
-    "parabola",
-    "gaussian",
-    "blais_rioux_2",
-    "blais_rioux_4",
-    "blais_rioux_8",
-    "maximum_likelihood",
-]
+MARGIN: Mapping[str, int] = MappingProxyType(
+    {
+        "centre_of_mass": 3,
+        "parabola": 1,
+        "gaussian": 1,
+        "blais_rioux_2": 2,
+        "blais_rioux_4": 3,
+        "blais_rioux_8": 5,
+        "maximum_likelihood": 2,
+    }
+)
+"""The estimators of the peak: how many pixels to each side of the brightest one each needs. ``maximum_likelihood``
+reads four standard deviations of the spot to each side, but takes what the array has of them."""
 
-MARGIN: dict[PeakMethod, int] = {
-    "centre_of_mass": 3,
-    "parabola": 1,
-    "gaussian": 1,
-    "blais_rioux_2": 2,
-    "blais_rioux_4": 3,
-    "blais_rioux_8": 5,
-    "maximum_likelihood": 2,
-}
-"""Pixels to each side of the brightest one that an estimator needs. ``maximum_likelihood`` reads four standard
-deviations of the spot to each side, but takes what the array has of them."""
+if TYPE_CHECKING:
+    PeakMethod: TypeAlias = str
+else:
+    PeakMethod = Literal[tuple(MARGIN)]
 
 BiasChoice = Annotated[
     Annotated[Literal["none", "computed"], Tag("(word)")]

@@ -14,22 +14,22 @@ from scanner_sim.tracking.samples import PatternSamples
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_LEAST = 1e-12 * np.eye(3)
+_REGULARISATION = 1e-12 * np.eye(3)
 """Makes the normal matrix of a circle without edges a regular one."""
-_UNEVEN = 0.1
+_COVERAGE_ERROR = 0.1
 """Error of the mean of hits, over the radius, because a pattern does not cover its area evenly: measured on discs of
 0.6 to 0.7 of the amplitude within 0.3 of it from the centre; smaller discs there are worse."""
 _FEWEST_EDGES = 4
 """Fewest crossings of an edge that make a circle with something to check it by."""
-_EDGE = 0.1
+_EDGE_ERROR = 0.1
 """Error of an edge between two points, over their distance: the edge is blurred, and not straight between them."""
 _ALL_ANGLES = 100.0
 """Standard deviation [rad] of a centre of which nothing is known."""
-_SHARP_EDGE = 12.0**-0.5
+_SHARP_EDGE_ERROR = 12.0**-0.5
 """The same where the values on both sides do not tell how near it is: anywhere between the points."""
-_AT_REST = 1e-4
+_CONVERGED_STEP = 1e-4
 """Step, over the circle's size, with which it comes to rest: the next would be far smaller."""
-_ROUNDS = 8
+_MOST_STEPS = 8
 """Gauss–Newton steps of a circle: they double the digits each, and three do."""
 
 
@@ -113,7 +113,7 @@ def hit_centroid(samples: PatternSamples, response: Response) -> Centroid:
     crossing = response.hit[:, 1:] != response.hit[:, :-1]
     edge = 0.5 * (away[..., 1:] + away[..., :-1]) * crossing[:, None]
     spread = product(edge, edge.transpose(0, 2, 1)) / (12.0 * n**2)[:, None, None]
-    covariance = spread + (_UNEVEN * radius)[:, None, None] ** 2 * np.eye(2)
+    covariance = spread + (_COVERAGE_ERROR * radius)[:, None, None] ** 2 * np.eye(2)
     nothing = np.full(len(n), np.nan)
     return centroid_of(centre, covariance, radius, 0.1 * radius, nothing, response.clear & (count > 0))
 
@@ -158,14 +158,14 @@ def circle_fit(
     columns = np.ones((len(x), 3, x.shape[1]))
     columns[:, 0], columns[:, 1] = across, down
     weighted = columns * weight[:, None]
-    normal = product(weighted, columns.transpose(0, 2, 1)) + _LEAST
+    normal = product(weighted, columns.transpose(0, 2, 1)) + _REGULARISATION
     linear = solve_linear(normal, product(weighted, (square / size[:, None] ** 2)[..., None]))[..., 0]
     centre = 0.5 * linear[:, :2]
     radius = np.sqrt(np.maximum(linear[:, 2] + (centre**2).sum(axis=1), 1e-12))
     # A row that has come to rest stays as it is: no result depends on the batch.
     moving = enough
     scale, columns[:, 2] = np.zeros(len(x)), -1.0
-    for _ in range(_ROUNDS if rounds is None else rounds):
+    for _ in range(_MOST_STEPS if rounds is None else rounds):
         away = across - centre[:, :1], down - centre[:, 1:]
         distance = np.maximum(np.sqrt(away[0] ** 2 + away[1] ** 2), 1e-9)
         residual = distance - radius[:, None]
@@ -173,7 +173,7 @@ def circle_fit(
         tame = weight * np.minimum(1.0, 2.0 * spread[:, None] / np.maximum(np.abs(residual), 1e-12))
         columns[:, 0], columns[:, 1] = -away[0] / distance, -away[1] / distance
         weighted = columns * tame[:, None]
-        found = product(weighted, columns.transpose(0, 2, 1)) + _LEAST
+        found = product(weighted, columns.transpose(0, 2, 1)) + _REGULARISATION
         if moving.all():
             normal, scale = found, spread
         else:
@@ -181,13 +181,13 @@ def circle_fit(
         change = solve_linear(found, product(weighted, -residual[..., None]))[..., 0]
         # A circle through an arc that hardly bends may run away; half its radius a step is enough for any other.
         change = np.where(moving[:, None], np.clip(change, -0.5, 0.5), 0.0)
-        moving = moving & (np.abs(change).max(axis=1) > _AT_REST)
+        moving = moving & (np.abs(change).max(axis=1) > _CONVERGED_STEP)
         centre, radius = centre + change[:, :2], np.abs(radius + change[:, 2])
         if not moving.any():
             break
     # Four edges leave one residual, which may be small by chance: no edge is better than the interpolation.
     apart = np.diff(samples.theta, axis=1) ** 2 + np.diff(samples.phi, axis=1) ** 2
-    least = (_EDGE if blurred else _SHARP_EDGE) * np.sqrt((weight * apart).sum(axis=1) / n)
+    least = (_EDGE_ERROR if blurred else _SHARP_EDGE_ERROR) * np.sqrt((weight * apart).sum(axis=1) / n)
     covariance = inverse(normal) * np.maximum(scale * size, least)[:, None, None] ** 2
     return centroid_of(
         middle + centre * size[:, None],

@@ -13,18 +13,18 @@ from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
 Array = NDArray[np.float64]
 
-_ROUNDS = 12
+_MOST_STEPS = 12
 """Steps of the adjustment; from a circle or a mean of hits six do."""
-_MOST = 0.3
+_LARGEST_STEP = 0.3
 """Largest step in one round, of centre and radius over the radius, of levels over their distance."""
-_AT_REST = 1e-3
+_CONVERGED_STEP = 1e-3
 """Step, over radius and amplitude, with which a fit comes to rest: the next is a tenth of it, far below any σ."""
-_SHORTEST = 1e-3
+_SHORTEST_TRAVEL = 1e-3
 """Travel over spot below which the mean along it is taken as the value in its middle."""
-_TOLD = float(np.pi**2)
+_LARGEST_VARIANCE = float(np.pi**2)
 """Largest variance of centre and radius [rad²] that tells anything: beyond it lie all directions."""
 _ROOT_PI = float(np.sqrt(2.0 * np.pi))
-_UNIT = np.eye(5)
+_IDENTITY = np.eye(5)
 
 
 def disc_fit(
@@ -93,7 +93,7 @@ def disc_fit(
     # Covariance and misfit are those before its last step, which is too small to tell.
     moving = usable
     kept: tuple[Array, ...] = ()
-    for _ in range(_ROUNDS):
+    for _ in range(_MOST_STEPS):
         away = theta - centre[:, :1], phi - centre[:, 1:]
         share, by_distance, direction = _share(away, travel, size, blur)
         residual = response.value - ground[:, None] - amplitude[:, None] * share
@@ -114,9 +114,9 @@ def disc_fit(
         normal.reshape(rows, 25)[:, ::6] += 1e-300
         kept = _newer(moving, (normal, residual, weighted, steep), kept)
         change = solve_linear(normal, right[..., None])[..., 0]
-        np.clip(change, -_MOST, _MOST, out=change)
+        np.clip(change, -_LARGEST_STEP, _LARGEST_STEP, out=change)
         change[~moving] = 0.0
-        moving = moving & (np.abs(change).max(axis=1) > _AT_REST)
+        moving = moving & (np.abs(change).max(axis=1) > _CONVERGED_STEP)
         change *= unit
         centre, size = centre + change[:, :2], np.maximum(size + change[:, 2], 0.1 * size)
         amplitude, ground = amplitude + change[:, 3], ground + change[:, 4]
@@ -126,7 +126,7 @@ def disc_fit(
     chi = (weight * residual**2).sum(axis=1)
     error = np.asarray(pointing, dtype=np.float64)
     turned = weighted * ((error[:, None] if error.ndim == 1 else error) * steep)[:, None]
-    normal = np.where(usable[:, None, None], normal, _UNIT)
+    normal = np.where(usable[:, None, None], normal, _IDENTITY)
     freedom = np.maximum(response.used.sum(axis=1) - 5 + (prior > 0.0), 1)
     misfit = chi / freedom
     # What the values do not tell at all has a variance beyond all angles, or all numbers, and is not found.
@@ -135,7 +135,7 @@ def disc_fit(
         of_pointing = product(inverted, product(turned, turned.transpose(0, 2, 1)), inverted)
         covariance = inverted * np.maximum(misfit, 1.0)[:, None, None] + of_pointing
         covariance = covariance[:, :3, :3] * (size**2)[:, None, None]
-    usable &= (np.diagonal(covariance, axis1=1, axis2=2) <= _TOLD).all(axis=1)  # NaN is not
+    usable &= (np.diagonal(covariance, axis1=1, axis2=2) <= _LARGEST_VARIANCE).all(axis=1)  # NaN is not
     reach = np.maximum(np.abs(theta - centre[:, :1]).min(axis=1), np.abs(phi - centre[:, 1:]).min(axis=1))
     found = usable & (reach < 2.0 * size) & (np.sign(amplitude) == np.sign(response.target - response.ground))
     return centroid_of(
@@ -173,7 +173,7 @@ def blurred_edge(inside: Array, travel: Array, spot: Array) -> tuple[Array, Arra
         [G(u + L/2) − G(u − L/2)]/L, G(z) = z Φ(z/s) + s φ(z/s), the integral of Φ(z/s); and its derivative
         [Φ((u + L/2)/s) − Φ((u − L/2)/s)]/L.
     """
-    half = np.maximum(np.abs(travel) / spot, _SHORTEST) * 0.5
+    half = np.maximum(np.abs(travel) / spot, _SHORTEST_TRAVEL) * 0.5
     u = inside / spot
     first, last = u - half, u + half
     normal_first, normal_last = ndtr(first), ndtr(last)

@@ -35,17 +35,17 @@ from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_PARTS = 3
+_POINTS_PER_VOXEL = 3
 """Points of the curve for each voxel: the beam is wider than the way between two of them."""
-_REACH = 2.5
+_REACH_RADII = 2.5
 """Radii of the beam beyond which two points have nothing in common, 2e-3."""
-_FAINT = 0.01
+_NEGLIGIBLE_SHARE = 0.01
 """Share of the largest error of a voxel that does not count."""
-_RIM = 3.0
+_RIM_SIGMAS = 3.0
 """Standard deviations of the spot from the rim within which voxels tell the centre, and not the range."""
-_MOST = 0.9
+_LARGEST_SHARE = 0.9
 """Share of a variance that may last: no dither leaves the dwells where they were."""
-_FEWEST = 12
+_FEWEST_VOXELS = 12
 """Voxels that tell a plane."""
 
 
@@ -101,7 +101,7 @@ def surface_covariance(
     ndarray
         Shape (3, 3) [rad, rad, m]; at most nine tenths of the variance that the voxels tell.
     """
-    if not (seen.found[0] and seen.radius[0] > 0.0 and samples.valid[0].sum() >= _FEWEST):
+    if not (seen.found[0] and seen.radius[0] > 0.0 and samples.valid[0].sum() >= _FEWEST_VOXELS):
         return np.zeros((3, 3))
     # Nothing is known of patterns that hardly show a target.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -116,7 +116,7 @@ def _limit(part: Array, whole: Array) -> Array:
     middle = 0.5 * (ratio[0, 0] + ratio[1, 1])
     spread = middle**2 - ratio[0, 0] * ratio[1, 1] + ratio[0, 1] * ratio[1, 0]
     largest = np.array([middle + np.sqrt(np.maximum(spread, 0.0)), part[2, 2] / whole[2, 2]])
-    scale = np.minimum(1.0, _MOST / np.maximum(largest, _MOST))[[0, 0, 1]]
+    scale = np.minimum(1.0, _LARGEST_SHARE / np.maximum(largest, _LARGEST_SHARE))[[0, 0, 1]]
     return np.asarray(part * scale)
 
 
@@ -142,9 +142,9 @@ def _surface(
         back = inverse(plane.change)[0]
         result[:2, :2] = product(back, _common(position, rise, light, speckle.radius, 0.0), back.T)
     part = {TargetKind.BLACK: usable, TargetKind.HOLE: off > radius, TargetKind.RETRO: off > radius}
-    clear = np.abs(off - radius) > _RIM * spot + 0.5 * np.hypot(*way)
+    clear = np.abs(off - radius) > _RIM_SIGMAS * spot + 0.5 * np.hypot(*way)
     inside = usable & clear & part.get(kind, off < radius)
-    inside = inside if inside.sum() >= _FEWEST else usable
+    inside = inside if inside.sum() >= _FEWEST_VOXELS else usable
     moved = _range_gains(samples, position / radius, inside) * _of_speckle(samples, speckle.range_noise)
     kept = _common(position, rise, moved[None], speckle.radius, speckle.on_surface)[0, 0]
     result[2, 2] = np.maximum(kept, 0.0)
@@ -208,14 +208,14 @@ def _of_speckle(samples: PatternSamples, noise: float) -> Array:
 def _common(position: Array, rise: Array, errors: Array, radius: float, on_surface: float) -> Array:
     """Return the covariance (k, k) that sums of voxels' errors (k, n) share with those of another dither."""
     size = np.abs(errors).max(axis=0)
-    used = size > _FAINT * size.max()
+    used = size > _NEGLIGIBLE_SHARE * size.max()
     at, way, along = position[:, used] / radius, rise[:, used] / radius, errors[:, used]
     half = 0.5 * np.hypot(*way)
     apart = at[:, :, None] - at[:, None]
     # Every pair but once.
-    near = apart[0] ** 2 + apart[1] ** 2 < (_REACH + half[:, None] + half) ** 2
+    near = apart[0] ** 2 + apart[1] ** 2 < (_REACH_RADII + half[:, None] + half) ** 2
     one, other = np.nonzero(np.triu(near))
-    steps = (np.arange(_PARTS) + 0.5) / _PARTS - 0.5
+    steps = (np.arange(_POINTS_PER_VOXEL) + 0.5) / _POINTS_PER_VOXEL - 0.5
     begun = way[:, one, None, None] * steps[:, None] - way[:, other, None, None] * steps
     across, down = apart[:, one, other, None, None] + begun
     decay = exp(-(across**2) - down**2)

@@ -21,13 +21,13 @@ from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-_PARTLY = 0.45
+_PARTIAL_LEVEL = 0.45
 """Distance from the middle of both levels, over theirs, below which a voxel is partly on the target."""
-_FEWEST_PARTLY = 6
+_FEWEST_PARTIAL = 6
 """Voxels partly on the target that tell a disc's position and size, with some to spare."""
 _FEWEST_WHOLE = 12
 """Voxels away from the rim by which a range is found without those at it."""
-_CAP = 0.8
+_CAP_SHARE = 0.8
 """Part of a sphere's radius within which its range is looked at."""
 
 
@@ -236,8 +236,8 @@ class _Seeing:
         if self.duty_cycle < 1.0:
             # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
             away = np.abs(response.value - response.threshold[:, None])
-            partly = away < _PARTLY * np.abs(response.target - response.ground)[:, None]
-            enough = (partly & response.used).sum(axis=1) >= _FEWEST_PARTLY
+            partly = away < _PARTIAL_LEVEL * np.abs(response.target - response.ground)[:, None]
+            enough = (partly & response.used).sum(axis=1) >= _FEWEST_PARTIAL
             fitted = better_of(replace(fitted, found=fitted.found & enough), centre)
         whole = _away_from_rim(shown, fitted, 3.0 * np.reshape(self.spot, (-1, 1)), self.duty_cycle)
         inside = response.used & whole
@@ -313,7 +313,7 @@ def _plain(response: Response) -> Mask:
     """
     level = response.ground[:, None]
     plain = response.used & ~response.hit & (np.abs(response.value - level) < 0.5 * np.abs(level))
-    return np.where(plain.sum(axis=1, keepdims=True) >= _FEWEST_PARTLY, plain, response.used)
+    return np.where(plain.sum(axis=1, keepdims=True) >= _FEWEST_PARTIAL, plain, response.used)
 
 
 def _ranges(
@@ -345,7 +345,7 @@ def _ranges(
     if appearance.surface == "sphere":
         # The middle lies behind a point of the surface by √(r² − ρ²), which is steep near the limb.
         radius, off = 0.5 * appearance.diameter, square * samples.range**2
-        chosen &= off < (_CAP * radius) ** 2
+        chosen &= off < (_CAP_SHARE * radius) ** 2
         value = value + np.sqrt(np.maximum(radius**2 - off, 0.0))
     sigma = np.where(chosen & (samples.sigma_range > 0.0), samples.sigma_range, 1.0)
     weight = np.where(chosen, 1.0 / sigma**2, 0.0)

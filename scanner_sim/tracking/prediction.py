@@ -16,9 +16,9 @@ Array = NDArray[np.float64]
 
 AXES = 3
 """Θ, φ and R."""
-_PLACE = np.arange(AXES)
-_RATE = _PLACE + AXES
-_WHOLE = np.eye(2 * AXES)
+_POSITION = np.arange(AXES)
+_RATE = _POSITION + AXES
+_IDENTITY = np.eye(2 * AXES)
 
 
 class Motion(NamedTuple):
@@ -73,14 +73,14 @@ def predict(motion: Motion, time: ArrayLike, acceleration_psd: ArrayLike) -> Mot
     """
     when = np.asarray(time, dtype=np.float64)
     step = when - motion.time
-    onward = np.zeros((*step.shape, 2 * AXES, 2 * AXES)) + _WHOLE
+    onward = np.zeros((*step.shape, 2 * AXES, 2 * AXES)) + _IDENTITY
     noise = np.zeros_like(onward)
-    onward[..., _PLACE, _RATE] = step[..., None]
+    onward[..., _POSITION, _RATE] = step[..., None]
     size = np.abs(step)[..., None]
     density = np.asarray(acceleration_psd, dtype=np.float64)
-    noise[..., _PLACE, _PLACE] = density * size**2 * size / 3.0
+    noise[..., _POSITION, _POSITION] = density * size**2 * size / 3.0
     noise[..., _RATE, _RATE] = density * size
-    noise[..., _PLACE, _RATE] = noise[..., _RATE, _PLACE] = density * size**2 / 2.0
+    noise[..., _POSITION, _RATE] = noise[..., _RATE, _POSITION] = density * size**2 / 2.0
     mean = applied(onward, motion.mean)
     return Motion(mean, product(onward, motion.covariance, np.swapaxes(onward, -1, -2)) + noise, when)
 
@@ -105,7 +105,7 @@ def update(motion: Motion, position: ArrayLike, covariance: ArrayLike) -> Motion
     spread = motion.covariance[..., :AXES, :AXES] + noise
     gain = np.swapaxes(solve_linear(spread, np.swapaxes(seen, -1, -2)), -1, -2)
     away = np.asarray(position, dtype=np.float64) - motion.mean[..., :AXES]
-    keep = np.zeros_like(motion.covariance) + _WHOLE
+    keep = np.zeros_like(motion.covariance) + _IDENTITY
     keep[..., :AXES] -= gain
     whole = product(keep, motion.covariance, np.swapaxes(keep, -1, -2))
     whole = whole + product(gain, noise, np.swapaxes(gain, -1, -2))

@@ -14,12 +14,12 @@ from scanner_sim.tracking.samples import PatternSamples
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-FEWEST = 4
+FEWEST_VOXELS = 4
 """Fewest voxels on the target and off it that make a target; a glint is fewer."""
-CLEAR = 5.0
+CLEAR_DIFFERENCE = 5.0
 """Distance of the two levels, over the scatter within them, from which they are two: halves of noise have 2.8."""
 
-STRAY = 3.0
+GLINT_DISTANCE = 3.0
 """Distance from the threshold, over that of the levels, from which a value is neither: a glint."""
 
 
@@ -116,7 +116,7 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
     most = np.max(np.where(count, known, 0.0), axis=1, keepdims=True)
     sigma = np.where(count & (known > 0.0), known, np.where(most > 0.0, most, 1.0))
     threshold, low, high, clear = two_levels(value, used)
-    far_off = np.abs(value - threshold[:, None]) > STRAY * (high - low)[:, None]
+    far_off = np.abs(value - threshold[:, None]) > GLINT_DISTANCE * (high - low)[:, None]
     used &= ~(far_off & clear[:, None])
     below = kind in (TargetKind.BLACK, TargetKind.RAISED)
     hit = used & ((value < threshold[:, None]) if below else (value > threshold[:, None]))
@@ -154,20 +154,20 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
     """
     order = np.sort(np.where(used, value, np.inf), axis=1)
     count, points = used.sum(axis=1), value.shape[1]
-    possible, position = count >= 2 * FEWEST, np.arange(1, points + 1)
+    possible, position = count >= 2 * FEWEST_VOXELS, np.arange(1, points + 1)
     inside = position <= count[:, None]
     rows = np.arange(len(order))
     # Where too few count, the ends are beyond all values: nothing is clipped, and nothing comes of it.
-    low = np.where(possible, order[:, FEWEST - 1], -np.inf)
-    high = np.where(possible, order[rows, np.maximum(count - FEWEST, 0)], np.inf)
+    low = np.where(possible, order[:, FEWEST_VOXELS - 1], -np.inf)
+    high = np.where(possible, order[rows, np.maximum(count - FEWEST_VOXELS, 0)], np.inf)
     order = np.where(inside, np.clip(order, low[:, None], np.maximum(low, high)[:, None]), 0.0)
     below = np.cumsum(order, axis=1)
     # The scatter between two parts of k and n − k values is (n Σ_k − k Σ)²/(n k (n − k)).
     between = (count[:, None] * below - position * below[:, -1:]) ** 2 / (
         position * np.maximum(count[:, None] - position, 1)
     )
-    allowed = (position >= FEWEST) & (position <= count[:, None] - FEWEST)
-    split = np.where(possible, 1 + np.argmax(np.where(allowed, between, -1.0), axis=1), FEWEST)
+    allowed = (position >= FEWEST_VOXELS) & (position <= count[:, None] - FEWEST_VOXELS)
+    split = np.where(possible, 1 + np.argmax(np.where(allowed, between, -1.0), axis=1), FEWEST_VOXELS)
     first = _median(order, 0 * split, split)
     second = _median(order, split, np.maximum(count, split + 1))
     part = position <= split[:, None]
@@ -177,7 +177,7 @@ def two_levels(value: Array, used: Mask) -> tuple[Array, Array, Array, Mask]:
     some = np.where(larger[:, None], part & inside, inside & ~part)
     size = np.where(larger, split, np.maximum(count - split, 1))
     scatter = _median(np.sort(np.where(some, away, np.inf), axis=1), 0 * split, size)
-    clear = possible & (second - first > CLEAR * 1.4826 * scatter) & (second > first)
+    clear = possible & (second - first > CLEAR_DIFFERENCE * 1.4826 * scatter) & (second > first)
     return 0.5 * (first + second), first, second, clear
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
+from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.foundation.units import FROM_FILE, Angle, Electrons, Length, Power, Ratio
-from scanner_sim.products.image import CHANNELS
 
 
 @pytest.mark.parametrize(

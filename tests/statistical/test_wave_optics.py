@@ -156,9 +156,9 @@ def _find(kind: str, distance: float, peak: str) -> tuple[Array, Array, Array]:
     )
     bench, sensor = Instrument(scenario, device="cpu"), scenario.scanner.position_sensor
     _, _, lines = patterns(kind, distance)
-    pixel = round(float(bench.spot.pixel(distance, 0.0, 1.0)))
+    pixel = round(float(bench.triangulation.spot.pixel(distance, 0.0, 1.0)))
     first = pixel - round(PHASES[0])
-    charge = 0.5 * bench.spot.white / distance**2
+    charge = 0.5 * bench.triangulation.spot.white / distance**2
     whole = np.zeros((lines.shape[0] * lines.shape[1], sensor.pixels), np.float32)
     kept = slice(max(first, 0), first + PIXELS)
     whole[:, kept] = (charge * lines.reshape(-1, PIXELS))[:, max(-first, 0) :]
@@ -175,7 +175,7 @@ def _find(kind: str, distance: float, peak: str) -> tuple[Array, Array, Array]:
         scenario.scanner.dwell,
         3,
     )
-    found = bench.find(signal, np.zeros(len(whole), np.float32))
+    found = bench.triangulation.find(signal, np.zeros(len(whole), np.float32))
     truth = first + np.repeat(PHASES, lines.shape[1])
     error = (found.position.numpy() - truth) * PITCH
     return error, error / (found.sigma.numpy() * PITCH), found.status.numpy()

@@ -52,7 +52,7 @@ def test_it_runs(path: Path, tmp_path: Path) -> None:
     scenario = load_scenario(path)
     lit = scenario.lighting.sky().sun_visible > 0.0
     assert {item.name for item in (tmp_path / "out").iterdir()} == set(
-        planned_files(scenario.output, lit=lit, ranging=scenario.ranging)
+        planned_files(scenario.output, lit=lit, rangefinders=scenario.rangefinders)
     )
     image = read_range_image(tmp_path / "out" / "range.exr")
     assert image.shape == (SIZE, SIZE)

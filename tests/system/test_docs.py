@@ -17,8 +17,8 @@ from typer.testing import CliRunner
 
 from scanner_sim.cli import app
 from scanner_sim.config import load_scenario, scenario_from_text
+from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.products.files import contents
-from scanner_sim.products.image import CHANNELS
 from scanner_sim.validation.studies.pose_study import StudyPlan
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"

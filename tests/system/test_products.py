@@ -11,11 +11,12 @@ import trimesh
 from PIL import Image
 
 from scanner_sim.config import load_scenario
+from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.instrument.simulate import simulate
 from scanner_sim.products.files.contents import FILES, TIMED_PICTURES
 from scanner_sim.products.files.exr import read_range_image
 from scanner_sim.products.files.run_folder import write_run
-from scanner_sim.products.image import CHANNELS, RangeImage
+from scanner_sim.products.image import RangeImage
 from scanner_sim.render.device import Device
 
 SCENARIO = """\

@@ -17,6 +17,7 @@ from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
 from scanner_sim.config import scenario_from_text, scenario_warnings
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.channels import MEASURED_BY, channels_by
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.simulate import simulate_voxel, simulate_waveforms
@@ -25,7 +26,7 @@ from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import peak_transmission
 from scanner_sim.products.files.contents import planned_files
 from scanner_sim.products.files.exr import read_range_image
-from scanner_sim.products.image import MEASURED_BY, RangeImage
+from scanner_sim.products.image import RangeImage
 from scanner_sim.products.waveforms import read_waveforms
 from scanner_sim.ranging.fusion import crossing_distance
 from scanner_sim.ranging.time_of_flight import range_from_delay
@@ -202,8 +203,7 @@ def test_either_way_alone_is_what_it_is_in_both(module: Scenario) -> None:
         there = whole[prefix + "status"] != Status.INCONSISTENT
         for name, values in layers(whole, prefix).items():
             np.testing.assert_array_equal(alone[name][there], values[there])
-        assert ("peak_px" in alone) == (ranging == "triangulation")
-        assert ("tof.range_m" in alone) == (ranging == "tof")
+        assert set(alone.channels) == {channel.name for channel in channels_by(ranging)}
 
 
 def test_disagreement_refuses_one(whole: RangeImage) -> None:
@@ -234,7 +234,7 @@ def test_background_is_the_light_of_a_sunlit_wall() -> None:
         inside, outside = band_irradiance(
             scenario.lighting.sun,
             scanner.filter,
-            scanner.position_sensor.response,
+            scanner.lidar.photodiode.response,
             scanner.laser.wavelength,
         )
         radiance = 0.5 * np.cos(np.deg2rad(30.0)) / np.pi * float(inside + outside)
@@ -366,6 +366,6 @@ def test_under_the_sun_the_planned_files_are_written(repo_root: Path, tmp_path: 
         assert result.exit_code == 0, result.output
         scenario = load_scenario(config, [*size, f"ranging={ranging}"])
         written = {path.name for path in out.iterdir()}
-        assert written == set(planned_files(scenario.output, lit=True, ranging=scenario.ranging))
+        assert written == set(planned_files(scenario.output, lit=True, rangefinders=scenario.rangefinders))
         assert ("background.png" in written) == (ranging == "both")
         assert (read_range_image(out / "range.exr")["tof.background_w"] > 0.0).any()

@@ -10,6 +10,7 @@ import pytest
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.analytic import geometry as judge
+from scanner_sim.analytic.echo_budget import EchoInstrument
 from scanner_sim.analytic.spot import share_within_height
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.frames import rotation_about
@@ -17,6 +18,7 @@ from scanner_sim.validation.compare import light, noise, pulses
 from scanner_sim.validation.compare import test_bench as stand
 from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
+from scanner_sim.validation.compare.instrument import echo_instrument_of
 
 R, GREY = 9.0, 0.4
 
@@ -211,3 +213,20 @@ def test_an_echo_has_its_peak_and_the_dark_its_noise() -> None:
     near = list(pulses._near(told, R))
     half = 0.5 * SPEED_OF_LIGHT / unit.digitiser.rate
     np.testing.assert_allclose(near, R + half * np.array([-0.375, -0.125, 0.125, 0.375]))
+
+
+def test_echoes_are_of_light_to_which_the_photodiode_responds() -> None:
+    """Claim: what the line responds to is nothing to the closed forms of an echo; a blind photodiode has none."""
+    band, blind, lit = (0.9e-6, 1.7e-6), (0.9e-6, 1.4e-6), {"sun": {"direction": (0.0, 0.0, -1.0)}}
+
+    def forms(line: tuple[float, float], diode: tuple[float, float]) -> tuple[float, EchoInstrument]:
+        scanner = {"position_sensor": {"response": line}, "lidar": {"photodiode": {"response": diode}}}
+        told = setting(ranging="tof", scanner=scanner | {"filter": "none"}, lighting=lit)
+        return pulses.echo_peak(told, R, GREY), echo_instrument_of(told.scenario, GREY)
+
+    usual = forms(band, band)
+    assert forms(blind, band) == usual
+    assert forms(band, (1.4e-6, 1.6e-6))[1].sunlight < 0.5 * usual[1].sunlight
+    dark = setting(ranging="tof", scanner={"lidar": {"photodiode": {"response": blind}}})
+    assert pulses.echo_peak(dark, R, GREY) == 0.0
+    assert echo_instrument_of(dark.scenario, GREY).transmission == 0.0

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scanner_sim import Scenario, load_scenario
+from scanner_sim import Scenario, ScenarioError, load_scenario, simulate
 from scanner_sim.analytic import geometry as judge
+from scanner_sim.config import scenario_warnings
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.instrument.time_of_flight import EchoDelays, TimeOfFlight
 from scanner_sim.ranging.ranges import Deflections
@@ -18,6 +19,7 @@ from scanner_sim.ranging.ranges import Deflections
 Array = NDArray[np.float64]
 
 BASE, D = 0.2, 0.05
+BAND, NARROW, BLIND = (0.9e-6, 1.7e-6), (1.4e-6, 1.6e-6), (0.9e-6, 1.4e-6)
 THETA, PHI, R = np.array([-0.3, 0.1, 0.4]), np.array([0.2, -0.1, 0.3]), np.array([2.0, 5.0, 12.0])
 
 
@@ -86,6 +88,75 @@ def test_a_gate_is_what_is_recorded_and_wanted() -> None:
     assert bench("coaxial").gate == (near, far)
     for wanted, gate in (((2.0, 50.0), (2.0, far)), ((0.1, 7.0), (near, 7.0))):
         assert bench("coaxial", processing={"range_gate": wanted}).gate == gate
+
+
+def lit_wall(**responses: tuple[float, float]) -> Scenario:
+    """A sunlit wall before both rangefinders without a filter; the detectors respond where it is told."""
+    unit = {"photodiode": {"response": responses.get("photodiode", BAND)}}
+    return load_scenario(
+        {
+            "schema": 1,
+            "ranging": "both",
+            "scanner": {
+                "filter": "none",
+                "position_sensor": {"response": responses.get("line", BAND)},
+                "lidar": unit,
+            },
+            "lighting": {"sun": {"direction": (0.0, 0.3, -1.0)}},
+            "scene": {
+                "objects": [
+                    {
+                        "name": "wall",
+                        "shape": "rectangle",
+                        "size": (3.0, 3.0),
+                        "position": (0.0, 0.0, 6.0),
+                        "material": {"reflectance": 0.5},
+                    }
+                ]
+            },
+            "scan": {"rows": 2, "columns": 2, "horizontal": (-0.05, 0.05), "vertical": (-0.05, 0.05)},
+        }
+    )
+
+
+def test_each_detector_responds_by_itself(device: object) -> None:
+    """Claim: a narrower response of one detector takes sunlight from it, and leaves the other to the last bit."""
+    usual = simulate(lit_wall(), device="cpu")
+    line = simulate(lit_wall(line=NARROW), device="cpu")
+    diode = simulate(lit_wall(photodiode=NARROW), device="cpu")
+    timed = [name for name in usual.channels if name.startswith("tof.")]
+    own = ["Y", "background", "background_peak", "peak_px", "sigma_peak_px"]
+    assert (usual["status"] == 0).all()
+    assert (usual["tof.status"] == 0).all()
+    for name in timed:
+        np.testing.assert_array_equal(usual[name], line[name])
+    for name in own:
+        np.testing.assert_array_equal(usual[name], diode[name])
+    assert (line["background"] < 0.5 * usual["background"]).all()
+    assert (diode["tof.background_w"] < 0.5 * usual["tof.background_w"]).all()
+
+
+def test_a_detector_blind_to_the_laser_is_told_of() -> None:
+    """Claim: each detector that is used is warned of under its own key, and what both have in common once."""
+    for ranging, ways in (
+        ("triangulation", {"position_sensor"}),
+        ("tof", {"lidar.photodiode"}),
+        ("both", {"position_sensor", "lidar.photodiode"}),
+    ):
+        blind = lit_wall(line=BLIND, photodiode=BLIND).model_copy(update={"ranging": ranging})
+        told = [words.split(":")[0] for words in scenario_warnings(blind) if "no voxel will" in words]
+        assert sorted(told) == sorted(f"scanner.{way}.response" for way in ways)
+    missed = load_scenario(
+        lit_wall().model_dump(by_alias=True) | {"ranging": "both"}, ["scanner.filter={centre: 1.2 um}"]
+    )
+    assert sum("misses the laser" in words for words in scenario_warnings(missed)) == 1
+
+
+def test_a_response_ascends() -> None:
+    for wrong in ((1.7e-6, 0.9e-6), (0.0, 1e-6)):
+        with pytest.raises(ScenarioError, match="ascend") as caught:
+            lit_wall(photodiode=wrong)
+        assert "scanner.lidar.photodiode.response" in str(caught.value)
 
 
 def test_a_square_field_has_the_round_ones_solid_angle(device: object) -> None:

@@ -25,6 +25,7 @@ from scanner_sim.optics.pulse import Pulse
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.render.beam.surface_positions import SurfacePositions
+from scanner_sim.scan.protocol import Aim
 from scanner_sim.signals.waveform.edges import _send_pulses, cross
 from scanner_sim.signals.waveform.filter import (
     MatchedFilter,
@@ -221,9 +222,12 @@ def test_an_echos_height_is_told_in_electrons() -> None:
     unit.listen = lambda *_, **__: (None, Held(1e-9), iter([group]))  # type: ignore[method-assign]
     unit.ranges = lambda timed, _: timed  # type: ignore[method-assign,assignment,return-value]
     one = np.zeros(1)
-    _, _, layers = unit.measure(None, Deflections(one, one, one, one))
+    layers = unit.measure(
+        Aim(np.zeros(1, np.uint32), *[one] * 5), None, Deflections(one, one, one, one)
+    ).layers
     assert layers["tof.Y"] == pytest.approx([3e6])
     assert layers["tof.snr_detection"] == pytest.approx([30.0])
+    assert layers["tof.sigma_Y"] == pytest.approx([1e5])
 
 
 PIXELS, MIDDLE = 41, 20.2

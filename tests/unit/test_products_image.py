@@ -13,10 +13,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from scanner_sim.foundation.channels import CHANNEL, CHANNELS, MEASURED_BY
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.files.exr import read_range_image, write_exr
-from scanner_sim.products.image import CHANNELS, MEASURED, MEASURED_BY, RangeImage
+from scanner_sim.products.image import RangeImage
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.summary import summary, summary_json
 
@@ -26,7 +27,7 @@ def make_image(rows: int = 5, columns: int = 7, seed: int = 3) -> RangeImage:
     random = np.random.default_rng(seed)
     status = (np.arange(rows * columns) % 11).reshape(rows, columns)
     status[status > max(Status)] = 0
-    layers = {name: random.normal(9.0, 1.0, (rows, columns)) for name, _, _ in CHANNELS}
+    layers = {name: random.normal(9.0, 1.0, (rows, columns)) for name in CHANNEL}
     layers["sigma_range_m"] = random.uniform(1e-3, 2e-3, (rows, columns))
     layers["range_m"] = layers["truth.range_m"] + layers["sigma_range_m"] * random.normal(
         size=(rows, columns)
@@ -84,7 +85,7 @@ class TestImage:
         with pytest.raises(ValueError, match="needs the channel status"):
             replace(image, channels={"range_m": image["range_m"]})
 
-    @pytest.mark.parametrize("name", MEASURED)
+    @pytest.mark.parametrize("name", MEASURED_BY["status"])
     def test_a_number_without_a_measurement_is_refused(self, name: str) -> None:
         image = make_image()
         with pytest.raises(ValueError, match="NaN wherever status"):
@@ -145,7 +146,7 @@ class TestImage:
         image = make_image()
         blank = {name for name in image.channels if np.isnan(image[name][image["status"] != 0]).all()}
         assert {"peak_px", "sigma_peak_px", "sigma_texture_m", "sigma_range_m", "P.X"} <= blank
-        assert MEASURED_BY["status"] == MEASURED
+        assert not blank & {"Y", "snr_detection", "status", "truth.range_m", "truth.object"}
 
     def test_points_are_those_of_the_valid_voxels_row_by_row(self) -> None:
         image = make_image()
@@ -216,8 +217,8 @@ class TestExr:
         image = make_image()
         write_exr(tmp_path / "range.exr", image)
         header = OpenEXR.File(str(tmp_path / "range.exr"), header_only=True).header()
-        for name, unit, sentence in CHANNELS:
-            assert (header[f"unit.{name}"], header[f"description.{name}"]) == (unit, sentence)
+        for name, channel in CHANNEL.items():
+            assert (header[f"unit.{name}"], header[f"description.{name}"]) == (channel.unit, channel.meaning)
         assert header["legend.status"].splitlines()[3].startswith("3 AMBIGUOUS: ")
         assert header["legend.truth.object"].splitlines() == ["0 nothing", "1 node", "2 handrail 2"]
         assert header["scannerSim.scenario"] == image.scenario_yaml
@@ -316,7 +317,7 @@ class TestPoints:
                 assert vertex[name] == image[channel][vertex["row"], vertex["column"]]
 
     def test_no_return_gives_a_file_without_points(self, tmp_path: Path) -> None:
-        nothing = {name: np.full((5, 7), np.nan, np.float32) for name in MEASURED}
+        nothing = {name: np.full((5, 7), np.nan, np.float32) for name in MEASURED_BY["status"]}
         image = replace(make_image(), channels={**nothing, "status": np.ones((5, 7), np.float32)})
         write_ply(tmp_path / "points.ply", image)
         assert b"element vertex 0\n" in (tmp_path / "points.ply").read_bytes()
@@ -365,7 +366,9 @@ class TestSummary:
         assert seen == unseen
 
     def test_it_is_valid_json_also_when_nothing_returns(self) -> None:
-        nothing = {name: np.full((5, 7), np.nan, np.float32) for name in (*MEASURED, "truth.range_m")}
+        nothing = {
+            name: np.full((5, 7), np.nan, np.float32) for name in (*MEASURED_BY["status"], "truth.range_m")
+        }
         image = replace(make_image(), channels={**nothing, "status": np.ones((5, 7), np.float32)})
         found = json.loads(summary_json(image))
         assert found["range_m"]["median"] is None

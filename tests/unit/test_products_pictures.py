@@ -12,19 +12,12 @@ from PIL import Image
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.pictures.image import (
-    about,
-    draw_range,
-    draw_shaded,
-    draw_signal,
-    draw_voxel,
-    slope,
-)
+from scanner_sim.products.pictures.image import about, draw_picture, slope
 from scanner_sim.products.pictures.style import STATUS_COLOUR
-from scanner_sim.products.pictures.voxel import outcome
+from scanner_sim.products.pictures.voxel import draw_voxel, outcome
 from scanner_sim.products.voxel import VoxelRecord
 
-DRAW = {"range": draw_range, "shaded": draw_shaded, "signal": draw_signal}
+NAMES = ("range.png", "shaded.png", "signal.png")
 
 
 def make_image(ranges: np.ndarray, step: float = 1e-3) -> RangeImage:
@@ -53,18 +46,18 @@ def rgb(colour: str) -> tuple[int, ...]:
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (1, 700), (700, 1), (5, 900), (40, 30), (2100, 30)])
-@pytest.mark.parametrize("name", DRAW)
+@pytest.mark.parametrize("name", NAMES)
 def test_any_shape_can_be_drawn(tmp_path: Path, name: str, shape: tuple[int, int]) -> None:
     ranges = 9.0 + 0.1 * np.add.outer(np.arange(shape[0]), np.arange(shape[1]))
-    DRAW[name](make_image(ranges), tmp_path / "picture.png")
+    draw_picture(make_image(ranges), name, tmp_path / "picture.png")
     high, wide, _ = colours(tmp_path / "picture.png").shape
     assert 400 < wide < 3500
     assert 200 < high < 3500
 
 
-@pytest.mark.parametrize("name", DRAW)
+@pytest.mark.parametrize("name", NAMES)
 def test_an_image_without_any_return_is_a_picture_of_the_cause(tmp_path: Path, name: str) -> None:
-    DRAW[name](make_image(np.full((8, 8), np.nan)), tmp_path / "picture.png")
+    draw_picture(make_image(np.full((8, 8), np.nan)), name, tmp_path / "picture.png")
     picture = colours(tmp_path / "picture.png")
     assert (picture == rgb(STATUS_COLOUR[Status.BELOW_THRESHOLD])).all(-1).mean() > 0.4
 
@@ -77,7 +70,7 @@ def test_every_cause_has_its_own_colour_and_no_blend_of_neighbours_appears(tmp_p
     """
     row, column = np.indices((2500, 2500))
     ranges = np.choose((row + column) % 3, [9.0, 10.0, np.nan])
-    draw_range(make_image(ranges), tmp_path / "picture.png")
+    draw_picture(make_image(ranges), "range.png", tmp_path / "picture.png")
     inner = colours(tmp_path / "picture.png")[600:1400, 600:1400].reshape(-1, 3)
     found = np.unique(inner, axis=0)
     assert len(found) == 3
@@ -88,7 +81,7 @@ def test_every_cause_has_its_own_colour_and_no_blend_of_neighbours_appears(tmp_p
 def test_the_first_row_is_at_the_top_and_the_first_column_at_the_left(tmp_path: Path) -> None:
     ranges = np.full((10, 10), 9.0)
     ranges[:3, :2] = np.nan
-    draw_range(make_image(ranges), tmp_path / "picture.png")
+    draw_picture(make_image(ranges), "range.png", tmp_path / "picture.png")
     picture = colours(tmp_path / "picture.png")
     cause = (picture == rgb(STATUS_COLOUR[Status.BELOW_THRESHOLD])).all(-1)
     cause[picture.shape[0] // 2 :] = False  # the legend at the foot
@@ -122,18 +115,18 @@ def test_a_bump_is_bright_towards_the_upper_left(tmp_path: Path) -> None:
     """The eye expects light from above: reversed, bumps look like dents."""
     row, column = np.indices((60, 60)) - 29.5
     ranges = 10.0 - 0.2 * np.exp(-(row**2 + column**2) / 200.0)
-    draw_shaded(make_image(ranges, step=2e-3), tmp_path / "picture.png")
+    draw_picture(make_image(ranges, step=2e-3), "shaded.png", tmp_path / "picture.png")
     picture = colours(tmp_path / "picture.png")[..., 0].astype(float)
     grey = picture[120:900, 150:900]
     assert grey[:390, :375].mean() > grey[390:, 375:].mean() + 20.0
 
 
-@pytest.mark.parametrize("name", DRAW)
+@pytest.mark.parametrize("name", NAMES)
 def test_the_same_image_gives_the_same_bytes_whatever_the_users_style(tmp_path: Path, name: str) -> None:
     image = make_image(9.0 + np.random.default_rng(1).normal(size=(30, 40)))
-    DRAW[name](image, tmp_path / "one.png")
+    draw_picture(image, name, tmp_path / "one.png")
     with matplotlib.rc_context({"font.size": 20.0, "axes.facecolor": "black", "savefig.dpi": 30.0}):
-        DRAW[name](image, tmp_path / "two.png")
+        draw_picture(image, name, tmp_path / "two.png")
     assert (tmp_path / "one.png").read_bytes() == (tmp_path / "two.png").read_bytes()
     with Image.open(tmp_path / "one.png") as picture:
         assert set(picture.info) == {"dpi"}

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -21,10 +19,8 @@ from scanner_sim.ranging.ranges import (
     layers_of,
     ranges_from_peaks,
     with_status,
-    with_truth,
 )
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
-from scanner_sim.scan.protocol import Aim
 
 Array = NDArray[np.float64]
 
@@ -114,29 +110,6 @@ def test_refused_ranges_leave_nothing() -> None:
         if name != "status":
             np.testing.assert_array_equal(np.isnan(layer), status != 0)
     np.testing.assert_array_equal(found["status"], status)
-
-
-def test_the_truth_is_where_the_beam_went() -> None:
-    """Claim: true deflections are the commanded ones and the mirrors' errors; peaks of refused voxels go."""
-    ranges = with_status(measured(), np.array([0, 3, 0, 0, 0], dtype=np.uint32))
-    shots = np.arange(5, dtype=np.uint32)
-    aim = Aim(shots, THETA, PHI, np.zeros(5), np.zeros(5), np.zeros(5))
-    off_theta, off_phi = 1e-3 * np.arange(5), -2e-3 * np.arange(1, 6)
-
-    def held(values: Any) -> Any:
-        return SimpleNamespace(numpy=lambda: values)
-
-    truth = SimpleNamespace(distance=held(np.ones(5)), object=held(shots + 1), material=held(shots + 2))
-    pointing = SimpleNamespace(theta=off_theta, phi=off_phi)
-    layers = {"peak_px": PEAK.copy(), "sigma_peak_px": np.ones(5), "Y": np.ones(5)}
-    found = with_truth(layers, ranges, aim, pointing, truth)
-    np.testing.assert_allclose(found["truth.theta_rad"], THETA + off_theta)
-    np.testing.assert_allclose(found["truth.phi_rad"], PHI + off_phi)
-    np.testing.assert_array_equal(found["truth.object"], shots + 1)
-    np.testing.assert_array_equal(found["truth.material"], shots + 2)
-    for name in ("peak_px", "sigma_peak_px"):
-        np.testing.assert_array_equal(np.isnan(found[name]), [False, True, False, False, False])
-    assert not np.isnan(found["Y"]).any()
 
 
 @pytest.mark.parametrize(("share", "alone"), [(0.999, False), (1.001, True)])

@@ -97,7 +97,7 @@ def test_an_error_that_was_enlarged_is_made_small_again() -> None:
 def test_a_budget_measures_at_even_places_of_a_pixel_out_to_30_m() -> None:
     """Claim: ±1/8 and ±3/8 of the nearest pixel; 30 m are the farthest."""
     spot = SimpleNamespace(pixel=lambda r, *_: 7.0 + 0.3, range=lambda pixel, *_: pixel)
-    found = list(budget._pixel_phases(SimpleNamespace(spot=spot), 5.0))  # type: ignore[arg-type]
+    found = list(budget._pixel_phases(SimpleNamespace(triangulation=SimpleNamespace(spot=spot)), 5.0))  # type: ignore[arg-type]
     assert found == pytest.approx([7.0 - 0.375, 7.0 - 0.125, 7.0 + 0.125, 7.0 + 0.375])
     assert budget.distances_of(scenario(), 5)[-1] == pytest.approx(30.0)
 
@@ -186,7 +186,9 @@ def test_a_part_is_the_variance_that_goes_with_its_source(device: Device) -> Non
     bench: Any = SimpleNamespace(
         scenario=known,
         expose=lambda aim: (None, [SimpleNamespace(index=index, peaks=peaks, signal=None)]),
-        find=lambda *_, **more: SimpleNamespace(sigma=Held([4.0 if more["speckle"] else math.nan, 4.0])),
+        triangulation=SimpleNamespace(
+            find=lambda *_, **more: SimpleNamespace(sigma=Held([4.0 if more["speckle"] else math.nan, 4.0]))
+        ),
     )
     aim: Any = SimpleNamespace(theta=np.zeros(2))
     peak, parts = dominance._peak_parts(bench, aim)
@@ -290,7 +292,8 @@ def test_a_passage_goes_evenly_through_its_pixel(monkeypatch: pytest.MonkeyPatch
     lines[:, 60] = 1.0
     group = SimpleNamespace(index=np.arange(places), signal=SimpleNamespace(lines=lambda: lines))
     found = SimpleNamespace(position=Held(even + 0.1), status=Held(np.full(places, int(Status.VALID))))
-    bench = SimpleNamespace(expose=lambda aim: (None, [group]), find=lambda *_, **__: found)
+    line = SimpleNamespace(find=lambda *_, **__: found)
+    bench = SimpleNamespace(expose=lambda aim: (None, [group]), triangulation=line)
     monkeypatch.setattr(calibrate, "Instrument", lambda *_, **__: bench)
     passage = calibrate._passage(scenario(), 60, spot, "cpu")
     assert passage is not None

@@ -11,6 +11,7 @@ import pytest
 
 from scanner_sim.instrument.closed_loop.windows import Windows, _span
 from scanner_sim.instrument.time_slots import TimeSlots
+from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.render.device import Device
 from scanner_sim.scan.protocol import Aim
 
@@ -53,7 +54,9 @@ def windows(device: Device) -> Recorded:
         poses_at=lambda time: time,
     )
     scenario = SimpleNamespace(scanner=SimpleNamespace(position_sensor=SimpleNamespace(pixels=PIXELS)))
-    made = Recorded.of_line(SimpleNamespace(optics=optics, scenario=scenario, loaded=loaded))  # type: ignore[arg-type]
+    line = object.__new__(Triangulation)
+    line.optics, line.scenario = optics, scenario  # type: ignore[assignment]
+    made = Recorded(SimpleNamespace(scenario=scenario, loaded=loaded), *line.sight)  # type: ignore[arg-type]
     slots = Steady(loaded, made.step)  # type: ignore[arg-type]
     made.__dict__ |= {"_light": None, "_heights": None, "_slots": slots}
     return made

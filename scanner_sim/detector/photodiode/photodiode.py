@@ -55,6 +55,8 @@ class Photodiode(Part):
 
     responsivity: Responsivity = Field(default=0.95, gt=0.0, le=10.0)
     """Current per light at gain 1; 0.95 A/W is InGaAs at 1.55 µm."""
+    response: tuple[Length, Length] = Field(default=(0.9e-6, 1.7e-6), examples=[["0.9 um", "1.7 um"]])
+    """Shortest and longest wavelength that makes a current, the same at each; the default is that of InGaAs."""
     gain: Number = Field(default=10.0, ge=1.0, le=1000.0)
     """Mean multiplication M of the avalanche; 1 is a photodiode without."""
     ionisation_ratio: Ratio = Field(default=0.45, ge=0.0, le=1.0)
@@ -77,7 +79,11 @@ class Photodiode(Part):
     """A switch for every term."""
 
     def cross_checks(self) -> Iterator[Fault]:
-        """Yield dark current that saturates the amplifier."""
+        """Yield a response that does not ascend, and dark current that saturates the amplifier."""
+        if not 0.0 < self.response[0] < self.response[1]:
+            yield Fault(
+                "response", "the wavelengths must ascend from above 0 m.", "Write [shortest, longest]."
+            )
         dark = self.surface_dark_current + self.gain * self.bulk_dark_current
         if dark > self.saturation:
             yield Fault(

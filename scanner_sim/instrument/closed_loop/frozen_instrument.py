@@ -2,8 +2,8 @@
 
 What Dr.Jit traces for a pattern is the same for every pattern, so it is traced once and launched from then on
 (``drjit.freeze``). All that changes goes in as two arrays; all that is measured comes out together. The physics is
-:class:`~scanner_sim.instrument.instrument.Instrument`'s, function by function, and so are the random numbers, whose
-addresses are the shots' numbers. What differs is how the beam is split (:mod:`scanner_sim.render.beam.pattern`).
+:class:`~scanner_sim.instrument.triangulation.Triangulation`'s, and so are the random numbers, whose addresses are the
+shots' numbers. What differs is how the beam is split (:mod:`scanner_sim.render.beam.pattern`).
 """
 
 from __future__ import annotations
@@ -12,11 +12,12 @@ from functools import cached_property
 
 import numpy as np
 
-from scanner_sim.detector.encoders import reading_normals, readings
+from scanner_sim.detector.encoders import reading_normals
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.ranging.ranges import Deflections, Layers, layers_of, with_truth
+from scanner_sim.instrument.samples import Samples
+from scanner_sim.instrument.triangulation import LineReadings
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.beam.pattern import chief_beamlet, pattern_light
 from scanner_sim.render.beam.pattern_shots import fired_shots, packed_shots
@@ -25,9 +26,6 @@ from scanner_sim.render.frozen import Frozen
 from scanner_sim.render.shots import Pointing
 from scanner_sim.render.transport import BeamletTables
 from scanner_sim.scan.protocol import Aim
-
-_LINE = ("signal", "snr", "laser", "window", "window_error", "background_peak")
-"""What the line sensor's layers are made of, in the order of their arguments."""
 
 
 class FrozenInstrument:
@@ -38,6 +36,11 @@ class FrozenInstrument:
     instrument
         Instrument, scene and processing.
 
+    Attributes
+    ----------
+    windows
+        The background that each rangefinder sees; none in the dark.
+
     Notes
     -----
     Time of flight, and light of several bounces, are measured by the instrument itself, with the same windows of the
@@ -47,58 +50,41 @@ class FrozenInstrument:
     def __init__(self, instrument: Instrument) -> None:
         self.instrument = instrument
         self._steps: dict[int, Frozen] = {}
-        lit, ranging = not instrument.scenario.lighting.sky().dark, instrument.scenario.ranging
-        self.windows = Windows.of_line(instrument) if lit and ranging != "tof" else None
-        self.field_windows = Windows.of_field(instrument) if lit and ranging != "triangulation" else None
+        lit = not instrument.scenario.lighting.sky().dark
+        self.windows = [
+            Windows(instrument, *rangefinder.sight) for rangefinder in instrument.rangefinders if lit
+        ]
 
     @property
     def fast(self) -> bool:
         """Whether the scenario is one that frozen kernels measure."""
-        scenario = self.instrument.scenario
-        return scenario.ranging == "triangulation" and scenario.transport.bounces == 1
+        instrument = self.instrument
+        alone = instrument.rangefinders == (instrument.triangulation,)
+        return alone and instrument.scenario.transport.bounces == 1
 
     @property
     def recordings(self) -> int:
         """How often kernels were recorded so far: once for each length of patterns."""
         return sum(step.recordings for step in self._steps.values())
 
-    def measure(self, aim: Aim) -> Layers:
-        """Return the layers of a pattern's shots: see :meth:`~scanner_sim.instrument.instrument.Instrument.measure`."""
+    def measure(self, aim: Aim) -> Samples:
+        """Return what is measured of a pattern: see :meth:`~scanner_sim.instrument.instrument.Instrument.measure`."""
+        instrument, seen = self.instrument, [windows.seen_by(aim) for windows in self.windows]
         if not self.fast:
-            line, field = (
-                None if windows is None else windows.panorama(windows.seen_by(aim))
-                for windows in (self.windows, self.field_windows)
-            )
-            return self.instrument.measure(aim, line=line, field=field, details=True)
-        instrument, scanner = self.instrument, self.instrument.scenario.scanner
+            lit = [own.panorama(window) for own, window in zip(self.windows, seen, strict=True)]
+            return instrument.measure(aim, backgrounds=lit or None)
+        scanner, count = instrument.scenario.scanner, len(aim.shot)
         mirrors, duty_cycle = scanner.mirrors, scanner.exposure / scanner.dwell
         still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
         packed = packed_shots(aim, still, mirrors, duty_cycle, instrument.loaded.bodies)
-        window = [] if self.windows is None else self.windows.seen_by(aim)
-        truth, found = self._step(len(aim.shot))(self._reads, *packed, window)
-        status = found.pop("status").numpy()
-        values = {name: array.numpy().astype(np.float64) for name, array in found.items()}
-        theta, phi = readings(
-            aim.theta + values["seen_theta"],
-            aim.phi + values["seen_phi"],
-            values["read_theta"],
-            values["read_phi"],
-            mirrors,
-        )
-        deflections = Deflections(
-            theta, phi, *(mirrors.reading_sigma(angle, aim.time) for angle in (theta, phi))
-        )
-        peak, sigma = values["peak"], values["sigma_peak"]
-        ranges = instrument.ranges(peak, sigma, status, deflections)
-        layers = instrument.line_layers(peak, sigma, *(values[name] for name in _LINE)) | layers_of(ranges)
-        pointing = Pointing(
-            values["error_theta"] + still[0],
-            values["error_phi"] + still[1],
-            values["seen_theta"],
-            values["seen_phi"],
-        )
-        layers["sigma_Y"] = values["sigma_signal"]
-        return with_truth(layers, ranges, aim, pointing, truth)
+        truth, told, angles = self._step(count)(self._reads, *packed, *(seen or [[]]))
+        numbers = [part.numpy() for part in angles]
+        error, shaft = ([part.astype(np.float64) for part in both] for both in (numbers[:2], numbers[2:4]))
+        pointing = Pointing(error[0] + still[0], error[1] + still[1], shaft[0], shaft[1])
+        deflections = instrument.deflections(aim, pointing, numbers[4:])
+        line = LineReadings.gathered(count, [(slice(None), told)])
+        reading = instrument.triangulation.reading(truth, line, deflections)
+        return instrument.samples(aim, pointing, deflections, [reading])
 
     @cached_property
     def _beamlets(self) -> tuple[BeamletTables, SweptTables]:
@@ -109,8 +95,7 @@ class FrozenInstrument:
     @cached_property
     def _reads(self) -> list[object]:
         """What the kernels read besides their arguments: frozen functions must be handed all of it."""
-        instrument = self.instrument
-        loaded, throughput = instrument.loaded, instrument.throughput
+        loaded, line = self.instrument.loaded, self.instrument.triangulation
         return [
             loaded.mitsuba,
             *(body.mitsuba for body in loaded.bodies),
@@ -119,11 +104,11 @@ class FrozenInstrument:
             loaded.coherence,
             loaded.frames,
             self._beamlets,
-            throughput.laser,
-            throughput.angle,
-            throughput.in_band,
-            throughput.out_of_band,
-            *([] if instrument.bias is None else [instrument.bias.values]),
+            line.throughput.laser,
+            line.throughput.angle,
+            line.throughput.in_band,
+            line.throughput.out_of_band,
+            *([] if line.bias is None else [line.bias.values]),
         ]
 
     def _step(self, points: int) -> Frozen:
@@ -136,33 +121,18 @@ class FrozenInstrument:
 
     def _measure(
         self, numbers: Float, integers: UInt32, window: WindowArrays, points: int
-    ) -> tuple[Truth, dict[str, Float]]:
-        """Return truth and measured values of a pattern, Dr.Jit arrays of shape (points,)."""
+    ) -> tuple[Truth, LineReadings, list[Float]]:
+        """Return truth, what the line tells, and angles of a pattern, Dr.Jit arrays of shape (points,).
+
+        The angles are the mirrors' errors, what of them the encoders see, and the normal numbers of their noise.
+        """
         instrument, seed = self.instrument, self.instrument.scenario.seed
         mirrors, bodies = instrument.scenario.scanner.mirrors, len(instrument.loaded.bodies)
         fired = fired_shots(numbers, integers, points, mirrors, bodies, seed)
-        read = reading_normals(fired.shots.number, seed)
+        normals = reading_normals(fired.shots.number, seed)
         truth, light = pattern_light(instrument.loaded, instrument.optics, *self._beamlets, fired.shots)
-        panorama = None if self.windows is None else self.windows.panorama(window)
-        incident, _, peaks = instrument.sense(
+        panorama = self.windows[0].panorama(window) if self.windows else None
+        incident, _, peaks = instrument.triangulation.sense(
             light, fired.shots, truth, fired.aimed, panorama, fixed_size=True
         )
-        budget = incident.link_budget()
-        return truth, {
-            "status": peaks.status,
-            "peak": peaks.position,
-            "sigma_peak": peaks.sigma,
-            "signal": peaks.signal,
-            "sigma_signal": peaks.sigma_signal,
-            "snr": peaks.snr,
-            "laser": budget.laser,
-            "window": budget.background,
-            "window_error": budget.background_error,
-            "background_peak": budget.background_peak,
-            "error_theta": fired.error[0],
-            "error_phi": fired.error[1],
-            "seen_theta": fired.seen[0],
-            "seen_phi": fired.seen[1],
-            "read_theta": read[0],
-            "read_phi": read[1],
-        }
+        return truth, LineReadings.of(peaks, incident.link_budget()), [*fired.error, *fired.seen, *normals]

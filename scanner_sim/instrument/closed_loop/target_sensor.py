@@ -15,7 +15,7 @@ from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import dwell_average
 from scanner_sim.instrument.closed_loop.visit_errors import duty_cycle_of, error_parts
 from scanner_sim.optics.speckle import packets, packets_of
-from scanner_sim.ranging.ranges import Layers
+from scanner_sim.ranging.ranges import Columns
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.errors import ErrorParts
@@ -31,6 +31,7 @@ _LEAST_NOISE_PHOTODIODE = 0.01
 _LEAST_NOISE_LINE = 5e-3
 """Relative differences between a target's response and its model, a straight edge and a round spot, without any noise:
 the scatter of 128 voxels on discs at 4 to 12 m, tilted by up to 20°: 0.3 to 1 %."""
+_LEAST_NOISE = {"triangulation": _LEAST_NOISE_LINE, "tof": _LEAST_NOISE_PHOTODIODE}
 _SHOTS_TOGETHER = 8192
 """Shots whose encoder noise is drawn together: it depends on their numbers alone."""
 
@@ -38,7 +39,7 @@ _SHOTS_TOGETHER = 8192
 class MeasuresShots(Protocol):
     """What measures the shots of an aim."""
 
-    def measure(self, aim: Aim) -> Layers:
+    def measure(self, aim: Aim) -> Columns:
         """Return the layers of the shots, each of shape (n,)."""
 
 
@@ -103,23 +104,20 @@ class SignalNoise:
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
 
-    def sigma(self, layers: Layers, motion: PatternMotion, expected_range: float) -> Array:
+    def sigma(self, layers: Columns, motion: PatternMotion, expected_range: float) -> Array:
         """Return the standard deviations of the signals of a pattern, shape (points,), in their own unit.
 
         Line sensor: σ² = σ_N² + (c N)² + (0.005 N)², the last for what the model of a target leaves. N is the charge of
         nine pixels, σ_N its standard deviation by noise and by the light beneath it
         (:mod:`scanner_sim.signals.line.peaks`). c is the contrast of the whole spot's speckle, c² = C² A/M of the
-        beam's image (:mod:`scanner_sim.optics.speckle`) with what the dwell leaves of its variance, A. Photodiode: N/q
-        with the height q of the echo over the noise, 1 % of N, for its noise is below what surfaces and light are
-        uneven by, and the same c without a dwell.
+        beam's image (:mod:`scanner_sim.optics.speckle`) with what the dwell leaves of its variance, A. Photodiode:
+        σ_N = N/q with the height q of the echo over the noise, 1 % of N, for its noise is below what surfaces and light
+        are uneven by, and the same c without a dwell.
         """
         signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
         speckle = self.speckle(motion, expected_range)
-        if self._scenario.ranging == "tof":
-            ratio = np.asarray(layers["tof.snr_detection"], dtype=np.float64)
-            noise, least = signal / np.maximum(np.nan_to_num(ratio), 1.0), _LEAST_NOISE_PHOTODIODE
-        else:
-            noise, least = np.asarray(layers["sigma_Y"], dtype=np.float64), _LEAST_NOISE_LINE
+        noise = np.asarray(layers["sigma_Y"], dtype=np.float64)
+        least = _LEAST_NOISE[self._scenario.rangefinders[0]]
         return np.asarray(np.sqrt(noise**2 + (least**2 + speckle) * signal**2))
 
     def grain(self, motion: PatternMotion, distance: float) -> float:
@@ -162,7 +160,7 @@ class SignalNoise:
 
 
 def samples_of(
-    layers: Layers,
+    layers: Columns,
     motion: PatternMotion,
     angles: Array,
     sigma_signal: Array,

@@ -58,7 +58,7 @@ def error_parts(
     known = bool(seen.found[0])
     theta, _, distance = seen.position[0] if known else (0.0, 0.0, 1.0)
     noise, unlike = range_variances(scanner, distance, float(np.median(samples.signal)), grain)
-    by_line = scenario.ranging == "triangulation"
+    by_line = scenario.rangefinders == ("triangulation",)
     surface = np.zeros((3, 3))
     beam = float(scanner.laser.radius(distance))
     if known and scanner.laser.speckle and appearance.surface == "flat":
@@ -160,4 +160,4 @@ def image_variance(scanner: Scanner, distance: float) -> float:
 def duty_cycle_of(scenario: Scenario) -> float:
     """Return the share of a dwell in which there is light; a pulse lasts none."""
     scanner = scenario.scanner
-    return 0.0 if scenario.ranging == "tof" else scanner.exposure / scanner.dwell
+    return 0.0 if scenario.rangefinders[0] == "tof" else scanner.exposure / scanner.dwell

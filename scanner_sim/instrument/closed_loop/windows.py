@@ -28,7 +28,6 @@ from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import SkyLight, light_of
 from scanner_sim.render.background.view import Window, row_spacing, window_heights, window_position
-from scanner_sim.render.field_of_view import field_optics
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.render.rays import one_kernel, pose_scene
 from scanner_sim.render.transport import OpticalLayout
@@ -71,25 +70,6 @@ class Windows:
         self._renderers: dict[tuple[int, int], Frozen] = {}
         self._slots = TimeSlots(instrument.loaded, self.step)
         self.rendered = 0
-
-    @classmethod
-    def of_line(cls, instrument: Instrument) -> Windows:
-        """Return those of the line sensor: a pixel at p looks along Θ − atan(p/f)."""
-        optics, pixels = instrument.optics, instrument.scenario.scanner.position_sensor.pixels
-        ends = optics.offset + pixels * optics.pitch, optics.offset
-        left, right = (-math.atan(end / optics.receiver.focal_length) for end in ends)
-        return cls(instrument, optics, (left, right))
-
-    @classmethod
-    def of_field(cls, instrument: Instrument) -> Windows:
-        """Return those of the photodiode's field of view."""
-        echoes = instrument.echoes
-        optics, middle, half = (
-            field_optics(echoes.bare, echoes.field),
-            -echoes.field.aside,
-            0.5 * echoes.field.side,
-        )
-        return cls(instrument, optics, (middle - half, middle + half))
 
     def seen_by(self, aim: Aim) -> WindowArrays:
         """Return what the frozen measurement of a pattern needs of its window, Dr.Jit arrays for :meth:`panorama`."""

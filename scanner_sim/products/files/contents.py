@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
 
+from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.products.files.folder import ResultFolder
 from scanner_sim.products.settings import Output
 
-PICTURES = ("range.png", "shaded.png", "signal.png")
+_DRAWN = tuple((channel, picture) for channel in CHANNELS for picture in channel.pictures)
+
+PICTURES = tuple(
+    picture.file for channel, picture in _DRAWN if not channel.rangefinders and not picture.sunlit
+)
 
 FILES = ("range.exr", "scenario.yaml", "summary.json", *PICTURES, "points.ply")
-"""Every file that a run in the dark may write."""
+"""Every file that a run in the dark may write, whatever its rangefinders."""
 
-LIT_PICTURES = ("background.png", "camera.png")
+TIMED_PICTURES = tuple(
+    picture.file for _, picture in _DRAWN if picture.file not in PICTURES and not picture.sunlit
+)
+"""Pictures that a run adds by its rangefinders."""
+
+LIT_PICTURES = (*(picture.file for _, picture in _DRAWN if picture.sunlit), "camera.png")
 """Pictures that a run adds where the Sun shines."""
-
-TIMED_PICTURES = ("tof.png",)
-"""Pictures that a run adds with time of flight."""
 
 WAVEFORMS = "waveforms.nc"
 """The waveforms of time of flight, where the scenario asks for some."""
@@ -97,17 +104,19 @@ POSE_STUDY = ResultFolder(
 
 
 def planned_files(
-    output: Output, *, lit: bool = False, ranging: Literal["triangulation", "tof", "both"] = "triangulation"
+    output: Output, *, lit: bool = False, rangefinders: Sequence[str] = ("triangulation",)
 ) -> tuple[str, ...]:
     """Return the names of the files that a run writes, in the order of presentation; ``lit`` under the Sun."""
-    left_out = (() if output.pictures else PICTURES) + (() if output.points else ("points.ply",))
-    added: tuple[str, ...] = ()
-    if output.pictures:
-        added = (() if ranging == "triangulation" else TIMED_PICTURES) + (LIT_PICTURES if lit else ())
-        # The charge of the background is one on the line sensor.
-        left_out += ("background.png",) if ranging == "tof" else ()
-    added += () if output.waveforms == "none" else (WAVEFORMS,)
-    return tuple(name for name in (*FILES, *added) if name not in left_out)
+    drawn = {
+        picture.file
+        for channel, picture in _DRAWN
+        if set(channel.rangefinders) <= set(rangefinders) and (lit or not picture.sunlit)
+    }
+    drawn |= {"camera.png"} if lit else set()
+    left_out = {*PICTURES, *TIMED_PICTURES, *LIT_PICTURES} - (drawn if output.pictures else set())
+    left_out |= set() if output.points else {"points.ply"}
+    left_out |= {WAVEFORMS} if output.waveforms == "none" else set()
+    return tuple(name for name in RUN.files if name not in left_out)
 
 
 def planned_shot_files(output: Output, *, lit: bool = False) -> tuple[str, ...]:

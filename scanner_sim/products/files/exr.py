@@ -19,11 +19,12 @@ import numpy as np
 import OpenEXR
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import open_ordinary
 from scanner_sim.foundation.status import legend
 from scanner_sim.products.files.exr_form import MAGIC, ForeignError, check_form
-from scanner_sim.products.image import CHANNEL, RangeImage
+from scanner_sim.products.image import RangeImage
 from scanner_sim.products.provenance import software
 
 Compression = Literal["none", "rle", "zips", "zip", "piz"]
@@ -150,7 +151,7 @@ def _attributes(image: RangeImage) -> dict[str, Any]:
     attributes |= {f"{PREFIX}version.{program}": number for program, number in image.made_by.items()}
     for name in image.channels:
         attributes[f"unit.{name}"] = CHANNEL[name].unit
-        attributes[f"description.{name}"] = CHANNEL[name].sentence
+        attributes[f"description.{name}"] = CHANNEL[name].meaning
     attributes["legend.status"] = _lines(legend())
     attributes["legend.truth.object"] = _number_lines(image.objects)
     attributes["legend.truth.material"] = _number_lines(image.materials)

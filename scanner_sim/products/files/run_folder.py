@@ -14,9 +14,8 @@ from scanner_sim.products.files.exchange import Writers
 from scanner_sim.products.files.exr import write_exr
 from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.pictures.image import PICTURES_OF, draw_background, lit
+from scanner_sim.products.pictures.image import draw_picture, pictures_of
 from scanner_sim.products.pictures.style import save_grey
-from scanner_sim.products.pictures.waveform import draw_grey
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.settings import Output
 from scanner_sim.products.summary import summary_json
@@ -76,14 +75,10 @@ def _writers(
         "points.ply": lambda path: write_ply(path, image),
     }
     if output.pictures:
-        writers |= {name: partial(draw, image) for name, draw in PICTURES_OF.items()}
-        if lit(image):
-            writers["background.png"] = lambda path: draw_background(image, path)
-        if "tof.range_m" in image:
-            writers["tof.png"] = lambda path: draw_grey(image, path)
+        writers |= {name: partial(draw_picture, image, name) for name in pictures_of(image)}
         if camera is not None:
             writers["camera.png"] = lambda path: save_grey(camera, path)
     if waveforms is not None:
         writers[WAVEFORMS] = lambda path: write_waveforms(path, waveforms)
-    ordered = planned_files(output, lit=True, ranging="both")
+    ordered = planned_files(output, lit=True, rangefinders=("triangulation", "tof"))
     return {name: writers[name] for name in ordered if name in writers}

@@ -98,7 +98,7 @@ def about_shots(shots: ShotTable) -> dict[str, object]:
         "versions": dict(shots.made_by),
         "status": {str(int(code)): f"{code.name}: {code.sentence}" for code in Status},
         "columns": {
-            name: {"unit": COLUMN[name].unit, "meaning": COLUMN[name].sentence} for name in shots.columns
+            name: {"unit": COLUMN[name].unit, "meaning": COLUMN[name].meaning} for name in shots.columns
         },
     }
 

@@ -1,13 +1,11 @@
-"""Pictures of a range image: range, slope, signal and background, each with its scale."""
+"""Pictures of a range image, as the table of channels asks for them."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import shorten
-from types import MappingProxyType
 
 import matplotlib
 import numpy as np
@@ -17,14 +15,11 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.channels import CHANNELS, Channel, Picture
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pictures.style import (
-    BACKGROUND_MAP,
     FAINT,
-    RANGE_MAP,
-    SIGNAL_MAP,
-    SLOPE_MAP,
     STATUS_COLOUR,
     Canvas,
     canvas,
@@ -32,21 +27,10 @@ from scanner_sim.products.pictures.style import (
     lay,
     plot_label,
     save,
+    save_grey,
 )
-from scanner_sim.products.pictures.voxel import draw_voxel
 
-__all__ = [
-    "PICTURES_OF",
-    "draw_background",
-    "draw_range",
-    "draw_shaded",
-    "draw_signal",
-    "draw_voxel",
-    "lit",
-    "slope",
-]
-
-
+_PICTURES = {picture.file: (channel, picture) for channel in CHANNELS for picture in channel.pictures}
 _SMALLEST, _LARGEST = 960, 2048
 """Dots of the longer side of an image."""
 _PRESET = re.compile(r"^scanner:\n(?:  .*\n)*?  preset: (.+)$", re.MULTILINE)
@@ -57,100 +41,106 @@ _SLENDEREST = 8.0
 
 @dataclass(frozen=True)
 class Layer:
-    """What a picture shows.
+    """What is drawn: values of shape (rows, columns), NaN where there are none, and their scale to [0, 1]."""
 
-    Attributes
-    ----------
-    title, label
-        Heading of the picture and of its colour bar.
-    values
-        Shape (rows, columns); NaN where there is nothing to show.
-    norm, colours
-        Matplotlib's scale from values to [0, 1] and the name of its colour map.
-    extend
-        Ends of the scale beyond which there are values: neither, min, max or both.
-    """
-
-    title: str
-    label: str
     values: NDArray[np.floating]
     norm: Normalize
-    colours: str
-    extend: str = "neither"
+
+    @property
+    def extend(self) -> str:
+        """At which ends of the scale there are values beyond it."""
+        low, high = (float(end) for end in (self.norm.vmin or 0.0, self.norm.vmax or 0.0))
+        below, above = bool((self.values < low).any()), bool((self.values > high).any())
+        return "both" if below and above else "min" if below else "max" if above else "neither"
 
 
-def draw_range(image: RangeImage, path: str | Path) -> None:
-    """Draw the ranges with a colour bar in metres; voxels without a range have the colour of their cause.
+def pictures_of(image: RangeImage) -> tuple[str, ...]:
+    """Return the names of the pictures that an image has; of the Sun's light only where there is any."""
+    drawn = [
+        picture
+        for channel, picture in _PICTURES.values()
+        if channel.name in image and (not picture.sunlit or (image[channel.name] > 0.0).any())
+    ]
+    return tuple(picture.file for picture in sorted(drawn, key=lambda picture: picture.sunlit))
 
-    The scale leaves out the outermost half per cent at either end.
+
+def draw_picture(image: RangeImage, file: str, path: str | Path) -> None:
+    """Draw the picture of a name; voxels without a value have the colour of their cause."""
+    channel, picture = _PICTURES[file]
+    if picture.scale == "grey":
+        _draw_grey(image[channel.name], path)
+        return
+    if picture.scale == "slope":
+        layer = _slopes(image, channel.name)
+    elif picture.scale == "logarithmic":
+        layer = _logarithmic(image[channel.name], picture.dark)
+    else:
+        layer = _linear(image[channel.name])
+    _draw(image, layer, channel, picture, path)
+
+
+def range_levels(r: NDArray[np.float64], nearest: float, farthest: float) -> NDArray[np.uint8]:
+    """Return ranges as grey levels: 255 at ``nearest``, 40 at ``farthest``, 0 where there is none.
+
+    Parameters
+    ----------
+    r
+        Ranges [m], shape (rows, columns), NaN without one.
+    nearest, farthest
+        Ends of the scale [m], nearest below farthest; what lies beyond is cut off.
     """
-    ranges = image["range_m"]
-    low, high = _spread(ranges, 0.5, 99.5, least=1e-3)
-    layer = Layer(
-        "Range", "range [m]", ranges, Normalize(low, high), RANGE_MAP, extend=_extend(ranges, low, high)
-    )
-    _draw(image, layer, path)
+    share = np.clip((farthest - r) / (farthest - nearest), 0.0, 1.0)
+    return np.where(np.isfinite(r), np.rint(40.0 + 215.0 * np.nan_to_num(share)), 0.0).astype(np.uint8)
 
 
-def draw_signal(image: RangeImage, path: str | Path) -> None:
-    """Draw the returned signal in electrons on a logarithmic scale."""
-    signal = np.where(image["Y"] > 0.0, image["Y"], np.float32(np.nan))
-    _draw(image, _logarithmic("Returned signal", "signal [electrons]", signal, signal, SIGNAL_MAP), path)
+def _draw_grey(values: NDArray[np.float32], path: str | Path) -> None:
+    """Write values as grey levels, a dot for each voxel, with a scale as that of :func:`_linear`."""
+    known = values[np.isfinite(values)].astype(np.float64)
+    nearest, farthest = np.percentile(known, (0.5, 99.5)) if known.size else (0.0, 1.0)
+    save_grey(range_levels(values.astype(np.float64), nearest, max(farthest, nearest + 1e-3)), path)
 
 
-def lit(image: RangeImage) -> bool:
-    """Tell whether any light of Sun or Earth reached the sensor."""
-    return "background" in image and bool((image["background"] > 0.0).any())
+def _linear(values: NDArray[np.float32]) -> Layer:
+    """Return a layer on an even scale, which leaves out the outermost half per cent at either end."""
+    return Layer(values, Normalize(*_spread(values, 0.5, 99.5, least=1e-3)))
 
 
-def draw_background(image: RangeImage, path: str | Path) -> None:
-    """Draw the charge of Sun and Earth in the 200 µm about the spot, in electrons on a logarithmic scale.
+def _logarithmic(values: NDArray[np.float32], dark: float | None) -> Layer:
+    """Return a layer on a logarithmic scale that spans the bulk of its values, a factor of 1.5 at least.
 
-    What has less than an electron is as dark as the scale is at its end.
+    Without ``dark``, what is not above 0 is no value; with it, what is below is as dark as the scale is at its end.
     """
-    charge = np.maximum(np.nan_to_num(image["background"]), np.float32(1e-3))
-    title, label = "Background of Sun and Earth", "charge in 200 µm of the line [electrons]"
-    _draw(image, _logarithmic(title, label, charge, charge[charge >= 1.0], BACKGROUND_MAP), path)
-
-
-def _logarithmic(
-    title: str, label: str, values: NDArray[np.float32], scaled_by: NDArray[np.float32], colours: str
-) -> Layer:
-    """Return a layer on a logarithmic scale that spans the bulk of some values, a factor of 1.5 at least."""
+    if dark is None:
+        values = scaled_by = np.where(values > 0.0, values, np.float32(np.nan))
+    else:
+        values = np.maximum(np.nan_to_num(values), np.float32(1e-3 * dark))
+        scaled_by = values[values >= dark]
     low, high = _spread(scaled_by, 0.5, 99.8, least=0.0)
-    low, high = (low, high) if high > 1.5 * low else (low / 1.5, high * 1.5)
-    return Layer(title, label, values, LogNorm(low, high), colours, extend=_extend(values, low, high))
+    return Layer(values, LogNorm(*((low, high) if high > 1.5 * low else (low / 1.5, high * 1.5))))
 
 
-def draw_shaded(image: RangeImage, path: str | Path) -> None:
-    """Draw the derivative of the range in grey levels, which brings out the fine structure (paper, Figure 2a).
+def _slopes(image: RangeImage, name: str) -> Layer:
+    """Return the derivative of a range, which brings out the fine structure (paper, Figure 2a).
 
     The grey level is the angle of :func:`slope`, magnified about zero and compressed towards grazing surfaces by an
     arc tangent, with the scale taken from the image: surfaces that face the upper left are bright, as if lit from
     there.
     """
-    angle = np.degrees(np.arctan(slope(image)))
+    angle = np.degrees(np.arctan(slope(image, name)))
     size = np.abs(angle[np.isfinite(angle)])
     knee = max(1.5 * float(np.quantile(size, 0.6)), 0.5) if size.size else 45.0
     forward, back = (lambda x: np.arctan(x / knee), lambda y: knee * np.tan(y))
-    norm = FuncNorm((forward, back), -90.0, 90.0)
-    _draw(image, Layer("Range derivative, towards lower right", "slope [°]", angle, norm, SLOPE_MAP), path)
+    return Layer(angle, FuncNorm((forward, back), -90.0, 90.0))
 
 
-PICTURES_OF: Mapping[str, Callable[[RangeImage, str | Path], None]] = MappingProxyType(
-    {"range.png": draw_range, "shaded.png": draw_shaded, "signal.png": draw_signal}
-)
-"""The pictures of every image, by the name of their file."""
-
-
-def slope(image: RangeImage) -> NDArray[np.float64]:
+def slope(image: RangeImage, name: str = "range_m") -> NDArray[np.float64]:
     """Return the derivative of the range along the diagonal to the lower right, shape (rows, columns).
 
     dR / (R dθ) along the row and dR / (R dφ) along the column, summed over √2: the tangent of the angle between the
     surface and one that faces the scanner. Differences are central where both neighbours have a range and one-sided
     where one has; a direction without neighbours counts as flat. NaN where the voxel has no range or stands alone.
     """
-    ranges = image["range_m"].astype(np.float64)
+    ranges = image[name].astype(np.float64)
     along = _difference(ranges, axis=1) / _step(image.theta)
     down = _difference(ranges, axis=0) / _step(image.phi)
     known = np.isfinite(along) | np.isfinite(down)
@@ -165,26 +155,26 @@ def _difference(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
     return np.where(np.isnan(step), before, np.where(np.isnan(before), step, 0.5 * (step + before)))
 
 
-def _draw(image: RangeImage, layer: Layer, path: str | Path) -> None:
+def _draw(image: RangeImage, layer: Layer, channel: Channel, picture: Picture, path: str | Path) -> None:
     """Draw a layer with axes in degrees, colour bar, heading, and a legend of the voxels without a range."""
     rows, columns = _voxels_of_dots(image)
-    causes = _causes(image, np.isnan(layer.values))
+    causes = _causes(image[f"{channel.prefix}status"], np.isnan(layer.values))
     with house_style():
-        scale = ScalarMappable(layer.norm, matplotlib.colormaps[layer.colours])
-        picture = scale.to_rgba(np.nan_to_num(layer.values[np.ix_(rows, columns)]), bytes=True)
-        # Colours are laid on dot by dot: a picture made smaller must not blend voxels with and without a range.
+        scale = ScalarMappable(layer.norm, matplotlib.colormaps[picture.colours])
+        dots = scale.to_rgba(np.nan_to_num(layer.values[np.ix_(rows, columns)]), bytes=True)
+        # Colours are laid on dot by dot: a dots made smaller must not blend voxels with and without a range.
         for status, where in causes.items():
             colour = np.rint(255.0 * np.array(to_rgba(STATUS_COLOUR.get(status, FAINT)))).astype(np.uint8)
-            picture[where[np.ix_(rows, columns)]] = colour
+            dots[where[np.ix_(rows, columns)]] = colour
         sheet = canvas(columns.size, rows.size, legend_lines=len(causes))
         _axes(sheet, image)
         if np.isfinite(layer.values).any():
-            _colour_bar(sheet, layer, scale)
+            _colour_bar(sheet, layer, picture.label, scale)
         else:
             sheet.bar.set_visible(False)
-        _heading(sheet, image, layer.title)
+        _heading(sheet, image, picture.title)
         _legend(sheet, causes)
-        save(lay(sheet, picture), path)
+        save(lay(sheet, dots), path)
 
 
 def _voxels_of_dots(image: RangeImage) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -211,9 +201,9 @@ def _indices(dots: int, voxels: int) -> NDArray[np.intp]:
     return ((np.arange(dots) + 0.5) * (voxels / dots)).astype(np.intp)
 
 
-def _causes(image: RangeImage, empty: NDArray[np.bool_]) -> dict[Status, NDArray[np.bool_]]:
+def _causes(found: NDArray[np.float32], empty: NDArray[np.bool_]) -> dict[Status, NDArray[np.bool_]]:
     """Return where each status is the cause of an empty voxel, shape (rows, columns), for those that occur."""
-    where = {status: empty & (image["status"] == status) for status in Status}
+    where = {status: empty & (found == status) for status in Status}
     return {status: mask for status, mask in where.items() if mask.any()}
 
 
@@ -236,10 +226,10 @@ def _axes(sheet: Canvas, image: RangeImage) -> None:
             axis.set_major_locator(MaxNLocator(nbins=2))
 
 
-def _colour_bar(sheet: Canvas, layer: Layer, scale: ScalarMappable) -> None:
+def _colour_bar(sheet: Canvas, layer: Layer, label: str, scale: ScalarMappable) -> None:
     bar = sheet.figure.colorbar(scale, cax=sheet.bar, extend=layer.extend, extendfrac=0.025)
     bar.outline.set_linewidth(0.6)
-    bar.set_label(layer.label)
+    bar.set_label(label)
     bar.formatter = ScalarFormatter(useOffset=False)
     if isinstance(layer.norm, LogNorm):
         decades = np.log10(float(layer.norm.vmax or 1.0) / float(layer.norm.vmin or 1.0))
@@ -325,9 +315,3 @@ def _spread(values: NDArray[np.floating], low: float, high: float, least: float)
     first, last = (float(value) for value in np.percentile(finite, (low, high)))
     short = max(least - (last - first), 0.0) / 2.0
     return first - short, last + short
-
-
-def _extend(values: NDArray[np.floating], low: float, high: float) -> str:
-    """Tell at which ends of the scale there are values beyond it."""
-    below, above = bool((values < low).any()), bool((values > high).any())
-    return "both" if below and above else "min" if below else "max" if above else "neither"

@@ -18,6 +18,7 @@ from matplotlib.image import imsave
 from numpy.typing import NDArray
 from PIL import Image
 
+from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import printable
 from scanner_sim.foundation.status import Status
 
@@ -41,7 +42,8 @@ STATUS_COLOUR: dict[Status, str] = {
 }
 """Muted colours of voxels without a range. They differ in lightness too, and none lies on a colour map in use."""
 
-RANGE_MAP, SIGNAL_MAP, SLOPE_MAP, BACKGROUND_MAP = "viridis_r", "magma", "gray_r", "inferno"
+RANGE_MAP, SIGNAL_MAP = (CHANNEL[name].pictures[0].colours for name in ("range_m", "Y"))
+"""Colour maps of ranges and signals, for the pictures of patterns."""
 
 _LINE_WIDTH = 0.6
 

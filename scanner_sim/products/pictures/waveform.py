@@ -1,4 +1,4 @@
-"""Pictures of time of flight: a waveform with its echo, and ranges in grey levels as in the paper's Figure 2b."""
+"""Picture of a waveform with its echo."""
 
 from __future__ import annotations
 
@@ -10,39 +10,13 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.image import RangeImage
-from scanner_sim.products.pictures.style import FAINT, INK, house_style, save, save_grey
+from scanner_sim.products.pictures.style import FAINT, INK, house_style, save
 from scanner_sim.products.waveforms import WaveformSet
 
 Array = NDArray[np.float64]
 
 _DPI = 160
 _ECHO = "#b5483a"
-
-
-def range_levels(r: NDArray[np.float64], nearest: float, farthest: float) -> NDArray[np.uint8]:
-    """Return ranges as grey levels: 255 at ``nearest``, 40 at ``farthest``, 0 where there is none.
-
-    Parameters
-    ----------
-    r
-        Ranges [m], shape (rows, columns), NaN without one.
-    nearest, farthest
-        Ends of the scale [m], nearest below farthest; what lies beyond is cut off.
-    """
-    share = np.clip((farthest - r) / (farthest - nearest), 0.0, 1.0)
-    return np.where(np.isfinite(r), np.rint(40.0 + 215.0 * np.nan_to_num(share)), 0.0).astype(np.uint8)
-
-
-def draw_grey(image: RangeImage, path: str | Path) -> None:
-    """Write the ranges by time of flight as grey levels, a dot for each voxel: near is bright, black is none.
-
-    The scale leaves out the outermost half per cent at either end.
-    """
-    ranges = image["tof.range_m"].astype(np.float64)
-    finite = ranges[np.isfinite(ranges)]
-    nearest, farthest = np.percentile(finite, (0.5, 99.5)) if finite.size else (0.0, 1.0)
-    save_grey(range_levels(ranges, nearest, max(farthest, nearest + 1e-3)), path)
 
 
 def draw_waveform(

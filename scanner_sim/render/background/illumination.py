@@ -32,7 +32,7 @@ _DISC_POINTS = 256
 
 
 @dataclass(frozen=True)
-class Samples:
+class SurfaceSamples:
     """Points on the side of a target that the scanner sees, Dr.Jit: ``point`` and unit ``normal``, shape (n,)."""
 
     point: Vector3f
@@ -52,7 +52,7 @@ class Sight:
     phi: NDArray[np.float64]
 
 
-def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> Samples:
+def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> SurfaceSamples:
     """Return points spread evenly over what the scanner sees of an object.
 
     Parameters
@@ -90,7 +90,7 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
         points.append(position.numpy().T)
         normals.append(facing.numpy().T)
     if not points:
-        return Samples(mi.Point3f(), mi.Normal3f())
+        return SurfaceSamples(mi.Point3f(), mi.Normal3f())
     point: Vector3f = mi.Point3f(np.concatenate(points).T)
     normal: Vector3f = mi.Normal3f(np.concatenate(normals).T)
     # The side that faces the scanner, at the origin; a little off the surface, so as not to shade itself.
@@ -102,10 +102,10 @@ def visible_samples(loaded: LoadedScene, number: int, count: int, seed: int) -> 
     hidden = is_occluded(loaded, ray) | (point.z <= 0.0)
     kept = np.flatnonzero(~np.asarray(hidden.numpy(), dtype=bool))
     kept = kept[:: max(1, math.ceil(len(kept) / count))]
-    return Samples(mi.Point3f(point.numpy()[:, kept]), mi.Normal3f(normal.numpy()[:, kept]))
+    return SurfaceSamples(mi.Point3f(point.numpy()[:, kept]), mi.Normal3f(normal.numpy()[:, kept]))
 
 
-def sunlit_share(loaded: LoadedScene, light: sky.SkyLight, samples: Samples, seed: int) -> float:
+def sunlit_share(loaded: LoadedScene, light: sky.SkyLight, samples: SurfaceSamples, seed: int) -> float:
     """Return the share of a target's points that the Sun reaches, each by one point of its disc."""
     draws = generator(
         seed, Stream.BACKGROUND, mi.UInt32(_STREAM_ADDRESS + 1), dr.arange(mi.UInt32, samples.count)
@@ -117,7 +117,7 @@ def sunlit_share(loaded: LoadedScene, light: sky.SkyLight, samples: Samples, see
 
 
 def earth_irradiance(
-    loaded: LoadedScene, light: sky.SkyLight, albedo: float, samples: Samples, seed: int
+    loaded: LoadedScene, light: sky.SkyLight, albedo: float, samples: SurfaceSamples, seed: int
 ) -> float:
     """Return the mean irradiance of a target's points by the Earth, in units of the Sun's irradiance."""
     rays = 4

@@ -86,10 +86,13 @@ class ClosedForms:
         lens = self.scenario.scanner.receiver.transmission
         return lens if chosen == "none" else lens * chosen.transmission
 
-    def passed(self, incidence: float) -> float:
-        """Return the filter's transmission of the laser's line over its peak, at an incidence [rad]."""
+    def passed(self, incidence: float, response: tuple[float, float] | None = None) -> float:
+        """Return the filter's transmission of the laser's line over its peak, at an incidence [rad].
+
+        ``response`` are the wavelengths [m] to which a detector responds other than the line sensor.
+        """
         laser = self.scenario.scanner.laser
-        low, high = self.scenario.scanner.position_sensor.response
+        low, high = self.scenario.scanner.position_sensor.response if response is None else response
         line = laser.wavelength + laser.drift
         if not low <= line <= high:
             return 0.0

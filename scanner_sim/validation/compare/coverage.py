@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import math
 from collections.abc import Iterator
 
@@ -13,7 +12,7 @@ from scanner_sim.analytic import geometry
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.ranging.ranges import Layers
+from scanner_sim.ranging.ranges import Columns
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.raster import RasterScan, raster_aim
 from scanner_sim.scene.objects import Scene
@@ -51,7 +50,7 @@ _HALF = 0.03
 def _honest(setting: ComparisonSetup) -> str:
     scenario = setting.scenario
     chosen, mirrors = scenario.processing, scenario.scanner.mirrors
-    if scenario.ranging == "tof":
+    if "triangulation" not in scenario.rangefinders:
         return "the scenario ranges by time of flight alone, whose clock and bound are laws of their own"
     if chosen.bias_correction == "none" and chosen.peak not in _UNBIASED:
         return f"{chosen.peak} has a systematic error, which no σ holds, and it is not corrected"
@@ -67,15 +66,7 @@ def _honest(setting: ComparisonSetup) -> str:
     return ""
 
 
-def _with_seed(instrument: Instrument, seed: int) -> Instrument:
-    """Return an instrument before the same loaded scene with another seed."""
-    fresh = copy.copy(instrument)
-    fresh.scenario = instrument.scenario.model_copy(update={"seed": seed})
-    fresh.__dict__.pop("echoes", None)
-    return fresh
-
-
-def _numbers(layers: Layers) -> dict[str, Array]:
+def _numbers(layers: Columns) -> dict[str, Array]:
     return {name: np.asarray(values, dtype=np.float64) for name, values in layers.items()}
 
 
@@ -86,13 +77,14 @@ def _on_scene(
     scenario = setting.scenario.model_copy(update={"ranging": "triangulation"})
     instrument = Instrument(scenario, device=setting.device)
     scan, dwell = scenario.raster, scenario.scanner.dwell
-    # What the instrument keeps, such as the background, is then that of all seeds.
-    instrument.measure(raster_aim(scan, np.arange(min(64, scan.shots), dtype=np.uint32), dwell))
     for seed in seeds:
         random = np.random.default_rng(seed)
         shots = random.choice(scan.shots, size=min(_DRAWN, scan.shots), replace=False).astype(np.uint32)
         aim = raster_aim(scan, np.sort(shots), dwell)
-        fresh = _with_seed(instrument, seed)
+        # What was loaded and rendered, such as the background, is that of all seeds.
+        fresh = Instrument(
+            scenario.model_copy(update={"seed": seed}), device=setting.device, reuse=instrument
+        )
         layers = _numbers(fresh.measure(aim))
         yield layers, _smooth(setting, fresh, aim, layers)
 

@@ -80,15 +80,19 @@ def _ends_of_speckle(instrument: InstrumentNumbers, distances: Sequence[float]) 
     ]
 
 
-def _sunlight(scenario: Scenario) -> float:
-    """Return the Sun's irradiance [W/m²] that counts behind the filter on a target which faces the scanner."""
+def _sunlight(scenario: Scenario, response: tuple[float, float]) -> float:
+    """Return the Sun's irradiance [W/m²] behind the filter on a target that faces the scanner, over the laser's gain.
+
+    What counts is light to which a detector responds, between two wavelengths [m].
+    """
     scanner, sky = scenario.scanner, scenario.lighting.sky()
     sun = scenario.lighting.sun
     if sun == "none" or sky.sun_direction is None:
         return 0.0
-    bands = band_irradiance(sun, scanner.filter, scanner.position_sensor.response, scanner.laser.wavelength)
+    bands = band_irradiance(sun, scanner.filter, response, scanner.laser.wavelength)
     cosine = max(0.0, -float(sky.sun_direction[2]))
-    return float(sum(float(band) for band in bands)) * sky.sun_visible * cosine
+    irradiance = float(sum(float(band) for band in bands)) * sky.sun_visible * cosine
+    return irradiance / float(laser_gain(scanner.filter, scanner.laser, response))
 
 
 def echo_instrument_of(scenario: Scenario, reflectance: float) -> EchoInstrument:
@@ -97,7 +101,7 @@ def echo_instrument_of(scenario: Scenario, reflectance: float) -> EchoInstrument
     unit, receiver = scanner.lidar, scanner.receiver
     diode, clock, noise = unit.photodiode, unit.digitiser, unit.photodiode.noise
     peak = peak_transmission(scanner.filter)
-    passed = float(laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response))
+    passed = float(laser_gain(scanner.filter, scanner.laser, diode.response))
     return EchoInstrument(
         energy=unit.pulse.pulse_energy,
         pulse=unit.pulse.sigma,
@@ -117,7 +121,7 @@ def echo_instrument_of(scenario: Scenario, reflectance: float) -> EchoInstrument
         step=clock.step(diode.saturation) if noise.quantisation else 0.0,
         jitter=clock.jitter if noise.clock else 0.0,
         drift=clock.drift if noise.clock else 0.0,
-        sunlight=_sunlight(scenario) / passed,
+        sunlight=_sunlight(scenario, diode.response),
         field=diode.field_of_view,
     )
 
@@ -162,7 +166,7 @@ def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instru
         readout=math.hypot(mirrors.readout_noise, mirrors.readout_step / math.sqrt(12.0)),
         half=half,
         subtracted=subtracted,
-        sunlight=_sunlight(scenario) / float(laser_gain(scanner.filter, laser, sensor.response)),
+        sunlight=_sunlight(scenario, sensor.response),
         height=sensor.height,
         drift_zero=mirrors.drift_zero,
         drift_scale=mirrors.drift_scale,

@@ -34,7 +34,7 @@ _BIAS = 1e-3
 
 def pulses_uncovered(setting: ComparisonSetup) -> str:
     """Return why the closed forms do not cover the scenario's time of flight; empty where they do."""
-    if setting.scenario.ranging == "triangulation":
+    if "tof" not in setting.scenario.rangefinders:
         return "the scenario ranges by triangulation alone"
     if setting.scenario.scanner.lidar.pulse.shape != "gaussian":
         return "the pulse is no Gaussian"
@@ -56,7 +56,7 @@ def echo_peak(setting: ComparisonSetup, R: float, reflectance: float) -> float:
     scanner, closed = setting.scenario.scanner, ClosedForms(setting.scenario)
     pulse, response = pulse_widths(setting)
     unit = scanner.lidar
-    energy = unit.pulse.pulse_energy * closed.peak_transmission * closed.passed(0.0)
+    energy = unit.pulse.pulse_energy * closed.peak_transmission * closed.passed(0.0, unit.photodiode.response)
     collected = energy * reflectance * scanner.receiver.aperture**2 / (4.0 * R**2)
     height = collected / (math.sqrt(2.0 * math.pi) * math.hypot(pulse, response))
     return height * unit.photodiode.gain * unit.photodiode.responsivity

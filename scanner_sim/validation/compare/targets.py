@@ -157,7 +157,7 @@ def _array(setting: ComparisonSetup) -> tuple[Array, tuple[Array, Array, Array]]
 
 def _posed(setting: ComparisonSetup) -> str:
     scenario, closed = setting.scenario, ClosedForms(setting.scenario)
-    if scenario.ranging == "tof":
+    if "triangulation" not in scenario.rangefinders:
         return "the scenario has no triangulation, whose ranges the array is measured with"
     if scenario.processing.peak != FIT and scenario.processing.bias_correction != "none":
         return "the correction of the estimator has no closed form"

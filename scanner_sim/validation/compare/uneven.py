@@ -25,7 +25,7 @@ _BEYOND = (5e-3, 2e-4)
 
 def _fitting(setting: ComparisonSetup) -> str:
     scenario = setting.scenario
-    if scenario.ranging == "tof":
+    if "triangulation" not in scenario.rangefinders:
         return "the scenario ranges by time of flight alone"
     if scenario.processing.validation.mixed is None or not scenario.processing.validation.uneven:
         return "processing.validation.mixed or uneven is switched off"

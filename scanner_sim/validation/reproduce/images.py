@@ -13,8 +13,7 @@ from scanner_sim.config import load_scenario
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.simulate import simulate, take_photo
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.pictures.image import draw_shaded
-from scanner_sim.products.pictures.waveform import draw_grey
+from scanner_sim.products.pictures.image import draw_picture
 from scanner_sim.validation.reproduce.bench import FOCAL
 from scanner_sim.validation.reproduce.drawing import BLUE, RED, sheet
 from scanner_sim.validation.reproduce.item import Item, Outcome, Row, Task, alike, row_of_claim, within
@@ -103,14 +102,14 @@ def figure_2a(task: Task) -> Outcome:
         ),
         _median_error(image),
     )
-    return Outcome(rows, lambda path: draw_shaded(image, path))
+    return Outcome(rows, lambda path: draw_picture(image, "shaded.png", path))
 
 
 def figure_2b(task: Task) -> Outcome:
     """Scan the Node by time of flight."""
     image = _scan(task, "tof_node", task.choose(384, 160))
     rows = (_median_error(image),)
-    return Outcome(rows, lambda path: draw_grey(image, path))
+    return Outcome(rows, lambda path: draw_picture(image, "tof.png", path))
 
 
 def _median_error(image: RangeImage) -> Row:

@@ -70,7 +70,7 @@ _LIFT = 32.0
 
 def modes_of(scenario: Scenario) -> tuple[Mode, ...]:
     """Return the ways of ranging in a scenario's budget: with time of flight both, and their fusion."""
-    return ("triangulation",) if scenario.ranging == "triangulation" else ("triangulation", "tof", "fused")
+    return ("triangulation", "tof", "fused") if "tof" in scenario.rangefinders else ("triangulation",)
 
 
 def sources_of(scenario: Scenario, mode: Mode = "triangulation") -> tuple[str, ...]:
@@ -255,9 +255,9 @@ def _enough(errors: list[Array]) -> bool:
 
 def _pixel_phases(assumed: Instrument, distance: float) -> Iterator[float]:
     """Yield distances about one, at which the spot lies at evenly spaced positions in its pixel."""
-    pixel = round(float(assumed.spot.pixel(distance, 0.0, 1.0)))
+    pixel = round(float(assumed.triangulation.spot.pixel(distance, 0.0, 1.0)))
     for index in range(PIXEL_PHASES):
-        yield float(assumed.spot.range(pixel + (index + 0.5) / PIXEL_PHASES - 0.5, 0.0, 1.0))
+        yield float(assumed.triangulation.spot.range(pixel + (index + 0.5) / PIXEL_PHASES - 0.5, 0.0, 1.0))
 
 
 @dataclass(frozen=True)
@@ -331,11 +331,11 @@ def _range_by_line(instrument: Instrument, assumed: Instrument, aim: Aim) -> _Ra
     n = aim.theta.size
     peak, sigma, status = np.full(n, np.nan), np.full(n, np.nan), np.zeros(n, dtype=np.uint32)
     for group in groups:
-        found = assumed.find(group.signal, aim.theta[group.index].astype(np.float32))
+        found = assumed.triangulation.find(group.signal, aim.theta[group.index].astype(np.float32))
         peak[group.index] = found.position.numpy()
         sigma[group.index] = found.sigma.numpy()
         status[group.index] = found.status.numpy()
-    ranges = assumed.ranges(peak, sigma, status, deflections)
+    ranges = assumed.triangulation.ranges(peak, sigma, status, deflections)
     return _RangedShots(ranges, truth.distance.numpy().astype(np.float64))
 
 
@@ -343,11 +343,11 @@ def _range_by_time(instrument: Instrument, assumed: Instrument, aim: Aim) -> _Ra
     """Return what it measures by time of flight."""
     shots, pointing = instrument.fire(aim)
     deflections = instrument.deflections(aim, pointing)
-    truth, _, groups = instrument.echoes.listen(shots, assumed.echoes.detector)
+    truth, _, groups = instrument.time_of_flight.listen(shots, assumed.time_of_flight.detector)
     delays = EchoDelays.empty(aim.theta.size)
     for group in groups:
-        delays.fill(group.index, group.delays, assumed.echoes.unit.digitiser)
-    ranges = assumed.echoes.ranges(delays, deflections)
+        delays.fill(group.index, group.delays, assumed.time_of_flight.unit.digitiser)
+    ranges = assumed.time_of_flight.ranges(delays, deflections)
     return _RangedShots(ranges, truth.distance.numpy().astype(np.float64))
 
 

@@ -100,10 +100,10 @@ def measure_bias(
         If the target is not found often enough for a table.
     """
     instrument = Instrument(_quiet(scenario, Scene(), _scan(scenario, 1)), device=device)
-    nodes = tuple(_nodes(scenario, instrument.spot))
+    nodes = tuple(_nodes(scenario, instrument.triangulation.spot))
     passages: dict[float, Passage] = {}
     for number, node in enumerate(nodes):
-        passage = _passage(scenario, node, instrument.spot, device)
+        passage = _passage(scenario, node, instrument.triangulation.spot, device)
         if passage is not None:
             passages[round(passage.width, 3)] = passage
         if progress is not None:
@@ -146,7 +146,7 @@ def _passage(scenario: Scenario, node: int, spot: ExpectedSpot, device: DeviceCh
         _, groups = instrument.expose(aim)
         for group in groups:
             theta = np.full(len(group.index), _theta(scenario), dtype=np.float32)
-            peaks = instrument.find(group.signal, theta, sensor=assumed)
+            peaks = instrument.triangulation.find(group.signal, theta, sensor=assumed)
             here = np.arange(PLACES)[part][group.index]
             position[here], status[here] = peaks.position.numpy(), peaks.status.numpy()
             nearest[here] = group.signal.lines().argmax(axis=1)

@@ -104,7 +104,7 @@ def _peak_parts(instrument: Instrument, aim: Aim) -> tuple[Array, Array]:
             assumed = sensor.model_copy(update={"noise": noise})
             misfit = processing.validation.misfit if part.misfit else 0.0
             validation = processing.validation.model_copy(update={"misfit": misfit, "shape": False})
-            without = instrument.find(
+            without = instrument.triangulation.find(
                 group.signal,
                 theta,
                 sensor=assumed,

@@ -18,7 +18,7 @@ from scanner_sim.products.timeline import ConditionGroup, Label, TargetTimeline,
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.render.background import illumination as light
-from scanner_sim.render.background.illumination import Samples, Sight, half_height, visible_samples
+from scanner_sim.render.background.illumination import Sight, SurfaceSamples, half_height, visible_samples
 from scanner_sim.render.background.paths import Albedo
 from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.guest import guest
@@ -131,7 +131,7 @@ class _Stage:
         self._instrument, self._scenario, self._seed = instrument, scenario, scenario.seed
         sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
         electrons = electrons_per_watt(sensor, scenario.scanner.laser.wavelength, scenario.scanner.exposure)
-        through = instrument.throughput
+        through = instrument.triangulation.throughput
         # Any pixel may look at any position: the one that makes most of it counts.
         self._gain = tuple(
             electrons * float(table.numpy().max()) for table in (through.in_band, through.out_of_band)
@@ -144,7 +144,7 @@ class _Stage:
         loaded = self._instrument.loaded
         arrays = tuple(item.name for item in self._scenario.scene.objects if isinstance(item, TargetArray))
         wanted = arrays or loaded.objects
-        found: dict[str, Samples] = {}
+        found: dict[str, SurfaceSamples] = {}
         for name in wanted:
             samples = visible_samples(loaded, loaded.objects.index(name) + 1, POINTS, self._seed)
             if samples.count:
@@ -161,7 +161,7 @@ class _Stage:
         self._samples = list(found.values())
         self._sights = [self._sight(samples) for samples in self._samples]
 
-    def _sight(self, samples: Samples) -> Sight:
+    def _sight(self, samples: SurfaceSamples) -> Sight:
         """Return the lines of sight from the lens to points, as each is measured."""
         geometry = self._instrument.geometry
         x, y, z = samples.point.numpy().astype(np.float64)
@@ -217,7 +217,7 @@ class _Stage:
         down = (sun.phi >= scan.vertical[0] - margin) & (sun.phi <= scan.vertical[1] + margin)
         return float(np.mean(free & across & down))
 
-    def _sun_behind(self, samples: Samples, sun: Sight, free: NDArray[np.bool_]) -> float:
+    def _sun_behind(self, samples: SurfaceSamples, sun: Sight, free: NDArray[np.bool_]) -> float:
         """Return the share of a target's points at whose measurement a pixel looks into the Sun."""
         if not free.any():
             return 0.0

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor, aim_of
-from scanner_sim.ranging.ranges import Layers
+from scanner_sim.ranging.ranges import Columns
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.protocol import Aim
@@ -136,9 +136,7 @@ def measure_targets(
         seed = (scenario.seed + 7919 * index + round(1e6 * distance)) % 2**63
         instrument, centres = target_grid(scenario, target, where, seed, device)
         motions = grid_motions(instrument.scenario, target, centres, patterns)
-        layers = instrument.measure(
-            _whole([aim_of(motion, visit) for visit, motion in enumerate(motions)]), details=True
-        )
+        layers = instrument.measure(_whole([aim_of(motion, visit) for visit, motion in enumerate(motions)]))
         truth = np.repeat(centres, patterns, axis=0)
         by_line, by_pulse = (
             _seen(instrument.scenario, layers, motions, truth, target, ranging) for ranging in RANGINGS
@@ -153,10 +151,10 @@ def measure_targets(
 class _MeasuredPatterns:
     """Shots that were measured together, given back one pattern at a time: what an instrument is to the eye."""
 
-    def __init__(self, layers: Layers) -> None:
+    def __init__(self, layers: Columns) -> None:
         self._layers = layers
 
-    def measure(self, aim: Aim) -> Layers:
+    def measure(self, aim: Aim) -> Columns:
         """Return the layers of the shots of an aim."""
         return {name: values[aim.shot] for name, values in self._layers.items()}
 
@@ -167,7 +165,7 @@ def _whole(aims: list[Aim]) -> Aim:
 
 def _seen(
     scenario: Scenario,
-    layers: Layers,
+    layers: Columns,
     motions: tuple[PatternMotion, ...],
     truth: Array,
     target: StudyTarget,
@@ -195,7 +193,7 @@ def _seen(
     return positions, sigmas
 
 
-def _voxel_sigma(scenario: Scenario, layers: Layers) -> Array:
+def _voxel_sigma(scenario: Scenario, layers: Columns) -> Array:
     """Return the medians of the stated σ of single voxels: Θ, φ, R by triangulation, R by time of flight."""
     angle = float(scenario.scanner.mirrors.reading_sigma(np.zeros(1), np.zeros(1))[0])
     ranges = []

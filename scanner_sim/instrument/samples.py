@@ -1,0 +1,64 @@
+"""What an instrument measured of some shots: columns of numbers by name, and the truth about them apart."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import xarray
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.channels import CHANNEL, Channel
+from scanner_sim.ranging.ranges import Layers
+
+_TRUTH = "truth."
+
+
+@dataclass(frozen=True, eq=False)
+class Samples(Mapping[str, NDArray[Any]]):
+    """Measurements of n shots by name, ``samples["range_m"]``, each of shape (n,).
+
+    Names are those of an image's channels, and of ``own``. Columns without a prefix are of the instrument's first
+    rangefinder. The truth is read by its whole name, ``samples["truth.range_m"]``, too.
+
+    Attributes
+    ----------
+    measured
+        What the instrument knows.
+    truth
+        What it does not know, by names without ``truth.``.
+    own
+        Columns beside those of an image: unit and meaning.
+    """
+
+    measured: Layers
+    truth: Layers
+    own: Mapping[str, Channel]
+
+    def __getitem__(self, name: str) -> NDArray[Any]:
+        """Return a column."""
+        return self.truth[name.removeprefix(_TRUTH)] if name.startswith(_TRUTH) else self.measured[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names: what was measured, then the truth."""
+        yield from self.measured
+        yield from (_TRUTH + name for name in self.truth)
+
+    def __len__(self) -> int:
+        """Return the number of columns."""
+        return len(self.measured) + len(self.truth)
+
+    def channel(self, name: str) -> Channel:
+        """Return unit and meaning of a column."""
+        return self.own[name] if name in self.own else CHANNEL[name]
+
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the columns as an xarray dataset over ``shot``, with ``units`` and ``long_name``."""
+        about = {name: self.channel(name) for name in self}
+        return xarray.Dataset(
+            {
+                name: ("shot", values, {"units": about[name].unit, "long_name": about[name].meaning})
+                for name, values in self.items()
+            }
+        )

@@ -1,0 +1,386 @@
+"""Triangulation before a scene: the laser's spot on the line sensor, its peak, and the range by eq 1."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, fields
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.config.scanner import geometry_of, speckle_optics
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.line.exposure import Signal, electrons_per_watt, expose
+from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
+from scanner_sim.foundation.device_types import Float, UInt32
+from scanner_sim.instrument.background_rows import scan_rows
+from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
+from scanner_sim.optics.band_irradiance import band_irradiance
+from scanner_sim.optics.filter import incidence, laser_gain
+from scanner_sim.optics.speckle import Optics
+from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_from_peaks
+from scanner_sim.render.background.panorama import Panorama, render_panorama
+from scanner_sim.render.background.paths import Albedo
+from scanner_sim.render.background.sky import light_of
+from scanner_sim.render.background.view import Rows, panorama_view
+from scanner_sim.render.beam.light import Light, Truth, render_light
+from scanner_sim.render.beam.surface_positions import surface_positions
+from scanner_sim.render.incident import Incident, LinkBudget, Throughput
+from scanner_sim.render.shots import Shots
+from scanner_sim.render.transport import OpticalLayout
+from scanner_sim.scan.protocol import Aim
+from scanner_sim.scene.files.loader import LoadedScene
+from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
+from scanner_sim.signals.line.bias_table import read_bias
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.peaks import Peaks, find_peaks
+from scanner_sim.signals.line.speckle import ExpectedSpeckle
+from scanner_sim.signals.processing import Processing
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ShotGroup:
+    """Shots of a batch that went through the sensor together, with everything on the way."""
+
+    index: NDArray[np.uint32]
+    light: Incident
+    signal: Signal
+    peaks: Peaks
+
+
+@dataclass
+class LineReadings:
+    """What the line told of m shots: their peaks, and their light as the paper counts it.
+
+    Fields of :class:`~scanner_sim.signals.line.peaks.Peaks` and of :class:`~scanner_sim.render.incident.LinkBudget`, on
+    the device; in double precision of n shots, once they are gathered.
+    """
+
+    position: Float
+    sigma: Float
+    signal: Float
+    sigma_signal: Float
+    snr: Float
+    laser: Float
+    background: Float
+    background_error: Float
+    background_peak: Float
+    status: UInt32
+
+    @classmethod
+    def of(cls, peaks: Peaks, light: LinkBudget) -> LineReadings:
+        """Return those of shots that went through the sensor together."""
+        return cls(
+            peaks.position,
+            peaks.sigma,
+            peaks.signal,
+            peaks.sigma_signal,
+            peaks.snr,
+            light.laser,
+            light.background,
+            light.background_error,
+            light.background_peak,
+            peaks.status,
+        )
+
+    @classmethod
+    def gathered(cls, count: int, parts: Iterable[tuple[Any, LineReadings]]) -> LineReadings:
+        """Return those of so many shots from parts of them, each with the indices of its shots."""
+        found = cls(*(np.full(count, np.nan) for _ in fields(cls)))
+        found.status = np.zeros(count, dtype=np.uint32)
+        for index, part in parts:
+            for field in fields(cls):
+                getattr(found, field.name)[index] = getattr(part, field.name).numpy()
+        return found
+
+
+class Triangulation:
+    """The laser that always shines, the lens beside it and the line sensor, before a loaded scene.
+
+    Parameters
+    ----------
+    scenario
+        Instrument, scene and processing.
+    loaded
+        The scene.
+    optics
+        Laser, lens and line.
+    reuse
+        One before the same scene, with the same optics, under the same light and with the same raster, whose background
+        is used again.
+    """
+
+    prefix = ""
+    channels = (SIGMA_Y,)
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        loaded: LoadedScene,
+        optics: OpticalLayout,
+        reuse: Triangulation | None = None,
+    ) -> None:
+        self.scenario, self.loaded, self.optics, self.reuse = scenario, loaded, optics, reuse
+        self.geometry = geometry_of(scenario.scanner)
+
+    @cached_property
+    def throughput(self) -> Throughput:
+        """What each pixel makes of the laser's and the Sun's light behind the filter."""
+        scanner, lighting = self.scenario.scanner, self.scenario.lighting
+        sensor = scanner.position_sensor
+        position = self.geometry.position(np.arange(sensor.pixels, dtype=np.float64))
+        angle = incidence(position, scanner.receiver.focal_length)
+        bands = np.zeros((2, sensor.pixels))
+        if lighting.sun != "none":
+            bands[:] = band_irradiance(
+                lighting.sun, scanner.filter, sensor.response, scanner.laser.wavelength, angle
+            )
+        laser = laser_gain(scanner.filter, scanner.laser, sensor.response, angle)
+        return Throughput(self.optics, sensor.pixels, laser, *bands)
+
+    @cached_property
+    def panorama(self) -> Panorama | None:
+        """The background of the scenario's scan, rendered when it is first asked for; None in the dark."""
+        if self.scenario.lighting.sky().dark:
+            return None
+        if self.reuse is not None:
+            return self.reuse.panorama
+        return self.panorama_of(scan_rows(self.scenario, self.optics))
+
+    def panorama_of(self, rows: Rows) -> Panorama:
+        """Return what the line sees of Sun and Earth in some rows."""
+        sky, settings = self.scenario.lighting.sky(), self.scenario.transport
+        return render_panorama(
+            self.loaded,
+            self.optics,
+            light_of(sky),
+            Albedo(sky.albedo, sky.albedo_out_of_band),
+            panorama_view(rows, self.optics, self.scenario.scanner.position_sensor.pixels),
+            bounces=settings.background_bounces,
+            samples=settings.background_samples,
+            seed=self.scenario.seed,
+        )
+
+    @property
+    def sight(self) -> tuple[OpticalLayout, tuple[float, float]]:
+        """The line itself, a pixel of which at p looks along Θ − atan(p/f), and the angles of its ends [rad]."""
+        optics, pixels = self.optics, self.scenario.scanner.position_sensor.pixels
+        ends = optics.offset + pixels * optics.pitch, optics.offset
+        left, right = (-math.atan(end / optics.receiver.focal_length) for end in ends)
+        return optics, (left, right)
+
+    @cached_property
+    def spot(self) -> ExpectedSpot:
+        """What is known of the laser's spot before it is seen."""
+        scanner = self.scenario.scanner
+        passed = laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response)
+        return ExpectedSpot.of(
+            scanner.laser,
+            scanner.receiver,
+            self.optics.filter_transmission * float(passed),
+            scanner.position_sensor,
+            scanner.exposure,
+        )
+
+    @cached_property
+    def bias(self) -> Bias | None:
+        """The estimator's systematic error that is taken off; None where none is."""
+        processing = self.scenario.processing
+        match processing.bias_correction:
+            case "none":
+                return None
+            case "computed":
+                return Bias(computed_bias(processing.peak, *widths_of(self.spot)))
+            case path:
+                return Bias(read_bias(path))
+
+    @cached_property
+    def speckle(self) -> Optics | None:
+        """What the laser's speckle depends on, on the line; None for light without speckle."""
+        scanner = self.scenario.scanner
+        return speckle_optics(scanner) if scanner.laser.speckle else None
+
+    @property
+    def columns(self) -> int:
+        """Voxels of a row, by which a shot's number tells its row; 1 where there are no rows."""
+        return self.scenario.scan.shots_per_row
+
+    def travel(self, shots: Shots | None) -> tuple[float | Float, float | Float]:
+        """Return the angles by which the beams of shots move while the laser shines, along the line and across [rad].
+
+        In a raster they are all alike, and no shots are needed; else of shape (m,), Dr.Jit.
+        """
+        even, scanner = self.scenario.scan.even_travel, self.scenario.scanner
+        if even is not None:
+            return even * scanner.exposure / scanner.dwell, 0.0
+        if shots is None:
+            raise ValueError("only the shots of a raster all move alike")
+        along, across = shots.ways
+        return along, across
+
+    def expected_speckle(self, shots: Shots | None = None) -> ExpectedSpeckle | None:
+        """Return what the instrument knows of the speckle of shots; None where there is none.
+
+        It knows how fast its mirrors turn. In a raster no shots are needed.
+        """
+        if self.speckle is None:
+            return None
+        return ExpectedSpeckle(self.speckle, self.scenario.processing.speckle_contrast, self.travel(shots))
+
+    def _speckle(self, light: Light, shots: Shots, truth: Truth, fixed_size: bool) -> LineSpeckle | None:
+        """Return the speckle of shots whose chief rays meet something; None for light without."""
+        if self.speckle is None:
+            return None
+        return line_speckle(
+            light.clusters,
+            surface_positions(self.loaded, self.optics, shots, truth),
+            self.speckle,
+            self.optics.receiver.focal_length / self.optics.pitch,
+            self.travel(shots),
+            self.scenario.scanner.position_sensor.pixels,
+            self.scenario.seed,
+            fixed_size=fixed_size,
+        )
+
+    def measure(
+        self, aim: Aim, shots: Shots, deflections: Deflections, background: Panorama | None = None
+    ) -> Reading:
+        """Return what the line reads of n shots: see :class:`~scanner_sim.instrument.rangefinder.Rangefinder`."""
+        truth, groups = self.expose(aim, shots, background)
+        parts = ((group.index, LineReadings.of(group.peaks, group.light.link_budget())) for group in groups)
+        return self.reading(truth, LineReadings.gathered(len(aim.shot), parts), deflections)
+
+    def reading(self, truth: Truth, line: LineReadings, deflections: Deflections) -> Reading:
+        """Return ranges and layers of n shots from what the line told of all of them."""
+        ranges = self.ranges(line.position, line.sigma, line.status, deflections)
+        return Reading(truth, ranges, self._layers(line))
+
+    def _layers(self, line: LineReadings) -> Layers:
+        scanner = self.scenario.scanner
+        electrons = electrons_per_watt(scanner.position_sensor, scanner.laser.wavelength, scanner.exposure)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            contrast = line.laser / line.background
+        return {
+            "Y": line.signal,
+            "sigma_Y": line.sigma_signal,
+            "snr": contrast,
+            "snr_detection": line.snr,
+            "background": line.background * electrons,
+            "background_error": line.background_error * electrons,
+            "background_peak": line.background_peak * electrons,
+            "peak_px": line.position,
+            "sigma_peak_px": line.sigma,
+        }
+
+    def expose(
+        self, aim: Aim, shots: Shots, background: Panorama | None = None
+    ) -> tuple[Truth, Iterator[ShotGroup]]:
+        """Render, expose and read the shots of an aim as they are fired: their truth, and the shots in groups."""
+        scenario = self.scenario
+        seen = self.panorama if background is None else background
+        truth, lights = render_light(self.loaded, self.optics, scenario.transport, shots, scenario.seed)
+
+        def groups() -> Iterator[ShotGroup]:
+            for light in lights:
+                index = light.index.numpy()
+                theta = aim.theta[index].astype(np.float32)
+                own, met = shots.take(light.index), truth.take(light.index)
+                yield ShotGroup(index, *self.sense(light, own, met, theta, seen))
+
+        return truth, groups()
+
+    def sense(
+        self,
+        light: Light,
+        shots: Shots,
+        truth: Truth,
+        theta: Float,
+        panorama: Panorama | None,
+        *,
+        fixed_size: bool = False,
+    ) -> tuple[Incident, Signal, Peaks]:
+        """Expose the line to the light of m shots, read it and find the peaks.
+
+        Parameters
+        ----------
+        light
+            The laser's light of the shots.
+        shots, truth
+            The shots, and what their chief rays meet.
+        theta
+            Commanded deflections Θ [rad], single precision, shape (m,).
+        panorama
+            The background, or None in the dark.
+        fixed_size
+            Whether no array's size may depend on the light.
+
+        Returns
+        -------
+        tuple
+            All the light on the line, the signal and the peaks.
+        """
+        scenario, scanner = self.scenario, self.scenario.scanner
+        sensor = scanner.position_sensor
+        speckle = self._speckle(light, shots, truth, fixed_size)
+        incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
+        signal = expose(
+            incident.power,
+            light.shot,
+            sensor,
+            scanner.laser.wavelength,
+            scanner.dwell,
+            scenario.seed,
+            background=incident.background,
+            laser_off=scanner.laser_off,
+        )
+        return incident, signal, self.find(signal, theta, shots)
+
+    def find(
+        self,
+        signal: Signal,
+        theta: Float,
+        shots: Shots | None = None,
+        *,
+        sensor: PositionSensor | None = None,
+        processing: Processing | None = None,
+        speckle: bool = True,
+    ) -> Peaks:
+        """Find the peaks on the lines of m shots by what this instrument knows of itself.
+
+        Parameters
+        ----------
+        signal
+            The lines.
+        theta
+            Commanded deflections Θ [rad], single precision, shape (m,).
+        shots
+            The shots; in a raster they are not needed.
+        sensor, processing
+            The sensor as it is known and the settings, where they are not the scenario's.
+        speckle
+            Whether the instrument reckons with speckle, where it has any.
+        """
+        scanner = self.scenario.scanner
+        return find_peaks(
+            signal,
+            scanner.position_sensor if sensor is None else sensor,
+            self.scenario.processing if processing is None else processing,
+            scanner.dwell,
+            self.spot,
+            theta,
+            self.bias,
+            self.expected_speckle(shots) if speckle else None,
+        )
+
+    def ranges(
+        self, peak: Array, sigma_peak: Array, status: NDArray[np.uint32], deflections: Deflections
+    ) -> Ranges:
+        """Return the ranges of peaks (arguments as those of :func:`~scanner_sim.ranging.ranges.ranges_from_peaks`)."""
+        gate = self.scenario.processing.range_gate
+        return ranges_from_peaks(peak, sigma_peak, status, deflections, self.geometry, gate)
