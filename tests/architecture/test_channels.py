@@ -80,6 +80,7 @@ print(memory(scenario) / scenario.raster.shots)
 )
 
 
+@pytest.mark.slow
 def test_a_row_and_its_values_arrive_everywhere(tmp_path: Path, repo_root: Path) -> None:
     """Claim: EXR, xarray, points, pictures, planned files, summary, documents and memory follow from a row alone.
 

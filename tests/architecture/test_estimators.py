@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from scanner_sim.analytic import estimators as judge
 from scanner_sim.signals import processing
 from scanner_sim.signals.line import estimators
@@ -53,6 +55,7 @@ def test_each_estimator_has_its_twin_in_the_judge() -> None:
     assert not missing, f"without a twin in analytic/estimators.py: {missing}"
 
 
+@pytest.mark.slow
 def test_a_row_and_a_function_make_an_estimator(repo_root: Path) -> None:
     """Claim: scenarios and their schema know what stands in the table; no other list of names is kept."""
     config = f"{repo_root}/configs/plane.yaml"

@@ -85,6 +85,7 @@ def test_importing_the_package_loads_no_library() -> None:
     assert python(code) == "[]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "heavy"),
     [

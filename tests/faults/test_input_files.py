@@ -158,6 +158,7 @@ def test_names_that_no_system_takes(path: str, tmp_path: Path) -> None:
         load_scenario({**TRACK, "scanner": {"lidar": {"pulse": {"shape": f"{path}.csv"}}}})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["50 % at 1e300 m", "50 % at 1e-300 m", "0 m", ", ".join(["3 m"] * 50_000)])
 def test_targets_of_comparisons_that_no_bench_holds(text: str) -> None:
     with pytest.raises(InputError, match="--target"):

@@ -65,6 +65,7 @@ def ended(arguments: list[str], where: str, number: int, small: Path) -> subproc
     return subprocess.run(command, capture_output=True, text=True, encoding="utf-8", cwd=ROOT, timeout=300)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("verb", "where"),
     [

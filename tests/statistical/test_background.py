@@ -54,12 +54,12 @@ def panorama_lines(
     import mitsuba as mi
 
     from scanner_sim.render.background.panorama import render_panorama
-    from scanner_sim.render.background.view import panorama_view
+    from scanner_sim.render.background.view import Rows, panorama_view
     from scanner_sim.render.incident import Incident, Throughput
     from scanner_sim.render.shots import Shots
 
     theta, phi = RASTER.angles()
-    view = panorama_view(RASTER.horizontal, phi, bench(), PIXELS)
+    view = panorama_view(Rows(RASTER.horizontal, phi), bench(), PIXELS)
     settings = {"bounces": bounces, "samples": 4, **changes}
     panorama = render_panorama(loaded, bench(), light, view, seed=seed, **settings)
     one = np.ones(PIXELS)
@@ -158,12 +158,12 @@ def test_the_stated_error_is_the_actual_one() -> None:
     added linearly would give 4 or more, one half's error in place of the mean's 2.
     """
     from scanner_sim.render.background.panorama import render_panorama
-    from scanner_sim.render.background.view import panorama_view
+    from scanner_sim.render.background.view import Rows, panorama_view
     from scanner_sim.scene.files.loader import load_scene
 
     loaded = load_scene(Scene(objects=tuple(SHADOWED)))
     light = sunlit()
-    view = panorama_view(RASTER.horizontal, RASTER.angles()[1], bench(), PIXELS)
+    view = panorama_view(Rows(RASTER.horizontal, RASTER.angles()[1]), bench(), PIXELS)
     means, stated = [], []
     for seed in range(12):
         panorama = render_panorama(loaded, bench(), light, view, bounces=3, samples=4, seed=seed)

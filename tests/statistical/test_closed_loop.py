@@ -259,6 +259,7 @@ def test_a_target_hidden_for_a_second_is_found_within_five_patterns() -> None:
     assert np.abs(errors(found)[0][:, :2]).max() < 200e-6
 
 
+@pytest.mark.slow
 def test_a_search_does_not_take_another_target_that_is_followed() -> None:
     """Claim: a target that is looked for where another one stands is not mistaken for it.
 

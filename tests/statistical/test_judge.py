@@ -144,6 +144,7 @@ def test_error_of_a_slope() -> None:
     assert slopes.std() == pytest.approx(found[0].error, rel=0.063)
 
 
+@pytest.mark.slow
 def test_two_runs_of_one_instrument_agree() -> None:
     """Claim: the probability that two runs differ so much is uniform for means and standard deviations."""
     for one, other in ((means(0.0, 12), means(0.0, 13)), (spreads(1.0, 14), spreads(1.0, 15))):

@@ -183,6 +183,7 @@ def test_light_alone_is_no_range() -> None:
     assert always_on.mean() > 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bandpass", [True, False])
 def test_sigma_on_a_sunlit_plane(bandpass: bool, repo_root: Path) -> None:
     """Claim: (estimate − truth)/σ of a plane in sunlight has the standard deviation 1: both exposures are in σ.

@@ -125,6 +125,7 @@ def moving_sunlit(device: Device) -> Scenario:
     return scenario(moving=True, lighting=SUN)
 
 
+@pytest.mark.slow
 def test_light_and_positions_are_those_of_the_instrument(device: Device) -> None:
     """Claim: without noise a pattern's voxels are those of the instrument, but for the beamlets at edges.
 
@@ -155,6 +156,7 @@ def test_light_and_positions_are_those_of_the_instrument(device: Device) -> None
     assert differing <= 0.02 * 3 * 4 * POINTS
 
 
+@pytest.mark.slow
 def test_random_numbers_are_those_of_the_instrument(benches: tuple[Instrument, FrozenInstrument]) -> None:
     """Claim: noise, speckle and the mirrors' errors of a shot are those that the instrument draws for it.
 
@@ -213,6 +215,7 @@ def test_what_was_measured_before_does_not_matter(moving_sunlit: Scenario) -> No
         dr.set_thread_count(threads)
 
 
+@pytest.mark.slow
 def test_moving_objects_are_where_they_are(moving_sunlit: Scenario) -> None:
     """Claim: a moving target is met where it is at each shot, and the background follows it in time slots.
 

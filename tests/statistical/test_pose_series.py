@@ -149,6 +149,7 @@ def test_relative_poses_of_moving_objects_are_covered() -> None:
     judge(relative_series(first, second))
 
 
+@pytest.mark.slow
 def test_an_error_that_all_ranges_share_is_in_the_covariance() -> None:
     """Claim: where unlike pixels move all ranges of a run alike, the stated covariance still holds.
 

@@ -220,6 +220,7 @@ def test_walk_correction_holds_at_one_sample_per_nanosecond(shape: Any) -> None:
     assert np.abs(metres(place - truth, CLOCK)).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_constant_fraction_keeps_its_place_over_ten_to_one() -> None:
     """Claim: constant fraction moves by no more than ±1 mm over amplitudes of 1:10.
 

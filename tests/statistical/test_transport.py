@@ -174,6 +174,7 @@ def test_a_plane_agrees_with_brute_force_quickly() -> None:
     np.testing.assert_allclose(lines.sum(axis=1), reference.sum(axis=1), rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_swept_plane_agrees_with_brute_force_quickly() -> None:
     """Claim: the same while the mirrors sweep along Θ and φ and the receiver looks 50 µrad past the laser.
 

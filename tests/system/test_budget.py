@@ -59,6 +59,7 @@ def few_places(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(importlib.import_module("scanner_sim.validation.studies.budget"), "PIXEL_PHASES", 2)
 
 
+@pytest.mark.slow
 def test_budget_writes_its_folder(config: Path, few_places: None) -> None:
     result = invoke("budget", config, "-o", "out", "--distances", 2, "--image", "--device", "cpu")
     assert result.exit_code == 0, result.output
@@ -208,6 +209,7 @@ def bias_at_four_places(bench: InstrumentNumbers, distance: float, separation: f
     return float(np.sqrt(np.mean(np.square(means))))
 
 
+@pytest.mark.slow
 def test_sources_alone_make_the_whole(config: Path) -> None:
     """Claim: the squares of all sources add up to that of all together.
 

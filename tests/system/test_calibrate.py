@@ -42,6 +42,7 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_measured_table_corrects_a_scan(config: Path) -> None:
     """Claim: the table that the program measures takes the systematic error out of a scan.
 

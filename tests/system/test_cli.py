@@ -188,6 +188,7 @@ def test_show_draws_a_result_and_explains_a_voxel(config: Path, tmp_path: Path) 
     assert f"{image['peak_px'][2, 3]:.4f} ±" in result.stdout
 
 
+@pytest.mark.slow
 def test_show_replaces_no_picture_elsewhere_unless_told(config: Path, tmp_path: Path) -> None:
     assert invoke("run", config, "-o", "a").exit_code == 0
     picture = tmp_path / "mine" / "shaded.png"

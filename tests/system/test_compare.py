@@ -46,6 +46,7 @@ def config(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_compare_writes_its_folder(config: Path) -> None:
     result = invoke("compare", config, "-o", "out", *QUICK)
     assert result.exit_code == 0, result.output

@@ -35,6 +35,7 @@ def test_all_of_them_are_here() -> None:
     }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "path",
     [
@@ -72,6 +73,7 @@ def test_it_runs(path: Path, tmp_path: Path) -> None:
     assert not result.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", TRACKS, ids=lambda path: path.stem)
 def test_it_tracks(path: Path, tmp_path: Path) -> None:
     arguments = ["run", str(path), "-o", str(tmp_path / "out"), "--device", "cpu"]
@@ -84,6 +86,7 @@ def test_it_tracks(path: Path, tmp_path: Path) -> None:
     assert len(table) > 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", SHOTS, ids=lambda path: path.stem)
 def test_it_gives_shots(path: Path, tmp_path: Path) -> None:
     """Claim: nearly all have a range, and half of the errors are below 0.67 σ, those on edges included."""

@@ -57,6 +57,7 @@ def invoke(*arguments: object) -> Any:
     return CliRunner().invoke(app, [str(argument) for argument in arguments])
 
 
+@pytest.mark.slow
 def test_the_dark_has_no_background() -> None:
     dark = image("dark")
     assert not dark["background"].any()
@@ -179,6 +180,7 @@ def test_a_lit_run_writes_both_pictures_with_the_same_bytes(tmp_path: Path) -> N
         assert photo.width == 48
 
 
+@pytest.mark.slow
 def test_pictures_of_an_earlier_light_do_not_stay(tmp_path: Path) -> None:
     config = CONFIGS / "lighting_normal.yaml"
     assert invoke("run", config, "-o", tmp_path / "out", *SMALL).exit_code == 0
@@ -219,11 +221,12 @@ def test_a_dry_run_names_them() -> None:
 def test_the_directions_of_a_background_are_counted_before_it_is_rendered() -> None:
     """Memory and time are told from this number: that of the panorama itself, within a pixel or two a row."""
     from scanner_sim.instrument.instrument import Instrument
-    from scanner_sim.render.background.view import panorama_view
+    from scanner_sim.render.background.view import Rows, panorama_view
 
     scenario = load_scenario(CONFIGS / "lighting_normal.yaml", ["scanner.position_sensor.pitch=7 um"])
     scan, pixels = scenario.raster, scenario.scanner.position_sensor.pixels
-    view = panorama_view(scan.horizontal, scan.angles()[1], Instrument(scenario, device="cpu").optics, pixels)
+    rows = Rows(scan.horizontal, scan.angles()[1])
+    view = panorama_view(rows, Instrument(scenario, device="cpu").optics, pixels)
     assert background_bins(scenario) == pytest.approx(view.rows * view.bins, rel=0.02)
     assert background_bins(load_scenario(CONFIGS / "lighting_dark.yaml")) == 0
     assert background_bins(load_scenario(CONFIGS / "lighting_normal.yaml", ["ranging=tof"])) == 0

@@ -123,6 +123,7 @@ def test_a_bright_open_detector_saturates(config: Path) -> None:
     assert share(timeline, Condition.SATURATION) > 0.2
 
 
+@pytest.mark.slow
 def test_it_writes_a_table_a_timeline_and_numbers(config: Path, tmp_path: Path) -> None:
     for name in "ab":
         result = invoke("orbit", config, "-o", name, "--steps", 12, "--device", "cpu")

@@ -251,6 +251,7 @@ def test_sphere_is_round(load):
     assert inside.min() > -2e-6
 
 
+@pytest.mark.slow
 def test_generator_gives_the_committed_bytes(tmp_path, repo_root):
     scenes = repo_root / "scenes"
     subprocess.run(

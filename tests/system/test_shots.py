@@ -130,6 +130,7 @@ def test_moving_objects_are_where_they_are_at_each_shot(tmp_path: Path) -> None:
     np.testing.assert_allclose(shots["truth.range_m"], 7.0 + 2.0 * time, rtol=3e-7)
 
 
+@pytest.mark.slow
 def test_the_background_between_rows_is_that_of_rows(tmp_path: Path) -> None:
     """Claim: under the Sun an even grid of rows gives a shot the background that a raster's own row gives it, within
     5 of the errors that both state and a thousandth, by line and photodiode; the lower row sees a darker surface."""

@@ -206,6 +206,7 @@ def test_either_way_alone_is_what_it_is_in_both(module: Scenario) -> None:
         assert set(alone.channels) == {channel.name for channel in channels_by(ranging)}
 
 
+@pytest.mark.slow
 def test_disagreement_refuses_one(whole: RangeImage) -> None:
     """At edges the two ways see different mixtures: one of them is refused, the fused range is the other's."""
     for way in ("", "tof."):

@@ -55,6 +55,7 @@ def folder(config: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_what_was_planned_is_written(folder: Path, config: Path) -> None:
     planned = plan(load_scenario(config), folder)["files"].split(", ")
     assert set(planned) == {path.name for path in folder.iterdir()}
@@ -104,6 +105,7 @@ def test_the_true_outline_of_a_disc_is_seen_under_its_tilt(folder: Path) -> None
     assert np.abs(rim(disc)[:-1].mean(axis=0) - disc.truth[:2]).max() < 1e-5
 
 
+@pytest.mark.slow
 def test_show_draws_the_run_again_and_any_pattern(folder: Path, tmp_path: Path) -> None:
     result = invoke("show", folder, "-o", tmp_path, "--device", "cpu")
     assert result.exit_code == 0, result.output

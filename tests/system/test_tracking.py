@@ -70,12 +70,14 @@ def test_a_run_cut_in_two_equals_the_whole(tmp_path: Path, sun: str) -> None:
     assert second.finished
 
 
+@pytest.mark.slow
 def test_threads_do_not_change_a_run() -> None:
     """Claim: one thread and two give the same bytes."""
     one, two = (list(track(scenario(), threads=threads).records) for threads in (1, 2))
     assert numbers(one) == numbers(two)
 
 
+@pytest.mark.slow
 def test_targets_are_visited_in_turn_every_ten_milliseconds() -> None:
     """Claim: several targets take Table 2's 10 ms each, one 6.6 ms, and both moving targets are followed at once."""
     made = track(scenario(duration=0.2))
@@ -153,6 +155,7 @@ def test_a_target_outside_of_the_field_waits_and_the_others_go_on() -> None:
     assert any("'far/2' was never measured" in warning for warning in made.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("target", "kind"),
     [

@@ -48,6 +48,7 @@ def test_a_right_program_breaks_a_claim_as_often_as_stated(name: str) -> None:
         assert claims.share(found, RUNS, LEVEL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RIGHT)
 def test_a_fault_of_the_stated_size_is_found_as_often_as_stated(name: str) -> None:
     """Claim: a departure of ``finds`` breaks the claim in 90 % of the runs, within the 4 % of its approximations."""

@@ -324,6 +324,7 @@ def test_faults_of_overrides_are_named_as_such(override: str, message: str, tmp_
     assert not fault.startswith("line")
 
 
+@pytest.mark.slow
 @given(
     power=st.floats(1e-9, 1.0),
     angle=st.floats(-10.0, 10.0),

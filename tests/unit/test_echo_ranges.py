@@ -119,6 +119,7 @@ def lit_wall(**responses: tuple[float, float]) -> Scenario:
     )
 
 
+@pytest.mark.slow
 def test_each_detector_responds_by_itself(device: object) -> None:
     """Claim: a narrower response of one detector takes sunlight from it, and leaves the other to the last bit."""
     usual = simulate(lit_wall(), device="cpu")

@@ -111,6 +111,7 @@ def test_a_moving_sphere_is_where_it_is_at_each_voxels_instant() -> None:
     assert np.quantile(error, 0.95) < 20e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("keys", [{}, {"transport": {"bounces": 2}}, {"ranging": "tof"}, {"lighting": SUN}])
 def test_an_object_of_no_speed_is_an_object_at_rest(keys: dict[str, Any]) -> None:
     """Every layer, light and noise included, agrees within float32: surfaces come to lie 1 µm elsewhere."""
@@ -192,6 +193,7 @@ def test_every_kind_of_object_moves_as_one_body(tmp_path: Path, kind: str) -> No
     assert 0.02 < blocked[0].mean() < 0.9
 
 
+@pytest.mark.slow
 def test_a_moving_object_casts_a_moving_shadow() -> None:
     """The background of each row is that of a scene that rests as it is in the middle of the row's time.
 

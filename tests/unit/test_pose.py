@@ -148,6 +148,7 @@ def test_a_pose_does_not_depend_on_its_batch(method: Method) -> None:
     assert alone.status.shape == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_of_two_poses_none_stands_for_the_other(method: Method) -> None:
     """One of two that settles first must not be overwritten by the other, which goes on alone."""

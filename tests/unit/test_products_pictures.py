@@ -62,6 +62,7 @@ def test_an_image_without_any_return_is_a_picture_of_the_cause(tmp_path: Path, n
     assert (picture == rgb(STATUS_COLOUR[Status.BELOW_THRESHOLD])).all(-1).mean() > 0.4
 
 
+@pytest.mark.slow
 def test_every_cause_has_its_own_colour_and_no_blend_of_neighbours_appears(tmp_path: Path) -> None:
     """A picture smaller than the image leaves voxels out; it must not mix valid and invalid ones.
 

@@ -209,6 +209,7 @@ class TestMixed:
             assert not self.found(np.full(shape, R)).any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pitch", [0.4, 1.0, 5.0])
 def test_a_voxel_depends_on_its_window_alone(pitch: float) -> None:
     """What is far away changes nothing, so that one voxel can be explained without its image."""
