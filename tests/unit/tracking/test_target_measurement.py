@@ -13,6 +13,8 @@ from scanner_sim.analytic import tracking as judge
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
+from scanner_sim.tracking import measurement
+from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.measurement import Measurement, TargetAppearance, measure_target
 from scanner_sim.tracking.response import TargetKind, target_response, two_levels
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
@@ -223,6 +225,19 @@ def test_uncertain_slopes_widen_the_centre() -> None:
     assert (rough > 0.0).all()
     # Twice the noise of the ranges is twice the slope's, and twice what it moves.
     assert np.hypot(*rougher) == pytest.approx(2.0 * np.hypot(*rough), rel=0.1)
+
+
+def test_the_error_of_the_angles_is_stretched_as_the_plane_is(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: seen on a plane tilted by τ, angles are larger by 1/√cos τ in the mean, and their error is, too."""
+    asked = []
+
+    def noted(*given: Any, pointing: Any, **more: Any) -> Any:
+        asked.append(pointing)
+        return disc_fit(*given, pointing=pointing, **more)
+
+    monkeypatch.setattr(measurement, "disc_fit", noted)
+    seen(tilted(1e-6)[0], axis_separation=D, pointing=8e-6)
+    np.testing.assert_allclose(asked[-1], 8e-6 / np.sqrt(np.cos(0.5)), rtol=1e-3)
 
 
 def test_nothing_is_measured_of_nothing() -> None:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from scanner_sim import Scenario, load_scenario
 from scanner_sim.foundation.status import Status
+from scanner_sim.instrument import neighbourhood
 from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.mixed_voxels import is_mixed
@@ -117,3 +118,38 @@ def test_light_is_mixed_beyond_slope_noise_and_doubt(share: float, two: bool) ->
     wanted = np.zeros(shape, dtype=bool)
     wanted[:, 1:3] = two
     np.testing.assert_array_equal(found, wanted)
+
+
+@pytest.mark.parametrize(("share", "two"), [(0.97, False), (1.03, True)])
+def test_uneven_light_counts_once_where_light_is_mixed(share: float, two: bool) -> None:
+    """Claim: the limit of mixed light takes σ without its part by uneven light, √(σ² − u²), and that part apart."""
+    known, steepest = scenario(), math.radians(60.0)
+    noise, uneven = 0.003, 0.004
+    given = layers(np.full((ROWS, COLUMNS), 1e5))
+    given["sigma_range_m"][:] = math.hypot(noise, uneven)
+    given["sigma_texture_m"] = np.full((ROWS, COLUMNS), uneven, dtype=np.float32)
+    pitch = R * 0.01 / (COLUMNS - 1)
+    limit = math.tan(steepest) * pitch + math.sqrt(2.0 * (4.5**2 * noise**2 + 4.0 * uneven**2))
+    given["range_m"][:, 6:] += share * limit
+    found = neighbourhood._mixed(known, given, "", steepest)
+    wanted = np.zeros((ROWS, COLUMNS), dtype=bool)
+    wanted[:, 5:7] = two
+    np.testing.assert_array_equal(found, wanted)
+
+
+def test_encoders_are_known_as_at_the_time_of_their_shots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: of a part of a raster the shots are row · columns + column, by which time and the encoders' drift go."""
+    given = judged(layers(np.full((ROWS, COLUMNS), 1e5)))
+    rows, columns = np.array([2, 4]), np.array([1, 3, 7])
+    part = {name: values[np.ix_(rows, columns)] for name, values in given.items()}
+    part |= {f"tof.{name}": values.copy() for name, values in part.items()}
+    asked: list[NDArray[Any]] = []
+    aim = neighbourhood.raster_aim
+
+    def noted(scan: Any, shots: NDArray[Any], dwell: float) -> Any:
+        asked.append(shots)
+        return aim(scan, shots, dwell)
+
+    monkeypatch.setattr(neighbourhood, "raster_aim", noted)
+    neighbourhood._fuse_again(scenario(), part, rows, columns)
+    assert asked[0].tolist() == [row * COLUMNS + column for row in (2, 4) for column in (1, 3, 7)]
