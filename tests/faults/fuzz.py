@@ -164,8 +164,8 @@ class Fuzzer:
             return worker.ask(job | {"path": str(mutant)})
         folder = self._empty(str(threading.get_ident()))
         (folder / "configs").mkdir()
-        for name, home in (("configs/meshes", "configs/meshes"), ("scenes", "scenes")):
-            (folder / name).symlink_to(REPOSITORY / home)
+        for name in ("configs/meshes", "configs/angles.csv", "scenes"):
+            (folder / name).symlink_to(REPOSITORY / name)
         path = folder / "configs" / ("state.json" if job["kind"] == "state" else "scenario.yaml")
         path.write_bytes(mutant.text)
         return worker.ask(job | {"path": str(path), "overrides": list(mutant.overrides)})

@@ -111,11 +111,11 @@ def cosine(patch: Patch) -> None:
 
 def sunlight(patch: Patch) -> None:
     """Forget the 1/π of the sunlit wall."""
-    import scanner_sim.instrument.instrument as bench
+    import scanner_sim.optics.band_irradiance as home
 
     wrapped(
         patch,
-        bench,
+        home,
         "band_irradiance",
         lambda original, *given: tuple(np.pi * band for band in original(*given)),
     )

@@ -203,7 +203,7 @@ def test_either_way_alone_is_what_it_is_in_both(module: Scenario) -> None:
         there = whole[prefix + "status"] != Status.INCONSISTENT
         for name, values in layers(whole, prefix).items():
             np.testing.assert_array_equal(alone[name][there], values[there])
-        assert set(alone.channels) == {channel.name for channel in channels_by(ranging)}
+        assert set(alone.channels) == {channel.name for channel in channels_by([ranging])}
 
 
 @pytest.mark.slow
