@@ -13,10 +13,8 @@ from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
 Array = NDArray[np.float64]
 
-_MOST_STEPS = 40
-"""Steps of the adjustment; from a circle or a mean of hits six do, and more where steps must be halved."""
-_RISE = 1e-6
-"""Share by which χ² may rise in a step that is not halved: more than rounding."""
+_MOST_STEPS = 12
+"""Steps of the adjustment; from a circle or a mean of hits six do."""
 _LARGEST_STEP = 0.3
 """Largest step in one round, of centre and radius over the radius, of levels over their distance."""
 _CONVERGED_STEP = 1e-3
@@ -64,11 +62,11 @@ def disc_fit(
     -------
     Centroid
         Values are b + a D, with ground b, amplitude a and the share D of the spot on the disc (:func:`blurred_edge`),
-        averaged along the travel of the dwell. Minimises Σ (v − b − a D)²/σ² over (c, r, a, b) by Gauss–Newton with
-        steps that are halved while χ² rises; not found where that does not come to rest. Covariance (JᵀWJ)⁻¹, times the
-        misfit χ²/dof where that is above 1 (speckle, texture), and what the pointing adds by the slope of each voxel's
-        response, (JᵀWJ)⁻¹ JᵀW diag(a D′ σ)² WJ (JᵀWJ)⁻¹. Not modelled: a disc that its tilt makes an ellipse, which
-        widens the residuals but by its symmetry does not move the centre; cosine and range over the disc.
+        averaged along the travel of the dwell. Minimises Σ (v − b − a D)²/σ² over (c, r, a, b) by Gauss–Newton;
+        covariance (JᵀWJ)⁻¹, times the misfit χ²/dof where that is above 1 (speckle, texture), and what the pointing
+        adds by the slope of each voxel's response, (JᵀWJ)⁻¹ JᵀW diag(a D′ σ)² WJ (JᵀWJ)⁻¹. Not modelled: a disc that
+        its tilt makes an ellipse, which widens the residuals but by its symmetry does not move the centre; cosine and
+        range over the disc.
     """
     theta, phi = samples.theta, samples.phi
     travel = duty_cycle * rise_per_point(theta), duty_cycle * rise_per_point(phi)
@@ -93,12 +91,9 @@ def disc_fit(
     unit = np.empty((rows, 5))
     # A row that has come to rest stays as it is, whatever its neighbours still do: no result depends on the batch.
     # Covariance and misfit are those before its last step, which is too small to tell.
-    moving, least = usable, np.full(rows, np.inf)
-    state = np.concatenate([centre, size[:, None], amplitude[:, None], ground[:, None]], axis=1)
-    origin, step = state, np.zeros((rows, 5))
+    moving = usable
     kept: tuple[Array, ...] = ()
     for _ in range(_MOST_STEPS):
-        centre, size, amplitude, ground = state[:, :2], state[:, 2], state[:, 3], state[:, 4]
         away = theta - centre[:, :1], phi - centre[:, 1:]
         share, by_distance, direction = _share(away, travel, size, blur)
         residual = response.value - ground[:, None] - amplitude[:, None] * share
@@ -111,28 +106,22 @@ def disc_fit(
         weighted = jacobian * weight[:, None]
         normal = product(weighted, jacobian.transpose(0, 2, 1))
         right = applied(weighted, residual)
-        chi = (weight * residual**2).sum(axis=1) + prior * (known - size) ** 2
         if radius is not None:
             normal[:, 2, 2] += prior * size**2
             right[:, 2] += prior * size * (known - size)
         # No matrix is singular, not even that of a pattern without weights.
         normal.reshape(rows, 25)[:, ::6] *= 1.0 + 1e-12
         normal.reshape(rows, 25)[:, ::6] += 1e-300
-        # A step too far is halved: where voxels pass from one side of the rim to the other, χ² is no parabola.
-        worse = moving & (chi > (1.0 + _RISE) * least)
-        kept, least = _newer(moving & ~worse, (normal, residual, weighted, steep), kept), np.fmin(chi, least)
+        kept = _newer(moving, (normal, residual, weighted, steep), kept)
         change = solve_linear(normal, right[..., None])[..., 0]
         np.clip(change, -_LARGEST_STEP, _LARGEST_STEP, out=change)
-        change = np.where(worse[:, None], 0.5 * step / unit, change)
         change[~moving] = 0.0
         moving = moving & (np.abs(change).max(axis=1) > _CONVERGED_STEP)
-        step = change * unit
-        origin = np.where(worse[:, None], origin, state)
-        state = origin + step
-        state[:, 2] = np.maximum(state[:, 2], 0.1 * origin[:, 2])
+        change *= unit
+        centre, size = centre + change[:, :2], np.maximum(size + change[:, 2], 0.1 * size)
+        amplitude, ground = amplitude + change[:, 3], ground + change[:, 4]
         if not moving.any():
             break
-    centre, size, amplitude = state[:, :2], state[:, 2], state[:, 3]
     normal, residual, weighted, steep = kept
     chi = (weight * residual**2).sum(axis=1)
     error = np.asarray(pointing, dtype=np.float64)
@@ -148,12 +137,7 @@ def disc_fit(
         covariance = covariance[:, :3, :3] * (size**2)[:, None, None]
     usable &= (np.diagonal(covariance, axis1=1, axis2=2) <= _LARGEST_VARIANCE).all(axis=1)  # NaN is not
     reach = np.maximum(np.abs(theta - centre[:, :1]).min(axis=1), np.abs(phi - centre[:, 1:]).min(axis=1))
-    found = (
-        usable
-        & ~moving
-        & (reach < 2.0 * size)
-        & (np.sign(amplitude) == np.sign(response.target - response.ground))
-    )
+    found = usable & (reach < 2.0 * size) & (np.sign(amplitude) == np.sign(response.target - response.ground))
     return centroid_of(
         centre, covariance[:, :2, :2], size, np.sqrt(np.maximum(covariance[:, 2, 2], 0.0)), misfit, found
     )
