@@ -16,7 +16,8 @@ RUNS = int(os.environ.get("SCANNER_SIM_SOAK", "30"))
 
 WARM_UP = max(30, RUNS // 2)
 """Runs before them, of which the first 30 keep 2 MB. Kernels and caches are full after a few; within a hundred the heap
-of C reaches its highest mark, and CPython's cache of methods, whose 4096 places keep the names that extensions ask for (0.3 MB), is nearly full."""
+of C reaches its highest mark, and CPython's cache of methods, whose 4096 places keep the names that extensions ask for
+(0.3 MB), is nearly full."""
 
 LEAK = 2 * 2**20
 """Growth that is called a leak [byte]: twice what was seen, 0.9 MB of 30 runs after thirty and 0.1 MB of 120 after a
