@@ -103,19 +103,7 @@ class RangeImage:
         """Check the image and close its arrays to writing."""
         object.__setattr__(self, "theta", closed(_angles("theta", self.theta)))
         object.__setattr__(self, "phi", closed(_angles("phi", self.phi)))
-        check_names(self.channels)
-        if any("\n" in name for name in (*self.objects, *self.materials)):
-            raise ValueError("names of objects and materials must stay on one line")
-        for name, layer in self.channels.items():
-            if layer.dtype != np.float32 or layer.shape != self.shape:
-                raise ValueError(
-                    f"{name} must be float32 of shape {self.shape}, not {layer.dtype} of shape {layer.shape}"
-                )
-        ordered = {name: closed(self.channels[name]) for name in CHANNEL if name in self.channels}
-        object.__setattr__(self, "channels", MappingProxyType(ordered))
-        object.__setattr__(self, "made_by", MappingProxyType(in_order(self.made_by)))
-        check_codes(self)
-        check_marks(self)
+        seal(self, self.shape)
 
     def __getitem__(self, name: str) -> NDArray[np.float32]:
         """Return a layer, shape (rows, columns).
@@ -167,14 +155,7 @@ class RangeImage:
                 {"units": "rad", "long_name": "deflection to the right, per column"},
             ),
         }
-        attributes = {
-            "title": "range image",
-            "seed": str(self.seed),
-            "scenario": self.scenario_yaml,
-            "warnings": "\n".join(self.warnings),
-            **{f"version_{program}": number for program, number in self.made_by.items()},
-        }
-        return xarray.Dataset(variables, coordinates, attributes)
+        return xarray.Dataset(variables, coordinates, attributes(self, "range image"))
 
     def __repr__(self) -> str:
         """Return a few lines that say what the image holds."""
@@ -200,7 +181,30 @@ class RangeImage:
         return text
 
 
-def check_codes(result: Layered) -> None:
+def seal(result: Layered, shape: tuple[int, ...]) -> None:
+    """Check the layers of a result of some shape, put them in order and close them to writing.
+
+    Raises
+    ------
+    ValueError
+        If names, shapes, types or the marks of what was not measured contradict each other.
+    """
+    _check_names(result.channels)
+    if any("\n" in name for name in (*result.objects, *result.materials)):
+        raise ValueError("names of objects and materials must stay on one line")
+    for name, layer in result.channels.items():
+        if layer.dtype != np.float32 or layer.shape != shape:
+            raise ValueError(
+                f"{name} must be float32 of shape {shape}, not {layer.dtype} of shape {layer.shape}"
+            )
+    ordered = {name: closed(result.channels[name]) for name in CHANNEL if name in result.channels}
+    object.__setattr__(result, "channels", MappingProxyType(ordered))
+    object.__setattr__(result, "made_by", MappingProxyType(in_order(result.made_by)))
+    _check_codes(result)
+    _check_marks(result)
+
+
+def _check_codes(result: Layered) -> None:
     """Raise a ValueError where a layer of codes holds something else than their whole numbers."""
     for name, names in _legends(result).items():
         layer, end = result[name], len(names) - 1
@@ -218,7 +222,7 @@ def _legends(result: Layered) -> dict[str, list[str]]:
     }
 
 
-def check_marks(result: Layered) -> None:
+def _check_marks(result: Layered) -> None:
     """Raise a ValueError where what was not measured is no NaN, or what was is no number."""
     for status, layers in MEASURED_BY.items():
         if status not in result:
@@ -232,6 +236,17 @@ def check_marks(result: Layered) -> None:
             finite = name in result and CHANNEL[name].kind == "point"
             if finite and not np.isfinite(result[name][valid]).all():
                 raise ValueError(f"{name} must be a finite number wherever {status} is 0")
+
+
+def attributes(result: Layered, title: str) -> dict[str, str]:
+    """Return what a result says of itself as attributes for xarray."""
+    return {
+        "title": title,
+        "seed": str(result.seed),
+        "scenario": result.scenario_yaml,
+        "warnings": "\n".join(result.warnings),
+        **{f"version_{program}": number for program, number in result.made_by.items()},
+    }
 
 
 def layer_variables(result: Layered, dimensions: tuple[str, ...]) -> dict[str, Any]:
@@ -250,7 +265,7 @@ def layer_variables(result: Layered, dimensions: tuple[str, ...]) -> dict[str, A
     return variables
 
 
-def check_names(channels: Mapping[str, NDArray[np.float32]]) -> None:
+def _check_names(channels: Mapping[str, NDArray[np.float32]]) -> None:
     """Raise a ValueError where channels are unknown or the status is missing."""
     if "status" not in channels:
         raise ValueError("a result needs the channel status")

@@ -13,14 +13,8 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL, Channel
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.image import (
-    check_codes,
-    check_marks,
-    check_names,
-    closed,
-    layer_variables,
-)
-from scanner_sim.products.provenance import in_order, versions
+from scanner_sim.products.image import attributes, closed, layer_variables, seal
+from scanner_sim.products.provenance import versions
 
 Array = NDArray[np.float64]
 
@@ -92,17 +86,7 @@ class ShotTable:
             raise ValueError("time must ascend from 0, and there must be a shot")
         if max(np.abs(self.theta).max(), np.abs(self.phi).max()) > _WIDEST:
             raise ValueError("theta and phi must be deflections")
-        if any("\n" in name for name in (*self.objects, *self.materials)):
-            raise ValueError("names of objects and materials must stay on one line")
-        check_names(self.channels)
-        for name, layer in self.channels.items():
-            if layer.dtype != np.float32 or layer.shape != (len(self),):
-                raise ValueError(f"{name} must be float32 of shape ({len(self)},)")
-        ordered = {name: closed(self.channels[name]) for name in CHANNEL if name in self.channels}
-        object.__setattr__(self, "channels", MappingProxyType(ordered))
-        object.__setattr__(self, "made_by", MappingProxyType(in_order(self.made_by)))
-        check_codes(self)
-        check_marks(self)
+        seal(self, (len(self),))
 
     def __len__(self) -> int:
         """Return the number of shots."""
@@ -148,14 +132,7 @@ class ShotTable:
             channel.name: ("shot", values, {"units": channel.unit, "long_name": channel.meaning})
             for channel, values in zip(AIMED, list(self.columns.values())[: len(AIMED)], strict=True)
         }
-        attributes = {
-            "title": "shots",
-            "seed": str(self.seed),
-            "scenario": self.scenario_yaml,
-            "warnings": "\n".join(self.warnings),
-            **{f"version_{program}": number for program, number in self.made_by.items()},
-        }
-        return xarray.Dataset(layer_variables(self, ("shot",)), coordinates, attributes)
+        return xarray.Dataset(layer_variables(self, ("shot",)), coordinates, attributes(self, "shots"))
 
     def __repr__(self) -> str:
         """Return a few lines that say what the table holds."""
