@@ -12,7 +12,6 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.error_columns import ERRORS, error_columns, errors_from
 from scanner_sim.products.files.contents import TABLE, VOXELS
-from scanner_sim.products.files.exchange import recover
 from scanner_sim.products.files.tables import (
     MOST,
     ColumnKind,
@@ -21,6 +20,7 @@ from scanner_sim.products.files.tables import (
     check_columns,
     read_about,
     read_parquet,
+    read_result,
     texts,
 )
 from scanner_sim.tracking.errors import ErrorParts
@@ -200,14 +200,7 @@ def read_track(folder: str | Path) -> Track:
         If there is no run, or its files are broken.
     """
     folder = Path(folder)
-    try:
-        recover(folder)
-        present = (folder / TABLE).exists()
-    except (OSError, ValueError):  # a name that no system takes
-        present = False
-    if not present:
-        raise InputError(f"There is no {TABLE} in {folder}.", remedy="Name the folder of a tracking run.")
-    columns, said = read_parquet(folder / TABLE)
+    columns, said = read_result(folder, TABLE, "a tracking run")
     voxels = read_parquet(folder / VOXELS)[0] if (folder / VOXELS).exists() else None
     try:
         about = read_about(said, _AboutTrack)

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.files.contents import SHOT_TABLE, SHOTS, planned_shot_files
-from scanner_sim.products.files.exchange import recover
 from scanner_sim.products.files.folder import write_folder, write_text
-from scanner_sim.products.files.tables import Columns, read_about, read_parquet, write_parquet
+from scanner_sim.products.files.tables import Columns, read_about, read_result, write_parquet
 from scanner_sim.products.pictures.shots import PICTURES_OF_SHOTS
 from scanner_sim.products.pictures.style import save_grey
 from scanner_sim.products.points import write_ply
@@ -122,16 +121,7 @@ def read_shots(folder: str | Path) -> ShotTable:
         If there is no table of shots, or it is broken.
     """
     folder = Path(folder)
-    try:
-        recover(folder)
-        present = (folder / SHOT_TABLE).exists()
-    except (OSError, ValueError):  # a name that no system takes
-        present = False
-    if not present:
-        raise InputError(
-            f"There is no {SHOT_TABLE} in {folder}.", remedy="Name the folder of a scan without rows."
-        )
-    columns, said = read_parquet(folder / SHOT_TABLE)
+    columns, said = read_result(folder, SHOT_TABLE, "a scan without rows")
     try:
         about = read_about(said, _AboutShots)
         aimed = [_column(columns, channel.name) for channel in AIMED]

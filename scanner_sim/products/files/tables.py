@@ -20,6 +20,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import read_ordinary
+from scanner_sim.products.files.exchange import recover
 
 T = TypeVar("T")
 
@@ -133,6 +134,24 @@ def read_parquet(path: Path) -> tuple[Table, object]:
         reason = str(error).partition("\n")[0].rstrip(".")
         raise InputError(f"{path} cannot be read as Parquet: {reason}.") from None
     return columns, about
+
+
+def read_result(folder: Path, name: str, kind: str) -> tuple[Table, object]:
+    """Return as :func:`read_parquet` the table that makes a folder a result, once a broken-off writing is finished.
+
+    Raises
+    ------
+    InputError
+        As there, or if there is none: the remedy names the ``kind`` of folder.
+    """
+    try:
+        recover(folder)
+        present = (folder / name).exists()
+    except (OSError, ValueError):  # a name that no system takes
+        present = False
+    if not present:
+        raise InputError(f"There is no {name} in {folder}.", remedy=f"Name the folder of {kind}.")
+    return read_parquet(folder / name)
 
 
 def _check_size(metadata: pyarrow.parquet.FileMetaData, schema: pyarrow.Schema) -> None:
