@@ -128,7 +128,7 @@ def _batches(indices: UInt32, lanes: int) -> Iterator[UInt32]:
     """Yield indices of shots in batches whose lanes, so many each, fit the memory."""
     together = max(1, _BATCH // lanes)
     for start in range(0, dr.width(indices), together):
-        some = dr.arange(mi.UInt32, start, min(start + together, dr.width(indices)))
+        some = dr.arange(mi.UInt32, min(together, dr.width(indices) - start)) + dr.opaque(mi.UInt32, start)
         yield dr.gather(mi.UInt32, indices, some)
 
 

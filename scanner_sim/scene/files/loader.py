@@ -14,6 +14,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Matrix3f, MitsubaScene, Shape, UInt32, Vector3f
 from scanner_sim.foundation.errors import printable
 from scanner_sim.scene.files.built_scene import Named, SceneKeeper
@@ -111,8 +112,8 @@ def device_poses(matrices: list[NDArray[np.float64]]) -> tuple[Pose, ...]:
     """Return poses of several objects, each of shape (n, 4, 4), as float32 on the device; all in one transfer."""
     if not matrices:
         return ()
-    # The copy is for Dr.Jit: it takes NumPy's memory as it lies, and compiles a kernel for each alignment.
-    poses = unpacked_poses(mi.Float(packed_poses(matrices)), len(matrices), len(matrices[0]))
+    numbers = mi.Float(for_device(packed_poses(matrices)))
+    poses = unpacked_poses(numbers, len(matrices), len(matrices[0]))
     dr.eval(poses)
     return poses
 
@@ -179,4 +180,4 @@ def _frames(objects: list[Named], numbered: tuple[str, ...]) -> Float:
         # An object without shapes has no number.
         if one.name in numbered:
             poses[numbered.index(one.name) + 1] = one.item.pose_at(0.0)[0, :3]
-    return mi.Float(poses.astype(np.float32).ravel())
+    return mi.Float(for_device(poses))
