@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -73,6 +73,36 @@ class Light:
         part = Light(index, shot, amount, position, sigma, coherence, reference)
         dr.eval(part)
         return part
+
+    @classmethod
+    def of_all(cls, parts: Sequence[Light]) -> Light:
+        """Return the light of the shots of all parts, which have as many clusters each."""
+        if len(parts) == 1:
+            return parts[0]
+        shots, count = sum(part.shots for part in parts), parts[0].count
+
+        def joined(name: str, rows: int) -> Any:
+            columns = [getattr(part, name) for part in parts]
+            return None if columns[0] is None else dr.empty(type(columns[0]), rows * shots)
+
+        one, each = ("index", "shot", "reference"), ("amount", "position", "sigma", "coherence")
+        whole = cls(**{name: joined(name, 1) for name in one}, **{name: joined(name, count) for name in each})
+        start, step = 0, dr.opaque(mi.UInt32, shots)
+        for part in parts:
+            own, first = dr.opaque(mi.UInt32, part.shots), dr.opaque(mi.UInt32, start)
+            lane = dr.arange(mi.UInt32, count * part.shots)
+            places = {
+                1: first + dr.arange(mi.UInt32, part.shots),
+                count: (lane // own) * step + first + lane % own,
+            }
+            for names, rows in ((one, 1), (each, count)):
+                for name in names:
+                    if getattr(part, name) is not None:
+                        values, at = getattr(part, name), places[rows]
+                        dr.scatter(getattr(whole, name), values, at, mode=dr.ReduceMode.Permute)
+            start += part.shots
+        dr.eval(whole)
+        return whole
 
     def join(self, other: Light) -> Light:
         """Return the light of both, which must be of the same shots and references."""
