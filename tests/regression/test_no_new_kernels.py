@@ -30,7 +30,7 @@ CHANGES = {
     "position": ["scene.objects.module.position=[0.2 m, 0.7 m, 8 m]"],
     "attitude": ["scene.objects.module.rotation={axis: y, angle: 40 deg}"],
     "power": ["scanner.laser.power=7 mW"],
-    "size": ["scan.rows=31", "scan.columns=45"],
+    "size": ["scan.rows=15", "scan.columns=36"],
     "field": ["scan.horizontal=[-10 deg, 12 deg]"],
 }
 """All that may change together or one by one, by what of the shots it changes."""
@@ -52,7 +52,7 @@ def test_no_kernel_is_compiled_for_another_run(device: Device, repo_root: Path, 
     Two runs come first, because what the first finds in memory is not what later ones find: kernels differ where an
     array was computed by the kernel before. It can fail: one number of shots as a literal in one kernel is found.
     """
-    base = [*CONDITIONS[condition], "scan.rows=24", "scan.columns=40"]
+    base = [*CONDITIONS[condition], "scan.rows=12", "scan.columns=40"]
     config = repo_root / "configs" / "quickstart.yaml"
     known = kernels(load_scenario(config, base)) | kernels(load_scenario(config, base))
     new = {
