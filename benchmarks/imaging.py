@@ -57,12 +57,15 @@ def warm(table: Table, size: int) -> None:
         writing = median(lambda: write_exr(target, image, scenario.output.compression))
     lit = load_scenario(NODE, [f"scan.rows={size}", f"scan.columns={size}", LIT])
     ratio = median(lambda: simulate(lit), 3) / median(lambda: simulate(scenario), 3)
+    small = load_scenario(NODE, ["scan.rows=64", "scan.columns=64"])
+    again = median(lambda: simulate(small), clock=time.process_time)
     voxels = size * size
     bench = Rays(scenario)
     chain = median(bench.chain)
     bare = median(bench.bare)
     table.add_row("whole chain with EXR", f"{voxels / whole:,.0f} voxels/s", "≥ 200,000 (aim 500,000)")
     table.add_row("without loading and EXR", f"{voxels / chain:,.0f} voxels/s", "")
+    table.add_row("64 × 64 voxels of a known scene", f"{1e3 * again:.0f} ms of CPU", "≤ 40 ms")
     table.add_row("writing the EXR", f"{1e3 * writing:.0f} ms", "")
     table.add_row("shots on edges", f"{100.0 * bench.edge_share:.1f} %", "")
     table.add_row(
@@ -173,14 +176,16 @@ def seconds(command: list[str], environment: dict[str, str]) -> float:
     return time.perf_counter() - start
 
 
-def median(work: Callable[[], object], times: int = 7) -> float:
+def median(
+    work: Callable[[], object], times: int = 7, clock: Callable[[], float] = time.perf_counter
+) -> float:
     """Median seconds of a few runs after one to warm up."""
     work()
     spent = []
     for _ in range(times):
-        start = time.perf_counter()
+        start = clock()
         work()
-        spent.append(time.perf_counter() - start)
+        spent.append(clock() - start)
     return statistics.median(spent)
 
 

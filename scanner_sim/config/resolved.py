@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from functools import lru_cache
+
 import yaml
 
 from scanner_sim.config.document import core_schema
@@ -34,7 +37,18 @@ def resolved_yaml(scenario: Scenario) -> str:
     the same in any folder.
     """
     data = scenario.model_dump(mode="json", by_alias=True)
-    body: str = yaml.dump(
-        data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=10**6, default_flow_style=False
+    return HEADING + "".join(_section(json.dumps({key: value})) for key, value in data.items())
+
+
+@lru_cache(maxsize=64)
+def _section(data: str) -> str:
+    """Return a section as YAML, from JSON: the scenarios of a campaign have most of them in common."""
+    found: str = yaml.dump(
+        json.loads(data),
+        Dumper=_Dumper,
+        sort_keys=False,
+        allow_unicode=True,
+        width=10**6,
+        default_flow_style=False,
     )
-    return HEADING + body
+    return found

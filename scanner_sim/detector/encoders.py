@@ -7,6 +7,7 @@ import drjit.auto.ad as auto
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32, Vector4f
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.optics.deflection import Mirrors
@@ -42,7 +43,7 @@ def read_encoders(
     -----
     Not modelled: non-linearity that stays (it belongs to the calibration), delay of the reading.
     """
-    drawn = [normal.numpy() for normal in reading_normals(auto.UInt32(shot), seed)]
+    drawn = [normal.numpy() for normal in reading_normals(auto.UInt32(for_device(shot, np.uint32)), seed)]
     return readings(theta, phi, drawn[0], drawn[1], mirrors)
 
 
@@ -75,7 +76,7 @@ def reading_noise(shot: NDArray[np.uint32], mirrors: Mirrors, seed: int) -> tupl
     The jitter that they see and their noise, which depend on the shots' numbers alone: :func:`read_encoders` without
     the angles.
     """
-    number = auto.UInt32(shot)
+    number = auto.UInt32(for_device(shot, np.uint32))
     seen = draw_errors(number, [], mirrors, seed)[1]
     drawn = reading_normals(number, seed)
     dr.eval(seen, drawn)

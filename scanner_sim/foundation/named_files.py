@@ -7,9 +7,11 @@ its folder, so that opening it reads nothing of the user's. Messages never quote
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextvars import ContextVar
 from pathlib import Path
 from typing import BinaryIO
 
@@ -72,7 +74,37 @@ def read_ordinary(path: Path, most: int) -> bytes:
     """Return the bytes of an ordinary file of at most so many; faults as :func:`open_ordinary`."""
     with open_ordinary(path, most) as (stream, size):
         # No more than its size: a file of the kernel calls itself empty and may never end.
-        return stream.read(size)
+        content = stream.read(size)
+    if (noted := _noted.get()) is not None:
+        noted[path] = digest_of(content)
+    return content
+
+
+def digest_of(content: bytes) -> bytes:
+    """Return what tells the content of a file from any other."""
+    return hashlib.sha256(content).digest()
+
+
+_noted: ContextVar[dict[Path, bytes] | None] = ContextVar("noted", default=None)
+
+
+@contextlib.contextmanager
+def noted_files() -> Iterator[Mapping[Path, bytes]]:
+    """Note every file that :func:`read_ordinary` reads within, with the digest of what was read."""
+    noted: dict[Path, bytes] = {}
+    token = _noted.set(noted)
+    try:
+        yield noted
+    finally:
+        _noted.reset(token)
+
+
+def are_as_noted(noted: Mapping[Path, bytes], most: int) -> bool:
+    """Return whether files, of at most so many bytes, hold what they held when they were noted."""
+    try:
+        return all(digest_of(read_ordinary(path, most)) == digest for path, digest in noted.items())
+    except InputError:
+        return False
 
 
 def read_text_file(path: Path, most: int = LARGEST_TEXT) -> str:

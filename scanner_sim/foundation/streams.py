@@ -9,13 +9,14 @@ SC 2011), as Dr.Jit provides it.
 from __future__ import annotations
 
 from enum import IntEnum
+from functools import lru_cache
 from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
 
-from scanner_sim.foundation.device_types import UInt32
+from scanner_sim.foundation.device_types import UInt32, UInt64
 
 _ROUNDS = 7
 
@@ -56,7 +57,19 @@ def generator(seed: int, stream: Stream, shot: UInt32, sample: UInt32) -> Any:
     -------
     drjit.auto.Philox4x32
     """
-    return auto.Philox4x32(dr.opaque(auto.UInt64, seed), shot, sample, auto.UInt32(int(stream)), _ROUNDS)
+    return auto.Philox4x32(_on_device(seed), shot, sample, auto.UInt32(int(stream)), _ROUNDS)
+
+
+def _on_device(seed: int) -> UInt64:
+    """Return a seed as a Dr.Jit number that no kernel knows: the same one for all who ask, if nothing is recorded."""
+    if dr.flag(dr.JitFlag.FreezingScope):
+        return dr.opaque(auto.UInt64, seed)
+    return _held(auto.UInt64, seed)
+
+
+@lru_cache(maxsize=4)
+def _held(kind: Any, seed: int) -> UInt64:
+    return dr.opaque(kind, seed)
 
 
 def host_generator(seed: int, stream: Stream, number: int) -> np.random.Generator:

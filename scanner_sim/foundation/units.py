@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from decimal import Decimal
-from functools import cache
+from functools import cache, lru_cache
 from typing import Annotated, Any
 
 import pint
@@ -88,13 +88,9 @@ class Dimension:
         Ratios stay plain numbers. Of all units that return the float exactly, the one that needs the fewest
         digits is taken, and then the one whose number lies between 0.1 and 1000.
         """
-        if self.unit == "1":
-            return value
-        units = (*self.spellings, self.unit) if self.unit not in self.spellings else self.spellings
-        exact = [spelling for unit in units for spelling in self._spelled(value, unit)]
-        return min(exact, key=_awkwardness, default=f"{value!r} {self.unit}")
+        return value if self.unit == "1" else _formatted(self, value, math.copysign(1.0, value))
 
-    def _spelled(self, value: float, unit: str) -> Iterator[str]:
+    def spelled(self, value: float, unit: str) -> Iterator[str]:
         """Yield the spellings of ``value`` in one unit that are read back as the same float."""
         number = value / _scale(unit, self.unit)
         for digits in (6, 12, 15, 16, 17):
@@ -162,6 +158,16 @@ class _Kelvins(Dimension):
         if not text.rstrip().endswith((" K", "kelvin")):
             raise ValueError(f"'{text}' is not a number of kelvins")
         return super().parse(text)
+
+
+@lru_cache(maxsize=4096)
+def _formatted(dimension: Dimension, value: float, sign: float) -> str:  # noqa: ARG001 (−0 is equal to 0)
+    """Return what :meth:`Dimension.format` does: the scenarios of a campaign have most numbers in common."""
+    units = dimension.spellings
+    if dimension.unit not in units:
+        units = (*units, dimension.unit)
+    exact = [spelling for unit in units for spelling in dimension.spelled(value, unit)]
+    return min(exact, key=_awkwardness, default=f"{value!r} {dimension.unit}")
 
 
 def _awkwardness(spelling: str) -> tuple[int, bool, bool]:

@@ -50,7 +50,7 @@ from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene
-from scanner_sim.signals.waveform.detection import Delays, PulseDetector
+from scanner_sim.signals.waveform.detection import Delays, PulseDetector, pulse_detector
 
 Array = NDArray[np.float64]
 
@@ -149,7 +149,7 @@ class TimeOfFlight:
         """Detection with its filters and tables."""
         unit = self.unit
         processing, laser = self.scenario.processing, self.scenario.scanner.laser
-        return PulseDetector(unit.pulse, unit.photodiode, unit.digitiser, processing.pulse, laser)
+        return pulse_detector(unit.pulse, unit.photodiode, unit.digitiser, processing.pulse, laser)
 
     @cached_property
     def amperes_per_electron(self) -> float:

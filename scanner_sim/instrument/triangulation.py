@@ -16,6 +16,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.line.exposure import Signal, electrons_per_watt, expose
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
@@ -290,7 +291,7 @@ class Triangulation:
         def groups() -> Iterator[ShotGroup]:
             for light in lights:
                 index = light.index.numpy()
-                theta = aim.theta[index].astype(np.float32)
+                theta = for_device(aim.theta[index])
                 own, met = shots.take(light.index), truth.take(light.index)
                 yield ShotGroup(index, *self.sense(light, own, met, theta, seen))
 

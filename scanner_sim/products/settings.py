@@ -26,8 +26,9 @@ class Output(Part):
     and field.png, with poses pose.png and outline.png."""
     points: Switch = True
     """Write points.ply."""
-    compression: Literal["none", "rle", "zips", "zip", "piz"] = "zip"
-    """Lossless compression of range.exr."""
+    compression: Literal["none", "rle", "zips", "zip", "piz"] = "rle"
+    """Lossless compression of range.exr: ``rle`` is written four times as fast as ``zip``, whose files have two thirds
+    of the size."""
     waveforms: WaveformChoice = "none"
     """Voxels, as [row, column], whose waveforms of time of flight go into waveforms.nc."""
     patterns: Switch = True

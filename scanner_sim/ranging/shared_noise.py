@@ -20,6 +20,9 @@ from scanner_sim.ranging.neighbours import neighbour_values
 
 Array = NDArray[np.float64]
 
+_NOTHING_LEFT = 746.0
+"""exp(−746) is below the least number of double precision."""
+
 Stencil = Mapping[tuple[int, int], float]
 """Weights of the voxels some rows further down and columns further right."""
 
@@ -48,5 +51,13 @@ class SharedNoise:
                 apart[abs(one[0] - other[0]), abs(one[1] - other[1])] += weight * more
         for (down, right), weight in apart.items():
             x, y = np.square(right * self.across), np.square(down * self.down)
-            total += weight * exp(-x - y) * (self.energy + (1.0 - 2.0 * x) * self.position)
+            total += weight * _decay(x + y) * (self.energy + (1.0 - 2.0 * x) * self.position)
         return np.asarray(np.maximum(total, 0.0))
+
+
+def _decay(square: Array) -> Array:
+    """Return exp(−s), asking for exponentials only where they are neither 1 nor, in double precision, 0."""
+    found = np.where(np.isnan(square), np.nan, np.where(square > 0.0, 0.0, 1.0))
+    between = (square > 0.0) & (square < _NOTHING_LEFT)
+    found[between] = exp(-square[between])
+    return np.asarray(found)

@@ -133,6 +133,6 @@ def batches_of_echoes(groups: Iterator[Light], light: Float, most: int) -> Itera
     """Yield echoes in parts of no more than ``most`` shots, each with the background of its shots [W]."""
     for echoes in groups:
         for start in range(0, echoes.shots, most):
-            indices = dr.arange(mi.UInt32, start, min(start + most, echoes.shots))
+            indices = dr.arange(mi.UInt32, min(most, echoes.shots - start)) + dr.opaque(mi.UInt32, start)
             some = echoes if echoes.shots <= most else echoes.part(indices)
             yield some, dr.gather(mi.Float, light, some.index)

@@ -16,6 +16,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.view import WINDOW
@@ -131,10 +132,11 @@ class Incident:
     def link_budget(self) -> LinkBudget:
         """Return the light of each shot as the paper counts it."""
         light, index = self.light, dr.arange(mi.UInt32, self.light.shots)
+        shots = dr.opaque(mi.UInt32, light.shots)
         last = self.throughput.pixels - 1
         laser, moment = mi.Float(0.0), mi.Float(0.0)
         for number in range(light.count):
-            at = index + number * light.shots
+            at = index + number * shots
             position = dr.gather(mi.Float, light.position, at)
             nearest = mi.UInt32(dr.clip(dr.round(position), 0.0, last))
             on_array = (position > -0.5) & (position < last + 0.5)
@@ -195,4 +197,4 @@ class Incident:
 
 
 def _table(values: NDArray[np.float64]) -> Float:
-    return mi.Float(np.asarray(values, dtype=np.float32))
+    return mi.Float(for_device(values))

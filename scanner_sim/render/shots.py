@@ -16,6 +16,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.optics.deflection import Mirrors
@@ -107,7 +108,7 @@ def true_shots(
         The shots, and their errors. Jitter and synchronisation error are independent normal numbers for each axis and
         shot; wobble is :func:`wobble`; drift is :meth:`~scanner_sim.optics.deflection.Mirrors.drift`.
     """
-    number = _to_device(mi.UInt32, aim.shot)
+    number = mi.UInt32(for_device(aim.shot, np.uint32))
     lattices = lattices_of(aim, mirrors)
     random, shaft, synchronisation = draw_errors(number, lattices, mirrors, seed)
     dr.eval(number, random, shaft, synchronisation)
@@ -178,7 +179,7 @@ class Lattice:
         columns: list[Any] = []
         for values, spacing in ((deflection, mirrors.wobble_angle), (time, mirrors.wobble_time)):
             cell, part = lattice_position(values, spacing)
-            columns += [_to_device(mi.UInt32, cell), _to_float(part)]
+            columns += [mi.UInt32(for_device(cell, np.uint32)), _to_float(part)]
         return cls(*columns)
 
 
@@ -229,14 +230,4 @@ def wobble(lattice: Lattice, mirrors: Mirrors, seed: int, mirror: int) -> Float:
 
 
 def _to_float(values: Array) -> Float:
-    return _to_device(mi.Float, values.astype(np.float32))
-
-
-def _to_device(kind: Any, values: NDArray[Any]) -> Any:
-    """Return a copy of values on the device.
-
-    Dr.Jit takes NumPy's memory as it lies, and compiles a kernel for each alignment of what it reads: here a small one.
-    """
-    copy = kind(values) + dr.opaque(kind, 0)
-    dr.eval(copy)
-    return copy
+    return mi.Float(for_device(values))

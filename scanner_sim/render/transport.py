@@ -17,8 +17,8 @@ from typing import Protocol
 
 import drjit as dr
 import mitsuba as mi
-import numpy as np
 
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Mask, SurfaceInteraction3f, UInt32, Vector3f
 from scanner_sim.optics.deflection import Frame, deflected_frame
 from scanner_sim.optics.laser import Laser
@@ -79,7 +79,7 @@ class BeamletTables:
     def of(cls, beamlets: Beamlets) -> BeamletTables:
         """Return the tables of beamlets."""
         columns = (*beamlets.nodes.T, *beamlets.aperture.T, beamlets.weights, beamlets.times)
-        a, b, c, d, e, f = (mi.Float(values.astype(np.float32)) for values in columns)
+        a, b, c, d, e, f = (mi.Float(for_device(values)) for values in columns)
         return cls(a, b, c, d, e, f, beamlets.width)
 
     @property

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -39,6 +39,16 @@ def scenario(repo_root: Path) -> Scenario:
 def right() -> dict[str, str]:
     """The verdicts of the right program by law, each reached once."""
     return {}
+
+
+@pytest.fixture(autouse=True)
+def nothing_calibrated_before(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Calibrate the detector of pulses with the fault, and anew without it."""
+    from scanner_sim.signals.waveform import detection
+
+    detection._calibrated.cache_clear()
+    yield
+    detection._calibrated.cache_clear()
 
 
 def wrapped(patch: Patch, owner: Any, name: str, changed: Callable[..., Any]) -> None:

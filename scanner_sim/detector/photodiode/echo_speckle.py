@@ -38,17 +38,18 @@ def echo_speckle(
     """
     m = dr.width(light.reference)
     count = dr.width(light.amount) // m
-    shot = dr.arange(auto.UInt32, m)
+    shot, shots = dr.arange(auto.UInt32, m), dr.opaque(auto.UInt32, m)
     ratio = 0.5 * dr.opaque(auto.Float, aperture) * positions.radius / positions.distance
     energy = coherence / packets(ratio)
     lattice = LatticePositions.of(positions)
     if count == 1:
         return gamma_like(dr.sqrt(energy), fine_numbers(lattice, seed)[0])
-    shares = [dr.gather(auto.Float, light.amount, shot + number * m) for number in range(count)]
+    shares = [dr.gather(auto.Float, light.amount, shot + number * shots) for number in range(count)]
     whole = sum(shares, auto.Float(0.0))
-    return dr.concat(
-        [
-            gamma_like(dr.sqrt(dr.minimum(energy * whole / dr.maximum(share, 1e-30), coherence)), normal)
-            for share, normal in zip(shares, coarse_numbers(lattice, count, 3, seed), strict=True)
-        ]
-    )
+    factor = dr.empty(auto.Float, count * m)
+    for number, (share, normal) in enumerate(
+        zip(shares, coarse_numbers(lattice, count, 3, seed), strict=True)
+    ):
+        own = gamma_like(dr.sqrt(dr.minimum(energy * whole / dr.maximum(share, 1e-30), coherence)), normal)
+        dr.scatter(factor, own, shot + number * shots, mode=dr.ReduceMode.Permute)
+    return factor

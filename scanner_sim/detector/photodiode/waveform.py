@@ -215,7 +215,8 @@ def arrive(
     when = when + auto.Float64(normal * dr.opaque(auto.Float, jitter * digitiser.rate))
     first = dr.floor(when)
     fraction = auto.Float(when - first)
-    index = dr.arange(auto.UInt32, m * count) % m
+    step = dr.opaque(auto.UInt32, m)
+    index = dr.arange(auto.UInt32, m * count) % step
     to_samples = dr.opaque(auto.Float, rate / SPEED_OF_LIGHT)
     position = echoes.position * to_samples + dr.gather(auto.Float, fraction, index)
     spread = echoes.sigma * to_samples
@@ -227,7 +228,7 @@ def arrive(
     shots = dr.arange(auto.UInt32, m)
     early, late = dr.full(auto.Float, dr.inf, m), dr.full(auto.Float, -dr.inf, m)
     for number in range(count):
-        at = shots + number * m
+        at = shots + number * step
         lit = dr.gather(auto.Float, power, at) > 0.0
         middle, reach = dr.gather(auto.Float, position, at), _ECHO_SIGMAS * dr.gather(auto.Float, spread, at)
         early = dr.select(lit, dr.minimum(early, middle + dr.opaque(auto.Float, low) - reach), early)

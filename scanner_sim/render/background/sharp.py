@@ -18,7 +18,7 @@ from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.render.background.paths import trace_sharp
 from scanner_sim.render.background.sky import SkyLight
-from scanner_sim.render.background.view import PanoramaView, Window, rays_through
+from scanner_sim.render.background.view import PanoramaView, Window, counted, rays_through
 from scanner_sim.render.rays import for_rows
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
@@ -50,12 +50,14 @@ def contrast(low: Float, high: Float, view: PanoramaView | Window, reach_rows: i
         Rows above and below that are compared as well.
     """
     lane = dr.arange(mi.UInt32, dr.width(low))
-    row, column = mi.Int32(lane // view.bins), mi.Int32(lane % view.bins)
+    bins = counted(view.bins)
+    row, column, width = mi.Int32(lane // bins), mi.Int32(lane % bins), mi.Int32(bins)
+    lowest, last = counted(view.rows - 1, mi.Int32), counted(view.bins - 1, mi.Int32)
     least, most = mi.Float(low), mi.Float(high)
     for down in range(-reach_rows, reach_rows + 1):
         for right in range(-_CONTRAST_BINS, _CONTRAST_BINS + 1):
-            y, x = dr.clip(row + down, 0, view.rows - 1), dr.clip(column + right, 0, view.bins - 1)
-            at = mi.UInt32(y * view.bins + x)
+            y, x = dr.clip(row + down, 0, lowest), dr.clip(column + right, 0, last)
+            at = mi.UInt32(y * width + x)
             least = dr.minimum(least, dr.gather(mi.Float, low, at))
             most = dr.maximum(most, dr.gather(mi.Float, high, at))
     return (most - least) / (most + _DARK_RADIANCE)
@@ -98,9 +100,8 @@ def sharp_light(
         index = dr.compress(members)
         together = max(1, _RAYS_TOGETHER // (samples * finer))
         for start in range(0, dr.width(index), together):
-            some = dr.gather(
-                mi.UInt32, index, dr.arange(mi.UInt32, start, min(start + together, dr.width(index)))
-            )
+            count = min(together, dr.width(index) - start)
+            some = dr.gather(mi.UInt32, index, dr.arange(mi.UInt32, count) + counted(start))
             for part, half in enumerate(halves):
                 found = _trace(loaded, layout, sky, view, some, samples * finer, part, seed)
                 for target, value in zip(half, found, strict=True):
@@ -136,9 +137,10 @@ def _trace(
 ) -> list[Float]:
     """Return the mean radiance of some bins, in band and out of band."""
     lane = dr.arange(mi.UInt32, dr.width(bins) * samples)
-    index = dr.gather(mi.UInt32, bins, lane // samples)
-    row, column = index // view.bins, index % view.bins
-    number = column * samples + lane % samples
+    together, width = counted(samples), counted(view.bins)
+    index = dr.gather(mi.UInt32, bins, lane // together)
+    row, column = index // width, index % width
+    number = column * together + lane % together
     starts = generator(
         seed, Stream.BACKGROUND, mi.UInt32(_STREAM_ADDRESS), row * 4 + dr.opaque(mi.UInt32, 2 * part)
     )
@@ -150,9 +152,10 @@ def _trace(
     def within(value: Float) -> Float:
         return dr.minimum(value - dr.floor(value), 1.0 - 2.0**-23)
 
-    along = (mi.Float(lane % samples) + first[0]) * dr.opaque(mi.Float, 1.0 / samples) - 0.5
+    along = (mi.Float(lane % together) + first[0]) * dr.opaque(mi.Float, 1.0 / samples) - 0.5
     across = within(lattice(_GOLDEN, first[1]))
     disc = mi.Point2f(within(lattice(_DISC_STEPS[0], first[2])), within(lattice(_DISC_STEPS[1], first[3])))
     origin, direction = rays_through(layout, view, row, column, along, across)
     in_band, out_of_band = trace_sharp(for_rows(loaded, row), sky, origin, direction, disc, second)
-    return [dr.block_sum(value, samples) / samples for value in (in_band, out_of_band)]
+    share = dr.opaque(mi.Float, 1.0 / samples)
+    return [dr.block_sum(value, samples) * share for value in (in_band, out_of_band)]

@@ -98,7 +98,7 @@ class PanoramaView:
             at = (dr.gather(mi.Float, shots.phi, index) - dr.opaque(mi.Float, self.phi[0])) / dr.opaque(
                 mi.Float, self.row_step
             )
-            return dr.clip(at, 0.0, self.rows - 1.0)
+            return dr.clip(at, 0.0, dr.opaque(mi.Float, self.rows - 1.0))
         return dr.gather(mi.UInt32, shots.number, index) // dr.opaque(mi.UInt32, columns)
 
 
@@ -143,6 +143,11 @@ class Window:
         """Return where between the rows shots look, by their indices, 0 to rows − 1."""
         at = (dr.gather(mi.Float, shots.phi, index) - self.phi) / dr.opaque(mi.Float, self.row_step)
         return dr.clip(at, 0.0, mi.Float(self.rows) - 1.0)
+
+
+def counted(number: int | UInt32, kind: Any = None) -> UInt32:
+    """Return a number of rows, bins or samples as a Dr.Jit array: a kernel is then that of any number."""
+    return number if dr.is_array_v(number) else dr.opaque(mi.UInt32 if kind is None else kind, number)
 
 
 def window_position(first: float, phi: float, rows: int, bins: int) -> list[Any]:

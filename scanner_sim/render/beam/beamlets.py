@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -78,7 +79,13 @@ class Beamlets:
     aperture: Array
     times: Array
 
+    def __post_init__(self) -> None:
+        """Protect the arrays: beamlets are computed once for all who ask for them."""
+        for values in (self.nodes, self.weights, self.aperture, self.times):
+            values.setflags(write=False)
 
+
+@lru_cache(maxsize=16)
 def smooth_beamlets(count: Literal[7, 19, 37]) -> Beamlets:
     """Return beamlets for smooth surfaces: hexagonal rings with the moments of a Gaussian.
 
@@ -108,6 +115,7 @@ def smooth_beamlets(count: Literal[7, 19, 37]) -> Beamlets:
     return Beamlets(scaled, shares, width, _disc_points(count), _opposite_times(scaled, shares))
 
 
+@lru_cache(maxsize=16)
 def edge_beamlets(count: int) -> Beamlets:
     """Return beamlets for edges: equal weights on a sunflower spiral, with exact second moments.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -62,8 +62,9 @@ class Light:
     def part(self, indices: UInt32) -> Light:
         """Return the light of some shots only, by their indices."""
         some = dr.width(indices)
-        lane = dr.arange(mi.UInt32, self.count * some)
-        at = (lane // some) * self.shots + dr.gather(mi.UInt32, indices, lane % some)
+        # As an array and not as numbers: the kernel is that of any number of shots.
+        lane, step = dr.arange(mi.UInt32, self.count * some), dr.opaque(mi.UInt32, some)
+        at = (lane // step) * dr.opaque(mi.UInt32, self.shots) + dr.gather(mi.UInt32, indices, lane % step)
         amount, position, sigma, coherence = (
             None if values is None else dr.gather(mi.Float, values, at) for values in self._clusters()
         )
@@ -73,10 +74,40 @@ class Light:
         dr.eval(part)
         return part
 
+    @classmethod
+    def of_all(cls, parts: Sequence[Light]) -> Light:
+        """Return the light of the shots of all parts, which have as many clusters each."""
+        if len(parts) == 1:
+            return parts[0]
+        shots, count = sum(part.shots for part in parts), parts[0].count
+
+        def joined(name: str, rows: int) -> Any:
+            columns = [getattr(part, name) for part in parts]
+            return None if columns[0] is None else dr.empty(type(columns[0]), rows * shots)
+
+        one, each = ("index", "shot", "reference"), ("amount", "position", "sigma", "coherence")
+        whole = cls(**{name: joined(name, 1) for name in one}, **{name: joined(name, count) for name in each})
+        start, step = 0, dr.opaque(mi.UInt32, shots)
+        for part in parts:
+            own, first = dr.opaque(mi.UInt32, part.shots), dr.opaque(mi.UInt32, start)
+            lane = dr.arange(mi.UInt32, count * part.shots)
+            places = {
+                1: first + dr.arange(mi.UInt32, part.shots),
+                count: (lane // own) * step + first + lane % own,
+            }
+            for names, rows in ((one, 1), (each, count)):
+                for name in names:
+                    if getattr(part, name) is not None:
+                        values, at = getattr(part, name), places[rows]
+                        dr.scatter(getattr(whole, name), values, at, mode=dr.ReduceMode.Permute)
+            start += part.shots
+        dr.eval(whole)
+        return whole
+
     def join(self, other: Light) -> Light:
         """Return the light of both, which must be of the same shots and references."""
         amount, position, sigma, coherence = (
-            None if one is None else dr.concat((one, two))
+            None if one is None else _joined(one, two)
             for one, two in zip(self._clusters(), other._clusters(), strict=True)
         )
         return Light(self.index, self.shot, amount, position, sigma, coherence, self.reference)
@@ -121,10 +152,10 @@ class Light:
     def _ends(self) -> tuple[Float, Float]:
         """Return the pixels between which each shot's light lies, shape (m,)."""
         if self._found_ends is None:
-            shot = dr.arange(mi.UInt32, self.shots)
+            shot, shots = dr.arange(mi.UInt32, self.shots), dr.opaque(mi.UInt32, self.shots)
             low, high = dr.full(mi.Float, dr.inf, self.shots), dr.full(mi.Float, -dr.inf, self.shots)
             for number in range(self.count):
-                at = shot + number * self.shots
+                at = shot + number * shots
                 lit = dr.gather(mi.Float, self.amount, at) > 0.0
                 middle = dr.gather(mi.Float, self.position, at)
                 reach = _CLUSTER_SIGMAS * math.sqrt(2.0) * dr.gather(mi.Float, self.sigma, at) + 0.5
@@ -219,15 +250,28 @@ def cluster(
 
     start: Any = (mi.UInt32(0), *sums)
     ended: Any = dr.while_loop(start, lambda number, *sums: number < count, add)
-    found = []
+    columns = [dr.empty(mi.Float, clusters * m) for _ in range(4 if coherent else 3)]
+    index, shots = dr.arange(mi.UInt32, m), dr.opaque(mi.UInt32, m)
     for slot in range(clusters):
         total, *moments = (values.read(mi.UInt32(slot)) for values in ended[1:])
         mean, square, *contrast = (dr.select(total > 0.0, moment / total, 0.0) for moment in moments)
         variance = dr.maximum(square - dr.square(mean), resolution.least_variance)
-        found.append((total, origin + (slot + about) * width + mean, dr.sqrt(variance), *contrast))
-    dr.eval(found)
-    amount, position, sigma, *contrast = (dr.concat(values) for values in zip(*found, strict=True))
+        kept = (total, origin + (slot + about) * width + mean, dr.sqrt(variance), *contrast)
+        for column, values in zip(columns, kept, strict=True):
+            dr.scatter(column, values, index + slot * shots, mode=dr.ReduceMode.Permute)
+    dr.eval(columns)
+    amount, position, sigma, *contrast = columns
     return amount, position, sigma, contrast[0] if coherent else None
+
+
+def _joined(one: Float, two: Float) -> Float:
+    """Return one array and behind it another; ``dr.concat`` would compile a kernel for each size."""
+    first, second = dr.width(one), dr.width(two)
+    both = dr.empty(mi.Float, first + second)
+    dr.scatter(both, one, dr.arange(mi.UInt32, first), mode=dr.ReduceMode.Permute)
+    at = dr.arange(mi.UInt32, second) + dr.opaque(mi.UInt32, first)
+    dr.scatter(both, two, at, mode=dr.ReduceMode.Permute)
+    return both
 
 
 def _lit_extent(

@@ -15,7 +15,10 @@ from typing import Any
 
 import drjit as dr
 import mitsuba as mi
+import numpy as np
+from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets, smooth_beamlets
 from scanner_sim.render.beam.bounces import trace_bounces
@@ -80,7 +83,8 @@ def render_light(
     dr.eval(truth, footprint)
 
     def direct() -> Iterator[Light]:
-        smooth = dr.compress(footprint == _SMOOTH)
+        kinds, finer = footprint.numpy(), []
+        smooth = _indices(kinds == _SMOOTH)
         if dr.width(smooth):
             yield _gather(projection, returns, smooth, smooth, shots.take(smooth), beamlets, 1)
         for kind, count in (
@@ -88,13 +92,16 @@ def render_light(
             (_GRAZED, max(settings.uneven_beamlets, settings.edge_beamlets // 2)),
             (_EDGE, settings.edge_beamlets),
         ):
-            finer = edge_beamlets(count)
-            for index in _batches(dr.compress(footprint == kind), count):
+            beamlets_there = edge_beamlets(count)
+            for index in _batches(_indices(kinds == kind), count):
                 own = shots.take(index)
-                many = trace_returns(loaded, projection, finer, own)
+                many = trace_returns(loaded, projection, beamlets_there, own)
                 dr.eval(many.spots, many.reference)
                 every = dr.arange(mi.UInt32, dr.width(index))
-                yield _gather(projection, many, every, index, own, finer, CLUSTERS)
+                finer.append(_gather(projection, many, every, index, own, beamlets_there, CLUSTERS))
+        # Together: what follows is recorded and launched for each group anew.
+        if finer:
+            yield Light.of_all(finer)
 
     def groups() -> Iterator[Light]:
         for light in direct():
@@ -124,11 +131,15 @@ def _gather(
     )
 
 
+def _indices(where: NDArray[np.bool_]) -> UInt32:
+    return mi.UInt32(for_device(np.flatnonzero(where), np.uint32))
+
+
 def _batches(indices: UInt32, lanes: int) -> Iterator[UInt32]:
     """Yield indices of shots in batches whose lanes, so many each, fit the memory."""
     together = max(1, _BATCH // lanes)
     for start in range(0, dr.width(indices), together):
-        some = dr.arange(mi.UInt32, start, min(start + together, dr.width(indices)))
+        some = dr.arange(mi.UInt32, min(together, dr.width(indices) - start)) + dr.opaque(mi.UInt32, start)
         yield dr.gather(mi.UInt32, indices, some)
 
 

@@ -2,23 +2,22 @@
 
 What does not move is one Mitsuba scene. Every object that moves is one of its own, in the frame of the object, which
 never changes: a motion is a pose for each ray, and nothing is built or compiled anew. Every fault of every object is
-reported together.
+reported together. Whoever asks for the same scene again gets the same Mitsuba scenes.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Matrix3f, MitsubaScene, Shape, UInt32, Vector3f
-from scanner_sim.foundation.errors import Fault, InputError, ScenarioError, printable
-from scanner_sim.scene.files.plugins import installed_plugins_only
-from scanner_sim.scene.files.shapes import Surfaces, shapes_of
+from scanner_sim.foundation.errors import printable
+from scanner_sim.scene.files.built_scene import Named, SceneKeeper
 from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
 
 
@@ -113,8 +112,8 @@ def device_poses(matrices: list[NDArray[np.float64]]) -> tuple[Pose, ...]:
     """Return poses of several objects, each of shape (n, 4, 4), as float32 on the device; all in one transfer."""
     if not matrices:
         return ()
-    # The copy is for Dr.Jit: it takes NumPy's memory as it lies, and compiles a kernel for each alignment.
-    poses = unpacked_poses(mi.Float(packed_poses(matrices)), len(matrices), len(matrices[0]))
+    numbers = mi.Float(for_device(packed_poses(matrices)))
+    poses = unpacked_poses(numbers, len(matrices), len(matrices[0]))
     dr.eval(poses)
     return poses
 
@@ -140,95 +139,45 @@ def unpacked_poses(numbers: Float, objects: int, count: int, first: int = 0) -> 
 def load_scene(scene: Scene) -> LoadedScene:
     """Load a scene; :func:`scanner_sim.render.device.activate` must have been called.
 
+    A scene that is the same as the last one is not built again: see
+    :class:`~scanner_sim.scene.files.built_scene.SceneKeeper`.
+
     Raises
     ------
     ScenarioError
         With one fault per object that cannot be loaded: missing, broken or empty meshes and XML files,
         unknown materials.
     """
-    with installed_plugins_only():
-        return _load(scene)
-
-
-def _load(scene: Scene) -> LoadedScene:
-    surfaces = Surfaces()
-    loaded: list[_Loaded] = []
-    faults: list[Fault] = []
+    objects = [Named(item, item.name, f"scene.objects[{index}]") for index, item in enumerate(scene.objects)]
     if scene.file is not None:
         # Its objects have the name of the file, which may hold anything.
-        name = printable(scene.file.stem)
-        _collect(loaded, faults, "scene.file", name, MitsubaFile(name="file", file=scene.file), surfaces)
-    for index, item in enumerate(scene.objects):
-        _collect(loaded, faults, f"scene.objects[{index}]", item.name, item, surfaces)
-    if faults:
-        raise ScenarioError(faults, source="scene")
-    return _assemble(loaded, surfaces)
-
-
-class _Loaded(NamedTuple):
-    """An object with its shapes."""
-
-    name: str
-    item: Posed
-    shapes: list[Shape]
-
-
-def _collect(
-    loaded: list[_Loaded], faults: list[Fault], key: str, name: str, item: Posed, surfaces: Surfaces
-) -> None:
-    """Append an object with its shapes, or its fault; what moves is loaded in its own frame."""
-    still = {"position": (0.0, 0.0, 0.0), "rotation": ()}
-    try:
-        shapes = shapes_of(item if item.motion is None else item.model_copy(update=still), surfaces)
-    except InputError as error:
-        faults.append(Fault(f"{key} ({name})", error.message, error.remedy))
-    else:
-        loaded.append(_Loaded(name, item, shapes))
-
-
-def _assemble(loaded: list[_Loaded], surfaces: Surfaces) -> LoadedScene:
-    """Build the scenes and the tables from a shape's registry index to its object and material."""
-    resting = _scene([shape for one in loaded if one.item.motion is None for shape in one.shapes])
-    bodies = tuple(Body(one.item, _scene(one.shapes)) for one in loaded if one.item.motion is not None)
-    shapes = [(one.name, shape, shape.bsdf().id()) for one in loaded for shape in one.shapes]
-    objects = tuple(dict.fromkeys(name for name, _, _ in shapes))
-    materials = tuple(dict.fromkeys(material for _, _, material in shapes))
-    registry = [_registry_index(shape) for _, shape, _ in shapes]
-    object_of = np.zeros(max(registry, default=0) + 1, dtype=np.uint32)
-    material_of = object_of.copy()
-    object_of[registry] = [objects.index(name) + 1 for name, _, _ in shapes]
-    material_of[registry] = [materials.index(material) + 1 for _, _, material in shapes]
+        whole = MitsubaFile(name="file", file=scene.file)
+        objects.insert(0, Named(whole, printable(scene.file.stem), "scene.file"))
+    built = _SCENES.built(objects)
+    moving = [one.item for one in objects if one.item.motion is not None]
     return LoadedScene(
-        resting,
-        objects,
-        materials,
-        mi.UInt32(object_of),
-        mi.UInt32(material_of),
-        mi.Float([1.0, *(surfaces.out_of_band_ratio(name) for name in materials)]),
-        mi.Float([0.5, *(surfaces.coherence(name) for name in materials)]),
-        _frames(loaded, objects),
-        bodies,
-        device_poses([body.item.pose_at(0.0) for body in bodies]),
+        built.resting,
+        built.objects,
+        built.materials,
+        # Copies: a table that somebody changes is his own.
+        mi.UInt32(built.object_of),
+        mi.UInt32(built.material_of),
+        mi.Float(built.out_of_band_ratio),
+        mi.Float(built.coherence),
+        _frames(objects, built.objects),
+        tuple(Body(item, body) for item, body in zip(moving, built.bodies, strict=True)),
+        device_poses([item.pose_at(0.0) for item in moving]),
     )
 
 
-def _frames(loaded: list[_Loaded], objects: tuple[str, ...]) -> Float:
+_SCENES = SceneKeeper()
+
+
+def _frames(objects: list[Named], numbered: tuple[str, ...]) -> Float:
     """Return the table of the objects' poses at time 0."""
-    poses = np.broadcast_to(np.eye(4)[:3], (len(objects) + 1, 3, 4)).copy()
-    for one in loaded:
+    poses = np.broadcast_to(np.eye(4)[:3], (len(numbered) + 1, 3, 4)).copy()
+    for one in objects:
         # An object without shapes has no number.
-        if one.shapes:
-            poses[objects.index(one.name) + 1] = one.item.pose_at(0.0)[0, :3]
-    return mi.Float(poses.astype(np.float32).ravel())
-
-
-def _scene(shapes: list[Shape]) -> MitsubaScene:
-    return mi.load_dict(
-        {"type": "scene", **{f"shape_{number}": shape for number, shape in enumerate(shapes)}},
-        optimize=False,
-    )
-
-
-def _registry_index(shape: Shape) -> int:
-    index: UInt32 = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
-    return int(index[0])
+        if one.name in numbered:
+            poses[numbered.index(one.name) + 1] = one.item.pose_at(0.0)[0, :3]
+    return mi.Float(for_device(poses))

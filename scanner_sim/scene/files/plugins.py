@@ -16,6 +16,8 @@ import mitsuba as mi
 
 OWN = frozenset({"retroreflector", "orbit_sky"})
 """Plugins of this package, written in Python."""
+SHAPE_LIST = "shape_list"
+"""Plugin that only holds shapes, see :func:`register_shape_list`."""
 
 
 @cache
@@ -49,6 +51,24 @@ def build_plugin(description: Mapping[str, Any]) -> Any:
     """
     with installed_plugins_only():
         return _build(description)
+
+
+def register_shape_list() -> None:
+    """Make a plugin known to Mitsuba's present variant that holds the shapes of a file, as its ``shapes``.
+
+    In its place a scene would sort all triangles for its rays, and the scene that the shapes go into does so again.
+    """
+    _registered_shape_list(str(mi.variant()))
+
+
+@cache
+def _registered_shape_list(variant: str) -> None:  # noqa: ARG001 (what the cache goes by)
+    class ShapeList(mi.Texture):  # any kind that may be written in Python
+        def __init__(self, settings: Any) -> None:
+            super().__init__(settings)
+            self.shapes = [part for _, part in settings.objects() if isinstance(part, mi.Shape)]
+
+    mi.register_texture(SHAPE_LIST, ShapeList)
 
 
 def _build(description: Mapping[str, Any]) -> Any:

@@ -22,7 +22,12 @@ from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.foundation.frames import pose_matrix, rotation_about
 from scanner_sim.scene import materials
 from scanner_sim.scene.files.mesh_files import read_mesh
-from scanner_sim.scene.files.plugins import build_plugin, installed_plugins
+from scanner_sim.scene.files.plugins import (
+    SHAPE_LIST,
+    build_plugin,
+    installed_plugins,
+    register_shape_list,
+)
 from scanner_sim.scene.files.scene_rules import MESHES, renderers_scene
 from scanner_sim.scene.files.triangles import Triangles, canonical_ply
 from scanner_sim.scene.objects import (
@@ -246,12 +251,15 @@ def _mitsuba_file(item: MitsubaFile, _: Surfaces) -> list[Shape]:
     settings.merge_meshes = False
     settings.merge_equivalent = False
     pose = mi.ScalarAffineTransform4d(item.scanner_from_object())
+    register_shape_list()
     with _folder_for_meshes() as folder:
         try:
             state = mi.parser.parse_string(settings, text)
             mi.parser.transform_all(settings, state)
             _prepare(state.nodes, pose, folder)
-            root = mi.parser.instantiate(settings, state)
+            state.root.type = mi.ObjectType.Texture
+            state.root.props.set_plugin_name(SHAPE_LIST)
+            holder: Any = mi.parser.instantiate(settings, state)
         except InputError as error:
             problem = f"the scene {str(item.file)!r} cannot be loaded: {error.message}"
             raise InputError(problem, remedy=error.remedy) from None
@@ -259,9 +267,9 @@ def _mitsuba_file(item: MitsubaFile, _: Surfaces) -> list[Shape]:
             raise
         except Exception as error:
             raise InputError(f"the scene {str(item.file)!r} cannot be loaded: {_reason(error)}") from None
-    if not isinstance(root, mi.Scene) or not root.shapes():
+    if not holder.shapes:
         raise InputError(f"the scene {str(item.file)!r} holds no shapes.")
-    return [_check(shape, item.file) for shape in root.shapes()]
+    return [_check(shape, item.file) for shape in holder.shapes]
 
 
 def _prepare(nodes: Any, pose: Any, folder: Path) -> None:

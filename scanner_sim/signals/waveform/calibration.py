@@ -13,6 +13,7 @@ from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode, Ph
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import Waveforms, record
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.signals.waveform.filter import SampledPulse
@@ -62,10 +63,10 @@ def send(share: Array, truth: Array, pulse: Pulse, photodiode: Photodiode, digit
     coarse = np.floor(metres * _COARSE) / _COARSE
     count = share.size
     echoes = _Sent(
-        auto.Float(share.astype(np.float32)),
-        auto.Float((metres - coarse).astype(np.float32)),
+        auto.Float(for_device(share)),
+        auto.Float(for_device(metres - coarse)),
         dr.zeros(auto.Float, count),
-        auto.Float(coarse.astype(np.float32)),
+        auto.Float(for_device(coarse)),
     )
     return record(echoes, dr.arange(auto.UInt32, count), pulse, photodiode, digitiser, 0)
 
@@ -79,4 +80,4 @@ def send_all_phases(
     peak = peak_of(pulse, photodiode, digitiser) * pulse.pulse_energy * digitiser.rate
     share = np.full(count, _HEIGHT * photodiode.saturation / (peak * silent.amperes_per_watt))
     waveforms = send(share, truth, pulse, silent, clock)
-    return waveforms, truth, auto.UInt32(waveforms.records().argmax(axis=1).astype(np.uint32))
+    return waveforms, truth, auto.UInt32(for_device(waveforms.records().argmax(axis=1), np.uint32))

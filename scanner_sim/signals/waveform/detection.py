@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -312,3 +313,15 @@ class PulseDetector:
         )
         fit, _ = fit_gaussian(samples, start, self._gaussian_width)
         return float(np.mean(top.numpy() + fit.shift.numpy().astype(np.float64) - truth))
+
+
+def pulse_detector(
+    pulse: Pulse, photodiode: Photodiode, digitiser: Digitiser, settings: PulseDetection, laser: Laser
+) -> PulseDetector:
+    """Return the detector of an instrument, calibrated once for all its runs; arguments of :class:`PulseDetector`."""
+    return _calibrated(auto.Float, pulse, photodiode, digitiser, settings, laser)
+
+
+@lru_cache(maxsize=2)
+def _calibrated(kind: Any, *parts: Any) -> PulseDetector:  # noqa: ARG001 (arrays of another device are of no use)
+    return PulseDetector(*parts)

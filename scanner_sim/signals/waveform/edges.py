@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.photodiode.waveform import Waveforms
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.signals.waveform.calibration import noise_free_receiver, peak_of, send
@@ -200,8 +201,8 @@ def _residual(table: EdgeTable, width: Array, lead: Array, delay: Array) -> Arra
     """Return the root mean square error of a table on other pulses, by row."""
     edges = Edges(
         sample=None,
-        lead=auto.Float(lead.astype(np.float32)),
-        width=auto.Float(width.astype(np.float32)),
+        lead=auto.Float(for_device(lead)),
+        width=auto.Float(for_device(width)),
         **dict.fromkeys(("rise", "fall", "tail", "high", "above", "whole")),
     )
     error = delay - table.correction(edges).delay.numpy()
@@ -235,7 +236,7 @@ def _send_pulses(
     waveforms = send(share, truth, pulse, silent, clock)
     records = waveforms.records()
     shot = dr.arange(auto.UInt32, amplitude.size)
-    top = auto.UInt32(records.argmax(axis=1).astype(np.uint32))
+    top = auto.UInt32(for_device(records.argmax(axis=1), np.uint32))
     edges = cross(waveforms, top, dr.full(auto.Float, level, amplitude.size), shot >= 0)
     dr.eval(edges)
     width, lead = (values.numpy().astype(np.float64) for values in (edges.width, edges.lead))

@@ -120,3 +120,10 @@ def test_beamlets_at_an_edge_are_as_wide_as_they_lie_apart(count: int, wanted: f
     """Claim: the width of one of n is 2/√n of the beam's, so that they overlap evenly, and at most half of it."""
     assert edge_width(count) == wanted
     assert edge_beamlets(count).width == pytest.approx(wanted)
+
+
+def test_nobody_changes_beamlets_for_the_next_run() -> None:
+    beamlets = edge_beamlets(64)
+    assert edge_beamlets(64) is beamlets
+    with pytest.raises(ValueError, match="read-only"):
+        beamlets.nodes[0] = 0.0

@@ -126,3 +126,22 @@ def test_dark_shots_stay_dark(device: Device) -> None:
     line = found.power(dr.arange(mi.UInt32, 10), dr.zeros(mi.UInt32, 10)).numpy()
     assert (line == 0.0).all()
     assert np.isfinite(found.position.numpy()).all()
+
+
+@pytest.mark.parametrize("path", [False, True])
+def test_light_of_some_shots_and_of_the_others_is_that_of_all(spots: Spots, path: bool) -> None:
+    import mitsuba as mi
+
+    whole = gathered(spots, 16, path=path)
+    whole.reference = mi.Float(np.arange(SHOTS, dtype=np.float32)) if path else None
+    parts = [whole.part(mi.UInt32(some)) for some in ([1], [3, 0], [2, 4])]
+    joined = Light.of_all(parts)
+    order = joined.index.numpy()
+    assert order.tolist() == [1, 3, 0, 2, 4]
+    for name in ("amount", "position", "sigma", "coherence", "shot", "reference"):
+        expected, found = getattr(whole, name), getattr(joined, name)
+        if expected is None:
+            assert found is None
+        else:
+            kept = expected.numpy().reshape(-1, SHOTS)[:, order].ravel()
+            np.testing.assert_array_equal(found.numpy(), kept, err_msg=name)
