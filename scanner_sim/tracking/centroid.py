@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import inverse, product, solve_linear
-from scanner_sim.tracking.response import Response
+from scanner_sim.tracking.response import Response, repeated
 from scanner_sim.tracking.samples import PatternSamples
 
 Array = NDArray[np.float64]
@@ -68,6 +68,16 @@ class Centroid:
             self.misfit,
             self.found,
         )
+
+    def of(self, rows: slice) -> Centroid:
+        """Return some of the patterns."""
+        return Centroid(**{name: part[rows] for name, part in vars(self).items()})
+
+    def repeated(self, rows: int) -> Centroid:
+        """Return so many rows: the patterns again and again."""
+        if rows == len(self.found):
+            return self
+        return Centroid(**{name: repeated(part, rows) for name, part in vars(self).items()})
 
     @property
     def sigma(self) -> Array:

@@ -13,7 +13,8 @@ from scanner_sim.scan.lissajous import LissajousPattern, figure_angles, figures
 from scanner_sim.tracking import lasting
 from scanner_sim.tracking.centroid import Centroid
 from scanner_sim.tracking.disc_fit import disc_fit
-from scanner_sim.tracking.measurement import Measurement
+from scanner_sim.tracking.measurement import Measurement, Sight
+from scanner_sim.tracking.plane import target_plane
 from scanner_sim.tracking.response import TargetKind, target_response
 from scanner_sim.tracking.samples import PatternSamples
 
@@ -93,15 +94,17 @@ def visit() -> tuple[PatternSamples, Measurement, Array]:
         0.5 * only,
         only > 0.0,
     )
-    return samples, seen, end - start
+    facing = target_plane(np.zeros((1, 2)), DISTANCE * only, np.zeros((1, 2)), 0.0)
+    shown, _, _ = facing.flatten(samples)
+    place = np.stack([shown.theta, shown.phi], axis=1)
+    sight = Sight(facing, place, np.zeros((1, 2)), np.full(samples.theta.shape, 1.0 / len(one[0])))
+    return samples, replace(seen, sight=sight), end - start
 
 
 def surface(light: float) -> Array:
     samples, seen, _ = visit()
     speckle = lasting.SurfaceSpeckle(BEAM, np.full(samples.theta.shape[1], light), 0.0, 1e-4)
-    return lasting.surface_covariance(
-        samples, seen, speckle, TargetKind.BLACK, duty_cycle=1.0, axis_separation=0.0
-    )
+    return lasting.surface_covariance(samples, seen, speckle, TargetKind.BLACK, duty_cycle=1.0)
 
 
 def test_the_centre_moves_with_the_light_of_each_voxel_as_the_disc_fit_does() -> None:
