@@ -13,8 +13,10 @@ from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
 Array = NDArray[np.float64]
 
-_MOST_STEPS = 12
-"""Steps of the adjustment; from a circle or a mean of hits six do."""
+_MOST_STEPS = 40
+"""Steps of the adjustment; from a circle or a mean of hits six do, along a valley of χ² many more."""
+_RISE = 1e-6
+"""Rise of χ², over itself, by which a step has gone too far: rounding makes far less."""
 _LARGEST_STEP = 0.3
 """Largest step in one round, of centre and radius over the radius, of levels over their distance."""
 _CONVERGED_STEP = 1e-3
@@ -89,11 +91,15 @@ def disc_fit(
     amplitude, ground = response.target - response.ground, response.ground
     jacobian = np.ones((rows, 5, theta.shape[1]))
     unit = np.empty((rows, 5))
+    state = np.concatenate([centre, size[:, None], amplitude[:, None], ground[:, None]], axis=1)
+    # The state of least χ² so far, and the step from there, which is halved until χ² falls; its length over the units.
+    best, step, length, least = state, np.zeros((rows, 5)), np.zeros(rows), np.full(rows, np.inf)
     # A row that has come to rest stays as it is, whatever its neighbours still do: no result depends on the batch.
     # Covariance and misfit are those before its last step, which is too small to tell.
     moving = usable
     kept: tuple[Array, ...] = ()
     for _ in range(_MOST_STEPS):
+        centre, size, amplitude, ground = state[:, :2], state[:, 2], state[:, 3], state[:, 4]
         away = theta - centre[:, :1], phi - centre[:, 1:]
         share, by_distance, direction = _share(away, travel, size, blur)
         residual = response.value - ground[:, None] - amplitude[:, None] * share
@@ -112,16 +118,22 @@ def disc_fit(
         # No matrix is singular, not even that of a pattern without weights.
         normal.reshape(rows, 25)[:, ::6] *= 1.0 + 1e-12
         normal.reshape(rows, 25)[:, ::6] += 1e-300
-        kept = _newer(moving, (normal, residual, weighted, steep), kept)
         change = solve_linear(normal, right[..., None])[..., 0]
         np.clip(change, -_LARGEST_STEP, _LARGEST_STEP, out=change)
-        change[~moving] = 0.0
-        moving = moving & (np.abs(change).max(axis=1) > _CONVERGED_STEP)
-        change *= unit
-        centre, size = centre + change[:, :2], np.maximum(size + change[:, 2], 0.1 * size)
-        amplitude, ground = amplitude + change[:, 3], ground + change[:, 4]
+        chi = (weight * residual**2).sum(axis=1) + prior * (known - size) ** 2
+        better = moving & (chi <= least * (1.0 + _RISE))
+        kept = _newer(better, (normal, residual, weighted, steep), kept)
+        best, least = np.where(better[:, None], state, best), np.where(better, chi, least)
+        step = np.where(better[:, None], change * unit, 0.5 * step)
+        length = np.where(better, np.abs(change).max(axis=1), 0.5 * length)
+        tried = best + step
+        tried[:, 2] = np.maximum(tried[:, 2], 0.1 * best[:, 2])
+        state = np.where(moving[:, None], tried, state)
+        moving = moving & (length > _CONVERGED_STEP)
         if not moving.any():
             break
+    state = np.where(moving[:, None], best, state)
+    centre, size, amplitude = state[:, :2], state[:, 2], state[:, 3]
     normal, residual, weighted, steep = kept
     chi = (weight * residual**2).sum(axis=1)
     error = np.asarray(pointing, dtype=np.float64)

@@ -22,6 +22,11 @@ from scanner_sim.tracking.prediction import Motion, initiate, mahalanobis_square
 Array = NDArray[np.float64]
 
 
+_LOOSEST = 0.25
+"""Largest standard deviation of a centre, over the radius, that is a sighting. The response of a disc is straight over
+a small part of its radius only: beyond that a fit of noise has a size and a place as well, and σ says little."""
+
+
 class TrackMode(StrEnum):
     """What the tracker does with a target."""
 
@@ -239,7 +244,7 @@ def _refusal(
         return Refusal.SIZE
     # A radius without a misfit is that of scattered hits: enough for finding a target, not for following it.
     misfit = float(measurement.misfit[row])
-    loose = float(np.sqrt(np.trace(covariance[:2, :2]))) > 0.5 * expected
+    loose = float(np.sqrt(np.trace(covariance[:2, :2]))) > _LOOSEST * expected
     if loose or misfit > settings.misfit or (np.isnan(misfit) and state.mode is TrackMode.TRACK):
         return Refusal.SHAPE
     if ahead is not None and float(mahalanobis_squared(ahead, position, covariance)) > _gate(settings.chance):

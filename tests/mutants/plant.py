@@ -5,7 +5,8 @@
     plant.py --tenth 3              every tenth, from the third
     plant.py --minutes 3            as many as three minutes allow
     plant.py --noticed              those of which the table says what notices them
-    plant.py --table                none, but write the table of what is known
+    plant.py --table                none, but write the table of what is known: here, or from the table itself where the
+                                    fault stands as it did and the test that noticed is still there
 
 A list (``ranging.toml``) names the tests of each file, quick ones first, and the faults: a text that stands once in the
 file, and what stands there instead. A fault lives if all of its tests pass. What cannot be noticed, because the result
@@ -132,6 +133,14 @@ class Record:
         killer, _ = self.known.get(_key(fault, repository), ("", ""))
         killer = killer or self.named.get(_row(fault), "")
         return killer if (repository / "tests" / killer.split("::")[0]).is_file() else ""
+
+    def stands(self, fault: Fault, repository: Path) -> str:
+        """Return the test that the table names for a fault, empty if there is none, or not any more."""
+        killer = self.named.get(_row(fault), "")
+        file, *inside = killer.partition("[")[0].split("::")
+        path = repository / "tests" / file
+        known = path.is_file() and all(name in path.read_text(encoding="utf-8") for name in inside)
+        return killer if known else ""
 
     def keep(self, fault: Fault, repository: Path, killer: str) -> None:
         """Add an outcome."""
@@ -285,7 +294,7 @@ def _row(fault: Fault) -> str:
 def _killers(page: str) -> Iterator[tuple[str, str]]:
     """Yield the beginning of each line of the table, and the test that it names."""
     for line in page.splitlines():
-        found = re.fullmatch(r"(\| .* \| )(\S+\.py::.*) \|", line)
+        found = re.fullmatch(r"(\| .* \| )(\S+\.py(?:::.*)?) \|", line)
         if found:
             yield found[1], found[2].replace(r"\|", "|")
 
@@ -327,7 +336,13 @@ def main() -> int:
         and not (given.only or given.noticed)
         and (given.table or len(outcomes) == len(chosen))
     ):
-        TABLE.write_text(table(chosen, outcomes), encoding="utf-8")
+        record, asked = Record(), {outcome.fault for outcome in outcomes}
+        earlier = [
+            Outcome(fault, killer, 0.0)
+            for fault in chosen
+            if fault not in asked and (killer := record.stands(fault, REPOSITORY))
+        ]
+        TABLE.write_text(table(chosen, outcomes + earlier), encoding="utf-8")
     print(f"{len(outcomes)} of {len(chosen)} faults were asked after")
     print(f"{len(outcomes) - len(alive)} of {len(outcomes)} are noticed", *alive, sep="\n  lives: ")
     return bool(alive)

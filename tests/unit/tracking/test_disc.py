@@ -313,3 +313,30 @@ def test_an_arc_of_a_clean_circle_has_its_centre() -> None:
     found = circle_fit(samples, arc, rounds=0)
     np.testing.assert_allclose(found.centre[0], CENTRE, rtol=0.0, atol=1e-8)
     assert found.radius[0] == pytest.approx(RADIUS, abs=1e-8)
+
+
+def test_a_fit_that_knows_little_of_the_rim_comes_to_rest_at_the_least_misfit() -> None:
+    """Claim: of discs whose rim has a σ thirty times as large the fits lie at a minimum of χ².
+
+    200 patterns of 128 voxels. A fit that begins at its own result moves by less than three of the steps, 1e-3 of the
+    radius, at which it comes to rest; 3 % may not have got there. With steps that are always whole a fifth has not.
+    """
+    samples, _, _, _ = exact(2e-4)
+    rows = 200
+    noise = np.random.default_rng(8).normal(size=(rows, samples.signal.shape[1]))
+    partly = np.abs(samples.signal - 0.55) < 0.44
+    sigma = np.where(partly, 0.3, 0.01)
+    many = PatternSamples(
+        *(np.repeat(getattr(samples, name), rows, axis=0) for name in samples.__dataclass_fields__)
+    )
+    many = replace(many, signal=many.signal + sigma * noise, sigma_signal=np.repeat(sigma, rows, axis=0))
+    response = target_response(many, TargetKind.BLACK, GATE)
+    one, yes = np.ones(rows), np.ones(rows, dtype=bool)
+    away = CENTRE + 0.1 * RADIUS * np.array([1.0, -1.0])
+    start = Centroid(np.tile(away, (rows, 1)), np.zeros((rows, 2, 2)), RADIUS * one, 1e-4 * one, one, yes)
+    first = disc_fit(many, response, start, spot=2e-4)
+    again = disc_fit(many, response, first, spot=2e-4)
+    known = first.found & (np.sqrt(np.trace(first.covariance, axis1=1, axis2=2)) < 0.25 * RADIUS)
+    moved = np.abs(again.centre - first.centre).max(axis=1)[known] / RADIUS
+    assert known.mean() > 0.9
+    assert (moved > 3e-3).mean() < 0.03

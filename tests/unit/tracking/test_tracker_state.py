@@ -181,6 +181,13 @@ def test_a_target_has_its_shape(misfit: float, refusal: Refusal) -> None:
     assert visited(tracked(settings), EXPECTED, settings, misfit=np.array([misfit])).refusal is refusal
 
 
+@pytest.mark.parametrize(("share", "refusal"), [(0.24, Refusal.NONE), (0.26, Refusal.SHAPE)])
+def test_a_sighting_knows_its_place_to_a_quarter_of_the_radius(share: float, refusal: Refusal) -> None:
+    covariance = np.diag(np.array([1.0, 1.0, 1e-6]) * 0.5 * (share * RADIUS) ** 2)[None]
+    settings = TrackerSettings()
+    assert visited(init(EXPECTED, settings), EXPECTED, settings, covariance=covariance).refusal is refusal
+
+
 def test_a_tracking_pattern_is_a_little_larger_than_its_target() -> None:
     settings = TrackerSettings()
     order = command(tracked(settings), settings, DIAMETER, 1.0)
