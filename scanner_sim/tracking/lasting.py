@@ -25,10 +25,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.foundation.arithmetic import exp, inverse, product, solve_linear
-from scanner_sim.tracking.disc_fit import blurred_edge
+from scanner_sim.foundation.arithmetic import exp, inverse, product
 from scanner_sim.tracking.measurement import Measurement, Sight
-from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
 Array = NDArray[np.float64]
@@ -70,9 +68,6 @@ def surface_covariance(
     samples: PatternSamples,
     seen: Measurement,
     speckle: SurfaceSpeckle,
-    kind: TargetKind,
-    *,
-    duty_cycle: float,
 ) -> Array:
     """Return the covariance of (Θ, φ, R) that a flat target's surface gives to all visits alike.
 
@@ -82,10 +77,6 @@ def surface_covariance(
         One pattern, and where its voxels show the target, with their covariance.
     speckle
         The speckle there.
-    kind
-        What the target is. Black and white discs are looked at; of others the range alone.
-    duty_cycle
-        Share of the dwell in which the laser shines.
 
     Returns
     -------
@@ -96,7 +87,7 @@ def surface_covariance(
         return np.zeros((3, 3))
     # Nothing is known of patterns that hardly show a target.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        result = _surface(samples, seen, seen.sight, speckle, kind, duty_cycle)
+        result = _surface(samples, seen.sight, speckle)
         limited = _limit(result, seen.covariance[0])
     return limited if np.isfinite(limited).all() else np.zeros((3, 3))
 
@@ -111,50 +102,18 @@ def _limit(part: Array, whole: Array) -> Array:
     return np.asarray(part * scale)
 
 
-def _surface(
-    samples: PatternSamples,
-    seen: Measurement,
-    sight: Sight,
-    speckle: SurfaceSpeckle,
-    kind: TargetKind,
-    duty_cycle: float,
-) -> Array:
+def _surface(samples: PatternSamples, sight: Sight, speckle: SurfaceSpeckle) -> Array:
     """Return :func:`surface_covariance` as the voxels' gains give it."""
     result, reach = np.zeros((3, 3)), float(sight.plane.distance[0])
     position, rise = reach * sight.place[0], reach * rise_per_point(sight.place[0])
-    if kind in (TargetKind.BLACK, TargetKind.WHITE):
-        away = position - reach * sight.centre[0][:, None]
-        radius, spot = reach * float(seen.radius[0]), 0.5 * speckle.radius
-        gains = _centre_gains(samples, away, duty_cycle * rise, radius, spot)
-        light = np.sqrt(speckle.light) / reach * gains * np.nan_to_num(samples.signal[0])
+    if sight.light_gains is not None:
+        light = np.sqrt(speckle.light) * sight.light_gains[0]
         back = inverse(sight.plane.change)[0]
         result[:2, :2] = product(back, _common(position, rise, light, speckle.radius, 0.0), back.T)
     moved = sight.range_gains[:1] * _of_speckle(samples, speckle.range_noise)
     kept = _common(position, rise, moved, speckle.radius, speckle.on_surface)[0, 0]
     result[2, 2] = np.maximum(kept, 0.0)
     return result
-
-
-def _centre_gains(samples: PatternSamples, position: Array, way: Array, radius: float, spot: float) -> Array:
-    """Return by how much each voxel's signal moves the centre of a disc whose radius and levels are fitted, (2, n) [m].
-
-    (JᵀWJ)⁻¹JᵀW of :func:`~scanner_sim.tracking.disc_fit.disc_fit`, on the plane.
-    """
-    off = np.hypot(position[0], position[1])
-    across = (way * position).sum(axis=0) / np.maximum(off, 1e-12)
-    share, slope = blurred_edge(radius - off, across, np.full_like(off, spot))
-    signal, sigma = samples.signal[0], samples.sigma_signal[0]
-    usable = np.isfinite(signal) & (sigma > 0.0)
-    weight = np.where(usable, 1.0 / np.where(usable, sigma, 1.0) ** 2, 0.0)
-    # The amplitude by its own least squares: ground and target are levels of the signals.
-    levels = np.stack([1.0 - share, share])
-    low, high = solve_linear(
-        product(levels * weight, levels.T), product(levels * weight, np.nan_to_num(signal)[:, None])
-    )[:, 0]
-    steep = (high - low) * slope * spot
-    jacobian = np.stack([*(steep * position / np.maximum(off, 1e-12)), steep, *(levels * high)])
-    weighted = jacobian * weight
-    return np.asarray(spot * solve_linear(product(weighted, jacobian.T), weighted)[:2])
 
 
 def _of_speckle(samples: PatternSamples, noise: float) -> Array:

@@ -54,15 +54,16 @@ class Sight:
         Their planes.
     place
         (u, v) of the voxels on them (:meth:`~scanner_sim.tracking.plane.TargetPlane.flatten`), (patterns, 2, points).
-    centre
-        Where the target is there, shape (patterns, 2).
+    light_gains
+        By how much relative changes of the voxels' light move the centre there, shape (patterns, 2, points); None where
+        it is not their light that tells the centre.
     range_gains
         By how much the range of each voxel moves that of the target, shape (patterns, points).
     """
 
     plane: TargetPlane
     place: Array
-    centre: Array
+    light_gains: Array | None
     range_gains: Array
 
 
@@ -216,14 +217,14 @@ class _Seeing:
         rough = target_ranges(samples, self.response, kind, self.hits, about, self.stamp)
         plane = _plane_of(rough, middle, axis_separation)
         shown, response, reach = self._lay_onto(plane)
-        start = better_of(self._circle(shown, response), plane.laid(self.hits))
+        start = self._or_hits(self._circle(shown, response), plane)
         told = self._ranged(shown, start)
         ranges = target_ranges(samples, told, kind, start, about, self.stamp, plane=plane, reach=reach)
         planes = _plane_of(ranges, middle, axis_separation, with_errors=self.fits)
         shown, response, _ = self._lay_onto(planes)
         if not self.fits:
             # Where the disc is fitted, its fit only begins at the circle.
-            start = better_of(self._circle(shown, response), plane.laid(self.hits))
+            start = self._circle(shown, response)
         best = self._best(shown, response, start.repeated(len(shown.theta)), planes)
         found, distance = planes.seen(best)
         rows = slice(len(middle))
@@ -233,11 +234,19 @@ class _Seeing:
             moved = np.where(np.isfinite(moved), moved, 0.0)
             centre = centre.worse_by((moved[..., :, None] * moved[..., None, :]).sum(axis=0))
         place = np.stack([shown.theta[rows], shown.phi[rows]], axis=1)
-        sight = Sight(planes.of(rows), place, best.centre[rows], ranges.gains)
+        by_light = None if best.gains is None else best.gains[rows] * response.value[rows, None]
+        of_range = (ranges.off(centre)[:, :, None] * ranges.gains).sum(axis=1)
+        sight = Sight(planes.of(rows), place, by_light, of_range)
         return centre, distance[rows], ranges, sight
 
     def _circle(self, shown: PatternSamples, response: Response) -> Centroid:
-        return circle_fit(shown, response, blurred=self.fits, rounds=1 if self.fits else None)
+        return circle_fit(shown, response, blurred=self.fits, rounds=0 if self.fits else None)
+
+    def _or_hits(self, centroid: Centroid, plane: TargetPlane | None) -> Centroid:
+        """Return the mean of the hits where there is no other centre."""
+        if centroid.found.all():
+            return centroid
+        return better_of(centroid, self.hits if plane is None else plane.laid(self.hits))
 
     def _lay_onto(self, planes: TargetPlane) -> tuple[PatternSamples, Response, Array]:
         """Return samples, response and ranges on planes, light divided by that of the plane's tilt and range."""
@@ -270,11 +279,10 @@ class _Seeing:
         plane: TargetPlane | None = None,
     ) -> Centroid:
         """Return the best centres that the samples tell."""
-        hits = self.hits if plane is None else plane.laid(self.hits)
-        centre = better_of(start, hits)
+        centre = self._or_hits(start, plane)
         if not self.is_graded:
             return centre
-        fitted = better_of(self._disc(shown, response, centre, plane), hits)
+        fitted = self._or_hits(self._disc(shown, response, centre, plane), plane)
         if self.duty_cycle == 1.0:
             return fitted
         # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
@@ -304,8 +312,7 @@ def _covariance(centre: Centroid, ranges: Ranges, sight: Sight | None) -> Array:
     slope g = ∂R/∂(Θ, φ) moves it by g·δ; to it comes that of the plane's range there.
     """
     whole = np.zeros((len(ranges.at), 3, 3))
-    off = np.ones((len(ranges.at), 3))
-    off[:, 1:] = centre.centre - ranges.about
+    off = ranges.off(centre)
     variance = (off * applied(ranges.covariance, off)).sum(axis=1)
     whole[:, :2, :2], whole[:, 2, 2] = centre.covariance, np.where(ranges.known, variance, np.nan)
     if sight is not None:

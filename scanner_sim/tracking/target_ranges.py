@@ -38,7 +38,7 @@ class Ranges:
     covariance
         Of all three, shape (patterns, 3, 3).
     gains
-        ∂R/∂(range of each voxel), shape (patterns, points).
+        Their derivatives by the range of each voxel, shape (patterns, 3, points).
     known
         Whether there are voxels enough, shape (patterns,).
     """
@@ -49,6 +49,10 @@ class Ranges:
     covariance: Array
     gains: Array
     known: Mask
+
+    def off(self, centre: Centroid) -> Array:
+        """Return the derivatives of the range at other centres by range and slopes, shape (patterns, 3)."""
+        return np.concatenate([np.ones((len(self.at), 1)), centre.centre - self.about], axis=1)
 
 
 def target_ranges(
@@ -114,10 +118,10 @@ def target_ranges(
     normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * _FOUR
     spread = inverse(normal)
     gains = product(spread[:, :3], weighted)
-    found = applied(gains, np.where(chosen, value, 0.0))
     scale = np.ones((len(size), 3))
     scale[:, 1:] /= size[:, None]
-    found *= scale
+    gains *= scale[:, :, None]
+    found = applied(gains, np.where(chosen, value, 0.0))
     if plane is not None:
         found[:, 0] += plane.distance
         found[:, 1:] += plane.slope
@@ -126,7 +130,7 @@ def target_ranges(
         found[:, 0],
         found[:, 1:],
         spread[:, :3, :3] * (scale[:, :, None] * scale[:, None]),
-        gains[:, 0],
+        gains,
         enough & centre.found,
     )
 

@@ -66,8 +66,6 @@ def error_parts(
             samples,
             seen,
             SurfaceSpeckle(beam, light, _on_surface(scanner, distance), noise if by_line else math.inf),
-            appearance.kind,
-            duty_cycle=duty_cycle_of(scenario),
         )
     reach = distance - scanner.receiver.baseline * math.sin(theta)
     image = scanner.receiver.focal_length * scanner.receiver.baseline * math.cos(theta) / reach
