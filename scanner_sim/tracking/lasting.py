@@ -25,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.foundation.arithmetic import exp, inverse, product
+from scanner_sim.foundation.arithmetic import exp, product
 from scanner_sim.tracking.measurement import Measurement, Sight
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
@@ -94,9 +94,12 @@ def surface_covariance(
 
 def _limit(part: Array, whole: Array) -> Array:
     """Return a part of a covariance, of (Θ, φ) and of R, that leaves a tenth of the whole in every direction."""
-    ratio = product(inverse(whole[:2, :2]), part[:2, :2])
-    middle = 0.5 * (ratio[0, 0] + ratio[1, 1])
-    spread = middle**2 - ratio[0, 0] * ratio[1, 1] + ratio[0, 1] * ratio[1, 0]
+    (a, b), (_, c) = whole[:2, :2]
+    (p, q), (_, r) = part[:2, :2]
+    # The larger root λ of det(part − λ whole) = 0.
+    area = a * c - b * b
+    middle = 0.5 * (a * r + c * p - 2.0 * b * q) / area
+    spread = middle**2 - (p * r - q * q) / area
     largest = np.array([middle + np.sqrt(np.maximum(spread, 0.0)), part[2, 2] / whole[2, 2]])
     scale = np.minimum(1.0, _LARGEST_SHARE / np.maximum(largest, _LARGEST_SHARE))[[0, 0, 1]]
     return np.asarray(part * scale)
@@ -108,7 +111,7 @@ def _surface(samples: PatternSamples, sight: Sight, speckle: SurfaceSpeckle) -> 
     position, rise = reach * sight.place[0], reach * rise_per_point(sight.place[0])
     if sight.light_gains is not None:
         light = np.sqrt(speckle.light) * sight.light_gains[0]
-        back = inverse(sight.plane.change)[0]
+        back = sight.plane.back[0]
         result[:2, :2] = product(back, _common(position, rise, light, speckle.radius, 0.0), back.T)
     moved = sight.range_gains[:1] * _of_speckle(samples, speckle.range_noise)
     kept = _common(position, rise, moved, speckle.radius, speckle.on_surface)[0, 0]

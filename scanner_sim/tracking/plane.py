@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -53,6 +54,14 @@ class TargetPlane:
     slope: Array
     axis_separation: float
 
+    @cached_property
+    def back(self) -> Array:
+        """∂(Θ, φ)/∂(u, v) at the foot, shape (patterns, 2, 2): that of :attr:`change`, which has no lower corner."""
+        back = np.zeros_like(self.change)
+        back[:, 0, 0], back[:, 1, 1] = 1.0 / self.change[:, 0, 0], 1.0 / self.change[:, 1, 1]
+        back[:, 0, 1] = -self.change[:, 0, 1] * back[:, 0, 0] * back[:, 1, 1]
+        return back
+
     def flatten(self, samples: PatternSamples) -> tuple[PatternSamples, Array, Array]:
         """Return samples with the plane's coordinates (u, v) about the foot, over its range, in place of the angles.
 
@@ -87,8 +96,8 @@ class TargetPlane:
 
     def of(self, rows: slice) -> TargetPlane:
         """Return some of the planes."""
-        parts = {name: part[rows] for name, part in vars(self).items() if name != "axis_separation"}
-        return TargetPlane(**parts, axis_separation=self.axis_separation)
+        parts = (getattr(self, field.name) for field in fields(self)[:-1])
+        return TargetPlane(*(part[rows] for part in parts), self.axis_separation)
 
     def spot(self, beam: ArrayLike, shown: PatternSamples, centre: Array) -> Array:
         """Return the standard deviation of a spot on the plane away from a centre, shape (patterns, points).
@@ -106,12 +115,9 @@ class TargetPlane:
         moved = applied(self.axes[:, :2].transpose(0, 2, 1), centroid.centre)
         x, y, z = (self.point + self.distance[:, None] * moved).T
         distance, theta, phi = angles_and_range(x, y, z, self.axis_separation)
-        back = np.zeros_like(self.change)
-        back[:, 0, 0], back[:, 1, 1] = 1.0 / self.change[:, 0, 0], 1.0 / self.change[:, 1, 1]
-        back[:, 0, 1] = -self.change[:, 0, 1] * back[:, 0, 0] * back[:, 1, 1]
         return centroid_of(
             np.stack([theta, phi], axis=1),
-            product(back, centroid.covariance, back.transpose(0, 2, 1)),
+            product(self.back, centroid.covariance, self.back.transpose(0, 2, 1)),
             centroid.radius,
             centroid.sigma_radius,
             centroid.misfit,
