@@ -129,14 +129,13 @@ def _common(position: Array, rise: Array, errors: Array, radius: float, on_surfa
     size = np.abs(errors).max(axis=0)
     used = size > _NEGLIGIBLE_SHARE * size.max()
     at, way, along = position[:, used] / radius, rise[:, used] / radius, errors[:, used]
-    half = 0.5 * np.hypot(*way)
-    apart = at[:, :, None] - at[:, None]
+    reach = 0.5 * (np.hypot(way[0], way[1]) + _REACH_RADII)
     # Every pair but once.
-    near = apart[0] ** 2 + apart[1] ** 2 < (_REACH_RADII + half[:, None] + half) ** 2
-    one, other = np.nonzero(np.triu(near))
+    apart = ((at[:, :, None] - at[:, None]) ** 2).sum(axis=0)
+    one, other = np.nonzero(np.triu(apart < (reach[:, None] + reach) ** 2))
     steps = (np.arange(_POINTS_PER_VOXEL) + 0.5) / _POINTS_PER_VOXEL - 0.5
-    begun = way[:, one, None, None] * steps[:, None] - way[:, other, None, None] * steps
-    across, down = apart[:, one, other, None, None] + begun
+    points = at[:, :, None] + way[:, :, None] * steps
+    across, down = points[:, one, :, None] - points[:, other, None]
     decay = exp(-(across**2) - down**2)
     shared = ((1.0 - 2.0 * on_surface * across**2) * decay).mean(axis=(1, 2))
     shared = np.where(one == other, 0.5, 1.0) * shared
