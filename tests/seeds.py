@@ -3,6 +3,7 @@
     seeds.py -n 20                          the folders that hold statistical claims, twenty times
     seeds.py -n 5 --first 21                the next five shifts
     seeds.py -n 20 tests/statistical        some of the tests
+    seeds.py -n 20 --quick                  those that are not slow
 
 A test that fails in several runs, or more failures altogether than the levels allow, is a finding: its level, its claim
 or the program is wrong. A run of all of them adds a row to the table of docs/tested.md.
@@ -30,9 +31,10 @@ SURE = 1e-3
 """Chance with which true levels are called wrong, for all tests together."""
 
 
-def failures(shift: int, places: list[str]) -> tuple[list[str], int]:
-    """Return the names of the tests that fail with shifted seeds, and how many ran."""
-    command = [sys.executable, "-m", "pytest", "-q", "-m", "", "-p", "no:cacheprovider", "--tb=no", *places]
+def failures(shift: int, places: list[str], marked: str) -> tuple[list[str], int]:
+    """Return the names of the tests that fail with shifted seeds, and how many ran, of those that are so marked."""
+    command = [sys.executable, "-m", "pytest", "-q", "-m", marked]
+    command += ["-p", "no:cacheprovider", "--tb=no", *places]
     done = subprocess.run(
         command,
         cwd=REPOSITORY,
@@ -52,12 +54,13 @@ def main() -> int:
     )
     arguments.add_argument("-n", type=int, default=20, help="shifts of the seeds (20)")
     arguments.add_argument("--first", type=int, default=1, help="the first of them (1)")
+    arguments.add_argument("--quick", action="store_true", help="leave out slow tests")
     arguments.add_argument("places", nargs="*", default=FOLDERS, help="folders or tests")
     given = arguments.parse_args()
     found: Counter[str] = Counter()
     ran = 0
     for shift in range(given.first, given.first + given.n):
-        names, ran = failures(shift, given.places)
+        names, ran = failures(shift, given.places, "not slow" if given.quick else "")
         found.update(names)
         print(f"shift {shift}: {len(names)} of {ran} fail", *names, sep="\n    ", flush=True)
     most = int(stats.binom.isf(SURE / max(ran, 1), given.n, LEVEL))
@@ -71,7 +74,8 @@ def main() -> int:
         last = given.first + given.n - 1
         names = ", ".join(f"{name} ({count})" for name, count in sorted(found.items())) or "none"
         today = datetime.now(UTC).date().isoformat()
-        row = f"| {today} | {given.first} to {last} | {ran} | {total} | {allowed} | {names} |\n"
+        which = f"{ran}, quick ones" if given.quick else ran
+        row = f"| {today} | {given.first} to {last} | {which} | {total} | {allowed} | {names} |\n"
         PAGE.write_text(PAGE.read_text(encoding="utf-8").replace(END, row + END), encoding="utf-8")
     return bool(wrong) or total > allowed
 

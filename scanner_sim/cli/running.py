@@ -18,7 +18,8 @@ from scanner_sim.products.files.contents import RUN, SHOTS, TRACK
 from scanner_sim.products.files.folder import check_target
 
 if TYPE_CHECKING:
-    from scanner_sim.products.image import Layered, RangeImage
+    from scanner_sim.products.image import RangeImage
+    from scanner_sim.products.layers import LayeredResult
     from scanner_sim.products.shots import ShotTable
 
 
@@ -97,7 +98,7 @@ def closing_shots(shots: ShotTable, paths: Sequence[Path]) -> dict[str, str]:
     return {"shots": f"{len(shots):,} in {shots.time[-1]:.4g} s", **_closing(shots, paths)}
 
 
-def _closing(image: Layered, paths: Sequence[Path]) -> dict[str, str]:
+def _closing(image: LayeredResult, paths: Sequence[Path]) -> dict[str, str]:
     from scanner_sim.products.summary import share_beyond
 
     valid = image.valid

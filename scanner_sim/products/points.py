@@ -8,14 +8,14 @@ import numpy as np
 
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.foundation.errors import printable
-from scanner_sim.products.image import Layered
+from scanner_sim.products.layers import LayeredResult
 
 _FIRST = ("x", "y", "z", "intensity")
 """Properties of a vertex that programs look for; the others follow in the order of the channels."""
 _PLY_TYPE = {"<f4": "float", "<i4": "int"}
 
 
-def write_ply(path: str | Path, image: Layered) -> None:
+def write_ply(path: str | Path, image: LayeredResult) -> None:
     """Write the measured points of an image, row by row, or of a table of shots; an existing file is overwritten.
 
     Every vertex has ``x y z`` [m] in the scanner frame, the other channels that are properties of vertices where the

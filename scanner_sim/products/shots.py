@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -12,9 +12,7 @@ import xarray
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL, Channel
-from scanner_sim.foundation.status import Status
-from scanner_sim.products.image import attributes, closed, layer_variables, seal
-from scanner_sim.products.provenance import versions
+from scanner_sim.products.layers import LayeredResult, attributes, closed, layer_variables
 
 Array = NDArray[np.float64]
 
@@ -41,22 +39,19 @@ _WIDEST = 2.0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ShotTable:
+class ShotTable(LayeredResult):
     """Measurements of a scan without rows and the truth behind them, column by column.
 
-    A column is read by its name, ``shots["range_m"]``; :data:`COLUMN` tells unit and meaning of each. The arrays are
-    views that cannot be written to.
+    :data:`COLUMN` tells unit and meaning of each column.
 
     Parameters
     ----------
-    channels
-        Layers by name as those of an image, each of shape (shots,), float32.
+    channels, objects, materials, seed, scenario_yaml, warnings, made_by
+        As of :class:`~scanner_sim.products.layers.LayeredResult`; each layer has the shape (shots,).
     time
         Middle of each dwell since the start [s], shape (shots,), ascending.
     theta, phi
         Deflections of each shot [rad], shape (shots,).
-    objects, materials, seed, scenario_yaml, warnings, made_by
-        As of :class:`~scanner_sim.products.image.RangeImage`.
 
     Raises
     ------
@@ -64,16 +59,9 @@ class ShotTable:
         If names, shapes, types, times or the marks of invalid shots contradict each other.
     """
 
-    channels: Mapping[str, NDArray[np.float32]]
     time: Array
     theta: Array
     phi: Array
-    objects: tuple[str, ...] = ()
-    materials: tuple[str, ...] = ()
-    seed: int = 0
-    scenario_yaml: str = ""
-    warnings: tuple[str, ...] = ()
-    made_by: Mapping[str, str] = field(default_factory=versions)
 
     def __post_init__(self) -> None:
         """Check the table and close its arrays to writing."""
@@ -86,27 +74,16 @@ class ShotTable:
             raise ValueError("time must ascend from 0, and there must be a shot")
         if max(np.abs(self.theta).max(), np.abs(self.phi).max()) > _WIDEST:
             raise ValueError("theta and phi must be deflections")
-        seal(self, (len(self),))
+        super().__post_init__()
 
     def __len__(self) -> int:
         """Return the number of shots."""
         return len(self.time)
 
-    def __getitem__(self, name: str) -> NDArray[np.float32]:
-        """Return a layer, shape (shots,).
-
-        Raises
-        ------
-        KeyError
-            If the table has no such layer; the message names those that it has.
-        """
-        if name not in self.channels:
-            raise KeyError(f"no channel {name!r} in these shots; they have {', '.join(self.channels)}")
-        return self.channels[name]
-
-    def __contains__(self, name: object) -> bool:
-        """Tell whether the table has a layer."""
-        return name in self.channels
+    @property
+    def shape(self) -> tuple[int]:
+        """Number of shots."""
+        return (len(self),)
 
     @property
     def columns(self) -> dict[str, NDArray[Any]]:
@@ -116,16 +93,6 @@ class ShotTable:
         names = (channel.name for channel in AIMED)
         return {**dict(zip(names, aimed, strict=True)), **self.channels}
 
-    @property
-    def valid(self) -> NDArray[np.bool_]:
-        """Where a range was measured, shape (shots,)."""
-        return np.equal(self["status"], Status.VALID)
-
-    def points(self) -> NDArray[np.float32]:
-        """Return the measured points in the scanner frame, shape (valid shots, 3) [m]."""
-        valid = self.valid
-        return np.stack([self[name][valid] for name in ("P.X", "P.Y", "P.Z")], axis=1)
-
     def to_xarray(self) -> xarray.Dataset:
         """Return the table as an xarray dataset over ``shot``, with units, meanings and names of the codes."""
         coordinates = {
@@ -134,15 +101,5 @@ class ShotTable:
         }
         return xarray.Dataset(layer_variables(self, ("shot",)), coordinates, attributes(self, "shots"))
 
-    def __repr__(self) -> str:
-        """Return a few lines that say what the table holds."""
-        valid = self.valid
-        lines = [f"ShotTable of {len(self):,} shots in {self.time[-1]:.4g} s, seed {self.seed}"]
-        if "range_m" in self and valid.any():
-            ranges = self["range_m"][valid]
-            lines.append(
-                f"  {100.0 * valid.mean():.4g} % have a range, from {ranges.min():.4g} m to {ranges.max():.4g} m"
-            )
-        lines.append(f"  channels: {', '.join(self.channels)}")
-        lines.extend(f"  warning: {warning}" for warning in self.warnings)
-        return "\n".join(lines)
+    def _title(self) -> str:
+        return f"ShotTable of {len(self):,} shots in {self.time[-1]:.4g} s"

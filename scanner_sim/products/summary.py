@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.image import Layered, RangeImage
+from scanner_sim.products.image import RangeImage
 from scanner_sim.products.json_text import json_text
+from scanner_sim.products.layers import LayeredResult
 from scanner_sim.products.shots import ShotTable
 
 _BEYOND = (3, 5, 6)
@@ -45,7 +46,7 @@ def shots_summary(shots: ShotTable) -> dict[str, object]:
     }
 
 
-def _layers(image: Layered, unit: str) -> dict[str, object]:
+def _layers(image: LayeredResult, unit: str) -> dict[str, object]:
     """Return what layers of any shape hold; ``unit`` is the word for one of their entries."""
     status, valid = image["status"], image.valid
     counts = {code: int(np.count_nonzero(status == code)) for code in Status}
@@ -72,7 +73,7 @@ def _layers(image: Layered, unit: str) -> dict[str, object]:
     return result
 
 
-def share_beyond(image: Layered, sigmas: float, prefix: str = "") -> float | None:
+def share_beyond(image: LayeredResult, sigmas: float, prefix: str = "") -> float | None:
     """Return the share of ranges whose error is larger than some σ; None where there is no truth.
 
     Parameters
@@ -103,7 +104,7 @@ def shots_json(shots: ShotTable) -> str:
     return json_text(shots_summary(shots))
 
 
-def _truth(image: Layered, unit: str) -> dict[str, object]:
+def _truth(image: LayeredResult, unit: str) -> dict[str, object]:
     """Return what only the simulator knows: errors of the valid voxels, and hits of each object."""
     result: dict[str, object] = {}
     if {"range_m", "truth.range_m"} <= image.channels.keys():

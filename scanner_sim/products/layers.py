@@ -1,0 +1,203 @@
+"""What every result of shots has: named layers of one shape, with units, meanings and marks of what failed."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import xarray
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
+from scanner_sim.foundation.status import Status
+from scanner_sim.products.provenance import in_order, versions
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LayeredResult(ABC):
+    """A result in named layers of one shape: an image of a raster, or a table of shots.
+
+    A layer is read by its name, ``result["range_m"]``; the table in :mod:`~scanner_sim.foundation.channels` tells unit
+    and meaning of each. The arrays are views that cannot be written to.
+
+    Parameters
+    ----------
+    channels
+        Layers by name, float32.
+    objects, materials
+        Names behind the numbers of ``truth.object`` and ``truth.material``; number 1 is the first name.
+    seed
+        Seed of the random numbers.
+    scenario_yaml
+        The resolved scenario that gives this result.
+    warnings
+        Sentences for the user on things that look unintended.
+    made_by
+        Versions of the programs that made it.
+
+    Raises
+    ------
+    ValueError
+        If names, shapes, types or the marks of what was not measured contradict each other.
+    """
+
+    channels: Mapping[str, NDArray[np.float32]]
+    objects: tuple[str, ...] = field(default=(), kw_only=True)
+    materials: tuple[str, ...] = field(default=(), kw_only=True)
+    seed: int = field(default=0, kw_only=True)
+    scenario_yaml: str = field(default="", kw_only=True)
+    warnings: tuple[str, ...] = field(default=(), kw_only=True)
+    made_by: Mapping[str, str] = field(default_factory=versions, kw_only=True)
+
+    def __post_init__(self) -> None:
+        """Check the layers, put them in order and close them to writing."""
+        _check_names(self.channels)
+        if any("\n" in name for name in (*self.objects, *self.materials)):
+            raise ValueError("names of objects and materials must stay on one line")
+        for name, layer in self.channels.items():
+            if layer.dtype != np.float32 or layer.shape != self.shape:
+                raise ValueError(
+                    f"{name} must be float32 of shape {self.shape}, not {layer.dtype} of shape {layer.shape}"
+                )
+        ordered = {name: closed(self.channels[name]) for name in CHANNEL if name in self.channels}
+        object.__setattr__(self, "channels", MappingProxyType(ordered))
+        object.__setattr__(self, "made_by", MappingProxyType(in_order(self.made_by)))
+        _check_codes(self)
+        _check_marks(self)
+
+    @property
+    @abstractmethod
+    def shape(self) -> tuple[int, ...]:
+        """Shape of each layer."""
+
+    @abstractmethod
+    def to_xarray(self) -> xarray.Dataset:
+        """Return the result as an xarray dataset, with units, meanings and names of the codes."""
+
+    @abstractmethod
+    def _title(self) -> str:
+        """Return a line that says what the result is of."""
+
+    def __getitem__(self, name: str) -> NDArray[np.float32]:
+        """Return a layer.
+
+        Raises
+        ------
+        KeyError
+            If there is no such layer; the message names those that there are.
+        """
+        if name not in self.channels:
+            raise KeyError(f"no channel {name!r} in this result; it has {', '.join(self.channels)}")
+        return self.channels[name]
+
+    def __contains__(self, name: object) -> bool:
+        """Tell whether there is a layer ``name``."""
+        return name in self.channels
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Where a range was measured, of the shape of the layers."""
+        return np.equal(self["status"], Status.VALID)
+
+    def points(self) -> NDArray[np.float32]:
+        """Return the measured points in the scanner frame, shape (valid shots, 3) [m], in the order of the shots."""
+        valid = self.valid
+        return np.stack([self[name][valid] for name in ("P.X", "P.Y", "P.Z")], axis=1)
+
+    def __repr__(self) -> str:
+        """Return a few lines that say what the result holds."""
+        valid = self.valid
+        lines = [f"{self._title()}, seed {self.seed}"]
+        lines.append(f"  {100.0 * valid.mean():.4g} % have a range" + self._ranges(valid))
+        lines.append(f"  channels: {', '.join(self.channels)}")
+        lines.extend(f"  warning: {warning}" for warning in self.warnings)
+        return "\n".join(lines)
+
+    def _ranges(self, valid: NDArray[np.bool_]) -> str:
+        if "range_m" not in self or not valid.any():
+            return ""
+        ranges = self["range_m"][valid]
+        text = f", from {ranges.min():.4g} m to {ranges.max():.4g} m"
+        if "sigma_range_m" in self:
+            text += f", median σ {1e3 * float(np.median(self['sigma_range_m'][valid])):.3g} mm"
+        return text
+
+
+def _check_codes(result: LayeredResult) -> None:
+    """Raise a ValueError where a layer of codes holds something else than their whole numbers."""
+    for name, names in _legends(result).items():
+        layer, end = result[name], len(names) - 1
+        if not ((layer >= 0) & (layer <= end) & (layer == np.rint(layer))).all():
+            raise ValueError(f"{name} must hold whole numbers from 0 to {end}")
+
+
+def _legends(result: LayeredResult) -> dict[str, list[str]]:
+    """Return the names behind the numbers of each layer of whole numbers."""
+    own = {"truth.object": result.objects, "truth.material": result.materials}
+    return {
+        name: ["nothing", *own[name]] if name in own else [status.name for status in Status]
+        for name in result.channels
+        if CHANNEL[name].whole
+    }
+
+
+def _check_marks(result: LayeredResult) -> None:
+    """Raise a ValueError where what was not measured is no NaN, or what was is no number."""
+    for status, layers in MEASURED_BY.items():
+        if status not in result:
+            if present := [name for name in layers if name in result]:
+                raise ValueError(f"{present[0]} needs the channel {status}")
+            continue
+        valid = np.equal(result[status], Status.VALID)
+        for name in layers:
+            if name in result and not np.isnan(result[name][~valid]).all():
+                raise ValueError(f"{name} must be NaN wherever {status} is not 0")
+            finite = name in result and CHANNEL[name].kind == "point"
+            if finite and not np.isfinite(result[name][valid]).all():
+                raise ValueError(f"{name} must be a finite number wherever {status} is 0")
+
+
+def attributes(result: LayeredResult, title: str) -> dict[str, str]:
+    """Return what a result says of itself as attributes for xarray."""
+    return {
+        "title": title,
+        "seed": str(result.seed),
+        "scenario": result.scenario_yaml,
+        "warnings": "\n".join(result.warnings),
+        **{f"version_{program}": number for program, number in result.made_by.items()},
+    }
+
+
+def layer_variables(result: LayeredResult, dimensions: tuple[str, ...]) -> dict[str, Any]:
+    """Return layers as variables for xarray over some dimensions, with units, meanings and names of their codes."""
+    names, variables = _legends(result), {}
+    for name, layer in result.channels.items():
+        about: dict[str, object] = {"units": CHANNEL[name].unit, "long_name": CHANNEL[name].meaning}
+        values: NDArray[np.float32] | NDArray[np.int32] = layer
+        if name in names:
+            values = layer.astype(np.int32)
+            about["flag_values"] = np.arange(len(names[name]), dtype=np.int32)
+            about["flag_meanings"] = " ".join(word.replace(" ", "_") for word in names[name])
+        if name in MEASURED_BY:
+            about["comment"] = "; ".join(f"{status.name}: {status.sentence}" for status in Status)
+        variables[name] = (dimensions, values, about)
+    return variables
+
+
+def _check_names(channels: Mapping[str, NDArray[np.float32]]) -> None:
+    """Raise a ValueError where channels are unknown or the status is missing."""
+    if "status" not in channels:
+        raise ValueError("a result needs the channel status")
+    if unknown := [name for name in channels if name not in CHANNEL]:
+        raise ValueError(f"unknown channels: {', '.join(unknown)}; known are {', '.join(CHANNEL)}")
+
+
+def closed(array: NDArray[np.generic]) -> NDArray[np.generic]:
+    """Return a view of ``array`` that cannot be written to; nothing is copied."""
+    view = array.view()
+    view.flags.writeable = False
+    return view
