@@ -96,8 +96,8 @@ class TargetPlane:
 
     def of(self, rows: slice) -> TargetPlane:
         """Return some of the planes."""
-        parts = (getattr(self, field.name) for field in fields(self)[:-1])
-        return TargetPlane(*(part[rows] for part in parts), self.axis_separation)
+        names = [field.name for field in fields(self)[:-1]]
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def spot(self, beam: ArrayLike, shown: PatternSamples, centre: Array) -> Array:
         """Return the standard deviation of a spot on the plane away from a centre, shape (patterns, points).
