@@ -215,16 +215,19 @@ def test_an_error_of_the_centre_moves_the_range_along_the_plane() -> None:
 
 
 def test_uncertain_slopes_widen_the_centre() -> None:
-    """Claim: ranges that tell the plane badly make the centre worse, and by more the worse they are."""
-    sigmas = []
+    """Claim: ranges that tell the plane badly make the centre worse, and by more the worse they are; both slopes do."""
+    covariances = []
     for sigma in (1e-6, 3e-3, 6e-3):
         samples, _ = tilted(1e-6)
         told = replace(samples, sigma_range=np.full_like(samples.range, sigma))
-        sigmas.append(np.sqrt(np.diag(seen(told, axis_separation=D).covariance[0])[:2]))
-    rough, rougher = (np.sqrt(one**2 - sigmas[0] ** 2) for one in sigmas[1:])
+        covariances.append(seen(told, axis_separation=D).covariance[0, :2, :2])
+    added = [one - covariances[0] for one in covariances[1:]]
+    rough, rougher = (np.sqrt(np.diag(one)) for one in added)
     assert (rough > 0.0).all()
     # Twice the noise of the ranges is twice the slope's, and twice what it moves.
     assert np.hypot(*rougher) == pytest.approx(2.0 * np.hypot(*rough), rel=0.1)
+    # What one slope alone moves would lie in one direction: its determinant is rounding, 1e-8 of the product.
+    assert np.linalg.det(added[0]) > 1e-3 * np.prod(np.diag(added[0]))
 
 
 def test_the_error_of_the_angles_is_stretched_as_the_plane_is(monkeypatch: pytest.MonkeyPatch) -> None:
