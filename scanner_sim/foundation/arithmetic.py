@@ -26,10 +26,10 @@ _HIDDEN = 1e-17
 
 def product(*matrices: ArrayLike) -> Array:
     """Return the product of stacks of matrices from left to right, as ``@`` does; at least two of two axes each."""
-    first, *others = (np.asarray(matrix, dtype=np.float64) for matrix in matrices)
-    for other in others:
-        first = np.einsum("...ij,...jk->...ik", first, other)
-    return first
+    result = np.asarray(matrices[0], dtype=np.float64)
+    for other in matrices[1:]:
+        result = np.einsum("...ij,...jk->...ik", result, np.asarray(other, dtype=np.float64))
+    return result
 
 
 def applied(matrix: ArrayLike, vector: ArrayLike) -> Array:
@@ -69,9 +69,10 @@ def solve_linear(matrix: Array, right: Array) -> Array:
     both[:, :size], both[:, size:] = _axes_first(matrix, len(stack)), _axes_first(right, len(stack))
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         for step in range(size):
-            row = both[step, step + 1 :] / both[step, step]
-            both[:, step + 1 :] -= both[:, step, None] * row
-            both[step, step + 1 :] = row
+            # Columns that are done with are carried on: nobody reads them, and to leave them out takes longer.
+            row = both[step] / both[step, step]
+            both -= both[:, step, None] * row
+            both[step] = row
     return _axes_last(both[:, size:])
 
 

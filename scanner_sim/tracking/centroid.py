@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import inverse, product, solve_linear
-from scanner_sim.tracking.response import Response
+from scanner_sim.tracking.response import Response, repeated
 from scanner_sim.tracking.samples import PatternSamples
 
 Array = NDArray[np.float64]
@@ -49,6 +49,9 @@ class Centroid:
         χ² of the fit over its degrees of freedom, shape (patterns,); NaN for the mean of hits.
     found
         Whether there is a centre, shape (patterns,).
+    gains
+        ∂centre/∂(value of each voxel), shape (patterns, 2, points), 0 where there is no centre; None where it was not
+        found by values.
     """
 
     centre: Array
@@ -57,6 +60,7 @@ class Centroid:
     sigma_radius: Array
     misfit: Array
     found: Mask
+    gains: Array | None = None
 
     def worse_by(self, covariance: Array) -> Centroid:
         """Return the centres with a covariance [rad²] more, shape (patterns, 2, 2); not found where it is absurd."""
@@ -67,6 +71,18 @@ class Centroid:
             self.sigma_radius,
             self.misfit,
             self.found,
+        )
+
+    def of(self, rows: slice) -> Centroid:
+        """Return some of the patterns."""
+        return Centroid(**{name: part[rows] for name, part in vars(self).items() if part is not None})
+
+    def repeated(self, rows: int) -> Centroid:
+        """Return so many rows: the patterns again and again."""
+        if rows == len(self.found):
+            return self
+        return Centroid(
+            **{name: repeated(part, rows) for name, part in vars(self).items() if part is not None}
         )
 
     @property
@@ -211,4 +227,4 @@ def better_of(first: Centroid, second: Centroid) -> Centroid:
         )
         for name in ("centre", "covariance", "radius", "sigma_radius", "misfit", "found")
     }
-    return Centroid(**chosen)
+    return Centroid(**chosen, gains=first.gains)

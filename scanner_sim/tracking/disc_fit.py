@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from scanner_sim.foundation.arithmetic import applied, exp, inverse, product, solve_linear
+from scanner_sim.foundation.arithmetic import exp, product, solve_linear
 from scanner_sim.tracking.centroid import Centroid, centroid_of
 from scanner_sim.tracking.response import Response
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
@@ -27,6 +29,7 @@ _LARGEST_VARIANCE = float(np.pi**2)
 """Largest variance of centre and radius [rad²] that tells anything: beyond it lie all directions."""
 _ROOT_PI = float(np.sqrt(2.0 * np.pi))
 _IDENTITY = np.eye(5)
+_ENDS = np.array([-1.0, 1.0])
 
 
 def disc_fit(
@@ -66,18 +69,18 @@ def disc_fit(
         Values are b + a D, with ground b, amplitude a and the share D of the spot on the disc (:func:`blurred_edge`),
         averaged along the travel of the dwell. Minimises Σ (v − b − a D)²/σ² over (c, r, a, b) by Gauss–Newton;
         covariance (JᵀWJ)⁻¹, times the misfit χ²/dof where that is above 1 (speckle, texture), and what the pointing
-        adds by the slope of each voxel's response, (JᵀWJ)⁻¹ JᵀW diag(a D′ σ)² WJ (JᵀWJ)⁻¹. Not modelled: a disc that
-        its tilt makes an ellipse, which widens the residuals but by its symmetry does not move the centre; cosine and
-        range over the disc.
+        adds by the slope of each voxel's response, G diag(a D′ σ)² Gᵀ with the gains G = (JᵀWJ)⁻¹JᵀW. Not modelled: a
+        disc that its tilt makes an ellipse, which widens the residuals but by its symmetry does not move the centre;
+        cosine and range over the disc.
     """
-    theta, phi = samples.theta, samples.phi
-    travel = duty_cycle * rise_per_point(theta), duty_cycle * rise_per_point(phi)
+    place = np.stack([samples.theta, samples.phi], axis=1)
+    travel = duty_cycle * rise_per_point(place)
+    way = (travel**2).sum(axis=1)
     usable = response.clear & start.found
     rows = len(usable)
     centre, size = start.centre, start.radius
     if not usable.all():
-        middle = np.stack([theta.mean(axis=1), phi.mean(axis=1)], axis=1)
-        centre, size = np.where(usable[:, None], centre, middle), np.where(usable, size, 1.0)
+        centre, size = np.where(usable[:, None], centre, place.mean(axis=2)), np.where(usable, size, 1.0)
     wide = np.asarray(spot, dtype=np.float64)
     blur = np.zeros((rows, 1)) + (wide if wide.ndim == 2 else wide.reshape(-1, 1))
     weight = np.where(response.used, 1.0 / response.sigma**2, 0.0)
@@ -89,8 +92,11 @@ def disc_fit(
         loose = 1e-3 * known if sigma_radius is None else np.asarray(sigma_radius, dtype=np.float64)
         prior = 1.0 / np.broadcast_to(loose, (rows,)) ** 2
     amplitude, ground = response.target - response.ground, response.ground
-    jacobian = np.ones((rows, 5, theta.shape[1]))
+    # Columns of the five unknowns, and the residual behind them: their products are all that a step needs.
+    design = np.ones((rows, 6, place.shape[2]))
     unit = np.empty((rows, 5))
+    right = np.zeros((rows, 5, 6))
+    right[:, :, 1:] = _IDENTITY
     state = np.concatenate([centre, size[:, None], amplitude[:, None], ground[:, None]], axis=1)
     # The state of least χ² so far, and the step from there, which is halved until χ² falls; its length over the units.
     best, step, length, least = state, np.zeros((rows, 5)), np.zeros(rows), np.full(rows, np.inf)
@@ -99,31 +105,33 @@ def disc_fit(
     moving = usable
     kept: tuple[Array, ...] = ()
     for _ in range(_MOST_STEPS):
-        centre, size, amplitude, ground = state[:, :2], state[:, 2], state[:, 3], state[:, 4]
-        away = theta - centre[:, :1], phi - centre[:, 1:]
-        share, by_distance, direction = _share(away, travel, size, blur)
-        residual = response.value - ground[:, None] - amplitude[:, None] * share
+        size, amplitude = state[:, 2], state[:, 3, None]
+        share, by_distance, direction = _share(place - state[:, :2, None], travel, way, size[:, None], blur)
         # Columns of like size keep the normal matrix well conditioned.
-        unit[:, :3], unit[:, 3:] = size[:, None], np.maximum(np.abs(amplitude), 1e-300)[:, None]
-        steep = amplitude[:, None] * by_distance
-        jacobian[:, 2] = -unit[:, 2:3] * steep
-        jacobian[:, 0], jacobian[:, 1] = jacobian[:, 2] * direction[0], jacobian[:, 2] * direction[1]
-        jacobian[:, 3], jacobian[:, 4] = unit[:, 3:4] * share, unit[:, 4:]
-        weighted = jacobian * weight[:, None]
-        normal = product(weighted, jacobian.transpose(0, 2, 1))
-        right = applied(weighted, residual)
+        unit[:, :3], unit[:, 3:] = size[:, None], np.maximum(np.abs(amplitude), 1e-300)
+        steep = amplitude * by_distance
+        design[:, 2] = -unit[:, 2:3] * steep
+        design[:, :2] = design[:, 2:3] * direction
+        design[:, 3], design[:, 4] = unit[:, 3:4] * share, unit[:, 4:]
+        design[:, 5] = response.value - state[:, 4:] - amplitude * share
+        weighted = design * weight[:, None]
+        normal = product(weighted, design.transpose(0, 2, 1))
+        right[:, :, 0], chi = normal[:, :5, 5], normal[:, 5, 5]
+        misfits = chi
         if radius is not None:
             normal[:, 2, 2] += prior * size**2
-            right[:, 2] += prior * size * (known - size)
+            right[:, 2, 0] += prior * size * (known - size)
+            misfits = chi + prior * (known - size) ** 2
         # No matrix is singular, not even that of a pattern without weights.
-        normal.reshape(rows, 25)[:, ::6] *= 1.0 + 1e-12
-        normal.reshape(rows, 25)[:, ::6] += 1e-300
-        change = solve_linear(normal, right[..., None])[..., 0]
+        diagonal = normal.reshape(rows, 36)[:, :35:7]
+        diagonal *= 1.0 + 1e-12
+        diagonal += 1e-300
+        solved = solve_linear(normal[:, :5, :5], right)
+        change = solved[:, :, 0]
         np.clip(change, -_LARGEST_STEP, _LARGEST_STEP, out=change)
-        chi = (weight * residual**2).sum(axis=1) + prior * (known - size) ** 2
-        better = moving & (chi <= least * (1.0 + _RISE))
-        kept = _newer(better, (normal, residual, weighted, steep), kept)
-        best, least = np.where(better[:, None], state, best), np.where(better, chi, least)
+        better = moving & (misfits <= least * (1.0 + _RISE))
+        kept = _newer(better, (solved, chi, weighted, steep), kept)
+        best, least = np.where(better[:, None], state, best), np.where(better, misfits, least)
         step = np.where(better[:, None], change * unit, 0.5 * step)
         length = np.where(better, np.abs(change).max(axis=1), 0.5 * length)
         tried = best + step
@@ -134,25 +142,23 @@ def disc_fit(
             break
     state = np.where(moving[:, None], best, state)
     centre, size, amplitude = state[:, :2], state[:, 2], state[:, 3]
-    normal, residual, weighted, steep = kept
-    chi = (weight * residual**2).sum(axis=1)
+    solved, chi, weighted, steep = kept
     error = np.asarray(pointing, dtype=np.float64)
-    turned = weighted * ((error[:, None] if error.ndim == 1 else error) * steep)[:, None]
-    normal = np.where(usable[:, None, None], normal, _IDENTITY)
     freedom = np.maximum(response.used.sum(axis=1) - 5 + (prior > 0.0), 1)
     misfit = chi / freedom
     # What the values do not tell at all has a variance beyond all angles, or all numbers, and is not found.
     with np.errstate(over="ignore", invalid="ignore"):
-        inverted = inverse(normal)
-        of_pointing = product(inverted, product(turned, turned.transpose(0, 2, 1)), inverted)
-        covariance = inverted * np.maximum(misfit, 1.0)[:, None, None] + of_pointing
-        covariance = covariance[:, :3, :3] * (size**2)[:, None, None]
+        inverted = solved[:, :3, 1:]
+        gains = size[:, None, None] * product(inverted, weighted[:, :5])
+        turned = gains * ((error[:, None] if error.ndim == 1 else error) * steep)[:, None]
+        scale = np.maximum(misfit, 1.0) * size**2
+        covariance = inverted[:, :, :3] * scale[:, None, None] + product(turned, turned.transpose(0, 2, 1))
     usable &= (np.diagonal(covariance, axis1=1, axis2=2) <= _LARGEST_VARIANCE).all(axis=1)  # NaN is not
-    reach = np.maximum(np.abs(theta - centre[:, :1]).min(axis=1), np.abs(phi - centre[:, 1:]).min(axis=1))
+    reach = np.abs(place - centre[:, :, None]).min(axis=2).max(axis=1)
     found = usable & (reach < 2.0 * size) & (np.sign(amplitude) == np.sign(response.target - response.ground))
-    return centroid_of(
-        centre, covariance[:, :2, :2], size, np.sqrt(np.maximum(covariance[:, 2, 2], 0.0)), misfit, found
-    )
+    sigma = np.sqrt(np.maximum(covariance[:, 2, 2], 0.0))
+    best_fit = centroid_of(centre, covariance[:, :2, :2], size, sigma, misfit, found)
+    return replace(best_fit, gains=np.where(best_fit.found[:, None, None], gains[:, :2], 0.0))
 
 
 def _newer(
@@ -186,28 +192,23 @@ def blurred_edge(inside: Array, travel: Array, spot: Array) -> tuple[Array, Arra
         [Φ((u + L/2)/s) − Φ((u − L/2)/s)]/L.
     """
     half = np.maximum(np.abs(travel) / spot, _SHORTEST_TRAVEL) * 0.5
-    u = inside / spot
-    first, last = u - half, u + half
-    normal_first, normal_last = ndtr(first), ndtr(last)
+    ends = inside / spot + half * _ENDS.reshape(2, *[1] * half.ndim)
+    normal = ndtr(ends)
+    primitive = ends * normal + exp(-0.5 * ends**2) / _ROOT_PI
     over = 0.5 / half
-    density = (exp(-0.5 * last**2) - exp(-0.5 * first**2)) / _ROOT_PI
-    share = (last * normal_last - first * normal_first + density) * over
-    return share, (normal_last - normal_first) * over / spot
+    return (primitive[1] - primitive[0]) * over, (normal[1] - normal[0]) * over / spot
 
 
-def _share(
-    away: tuple[Array, Array], travel: tuple[Array, Array], radius: Array, spot: Array
-) -> tuple[Array, Array, tuple[Array, Array]]:
-    """Return D, ∂D/∂ρ (over the distance ρ) and the unit vectors from the centre; all (patterns, points).
+def _share(away: Array, travel: Array, way: Array, radius: Array, spot: Array) -> tuple[Array, Array, Array]:
+    """Return D, ∂D/∂ρ (over the distance ρ), (patterns, points), and the unit vectors from the centre.
 
     The circle's edge is straight across the spot; its bend puts the line of half response s²/(2r) inside of it, and a
-    travel t along the edge carries the spot away from the centre by t²/(24 ρ) in the mean.
+    travel t along the edge carries the spot away from the centre by t²/(24 ρ) in the mean. ``away``, ``travel`` and the
+    vectors have the shape (patterns, 2, points), ``way`` is t² with what goes across, (patterns, points).
     """
-    distance = np.maximum(np.sqrt(away[0] ** 2 + away[1] ** 2), 1e-12)
-    direction = away[0] / distance, away[1] / distance
-    across = travel[0] * direction[0] + travel[1] * direction[1]
-    along = travel[0] ** 2 + travel[1] ** 2 - across**2
-    r, s = radius[:, None], spot
-    mean = distance + along / (24.0 * np.maximum(distance, 0.5 * r))
-    share, slope = blurred_edge(r - 0.5 * s**2 / r - mean, across, s)
+    distance = np.maximum(np.sqrt((away**2).sum(axis=1)), 1e-12)
+    direction = away / distance[:, None]
+    across = (travel * direction).sum(axis=1)
+    mean = distance + (way - across**2) / (24.0 * np.maximum(distance, 0.5 * radius))
+    share, slope = blurred_edge(radius - 0.5 * spot**2 / radius - mean, across, spot)
     return share, -slope, direction

@@ -30,6 +30,11 @@ from scanner_sim.optics.deflection import wobble_correlation
 
 Array = NDArray[np.float64]
 
+_STEP, _REACH = 0.5, 12
+"""Distance of the nodes of an integral over images, over their width, and nodes on each side of an image."""
+_NODES = np.arange(-_REACH, _REACH + 1.0)[:, None, None]
+_DECAY = exp(-0.5 * (_NODES * _STEP) ** 2)
+
 
 @dataclass(frozen=True)
 class ErrorParts:
@@ -160,3 +165,32 @@ def pixel_correlation(apart: ArrayLike) -> Array:
     """Return what two images share of the errors of unlike pixels, by their distance over their width."""
     square = np.asarray(apart, dtype=np.float64) ** 2
     return np.asarray((1.0 - 0.5 * square) * exp(-0.25 * square))
+
+
+def mean_pixel_correlation(position: Array, weight: Array) -> Array:
+    """Return the mean of :func:`pixel_correlation` over all pairs of images, shape (patterns,).
+
+    Parameters
+    ----------
+    position
+        Of the images, over their width, shape (patterns, n).
+    weight
+        w of each image: a pair counts by the product of both, shape (patterns, n).
+
+    Notes
+    -----
+    Σ w_i w_j ρ(x_i − x_j) is ∫ (Σ w_i h(x − x_i))² dx, h(x) = x exp(−x²/2) (2/√π)^½, whose trapezium rule in steps of
+    ½ is exact to 1e-9: n images of 25 nodes each, and not n² pairs.
+    """
+    node = np.rint(position / _STEP)
+    off = position - node * _STEP
+    # exp(−(m s − f)²/2) of the nodes m s about the nearest one, at the distance f.
+    rising = np.cumprod(np.broadcast_to(exp(_STEP * off), (_REACH, *off.shape)), axis=0)
+    bell = exp(-0.5 * off**2) * np.concatenate([1.0 / rising[::-1], np.ones((1, *off.shape)), rising])
+    edge = weight * bell * (_DECAY * (_NODES * _STEP - off))
+    # Each pattern has nodes of its own.
+    first, last = node.min(axis=1, keepdims=True) - _REACH, node.max() + _REACH
+    width = int(last - first.min()) + 1
+    place = (node - first) + width * np.arange(len(node))[:, None] + _NODES
+    sums = np.bincount(place.astype(np.intp).ravel(), edge.ravel(), width * len(node)).reshape(-1, width)
+    return np.asarray((sums**2).sum(axis=1) * (2.0 * _STEP / np.sqrt(np.pi)) / weight.sum(axis=1) ** 2)

@@ -25,15 +25,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.foundation.arithmetic import exp, inverse, product, solve_linear
-from scanner_sim.tracking.disc_fit import blurred_edge
-from scanner_sim.tracking.measurement import Measurement
-from scanner_sim.tracking.plane import TargetPlane, target_plane
-from scanner_sim.tracking.response import TargetKind
+from scanner_sim.foundation.arithmetic import exp, product
+from scanner_sim.tracking.measurement import Measurement, Sight
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
 Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _POINTS_PER_VOXEL = 3
 """Points of the curve for each voxel: the beam is wider than the way between two of them."""
@@ -41,12 +37,8 @@ _REACH_RADII = 2.5
 """Radii of the beam beyond which two points have nothing in common, 2e-3."""
 _NEGLIGIBLE_SHARE = 0.01
 """Share of the largest error of a voxel that does not count."""
-_RIM_SIGMAS = 3.0
-"""Standard deviations of the spot from the rim within which voxels tell the centre, and not the range."""
 _LARGEST_SHARE = 0.9
 """Share of a variance that may last: no dither leaves the dwells where they were."""
-_FEWEST_VOXELS = 12
-"""Voxels that tell a plane."""
 
 
 @dataclass(frozen=True)
@@ -76,10 +68,6 @@ def surface_covariance(
     samples: PatternSamples,
     seen: Measurement,
     speckle: SurfaceSpeckle,
-    kind: TargetKind,
-    *,
-    duty_cycle: float,
-    axis_separation: float,
 ) -> Array:
     """Return the covariance of (Θ, φ, R) that a flat target's surface gives to all visits alike.
 
@@ -89,115 +77,46 @@ def surface_covariance(
         One pattern, and where its voxels show the target, with their covariance.
     speckle
         The speckle there.
-    kind
-        What the target is. Black and white discs are looked at; of others the range alone.
-    duty_cycle
-        Share of the dwell in which the laser shines.
-    axis_separation
-        D_g [m].
 
     Returns
     -------
     ndarray
         Shape (3, 3) [rad, rad, m]; at most nine tenths of the variance that the voxels tell.
     """
-    if not (seen.found[0] and seen.radius[0] > 0.0 and samples.valid[0].sum() >= _FEWEST_VOXELS):
+    if seen.sight is None or not (seen.found[0] and seen.radius[0] > 0.0):
         return np.zeros((3, 3))
     # Nothing is known of patterns that hardly show a target.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        result = _surface(samples, seen, speckle, kind, duty_cycle, axis_separation)
+        result = _surface(samples, seen.sight, speckle)
         limited = _limit(result, seen.covariance[0])
     return limited if np.isfinite(limited).all() else np.zeros((3, 3))
 
 
 def _limit(part: Array, whole: Array) -> Array:
     """Return a part of a covariance, of (Θ, φ) and of R, that leaves a tenth of the whole in every direction."""
-    ratio = product(inverse(whole[:2, :2]), part[:2, :2])
-    middle = 0.5 * (ratio[0, 0] + ratio[1, 1])
-    spread = middle**2 - ratio[0, 0] * ratio[1, 1] + ratio[0, 1] * ratio[1, 0]
+    (a, b), (_, c) = whole[:2, :2]
+    (p, q), (_, r) = part[:2, :2]
+    # The larger root λ of det(part − λ whole) = 0.
+    area = a * c - b * b
+    middle = 0.5 * (a * r + c * p - 2.0 * b * q) / area
+    spread = middle**2 - (p * r - q * q) / area
     largest = np.array([middle + np.sqrt(np.maximum(spread, 0.0)), part[2, 2] / whole[2, 2]])
     scale = np.minimum(1.0, _LARGEST_SHARE / np.maximum(largest, _LARGEST_SHARE))[[0, 0, 1]]
     return np.asarray(part * scale)
 
 
-def _surface(
-    samples: PatternSamples,
-    seen: Measurement,
-    speckle: SurfaceSpeckle,
-    kind: TargetKind,
-    duty_cycle: float,
-    axis_separation: float,
-) -> Array:
+def _surface(samples: PatternSamples, sight: Sight, speckle: SurfaceSpeckle) -> Array:
     """Return :func:`surface_covariance` as the voxels' gains give it."""
-    result, usable = np.zeros((3, 3)), samples.valid[0]
-    plane = _plane_of(samples, seen, axis_separation)
-    shown, _ = plane.flatten(samples)
-    reach, spot = float(plane.distance[0]), 0.5 * speckle.radius
-    position = reach * np.concatenate([shown.theta, shown.phi])
-    rise = reach * np.concatenate([rise_per_point(shown.theta), rise_per_point(shown.phi)])
-    way, radius, off = duty_cycle * rise, reach * float(seen.radius[0]), np.hypot(*position)
-    if kind in (TargetKind.BLACK, TargetKind.WHITE):
-        gains = _centre_gains(samples, position, off, way, radius, spot)
-        light = np.sqrt(speckle.light) / reach * gains * np.nan_to_num(samples.signal[0])
-        back = inverse(plane.change)[0]
+    result, reach = np.zeros((3, 3)), float(sight.plane.distance[0])
+    position, rise = reach * sight.place[0], reach * rise_per_point(sight.place[0])
+    if sight.light_gains is not None:
+        light = np.sqrt(speckle.light) * sight.light_gains[0]
+        back = sight.plane.back[0]
         result[:2, :2] = product(back, _common(position, rise, light, speckle.radius, 0.0), back.T)
-    part = {TargetKind.BLACK: usable, TargetKind.HOLE: off > radius, TargetKind.RETRO: off > radius}
-    clear = np.abs(off - radius) > _RIM_SIGMAS * spot + 0.5 * np.hypot(*way)
-    inside = usable & clear & part.get(kind, off < radius)
-    inside = inside if inside.sum() >= _FEWEST_VOXELS else usable
-    moved = _range_gains(samples, position / radius, inside) * _of_speckle(samples, speckle.range_noise)
-    kept = _common(position, rise, moved[None], speckle.radius, speckle.on_surface)[0, 0]
+    moved = sight.range_gains[:1] * _of_speckle(samples, speckle.range_noise)
+    kept = _common(position, rise, moved, speckle.radius, speckle.on_surface)[0, 0]
     result[2, 2] = np.maximum(kept, 0.0)
     return result
-
-
-def _plane_of(samples: PatternSamples, seen: Measurement, axis_separation: float) -> TargetPlane:
-    """Return the plane through the voxels of a pattern, about the centre."""
-    about = seen.position[:, :2]
-    away = np.stack([samples.theta[0] - about[0, 0], samples.phi[0] - about[0, 1]]) / seen.radius[0]
-    weighted = _design(away, samples.valid[0], samples.sigma_range[0])
-    value = np.where(samples.valid[0], samples.range[0], 0.0)
-    normal = product(weighted, np.stack([np.ones_like(value), *away]).T)
-    (_, *slope) = solve_linear(normal, product(weighted, value[:, None]))[:, 0] / seen.radius[0]
-    return target_plane(about, seen.position[:, 2], np.array([slope]), axis_separation)
-
-
-def _design(columns: Array, usable: Mask, sigma: Array) -> Array:
-    """Return (1, columns) of voxels over the variance of their ranges, nothing for those that tell none."""
-    weight = np.where(usable, 1.0 / np.where(usable, sigma, 1.0) ** 2, 0.0)
-    return np.asarray(weight * np.stack([np.ones_like(weight), *columns]))
-
-
-def _centre_gains(
-    samples: PatternSamples, position: Array, off: Array, way: Array, radius: float, spot: float
-) -> Array:
-    """Return by how much each voxel's signal moves the centre of a disc whose radius and levels are fitted, (2, n) [m].
-
-    (JᵀWJ)⁻¹JᵀW of :func:`~scanner_sim.tracking.disc_fit.disc_fit`, on the plane.
-    """
-    across = (way * position).sum(axis=0) / np.maximum(off, 1e-12)
-    share, slope = blurred_edge(radius - off, across, np.full_like(off, spot))
-    signal, sigma = samples.signal[0], samples.sigma_signal[0]
-    usable = np.isfinite(signal) & (sigma > 0.0)
-    weight = np.where(usable, 1.0 / np.where(usable, sigma, 1.0) ** 2, 0.0)
-    # The amplitude by its own least squares: ground and target are levels of the signals.
-    levels = np.stack([1.0 - share, share])
-    low, high = solve_linear(
-        product(levels * weight, levels.T), product(levels * weight, np.nan_to_num(signal)[:, None])
-    )[:, 0]
-    steep = (high - low) * slope * spot
-    jacobian = np.stack([*(steep * position / np.maximum(off, 1e-12)), steep, *(levels * high)])
-    weighted = jacobian * weight
-    return np.asarray(spot * solve_linear(product(weighted, jacobian.T), weighted)[:2])
-
-
-def _range_gains(samples: PatternSamples, position: Array, inside: Mask) -> Array:
-    """Return by how much each voxel's range moves that of the plane at the centre, shape (n,); even in time."""
-    time = samples.time[0]
-    columns = np.stack([*position, (time - time[inside].mean()) / np.ptp(time)])
-    weighted = _design(columns, inside, samples.sigma_range[0])
-    normal = product(weighted, np.stack([np.ones_like(time), *columns]).T)
-    return np.asarray(solve_linear(normal, weighted)[0])
 
 
 def _of_speckle(samples: PatternSamples, noise: float) -> Array:
@@ -210,14 +129,13 @@ def _common(position: Array, rise: Array, errors: Array, radius: float, on_surfa
     size = np.abs(errors).max(axis=0)
     used = size > _NEGLIGIBLE_SHARE * size.max()
     at, way, along = position[:, used] / radius, rise[:, used] / radius, errors[:, used]
-    half = 0.5 * np.hypot(*way)
-    apart = at[:, :, None] - at[:, None]
+    reach = 0.5 * (np.hypot(way[0], way[1]) + _REACH_RADII)
     # Every pair but once.
-    near = apart[0] ** 2 + apart[1] ** 2 < (_REACH_RADII + half[:, None] + half) ** 2
-    one, other = np.nonzero(np.triu(near))
+    apart = ((at[:, :, None] - at[:, None]) ** 2).sum(axis=0)
+    one, other = np.nonzero(np.triu(apart < (reach[:, None] + reach) ** 2))
     steps = (np.arange(_POINTS_PER_VOXEL) + 0.5) / _POINTS_PER_VOXEL - 0.5
-    begun = way[:, one, None, None] * steps[:, None] - way[:, other, None, None] * steps
-    across, down = apart[:, one, other, None, None] + begun
+    points = at[:, :, None] + way[:, :, None] * steps
+    across, down = points[:, one, :, None] - points[:, other, None]
     decay = exp(-(across**2) - down**2)
     shared = ((1.0 - 2.0 * on_surface * across**2) * decay).mean(axis=(1, 2))
     shared = np.where(one == other, 0.5, 1.0) * shared

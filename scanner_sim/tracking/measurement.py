@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
 
-from scanner_sim.foundation.arithmetic import applied, cholesky, inverse, product, solve_linear
+from scanner_sim.foundation.arithmetic import applied, cholesky
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Length
 from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.plane import TargetPlane, target_plane
-from scanner_sim.tracking.response import Response, TargetKind, target_response
+from scanner_sim.tracking.response import Response, TargetKind, repeated, target_response
 from scanner_sim.tracking.samples import PatternSamples, rise_per_point
+from scanner_sim.tracking.target_ranges import Ranges, target_ranges
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -27,8 +29,6 @@ _FEWEST_PARTIAL = 6
 """Voxels partly on the target that tell a disc's position and size, with some to spare."""
 _FEWEST_WHOLE = 12
 """Voxels away from the rim by which a range is found without those at it."""
-_CAP_SHARE = 0.8
-"""Part of a sphere's radius within which its range is looked at."""
 
 
 class TargetAppearance(Part):
@@ -42,6 +42,29 @@ class TargetAppearance(Part):
     """How far in front of and behind the expected range target and ground may lie: the range gate."""
     surface: Literal["flat", "sphere"] = "flat"
     """Its form: the range of a sphere is that of its middle."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """What flat targets were seen on.
+
+    Attributes
+    ----------
+    plane
+        Their planes.
+    place
+        (u, v) of the voxels on them (:meth:`~scanner_sim.tracking.plane.TargetPlane.flatten`), (patterns, 2, points).
+    light_gains
+        By how much relative changes of the voxels' light move the centre there, shape (patterns, 2, points); None where
+        it is not their light that tells the centre.
+    range_gains
+        By how much the range of each voxel moves that of the target, shape (patterns, points).
+    """
+
+    plane: TargetPlane
+    place: Array
+    light_gains: Array | None
+    range_gains: Array
 
 
 @dataclass(frozen=True)
@@ -62,6 +85,8 @@ class Measurement:
         Share of the voxels that hit it, shape (patterns,).
     found
         Whether there is a target, shape (patterns,).
+    sight
+        What a flat target was seen on; None for others.
     """
 
     time: Array
@@ -72,6 +97,7 @@ class Measurement:
     misfit: Array
     fraction: Array
     found: Mask
+    sight: Sight | None = None
 
 
 def measure_target(
@@ -108,35 +134,24 @@ def measure_target(
         take that for a position. Centre of the disc fit with a free radius, or the mean of hits where that fails. It is
         that of the circle for targets whose values at the edge do not say how much of the spot is on them: those that
         their range tells, and retro-reflectors, whose light is clipped; also for light with gaps (``duty_cycle`` below
-        1) of which too few voxels are partly on the target. The range is that of the plane R cos δ = R₀ + g·δ, δ =
-        angles − centre, through the voxels on the target (for holes: around it; for black and retro-reflective discs
-        both) at the centre, weighed by 1/σ_R²: a flat target in space, to the second order in δ but for its tilt's. A
-        sphere's voxels are carried to its middle first.
+        1) of which too few voxels are partly on the target. The range is that of the plane there
+        (:func:`~scanner_sim.tracking.target_ranges.target_ranges`).
     """
     middle = np.zeros(len(samples.theta)) + np.asarray(expected_range, dtype=np.float64)
     response = target_response(
         samples, appearance.kind, np.stack([middle - appearance.depth, middle + appearance.depth], axis=1)
     )
-    hits = hit_centroid(samples, response)
-    stamp = _stamp(samples, response)
-    see = _Seeing(samples, response, appearance, hits, spot, duty_cycle, pointing)
-    plane: TargetPlane | None = None
+    see = _Seeing(samples, response, appearance, np.asarray(spot, dtype=np.float64), duty_cycle, pointing)
     if axis_separation is None or appearance.surface != "flat":
-        centre, ranged = see.directly()
+        centre, ranges, sight = see.directly()
+        distance = ranges.at
     else:
-        first, _ = _plane_of(samples, response, appearance, hits, middle, stamp, axis_separation)
-        centre, ranged = see.on(first)
-        # Voxels at the rim would tilt the plane: the light's middle is not the spot's. Those away from it tell better.
-        plane, slope = _plane_of(samples, ranged, appearance, centre, middle, stamp, axis_separation, first)
-        centre, ranged = see.on(plane, centre)
-        if see.fits:
-            centre = centre.worse_by(see.by_slope(plane, slope, centre))
-    ranges, spread, enough = _ranges(samples, ranged, appearance, centre, stamp, plane)
-    distance = np.where(enough, ranges[:, 0], np.nan)
+        centre, distance, ranges, sight = see.on_its_plane(middle, axis_separation)
+    distance = np.where(ranges.known, distance, np.nan)
     position = np.concatenate([centre.centre, distance[:, None]], axis=1)
-    covariance = _covariance(centre, ranges, np.where(enough, spread[:, 0, 0], np.nan), plane)
+    covariance = _covariance(centre, ranges, sight)
     return Measurement(
-        time=stamp + np.where(centre.found, 0.0, np.nan),
+        time=see.stamp + np.where(centre.found, 0.0, np.nan),
         position=position,
         covariance=covariance,
         radius=centre.radius,
@@ -145,18 +160,18 @@ def measure_target(
         fraction=response.fraction,
         # What is as uncertain as it is large has not been measured.
         found=centre.found & (covariance[:, 2, 2] < distance**2),
+        sight=sight,
     )
 
 
 @dataclass(frozen=True)
 class _Seeing:
-    """What a centre is found from: see :func:`measure_target`; ``hits`` is where the search begins."""
+    """What a centre is found from: see :func:`measure_target`."""
 
     samples: PatternSamples
     response: Response
     appearance: TargetAppearance
-    hits: Centroid
-    spot: ArrayLike
+    spot: Array
     duty_cycle: float
     pointing: ArrayLike
 
@@ -170,129 +185,163 @@ class _Seeing:
         """Whether a disc is fitted, and light has no gaps."""
         return self.is_graded and self.duty_cycle == 1.0
 
-    def directly(self) -> tuple[Centroid, Response]:
-        """Return centres of targets that are round in the angles, and what of the response tells their range."""
-        start = circle_fit(self.samples, self.response, blurred=self.fits, rounds=1 if self.fits else None)
-        return self._fit(self.samples, self.response, start, self.hits, None)
+    @cached_property
+    def hits(self) -> Centroid:
+        """Mean of the hits, where the search begins."""
+        return hit_centroid(self.samples, self.response)
 
-    def on(self, plane: TargetPlane, known: Centroid | None = None) -> tuple[Centroid, Response]:
-        """Return centres (Θ, φ) of targets on planes; ``known`` is the centre about which these stand, from before."""
-        shown, response = self._lay_onto(plane)
-        if known is None or not self.fits:
-            # Where the disc is fitted, its fit only begins at the circle.
-            start = circle_fit(shown, response, blurred=self.fits, rounds=1 if self.fits else None)
-        else:
-            start = replace(known, centre=0.0 * known.centre)
-        hits = self.hits if start.found.all() else hit_centroid(shown, response)
-        centre, ranged = self._fit(shown, response, start, hits, plane)
-        return plane.seen(centre), ranged
+    @cached_property
+    def stamp(self) -> Array:
+        """Time to which positions belong [s], shape (patterns,): the mean over the hits."""
+        hit = self.response.hit
+        return np.asarray(np.where(hit, self.samples.time, 0.0).sum(axis=1) / np.maximum(hit.sum(axis=1), 1))
 
-    def by_slope(self, plane: TargetPlane, slope: Array, known: Centroid) -> Array:
-        """Return the covariance of centres (patterns, 2, 2) that comes with that of the planes' slopes.
+    def directly(self) -> tuple[Centroid, Ranges, None]:
+        """Return centres of targets that are round in the angles, and their ranges."""
+        centre = self._best(self.samples, self.response, self._circle(self.samples, self.response))
+        about = np.where(centre.found[:, None], centre.centre, 0.0)
+        radius = 0.5 * self.appearance.diameter if self.appearance.surface == "sphere" else None
+        told = self._ranged(self.samples, centre)
+        kind = self.appearance.kind
+        return centre, target_ranges(self.samples, told, kind, centre, about, self.stamp, sphere=radius), None
 
-        ``slope`` is that covariance, of ∂R/∂(Θ, φ) [m²/rad²], shape (patterns, 2, 2). The disc is fitted on planes that
-        are wrong by each column of its root.
+    def on_its_plane(self, middle: Array, axis_separation: float) -> tuple[Centroid, Array, Ranges, Sight]:
+        """Return centres of flat targets, their ranges, the planes' and the planes.
+
+        The first plane is that of all voxels of the target. On it a circle tells which of them are away from the rim:
+        those at it would tilt the plane, for the light's middle is not the spot's. The second goes through the others.
         """
-        root = cholesky(slope)
-        spread = np.zeros((len(slope), 2, 2))
-        for column in (0, 1):
-            other = plane.steeper(root[:, :, column])
-            shown, response = self._lay_onto(other)
-            start = replace(known, centre=0.0 * known.centre)
-            moved = other.seen(self._disc(shown, response, start, other)).centre - known.centre
+        samples, kind = self.samples, self.appearance.kind
+        mean = np.stack([samples.theta.mean(axis=1), samples.phi.mean(axis=1)], axis=1)
+        about = np.where(self.hits.found[:, None], self.hits.centre, mean)
+        rough = target_ranges(samples, self.response, kind, self.hits, about, self.stamp)
+        plane = _plane_of(rough, middle, axis_separation)
+        shown, response, reach = self._lay_onto(plane)
+        start = self._or_hits(self._circle(shown, response), plane)
+        told = self._ranged(shown, start)
+        ranges = target_ranges(samples, told, kind, start, about, self.stamp, plane=plane, reach=reach)
+        planes = _plane_of(ranges, middle, axis_separation, with_errors=self.fits)
+        shown, response, _ = self._lay_onto(planes)
+        if not self.fits:
+            # Where the disc is fitted, its fit only begins at the circle.
+            start = self._circle(shown, response)
+        best = self._best(shown, response, start.repeated(len(shown.theta)), planes)
+        found, distance = planes.seen(best)
+        rows = slice(len(middle))
+        centre = found.of(rows)
+        if self.fits:
+            moved = found.centre.reshape(3, -1, 2)[1:] - centre.centre
             moved = np.where(np.isfinite(moved), moved, 0.0)
-            spread += moved[:, :, None] * moved[:, None]
-        return spread
+            centre = centre.worse_by((moved[..., :, None] * moved[..., None, :]).sum(axis=0))
+        place = np.stack([shown.theta[rows], shown.phi[rows]], axis=1)
+        by_light = None if best.gains is None else best.gains[rows] * response.value[rows, None]
+        of_range = (ranges.off(centre)[:, :, None] * ranges.gains).sum(axis=1)
+        sight = Sight(planes.of(rows), place, by_light, of_range)
+        return centre, distance[rows], ranges, sight
 
-    def _lay_onto(self, plane: TargetPlane) -> tuple[PatternSamples, Response]:
-        """Return samples and response on planes, their light divided by that of the plane's tilt and range."""
-        shown, light = plane.flatten(self.samples)
+    def _circle(self, shown: PatternSamples, response: Response) -> Centroid:
+        return circle_fit(shown, response, blurred=self.fits, rounds=0 if self.fits else None)
+
+    def _or_hits(self, centroid: Centroid, plane: TargetPlane | None) -> Centroid:
+        """Return the mean of the hits where there is no other centre."""
+        if centroid.found.all():
+            return centroid
+        return better_of(centroid, self.hits if plane is None else plane.laid(self.hits))
+
+    def _lay_onto(self, planes: TargetPlane) -> tuple[PatternSamples, Response, Array]:
+        """Return samples, response and ranges on planes, light divided by that of the plane's tilt and range."""
+        shown, light, reach = planes.flatten(self.samples)
         if self.appearance.kind.by_range:
-            return shown, self.response
-        return shown, replace(self.response, value=self.response.value / light)
+            return shown, self.response, reach
+        own = self.response.repeated(len(light))
+        return shown, replace(own, value=own.value / light), reach
 
     def _disc(
         self, shown: PatternSamples, response: Response, start: Centroid, plane: TargetPlane | None
     ) -> Centroid:
-        spot, error = np.asarray(self.spot, dtype=np.float64), np.asarray(self.pointing, dtype=np.float64)
+        spot, error = self.spot, np.asarray(self.pointing, dtype=np.float64)
         if plane is not None:
-            spot = plane.spot(spot, shown, np.where(start.found[:, None], start.centre, 0.0))
+            rows = len(shown.theta)
+            spot = plane.spot(
+                repeated(np.zeros(len(self.response.clear)) + spot, rows),
+                shown,
+                np.where(start.found[:, None], start.centre, 0.0),
+            )
+            error = repeated(error[:, None] if error.ndim == 1 else np.atleast_2d(error), rows)
             error = error * plane.stretch[:, None]
         return disc_fit(shown, response, start, spot=spot, duty_cycle=self.duty_cycle, pointing=error)
 
-    def _fit(
+    def _best(
         self,
         shown: PatternSamples,
         response: Response,
         start: Centroid,
-        hits: Centroid,
-        plane: TargetPlane | None,
-    ) -> tuple[Centroid, Response]:
-        """Return the best centres that the samples tell, and what of the response tells the range."""
-        centre = better_of(start, hits)
+        plane: TargetPlane | None = None,
+    ) -> Centroid:
+        """Return the best centres that the samples tell."""
+        centre = self._or_hits(start, plane)
         if not self.is_graded:
-            return centre, self.response
-        fitted = better_of(self._disc(shown, response, centre, plane), hits)
-        if self.duty_cycle < 1.0:
-            # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
-            away = np.abs(response.value - response.threshold[:, None])
-            partly = away < _PARTIAL_LEVEL * np.abs(response.target - response.ground)[:, None]
-            enough = (partly & response.used).sum(axis=1) >= _FEWEST_PARTIAL
-            fitted = better_of(replace(fitted, found=fitted.found & enough), centre)
-        whole = _away_from_rim(shown, fitted, 3.0 * np.reshape(self.spot, (-1, 1)), self.duty_cycle)
-        inside = response.used & whole
-        if (inside.sum(axis=1) >= _FEWEST_WHOLE).all():
-            return fitted, replace(self.response, used=inside, hit=response.hit & whole)
-        return fitted, self.response
+            return centre
+        fitted = self._or_hits(self._disc(shown, response, centre, plane), plane)
+        if self.duty_cycle == 1.0:
+            return fitted
+        # The light leaves gaps. Where they hold the rim, nothing but the circle tells where it is.
+        away = np.abs(response.value - response.threshold[:, None])
+        partly = away < _PARTIAL_LEVEL * np.abs(response.target - response.ground)[:, None]
+        enough = (partly & response.used).sum(axis=1) >= _FEWEST_PARTIAL
+        return better_of(replace(fitted, found=fitted.found & enough), centre)
+
+    def _ranged(self, shown: PatternSamples, centre: Centroid) -> Response:
+        """Return what of the response tells the range."""
+        if not self.is_graded:
+            return self.response
+        whole = _away_from_rim(shown, centre, 3.0 * np.reshape(self.spot, (-1, 1)), self.duty_cycle)
+        inside = self.response.used & whole
+        enough = inside.sum(axis=1, keepdims=True) >= _FEWEST_WHOLE
+        return replace(
+            self.response,
+            used=np.where(enough, inside, self.response.used),
+            hit=self.response.hit & (whole | ~enough),
+        )
 
 
-def _stamp(samples: PatternSamples, response: Response) -> Array:
-    """Return the time to which positions belong [s], shape (patterns,): the mean over the hits."""
-    count = np.maximum(response.hit.sum(axis=1), 1)
-    return np.asarray(np.where(response.hit, samples.time, 0.0).sum(axis=1) / count)
-
-
-def _covariance(centre: Centroid, ranges: Array, variance: Array, plane: TargetPlane | None) -> Array:
+def _covariance(centre: Centroid, ranges: Ranges, sight: Sight | None) -> Array:
     """Return the covariance of positions, shape (patterns, 3, 3).
 
     The range is that of the plane at the centre that was found, so that an error δ of the centre on a target with the
-    slope g = ∂R/∂(Θ, φ) moves it by g·δ; ``variance`` [m²] is that of the plane's range where it was asked for.
+    slope g = ∂R/∂(Θ, φ) moves it by g·δ; to it comes that of the plane's range there.
     """
-    whole = np.zeros((len(ranges), 3, 3))
-    whole[:, :2, :2], whole[:, 2, 2] = centre.covariance, variance
-    if plane is not None:
-        shared = applied(centre.covariance, plane.slope)
+    whole = np.zeros((len(ranges.at), 3, 3))
+    off = ranges.off(centre)
+    variance = (off * applied(ranges.covariance, off)).sum(axis=1)
+    whole[:, :2, :2], whole[:, 2, 2] = centre.covariance, np.where(ranges.known, variance, np.nan)
+    if sight is not None:
+        shared = applied(centre.covariance, sight.plane.slope)
         whole[:, :2, 2] = whole[:, 2, :2] = shared
-        whole[:, 2, 2] += (shared * plane.slope).sum(axis=1)
+        whole[:, 2, 2] += (shared * sight.plane.slope).sum(axis=1)
     return whole
 
 
 def _plane_of(
-    samples: PatternSamples,
-    response: Response,
-    appearance: TargetAppearance,
-    centre: Centroid,
-    middle: Array,
-    stamp: Array,
-    axis_separation: float,
-    before: TargetPlane | None = None,
-) -> tuple[TargetPlane, Array]:
-    """Return the planes on which targets lie, about their centres, and the covariance of their slopes [m²/rad²].
+    ranges: Ranges, middle: Array, axis_separation: float, *, with_errors: bool = False
+) -> TargetPlane:
+    """Return the planes on which targets lie; where nothing is known they face the scanner at the ``middle`` [m].
 
-    Where nothing was hit they face the scanner. ``before`` are planes that are known roughly.
+    ``with_errors`` thrice as many: behind them those whose slopes are wrong by each column of their covariance's root.
     """
-    ranges, covariance, enough = _ranges(samples, response, appearance, centre, stamp, before)
-    known = enough & centre.found
-    about = np.stack([samples.theta.mean(axis=1), samples.phi.mean(axis=1)], axis=1)
-    radius = np.where(centre.found & (centre.radius > 0.0), centre.radius, 1.0)
-    plane = target_plane(
-        np.where(known[:, None], centre.centre, about),
-        np.where(known & (ranges[:, 0] > axis_separation), ranges[:, 0], middle),
-        np.where(known[:, None], ranges[:, 1:3] / radius[:, None], 0.0),
+    known = ranges.known
+    distance = np.where(known & (ranges.at > axis_separation), ranges.at, middle)
+    slope = np.where(known[:, None], ranges.slope, 0.0)
+    if not with_errors:
+        return target_plane(ranges.about, distance, slope, axis_separation)
+    root = cholesky(np.where(known[:, None, None], ranges.covariance[:, 1:, 1:], 1e-12 * np.eye(2)))
+    rows = 3 * len(known)
+    return target_plane(
+        repeated(ranges.about, rows),
+        repeated(distance, rows),
+        np.concatenate([slope, slope + root[:, :, 0], slope + root[:, :, 1]]),
         axis_separation,
     )
-    spread = covariance[:, 1:3, 1:3] / (radius**2)[:, None, None]
-    return plane, np.where(known[:, None, None], spread, 1e-12 * np.eye(2))
 
 
 def _away_from_rim(samples: PatternSamples, centre: Centroid, blur: Array, duty_cycle: float) -> Mask:
@@ -304,64 +353,3 @@ def _away_from_rim(samples: PatternSamples, centre: Centroid, blur: Array, duty_
     way = np.hypot(rise_per_point(samples.theta), rise_per_point(samples.phi))
     off = np.abs(np.hypot(off_theta, off_phi) - centre.radius[:, None])
     return np.asarray(off > blur + 0.5 * duty_cycle * way)
-
-
-def _plain(response: Response) -> Mask:
-    """Return the voxels beside a retro-reflector that none of its light reaches, or all where there are too few.
-
-    A little of it on a dull ground outshines that, and its position in the spot moves the range.
-    """
-    level = response.ground[:, None]
-    plain = response.used & ~response.hit & (np.abs(response.value - level) < 0.5 * np.abs(level))
-    return np.where(plain.sum(axis=1, keepdims=True) >= _FEWEST_PARTIAL, plain, response.used)
-
-
-def _ranges(
-    samples: PatternSamples,
-    response: Response,
-    appearance: TargetAppearance,
-    centre: Centroid,
-    stamp: Array,
-    plane: TargetPlane | None = None,
-) -> tuple[Array, Array, Mask]:
-    """Return range [m] at the centres with its rises, their covariance, and whether there are voxels enough.
-
-    Shapes (patterns, 4), of which the second and third are per radius along Θ and φ and the fourth per pattern's length
-    in time, (patterns, 4, 4) and (patterns,). The rise in time lets the range belong to the ``stamp`` [s], whenever the
-    voxels that tell it were measured.
-    """
-    part = {TargetKind.BLACK: response.used, TargetKind.HOLE: response.used & ~response.hit}
-    if appearance.kind is TargetKind.RETRO:
-        part[TargetKind.RETRO] = _plain(response)
-    chosen = part.get(appearance.kind, response.hit) & samples.valid & centre.found[:, None]
-    about = np.where(centre.found[:, None], centre.centre, 0.0)
-    angles = samples.theta - about[:, :1], samples.phi - about[:, 1:]
-    square = angles[0] ** 2 + angles[1] ** 2
-    if plane is None:
-        # Off the centre a flat target is farther away by 1/cos: 0.3 mm at 10 m, many σ when it is near.
-        value = samples.range * np.cos(np.sqrt(square))
-    else:
-        value = samples.range - plane.reach(samples.theta, samples.phi)
-    if appearance.surface == "sphere":
-        # The middle lies behind a point of the surface by √(r² − ρ²), which is steep near the limb.
-        radius, off = 0.5 * appearance.diameter, square * samples.range**2
-        chosen &= off < (_CAP_SHARE * radius) ** 2
-        value = value + np.sqrt(np.maximum(radius**2 - off, 0.0))
-    sigma = np.where(chosen & (samples.sigma_range > 0.0), samples.sigma_range, 1.0)
-    weight = np.where(chosen, 1.0 / sigma**2, 0.0)
-    # In radii, so that the plane's columns are of like size.
-    size = np.where(centre.found, centre.radius, 1.0)[:, None]
-    design = np.ones((len(size), 4, square.shape[1]))
-    design[:, 1], design[:, 2] = angles[0] / size, angles[1] / size
-    design[:, 3] = (samples.time - stamp[:, None]) / np.ptp(samples.time, axis=1)[:, None]
-    weighted = design * weight[:, None]
-    normal = product(weighted, design.transpose(0, 2, 1))
-    enough: Mask = np.asarray(chosen.sum(axis=1) >= 5)
-    normal = np.where(enough[:, None, None], normal, np.eye(4))
-    normal += 1e-9 * np.trace(normal, axis1=1, axis2=2)[:, None, None] * np.eye(4)
-    value = np.where(chosen, value, 0.0)
-    found = solve_linear(normal, product(weighted, value[..., None]))[..., 0]
-    if plane is not None:
-        found[:, 0] += plane.reach(about[:, :1], about[:, 1:])[:, 0]
-        found[:, 1:3] += plane.slope * size
-    return np.asarray(found), np.asarray(inverse(normal)), enough

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.foundation.arithmetic import inverse, product
+from scanner_sim.foundation.arithmetic import applied, product
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.tracking.centroid import Centroid, centroid_of
 from scanner_sim.tracking.samples import PatternSamples
@@ -26,8 +27,9 @@ class TargetPlane:
     ----------
     point
         Its foot, a point near the target's centre [m], shape (patterns, 3).
-    across, down
-        Unit vectors in the plane, along growing Θ and, at right angles to it, growing φ, shape (patterns, 3).
+    axes
+        Unit vectors by row, shape (patterns, 3, 3): in the plane, along growing Θ and, at right angles to it, growing
+        φ; and the normal.
     distance
         R of the foot [m], shape (patterns,): lengths on the plane are divided by it.
     change
@@ -43,8 +45,7 @@ class TargetPlane:
     """
 
     point: Array
-    across: Array
-    down: Array
+    axes: Array
     distance: Array
     change: Array
     stretch: Array
@@ -53,36 +54,50 @@ class TargetPlane:
     slope: Array
     axis_separation: float
 
-    def flatten(self, samples: PatternSamples) -> tuple[PatternSamples, Array]:
+    @cached_property
+    def back(self) -> Array:
+        """∂(Θ, φ)/∂(u, v) at the foot, shape (patterns, 2, 2): that of :attr:`change`, which has no lower corner."""
+        back = np.zeros_like(self.change)
+        back[:, 0, 0], back[:, 1, 1] = 1.0 / self.change[:, 0, 0], 1.0 / self.change[:, 1, 1]
+        back[:, 0, 1] = -self.change[:, 0, 1] * back[:, 0, 0] * back[:, 1, 1]
+        return back
+
+    def flatten(self, samples: PatternSamples) -> tuple[PatternSamples, Array, Array]:
         """Return samples with the plane's coordinates (u, v) about the foot, over its range, in place of the angles.
 
         They are where the beam along the measured deflections (eq 3) meets the plane: a disc's rim is a circle of the
         radius D/2R, and its middle is the middle, which an ellipse's in the angles is not. Beside them the laser light
         that a matt plane sends back from there over that from the foot, cos θ/R² by Lambert's law and the solid angle
         of the aperture, shape (patterns, points): it changes by a per cent over a disc of 100 mm at 8 m under 15°,
-        which moves the middle of its edges by some microradians.
+        which moves the middle of its edges by some microradians. And the ranges R [m] there, shape (patterns, points).
+        Of k times as many planes as patterns each k-th part meets all of them; only the angles have their rows.
         """
-        apart, along, rise, reach = self._met(samples.theta, samples.phi)
-        met = [reach * along[axis] - apart[axis] for axis in range(3)]
-        u, v = (_dot(axis / self.distance[:, None], met) for axis in (self.across, self.down))
-        light = np.abs(rise) * (self.stretch * self.distance)[:, None] ** 2 / reach**2
-        return replace(samples, theta=u, phi=v), light
+        sine, cosine, forward = np.sin(samples.phi), np.cos(samples.phi), np.cos(samples.theta)
+        along = np.stack([np.sin(samples.theta), forward * sine, forward * cosine], axis=1)
+        # X = origin + R along is eq 3; from the origin to the foot:
+        apart = np.zeros_like(along)
+        apart[:, 1], apart[:, 2] = self.axis_separation * sine, self.axis_separation * (cosine - 1.0)
+        of_planes, points = (-1, len(samples.theta)), samples.theta.shape[1]
+        apart = apart + self.point.reshape(*of_planes, 3, 1)
+        axes = self.axes.reshape(*of_planes, 3, 3)
+        rise, drop = (product(axes, way).reshape(-1, 3, points) for way in (along, apart))
+        reach = drop[:, 2] / rise[:, 2]
+        place = (reach[:, None] * rise[:, :2] - drop[:, :2]) / self.distance[:, None, None]
+        light = np.abs(rise[:, 2]) * (self.stretch * self.distance)[:, None] ** 2 / reach**2
+        return replace(samples, theta=place[:, 0], phi=place[:, 1]), light, reach
 
-    def reach(self, theta: Array, phi: Array) -> Array:
-        """Return the ranges R [m] at which beams along deflections meet the planes, exactly, (patterns, points)."""
-        return self._met(theta, phi)[3]
+    def laid(self, centroid: Centroid) -> Centroid:
+        """Return centres that stand at the feet (Θ, φ) as such on the plane."""
+        own = self.change
+        if len(own) != len(centroid.found):
+            centroid = centroid.repeated(len(own))
+        spread = product(own, centroid.covariance, own.transpose(0, 2, 1))
+        return replace(centroid, centre=0.0 * centroid.centre, covariance=spread)
 
-    def _met(self, theta: Array, phi: Array) -> tuple[list[Array], list[Array], Array, Array]:
-        """Return way from beams' origins to the feet, directions, their share along the normal, and R of the plane."""
-        origin, along = _beam(theta, phi, self.axis_separation)
-        normal = _cross(self.across, self.down)
-        apart = [self.point[:, axis : axis + 1] - origin[axis] for axis in range(3)]
-        rise = _dot(normal, along)
-        return apart, along, rise, _dot(normal, apart) / rise
-
-    def steeper(self, change: Array) -> TargetPlane:
-        """Return the planes through the same feet with other slopes, by ``change`` [m/rad], shape (patterns, 2)."""
-        return target_plane(self.centre, self.distance, self.slope + change, self.axis_separation)
+    def of(self, rows: slice) -> TargetPlane:
+        """Return some of the planes."""
+        names = [field.name for field in fields(self)[:-1]]
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def spot(self, beam: ArrayLike, shown: PatternSamples, centre: Array) -> Array:
         """Return the standard deviation of a spot on the plane away from a centre, shape (patterns, points).
@@ -95,20 +110,19 @@ class TargetPlane:
         spot: Array = np.reshape(np.asarray(beam, dtype=np.float64), (-1, 1)) * np.sqrt(1.0 + along)
         return spot
 
-    def seen(self, centroid: Centroid) -> Centroid:
-        """Return centres on the plane as (Θ, φ) [rad]; the radius stays, an angle at the range of the foot."""
-        moved = centroid.centre[:, :1] * self.across + centroid.centre[:, 1:] * self.down
+    def seen(self, centroid: Centroid) -> tuple[Centroid, Array]:
+        """Return centres on the plane as (Θ, φ) [rad], and their ranges [m]; radii stay, angles at the foot's range."""
+        moved = applied(self.axes[:, :2].transpose(0, 2, 1), centroid.centre)
         x, y, z = (self.point + self.distance[:, None] * moved).T
-        _, theta, phi = angles_and_range(x, y, z, self.axis_separation)
-        back = inverse(self.change)
+        distance, theta, phi = angles_and_range(x, y, z, self.axis_separation)
         return centroid_of(
             np.stack([theta, phi], axis=1),
-            product(back, centroid.covariance, back.transpose(0, 2, 1)),
+            product(self.back, centroid.covariance, self.back.transpose(0, 2, 1)),
             centroid.radius,
             centroid.sigma_radius,
             centroid.misfit,
             centroid.found,
-        )
+        ), distance
 
 
 def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: float) -> TargetPlane:
@@ -132,33 +146,30 @@ def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: 
         optics (across the beam, normal to the triangulation, along the beam) these are (R, 0, ∂R/∂Θ) and
         (0, R cosΘ − D_g, ∂R/∂φ).
     """
-    g, h = (np.where(np.hypot(*slope.T) < _STEEPEST * distance, rise, 0.0) for rise in slope.T)
+    g, h = np.where(np.hypot(slope[:, 0], slope[:, 1]) < _STEEPEST * distance, slope.T, 0.0)
     (sine, sine_phi), (cosine, cosine_phi) = np.sin(centre).T, np.cos(centre).T
     reach = distance * cosine - axis_separation
-    side, up = (
-        np.sqrt(distance**2 + g**2),
-        np.sqrt((g * reach) ** 2 + (distance * h) ** 2 + (distance * reach) ** 2),
-    )
+    side = np.sqrt(distance**2 + g**2)
+    up = np.sqrt((g * reach) ** 2 + (distance * h) ** 2 + (distance * reach) ** 2)
     right, forth = distance / side, g / side
     normal = -g * reach / up, -distance * h / up, distance * reach / up
     down = normal[1] * forth, normal[2] * right - normal[0] * forth, -normal[1] * right
-    axes = np.empty((len(centre), 3, 3))
-    axes[:, 0, 0], axes[:, 0, 1], axes[:, 0, 2] = cosine, -sine * sine_phi, -sine * cosine_phi
-    axes[:, 1, 0], axes[:, 1, 1], axes[:, 1, 2] = 0.0, cosine_phi, -sine_phi
-    axes[:, 2, 0], axes[:, 2, 1], axes[:, 2, 2] = sine, cosine * sine_phi, cosine * cosine_phi
-    edges, point = np.zeros((len(centre), 2, 3)), distance[:, None] * axes[:, 2]
-    edges[:, 0, 0], edges[:, 0, 2] = right, forth
-    edges[:, 1, 0], edges[:, 1, 1], edges[:, 1, 2] = down
+    beam, edges = np.zeros((2, len(centre), 3, 3))
+    beam[:, 0, 0], beam[:, 0, 1], beam[:, 0, 2] = cosine, -sine * sine_phi, -sine * cosine_phi
+    beam[:, 1, 1], beam[:, 1, 2] = cosine_phi, -sine_phi
+    beam[:, 2, 0], beam[:, 2, 1], beam[:, 2, 2] = sine, cosine * sine_phi, cosine * cosine_phi
+    point = distance[:, None] * beam[:, 2]
     point[:, 1] -= axis_separation * sine_phi
     point[:, 2] += axis_separation * (1.0 - cosine_phi)
+    edges[:, 0, 0], edges[:, 0, 2] = right, forth
+    edges[:, 1, 0], edges[:, 1, 1], edges[:, 1, 2] = down
+    edges[:, 2, 0], edges[:, 2, 1], edges[:, 2, 2] = normal
     change = np.zeros((len(centre), 2, 2))
     change[:, 0, 0], change[:, 0, 1] = side / distance, g * h / (side * distance)
     change[:, 1, 1] = (reach * down[1] + h * down[2]) / distance
-    spanned = product(edges, axes)
     return TargetPlane(
         point=point,
-        across=spanned[:, 0],
-        down=spanned[:, 1],
+        axes=product(edges, beam),
         distance=distance,
         change=change,
         stretch=1.0 / np.sqrt(normal[2]),
@@ -167,22 +178,3 @@ def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: 
         slope=np.stack([g, h], axis=1),
         axis_separation=axis_separation,
     )
-
-
-def _beam(theta: Array, phi: Array, axis_separation: float) -> tuple[list[Array], list[Array]]:
-    """Return origin [m] and direction of beams by component: X = origin + R direction is eq 3."""
-    sine, cosine, forward = np.sin(phi), np.cos(phi), np.cos(theta)
-    origin = [np.zeros_like(phi), -axis_separation * sine, axis_separation * (1.0 - cosine)]
-    return origin, [np.sin(theta), forward * sine, forward * cosine]
-
-
-def _dot(vectors: Array, parts: list[Array]) -> Array:
-    """Return the products of vectors, shape (patterns, 3), with others given by component, (patterns, points) each."""
-    x, y, z = (vectors[:, axis : axis + 1] for axis in range(3))
-    return x * parts[0] + y * parts[1] + z * parts[2]
-
-
-def _cross(first: Array, second: Array) -> Array:
-    """Return vector products, shape (patterns, 3): NumPy's own takes three times as long for one pattern."""
-    (a, b, c), (d, e, f) = first.T, second.T
-    return np.stack([b * f - c * e, c * d - a * f, a * e - b * d], axis=1)

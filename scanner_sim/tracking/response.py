@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,6 +14,7 @@ from scanner_sim.tracking.samples import PatternSamples
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+Kind = TypeVar("Kind", bound=np.generic)
 
 FEWEST_VOXELS = 4
 """Fewest voxels on the target and off it that make a target; a glint is fewer."""
@@ -74,6 +76,17 @@ class Response:
     ground: Array
     fraction: Array
     clear: Mask
+
+    def repeated(self, rows: int) -> Response:
+        """Return so many rows: the patterns again and again."""
+        if rows == len(self.clear):
+            return self
+        return Response(**{name: repeated(part, rows) for name, part in vars(self).items()})
+
+
+def repeated(values: NDArray[Kind], rows: int) -> NDArray[Kind]:
+    """Return so many rows of an array: its own again and again."""
+    return values if rows == len(values) else np.concatenate([values] * (rows // len(values)))
 
 
 def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) -> Response:

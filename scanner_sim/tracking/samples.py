@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +40,7 @@ class PatternSamples:
     sigma_range: Array
     status: NDArray[np.uint8]
 
-    @property
+    @cached_property
     def valid(self) -> NDArray[np.bool_]:
         """Where a range was measured."""
         return np.asarray((self.status == Status.VALID) & np.isfinite(self.range))
@@ -63,9 +64,9 @@ def _later(angle: Array, time: Array, delay: float) -> Array:
 
 
 def rise_per_point(values: Array) -> Array:
-    """Return the rise from point to point of rows, shape (patterns, points), to the second order at the ends too."""
+    """Return the rise from point to point, shape (..., points), to the second order at the ends too."""
     rise = np.empty_like(values)
-    rise[:, 1:-1] = 0.5 * (values[:, 2:] - values[:, :-2])
-    rise[:, 0] = 2.0 * values[:, 1] - 1.5 * values[:, 0] - 0.5 * values[:, 2]
-    rise[:, -1] = 1.5 * values[:, -1] + 0.5 * values[:, -3] - 2.0 * values[:, -2]
+    rise[..., 1:-1] = 0.5 * (values[..., 2:] - values[..., :-2])
+    rise[..., 0] = 2.0 * values[..., 1] - 1.5 * values[..., 0] - 0.5 * values[..., 2]
+    rise[..., -1] = 1.5 * values[..., -1] + 0.5 * values[..., -3] - 2.0 * values[..., -2]
     return rise

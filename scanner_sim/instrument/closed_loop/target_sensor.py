@@ -14,7 +14,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import dwell_average
 from scanner_sim.instrument.closed_loop.visit_errors import duty_cycle_of, error_parts
-from scanner_sim.optics.speckle import packets, packets_of
+from scanner_sim.optics.speckle import packets_of
 from scanner_sim.ranging.ranges import Columns
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.schedule import PatternMotion
@@ -104,59 +104,41 @@ class SignalNoise:
     def __init__(self, scenario: Scenario) -> None:
         self._scenario = scenario
 
-    def sigma(self, layers: Columns, motion: PatternMotion, expected_range: float) -> Array:
+    def sigma(self, layers: Columns, speckle: Array) -> Array:
         """Return the standard deviations of the signals of a pattern, shape (points,), in their own unit.
 
         Line sensor: σ² = σ_N² + (c N)² + (0.005 N)², the last for what the model of a target leaves. N is the charge of
         nine pixels, σ_N its standard deviation by noise and by the light beneath it
         (:mod:`scanner_sim.signals.line.peaks`). c is the contrast of the whole spot's speckle, c² = C² A/M of the
-        beam's image (:mod:`scanner_sim.optics.speckle`) with what the dwell leaves of its variance, A. Photodiode:
-        σ_N = N/q with the height q of the echo over the noise, 1 % of N, for its noise is below what surfaces and light
-        are uneven by, and the same c without a dwell.
+        beam's image (:mod:`scanner_sim.optics.speckle`) with what the dwell leaves of its variance, A: ``speckle``.
+        Photodiode: σ_N = N/q with the height q of the echo over the noise, 1 % of N, for its noise is below what
+        surfaces and light are uneven by, and the same c without a dwell.
         """
         signal = np.nan_to_num(np.asarray(layers["Y"], dtype=np.float64))
-        speckle = self.speckle(motion, expected_range)
         noise = np.asarray(layers["sigma_Y"], dtype=np.float64)
         least = _LEAST_NOISE[self._scenario.rangefinders[0]]
         return np.asarray(np.sqrt(noise**2 + (least**2 + speckle) * signal**2))
 
-    def grain(self, motion: PatternMotion, distance: float) -> float:
-        """Return V, the speckle of single pixels by which the ranges' fit weighs them, mean over a pattern.
+    def speckle(self, motion: PatternMotion, distance: float) -> tuple[Array, float]:
+        """Return what speckle does to the light of spots at a range [m].
 
-        See :attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`.
+        Its relative variance in the dwells of a pattern, shape (points,), and V, the speckle of single pixels by which
+        the ranges' fit weighs them, mean over the pattern
+        (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`). A pulse lasts no dwell.
         """
         scanner = self._scenario.scanner
         if not scanner.laser.speckle:
-            return 0.0
-        optics, radius = speckle_optics(scanner), float(scanner.laser.radius(distance))
-        beam = (
-            0.5 * radius * scanner.receiver.focal_length / (distance * scanner.position_sensor.pitch)
-        ) ** 2
-        light = packets_of(optics, beam, beam)
-        _, others = light.moving(*self._dwell_average(motion, distance, scanner.exposure / scanner.dwell))
-        contrast = self._scenario.processing.speckle_contrast
-        return float(contrast**2 * light.energy * np.mean(others) * light.ratio**4)
-
-    def _dwell_average(
-        self, motion: PatternMotion, distance: float, duty_cycle: float
-    ) -> tuple[Array, Array]:
-        """Return what the dwells of a pattern leave of the variance of energies and positions, at a range [m]."""
-        way, radius = duty_cycle * distance, float(self._scenario.scanner.laser.radius(distance))
-        return dwell_average(
+            return np.zeros(len(motion.time)), 0.0
+        radius, way = float(scanner.laser.radius(distance)), duty_cycle_of(self._scenario) * distance
+        left = dwell_average(
             way * motion.travel_theta, way * np.cos(motion.true_theta) * motion.travel_phi, radius
         )
-
-    def speckle(self, motion: PatternMotion, distance: float) -> Array:
-        """Return the relative variance of the light of spots at a range [m] by speckle; a pulse lasts no dwell."""
-        scanner = self._scenario.scanner
-        laser, receiver = scanner.laser, scanner.receiver
-        if not laser.speckle:
-            return np.zeros(len(motion.time))
-        radius = float(laser.radius(distance))
-        # σ_b/(λN) with σ_b = (w/2) f/R: the focal length goes.
-        energy = 1.0 / packets(0.5 * radius * receiver.aperture / (laser.wavelength * distance))
-        left, _ = self._dwell_average(motion, distance, duty_cycle_of(self._scenario))
-        return np.asarray(self._scenario.processing.speckle_contrast**2 * energy * left)
+        image = 0.5 * radius * scanner.receiver.focal_length / (distance * scanner.position_sensor.pitch)
+        light = packets_of(speckle_optics(scanner), image**2, image**2)
+        _, others = light.moving(*left)
+        contrast = self._scenario.processing.speckle_contrast**2
+        energy = contrast * float(light.energy)
+        return energy * left[0], energy * float(np.mean(others) * light.ratio**4)
 
 
 def samples_of(
@@ -239,7 +221,8 @@ class TargetSensor:
         scanner, expected = self._scenario.scanner, float(order.position[2])
         layers = self._instrument.measure(aim_of(motion, visit))
         delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
-        sigma = self._noise.sigma(layers, motion, expected)
+        light, grain = self._noise.speckle(motion, expected)
+        sigma = self._noise.sigma(layers, light)
         angles = self._encoders.read(motion, visit)
         samples = samples_of(layers, motion, angles, sigma, delay)
         spot = float(scanner.laser.radius(expected)) / (2.0 * expected)
@@ -252,8 +235,6 @@ class TargetSensor:
             pointing=np.hypot(self._pointing, unevenness(angles))[None],
             axis_separation=scanner.mirrors.axis_separation,
         )
-        noise = self._noise
-        light, grain = noise.speckle(motion, expected), noise.grain(motion, expected)
         parts = error_parts(self._scenario, samples, seen, target.appearance, motion, light, grain)
         return samples, replace(seen, covariance=parts.whole[None]), parts
 

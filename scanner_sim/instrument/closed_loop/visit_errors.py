@@ -14,7 +14,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.arithmetic import exp
 from scanner_sim.optics.speckle import packets_of
 from scanner_sim.scan.schedule import PatternMotion
-from scanner_sim.tracking.errors import ErrorParts, pixel_correlation
+from scanner_sim.tracking.errors import ErrorParts, mean_pixel_correlation
 from scanner_sim.tracking.lasting import SurfaceSpeckle, surface_covariance
 from scanner_sim.tracking.measurement import Measurement, TargetAppearance
 from scanner_sim.tracking.samples import PatternSamples
@@ -66,9 +66,6 @@ def error_parts(
             samples,
             seen,
             SurfaceSpeckle(beam, light, _on_surface(scanner, distance), noise if by_line else math.inf),
-            appearance.kind,
-            duty_cycle=duty_cycle_of(scenario),
-            axis_separation=mirrors.axis_separation,
         )
     reach = distance - scanner.receiver.baseline * math.sin(theta)
     image = scanner.receiver.focal_length * scanner.receiver.baseline * math.cos(theta) / reach
@@ -132,15 +129,14 @@ def alike(scanner: Scanner, samples: PatternSamples, expected: float) -> float:
     (1 − Δ²/2s²) exp(−Δ²/4s²) of what unlike pixels do to them, the correlation of Σ x q(x) ε(x) for two Gaussian images
     q over white ε; the mean over all pairs of voxels, each weighed by 1/σ_R². Image positions by eq 1.
     """
-    receiver, valid = scanner.receiver, samples.valid[0]
+    receiver, valid = scanner.receiver, samples.valid
     if not valid.any():
         return 1.0
-    theta, reach = samples.theta[0, valid], samples.range[0, valid]
-    weight = 1.0 / np.maximum(samples.sigma_range[0, valid], 1e-9) ** 2
+    weight = np.where(valid, 1.0 / np.maximum(samples.sigma_range, 1e-9) ** 2, 0.0)
     base = receiver.focal_length * receiver.baseline / scanner.position_sensor.pitch
+    theta, reach = samples.theta, np.where(valid, samples.range, expected)
     pixel = base * np.cos(theta) / (reach - receiver.baseline * np.sin(theta))
-    correlation = pixel_correlation((pixel[:, None] - pixel) / math.sqrt(image_variance(scanner, expected)))
-    return float((weight[:, None] * weight * correlation).sum() / weight.sum() ** 2)
+    return float(mean_pixel_correlation(pixel / math.sqrt(image_variance(scanner, expected)), weight)[0])
 
 
 def _on_surface(scanner: Scanner, distance: float) -> float:

@@ -215,16 +215,19 @@ def test_an_error_of_the_centre_moves_the_range_along_the_plane() -> None:
 
 
 def test_uncertain_slopes_widen_the_centre() -> None:
-    """Claim: ranges that tell the plane badly make the centre worse, and by more the worse they are."""
-    sigmas = []
+    """Claim: ranges that tell the plane badly make the centre worse, and by more the worse they are; both slopes do."""
+    covariances = []
     for sigma in (1e-6, 3e-3, 6e-3):
         samples, _ = tilted(1e-6)
         told = replace(samples, sigma_range=np.full_like(samples.range, sigma))
-        sigmas.append(np.sqrt(np.diag(seen(told, axis_separation=D).covariance[0])[:2]))
-    rough, rougher = (np.sqrt(one**2 - sigmas[0] ** 2) for one in sigmas[1:])
+        covariances.append(seen(told, axis_separation=D).covariance[0, :2, :2])
+    added = [one - covariances[0] for one in covariances[1:]]
+    rough, rougher = (np.sqrt(np.diag(one)) for one in added)
     assert (rough > 0.0).all()
     # Twice the noise of the ranges is twice the slope's, and twice what it moves.
     assert np.hypot(*rougher) == pytest.approx(2.0 * np.hypot(*rough), rel=0.1)
+    # What one slope alone moves would lie in one direction: its determinant is rounding, 1e-8 of the product.
+    assert np.linalg.det(added[0]) > 1e-3 * np.prod(np.diag(added[0]))
 
 
 def test_the_error_of_the_angles_is_stretched_as_the_plane_is(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -247,3 +250,43 @@ def test_nothing_is_measured_of_nothing() -> None:
     assert not seen(samples).found[0]
     _, theta, phi = angles_and_range(*coordinates(DISTANCE, *CENTRE, D), D)
     assert (theta, phi) == pytest.approx(tuple(CENTRE))
+
+
+@pytest.mark.parametrize(("kind", "separation"), [("black", D), ("black", None), ("raised", D), ("retro", D)])
+def test_patterns_are_measured_together_as_each_alone(kind: str, separation: float | None) -> None:
+    """Claim: the same bytes in any company and order: of facing and tilted discs with noise, and of none at all."""
+    rng = np.random.default_rng(7)
+    place, _ = pattern()
+    tilts = [(place - CENTRE) @ slope for slope in ([0.0, 0.0], [3.0, 0.0], [-2.0, 4.0], [0.0, -1.0])]
+    alone = []
+    for tilt in tilts:
+        one = voxels(
+            DISTANCE + tilt - 0.1 * (off() < RADIUS / DISTANCE) + rng.normal(0.0, 1e-3, len(place)), 1e-3
+        )
+        alone.append(replace(one, signal=one.signal + rng.normal(0.0, 3e3, one.signal.shape)))
+    alone.append(
+        replace(alone[0], signal=np.full_like(alone[0].signal, 1e6), range=alone[0].range * 0.0 + 8.0)
+    )
+    order = [4, 2, 0, 3, 1]
+    together = PatternSamples(
+        *(
+            np.concatenate([getattr(alone[row], name) for row in order])
+            for name in alone[0].__dataclass_fields__
+        )
+    )
+    many = seen(together, kind, axis_separation=separation)
+    assert many.found.any()
+    assert not many.found.all()
+    for position, row in enumerate(order):
+        one = seen(alone[row], kind, axis_separation=separation)
+        for name in (
+            "time",
+            "position",
+            "covariance",
+            "radius",
+            "sigma_radius",
+            "misfit",
+            "fraction",
+            "found",
+        ):
+            np.testing.assert_array_equal(getattr(many, name)[position], getattr(one, name)[0], err_msg=name)

@@ -70,7 +70,7 @@ def test_a_disc_of_any_attitude_is_a_circle_on_its_plane(
     about, r, rise = slopes(normal, foot)
     plane = target_plane(about, np.array([r]), rise, DG)
     samples = voxels(*rim(turned, centre))
-    flat, _ = plane.flatten(samples)
+    flat, _, _ = plane.flatten(samples)
     middle = np.array([flat.theta[0].mean(), flat.phi[0].mean()])
     radii = np.hypot(flat.theta[0] - middle[0], flat.phi[0] - middle[1])
     np.testing.assert_allclose(radii, RADIUS / r, rtol=1e-6)
@@ -89,14 +89,14 @@ def voxels(theta: np.ndarray, phi: np.ndarray) -> PatternSamples:
 def seen(plane: TargetPlane, centre: np.ndarray) -> np.ndarray:
     one, yes = np.ones(1), np.ones(1, dtype=bool)
     found = plane.seen(centroid_of(centre[None], np.eye(2)[None], one, one, one, yes))
-    return np.asarray(found.centre[0])
+    return np.asarray(found[0].centre[0])
 
 
 def test_a_matt_plane_is_darker_where_it_is_farther_and_seen_aslant() -> None:
     turned, centre = placed(0.5, -0.3, 0.2, -0.1, 8.0)
     about, r, rise = slopes(turned[:, 2], centre)
     theta, phi = rim(turned, centre)
-    _, light = target_plane(about, np.array([r]), rise, DG).flatten(voxels(theta, phi))
+    _, light, _ = target_plane(about, np.array([r]), rise, DG).flatten(voxels(theta, phi))
     points = (
         centre + RADIUS * np.stack([np.cos(TURN), np.sin(TURN), 0.0 * TURN], axis=1) @ turned.T
     )  # those of the rim
@@ -115,8 +115,13 @@ def test_covariances_go_back_as_the_centres_do() -> None:
     columns = [(seen(plane, step * axis) - seen(plane, -step * axis)) / (2 * step) for axis in np.eye(2)]
     change = np.stack(columns, axis=1)
     one, yes = np.ones(1), np.ones(1, dtype=bool)
-    covariance = plane.seen(centroid_of(np.zeros((1, 2)), np.eye(2)[None], one, one, one, yes)).covariance[0]
-    np.testing.assert_allclose(covariance, change @ change.T, rtol=1e-6)
+    seen_covariance = plane.seen(centroid_of(np.zeros((1, 2)), np.eye(2)[None], one, one, one, yes))[
+        0
+    ].covariance
+    np.testing.assert_allclose(seen_covariance[0], change @ change.T, rtol=1e-6)
+    laid = plane.laid(centroid_of(np.ones((1, 2)), change @ change.T[None], one, one, one, yes))
+    np.testing.assert_allclose(laid.covariance[0], np.eye(2), rtol=1e-6, atol=1e-6)
+    np.testing.assert_array_equal(laid.centre, 0.0)
 
 
 def measured(
@@ -192,16 +197,38 @@ def test_a_spot_is_longer_along_the_tilt(slope: tuple[float, float]) -> None:
     steep = np.hypot(*slope) / 8.0
     uphill = np.array(slope) / np.hypot(*slope)
     ways = 1e-3 * np.stack([uphill, -uphill, [-uphill[1], uphill[0]]])
-    shown = plane.flatten(voxels(ways[:, 0], ways[:, 1]))[0]
+    shown, _, _ = plane.flatten(voxels(ways[:, 0], ways[:, 1]))
     spot = plane.spot(2e-4, shown, np.zeros((1, 2)))[0]
     long = 2e-4 * np.sqrt(1.0 + steep**2)
     np.testing.assert_allclose(spot[:2], long, rtol=2e-3)
     assert spot[2] == pytest.approx(2e-4, rel=1e-4)
 
 
-def test_a_steeper_plane_rises_by_more() -> None:
-    plane = target_plane(np.array([[0.1, 0.2]]), np.array([8.0]), np.array([[1.0, -0.5]]), 0.1)
-    other = plane.steeper(np.array([[0.3, 0.2]]))
-    near = np.array([[0.1 + 1e-6, 0.1, 0.1]]), np.array([[0.2, 0.2 + 1e-6, 0.2]])
-    reach = other.reach(*near)[0]
-    np.testing.assert_allclose((reach[:2] - reach[2]) / 1e-6, [1.3, -0.3], rtol=1e-4)
+def test_a_plane_rises_by_its_slope() -> None:
+    """Claim: ranges along beams beside the foot, the voxels' and that of the place seen there, rise by the slope."""
+    plane = target_plane(np.array([[0.1, 0.2]]), np.array([8.0]), np.array([[1.3, -0.3]]), 0.1)
+    near = voxels(np.array([0.1 + 1e-6, 0.1, 0.1]), np.array([0.2, 0.2 + 1e-6, 0.2]))
+    shown, _, reach = plane.flatten(near)
+    np.testing.assert_allclose((reach[0, :2] - reach[0, 2]) / 1e-6, [1.3, -0.3], rtol=1e-4)
+    one, yes = np.ones(1), np.ones(1, dtype=bool)
+    for place in range(3):
+        centre = np.stack([shown.theta[:, place], shown.phi[:, place]], axis=1)
+        _, distance = plane.seen(centroid_of(centre, np.eye(2)[None], one, one, one, yes))
+        assert distance[0] == pytest.approx(reach[0, place], rel=1e-12)
+
+
+def test_planes_of_the_same_patterns_are_met_part_by_part() -> None:
+    """Claim: of six planes and two patterns each third of the planes meets both; the bytes are those of each alone."""
+    rng = np.random.default_rng(3)
+    about, slope = rng.normal(0.0, 0.2, (2, 2)), rng.normal(0.0, 1.0, (6, 2))
+    two = voxels(np.zeros(5), np.zeros(5))
+    two = replace(two, theta=rng.normal(0.0, 0.2, (2, 5)), phi=rng.normal(0.0, 0.2, (2, 5)))
+    many = target_plane(np.concatenate([about] * 3), np.full(6, 8.0), slope, DG)
+    shown, light, reach = many.flatten(two)
+    for row in range(6):
+        alone = many.of(slice(row, row + 1))
+        own = replace(two, theta=two.theta[row % 2][None], phi=two.phi[row % 2][None])
+        flat, dim, far = alone.flatten(own)
+        np.testing.assert_array_equal(flat.theta[0], shown.theta[row])
+        np.testing.assert_array_equal(flat.phi[0], shown.phi[row])
+        np.testing.assert_array_equal([dim[0], far[0]], [light[row], reach[row]])
