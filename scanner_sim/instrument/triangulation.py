@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from scanner_sim.config.scanner import geometry_of, speckle_optics
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.detector.line.exposure import Signal, electrons_per_watt, expose
+from scanner_sim.detector.line.exposure import (
+    Signal,
+    Window,
+    electrons_per_watt,
+    expose,
+    pairwise,
+    unlit_numbers,
+)
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.foundation.device_types import Float, UInt32
@@ -37,9 +44,11 @@ from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene
 from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
 from scanner_sim.signals.line.bias_table import read_bias
+from scanner_sim.signals.line.calibration import Calibration
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.line.speckle import ExpectedSpeckle
+from scanner_sim.signals.line.window import NoisePeak
 from scanner_sim.signals.processing import Processing
 
 Array = NDArray[np.float64]
@@ -189,6 +198,28 @@ class Triangulation:
         )
 
     @cached_property
+    def calibration(self) -> Calibration:
+        """What is known of the line sensor."""
+        scanner = self.scenario.scanner
+        return Calibration.of(scanner.position_sensor, scanner.dwell, scanner.laser_off)
+
+    @cached_property
+    def noise_peak(self) -> NoisePeak | None:
+        """The highest peak of pixels without light; None where all pixels count, whatever their noise.
+
+        Those are lines that more than the laser may light, or that are searched for their brightest pixel, and noise
+        that fills a pixel.
+        """
+        scenario, scanner = self.scenario, self.scenario.scanner
+        if not scenario.lighting.sky().dark or scanner.laser_off > 0.0:
+            return None
+        numbers = unlit_numbers(scanner.position_sensor, scanner.dwell)
+        filled = self.calibration.charge(numbers[1]) + self.calibration.dark >= self.calibration.full
+        if filled or not scenario.processing.validation.background:
+            return None
+        return NoisePeak.of(numbers, self.calibration)
+
+    @cached_property
     def bias(self) -> Bias | None:
         """The estimator's systematic error that is taken off; None where none is."""
         processing = self.scenario.processing
@@ -252,7 +283,7 @@ class Triangulation:
         self, aim: Aim, shots: Shots, deflections: Deflections, background: Panorama | None = None
     ) -> Reading:
         """Return what the line reads of n shots: see :class:`~scanner_sim.instrument.rangefinder.Rangefinder`."""
-        truth, groups = self.expose(aim, shots, background)
+        truth, groups = self.expose(aim, shots, background, whole=False)
         parts = ((group.index, LineReadings.of(group.peaks, group.light.link_budget())) for group in groups)
         return self.reading(truth, LineReadings.gathered(len(aim.shot), parts), deflections)
 
@@ -279,9 +310,12 @@ class Triangulation:
         }
 
     def expose(
-        self, aim: Aim, shots: Shots, background: Panorama | None = None
+        self, aim: Aim, shots: Shots, background: Panorama | None = None, *, whole: bool = True
     ) -> tuple[Truth, Iterator[ShotGroup]]:
-        """Render, expose and read the shots of an aim as they are fired: their truth, and the shots in groups."""
+        """Render, expose and read the shots of an aim as they are fired: their truth, and the shots in groups.
+
+        ``whole`` as of :meth:`sense`.
+        """
         scenario = self.scenario
         seen = self.panorama if background is None else background
         line = LineProjection(self.optics)
@@ -292,7 +326,7 @@ class Triangulation:
                 index = light.index.numpy()
                 theta = aim.theta[index].astype(np.float32)
                 own, met = shots.take(light.index), truth.take(light.index)
-                yield ShotGroup(index, *self.sense(light, own, met, theta, seen))
+                yield ShotGroup(index, *self.sense(light, own, met, theta, seen, whole=whole))
 
         return truth, groups()
 
@@ -305,6 +339,7 @@ class Triangulation:
         panorama: Panorama | None,
         *,
         fixed_size: bool = False,
+        whole: bool = False,
     ) -> tuple[Incident, Signal, Peaks]:
         """Expose the line to the light of m shots, read it and find the peaks.
 
@@ -320,6 +355,8 @@ class Triangulation:
             The background, or None in the dark.
         fixed_size
             Whether no array's size may depend on the light.
+        whole
+            Whether all pixels are wanted: else only those are exposed that can change the peaks.
 
         Returns
         -------
@@ -330,17 +367,35 @@ class Triangulation:
         sensor = scanner.position_sensor
         speckle = self._speckle(light, shots, truth, fixed_size)
         incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
-        signal = expose(
-            incident.power,
+        if whole or panorama is not None or self.noise_peak is None:
+            signal = self._expose(incident, light)
+            return incident, signal, self.find(signal, theta, shots)
+        low, high, power = light.extent()
+        sight = low, high, power * electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)
+        likely, every = self.noise_peak.windows(
+            sight, self.spot, scenario.processing, self.calibration, theta
+        )
+        signal = self._expose(incident, light, likely)
+        peaks = self.find(signal, theta, shots)
+        signal = self._expose(incident, light, every.where(~peaks.settled), signal)
+        return incident, signal, peaks.settled_by(self.find(signal, theta, shots))
+
+    def _expose(
+        self, incident: Incident, light: Light, window: Window | None = None, onto: Signal | None = None
+    ) -> Signal:
+        scanner = self.scenario.scanner
+        return expose(
+            incident.pair,
             light.shot,
-            sensor,
+            scanner.position_sensor,
             scanner.laser.wavelength,
             scanner.dwell,
-            scenario.seed,
-            background=incident.background,
+            self.scenario.seed,
+            background=pairwise(incident.background),
             laser_off=scanner.laser_off,
+            window=window,
+            onto=onto,
         )
-        return incident, signal, self.find(signal, theta, shots)
 
     def find(
         self,
@@ -377,6 +432,7 @@ class Triangulation:
             theta,
             self.bias,
             self.expected_speckle(shots) if speckle else None,
+            self.noise_peak,
         )
 
     def ranges(
