@@ -19,7 +19,6 @@ from scanner_sim.detector.line.exposure import (
     electrons_per_watt,
     expose,
     pairwise,
-    unlit_numbers,
 )
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
@@ -44,11 +43,10 @@ from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene
 from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
 from scanner_sim.signals.line.bias_table import read_bias
-from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.dark_line import DarkLine
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.line.speckle import ExpectedSpeckle
-from scanner_sim.signals.line.window import NoisePeak
 from scanner_sim.signals.processing import Processing
 
 Array = NDArray[np.float64]
@@ -198,26 +196,12 @@ class Triangulation:
         )
 
     @cached_property
-    def calibration(self) -> Calibration:
-        """What is known of the line sensor."""
-        scanner = self.scenario.scanner
-        return Calibration.of(scanner.position_sensor, scanner.dwell, scanner.laser_off)
-
-    @cached_property
-    def noise_peak(self) -> NoisePeak | None:
-        """The highest peak of pixels without light; None where all pixels count, whatever their noise.
-
-        Those are lines that more than the laser may light, or that are searched for their brightest pixel, and noise
-        that fills a pixel.
-        """
+    def dark_line(self) -> DarkLine | None:
+        """What exposes and reads lines that nothing but the laser lights; None where all pixels count."""
         scenario, scanner = self.scenario, self.scenario.scanner
         if not scenario.lighting.sky().dark or scanner.laser_off > 0.0:
             return None
-        numbers = unlit_numbers(scanner.position_sensor, scanner.dwell)
-        filled = self.calibration.charge(numbers[1]) + self.calibration.dark >= self.calibration.full
-        if filled or not scenario.processing.validation.background:
-            return None
-        return NoisePeak.of(numbers, self.calibration)
+        return DarkLine.of(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
 
     @cached_property
     def bias(self) -> Bias | None:
@@ -363,22 +347,22 @@ class Triangulation:
         tuple
             All the light on the line, the signal and the peaks.
         """
-        scenario, scanner = self.scenario, self.scenario.scanner
+        scanner = self.scenario.scanner
         sensor = scanner.position_sensor
         speckle = self._speckle(light, shots, truth, fixed_size)
         incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
-        if whole or panorama is not None or self.noise_peak is None:
+        if whole or panorama is not None or self.dark_line is None:
             signal = self._expose(incident, light)
             return incident, signal, self.find(signal, theta, shots)
         low, high, power = light.extent()
-        sight = low, high, power * electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)
-        likely, every = self.noise_peak.windows(
-            sight, self.spot, scenario.processing, self.calibration, theta
+        charge = power * electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)
+        signal, peaks = self.dark_line.read(
+            lambda window, onto: self._expose(incident, light, window, onto),
+            (low, high, charge),
+            theta,
+            self.expected_speckle(shots),
         )
-        signal = self._expose(incident, light, likely)
-        peaks = self.find(signal, theta, shots)
-        signal = self._expose(incident, light, every.where(~peaks.settled), signal)
-        return incident, signal, peaks.settled_by(self.find(signal, theta, shots))
+        return incident, signal, peaks
 
     def _expose(
         self, incident: Incident, light: Light, window: Window | None = None, onto: Signal | None = None
@@ -432,7 +416,6 @@ class Triangulation:
             theta,
             self.bias,
             self.expected_speckle(shots) if speckle else None,
-            self.noise_peak,
         )
 
     def ranges(

@@ -176,7 +176,7 @@ def find_peaks(
         status = dr.select(failed, auto.UInt32(int(code)), status)
     valid = status == int(Status.VALID)
     total, total_variance = _sum_signal(top)
-    settled = auto.Bool(True)
+    settled = dr.full(auto.Bool, True, line.shots)
     if noise is not None and limits is not None and spot is not None:
         reach = dr.maximum(guard + SIDE, max(farthest_pixel(spot), *MARGIN.values()))
         read = dr.minimum(found.pixel, centre) - reach, dr.maximum(found.pixel, centre) + reach
