@@ -67,6 +67,7 @@ def warm(table: Table, size: int) -> None:
     table.add_row("without loading and EXR", f"{voxels / chain:,.0f} voxels/s", "")
     table.add_row("64 × 64 voxels of a known scene", f"{1e3 * again:.0f} ms of CPU", "≤ 40 ms")
     table.add_row("writing the EXR", f"{1e3 * writing:.0f} ms", "")
+    table.add_row("whole lines over lines as exposed, in processor time", f"{bench.lines():.2f}", "")
     table.add_row("shots on edges", f"{100.0 * bench.edge_share:.1f} %", "")
     table.add_row(
         "bare rays", f"{bench.rays / bare / 1e6:.1f} M rays/s, {bench.rays / voxels:.0f} per voxel", ""
@@ -128,6 +129,42 @@ class Rays:
     def chain(self) -> None:
         for aim in self.aims:
             self.instrument.measure(aim)
+
+    def lines(self) -> float:
+        """Processor time of exposing all lines as a whole and reading them, over that of their windows."""
+        import drjit as dr
+
+        from scanner_sim.render.beam.line_projection import LineProjection
+        from scanner_sim.render.beam.splitter import render_light
+
+        line, scenario, aim = self.instrument.triangulation, self.instrument.scenario, self.aims[0]
+        shots = self.instrument.fire(aim)[0]
+        truth, lights = render_light(
+            self.instrument.loaded,
+            LineProjection(self.instrument.optics),
+            scenario.transport,
+            shots,
+            scenario.seed,
+        )
+        groups = [
+            (
+                light,
+                shots.take(light.index),
+                truth.take(light.index),
+                aim.theta[light.index.numpy()].astype("f4"),
+                None,
+            )
+            for light in lights
+        ]
+        spent: dict[bool, list[float]] = {True: [], False: []}
+        for _ in range(5):
+            for whole, times in spent.items():
+                start = time.process_time()
+                for group in groups:
+                    line.sense(*group, whole=whole)
+                dr.sync_thread()
+                times.append(time.process_time() - start)
+        return min(spent[True]) / min(spent[False])
 
     def bare(self) -> None:
         import drjit as dr

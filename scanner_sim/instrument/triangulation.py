@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from scanner_sim.config.scanner import geometry_of, speckle_optics
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.detector.line.exposure import Signal, electrons_per_watt, expose
+from scanner_sim.detector.line.exposure import (
+    Signal,
+    Window,
+    electrons_per_watt,
+    expose,
+    pairwise,
+)
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.foundation.device_memory import for_device
@@ -38,6 +44,7 @@ from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene
 from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
 from scanner_sim.signals.line.bias_table import read_bias
+from scanner_sim.signals.line.dark_line import DarkLine
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.line.speckle import ExpectedSpeckle
@@ -190,6 +197,14 @@ class Triangulation:
         )
 
     @cached_property
+    def dark_line(self) -> DarkLine | None:
+        """What exposes and reads lines that nothing but the laser lights; None where all pixels count."""
+        scenario, scanner = self.scenario, self.scenario.scanner
+        if not scenario.lighting.sky().dark or scanner.laser_off > 0.0:
+            return None
+        return DarkLine.of(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
+
+    @cached_property
     def bias(self) -> Bias | None:
         """The estimator's systematic error that is taken off; None where none is."""
         processing = self.scenario.processing
@@ -253,7 +268,7 @@ class Triangulation:
         self, aim: Aim, shots: Shots, deflections: Deflections, background: Panorama | None = None
     ) -> Reading:
         """Return what the line reads of n shots: see :class:`~scanner_sim.instrument.rangefinder.Rangefinder`."""
-        truth, groups = self.expose(aim, shots, background)
+        truth, groups = self.expose(aim, shots, background, whole=False)
         parts = ((group.index, LineReadings.of(group.peaks, group.light.link_budget())) for group in groups)
         return self.reading(truth, LineReadings.gathered(len(aim.shot), parts), deflections)
 
@@ -280,9 +295,12 @@ class Triangulation:
         }
 
     def expose(
-        self, aim: Aim, shots: Shots, background: Panorama | None = None
+        self, aim: Aim, shots: Shots, background: Panorama | None = None, *, whole: bool = True
     ) -> tuple[Truth, Iterator[ShotGroup]]:
-        """Render, expose and read the shots of an aim as they are fired: their truth, and the shots in groups."""
+        """Render, expose and read the shots of an aim as they are fired: their truth, and the shots in groups.
+
+        ``whole`` as of :meth:`sense`.
+        """
         scenario = self.scenario
         seen = self.panorama if background is None else background
         line = LineProjection(self.optics)
@@ -293,7 +311,7 @@ class Triangulation:
                 index = light.index.numpy()
                 theta = for_device(aim.theta[index])
                 own, met = shots.take(light.index), truth.take(light.index)
-                yield ShotGroup(index, *self.sense(light, own, met, theta, seen))
+                yield ShotGroup(index, *self.sense(light, own, met, theta, seen, whole=whole))
 
         return truth, groups()
 
@@ -306,6 +324,7 @@ class Triangulation:
         panorama: Panorama | None,
         *,
         fixed_size: bool = False,
+        whole: bool = False,
     ) -> tuple[Incident, Signal, Peaks]:
         """Expose the line to the light of m shots, read it and find the peaks.
 
@@ -321,27 +340,47 @@ class Triangulation:
             The background, or None in the dark.
         fixed_size
             Whether no array's size may depend on the light.
+        whole
+            Whether all pixels are wanted: else only those are exposed that can change the peaks.
 
         Returns
         -------
         tuple
             All the light on the line, the signal and the peaks.
         """
-        scenario, scanner = self.scenario, self.scenario.scanner
+        scanner = self.scenario.scanner
         sensor = scanner.position_sensor
         speckle = self._speckle(light, shots, truth, fixed_size)
         incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
-        signal = expose(
-            incident.power,
+        if whole or panorama is not None or self.dark_line is None:
+            signal = self._expose(incident, light)
+            return incident, signal, self.find(signal, theta, shots)
+        low, high, power = light.extent()
+        charge = power * electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)
+        signal, peaks = self.dark_line.read(
+            lambda window, onto: self._expose(incident, light, window, onto),
+            (low, high, charge),
+            theta,
+            self.expected_speckle(shots),
+        )
+        return incident, signal, peaks
+
+    def _expose(
+        self, incident: Incident, light: Light, window: Window | None = None, onto: Signal | None = None
+    ) -> Signal:
+        scanner = self.scenario.scanner
+        return expose(
+            incident.pair,
             light.shot,
-            sensor,
+            scanner.position_sensor,
             scanner.laser.wavelength,
             scanner.dwell,
-            scenario.seed,
-            background=incident.background,
+            self.scenario.seed,
+            background=pairwise(incident.background),
             laser_off=scanner.laser_off,
+            window=window,
+            onto=onto,
         )
-        return incident, signal, self.find(signal, theta, shots)
 
     def find(
         self,

@@ -104,12 +104,22 @@ class Incident:
     panorama: Panorama | None
     speckle: Callable[[UInt32, UInt32], Float] | None = None
 
-    def power(self, pixel: UInt32, index: UInt32) -> Float:
-        """Return the power [W] on pixels of shots by their indices, 0 to m − 1; Dr.Jit arrays of one shape."""
-        laser = self.light.power(pixel, index) * self._at_pixel(self.throughput.laser, pixel)
-        if self.speckle is not None:
-            laser *= self.speckle(pixel, index)
-        return laser if self.panorama is None else laser + self.background(pixel, index)
+    def __post_init__(self) -> None:
+        self.light.extent()  # here, since a loop that is being recorded can evaluate nothing
+
+    def pair(self, pixel: UInt32, index: UInt32) -> tuple[Float, Float]:
+        """Return the power [W] on pixels of shots by their indices, 0 to m − 1, and on the next ones.
+
+        Dr.Jit arrays of one shape.
+        """
+        found = []
+        for step, laser in enumerate(self.light.pair(pixel, index)):
+            at = pixel + step
+            power = laser * self._at_pixel(self.throughput.laser, at)
+            if self.speckle is not None:
+                power *= self.speckle(at, index)
+            found.append(power if self.panorama is None else power + self.background(at, index))
+        return found[0], found[1]
 
     def background(self, pixel: UInt32, index: UInt32) -> Float:
         """Return the background's power [W] alone."""
@@ -126,7 +136,7 @@ class Incident:
         """Return the power [W] on every pixel of the shot with an index, or the laser's alone, shape (pixels,)."""
         pixel = dr.arange(mi.UInt32, self.throughput.pixels)
         indices = dr.full(mi.UInt32, index, self.throughput.pixels)
-        power = self.power(pixel, indices) - (0.0 if background else self.background(pixel, indices))
+        power = self.pair(pixel, indices)[0] - (0.0 if background else self.background(pixel, indices))
         return np.asarray(power.numpy(), dtype=np.float64)
 
     def link_budget(self) -> LinkBudget:

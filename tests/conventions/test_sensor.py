@@ -8,7 +8,7 @@ import numpy as np
 from prototype import PositionSensor
 
 from scanner_sim.analytic import spot
-from scanner_sim.detector.line.exposure import expose
+from scanner_sim.detector.line.exposure import expose, pairwise
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.optics.deflection import deflected_frame
 from scanner_sim.ranging import triangulation
@@ -60,7 +60,7 @@ def test_pixel_has_its_centre_at_its_number(device: Device) -> None:
         pixels=32, noise=NoiseSwitches(**dict.fromkeys(NoiseSwitches.model_fields, False))
     )
     signal = expose(
-        lambda pixel, place: dr.gather(auto.Float, lines, place * 32 + pixel),
+        pairwise(lambda pixel, place: dr.gather(auto.Float, lines, place * 32 + pixel)),
         dr.arange(auto.UInt32, 2),
         sensor,
         1.5e-6,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from prototype import PositionSensor
 
 from scanner_sim.analytic import estimators, noise, spot
-from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.status import Status
 from scanner_sim.signals.line.bias import Bias, computed_bias
@@ -132,7 +132,7 @@ def trial(
     watts = charge[:, None] * shares / electrons_per_watt(line, WAVELENGTH, DWELL)
     table = auto.Float(watts.astype(np.float32).ravel())
     signal = expose(
-        lambda pixel, place: dr.gather(auto.Float, table, place * PIXELS + pixel),
+        pairwise(lambda pixel, place: dr.gather(auto.Float, table, place * PIXELS + pixel)),
         dr.arange(auto.UInt32, len(centres)),
         line,
         WAVELENGTH,
@@ -262,7 +262,7 @@ def test_each_fit_is_the_judges() -> None:
         table = auto.Float((lines / electrons_per_watt(line, WAVELENGTH, DWELL)).astype(np.float32).ravel())
         silent = sensor(0.0, shot=False)
         signal = expose(
-            lambda pixel, place, table=table: dr.gather(auto.Float, table, place * PIXELS + pixel),
+            pairwise(lambda pixel, place, table=table: dr.gather(auto.Float, table, place * PIXELS + pixel)),
             dr.arange(auto.UInt32, 40),
             silent,
             WAVELENGTH,

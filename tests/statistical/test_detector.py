@@ -15,7 +15,7 @@ from prototype import PositionSensor
 from scipy import stats
 
 from scanner_sim.analytic import noise, spot
-from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pixel_response, poisson
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise, pixel_response, poisson
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.render.device import Device
 
@@ -36,7 +36,7 @@ def numbers(charge: np.ndarray, line: PositionSensor, shots: int, seed: int = 1)
     each = np.broadcast_to(charge, line.pixels) / electrons_per_watt(line, WAVELENGTH, DWELL)
     table = auto.Float(each.astype(np.float32))
     signal = expose(
-        lambda pixel, _: dr.gather(auto.Float, table, pixel),
+        pairwise(lambda pixel, _: dr.gather(auto.Float, table, pixel)),
         dr.arange(auto.UInt32, shots),
         line,
         WAVELENGTH,
@@ -55,7 +55,7 @@ def test_without_noise_the_number_is_the_judges_charge() -> None:
     line = sensor(gain=7.0, bias=64)
     power = auto.Float(1e-9)
     signal = expose(
-        lambda pixel, _: dr.gather(auto.Float, power, pixel * 0),
+        pairwise(lambda pixel, _: dr.gather(auto.Float, power, pixel * 0)),
         dr.arange(auto.UInt32, 3),
         line,
         WAVELENGTH,
@@ -271,7 +271,7 @@ def test_a_number_depends_on_its_address_alone(device: Device) -> None:
 
     def lines(shots: np.ndarray) -> np.ndarray:
         return expose(
-            lambda pixel, _: dr.gather(auto.Float, power, pixel),
+            pairwise(lambda pixel, _: dr.gather(auto.Float, power, pixel)),
             auto.UInt32(shots.astype(np.uint32)),
             line,
             WAVELENGTH,

@@ -18,7 +18,7 @@ from prototype import Laser, PositionSensor, Receiver
 from scipy import stats
 
 from scanner_sim import load_scenario, simulate
-from scanner_sim.detector.line.exposure import Signal, electrons_per_watt, expose
+from scanner_sim.detector.line.exposure import Signal, electrons_per_watt, expose, pairwise
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.status import Status
 from scanner_sim.signals.line.calibration import Calibration, measured_lines
@@ -55,7 +55,16 @@ def exposed(
         return dr.gather(auto.Float, alone, place * 256 + pixel)
 
     shots = dr.arange(auto.UInt32, len(laser))
-    return expose(power, shots, sensor, WAVELENGTH, DWELL, seed, background=background, laser_off=laser_off)
+    return expose(
+        pairwise(power),
+        shots,
+        sensor,
+        WAVELENGTH,
+        DWELL,
+        seed,
+        background=pairwise(background),
+        laser_off=laser_off,
+    )
 
 
 def spots(

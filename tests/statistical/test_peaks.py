@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from prototype import PositionSensor
 
 from scanner_sim.analytic import estimators, noise, spot
-from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.status import Status
 from scanner_sim.signals.line.peaks import find_peaks
@@ -57,7 +57,7 @@ def measured(
     """Expose lines of mean charges [electron] (m, pixels); return their peaks and charges above the dark."""
     table = auto.Float((charge / electrons_per_watt(line, WAVELENGTH, DWELL)).astype(np.float32).ravel())
     signal = expose(
-        lambda pixel, place: dr.gather(auto.Float, table, place * line.pixels + pixel),
+        pairwise(lambda pixel, place: dr.gather(auto.Float, table, place * line.pixels + pixel)),
         dr.arange(auto.UInt32, len(charge)),
         line,
         WAVELENGTH,
@@ -187,7 +187,7 @@ def test_sigma_is_the_judges(method: PeakMethod) -> None:
         ((lines + dark) / electrons_per_watt(silent, WAVELENGTH, DWELL)).astype(np.float32).ravel()
     )
     signal = expose(
-        lambda pixel, place: dr.gather(auto.Float, table, place * 64 + pixel),
+        pairwise(lambda pixel, place: dr.gather(auto.Float, table, place * 64 + pixel)),
         dr.arange(auto.UInt32, 40),
         silent,
         WAVELENGTH,

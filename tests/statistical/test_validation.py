@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from prototype import Laser, PositionSensor, Receiver
 from scipy import stats
 
-from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise
 from scanner_sim.foundation.status import Status
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
@@ -75,7 +75,7 @@ class Scene:
             return dr.maximum(total, 0.0) / electrons_per_watt(SENSOR, WAVELENGTH, DWELL)
 
         shots = dr.arange(auto.UInt32, len(self.centre))
-        signal = expose(power, shots, SENSOR, WAVELENGTH, DWELL, seed)
+        signal = expose(pairwise(power), shots, SENSOR, WAVELENGTH, DWELL, seed)
         theta = auto.Float(self.theta.astype(np.float32))
         return find_peaks(signal, SENSOR, wanted, DWELL, SPOT, theta)
 

@@ -119,7 +119,7 @@ def _find(kind: str, distance: float, peak: str) -> tuple[Array, Array, Array]:
     import drjit.auto.ad as auto
 
     from scanner_sim.config.scenario import Scenario
-    from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+    from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise
     from scanner_sim.instrument.instrument import Instrument
 
     aberration = ABERRATIONS[kind]
@@ -166,8 +166,10 @@ def _find(kind: str, distance: float, peak: str) -> tuple[Array, Array, Array]:
     table = auto.Float((whole / watts).ravel())
     shots = dr.arange(auto.UInt32, len(whole))
     signal = expose(
-        lambda pixel, place: dr.gather(
-            auto.Float, table, place * sensor.pixels + pixel, pixel < sensor.pixels
+        pairwise(
+            lambda pixel, place: dr.gather(
+                auto.Float, table, place * sensor.pixels + pixel, pixel < sensor.pixels
+            )
         ),
         shots,
         sensor,

@@ -12,6 +12,7 @@ time of the second read-out, and the laser's rise and decay.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -25,17 +26,37 @@ from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.foundation.streams import Stream, generator
 
-LinePower = Callable[[UInt32, UInt32], Float]
-"""Power on the line [W] as a function of (pixel, index of the shot in its group)."""
+LinePower = Callable[[UInt32, UInt32], tuple[Float, Float]]
+"""Power on a pixel of the line and on the next [W] as a function of (pixel, index of the shot in its group)."""
 
 _INVERSION_LIMIT = 40.0
 """Mean below which Poisson numbers are found by inversion; above, the series is good enough."""
 _FLOAT_EPSILON = 2.0**-24
 """What float32 does not notice beside 1."""
-
-
+_LARGEST_NORMAL = 5.65
+"""No normal number is farther from 0: they are √(−2 ln u) of numbers u of 23 bits, times a sine or cosine (Box, Muller,
+*Ann. Math. Stat.* 29, 1958), 5.6466 at most."""
+_ROUNDING = 1e-6
+"""More than single precision rounds a digital number by, of 1 and of itself."""
 _BLOCK = 64
 """Shots whose lines are stored interleaved: a block fits the cache, and neighbours load together."""
+
+
+@dataclass
+class Window:
+    """Pixels of m lines, from ``first``, which is even, to ``last``; none where that is less. Dr.Jit, shape (m,)."""
+
+    first: UInt32
+    last: UInt32
+
+    @classmethod
+    def whole(cls, shots: int, pixels: int) -> Window:
+        """Return all pixels of so many lines."""
+        return cls(dr.zeros(auto.UInt32, shots), dr.full(auto.UInt32, pixels - 1, shots))
+
+    def where(self, wanted: Mask) -> Window:
+        """Return the same pixels where they are wanted, elsewhere none."""
+        return Window(dr.select(wanted, self.first, 2), dr.select(wanted, self.last, 0))
 
 
 @dataclass
@@ -51,12 +72,15 @@ class Signal:
         Number m of shots, and of pixels in each line.
     laser_off
         Share of the dwell that the exposure without the laser took; 0 where there is none.
+    window
+        The pixels that were exposed; None for all. No other number means anything.
     """
 
     number: Float
     shots: int
     pixels: int
     laser_off: float = 0.0
+    window: Window | None = None
 
     @property
     def exposures(self) -> int:
@@ -73,7 +97,15 @@ class Signal:
         return 2 * self.exposures * self.pair(pixel, index) + pixel % 2
 
     def lines(self, exposure: int = 0) -> NDArray[np.float32]:
-        """Return the digital numbers of an exposure as a NumPy array of shape (m, pixels)."""
+        """Return the digital numbers of an exposure as a NumPy array of shape (m, pixels).
+
+        Raises
+        ------
+        ValueError
+            If not all pixels were exposed.
+        """
+        if self.window is not None:
+            raise ValueError("of these lines only a window was exposed")
         pairs = (self.pixels + 1) // 2
         blocks = self.number.numpy().reshape(-1, pairs, _BLOCK, self.exposures, 2)[:, :, :, exposure]
         lines = blocks.transpose(0, 2, 1, 3).reshape(-1, 2 * pairs)
@@ -83,6 +115,11 @@ class Signal:
 def electrons_per_watt(sensor: PositionSensor, wavelength: float, dwell: float) -> float:
     """Return the electrons that one watt on a pixel frees during a dwell: QE t λ / (h c)."""
     return sensor.quantum_efficiency * dwell * wavelength / (PLANCK * SPEED_OF_LIGHT)
+
+
+def pairwise(power: Callable[[UInt32, UInt32], Float]) -> LinePower:
+    """Return the power on a pixel and on the next from that on any pixel, by the same arguments."""
+    return lambda pixel, index: (power(pixel, index), power(pixel + 1, index))
 
 
 def expose(
@@ -95,14 +132,16 @@ def expose(
     *,
     background: LinePower | None = None,
     laser_off: float = 0.0,
+    window: Window | None = None,
+    onto: Signal | None = None,
 ) -> Signal:
     """Expose, read and digitise the lines of a group of shots.
 
     Parameters
     ----------
     power
-        Function of (pixel, index) that gives the power [W] on a pixel of the shot with an index, 0 to m − 1;
-        both are Dr.Jit unsigned arrays of one shape.
+        Function of (pixel, index) that gives the power [W] on a pixel of the shot with an index, 0 to m − 1, and on
+        the next pixel; both are Dr.Jit unsigned arrays of one shape.
     shot
         Numbers of the m shots (they address the noise), Dr.Jit unsigned.
     sensor
@@ -116,6 +155,10 @@ def expose(
     laser_off
         Share s of the dwell t in which the laser is off, 0 to below 1: the line is exposed for (1 − s) t to all the
         light, and for s t to the background.
+    window
+        The pixels that are wanted; by default all.
+    onto
+        A signal of the same shots, whose memory takes the numbers.
 
     Returns
     -------
@@ -132,27 +175,30 @@ def expose(
             raise ValueError("the exposure without the laser needs the background's power")
         lights.append((background, Stream.AMBIENT, laser_off * dwell))
     shots, pairs = dr.width(shot), (sensor.pixels + 1) // 2
-    blocks = (shots + _BLOCK - 1) // _BLOCK
-    lane = dr.arange(auto.UInt32, blocks * pairs * _BLOCK)
-    row = lane // _BLOCK
-    block = row // pairs
-    pair, index = row - block * pairs, block * _BLOCK + lane % _BLOCK
-    index = dr.minimum(index, dr.opaque(auto.UInt32, shots - 1))  # the last block may be filled in part
-    response = pixel_response(sensor, seed)
-    exposures = len(lights)
-    number = dr.empty(auto.Float, blocks * pairs * _BLOCK * 2 * exposures)
-    signal = Signal(number, shots, sensor.pixels, laser_off)
-    numbers = []
-    for light, stream, time in lights:
-        # One call of the generator makes four numbers: light and read noise of two pixels.
-        normal = generator(seed, stream, dr.gather(auto.UInt32, shot, index), pair).next_float32x4_normal()
-        for side in (0, 1):
-            pixel = 2 * pair + side
-            charge = light(pixel, index) * dr.opaque(auto.Float, electrons_per_watt(sensor, wavelength, time))
-            charge *= dr.gather(auto.Float, response, pixel, pixel < sensor.pixels)
-            numbers.append(_read_out(charge, normal[2 * side], normal[2 * side + 1], sensor, time))
-    packet = auto.Array2f if exposures == 1 else auto.Array4f
-    dr.scatter(signal.number, packet(*numbers), lane)
+    response, index = pixel_response(sensor, seed), dr.arange(auto.UInt32, shots)
+    signal = Signal(auto.Float(), shots, sensor.pixels, laser_off, window)
+    if onto is None:
+        blocks = (shots + _BLOCK - 1) // _BLOCK
+        signal.number = dr.empty(auto.Float, blocks * pairs * _BLOCK * 2 * len(lights))
+    else:
+        signal.number = onto.number
+    packet = auto.Array2f if len(lights) == 1 else auto.Array4f
+
+    def read_pair(pixel: UInt32) -> tuple[UInt32]:
+        numbers = []
+        for light, stream, time in lights:
+            # One call of the generator makes four numbers: light and read noise of two pixels.
+            normal = generator(seed, stream, shot, pixel // 2).next_float32x4_normal()
+            electrons = dr.opaque(auto.Float, electrons_per_watt(sensor, wavelength, time))
+            for side, watts in enumerate(light(pixel, index)):
+                at = pixel + side
+                charge = watts * electrons * dr.gather(auto.Float, response, at, at < sensor.pixels)
+                numbers.append(_read_out(charge, normal[2 * side], normal[2 * side + 1], sensor, time))
+        dr.scatter(signal.number, packet(*numbers), signal.pair(pixel, index))
+        return (pixel + 2,)
+
+    wanted = Window.whole(shots, sensor.pixels) if window is None else window
+    dr.while_loop((wanted.first,), lambda pixel: pixel <= wanted.last, read_pair)
     dr.eval(signal.number)
     return signal
 
@@ -167,12 +213,16 @@ def pixel_response(sensor: PositionSensor, seed: int) -> Float:
     return response
 
 
+def _dark_charge(sensor: PositionSensor, dwell: float) -> float:
+    """Return the mean dark charge of a pixel [electron]."""
+    return sensor.dark_current * dwell if sensor.noise.dark else 0.0
+
+
 def _read_out(
     charge: Float, shot_normal: Float, read_normal: Float, sensor: PositionSensor, dwell: float
 ) -> Float:
     """Return the digital numbers of pixels that a mean charge [electron] of light falls on."""
-    switches = sensor.noise
-    dark = sensor.dark_current * dwell if switches.dark else 0.0
+    switches, dark = sensor.noise, _dark_charge(sensor, dwell)
     charge = charge + dr.opaque(auto.Float, dark)
     if switches.shot:
         charge = poisson(charge, shot_normal, least=dark)
@@ -186,6 +236,37 @@ def _read_out(
     if switches.saturation:
         number = dr.clip(number, 0.0, dr.opaque(auto.Float, sensor.largest_number))
     return number
+
+
+def unlit_numbers(sensor: PositionSensor, dwell: float) -> tuple[float, float]:
+    """Return the least and the largest digital number that noise can make of a pixel without light.
+
+    Those of both normal numbers at their ends: the digital number ascends with either.
+    """
+    switches, dark, found = sensor.noise, _dark_charge(sensor, dwell), []
+    for sign, charge in zip((-1.0, 1.0), _poisson_ends(dark) if switches.shot else (dark, dark), strict=True):
+        if switches.saturation:
+            charge = min(charge, sensor.full_well)
+        if switches.read:
+            charge += sign * _LARGEST_NORMAL * sensor.read_noise
+        number = charge / sensor.electrons_per_number + sensor.bias
+        number += sign * _ROUNDING * (1.0 + abs(number))
+        if switches.quantisation:
+            number = round(number)
+        found.append(min(max(number, 0.0), sensor.largest_number) if switches.saturation else number)
+    return found[0], found[1]
+
+
+def _poisson_ends(mean: float) -> tuple[float, float]:
+    """Return the least and the largest number that :func:`poisson` makes of a mean, or a little beyond them."""
+    if mean >= _INVERSION_LIMIT:
+        least, largest = (mean + _deviation(mean, end) for end in (-_LARGEST_NORMAL, _LARGEST_NORMAL))
+        return max(least - 1.0, 0.0), largest + 1.0
+    count, term = 0.0, math.exp(-mean)
+    while term > _FLOAT_EPSILON or count < mean:
+        count += 1.0
+        term *= mean / count
+    return 0.0, count + 1.0
 
 
 def poisson(mean: Float, normal: Float, least: float = 0.0) -> Float:
@@ -204,9 +285,7 @@ def poisson(mean: Float, normal: Float, least: float = 0.0) -> Float:
     least
         A mean that none of ``mean`` is below: where it is high enough, inversion is left out.
     """
-    root = dr.sqrt(mean)
-    z = normal
-    series = z * root + (dr.square(z) - 1.0) / 6.0 - (z * dr.square(z) - z) / (72.0 * dr.maximum(root, 1.0))
+    z, series = normal, _deviation(mean, normal)
     large = dr.maximum(dr.floor(mean + series + 0.5), 0.0)
     if least >= _INVERSION_LIMIT:
         return large
@@ -225,3 +304,9 @@ def poisson(mean: Float, normal: Float, least: float = 0.0) -> Float:
     target = 0.5 * (1.0 + dr.erf(z * 0.7071067811865476))
     small, _, _ = dr.while_loop((dr.zeros(auto.Float), first, first), unfinished, search)
     return dr.select(few, small, large)
+
+
+def _deviation(mean: Float, z: Float) -> Float:
+    """Return how far Poisson numbers lie from their mean at standard normal numbers, by the Cornish-Fisher series."""
+    root = dr.sqrt(mean)
+    return z * root + (dr.square(z) - 1.0) / 6.0 - (z * dr.square(z) - z) / (72.0 * dr.maximum(root, 1.0))

@@ -16,8 +16,9 @@ from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.render.beam.projection import Resolution, Spots
 from scanner_sim.scene.files.loader import LoadedScene
 
-_CLUSTER_SIGMAS = 6.0
-"""Standard deviations (times √2) to which a cluster's light is followed: the rest is below float32."""
+_CLUSTER_SIGMAS = 4.0
+"""Standard deviations (times √2) to which a cluster's light is followed: beyond 3.92 the error function of single
+precision is 1."""
 _LEAST_WIDTH = 1e-6
 """Least width of a cluster, in the unit of its projection."""
 
@@ -47,7 +48,9 @@ class Light:
     sigma: Float
     coherence: Float | None = None
     reference: Float | None = None
-    _found_ends: tuple[Float, Float] | None = field(default=None, init=False, repr=False, compare=False)
+    _found_extent: tuple[Float, Float, Float] | None = field(
+        default=None, init=False, repr=False, compare=False
+    )
 
     @property
     def shots(self) -> int:
@@ -115,33 +118,34 @@ class Light:
     def _clusters(self) -> tuple[Float, Float, Float, Float | None]:
         return self.amount, self.position, self.sigma, self.coherence
 
-    def power(self, pixel: UInt32, index: UInt32) -> Float:
-        """Return the power [W] on pixels of shots by their indices, 0 to m − 1: each cluster in closed form.
+    def pair(self, pixel: UInt32, index: UInt32) -> tuple[Float, Float]:
+        """Return the power [W] on pixels and on the next ones of shots: each cluster in closed form.
 
         Parameters
         ----------
         pixel, index
-            Dr.Jit unsigned arrays of one shape.
+            Pixels, and indices of the shots, 0 to m − 1; Dr.Jit unsigned arrays of one shape.
         """
-        centre = mi.Float(pixel)
+        middle, count, shots = mi.Float(pixel) + 0.5, self.count, dr.opaque(mi.UInt32, self.shots)
 
-        def share(number: UInt32) -> Float:
-            at = index + number * dr.opaque(mi.UInt32, self.shots)
-            middle, width = dr.gather(mi.Float, self.position, at), dr.gather(mi.Float, self.sigma, at)
-            scale = math.sqrt(0.5) / width
-            left, right = (centre - 0.5 - middle) * scale, (centre + 0.5 - middle) * scale
-            amount = dr.gather(mi.Float, self.amount, at)
-            near = (amount > 0.0) & (dr.minimum(dr.abs(left), dr.abs(right)) < _CLUSTER_SIGMAS)
-            return dr.select(near, 0.5 * amount * (dr.erf(right) - dr.erf(left)), 0.0)
+        def add(number: UInt32, *total: Float) -> tuple[Any, ...]:
+            at = index + number * shots
+            amount, position = dr.gather(mi.Float, self.amount, at), dr.gather(mi.Float, self.position, at)
+            scale = math.sqrt(0.5) / dr.gather(mi.Float, self.sigma, at)
+            below, between, above = (dr.erf((middle + step - position) * scale) for step in (-1.0, 0.0, 1.0))
+            half = dr.select(amount > 0.0, 0.5 * amount, 0.0)
+            return number + 1, total[0] + half * (between - below), total[1] + half * (above - between)
 
-        count = self.count
-        low, high = (dr.gather(mi.Float, end, index) for end in self._ends())
-        near = (centre > low) & (centre < high)
-        return dr.while_loop(
-            (mi.UInt32(0), dr.zeros(mi.Float, dr.width(index))),
-            lambda number, total: near & (number < count),
-            lambda number, total: (number + 1, total + share(number)),
-        )[1]
+        low, high = (dr.gather(mi.Float, end, index) for end in self.extent()[:2])
+        near = (middle > low - 0.5) & (middle < high + 0.5)
+        nothing = dr.zeros(mi.Float, dr.width(index))
+        start: Any = (mi.UInt32(0), nothing, nothing)
+        found: Any = dr.while_loop(start, lambda number, *total: near & (number < count), add)
+        return found[1], found[2]
+
+    def power(self, pixel: UInt32, index: UInt32) -> Float:
+        """Return the power [W] on pixels of shots (arguments of :meth:`pair`)."""
+        return self.pair(pixel, index)[0]
 
     def line(self, index: int, pixels: int) -> NDArray[np.float64]:
         """Return the power [W] on every pixel of the shot with an index, shape (pixels,)."""
@@ -149,21 +153,24 @@ class Light:
         power = self.power(pixel, dr.full(mi.UInt32, index, pixels)).numpy()
         return np.asarray(power, dtype=np.float64)
 
-    def _ends(self) -> tuple[Float, Float]:
-        """Return the pixels between which each shot's light lies, shape (m,)."""
-        if self._found_ends is None:
+    def extent(self) -> tuple[Float, Float, Float]:
+        """Return the pixels between which each shot's light lies, ∞ and −∞ where none is, and its power, shape (m,)."""
+        if self._found_extent is None:
             shot, shots = dr.arange(mi.UInt32, self.shots), dr.opaque(mi.UInt32, self.shots)
             low, high = dr.full(mi.Float, dr.inf, self.shots), dr.full(mi.Float, -dr.inf, self.shots)
+            power = dr.zeros(mi.Float, self.shots)
             for number in range(self.count):
                 at = shot + number * shots
-                lit = dr.gather(mi.Float, self.amount, at) > 0.0
+                amount = dr.gather(mi.Float, self.amount, at)
+                lit = amount > 0.0
                 middle = dr.gather(mi.Float, self.position, at)
                 reach = _CLUSTER_SIGMAS * math.sqrt(2.0) * dr.gather(mi.Float, self.sigma, at) + 0.5
                 low = dr.select(lit, dr.minimum(low, middle - reach), low)
                 high = dr.select(lit, dr.maximum(high, middle + reach), high)
-            dr.eval(low, high)
-            self._found_ends = low, high
-        return self._found_ends
+                power += amount
+            dr.eval(low, high, power)
+            self._found_extent = low, high, power
+        return self._found_extent
 
 
 @dataclass

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 import drjit as dr
 import drjit.auto.ad as auto
 
-from scanner_sim.detector.line.exposure import Signal
+from scanner_sim.detector.line.exposure import Signal, Window
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.signals.line.calibration import Calibration
 
@@ -20,11 +20,12 @@ SIDE = 7
 
 
 class Line:
-    """Reads charges of one line per lane."""
+    """Reads charges of one line per lane, within the window that was exposed."""
 
     def __init__(self, signal: Signal, calibration: Calibration) -> None:
         self.pixels, self.shots = signal.pixels, signal.shots
         self.subtracted = signal.exposures == 2
+        self.window = Window.whole(signal.shots, signal.pixels) if signal.window is None else signal.window
         self._signal = signal
         self._shot = dr.arange(auto.UInt32, signal.shots)
         values: dict[str, Float] = {

@@ -15,38 +15,25 @@ import drjit.auto.ad as auto
 
 from scanner_sim.detector.line.exposure import Signal
 from scanner_sim.detector.line.position_sensor import PositionSensor
-from scanner_sim.foundation.device_types import Float, UInt32
+from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.foundation.status import Status
 from scanner_sim.signals.line.bias import Bias
 from scanner_sim.signals.line.calibration import Calibration
-from scanner_sim.signals.line.digital_line import EVEN, Around, Line, baseline_beside, no_baseline
+from scanner_sim.signals.line.digital_line import EVEN, SIDE, Around, Line, baseline_beside, no_baseline
 from scanner_sim.signals.line.estimators import estimate
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.likelihood import Width
-from scanner_sim.signals.line.search import (
-    Gate,
-    Limits,
-    StrongestPeak,
-    brightest_pixel,
-    distance_of_sides,
-    flank_limit,
-    spot_pixel,
-)
+from scanner_sim.signals.line.limits import SIDE_THRESHOLD, gate_of, limits_of
+from scanner_sim.signals.line.search import brightest_pixel, spot_pixel
 from scanner_sim.signals.line.speckle import ExpectedSpeckle
 from scanner_sim.signals.line.validation import farthest_pixel, guard_pixels, judge_shape, white_charge
+from scanner_sim.signals.line.window import NoisePeak
 from scanner_sim.signals.processing import MARGIN, Processing
 
 __all__ = ["MARGIN", "Calibration", "Peaks", "find_peaks"]
 
 _SIGNAL_PIXELS = 4
 """Pixels to each side of the brightest one whose charge is the peak's signal."""
-_NO_LIMIT = 1e30
-_SIDE_THRESHOLD = 0.8
-"""Share of the threshold by which a peak must also rise above the brighter of its sides: the noise on top of an
-edge rises above the straight line beneath it, but not above the edge. Less than 1, because noise lifts the
-brighter side."""
-_LEAST_CONTRAST = 0.15
-"""Contrast that the widest spot has at least, relative to its charge."""
 _GLOSS_LIMIT = 1.5
 """Brightness relative to a white surface that none without gloss can have, tilt towards the lens included."""
 
@@ -68,6 +55,13 @@ class Peaks:
     background: Float
     snr: Float
     status: UInt32
+    settled: Mask
+
+    def settled_by(self, whole: Peaks) -> Peaks:
+        """Return these where they are settled, else those of the whole lines."""
+        peaks: Peaks = dr.select(self.settled, self, whole)
+        dr.eval(peaks)
+        return peaks
 
 
 def find_peaks(
@@ -79,6 +73,7 @@ def find_peaks(
     theta: Float = 0.0,
     bias: Bias | None = None,
     speckle: ExpectedSpeckle | None = None,
+    noise: NoisePeak | None = None,
 ) -> Peaks:
     """Find the peak of every line.
 
@@ -101,6 +96,8 @@ def find_peaks(
         Systematic error of the estimator, to be taken off; needs ``spot``.
     speckle
         What is known of the laser's speckle; needs ``spot``. Without it the light is taken to have none.
+    noise
+        What is known of the pixels that were not exposed, where that is a window only.
 
     Returns
     -------
@@ -109,9 +106,10 @@ def find_peaks(
     line = Line(signal, Calibration.of(sensor, dwell, signal.laser_off))
     sine, cosine = dr.sincos(auto.Float(theta))
     settings = processing.validation
-    guard = auto.Int32(0)
+    guard, limits = auto.Int32(0), None
     if spot is not None and settings.background:
-        found = _search(line, spot, processing, sine, cosine)
+        limits, away = limits_of(spot, processing, line.floor_sigma, cosine)
+        found = spot_pixel(line, away, limits, gate_of(spot, processing, sine, cosine))
         guard = guard_pixels(spot, found.pixel, sine, cosine)
         baseline = baseline_beside(line, found.pixel, guard)
     else:
@@ -122,40 +120,54 @@ def find_peaks(
     height, whole_variance = top(0)
     dark_sigma = dr.sqrt(line.variance(found.pixel, baseline.level))
     threshold = dr.opaque(auto.Float, processing.threshold)
-    low = ~(height > threshold * dark_sigma) | ~(found.level > _SIDE_THRESHOLD * threshold)
+    low = ~(height > threshold * dark_sigma) | ~(found.level > SIDE_THRESHOLD * threshold)
+    low |= line.window.first > line.window.last
 
     margin = MARGIN[processing.peak]
     inside = (found.pixel >= margin) & (found.pixel < line.pixels - margin)
     centre = dr.clip(found.pixel, margin, line.pixels - 1 - margin)
-    around = Around(line, centre, baseline)
-    width = spot_speckle = None
-    if spot is not None and speckle is not None:
-        spot_speckle = speckle.about(spot, centre, sine, cosine)
-    if spot is not None:
-        width = Width.of(spot, centre, guard, (sine, cosine), settings.beam_width, farthest_pixel(spot))
-    estimated = estimate(processing.peak, around, width, bias, spot_speckle)
-    variance = estimated.variance
+
+    def fit() -> _Fit:
+        around = Around(line, centre, baseline)
+        width = spot_speckle = None
+        if spot is not None and speckle is not None:
+            spot_speckle = speckle.about(spot, centre, sine, cosine)
+        if spot is not None:
+            width = Width.of(spot, centre, guard, (sine, cosine), settings.beam_width, farthest_pixel(spot))
+        estimated = estimate(processing.peak, around, width, bias, spot_speckle)
+        fitted = _Fit(
+            estimated.shift,
+            estimated.variance,
+            estimated.within,
+            estimated.converged,
+            top.full(0),
+            dr.zeros(auto.Float, line.shots),
+        )
+        if spot is not None:
+            shape = judge_shape(top, spot, guard, sine, cosine, settings, spot_speckle)
+            fitted.saturated |= shape.saturated
+            fitted.charge = shape.charge
+            if settings.shape:
+                fitted.fits &= shape.fits
+            fitted.variance += dr.square(dr.opaque(auto.Float, settings.misfit) * shape.misfit)
+        return fitted
+
+    # Of what is too low nothing is reported that the fit finds.
+    fitted = dr.if_stmt((), ~low, fit, lambda: _Fit.none(line.shots))
     rivalled = found.rival > dr.opaque(auto.Float, processing.ambiguity) * found.height
-    too_bright, misshapen = auto.Bool(False), inside & ~estimated.converged
-    full = top.full(0)
-    if spot is not None:
-        shape = judge_shape(top, spot, guard, sine, cosine, settings, spot_speckle)
-        full |= shape.saturated
-        if settings.shape:
-            misshapen |= inside & ~shape.fits
-        variance += dr.square(dr.opaque(auto.Float, settings.misfit) * shape.misfit)
-        if settings.max_reflectance is not None:
-            white = white_charge(spot, auto.Float(found.pixel), sine, cosine)
-            too_bright = shape.charge > dr.opaque(auto.Float, settings.max_reflectance) * white
-            # What is brighter than white may be gloss or a glint: any other peak makes it doubtful.
-            rivalled |= shape.charge > _GLOSS_LIMIT * white
+    too_bright = glossy = auto.Bool(False)
+    if spot is not None and settings.max_reflectance is not None:
+        white = white_charge(spot, auto.Float(found.pixel), sine, cosine)
+        too_bright = fitted.charge > dr.opaque(auto.Float, settings.max_reflectance) * white
+        # What is brighter than white may be gloss or a glint: any other peak makes it doubtful.
+        glossy = fitted.charge > _GLOSS_LIMIT * white
     status = auto.UInt32(Status.VALID)
     for failed, code in (
-        (rivalled & (found.rival_level > threshold), Status.AMBIGUOUS),
+        ((rivalled | glossy) & (found.rival_level > threshold), Status.AMBIGUOUS),
         (too_bright, Status.BAD_AMPLITUDE),
-        (~inside | ~estimated.within, Status.OUT_OF_ARRAY),
-        (misshapen, Status.BAD_SHAPE),
-        (full, Status.SATURATED),
+        (~inside | ~fitted.within, Status.OUT_OF_ARRAY),
+        (inside & ~fitted.fits, Status.BAD_SHAPE),
+        (fitted.saturated, Status.SATURATED),
         (low, Status.BELOW_THRESHOLD),
         (low & found.broad, Status.BAD_SHAPE),
         (low & found.refused, Status.BAD_AMPLITUDE),
@@ -164,47 +176,42 @@ def find_peaks(
         status = dr.select(failed, auto.UInt32(int(code)), status)
     valid = status == int(Status.VALID)
     total, total_variance = _sum_signal(top)
+    settled = dr.full(auto.Bool, True, line.shots)
+    if noise is not None and limits is not None and spot is not None:
+        reach = dr.maximum(guard + SIDE, max(farthest_pixel(spot), *MARGIN.values()))
+        read = dr.minimum(found.pixel, centre) - reach, dr.maximum(found.pixel, centre) + reach
+        rivals = threshold, dr.opaque(auto.Float, processing.ambiguity)
+        settled = noise.settles(line, found, limits, away, read, rivals, glossy & ~low)
     peaks = Peaks(
-        position=dr.select(valid, auto.Float(centre) + estimated.shift, dr.nan),
-        sigma=dr.select(valid, dr.sqrt(variance), dr.nan),
+        position=dr.select(valid, auto.Float(centre) + fitted.shift, dr.nan),
+        sigma=dr.select(valid, dr.sqrt(fitted.variance), dr.nan),
         signal=dr.select(low, 0.0, total),
         sigma_signal=dr.sqrt(dr.maximum(total_variance, 1.0)),
         background=dr.select(low, 0.0, baseline.level),
         snr=height / dr.sqrt(dr.maximum(whole_variance, 1.0)),
         status=status,
+        settled=settled,
     )
     dr.eval(peaks)
     return peaks
 
 
-def _search(
-    line: Line, spot: ExpectedSpot, processing: Processing, sine: Float, cosine: Float
-) -> StrongestPeak:
-    """Search for the spot among what is neither too bright nor too faint for its position."""
-    validation = processing.validation
-    # A white surface's charge over (pixel + ½)², at R = f d cosΘ/p: d sinΘ is small, and the limits are generous.
-    white = spot.white / (spot.focal_length * spot.baseline / spot.pitch) ** 2
-    per_square = dr.opaque(auto.Float, white) / dr.square(cosine)
-    least: Float = dr.opaque(auto.Float, _NO_LIMIT)
-    steepness = auto.Float(0.0)
-    if validation.max_reflectance is not None:
-        steepness = dr.opaque(auto.Float, validation.max_reflectance * spot.largest_share) * per_square
-        least = dr.opaque(auto.Float, processing.threshold) * line.floor_sigma
-    dimmest = dr.opaque(auto.Float, validation.min_reflectance * _LEAST_CONTRAST) * per_square
-    start = spot.offset / spot.pitch + 1.0
-    origin = dr.opaque(auto.Float, start)
-    away = distance_of_sides(spot.largest_sigma)
-    flank: tuple[Float, Float] = (dr.opaque(auto.Float, _NO_LIMIT), auto.Float(0.0))
-    if processing.validation.shape:
-        widest = spot.widest(processing.validation.beam_width[1])
-        low, rise = flank_limit(widest, away, start)
-        flank = dr.opaque(auto.Float, low), dr.opaque(auto.Float, rise)
-    gate = None
-    if processing.range_gate is not None:
-        nearest, farthest = processing.range_gate
-        level = dr.opaque(auto.Float, _SIDE_THRESHOLD * processing.threshold)
-        gate = Gate(spot.pixel(farthest, sine, cosine) - 1.0, spot.pixel(nearest, sine, cosine) + 1.0, level)
-    return spot_pixel(line, away, Limits((least, steepness), dimmest, flank, origin), gate)
+@dataclass
+class _Fit:
+    """What the fits to peaks tell, Dr.Jit arrays of shape (m,): of :class:`PeakEstimate` and of :class:`SpotFit`."""
+
+    shift: Float
+    variance: Float
+    within: Mask
+    fits: Mask
+    saturated: Mask
+    charge: Float
+
+    @classmethod
+    def none(cls, shots: int) -> _Fit:
+        """Return that of lines without a peak."""
+        nothing, no = dr.zeros(auto.Float, shots), dr.zeros(auto.Bool, shots)
+        return cls(nothing, nothing, no, no, no, nothing)
 
 
 def _sum_signal(around: Around) -> tuple[Float, Float]:

@@ -15,26 +15,19 @@ from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
-import numpy as np
-from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.signals.line.digital_line import Line
+from scanner_sim.signals.line.limits import SIDE_PIXELS, Gate, Limits, farthest_side
 
 _LEAST_SEPARATION = 6
 """Pixels beyond which a second maximum counts as a peak of its own."""
 _PIXELS_PER_TURN = 8
 """Pixels that one turn of a loop looks at."""
-_SIDE = 3
-"""Pixels of each side whose mean is compared with a peak."""
-_SIDE_SIGMAS = 2.6
-"""Standard deviations of the widest spot that the sides keep away: there it has fallen to 3 %."""
 _GATE_BONUS = 1e5
 """Added to the level of peaks inside the range gate, so that they rank before all outside it."""
 _FLANK_NOISE = 3.0
 """Noise granted to the flanks of a peak, in standard deviations of a pixel."""
-_FARTHEST = 16
-"""Largest distance of a side: wider spots lose contrast instead of making the window longer."""
 
 
 @dataclass
@@ -44,7 +37,8 @@ class StrongestPeak:
     ``pixel`` brightest pixel; ``height`` what its rival is compared with, and ``rival`` the same of the next
     separate peak [electron]; ``level`` and ``rival_level`` how far the brightest pixel and the rival stand out, in
     the unit of the threshold; ``brightest`` charge of the fullest pixel of the whole line; ``refused`` where a
-    stronger peak was left out as too bright for its range, ``broad`` where one was as too broad for a spot.
+    stronger peak was left out as too bright for its range, ``broad`` where one was as too broad for a spot; ``rank``
+    the level of its contrast, by which peaks rank; below 0 outside of the range gate, where there is one.
     """
 
     pixel: Int32
@@ -55,6 +49,7 @@ class StrongestPeak:
     brightest: Float
     refused: Mask
     broad: Mask
+    rank: Float
 
 
 def brightest_pixel(line: Line) -> StrongestPeak:
@@ -82,56 +77,16 @@ def brightest_pixel(line: Line) -> StrongestPeak:
     second = dr.while_loop(start_apart, lambda pixel, second: pixel < line.pixels, compare_apart)[1]
     level, second_level = height / line.floor_sigma, second / line.floor_sigma
     return StrongestPeak(
-        auto.Int32(best), height, level, second, second_level, height, auto.Bool(False), auto.Bool(False)
+        auto.Int32(best),
+        height,
+        level,
+        second,
+        second_level,
+        height,
+        auto.Bool(False),
+        auto.Bool(False),
+        level,
     )
-
-
-@dataclass
-class Gate:
-    """The pixels of a range gate, Dr.Jit floats: peaks between them that reach ``level`` go before all others."""
-
-    first: Float
-    last: Float
-    level: Float
-
-
-@dataclass
-class Limits:
-    """What no spot exceeds: values ``a + b · (pixel + origin)²`` along the line, Dr.Jit floats.
-
-    ``charge`` (a, b) of the contrast [electron]: the light of a surface falls with the square of its range, which
-    is inverse to the position on the line; ``dimmest`` is b of the least contrast. ``flank`` (a, b) of what stands
-    above the sides one pixel nearer than they, as a share of the contrast: the beam's image widens with the
-    position.
-    """
-
-    charge: tuple[Float, Float]
-    dimmest: Float
-    flank: tuple[Float, Float]
-    origin: Float
-
-
-def flank_limit(variances: NDArray[np.float64], away: int, origin: float) -> tuple[float, float]:
-    """Return (a, b) for :class:`Limits` from the variance of the widest spot on each pixel [pixel²].
-
-    For a Gaussian exp(−x²/2s²) centred on a pixel; a quarter more and a twentieth of the contrast are allowed for
-    a position between two pixels.
-    """
-
-    def height(distance: int) -> NDArray[np.float64]:
-        return np.asarray(np.exp(-0.5 * distance**2 / variances))
-
-    sides = sum(height(away + number) for number in range(_SIDE)) / _SIDE
-    contrast = 0.5 * (1.0 + height(1)) - sides
-    shares = 1.25 * (height(away - 1) - sides) / contrast + 0.05
-    position = np.arange(len(variances)) + origin
-    least = float(shares.min())
-    return least, float(((shares - least) / position**2).max())
-
-
-def distance_of_sides(sigma: float) -> int:
-    """Return the distance of the sides [pixel] from a peak; even, so that the loop meets pixels pair by pair."""
-    return min(2 * int(-(-_SIDE_SIGMAS * sigma // 2)), _FARTHEST)
 
 
 def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> StrongestPeak:
@@ -152,21 +107,17 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Stro
     -------
     Found
     """
-    half = away + _SIDE - 1
-    first, last = line.charge(auto.UInt32(0)), line.charge(auto.UInt32(line.pixels - 1))
-    last_pair = (line.pixels - 1) // 2
+    half, end = farthest_side(away), line.window.last
+    first, last = line.charge(line.window.first), line.charge(end)
 
     def pair(pixel: UInt32) -> tuple[tuple[Float, Float], Float]:
-        left, right, fullest = line.pair(2 * dr.minimum(pixel // 2, last_pair))
-        charges = (
-            dr.select(pixel < line.pixels, left, last),
-            dr.select(pixel + 1 < line.pixels, right, last),
-        )
+        left, right, fullest = line.pair(2 * dr.minimum(pixel // 2, end // 2))
+        charges = dr.select(pixel <= end, left, last), dr.select(pixel + 1 <= end, right, last)
         return charges, fullest
 
     window, filled = [first] * half, dr.full(auto.Float, -dr.inf, line.shots)
     for pixel in range(0, half, 2):
-        charges, fullest = pair(auto.UInt32(pixel))
+        charges, fullest = pair(line.window.first + pixel)
         window, filled = [*window, *charges], dr.maximum(filled, fullest)
     full = line.known.full - line.known.dark
     zero = dr.zeros(auto.Float, line.shots)
@@ -191,9 +142,9 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Stro
         for step in range(_PIXELS_PER_TURN):
             here = auto.Int32(pixel) + step
             before, middle, after = window[step + half - 1 : step + half + 2]
-            side = dr.maximum(sums[step], sums[step + half + away]) * (1.0 / _SIDE)
+            side = dr.maximum(sums[step], sums[step + half + away]) * (1.0 / SIDE_PIXELS)
             contrast = 0.25 * (before + 2.0 * middle + after) - side
-            top = (middle > before) & (middle >= after) & (contrast > 0.0) & (here < line.pixels)
+            top = (middle > before) & (middle >= after) & (contrast > 0.0) & (here <= auto.Int32(end))
             if step == 0:
                 top |= (here == 0) & (middle >= after) & (contrast > 0.0)
             squared = dr.square(auto.Float(here) + limits.origin)
@@ -226,7 +177,7 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Stro
         )
 
     start = (
-        auto.UInt32(0),
+        line.window.first,
         window,
         [nowhere, zero, zero],
         [nowhere, zero, zero],
@@ -239,7 +190,7 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Stro
     too_bright: Float
     too_broad: Float
     _, _, best, current, rival, brightest, too_bright, too_broad = dr.while_loop(
-        start, lambda pixel, *rest: pixel < line.pixels, compare
+        start, lambda pixel, *rest: pixel <= end, compare
     )
     never = (dr.full(auto.Int32, 2 * (line.pixels + _LEAST_SEPARATION), line.shots), zero, zero)
     best, _, rival = _rank(auto.Bool(True), never, best, current, rival)
@@ -252,12 +203,14 @@ def spot_pixel(line: Line, away: int, limits: Limits, gate: Gate | None) -> Stro
         beside = line.charge(other)
         mean += 0.25 * beside
         top, charge = dr.select(beside > charge, other, top), dr.maximum(beside, charge)
+    rank: Float = best[1]
     if gate is not None:
-        rival[0] = dr.select(best[1] < _GATE_BONUS, rival[0], rival[0] - _GATE_BONUS)
+        rival[0] = dr.select(rank < _GATE_BONUS, rival[0], rival[0] - _GATE_BONUS)
+        rank -= _GATE_BONUS
     side = mean - best[2]
     level = (charge - side) * dr.rsqrt(dr.maximum(line.variance(top, side), 1e-12))
     return StrongestPeak(
-        top, best[2], level, rival[1], rival[0], brightest, too_bright > best[2], too_broad > best[2]
+        top, best[2], level, rival[1], rival[0], brightest, too_bright > best[2], too_broad > best[2], rank
     )
 
 

@@ -34,7 +34,7 @@ from scanner_sim.signals.processing import Validation
 
 _MARGIN = 4.0
 """Standard deviations of a spot to each side that its shape is judged over."""
-_MOST_PIXELS = 24
+MOST_PIXELS = 24
 """Largest number of pixels to each side; wider spots are judged by their core."""
 _CURVATURE = 0.03
 """Relative error of the curvature 1/(s² + 1/12) of a spot integrated over pixels, from s = 0.35 pixel."""
@@ -62,12 +62,12 @@ class SpotFit:
 def guard_pixels(spot: ExpectedSpot, centre: Int32, sine: Float, cosine: Float) -> Int32:
     """Return how many pixels to each side of its brightest one a spot covers, Dr.Jit signed."""
     beam, spread = spot.variances(auto.Float(centre), sine, cosine)
-    return auto.Int32(dr.clip(dr.ceil(_MARGIN * dr.sqrt(beam + spread)), 3.0, _MOST_PIXELS))
+    return auto.Int32(dr.clip(dr.ceil(_MARGIN * dr.sqrt(beam + spread)), 3.0, MOST_PIXELS))
 
 
 def farthest_pixel(spot: ExpectedSpot) -> int:
     """Return how many pixels to each side a spot covers at most, anywhere on the line."""
-    return min(math.ceil(_MARGIN * spot.largest_sigma) + 1, _MOST_PIXELS)
+    return min(math.ceil(_MARGIN * spot.largest_sigma) + 1, MOST_PIXELS)
 
 
 def judge_shape(

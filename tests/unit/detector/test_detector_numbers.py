@@ -18,7 +18,7 @@ from scipy.stats import poisson as exact
 from scanner_sim.detector import encoders
 from scanner_sim.detector.encoders import reading_normals, readings
 from scanner_sim.detector.line import exposure
-from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pixel_response, poisson
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise, pixel_response, poisson
 from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges
 from scanner_sim.detector.photodiode import noise_colour, photodiode, waveform
 from scanner_sim.optics.speckle import Optics, packets_of
@@ -75,8 +75,8 @@ def test_both_exposures_take_their_share_of_the_dwell(device: Device) -> None:
         return (auto.Float(place) * 10.0 + auto.Float(pixel) + 1.0) * 1e-9
 
     signal = expose(
-        light, dr.arange(auto.UInt32, shots), line, 1.5e-6, 1e-4, 1,
-        background=lambda pixel, place: 0.5 * light(pixel, place), laser_off=0.25,
+        pairwise(light), dr.arange(auto.UInt32, shots), line, 1.5e-6, 1e-4, 1,
+        background=pairwise(lambda pixel, place: 0.5 * light(pixel, place)), laser_off=0.25,
     )  # fmt: skip
     number = np.arange(shots)[:, None] * 10.0 + np.arange(9) + 1.0
     one = 0.8e-9 * 1e-4 * 1.5e-6 / PLANCK_C / 500.0
@@ -103,7 +103,7 @@ def test_light_and_read_noise_are_drawn_apart(device: Device) -> None:
     line = sensor("shot", "read", pixels=256, gain=1.0)
     watts = 1e6 / electrons_per_watt(line, 1.5e-6, 1e-4)
     signal = expose(
-        lambda pixel, place: auto.Float(watts) + 0.0 * auto.Float(pixel),
+        pairwise(lambda pixel, place: auto.Float(watts) + 0.0 * auto.Float(pixel)),
         dr.arange(auto.UInt32, 20), line, 1.5e-6, 1e-4, 1,
     )  # fmt: skip
     lines = signal.lines() - 64.0 - 1e6

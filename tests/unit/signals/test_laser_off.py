@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from scanner_sim import load_scenario, simulate
 from scanner_sim.analytic import spot
 from scanner_sim.config.scanner import Scanner
-from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.channels import MEASURED_BY
 from scanner_sim.foundation.status import Status
@@ -62,13 +62,13 @@ def peaks_of(light: Array, ambient: Array, laser_off: float, processing: Process
         return lambda pixel, place: dr.gather(auto.Float, table, place * 256 + pixel)
 
     signal = expose(
-        power(light + ambient),
+        pairwise(power(light + ambient)),
         dr.arange(auto.UInt32, len(np.atleast_2d(light))),
         QUIET,
         1.5e-6,
         DWELL,
         1,
-        background=power(ambient),
+        background=pairwise(power(ambient)),
         laser_off=laser_off,
     )
     settings = Processing() if processing is None else processing
@@ -133,7 +133,14 @@ class TestLines:
             return (100.0 * auto.Float(place) + auto.Float(pixel)) * (1e3 / scale)
 
         signal = expose(
-            power, shots, odd, 1.5e-6, DWELL, 1, background=lambda p, s: 2.0 * power(p, s), laser_off=0.25
+            pairwise(power),
+            shots,
+            odd,
+            1.5e-6,
+            DWELL,
+            1,
+            background=pairwise(lambda p, s: 2.0 * power(p, s)),
+            laser_off=0.25,
         )
         number = (1e3 * (100.0 * np.arange(70)[:, None] + np.arange(9))) / 4.0
         np.testing.assert_allclose(signal.lines(0) - odd.bias, 0.75 * number, atol=0.1)
@@ -142,7 +149,15 @@ class TestLines:
     def test_the_second_exposure_needs_its_light(self) -> None:
         shots = dr.arange(auto.UInt32, 1)
         with pytest.raises(ValueError, match="background"):
-            expose(lambda pixel, place: auto.Float(pixel), shots, QUIET, 1.5e-6, DWELL, 1, laser_off=0.5)
+            expose(
+                pairwise(lambda pixel, place: auto.Float(pixel)),
+                shots,
+                QUIET,
+                1.5e-6,
+                DWELL,
+                1,
+                laser_off=0.5,
+            )
 
 
 @pytest.mark.parametrize("share", [-0.1, 0.95])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from prototype import PositionSensor
 
 from scanner_sim.analytic import spot
-from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.status import Status
 from scanner_sim.signals.line.expected import ExpectedSpot
@@ -35,7 +35,7 @@ def fitted(lines: NDArray[np.float64], sigma: float | None, *switched_on: str) -
     def power(pixel: Any, place: Any) -> Any:
         return dr.gather(auto.Float, table, place * PIXELS + pixel)
 
-    signal = expose(power, dr.arange(auto.UInt32, len(lines)), sensor, 1.5e-6, 50e-6, 1)
+    signal = expose(pairwise(power), dr.arange(auto.UInt32, len(lines)), sensor, 1.5e-6, 50e-6, 1)
     known = None
     if sigma is not None:
         known = ExpectedSpot(0.1, 0.2, 1e-9, 0.0, 1e3, sigma * PITCH, PITCH, 0.0, PIXELS, 1e12)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from scanner_sim.config.scanner import Scanner
-from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise
 from scanner_sim.foundation.status import Status
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import find_peaks
@@ -35,7 +35,7 @@ def measured(glint: float, gate: tuple[float, float] | None) -> tuple[Status, fl
     def on_pixel(pixel: Any, _: Any) -> Any:
         return dr.gather(auto.Float, table, pixel)
 
-    signal = expose(on_pixel, dr.arange(auto.UInt32, 1), SENSOR, SCANNER.laser.wavelength, DWELL, 1)
+    signal = expose(pairwise(on_pixel), dr.arange(auto.UInt32, 1), SENSOR, SCANNER.laser.wavelength, DWELL, 1)
     spot = ExpectedSpot.of(SCANNER.laser, SCANNER.receiver, 1.0, SENSOR, DWELL)
     peaks = find_peaks(signal, SENSOR, Processing(range_gate=gate), DWELL, spot, 0.0)
     return Status(int(peaks.status[0])), float(peaks.position[0])

@@ -14,7 +14,7 @@ from pydantic import ValidationError
 
 from scanner_sim.analytic import beam, spot
 from scanner_sim.analytic.estimators import blais_rioux
-from scanner_sim.detector.line.exposure import electrons_per_watt, expose
+from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.neighbours import is_isolated
@@ -36,7 +36,7 @@ def peaks_of(lines: Array, processing: Processing | None = None, known: Expected
     """Return the peaks of noise-free lines [electron], shape (m, 256)."""
     table = auto.Float((lines / electrons_per_watt(QUIET, 1.5e-6, DWELL)).astype(np.float32).ravel())
     signal = expose(
-        lambda pixel, place: dr.gather(auto.Float, table, place * 256 + pixel),
+        pairwise(lambda pixel, place: dr.gather(auto.Float, table, place * 256 + pixel)),
         dr.arange(auto.UInt32, len(lines)),
         QUIET,
         1.5e-6,

@@ -1,0 +1,113 @@
+"""Lines that nothing but the laser lights: the pixels that can matter are exposed, and read by kernels traced once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import drjit as dr
+import drjit.auto.ad as auto
+
+from scanner_sim.detector.line.exposure import Signal, Window, unlit_numbers
+from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.device_types import Float
+from scanner_sim.render.frozen import Frozen
+from scanner_sim.signals.line.bias import Bias
+from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.peaks import Peaks, find_peaks
+from scanner_sim.signals.line.speckle import ExpectedSpeckle
+from scanner_sim.signals.line.window import NoisePeak
+from scanner_sim.signals.processing import Processing
+
+Exposure = Callable[[Window, "Signal | None"], Signal]
+"""Exposes windows of lines, into the memory of a signal if there is one."""
+
+
+class DarkLine:
+    """Exposes and reads lines that nothing but the laser lights.
+
+    Parameters
+    ----------
+    noise
+        The highest peak of pixels without light.
+    calibration, sensor, processing, dwell, spot, bias
+        What :func:`~scanner_sim.signals.line.peaks.find_peaks` knows.
+    """
+
+    def __init__(
+        self,
+        noise: NoisePeak,
+        calibration: Calibration,
+        sensor: PositionSensor,
+        processing: Processing,
+        dwell: float,
+        spot: ExpectedSpot,
+        bias: Bias | None,
+    ) -> None:
+        self._noise, self._calibration, self._processing, self._spot = noise, calibration, processing, spot
+        self._reads = [] if bias is None else [bias.values]
+
+        def find(number: Float, window: Window, theta: Float, speckle: ExpectedSpeckle | None) -> Peaks:
+            signal = Signal(number, dr.width(theta), sensor.pixels, window=window)
+            return find_peaks(signal, sensor, processing, dwell, spot, theta, bias, speckle, noise)
+
+        self._find = find
+        self._frozen: Frozen | None = None
+
+    @classmethod
+    def of(
+        cls,
+        sensor: PositionSensor,
+        processing: Processing,
+        dwell: float,
+        spot: ExpectedSpot,
+        bias: Bias | None,
+    ) -> DarkLine | None:
+        """Return it, or None where all pixels count: where the brightest one is asked for, or noise fills one."""
+        calibration, numbers = Calibration.of(sensor, dwell), unlit_numbers(sensor, dwell)
+        filled = calibration.charge(numbers[1]) + calibration.dark >= calibration.full
+        if filled or not processing.validation.background:
+            return None
+        noise = NoisePeak.of(numbers, calibration)
+        return cls(noise, calibration, sensor, processing, dwell, spot, bias)
+
+    def read(
+        self,
+        expose: Exposure,
+        light: tuple[Float, Float, Float],
+        theta: Float,
+        speckle: ExpectedSpeckle | None,
+    ) -> tuple[Signal, Peaks]:
+        """Return what was exposed of the lines of m shots, and their peaks.
+
+        Parameters
+        ----------
+        expose
+            Exposes them.
+        light
+            As of :meth:`~scanner_sim.signals.line.window.NoisePeak.windows`.
+        theta
+            Commanded deflections Θ [rad], shape (m,).
+        speckle
+            What is known of the laser's speckle; None without.
+        """
+        deflection = auto.Float(theta)
+        dr.eval(deflection)
+        windows = self._noise.windows(light, self._spot, self._processing, self._calibration, deflection)
+        signal = expose(windows[0], None)
+        peaks = self._peaks(signal, deflection, speckle)
+        signal = expose(windows[1].where(~peaks.settled), signal)
+        return signal, peaks.settled_by(self._peaks(signal, deflection, speckle))
+
+    def _peaks(self, signal: Signal, theta: Float, speckle: ExpectedSpeckle | None) -> Peaks:
+        """Return the peaks, by kernels that are traced for the first group of shots and serve all others."""
+        if self._frozen is None:
+            self._frozen = Frozen(
+                lambda reads, number, window, theta, travel: self._find(
+                    number, window, theta, None if speckle is None else replace(speckle, travel=travel)
+                )
+            )
+        travel = None if speckle is None else speckle.travel
+        peaks: Peaks = self._frozen(self._reads, signal.number, signal.window, theta, travel)
+        return peaks
