@@ -232,7 +232,7 @@ def followed(count: int) -> Figures:
         for _ in range(100):
             next(tracker)
 
-    run, wall = cpu(visits)
+    run, wall = cpu(visits, times=2)
     return {"set-up": setup, "run": run, "wall": wall, "memory": peak()}
 
 
@@ -276,7 +276,7 @@ PARTS = {
     "moving": Part(moving, "boxes that move", (1, 2, 4, 8, 16), (1, 2, 4), cold=True),
     "targets": Part(targets, "targets seen", (1, 100, 1000, 3000, 10_000), (10, 100, 300)),
     "followed": Part(followed, "targets followed", (1, 10, 100, 300, 1000), (1, 10, 100)),
-    "runs": Part(runs, "tracking runs", (1, 4, 16, 64), (1, 4, 8)),
+    "runs": Part(runs, "tracking runs", (1, 4, 16, 32), (1, 2, 4)),
 }
 
 
@@ -380,8 +380,8 @@ def campaign(quick: bool, progress: Progress) -> tuple[list[str], list[list[str]
     """Return the table of processes and threads: scenarios per second of the clock and of the processor."""
     ways = [(1, 1), (1, 2), (2, 1), (2, 2)]
     kinds = {
-        "images of 64²": (image_often, 8 if quick else 24),
-        "tracking runs of 0.2 s": (follow_often, 4 if quick else 12),
+        "images of 64²": (image_often, 8 if quick else 16),
+        "tracking runs of 0.2 s": (follow_often, 4 if quick else 8),
     }
     bar = progress.add_task("processes", total=len(kinds) * len(ways))
     rows = []
