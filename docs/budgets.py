@@ -52,7 +52,7 @@ def tables() -> str:
         f"Time of flight is the better one from {moving:.1f} m on, and from {still:.1f} m with the beam at rest: a "
         "sweep averages speckle."
     )
-    return marked("budgets.py", ("\n".join(lines), told))
+    return marked("docs/budgets.py", ("\n".join(lines), told))
 
 
 def _line(name: str, values: list[float]) -> str:

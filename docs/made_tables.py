@@ -7,8 +7,8 @@ from pathlib import Path
 
 
 def marked(maker: str, parts: Sequence[str]) -> str:
-    """Return what stands on a page from the mark of what ``docs/<maker>`` makes to that of its end."""
-    begin, end = f"<!-- made by docs/{maker} -->", f"<!-- end of what docs/{maker} makes -->"
+    """Return what stands on a page from the mark of what a program makes, named by its path, to that of its end."""
+    begin, end = f"<!-- made by {maker} -->", f"<!-- end of what {maker} makes -->"
     return "\n\n".join((begin, *parts, end))
 
 

@@ -121,7 +121,7 @@ def tables() -> str:
         "What a dwell leaves of the variances:",
         by_travel(),
     )
-    return marked("speckle.py", parts)
+    return marked("docs/speckle.py", parts)
 
 
 def main() -> None:
