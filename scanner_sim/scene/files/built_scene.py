@@ -147,7 +147,8 @@ def _build(objects: Sequence[Named]) -> BuiltScene:
     registry = [_registry_index(shape) for _, shape, _ in rows]
     object_of = np.zeros(max(registry, default=0) + 1, dtype=np.uint32)
     material_of = object_of.copy()
-    object_of[registry] = [names.index(name) + 1 for name, _, _ in rows]
+    number_of = {name: number for number, name in enumerate(names, 1)}
+    object_of[registry] = [number_of[name] for name, _, _ in rows]
     material_of[registry] = [materials.index(material) + 1 for _, _, material in rows]
     return BuiltScene(
         resting,

@@ -176,8 +176,9 @@ _SCENES = SceneKeeper()
 def _frames(objects: list[Named], numbered: tuple[str, ...]) -> Float:
     """Return the table of the objects' poses at time 0."""
     poses = np.broadcast_to(np.eye(4)[:3], (len(numbered) + 1, 3, 4)).copy()
+    number_of = {name: number for number, name in enumerate(numbered, 1)}
     for one in objects:
         # An object without shapes has no number.
-        if one.name in numbered:
-            poses[numbered.index(one.name) + 1] = one.item.pose_at(0.0)[0, :3]
+        if one.name in number_of:
+            poses[number_of[one.name]] = one.item.pose_at(0.0)[0, :3]
     return mi.Float(for_device(poses))
