@@ -55,6 +55,7 @@ def panorama_lines(
 
     from scanner_sim.render.background.panorama import render_panorama
     from scanner_sim.render.background.view import Rows, panorama_view
+    from scanner_sim.render.beam.light import Light
     from scanner_sim.render.incident import Incident, Throughput
     from scanner_sim.render.shots import Shots
 
@@ -67,7 +68,8 @@ def panorama_lines(
     lines = []
     for row, column in voxels:
         shot = Shots(mi.UInt32([row * SIZE + column]), mi.Float([theta[column]]), mi.Float([phi[row]]))
-        incident = Incident(None, shot, SIZE, throughput, panorama)
+        dark = Light(mi.UInt32([0]), shot.number, mi.Float([0.0]), mi.Float([0.0]), mi.Float([1.0]))
+        incident = Incident(dark, shot, SIZE, throughput, panorama)
         lines.append(incident.background(dr.arange(mi.UInt32, PIXELS), dr.zeros(mi.UInt32, PIXELS)).numpy())
     return np.array(lines, dtype=np.float64)
 
