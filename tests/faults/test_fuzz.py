@@ -19,6 +19,7 @@ def fuzz(*arguments: str) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_what_was_once_found_is_refused_or_gives_a_result() -> None:
     fuzz("--corpus")
 

@@ -180,6 +180,7 @@ def test_the_fit_reaches_the_bound(sigma: float, height: float, read: float) -> 
     assert claimed == pytest.approx(got.scatter(), rel=slack)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_efficiency_of_every_estimator(method: PeakMethod) -> None:
     """Claim: the table of standard deviations over the bound in ``docs/theory/signals.md``.
@@ -213,6 +214,7 @@ def test_sigma_of_the_centre_of_mass_holds_where_its_window_jumps(sigma: float, 
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", WIDTHS)
 @pytest.mark.parametrize("method", METHODS)
 def test_the_computed_table_takes_the_systematic_error_off(method: PeakMethod, sigma: float) -> None:

@@ -152,6 +152,7 @@ def optics_of(f_number: float, aberration: float, diffusion: float, image: float
     return Optics.of(WAVELENGTH * f_number, aberration, diffusion, PITCH, image)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("f_number", "aberration", "diffusion"),
     [(4.0, 0.0, 40e-6), (4.0, 12e-6, 38.2e-6), (4.0, 24e-6, 32e-6), (8.0, 12e-6, 38.2e-6), (4.0, 40e-6, 0.0)],
@@ -408,6 +409,7 @@ def position_errors(image: RangeImage) -> Array:
     return np.asarray(error[valid])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("f_number", [2.0, 4.0, 8.0])
 def test_published_limit(f_number: float) -> None:
     """Claim: with the authors' own estimator and no aberration the limit C λN/π to 0.40 C λN is met within 25 %.
@@ -444,6 +446,7 @@ def test_metal_has_the_stronger_speckle() -> None:
     assert spread[0] / spread[1] == pytest.approx(np.sqrt(2.0), rel=0.07)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("peak", "distance", "f_number", "slack"),
     [

@@ -85,6 +85,7 @@ def test_a_mirror_throws_a_false_spot(tmp_path: Path) -> None:
     assert line.sum() == pytest.approx(power, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_corner_veils_the_line() -> None:
     """Claim: the light of two diffuse surfaces has the power of the double integral.
 

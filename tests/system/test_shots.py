@@ -147,6 +147,7 @@ def test_the_background_between_rows_is_that_of_rows(tmp_path: Path) -> None:
     np.testing.assert_allclose(listed["tof.background_w"], image["tof.background_w"].ravel(), rtol=0.01)
 
 
+@pytest.mark.slow
 def test_any_batch_gives_the_same_bytes_under_the_sun(tmp_path: Path) -> None:
     """Claim: with objects that move, too, where time slots decide which background a shot sees."""
     wall = TILTED | {"motion": {"type": "twist", "velocity": ["50 mm/s", 0, 0]}}
