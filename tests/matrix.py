@@ -5,8 +5,8 @@
 
 Each pair of them has a row in the table of docs/tested.md, which says when it was tested last; a run replaces the rows
 of its own and leaves the others. It runs the quick tests: what a version breaks, it breaks there. The oldest are the
-lowest versions of what the package asks for itself (not of what those ask for), of those that are built for that Python,
-as uv resolves them; pip cannot. Each pair gets an environment of its own, which is deleted again.
+lowest versions of what the package asks for itself (not of what those ask for) that are built for that Python, as uv
+resolves them; pip cannot. Each pair gets an environment of its own, which is deleted again.
 """
 
 from __future__ import annotations
