@@ -109,7 +109,8 @@ def test_shot_noise_follows_the_pulse_through_the_electronics() -> None:
 
     Set-up: 100 000 records of one 2 ns pulse with shot noise alone, B 200 MHz. Expected: covariance of samples i, j
     = q M² F R₀ ∫ P(s) h(t_i − s) h(t_j − s) ds, by quadrature, from 3 samples before the peak to 3 behind. Tolerance:
-    3 % of the largest (a variance's standard error is 0.45 %; the rest is the light sampled before the electronics).
+    3 % of the largest for the light that is sampled before the electronics (2.6 % at most, mean of eight seeds), and 4.8
+    standard errors from the records' own fourth moments: level 10⁻⁴ for 49 numbers.
     """
     diode = Photodiode(
         bulk_dark_current=0.0,
@@ -121,6 +122,9 @@ def test_shot_noise_follows_the_pulse_through_the_electronics() -> None:
     got *= digitiser.step(diode.saturation)
     window = np.arange(37, 44)
     found = np.cov(got[:, window].T)
+    away = got[:, window] - got[:, window].mean(axis=0)
+    fourth = np.einsum("ni,nj->ij", away**2, away**2) / len(away)
+    error = np.sqrt((fourth - found**2) / len(away))
     sigma_h = np.sqrt(np.log(2.0)) / (2.0 * np.pi * 200e6)
     s = np.linspace(-8e-9, 8e-9, 4001)
     light = 1e-5 * np.exp(-0.5 * (s / (2e-9 / 2.35482)) ** 2)
@@ -128,7 +132,7 @@ def test_shot_noise_follows_the_pulse_through_the_electronics() -> None:
     h = np.exp(-0.5 * ((t[:, None] - s) / sigma_h) ** 2) / (np.sqrt(2.0 * np.pi) * sigma_h)
     density = 1.602176634e-19 * 10.0**2 * judge.excess_noise(10.0, 0.45) * 0.95
     expected = density * np.trapezoid(h[:, None] * h[None] * light, s, axis=2)
-    assert np.abs(found - expected).max() < 0.03 * expected.max()
+    assert (np.abs(found - expected) < 0.03 * expected.max() + 4.8 * error).all()
 
 
 def test_a_number_depends_on_its_address_alone() -> None:
