@@ -109,8 +109,8 @@ def test_shot_noise_follows_the_pulse_through_the_electronics() -> None:
 
     Set-up: 100 000 records of one 2 ns pulse with shot noise alone, B 200 MHz. Expected: covariance of samples i, j
     = q M² F R₀ ∫ P(s) h(t_i − s) h(t_j − s) ds, by quadrature, from 3 samples before the peak to 3 behind. Tolerance:
-    3 % of the largest for the light that is sampled before the electronics (2.6 % at most, mean of eight seeds), and 4.8
-    standard errors from the records' own fourth moments: level 10⁻⁴ for 49 numbers.
+    3 % of the largest for the light that is sampled before the electronics (2.6 % at most, mean of eight seeds), and
+    4.8 standard errors from the records' own fourth moments: level 10⁻⁴ for 49 numbers.
     """
     diode = Photodiode(
         bulk_dark_current=0.0,
