@@ -171,6 +171,17 @@ def test_ranges_come_from_where_the_kind_says(kind: str, told: str) -> None:
         assert bool(abs(moved - start) > 1e-5) is (told in (name, "both")), name
 
 
+def test_what_lies_between_disc_and_ground_tells_no_range() -> None:
+    """Claim: voxels of a raised disc in whose dwell the spot is partly on the ground do not move its range."""
+    half_way = 0.5 * np.hypot(*pattern()[1].T)
+    on = off() < RADIUS / DISTANCE
+    partly = on & (off() > RADIUS / DISTANCE - half_way - SPOT)
+    assert partly.sum() > 1
+    base = np.where(on, DISTANCE, DISTANCE + 0.1) / np.cos(off())
+    found = seen(voxels(np.where(partly, base + 0.03, base)), "raised")
+    assert found.position[0, 2] == pytest.approx(DISTANCE, abs=1e-6)
+
+
 def tilted(sigma: float) -> tuple[PatternSamples, Array]:
     """Return voxels over a disc on a plane tilted by half a radian, and ∂R/∂(Θ, φ) at its centre."""
     middle = np.stack(coordinates(DISTANCE, *CENTRE, D))
