@@ -74,6 +74,10 @@ def test_levels_are_medians_and_the_threshold_their_middle() -> None:
     threshold, low, high, clear = two_levels(value, np.ones_like(value, dtype=bool))
     assert (threshold[0], low[0], high[0]) == pytest.approx((0.55, 0.1, 1.0))
     assert clear[0]
+    # A value on the wrong side would move a median.
+    value = np.concatenate([np.arange(9.0), 100.0 + np.arange(7.0)])[None]
+    threshold, low, high, _ = two_levels(value, np.ones_like(value, dtype=bool))
+    assert (threshold[0], low[0], high[0]) == (53.5, 4.0, 103.0)
 
 
 @pytest.mark.parametrize(("kind", "target"), [("black", 0.1), ("white", 1.0)])
