@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 from functools import lru_cache
-from typing import Any
+from typing import Any, TypeAlias
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -19,6 +19,9 @@ import numpy as np
 from scanner_sim.foundation.device_types import UInt32, UInt64
 
 _ROUNDS = 7
+
+Seed: TypeAlias = Any
+"""Seed of a scenario, a number from 0 to 2⁶⁴ − 1; or one for each lane, a Dr.Jit array of 64-bit unsigned numbers."""
 
 
 class Stream(IntEnum):
@@ -40,24 +43,25 @@ class Stream(IntEnum):
     POSES = 40
 
 
-def generator(seed: int, stream: Stream, shot: UInt32, sample: UInt32) -> Any:
+def generator(seed: Seed, stream: Stream, shot: UInt32, sample: UInt32) -> Any:
     """Return the generator at an address; each of its calls gives four numbers.
 
     Parameters
     ----------
     seed
-        Seed of the scenario, 0 to 2⁶⁴ − 1.
+        One for all lanes, or one for each: a lane's numbers depend on its own seed alone, given either way.
     stream
         The consumer.
     shot, sample
-        Dr.Jit 32-bit unsigned arrays (any broadcastable shapes): number of the shot, and which of its
+        Dr.Jit 32-bit unsigned arrays (any broadcastable shapes, a seed's too): number of the shot, and which of its
         samples.
 
     Returns
     -------
     drjit.auto.Philox4x32
     """
-    return auto.Philox4x32(_on_device(seed), shot, sample, auto.UInt32(int(stream)), _ROUNDS)
+    key = seed if dr.is_array_v(seed) else _on_device(seed)
+    return auto.Philox4x32(key, shot, sample, auto.UInt32(int(stream)), _ROUNDS)
 
 
 def _on_device(seed: int) -> UInt64:
