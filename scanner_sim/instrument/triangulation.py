@@ -23,6 +23,7 @@ from scanner_sim.detector.line.exposure import (
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.foundation.device_memory import for_device
+from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
@@ -356,10 +357,10 @@ class Triangulation:
             signal = self._expose(incident, light)
             return incident, signal, self.find(signal, theta, shots)
         low, high, power = light.extent()
-        charge = power * electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)
+        (electrons,) = beside(power, electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure))
         signal, peaks = self.dark_line.read(
             lambda window, onto: self._expose(incident, light, window, onto),
-            (low, high, charge),
+            (low, high, power * electrons),
             theta,
             self.expected_speckle(shots),
         )
