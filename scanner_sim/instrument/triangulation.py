@@ -45,7 +45,7 @@ from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene
 from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
 from scanner_sim.signals.line.bias_table import read_bias
-from scanner_sim.signals.line.dark_line import DarkLine
+from scanner_sim.signals.line.dark_line import DarkLine, dark_line
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.line.speckle import ExpectedSpeckle
@@ -203,7 +203,7 @@ class Triangulation:
         scenario, scanner = self.scenario, self.scenario.scanner
         if not scenario.lighting.sky().dark or scanner.laser_off > 0.0:
             return None
-        return DarkLine.of(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
+        return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
 
     @cached_property
     def bias(self) -> Bias | None:
