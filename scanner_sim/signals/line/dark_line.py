@@ -104,12 +104,12 @@ class DarkLine:
 
     def _peaks(self, signal: Signal, theta: Float, speckle: ExpectedSpeckle | None) -> Peaks:
         """Return the peaks, by kernels that are traced for the first group of shots and serve all others."""
-        known, travel = speckle, ()
-        if speckle is not None:
-            known = replace(speckle, travel=())
-            travel = tuple(
-                dr.opaque(auto.Float, way) if isinstance(way, float) else way for way in speckle.travel
-            )
+        known = None if speckle is None else replace(speckle, travel=(0.0, 0.0))
+        # As arrays: what kernels are traced with is the same for all scans then.
+        travel = [
+            dr.opaque(auto.Float, way) if isinstance(way, float) else way
+            for way in ([] if speckle is None else speckle.travel)
+        ]
         if known not in self._frozen:
             self._frozen[known] = Frozen(
                 lambda reads, number, window, theta, travel: self._find(
