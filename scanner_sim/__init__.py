@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from scanner_sim.instrument.samples import Samples as Samples
     from scanner_sim.instrument.shots import simulate_shots as simulate_shots
     from scanner_sim.instrument.simulate import simulate as simulate
+    from scanner_sim.instrument.simulate import simulate_many as simulate_many
     from scanner_sim.instrument.simulate import simulate_voxel as simulate_voxel
     from scanner_sim.instrument.simulate import simulate_waveforms as simulate_waveforms
     from scanner_sim.instrument.simulate import take_photo as take_photo
@@ -65,6 +66,7 @@ __all__ = [
     "read_shots",
     "read_track",
     "simulate",
+    "simulate_many",
     "simulate_shots",
     "simulate_voxel",
     "simulate_waveforms",
@@ -96,6 +98,7 @@ _HOMES = {
     "read_shots": "scanner_sim.products.files.shots_folder",
     "read_track": "scanner_sim.products.track",
     "simulate": "scanner_sim.instrument.simulate",
+    "simulate_many": "scanner_sim.instrument.simulate",
     "simulate_shots": "scanner_sim.instrument.shots",
     "simulate_voxel": "scanner_sim.instrument.simulate",
     "simulate_waveforms": "scanner_sim.instrument.simulate",

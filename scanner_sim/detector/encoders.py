@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32, Vector4f
-from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.foundation.streams import Seed, Stream, generator
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.render.shots import draw_errors
 
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def read_encoders(
-    shot: NDArray[np.uint32], theta: Array, phi: Array, mirrors: Mirrors, seed: int
+    shot: NDArray[np.uint32], theta: Array, phi: Array, mirrors: Mirrors, seed: Seed
 ) -> tuple[Array, Array]:
     """Return what the encoders of both mirrors read in the middle of each dwell [rad], each of shape (n,).
 
@@ -30,7 +30,7 @@ def read_encoders(
     mirrors
         The encoders' noise and step.
     seed
-        Seed of the noise.
+        Seed of the noise: one, or one for each shot.
 
     Returns
     -------
@@ -47,7 +47,7 @@ def read_encoders(
     return readings(theta, phi, drawn[0], drawn[1], mirrors)
 
 
-def reading_normals(shot: UInt32, seed: int) -> tuple[Float, Float]:
+def reading_normals(shot: UInt32, seed: Seed) -> tuple[Float, Float]:
     """Return the standard normal numbers of both encoders' noise for shots by number, Dr.Jit, shape (n,)."""
     drawn: Vector4f = generator(seed, Stream.READOUT, shot, auto.UInt32(0)).next_float32x4_normal()
     return drawn[0], drawn[1]

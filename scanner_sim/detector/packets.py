@@ -14,6 +14,7 @@ import numpy as np
 from scipy.special import erf
 
 from scanner_sim.foundation.arithmetic import exp
+from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, FloatLike
 from scanner_sim.optics.speckle import Optics
 
@@ -52,15 +53,24 @@ def dwell_average(along: FloatLike, across: FloatLike, radius: FloatLike) -> tup
     return energy, energy + share * (by_slope - energy)
 
 
-def mode_edges(optics: Optics, ratio: Float, distance: Float) -> list[Float]:
+def mode_ratios(optics: Optics, ratio: Float) -> list[Float]:
+    """Return r for each mode after the first; for modes beyond those there are 0, which makes their edges 0.
+
+    Their number is 3 more than a multiple of four, since each number has kernels of its own, and numbers are drawn by
+    fours.
+    """
+    (modes,) = beside(ratio, float(optics.modes))
+    rounded = 4 * math.ceil((optics.modes - 3) / 4.0) + 3
+    return [dr.select(modes > order, ratio, 0.0) for order in range(1, rounded)]
+
+
+def mode_edges(ratios: list[Float], distance: Float) -> list[Float]:
     """Return the integrals of the modes up to an edge: the share of a pixel is the difference of two.
 
     Parameters
     ----------
-    optics
-        Says how many modes there are.
-    ratio
-        r.
+    ratios
+        r of each mode after the first (:func:`mode_ratios`).
     distance
         Distance of an edge from the spot's middle over σ, Dr.Jit.
 
@@ -70,13 +80,13 @@ def mode_edges(optics: Optics, ratio: Float, distance: Float) -> list[Float]:
     """
     found = [0.5 * dr.erf(distance * math.sqrt(0.5))]
     density = dr.exp(-0.5 * dr.square(distance)) * (1.0 / math.sqrt(2.0 * math.pi))
-    power, before, now = -ratio * density, 0.0 * distance, 0.0 * distance + 1.0
-    for order in range(1, optics.modes):
+    power, before, now = -density, 0.0 * distance, 0.0 * distance + 1.0
+    for order, ratio in enumerate(ratios, 1):
+        power = power * ratio
         # now is He_{n−1}/√(n−1)!
         found.append(power * now * (1.0 / math.sqrt(order)))
         after = (distance * now - math.sqrt(order - 1.0) * before) * (1.0 / math.sqrt(order))
         before, now = now, after
-        power = power * ratio
     return found
 
 

@@ -18,6 +18,7 @@ from scanner_sim.detector.encoders import read_encoders, readings
 from scanner_sim.foundation.channels import MEASURED_BY
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
+from scanner_sim.foundation.streams import RunSeeds, device_seeds
 from scanner_sim.instrument.background_rows import rows_about
 from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
@@ -36,6 +37,16 @@ from scanner_sim.render.shots import Pointing, Shots, true_shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene, load_scene
+
+
+def takes_seeds(scenario: Scenario) -> bool:
+    """Return whether runs of a scenario that differ in their seeds alone can be measured together.
+
+    A background and the paths of several bounces are drawn for all shots, and waveforms are so long that sharing
+    their kernels saves little.
+    """
+    alone = scenario.rangefinders == ("triangulation",) and scenario.transport.bounces == 1
+    return alone and scenario.lighting.sky().dark
 
 
 class Instrument:
@@ -122,7 +133,13 @@ class Instrument:
         dwell = self.scenario.scanner.dwell
         return aim_at(theta, phi, dwell, first=first, travel_theta=travel_theta, travel_phi=travel_phi)
 
-    def measure(self, aim: Aim, *, backgrounds: Sequence[Panorama | None] | None = None) -> Samples:
+    def measure(
+        self,
+        aim: Aim,
+        *,
+        backgrounds: Sequence[Panorama | None] | None = None,
+        seeds: Sequence[int] | None = None,
+    ) -> Samples:
         """Return what is measured of the shots of an aim.
 
         Parameters
@@ -132,6 +149,10 @@ class Instrument:
         backgrounds
             What each rangefinder sees of Sun and Earth, from :meth:`backgrounds`. By default it is that of the
             scenario's scan where the scan has these shots, and rendered for them where it has not.
+        seeds
+            Of runs that differ in nothing else, all of which measure the aim: their samples stand one run after the
+            other, and each run's are those that it has alone. By default the scenario's. Several are possible where
+            :attr:`takes_seeds` says so.
 
         Raises
         ------
@@ -144,10 +165,23 @@ class Instrument:
                 f"{len(backgrounds)} backgrounds are not one for each of {len(self.rangefinders)} rangefinders.",
                 remedy="Take what Instrument.backgrounds returns.",
             )
+        if seeds is not None and not self.takes_seeds:
+            raise InputError(
+                "runs of several seeds are measured together in the dark, by triangulation and one bounce alone.",
+                remedy="Measure them one by one.",
+            )
         with self._stay.resume():
             if backgrounds is None and not is_of_scan(aim, self.scenario):
                 backgrounds = self.backgrounds(aim)
-            return self.read(aim, backgrounds)
+            if seeds is None:
+                return self.read(aim, backgrounds)
+            each, own = aim.repeated(len(seeds)), device_seeds(np.array(seeds, dtype=np.uint64))
+            return self.read(each, backgrounds, RunSeeds.of(own, len(each.shot)))
+
+    @property
+    def takes_seeds(self) -> bool:
+        """Whether runs of several seeds can be measured together: all that is random belongs to shots of their own."""
+        return takes_seeds(self.scenario)
 
     def backgrounds(self, aim: Aim) -> list[Panorama | None]:
         """Return what the rangefinders see of Sun and Earth about the shots of an aim; None in the dark.
@@ -163,10 +197,18 @@ class Instrument:
                 for rangefinder in self.rangefinders
             ]
 
-    def read(self, aim: Aim, backgrounds: Sequence[Panorama | None] | None = None) -> Samples:
-        """Return the same as :meth:`measure` of an aim that can be; backgrounds are by default those of the scan."""
-        shots, pointing = self.fire(aim)
-        deflections = self.deflections(aim, pointing)
+    def read(
+        self,
+        aim: Aim,
+        backgrounds: Sequence[Panorama | None] | None = None,
+        seeds: RunSeeds | None = None,
+    ) -> Samples:
+        """Return the same as :meth:`measure` of an aim that can be; backgrounds are by default those of the scan.
+
+        ``seeds`` of the runs that the shots belong to, where these are several.
+        """
+        shots, pointing = self.fire(aim, seeds)
+        deflections = self.deflections(aim, pointing, seeds=seeds)
         seen = [None] * len(self.rangefinders) if backgrounds is None else backgrounds
         found = [
             rangefinder.measure(aim, shots, deflections, background)
@@ -206,25 +248,32 @@ class Instrument:
         """Render the shots of an aim, expose the line to them and read it: their truth, and the shots in groups."""
         return self.triangulation.expose(aim, self.fire(aim)[0])
 
-    def fire(self, aim: Aim) -> tuple[Shots, Pointing]:
-        """Return the shots of an aim as the mirrors' errors let them go, and these errors."""
-        scanner = self.scenario.scanner
+    def fire(self, aim: Aim, seeds: RunSeeds | None = None) -> tuple[Shots, Pointing]:
+        """Return the shots of an aim as the mirrors' errors let them go, and these errors; ``seeds`` as of `read`."""
+        scanner, seed = self.scenario.scanner, self.scenario.seed if seeds is None else seeds
         poses = self.loaded.poses_at(aim.time)
-        return true_shots(aim, scanner.mirrors, self.scenario.seed, scanner.exposure / scanner.dwell, poses)
+        return true_shots(aim, scanner.mirrors, seed, scanner.exposure / scanner.dwell, poses)
 
     def deflections(
-        self, aim: Aim, pointing: Pointing, normals: Sequence[NDArray[np.float32]] | None = None
+        self,
+        aim: Aim,
+        pointing: Pointing,
+        normals: Sequence[NDArray[np.float32]] | None = None,
+        *,
+        seeds: RunSeeds | None = None,
     ) -> Deflections:
         """Return what the encoders read, with what the instrument knows of their errors.
 
-        ``normals`` are the standard normal numbers of their noise, where they are drawn already.
+        ``normals`` are the standard normal numbers of their noise, where they are drawn already; ``seeds`` as of
+        :meth:`read`.
         """
         mirrors, shaft = (
             self.scenario.scanner.mirrors,
             (aim.theta + pointing.seen_theta, aim.phi + pointing.seen_phi),
         )
         if normals is None:
-            theta, phi = read_encoders(aim.shot, *shaft, mirrors, self.scenario.seed)
+            own = self.scenario.seed if seeds is None else seeds.lanes
+            theta, phi = read_encoders(aim.shot, *shaft, mirrors, own)
         else:
             theta, phi = readings(*shaft, normals[0], normals[1], mirrors)
         return Deflections(

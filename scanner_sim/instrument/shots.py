@@ -7,7 +7,7 @@ import numpy as np
 from scanner_sim.config import resolved_yaml
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.memory import BATCH
-from scanner_sim.instrument.simulate import Progress, measure_scan, result_warnings
+from scanner_sim.instrument.simulate import Progress, measure_scans, result_warnings
 from scanner_sim.products.shots import ShotTable
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
@@ -45,7 +45,9 @@ def simulate_shots(
         If the device cannot be used, ``batch`` is not positive, the memory that is free does not hold the result, or
         the scenario follows targets.
     """
-    layers, loaded = measure_scan(scenario, device=device, progress=progress, batch=batch, threads=threads)
+    (layers,), loaded = measure_scans(
+        [scenario], device=device, progress=progress, batch=batch, threads=threads
+    )
     scan, setup = scenario.open_scan, scenario.scan_setup
     columns = np.empty((3, scan.shots))
     for aim in scan.aims(setup, scan.shots):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.instrument.instrument import Instrument, takes_seeds
 from scanner_sim.instrument.lit_aims import lit_aims
 from scanner_sim.instrument.memory import BATCH, check_shots, check_waveforms
 from scanner_sim.instrument.neighbourhood import judge_neighbours
@@ -20,6 +20,7 @@ from scanner_sim.instrument.voxel_records import voxel_record
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.products.waveforms import WaveformSet, concatenate_waveforms
+from scanner_sim.ranging.ranges import Layers
 from scanner_sim.render.camera import photograph
 from scanner_sim.render.device import activate
 from scanner_sim.render.guest import guest
@@ -66,8 +67,73 @@ def simulate(
     InputError
         If the device cannot be used, ``batch`` is not positive, or the memory that is free does not hold the result.
     """
+    (layers,), loaded = measure_scans(
+        [scenario], device=device, progress=progress, batch=batch, threads=threads
+    )
+    return _image(scenario, layers, loaded)
+
+
+def simulate_many(
+    scenarios: Iterable[Scenario],
+    *,
+    device: DeviceChoice = "auto",
+    batch: int = BATCH,
+    threads: int | None = None,
+) -> Iterator[RangeImage]:
+    """Simulate raster scans one after the other, and those together that differ in nothing but their seeds.
+
+    Many small images cost little more than their shots then: each is, to the last bit, what :func:`simulate` makes of
+    its scenario alone. Scenarios that cannot go together (under Sun or Earth, by time of flight, with several bounces,
+    or of unequal scenes and instruments) are simulated alone.
+
+    Parameters
+    ----------
+    scenarios
+        The scenarios, those that are alike next to one another. They are taken as they are needed.
+    device, threads
+        As of :func:`simulate`.
+    batch
+        Shots per batch, and of all scenarios that are measured together; the result does not depend on it.
+
+    Yields
+    ------
+    RangeImage
+        In the order of the scenarios.
+
+    Raises
+    ------
+    ScenarioError, InputError
+        As :func:`simulate`, when the scenario's turn comes.
+    """
+    waiting: list[Scenario] = []
+    for scenario in scenarios:
+        if waiting and not _go_together(waiting, scenario, batch):
+            yield from _simulate_alike(waiting, device, batch, threads)
+            waiting = []
+        waiting.append(scenario)
+    if waiting:
+        yield from _simulate_alike(waiting, device, batch, threads)
+
+
+def _go_together(waiting: Sequence[Scenario], scenario: Scenario, batch: int) -> bool:
+    """Return whether a scenario can be measured with those that wait, which are alike."""
+    first = waiting[0]
+    fits = (len(waiting) + 1) * first.raster.shots <= batch and takes_seeds(first)
+    return fits and first == scenario.model_copy(update={"seed": first.seed})
+
+
+@guest()
+def _simulate_alike(
+    scenarios: Sequence[Scenario], device: DeviceChoice, batch: int, threads: int | None
+) -> list[RangeImage]:
+    """Return the images of scenarios that differ in nothing but their seeds."""
+    found, loaded = measure_scans(scenarios, device=device, progress=None, batch=batch, threads=threads)
+    return [_image(scenario, layers, loaded) for scenario, layers in zip(scenarios, found, strict=True)]
+
+
+def _image(scenario: Scenario, layers: Layers, loaded: LoadedScene) -> RangeImage:
+    """Return the image of a scenario's raster from the layers of its shots."""
     scan = scenario.raster
-    layers, loaded = measure_scan(scenario, device=device, progress=progress, batch=batch, threads=threads)
     theta, phi = scan.angles()
     channels = {name: values.reshape(scan.rows, scan.columns) for name, values in layers.items()}
     judge_neighbours(scenario, channels, np.arange(scan.rows), np.arange(scan.columns))
@@ -83,13 +149,27 @@ def simulate(
     )
 
 
-def measure_scan(
-    scenario: Scenario, *, device: DeviceChoice, progress: Progress | None, batch: int, threads: int | None
-) -> tuple[dict[str, NDArray[np.float32]], LoadedScene]:
-    """Measure all shots of a scan that is known beforehand: its layers, each of shape (shots,), and the loaded scene.
+def measure_scans(
+    scenarios: Sequence[Scenario],
+    *,
+    device: DeviceChoice,
+    progress: Progress | None,
+    batch: int,
+    threads: int | None,
+) -> tuple[list[Layers], LoadedScene]:
+    """Measure all shots of scans that are known beforehand, and of scenarios that differ in nothing but their seeds.
 
-    Arguments and faults as of :func:`simulate`.
+    Returns
+    -------
+    tuple
+        Layers of each scan, of shape (shots,), and the loaded scene.
+
+    Notes
+    -----
+    Other arguments and faults are those of :func:`simulate`.
     """
+    scenario, runs = scenarios[0], len(scenarios)
+    seeds = None if runs == 1 else [each.seed for each in scenarios]
     if batch < 1:
         raise InputError("a batch needs at least one shot.")
     check_shots(scenario, batch)
@@ -98,17 +178,17 @@ def measure_scan(
         scenario.open_scan.shots,
         0,
     )
-    layers: dict[str, NDArray[np.float32]] = {}
-    for aim, backgrounds in lit_aims(instrument, batch):
-        samples = instrument.measure(aim, backgrounds=backgrounds)
+    layers: Layers = {}
+    for aim, backgrounds in lit_aims(instrument, max(batch // runs, 1)):
+        samples = instrument.measure(aim, backgrounds=backgrounds, seeds=seeds)
         for name in [name for name in samples if name in CHANNEL]:
             if name not in layers:
-                layers[name] = np.empty(shots, dtype=np.float32)
-            layers[name][aim.shot] = samples[name]
+                layers[name] = np.empty((runs, shots), dtype=np.float32)
+            layers[name][:, aim.shot] = samples[name].reshape(runs, -1)
         done += len(aim.shot)
         if progress is not None:
             progress(done, shots)
-    return layers, instrument.loaded
+    return [{name: values[run] for name, values in layers.items()} for run in range(runs)], instrument.loaded
 
 
 @guest()

@@ -38,6 +38,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from scanner_sim.foundation.device_numbers import beside, over
 from scanner_sim.foundation.device_types import FloatLike
 
 _LEFT_OUT = 0.01
@@ -135,11 +136,12 @@ class Packets:
 
 def packets_of(optics: Optics, along: FloatLike, across: FloatLike) -> Packets:
     """Return the packets of a spot whose geometric image has variances along and across the line [pixel²]."""
-    ratio = (along * across) ** 0.25 / optics.cell
+    squares = optics.aberration**2, optics.diffusion**2, optics.cell**2, (optics.cell / math.pi) ** 2
+    aberration, diffusion, cell, grain = beside(along, *squares)
+    ratio = over((along * across) ** 0.25, optics.cell)
     energy = 1.0 / packets(ratio)
     surface = 0.5 * along
-    aberrant = optics.aberration**2 / (energy * slope_packets(ratio))
-    landing = surface + aberrant
-    own = (optics.cell / math.pi) ** 2 * (1.0 + optics.aberration**2 / (along + optics.cell**2))
-    whole = landing + optics.diffusion**2 + own
+    landing = surface + aberration / (energy * slope_packets(ratio))
+    own = grain * (1.0 + aberration / (along + cell))
+    whole = landing + diffusion + own
     return Packets(energy, whole**0.5, (landing / whole) ** 0.5, surface / landing)

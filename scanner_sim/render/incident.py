@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_memory import for_device
+from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.view import WINDOW
@@ -157,11 +158,12 @@ class Incident:
         centre = dr.select(laser > 0.0, moment / laser, 0.5 * last)
         # The window's pixels, the outer ones in part.
         reach = math.ceil(0.5 * self.throughput.window + 1.0)
+        (end,) = beside(centre, 0.5 * self.throughput.window + 0.5)
         window, gain, gain_out = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
         for step in range(-reach, reach + 1):
             pixel = dr.round(centre) + step
             apart = dr.abs(pixel - centre)
-            share = dr.clip(0.5 * self.throughput.window + 0.5 - apart, 0.0, 1.0)
+            share = dr.clip(end - apart, 0.0, 1.0)
             inside = (pixel >= 0.0) & (pixel <= last) & (share > 0.0)
             nearest_pixel = mi.UInt32(dr.clip(pixel, 0.0, last))
             window += dr.select(inside, share * self.background(nearest_pixel, index), 0.0)

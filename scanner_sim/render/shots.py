@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32
-from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.foundation.streams import RunSeeds, Seed, Stream, generator
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.render.rays import take_poses
 from scanner_sim.scan.protocol import Aim
@@ -35,7 +35,8 @@ class Shots:
     dwell, ``travel_theta`` and ``travel_phi`` by which they change while the laser shines, ``synchronisation`` by which
     the receiver looks further along Θ than the laser [rad]. What is not given is 0. ``poses`` of the moving objects in
     the middle of the dwell; None leaves them where the loaded scene has them. ``even_travel`` is by how much Θ is
-    commanded to change in a dwell, φ at rest, where it is the same for all shots [rad]; else None.
+    commanded to change in a dwell, φ at rest, where it is the same for all shots [rad]; else None. ``seeds`` of the
+    runs that the shots belong to; None where all belong to one.
     """
 
     number: UInt32
@@ -46,6 +47,7 @@ class Shots:
     synchronisation: Float = None
     poses: tuple[Pose, ...] | None = None
     even_travel: float | None = None
+    seeds: RunSeeds | None = None
 
     def __post_init__(self) -> None:
         """Put zeros where nothing was given."""
@@ -66,8 +68,8 @@ class Shots:
         )
         number = dr.gather(mi.UInt32, self.number, index)
         poses = None if self.poses is None else take_poses(self.poses, index)
-        even = self.even_travel
-        return Shots(number, theta, phi, travel_theta, travel_phi, synchronisation, poses, even)
+        even, seeds = self.even_travel, None if self.seeds is None else self.seeds.take(index)
+        return Shots(number, theta, phi, travel_theta, travel_phi, synchronisation, poses, even, seeds)
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,11 @@ class Pointing:
 
 
 def true_shots(
-    aim: Aim, mirrors: Mirrors, seed: int, duty_cycle: float = 1.0, poses: tuple[Pose, ...] | None = None
+    aim: Aim,
+    mirrors: Mirrors,
+    seed: int | RunSeeds,
+    duty_cycle: float = 1.0,
+    poses: tuple[Pose, ...] | None = None,
 ) -> tuple[Shots, Pointing]:
     """Return the shots of an aim as they are fired.
 
@@ -95,7 +101,7 @@ def true_shots(
     mirrors
         The mirrors and their errors.
     seed
-        Seed of the errors.
+        Seed of the errors, or those of several runs' shots.
     duty_cycle
         Share of the dwell in which the laser shines; it is centred on the aim's time.
     poses
@@ -109,8 +115,9 @@ def true_shots(
         shot; wobble is :func:`wobble`; drift is :meth:`~scanner_sim.optics.deflection.Mirrors.drift`.
     """
     number = mi.UInt32(for_device(aim.shot, np.uint32))
-    lattices = lattices_of(aim, mirrors)
-    random, shaft, synchronisation = draw_errors(number, lattices, mirrors, seed)
+    lattices, seeds = lattices_of(aim, mirrors), seed if isinstance(seed, RunSeeds) else None
+    own = seed if seeds is None else seeds.lanes
+    random, shaft, synchronisation = draw_errors(number, lattices, mirrors, own)
     dr.eval(number, random, shaft, synchronisation)
     still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
     errors = [np.asarray(random[axis].numpy(), dtype=np.float64) + still[axis] for axis in (0, 1)]
@@ -123,13 +130,14 @@ def true_shots(
         synchronisation,
         poses,
         float(aim.travel_theta[0]) if not np.ptp(aim.travel_theta) and not aim.travel_phi.any() else None,
+        seeds,
     )
     encoders = [np.asarray(part.numpy(), dtype=np.float64) for part in shaft]
     return shots, Pointing(errors[0], errors[1], encoders[0], encoders[1])
 
 
 def draw_errors(
-    number: UInt32, lattices: list[Lattice], mirrors: Mirrors, seed: int
+    number: UInt32, lattices: list[Lattice], mirrors: Mirrors, seed: Seed
 ) -> tuple[list[Float], list[Float], Float]:
     """Return the random errors of shots: true deflections, what of them the encoders see, and the synchronisation.
 
@@ -198,7 +206,7 @@ def lattices_of(aim: Aim, mirrors: Mirrors) -> list[Lattice]:
     return [Lattice.of(angle, aim.time, mirrors) for angle in (aim.theta, aim.phi)]
 
 
-def wobble(lattice: Lattice, mirrors: Mirrors, seed: int, mirror: int) -> Float:
+def wobble(lattice: Lattice, mirrors: Mirrors, seed: Seed, mirror: int) -> Float:
     """Return the cross-axis error of a mirror [rad], a Dr.Jit array of shape (n,).
 
     Independent normal numbers stand on a lattice over the mirror's deflection (spacing ``wobble_angle``) and time

@@ -61,6 +61,10 @@ class Aim:
             self.travel_phi[which],
         )
 
+    def repeated(self, times: int) -> Aim:
+        """Return the shots so many times, one time after the other."""
+        return self.part(np.tile(np.arange(len(self.shot)), times))
+
     def batches(self, size: int) -> Iterator[Aim]:
         """Yield the shots in their order, at most ``size`` together."""
         for start in range(0, len(self.shot), size):

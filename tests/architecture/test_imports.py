@@ -39,11 +39,16 @@ ORDER = {name: rank for rank, name in enumerate(ROOMS)}
 SHARED_WITH_JUDGE = {"foundation.constants", "foundation.units", "foundation.errors"}
 MAY_ASK_JUDGE = ("analytic", "validation.compare", "validation.reproduce")
 
-# The device side of the flow. Elsewhere only the loader's four files and the streams touch it.
+# The device side of the flow. Elsewhere only the loader's four files, the streams and the numbers of kernels touch it.
 DEVICE_ROOMS = {"mitsuba": {"render"}, "drjit": {"render", "detector", "signals"}}
 DEVICE_FILES = {
     "mitsuba": {f"scene/files/{name}.py" for name in ("built_scene", "loader", "plugins", "shapes")},
-    "drjit": {"scene/files/built_scene.py", "scene/files/loader.py", "foundation/streams.py"},
+    "drjit": {
+        "scene/files/built_scene.py",
+        "scene/files/loader.py",
+        "foundation/device_numbers.py",
+        "foundation/streams.py",
+    },
 }
 NUMPY_ROOMS = {"ranging", "tracking", "pose"}
 FORBIDDEN_AFTER_SIGNALS = {"mitsuba", "drjit", "torch", "jax"}

@@ -43,6 +43,7 @@ def test_the_public_names_are_these() -> None:
         "read_shots",
         "read_track",
         "simulate",
+        "simulate_many",
         "simulate_shots",
         "simulate_voxel",
         "simulate_waveforms",

@@ -22,9 +22,10 @@ from typing import Any, Protocol
 import drjit as dr
 import drjit.auto.ad as auto
 
-from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges
+from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges, mode_ratios
 from scanner_sim.detector.surface_noise import LatticePositions, SurfacePoints, coarse_numbers, fine_numbers
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
+from scanner_sim.foundation.streams import Seed
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 
 _SPOT_SIGMAS = 4.0
@@ -95,7 +96,7 @@ def line_speckle(
     focal_length: float,
     travel: tuple[Float, Float],
     pixels: int,
-    seed: int,
+    seed: Seed,
     *,
     fixed_size: bool = False,
 ) -> LineSpeckle:
@@ -136,11 +137,12 @@ def line_speckle(
     parts = []
     for number, spot in enumerate(spots):
         own = packets_of(optics, dr.maximum(spot.variance - blur, _LEAST_IMAGE_VARIANCE * beam), beam)
-        parts.append((spot, own, _amplitudes(optics, spot, own, left, lattice, number, seed)))
+        ratios = mode_ratios(optics, own.ratio)
+        parts.append((spot, own, ratios, _amplitudes(spot, own, left, lattice, len(ratios), number, seed)))
     first, count = _pixels_lit(spots, pixels)
     dr.eval(first, count, parts)
     steps = pixels if fixed_size else int(dr.max(count)[0])
-    return LineSpeckle(_factors(optics, parts, first, count, steps), first, steps, light.shots)
+    return LineSpeckle(_factors(parts, first, count, steps), first, steps, light.shots)
 
 
 def _spots(light: LineLight, beam: Float) -> list[_Spot]:
@@ -203,23 +205,23 @@ def _pixels_lit(spots: list[_Spot], pixels: int) -> tuple[Int32, Int32]:
 
 
 def _amplitudes(
-    optics: Optics,
     spot: _Spot,
     own: Packets,
     left: tuple[Float, Float],
     lattice: LatticePositions,
+    count: int,
     number: int,
-    seed: int,
+    seed: Seed,
 ) -> list[Float]:
-    """Return the amplitudes of the modes, each over (rσ)ⁿ/√n!, shape (m,)."""
+    """Return the amplitudes of the energy and of so many other modes, each over (rσ)ⁿ/√n!, shape (m,)."""
     energy, position = own.moving(*left)
     spread = dr.sqrt(spot.coherence * own.energy)
     if number == 0:
         first = fine_numbers(lattice, seed)
-        others = coarse_numbers(lattice, optics.modes - 1, 1, seed)
+        others = coarse_numbers(lattice, count, 1, seed)
     else:
         # The second of two spots is seldom there: its energy and position may have the other modes' correlation.
-        others = coarse_numbers(lattice, optics.modes + 1, 2, seed)
+        others = coarse_numbers(lattice, count + 2, 2, seed)
         first, others = (others[0], others[1]), others[2:]
     tilt = dr.sqrt(own.on_surface) * first[1] + dr.sqrt(1.0 - own.on_surface) * others[0]
     amplitude = spread * dr.sqrt(position)
@@ -231,7 +233,7 @@ def _amplitudes(
 
 
 def _factors(
-    optics: Optics, parts: list[tuple[_Spot, Packets, list[Float]]], first: Int32, count: Int32, steps: int
+    parts: list[tuple[_Spot, Packets, list[Float], list[Float]]], first: Int32, count: Int32, steps: int
 ) -> Float:
     """Return the table of :class:`LineSpeckle`."""
     m = dr.width(first)
@@ -242,10 +244,10 @@ def _factors(
     def edges(position: Float) -> list[Float]:
         """Return light and fluctuation of each spot up to a position [pixel]."""
         found = []
-        for spot, own, amplitudes in parts:
+        for spot, own, ratios, amplitudes in parts:
             away = position - spot.position
             mean = 0.5 * dr.erf(away * dr.rsqrt(2.0 * spot.variance))
-            modes = mode_edges(optics, own.ratio, away / own.sigma)
+            modes = mode_edges(ratios, away / own.sigma)
             total = auto.Float(0.0)
             for amplitude, mode in zip(amplitudes, modes, strict=True):
                 total = dr.fma(amplitude, mode, total)
@@ -255,7 +257,7 @@ def _factors(
     def settle(step: UInt32, *before: Float) -> tuple[Any, ...]:
         after = edges(auto.Float(first + auto.Int32(step)) + 0.5)
         charge, change = auto.Float(0.0), auto.Float(0.0)
-        for number, (spot, _, _) in enumerate(parts):
+        for number, (spot, *_) in enumerate(parts):
             mean, total = (after[2 * number + k] - before[2 * number + k] for k in (0, 1))
             lit = (spot.amount > 0.0) & (mean > _LEAST_SHARE)
             charge += dr.select(lit, spot.amount * mean, 0.0)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
+from typing import Any
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -53,7 +55,7 @@ class DarkLine:
             return find_peaks(signal, sensor, processing, dwell, spot, theta, bias, speckle, noise)
 
         self._find = find
-        self._frozen: Frozen | None = None
+        self._frozen: dict[ExpectedSpeckle | None, Frozen] = {}
 
     @classmethod
     def of(
@@ -102,12 +104,29 @@ class DarkLine:
 
     def _peaks(self, signal: Signal, theta: Float, speckle: ExpectedSpeckle | None) -> Peaks:
         """Return the peaks, by kernels that are traced for the first group of shots and serve all others."""
-        if self._frozen is None:
-            self._frozen = Frozen(
+        known = None if speckle is None else replace(speckle, travel=(0.0, 0.0))
+        # As arrays: what kernels are traced with is the same for all scans then.
+        travel = [
+            dr.opaque(auto.Float, way) if isinstance(way, float) else way
+            for way in ([] if speckle is None else speckle.travel)
+        ]
+        if known not in self._frozen:
+            self._frozen[known] = Frozen(
                 lambda reads, number, window, theta, travel: self._find(
-                    number, window, theta, None if speckle is None else replace(speckle, travel=travel)
+                    number, window, theta, None if known is None else replace(known, travel=travel)
                 )
             )
-        travel = None if speckle is None else speckle.travel
-        peaks: Peaks = self._frozen(self._reads, signal.number, signal.window, theta, travel)
+        peaks: Peaks = self._frozen[known](self._reads, signal.number, signal.window, theta, travel)
         return peaks
+
+
+def dark_line(
+    sensor: PositionSensor, processing: Processing, dwell: float, spot: ExpectedSpot, bias: Bias | None
+) -> DarkLine | None:
+    """Return the same as :meth:`DarkLine.of`, traced once for all instruments that know the same of their lines."""
+    return _traced(auto.Float, sensor, processing, dwell, spot, bias)
+
+
+@lru_cache(maxsize=8)
+def _traced(kind: Any, *known: Any) -> DarkLine | None:  # noqa: ARG001 (arrays of another device are of no use)
+    return DarkLine.of(*known)

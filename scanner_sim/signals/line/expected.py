@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.line.exposure import electrons_per_watt
 from scanner_sim.detector.line.position_sensor import PositionSensor
+from scanner_sim.foundation.device_numbers import beside, over
 from scanner_sim.foundation.device_types import FloatLike
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.receiver import Receiver
@@ -19,7 +20,7 @@ from scanner_sim.optics.receiver import Receiver
 class ExpectedSpot:
     """What is known of the laser's spot before it is seen, SI.
 
-    The methods take numbers, NumPy or Dr.Jit arrays.
+    The methods take numbers, NumPy or Dr.Jit arrays; no kernel knows the numbers of a spot.
 
     Attributes
     ----------
@@ -72,13 +73,14 @@ class ExpectedSpot:
 
     def range(self, pixel: FloatLike, sine: FloatLike, cosine: FloatLike) -> FloatLike:
         """Return the range [m] of a fractional pixel at a deflection Θ given as sine and cosine (eq 1)."""
-        position = self.offset + (pixel + 0.5) * self.pitch
-        return self.focal_length * self.baseline * cosine / position + self.baseline * sine
+        product, baseline = beside(pixel, self.focal_length * self.baseline, self.baseline)
+        return product * cosine / self._position(pixel) + baseline * sine
 
     def pixel(self, range_m: FloatLike, sine: FloatLike, cosine: FloatLike) -> FloatLike:
         """Return the fractional pixel of a range [m] at a deflection Θ: :meth:`range` solved for it."""
-        position = self.focal_length * self.baseline * cosine / (range_m - self.baseline * sine)
-        return (position - self.offset) / self.pitch - 0.5
+        product, baseline = beside(cosine, self.focal_length * self.baseline, self.baseline)
+        (offset,) = beside(cosine, self.offset)
+        return over(product * cosine / (range_m - baseline * sine) - offset, self.pitch) - 0.5
 
     def variances(self, pixel: FloatLike, sine: FloatLike, cosine: FloatLike) -> tuple[FloatLike, FloatLike]:
         """Return the two parts of the spot's variance [pixel²] on a surface that faces the scanner.
@@ -86,11 +88,17 @@ class ExpectedSpot:
         The beam's image, (w(R)/2 · m)² with the magnification m = f/(R − d sinΘ) = p/(d cosΘ) of eq 1, and the
         point spread. The pixel's own width is not in them.
         """
-        position = self.offset + (pixel + 0.5) * self.pitch
-        magnification = position / (self.baseline * cosine)
-        away = (self.range(pixel, sine, cosine) - self.waist_distance) / self.rayleigh_length
-        half = 0.5 * self.waist_radius * magnification / self.pitch
-        return half * half * (1.0 + away * away), (self.point_spread / self.pitch) ** 2
+        baseline, waist, distance = beside(pixel, self.baseline, 0.5 * self.waist_radius, self.waist_distance)
+        (spread,) = beside(pixel, (self.point_spread / self.pitch) ** 2)
+        magnification = self._position(pixel) / (baseline * cosine)
+        away = over(self.range(pixel, sine, cosine) - distance, self.rayleigh_length)
+        half = over(waist * magnification, self.pitch)
+        return half * half * (1.0 + away * away), spread
+
+    def _position(self, pixel: FloatLike) -> FloatLike:
+        """Return where on the line a fractional pixel lies [m]."""
+        offset, pitch = beside(pixel, self.offset, self.pitch)
+        return offset + (pixel + 0.5) * pitch
 
     @property
     def largest_sigma(self) -> float:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import drjit as dr
 import drjit.auto.ad as auto
 
-from scanner_sim.detector.packets import dwell_average, mode_edges
+from scanner_sim.detector.packets import dwell_average, mode_edges, mode_ratios
 from scanner_sim.foundation.device_types import Float, Int32
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.signals.line.expected import ExpectedSpot
@@ -54,19 +54,20 @@ class ExpectedSpeckle:
         packets = packets_of(self.optics, beam, beam)
         energy, others = packets.moving(*dwell_average(along, across, radius))
         whole = dr.opaque(auto.Float, self.contrast**2) * packets.energy
-        return SpotSpeckle(self.optics, packets, whole * energy, whole * others, dr.sqrt(beam + spread))
+        ratios = mode_ratios(self.optics, packets.ratio)
+        return SpotSpeckle(packets, ratios, whole * energy, whole * others, dr.sqrt(beam + spread))
 
 
 @dataclass
 class SpotSpeckle:
     """The speckle of the spots of m shots, Dr.Jit arrays of shape (m,).
 
-    ``energy`` relative variance of the charge; ``others`` the same scale of all other modes; ``sigma`` standard
-    deviation of the whole spot [pixel].
+    ``ratios`` r of each mode after the first; ``energy`` relative variance of the charge; ``others`` the same scale of
+    all other modes; ``sigma`` standard deviation of the whole spot [pixel].
     """
 
-    optics: Optics
     packets: Packets
+    ratios: list[Float]
     energy: Float
     others: Float
     sigma: Float
@@ -109,7 +110,7 @@ class SpotSpeckle:
         scale = math.sqrt(0.5) / self.sigma
         share = dr.erf((steps[-1] + 0.5 - shift) * scale) - dr.erf((steps[0] - 0.5 - shift) * scale)
         whole = sum(charges.values(), auto.Float(0.0)) / dr.maximum(0.5 * share, 0.05)
-        moved = [auto.Float(0.0) for _ in range(self.optics.modes)]
+        moved = [auto.Float(0.0) for _ in range(1 + len(self.ratios))]
         before = self._edges(steps[0] - 0.5 - shift)
         for step in steps:
             after = self._edges(step + 0.5 - shift)
@@ -122,4 +123,4 @@ class SpotSpeckle:
         return dr.square(whole) * (self.energy * dr.square(moved[0]) + self.others * others)
 
     def _edges(self, apart: Float) -> list[Float]:
-        return mode_edges(self.optics, self.packets.ratio, apart / self.packets.sigma)
+        return mode_edges(self.ratios, apart / self.packets.sigma)

@@ -66,8 +66,11 @@ def guard_pixels(spot: ExpectedSpot, centre: Int32, sine: Float, cosine: Float) 
 
 
 def farthest_pixel(spot: ExpectedSpot) -> int:
-    """Return how many pixels to each side a spot covers at most, anywhere on the line."""
-    return min(math.ceil(_MARGIN * spot.largest_sigma) + 1, MOST_PIXELS)
+    """Return how many pixels to each side are looked at: at least as many as a spot covers anywhere on the line.
+
+    A multiple of four, since each number has kernels of its own.
+    """
+    return min(4 * math.ceil((_MARGIN * spot.largest_sigma + 1.0) / 4.0), MOST_PIXELS)
 
 
 def judge_shape(

@@ -21,6 +21,7 @@ from scanner_sim.detector.photodiode.noise_colour import correlation
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import Waveforms, quantisation_variance
+from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
@@ -175,7 +176,7 @@ class PulseDetector:
         wide = good & ~clipped & self._is_too_wide(found, samples, coloured)
         if math.isfinite(self.full):
             level = _CLIPPED_LEVEL * self.full
-            edges = cross(waveforms, found.sample, dr.full(auto.Float, level, waveforms.shots), clipped)
+            edges = cross(waveforms, found.sample, dr.opaque(auto.Float, level, waveforms.shots), clipped)
             late, its_variance = self.edges.leading(edges, self.clipped_table, coloured, level)
             sample = dr.select(clipped, edges.sample, sample)
             shift = dr.select(clipped, late, shift)
@@ -193,7 +194,8 @@ class PulseDetector:
             status = dr.select(failed, auto.UInt32(int(code)), status)
         valid = status == int(Status.VALID)
         carry = dr.floor(shift)
-        quiet = dr.sqrt(coloured + self.noise.white + _LEAST_WHITE * self.step**2)
+        rounding, least = beside(coloured, self.noise.white, _LEAST_WHITE * self.step**2)
+        quiet = dr.sqrt(coloured + rounding + least)
         delays = Delays(
             sample=dr.select(valid, auto.Int32(sample) + auto.Int32(carry), 0),
             fraction=dr.select(valid, shift - carry, dr.nan),
@@ -221,8 +223,10 @@ class PulseDetector:
         times = dr.opaque(auto.Float, self.threshold / self.step)
         if self.matched:
             moments = self.filter.searched
-            variance = coloured * float(moments.coloured[0]) + self.noise.white * float(moments.white[0])
-            return dr.maximum(times * dr.sqrt(variance), _LEAST_WHITE)
+            share, white = beside(
+                coloured, float(moments.coloured[0]), self.noise.white * float(moments.white[0])
+            )
+            return dr.maximum(times * dr.sqrt(coloured * share + white), _LEAST_WHITE)
         numbers = times * dr.sqrt(coloured)
         if self.photodiode.noise.quantisation:
             numbers = dr.ceil(numbers + 0.5) - 0.5
@@ -242,7 +246,9 @@ class PulseDetector:
         """Return sample, shift and its variance [sample²], amplitude [digital number], and whether all went well."""
         position, height = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
         if self.matched:
-            fit = self.timing.fit(samples, dr.clip(position - self.shape.summit, -1.0, 1.0))
+            fit = self.timing.fit(
+                samples, dr.clip(position - beside(position, self.shape.summit)[0], -1.0, 1.0)
+            )
             if self.settings.timing == "gaussian_fit":
                 fit, _ = fit_gaussian(samples, fit, self._gaussian_width)
                 rows = dr.zeros(auto.UInt32, waveforms.shots)
@@ -251,13 +257,13 @@ class PulseDetector:
             else:
                 terms, shift = self.timing.variances(fit.phase), fit.shift
             current = dr.maximum(fit.amplitude, _LEAST_WHITE) * dr.opaque(auto.Float, self.step)
-            shot = current * dr.opaque(auto.Float, self.noise.per_current)
-            variance = terms[0] * coloured + terms[1] * self.noise.white + terms[2] * shot
+            white, per_current = beside(current, self.noise.white, self.noise.per_current)
+            variance = terms[0] * coloured + terms[1] * white + terms[2] * (current * per_current)
             away: Float = dr.abs(fit.shift)
             sane = good & (fit.amplitude > 0.0) & (away < self.half)
             return found.sample, shift, variance / dr.square(current), fit.amplitude, sane
         if self.settings.timing == "leading_edge":
-            edges = cross(waveforms, found.sample, dr.full(auto.Float, self.level, waveforms.shots), good)
+            edges = cross(waveforms, found.sample, dr.opaque(auto.Float, self.level, waveforms.shots), good)
             table = self.level_table if self.settings.walk_correction else None
             shift, variance = self.edges.leading(edges, table, coloured, self.level)
             return edges.sample, shift, variance, height, edges.whole
@@ -268,9 +274,9 @@ class PulseDetector:
         if self.overlap is None:
             return auto.Bool(False)
         position, _ = vertex(*(samples[self.half + step] for step in (-1, 0, 1)))
-        fit = self.timing.fit(samples, dr.clip(position - self.shape.summit, -1.0, 1.0))
+        fit = self.timing.fit(samples, dr.clip(position - beside(position, self.shape.summit)[0], -1.0, 1.0))
         current = dr.maximum(fit.amplitude, _LEAST_WHITE) * dr.opaque(auto.Float, self.step)
-        noise = coloured, auto.Float(self.noise.white), auto.Float(self.noise.per_current)
+        noise = coloured, *beside(current, self.noise.white, self.noise.per_current)
         return self.overlap(samples, fit, auto.Float(found.sample) + fit.shift, current, noise)
 
     @cached_property

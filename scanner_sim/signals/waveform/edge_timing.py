@@ -13,6 +13,7 @@ import numpy as np
 from scanner_sim.detector.photodiode.noise_colour import correlation
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.photodiode.waveform import Waveforms
+from scanner_sim.foundation.device_numbers import beside, over
 from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.signals.waveform.calibration import send_all_phases
@@ -119,13 +120,15 @@ class EdgeTiming:
         left, right = (dr.gather(auto.Float, self._fraction_table, first + step) for step in (0, 1))
         shift = edges.lead + dr.fma(at - auto.Float(first), right - left, left)
         # Noise of the crossing and of the height; near to one another they move together and partly cancel.
-        shot = self.noise.per_current * self.step * height
+        per_number, white = beside(height, self.noise.per_current * self.step, self.noise.white)
+        share, squared, double = beside(height, self.fraction, self.fraction**2, 2.0 * self.fraction)
+        shot = per_number * height
         crossing = self._variance(edges.lead, coloured, level, edges.high)
-        top = coloured + shot + self.noise.white
+        top = coloured + shot + white
         apart = auto.Float(auto.Int32(peak) - auto.Int32(edges.sample)) + position - edges.lead
-        alike = dr.exp(-0.25 * dr.square(apart / max(self.noise.sigma, 1e-9)))
-        together = alike * dr.sqrt((coloured + shot) * (coloured + shot * self.fraction))
-        variance = crossing + self.fraction**2 * top - 2.0 * self.fraction * together
+        alike = dr.exp(-0.25 * dr.square(over(apart, max(self.noise.sigma, 1e-9))))
+        together = alike * dr.sqrt((coloured + shot) * (coloured + shot * share))
+        variance = crossing + squared * top - double * together
         variance = variance / dr.square(
             dr.maximum(edges.rise, _LEAST_SLOPE) * dr.opaque(auto.Float, self.step)
         )
@@ -150,12 +153,19 @@ class EdgeTiming:
 
         What the amplifier clips has no noise.
         """
-        together = float(correlation(np.ones(1), self.noise.sigma)[0])
-        shot = coloured + self.noise.per_current * self.step * level
+        per_number = self.noise.per_current * self.step
+        if isinstance(level, float):
+            (added,) = beside(coloured, per_number * level)
+        else:
+            added = beside(coloured, per_number)[0] * level
+        shot = coloured + added
+        together, white = beside(
+            coloured, 2.0 * float(correlation(np.ones(1), self.noise.sigma)[0]), self.noise.white
+        )
         rest = 1.0 - share
         share = dr.select(upper >= dr.opaque(auto.Float, self.full - 0.5), 0.0, share)
         both = dr.square(share) + dr.square(rest)
-        return shot * (both + 2.0 * together * share * rest) + self.noise.white * both
+        return shot * (both + together * share * rest) + white * both
 
     def _crossing(self, share: Float, slope: Float, coloured: Float, level: Float, upper: Float) -> Float:
         """Return the variance [sample²] of a level's crossing between two samples."""

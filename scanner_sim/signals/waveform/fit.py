@@ -9,6 +9,7 @@ import drjit.auto.ad as auto
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.signals.waveform.filter import PHASES, MatchedFilter, Moments
 
@@ -125,7 +126,12 @@ def fit_gaussian(samples: list[Float], start: PulseFit, width: float) -> tuple[P
             sigma * (1.0 + dr.clip(wider / safe, -0.3, 0.3)),
         )
 
-    initial = (auto.UInt32(0), start.amplitude, start.shift, auto.Float(width) + 0.0 * start.shift)
+    initial = (
+        auto.UInt32(0),
+        start.amplitude,
+        start.shift,
+        beside(start.shift, width)[0] + 0.0 * start.shift,
+    )
     _, height, position, sigma = dr.while_loop(
         initial, lambda number, *rest: number < _GAUSS_NEWTON_STEPS, improve
     )

@@ -19,7 +19,7 @@ from scanner_sim.detector import encoders
 from scanner_sim.detector.encoders import reading_normals, readings
 from scanner_sim.detector.line import exposure
 from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise, pixel_response, poisson
-from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges
+from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges, mode_ratios
 from scanner_sim.detector.photodiode import noise_colour, photodiode, waveform
 from scanner_sim.optics.speckle import Optics, packets_of
 from scanner_sim.render.device import Device
@@ -218,10 +218,12 @@ def test_a_dwell_averages_what_the_path_correlates(along: float, across: float) 
 
 
 def test_modes_are_integrals_of_hermite_functions(device: Device) -> None:
-    """Claim: ∫ rⁿ He_n(x) φ(x)/√n! dx between two places, order by order, by quadrature."""
+    """Claim: ∫ rⁿ He_n(x) φ(x)/√n! dx between two places, by quadrature; 0 beyond the modes there are."""
     ratio, low, high = 0.7, -0.6, 1.1
     optics = Optics(cell=1.0, aberration=0.2, diffusion=0.5, modes=5)
-    ends = [mode_edges(optics, auto.Float(ratio), auto.Float(place)) for place in (low, high)]
+    ratios = mode_ratios(optics, auto.Float(ratio))
+    ends = [mode_edges(ratios, auto.Float(place)) for place in (low, high)]
+    assert not any(mode.numpy().any() for mode in ends[0][5:])
     for order in range(5):
         basis = HermiteE.basis(order)
         wanted = (

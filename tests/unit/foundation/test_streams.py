@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 import scanner_sim
-from scanner_sim.foundation.streams import Stream, generator, host_generator
+from scanner_sim.foundation.streams import Seed, Stream, generator, host_generator
 from scanner_sim.render.device import Device
 
 PINNED = {
@@ -33,7 +33,7 @@ PINNED = {
 """The numbers of the streams, once more: a change here is a change of all results."""
 
 
-def normals(seed: int, stream: Stream, shots: list[int], samples: list[int]) -> np.ndarray:
+def normals(seed: Seed, stream: Stream, shots: list[int], samples: list[int]) -> np.ndarray:
     import drjit.auto.ad as auto
 
     numbers = generator(seed, stream, auto.UInt32(shots), auto.UInt32(samples)).next_float32x4_normal()
@@ -44,6 +44,22 @@ def test_a_number_is_the_same_in_any_company(device: Device) -> None:
     together = normals(7, Stream.DETECTOR, [1, 2, 3], [9, 9, 9])
     alone = normals(7, Stream.DETECTOR, [2], [9])
     np.testing.assert_array_equal(together[:, 1], alone[:, 0])
+
+
+def test_a_lane_s_numbers_are_those_of_its_own_seed(device: Device) -> None:
+    """Claim: with a seed for each lane, each has the very numbers that its seed gives alone, long seeds too."""
+    import drjit.auto.ad as auto
+
+    seeds, shots, samples = [7, 2**64 - 1, 7, 0], [1, 2, 2, 4_000_000_000], [9, 9, 8, 0]
+    together = normals(auto.UInt64(seeds), Stream.DETECTOR, shots, samples)
+    for lane, address in enumerate(zip(seeds, shots, samples, strict=True)):
+        alone = normals(address[0], Stream.DETECTOR, [address[1]], [address[2]])
+        np.testing.assert_array_equal(together[:, lane], alone[:, 0])
+    # Several seeds at one address: the numbers that a table of runs wants.
+    spread = normals(auto.UInt64(seeds), Stream.DETECTOR, [2], [9])
+    np.testing.assert_array_equal(spread[:, 1], together[:, 1])
+    assert (spread[:, 0] == spread[:, 2]).all()
+    assert (spread[:, 0] != spread[:, 3]).all()
 
 
 @pytest.mark.parametrize(
