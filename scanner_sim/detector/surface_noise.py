@@ -18,7 +18,7 @@ import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.foundation.device_types import Float, Int32, UInt32, Vector3f
-from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.foundation.streams import Seed, Stream, generator
 
 FINE = 0.75
 """Pitch of the lattice of the energy and the centroid, in 1/e² radii of the beam."""
@@ -75,7 +75,7 @@ def _address(column: Int32, row: Int32) -> UInt32:
     return auto.UInt32(column & 0xFFFF) | (auto.UInt32(row & 0xFFFF) << 16)
 
 
-def fine_numbers(lattice: LatticePositions, seed: int) -> tuple[Float, Float]:
+def fine_numbers(lattice: LatticePositions, seed: Seed) -> tuple[Float, Float]:
     """Return normal numbers of the energy and of the centroid: sums of the lattice's under the beam."""
     column, row = lattice.column * (1.0 / FINE), lattice.row * (1.0 / FINE)
     # Four columns come from one call, and two calls reach at least two columns to either side.
@@ -99,7 +99,7 @@ def fine_numbers(lattice: LatticePositions, seed: int) -> tuple[Float, Float]:
     return sums[0] * dr.rsqrt(sums[2]), sums[1] * dr.rsqrt(sums[3])
 
 
-def coarse_numbers(lattice: LatticePositions, count: int, plane: int, seed: int) -> list[Float]:
+def coarse_numbers(lattice: LatticePositions, count: int, plane: int, seed: Seed) -> list[Float]:
     """Return independent normal numbers of the other modes, continuous over the surface."""
     nodes = []
     for coordinate in (lattice.column, lattice.row):

@@ -8,6 +8,7 @@ SC 2011), as Dr.Jit provides it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
 from typing import Any, TypeAlias
@@ -15,7 +16,9 @@ from typing import Any, TypeAlias
 import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
+from numpy.typing import ArrayLike
 
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import UInt32, UInt64
 
 _ROUNDS = 7
@@ -62,6 +65,33 @@ def generator(seed: Seed, stream: Stream, shot: UInt32, sample: UInt32) -> Any:
     """
     key = seed if dr.is_array_v(seed) else _on_device(seed)
     return auto.Philox4x32(key, shot, sample, auto.UInt32(int(stream)), _ROUNDS)
+
+
+@dataclass
+class RunSeeds:
+    """Seeds of runs whose lanes go side by side, as many of each: Dr.Jit arrays.
+
+    ``each`` are the seeds, shape (runs,), and ``run`` is which of them each lane has, shape (n,).
+    """
+
+    each: UInt64
+    run: UInt32
+
+    @classmethod
+    def of(cls, each: UInt64, lanes: int) -> RunSeeds:
+        """Return the seeds of so many lanes, one run after the other."""
+        own = dr.opaque(auto.UInt32, lanes // dr.width(each))
+        return cls(each, dr.arange(auto.UInt32, lanes) // own)
+
+    @property
+    def lanes(self) -> Seed:
+        """The seed of each lane."""
+        return dr.gather(auto.UInt64, self.each, self.run)
+
+
+def device_seeds(seeds: ArrayLike) -> UInt64:
+    """Return seeds as a Dr.Jit array."""
+    return auto.UInt64(for_device(seeds, np.uint64))
 
 
 def _on_device(seed: int) -> UInt64:

@@ -24,6 +24,7 @@ from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32
+from scanner_sim.foundation.streams import RunSeeds, Seed
 from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
@@ -249,7 +250,9 @@ class Triangulation:
             return None
         return ExpectedSpeckle(self.speckle, self.scenario.processing.speckle_contrast, self.travel(shots))
 
-    def _speckle(self, light: Light, shots: Shots, truth: Truth, fixed_size: bool) -> LineSpeckle | None:
+    def _speckle(
+        self, light: Light, shots: Shots, truth: Truth, fixed_size: bool, seed: Seed
+    ) -> LineSpeckle | None:
         """Return the speckle of shots whose chief rays meet something; None for light without."""
         if self.speckle is None:
             return None
@@ -260,7 +263,7 @@ class Triangulation:
             self.optics.receiver.focal_length / self.optics.pitch,
             self.travel(shots),
             self.scenario.scanner.position_sensor.pixels,
-            self.scenario.seed,
+            seed,
             fixed_size=fixed_size,
         )
 
@@ -325,6 +328,7 @@ class Triangulation:
         *,
         fixed_size: bool = False,
         whole: bool = False,
+        seeds: RunSeeds | None = None,
     ) -> tuple[Incident, Signal, Peaks]:
         """Expose the line to the light of m shots, read it and find the peaks.
 
@@ -342,6 +346,8 @@ class Triangulation:
             Whether no array's size may depend on the light.
         whole
             Whether all pixels are wanted: else only those are exposed that can change the peaks.
+        seeds
+            Of the runs that the shots belong to; by default the scenario's.
 
         Returns
         -------
@@ -350,15 +356,16 @@ class Triangulation:
         """
         scanner = self.scenario.scanner
         sensor = scanner.position_sensor
-        speckle = self._speckle(light, shots, truth, fixed_size)
+        own = self.scenario.seed if seeds is None else seeds.lanes
+        speckle = self._speckle(light, shots, truth, fixed_size, own)
         incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
         if whole or panorama is not None or self.dark_line is None:
-            signal = self._expose(incident, light)
+            signal = self._expose(incident, light, seeds=seeds)
             return incident, signal, self.find(signal, theta, shots)
         low, high, power = light.extent()
         charge = power * electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)
         signal, peaks = self.dark_line.read(
-            lambda window, onto: self._expose(incident, light, window, onto),
+            lambda window, onto: self._expose(incident, light, window, onto, seeds),
             (low, high, charge),
             theta,
             self.expected_speckle(shots),
@@ -366,7 +373,12 @@ class Triangulation:
         return incident, signal, peaks
 
     def _expose(
-        self, incident: Incident, light: Light, window: Window | None = None, onto: Signal | None = None
+        self,
+        incident: Incident,
+        light: Light,
+        window: Window | None = None,
+        onto: Signal | None = None,
+        seeds: RunSeeds | None = None,
     ) -> Signal:
         scanner = self.scenario.scanner
         return expose(
@@ -375,7 +387,7 @@ class Triangulation:
             scanner.position_sensor,
             scanner.laser.wavelength,
             scanner.dwell,
-            self.scenario.seed,
+            self.scenario.seed if seeds is None else seeds,
             background=pairwise(incident.background),
             laser_off=scanner.laser_off,
             window=window,

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32
-from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.foundation.streams import Seed, Stream, generator
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.render.rays import take_poses
 from scanner_sim.scan.protocol import Aim
@@ -129,7 +129,7 @@ def true_shots(
 
 
 def draw_errors(
-    number: UInt32, lattices: list[Lattice], mirrors: Mirrors, seed: int
+    number: UInt32, lattices: list[Lattice], mirrors: Mirrors, seed: Seed
 ) -> tuple[list[Float], list[Float], Float]:
     """Return the random errors of shots: true deflections, what of them the encoders see, and the synchronisation.
 
@@ -198,7 +198,7 @@ def lattices_of(aim: Aim, mirrors: Mirrors) -> list[Lattice]:
     return [Lattice.of(angle, aim.time, mirrors) for angle in (aim.theta, aim.phi)]
 
 
-def wobble(lattice: Lattice, mirrors: Mirrors, seed: int, mirror: int) -> Float:
+def wobble(lattice: Lattice, mirrors: Mirrors, seed: Seed, mirror: int) -> Float:
     """Return the cross-axis error of a mirror [rad], a Dr.Jit array of shape (n,).
 
     Independent normal numbers stand on a lattice over the mirror's deflection (spacing ``wobble_angle``) and time

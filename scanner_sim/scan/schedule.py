@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -120,7 +120,7 @@ class MirrorPair:
 
 @dataclass(frozen=True)
 class PatternMotion:
-    """A pattern as the mirrors ran it; angles in the middle of each dwell [rad], shape (points,).
+    """A pattern as the mirrors ran it; angles in the middle of each dwell [rad], shape (..., points).
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class PatternMotion:
     travel_theta, travel_phi
         By how much the shafts move during a dwell, rate · dwell.
     limited
-        Whether the mirrors were at a limit during the pattern, once they had caught up with its beginning.
+        Whether the mirrors were at a limit during the pattern, once they had caught up with its beginning, shape (...).
     """
 
     time: Array
@@ -147,7 +147,12 @@ class PatternMotion:
     latched_phi: Array
     travel_theta: Array
     travel_phi: Array
-    limited: bool
+    limited: NDArray[np.bool_]
+
+    @classmethod
+    def stack(cls, motions: Sequence[PatternMotion]) -> PatternMotion:
+        """Return several patterns of as many points as one, along a new first axis."""
+        return cls(*(np.stack([getattr(one, field.name) for one in motions]) for field in fields(cls)))
 
 
 def mirrors_at(theta: float, phi: float) -> MirrorPair:
@@ -217,7 +222,9 @@ def run_visit(
         latched_phi=read[1],
         travel_theta=travel[0],
         travel_phi=travel[1],
-        limited=bool(motion.limited[:, gap + math.ceil(_CATCH_UP_LAGS * galvanometers.lag / step) :].any()),
+        limited=np.asarray(
+            motion.limited[:, gap + math.ceil(_CATCH_UP_LAGS * galvanometers.lag / step) :].any()
+        ),
     )
     return made, MirrorPair(after, slopes[:, 1], mirrors.time + step * motion.true.shape[1])
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.device_types import Float, Mask, UInt32
-from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.foundation.streams import RunSeeds, Seed, Stream, generator
 
 LinePower = Callable[[UInt32, UInt32], tuple[Float, Float]]
 """Power on a pixel of the line and on the next [W] as a function of (pixel, index of the shot in its group)."""
@@ -128,7 +128,7 @@ def expose(
     sensor: PositionSensor,
     wavelength: float,
     dwell: float,
-    seed: int,
+    seed: int | RunSeeds,
     *,
     background: LinePower | None = None,
     laser_off: float = 0.0,
@@ -149,7 +149,7 @@ def expose(
     wavelength, dwell
         Wavelength [m] and time spent on a shot [s].
     seed
-        Seed of the noise.
+        Seed of the noise, or those of several runs' shots.
     background
         The power [W] without the laser, by the same arguments; wanted where ``laser_off`` is not 0.
     laser_off
@@ -175,7 +175,10 @@ def expose(
             raise ValueError("the exposure without the laser needs the background's power")
         lights.append((background, Stream.AMBIENT, laser_off * dwell))
     shots, pairs = dr.width(shot), (sensor.pixels + 1) // 2
-    response, index = pixel_response(sensor, seed), dr.arange(auto.UInt32, shots)
+    index, own, each, line = dr.arange(auto.UInt32, shots), seed, seed, auto.UInt32(0)
+    if isinstance(seed, RunSeeds):
+        own, each, line = seed.lanes, seed.each, seed.run * dr.opaque(auto.UInt32, sensor.pixels)
+    response = pixel_response(sensor, each)
     signal = Signal(auto.Float(), shots, sensor.pixels, laser_off, window)
     if onto is None:
         blocks = (shots + _BLOCK - 1) // _BLOCK
@@ -188,11 +191,11 @@ def expose(
         numbers = []
         for light, stream, time in lights:
             # One call of the generator makes four numbers: light and read noise of two pixels.
-            normal = generator(seed, stream, shot, pixel // 2).next_float32x4_normal()
+            normal = generator(own, stream, shot, pixel // 2).next_float32x4_normal()
             electrons = dr.opaque(auto.Float, electrons_per_watt(sensor, wavelength, time))
             for side, watts in enumerate(light(pixel, index)):
                 at = pixel + side
-                charge = watts * electrons * dr.gather(auto.Float, response, at, at < sensor.pixels)
+                charge = watts * electrons * dr.gather(auto.Float, response, line + at, at < sensor.pixels)
                 numbers.append(_read_out(charge, normal[2 * side], normal[2 * side + 1], sensor, time))
         dr.scatter(signal.number, packet(*numbers), signal.pair(pixel, index))
         return (pixel + 2,)
@@ -203,10 +206,19 @@ def expose(
     return signal
 
 
-def pixel_response(sensor: PositionSensor, seed: int) -> Float:
-    """Return the relative response of each pixel, shape (pixels,): the same for every shot of a seed."""
-    pixel = dr.arange(auto.UInt32, sensor.pixels)
-    normal = generator(seed, Stream.RESPONSE, auto.UInt32(0), pixel).next_float32x4_normal()[0]
+def pixel_response(sensor: PositionSensor, seed: Seed) -> Float:
+    """Return the relative response of each pixel, the same for every shot of a seed.
+
+    Shape (pixels,), or of the lines of several seeds one after the other, (seeds · pixels,).
+    """
+    pixel, own = dr.arange(auto.UInt32, sensor.pixels), seed
+    if dr.is_array_v(seed):
+        place, pixels = (
+            dr.arange(auto.UInt32, dr.width(seed) * sensor.pixels),
+            dr.opaque(auto.UInt32, sensor.pixels),
+        )
+        pixel, own = place % pixels, dr.gather(auto.UInt64, seed, place // pixels)
+    normal = generator(own, Stream.RESPONSE, auto.UInt32(0), pixel).next_float32x4_normal()[0]
     spread = sensor.prnu if sensor.noise.prnu else 0.0
     response = dr.maximum(1.0 + dr.opaque(auto.Float, spread) * normal, 0.0)
     dr.eval(response)

@@ -25,6 +25,7 @@ import drjit.auto.ad as auto
 from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges
 from scanner_sim.detector.surface_noise import LatticePositions, SurfacePoints, coarse_numbers, fine_numbers
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
+from scanner_sim.foundation.streams import Seed
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 
 _SPOT_SIGMAS = 4.0
@@ -95,7 +96,7 @@ def line_speckle(
     focal_length: float,
     travel: tuple[Float, Float],
     pixels: int,
-    seed: int,
+    seed: Seed,
     *,
     fixed_size: bool = False,
 ) -> LineSpeckle:
@@ -209,7 +210,7 @@ def _amplitudes(
     left: tuple[Float, Float],
     lattice: LatticePositions,
     number: int,
-    seed: int,
+    seed: Seed,
 ) -> list[Float]:
     """Return the amplitudes of the modes, each over (rσ)ⁿ/√n!, shape (m,)."""
     energy, position = own.moving(*left)

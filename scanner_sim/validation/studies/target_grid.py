@@ -127,9 +127,7 @@ def target_grid(
     return Instrument(changed, device=device), np.stack([item.expected for item in changed.targets])
 
 
-def grid_motions(
-    scenario: Scenario, target: StudyTarget, centres: Array, patterns: int
-) -> tuple[PatternMotion, ...]:
+def grid_motions(scenario: Scenario, target: StudyTarget, centres: Array, patterns: int) -> PatternMotion:
     """Return the visits to each of the centres, ``patterns`` after one another.
 
     Each visit has a number and so a dither of its own: where voxels are farther apart than the spot is wide, the fit's
@@ -168,4 +166,4 @@ def grid_motions(
                 limited=motion.limited,
             )
         )
-    return tuple(found)
+    return PatternMotion.stack(found)
