@@ -19,7 +19,7 @@ from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.scan.schedule import MOST_VISITS, MirrorPair, PatternMotion, run_visit
+from scanner_sim.scan.schedule import MOST_VISITS, Course, MirrorPair, PatternMotion, run_visits
 from scanner_sim.tracking.record import PatternRecord
 from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advance, command
 
@@ -91,14 +91,14 @@ class Visits:
 
     def _visit(self, turns: Sequence[Turn]) -> list[Visit]:
         """Return the visits of runs to the same of their targets."""
-        ways = [self._run_mirrors(turn) for turn in turns]
-        index, motion = turns[0].index, PatternMotion.stack([motion for motion, _ in ways])
+        motion, mirrors_after = self._run_mirrors(turns)
+        index = turns[0].index
         visit, run = np.array([(turn.state.visits, turn.run) for turn in turns], dtype=np.int64).T
         orders = [turn.order for turn in turns]
         with self._stay.resume():
             samples, seen, parts = self._sensor.see(self._targets[0][index], orders, motion, visit, run)
         visits = []
-        for row, (turn, (_, mirrors)) in enumerate(zip(turns, ways, strict=True)):
+        for row, (turn, mirrors) in enumerate(zip(turns, mirrors_after, strict=True)):
             state, target = turn.state, self._targets[turn.run][index]
             others = [
                 other.motion
@@ -123,16 +123,20 @@ class Visits:
             visits.append((record, now))
         return visits
 
-    def _run_mirrors(self, turn: Turn) -> tuple[PatternMotion, MirrorPair]:
-        """Return how the mirrors run a pattern, and where they are afterwards."""
-        order = turn.order
-        return run_visit(
+    def _run_mirrors(self, turns: Sequence[Turn]) -> tuple[PatternMotion, list[MirrorPair]]:
+        """Return how the mirrors run patterns, and where they are afterwards."""
+        orders = [turn.order for turn in turns]
+        course = Course(
+            np.array([order.number for order in orders]),
+            np.array([order.position[:2] for order in orders]),
+            np.array([order.amplitude for order in orders]),
+            np.array([turn.start for turn in turns]),
+        )
+        return run_visits(
             self._scanner.galvanometers,
-            turn.state.mirrors,
-            self._pattern.model_copy(update={"amplitude": order.amplitude}),
-            order.number,
-            order.position[:2],
-            start=turn.start,
+            [turn.state.mirrors for turn in turns],
+            self._pattern,
+            course,
             dwell=self._scanner.dwell,
             visiting=self._scans[0].visiting,
         )

@@ -110,16 +110,16 @@ def test_targets_are_visited_in_turn_and_on_time(run: Any) -> None:
 
 def test_a_late_pattern_moves_those_that_follow(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     known = scenario()
-    tracker, true = run(known), module.run_visit
+    tracker, true = run(known), module.run_visits
     numbers = []
 
-    def late(galvanometers: Any, mirrors: Any, pattern: Any, number: int, *more: Any, **asked: Any) -> Any:
-        numbers.append(number)
-        motion, after = true(galvanometers, mirrors, pattern, number, *more, **asked)
-        end = asked["start"] + pattern.points * asked["dwell"]
-        return motion, replace(after, time=end + LATE)
+    def late(galvanometers: Any, mirrors: Any, pattern: Any, course: Any, **asked: Any) -> Any:
+        numbers.append(int(course.number[0]))
+        motion, (after,) = true(galvanometers, mirrors, pattern, course, **asked)
+        end = float(course.start[0]) + pattern.points * asked["dwell"]
+        return motion, [replace(after, time=end + LATE)]
 
-    monkeypatch.setattr(module, "run_visit", late)
+    monkeypatch.setattr(module, "run_visits", late)
     starts = [tracker._visits.start(tracker.state)]
     for _ in range(4):
         next(tracker)
