@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from scanner_sim.foundation.status import Status as Status
     from scanner_sim.instrument.closed_loop.poses import poses_of as poses_of
     from scanner_sim.instrument.closed_loop.track import track as track
+    from scanner_sim.instrument.closed_loop.track import track_many as track_many
     from scanner_sim.instrument.closed_loop.tracker import Tracker as Tracker
     from scanner_sim.instrument.instrument import Instrument as Instrument
     from scanner_sim.instrument.samples import Samples as Samples
@@ -72,6 +73,7 @@ __all__ = [
     "simulate_waveforms",
     "take_photo",
     "track",
+    "track_many",
     "write_run",
     "write_shots",
 ]
@@ -104,6 +106,7 @@ _HOMES = {
     "simulate_waveforms": "scanner_sim.instrument.simulate",
     "take_photo": "scanner_sim.instrument.simulate",
     "track": "scanner_sim.instrument.closed_loop.track",
+    "track_many": "scanner_sim.instrument.closed_loop.track",
     "write_run": "scanner_sim.products.files.run_folder",
     "write_shots": "scanner_sim.products.files.shots_folder",
 }

@@ -49,6 +49,7 @@ def test_the_public_names_are_these() -> None:
         "simulate_waveforms",
         "take_photo",
         "track",
+        "track_many",
         "write_run",
         "write_shots",
     }

@@ -111,7 +111,7 @@ def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
         return
     tracker = Tracker(scenario, device="cpu", threads=1)
     records = tuple(record for record, _ in zip(tracker, range(VISITS), strict=False))
-    found = track_of(tracker, records)
+    found = track_of(tracker.scenario, records)
     write_track(found, folder, output, poses=poses_of(found))
 
 
