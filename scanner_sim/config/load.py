@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 import stat
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,7 +21,7 @@ from scanner_sim.config.document import (
     value_at,
 )
 from scanner_sim.config.faults import faults_found
-from scanner_sim.config.preset import DEFAULT, Preset, fill, preset_of, read_preset
+from scanner_sim.config.preset import DEFAULT, ONE_OF, Preset, fill, preset_of, read_preset
 from scanner_sim.config.scanner import FILLED, Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import choice, shown
@@ -74,6 +75,72 @@ def scenario_from_text(text: str, *, name: str) -> Scenario:
     Relative paths count from the working folder.
     """
     return _load(read_document(text), name, FROM_FILE, ())
+
+
+def replaced(
+    scenario: Scenario,
+    changes: Mapping[str, object],
+    *,
+    name: str = "scenario",
+    context: Mapping[str, object] | None = None,
+) -> Scenario:
+    """Return a scenario with other values, as :meth:`~scanner_sim.config.scenario.Scenario.replace` says.
+
+    Parameters
+    ----------
+    scenario
+        The scenario, which stays as it is.
+    changes
+        Values by key.
+    name
+        Where the changes came from, for messages.
+    context
+        Of validation: :data:`~scanner_sim.foundation.units.FROM_FILE` where units are compulsory, the ``folder`` from
+        which relative paths count.
+    """
+    document = Document(scenario.model_dump(mode="json", by_alias=True))
+    faults: list[Fault] = []
+    for key, value in changes.items():
+        try:
+            _put(document.data, steps_of(key), _plain(value))
+        except ValueError as error:
+            faults.append(Fault(str(key), str(error)))
+    _make_room(document.data, changes)
+    if "scanner.preset" in changes and "scanner" not in changes:
+        problem = "every value of this scenario's instrument is written out, so another preset changes none of them."
+        remedy = "Replace the block as a whole: scanner: {preset: my_scanner.yaml}."
+        faults.append(Fault("scanner.preset", problem, remedy))
+    if faults:
+        raise ScenarioError(faults, source=name)
+    return _load(document, name, context or {}, ())
+
+
+Scenario.replaced_by = replaced
+
+
+def steps_of(key: str) -> list[str]:
+    """Return the steps of a key, ``scene.objects[0].size`` or ``scene.objects.0.size``.
+
+    Raises
+    ------
+    ValueError
+        If one of them is empty.
+    """
+    steps = re.sub(r"\[(\w+)\]", r".\1", str(key).strip()).split(".")
+    if not all(steps):
+        raise ValueError("this is no key. Write for example scanner.laser.power.")
+    return steps
+
+
+def _make_room(data: Value, changes: Mapping[str, object]) -> None:
+    """Take out what a new value excludes, where nothing else was asked for: a pulse has a peak power or an energy."""
+    for key in changes:
+        block, _, last = str(key).rpartition(".")
+        others = {f"{block}.{other}" for other in ONE_OF} - {key}
+        if last in ONE_OF and not others & changes.keys():
+            inside = value_at(data, block.split("."))
+            if isinstance(inside, dict) and inside.get(last) is not None:
+                inside.update({other.rpartition(".")[2]: None for other in others})
 
 
 def _load(document: Document, name: str, context: Mapping[str, object], overrides: Sequence[str]) -> Scenario:
@@ -259,7 +326,7 @@ def _override(document: Document, overrides: Sequence[str], faults: list[Fault])
     origins: dict[Location, str] = {}
     for text in overrides:
         path, equals, value_text = text.partition("=")
-        steps = path.strip().split(".")
+        steps = re.sub(r"\[(\w+)\]", r".\1", path.strip()).split(".")
         if not equals or not all(steps):
             faults.append(
                 Fault(
