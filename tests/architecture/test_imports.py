@@ -31,6 +31,7 @@ ROOMS = (
     "config",
     "instrument",
     "validation",
+    "campaign",
     "cli",
 )
 ORDER = {name: rank for rank, name in enumerate(ROOMS)}
