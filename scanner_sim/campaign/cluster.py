@@ -95,9 +95,7 @@ def run_on(client: Client, store: Store, settings: Settings, progress: Progress)
         return futures
 
     client.wait_for_workers(1, timeout=120)
-    ready = as_completed(
-        sent(AHEAD * max(len(client.scheduler_info(n_workers=-1)["workers"]), 1)), raise_errors=False
-    )
+    ready = as_completed(sent(AHEAD * max(len(client.nthreads()), 1)), raise_errors=False)
     try:
         for future in ready:
             run = numbers.pop(future.key)

@@ -27,6 +27,7 @@ from scanner_sim.products.files.shots_folder import write_shots
 from scanner_sim.products.files.track_folder import write_track
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import ShotTable
+from scanner_sim.render.device import activate
 from scanner_sim.render.libraries import DeviceChoice
 
 LONGEST_FAULT = 900
@@ -99,10 +100,17 @@ def _base(content: bytes) -> Scenario:
     return found
 
 
+@lru_cache(maxsize=1)
+def _ready(device: DeviceChoice, threads: int | None) -> None:
+    """Choose the device for all runs of this process, so that none looks for its libraries again."""
+    activate(device, threads)
+
+
 def work(task: Task) -> Row:
     """Simulate and measure a run; whatever goes wrong is the fault of its row."""
     start, found, fault = time.perf_counter(), dict[str, float](), ""
     try:
+        _ready(task.device, task.threads)
         scenario = changed(_base(task.base), task.changes, task.folder, f"run {task.run}")
         outcome = simulated(scenario, task.device, task.threads)
         found = measured(tuple(name for name in task.measures if name in MEASURES), outcome)

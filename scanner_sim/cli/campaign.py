@@ -92,7 +92,11 @@ def _work(
     from scanner_sim.campaign.serial import run_serially
     from scanner_sim.campaign.store import opened
     from scanner_sim.campaign.work import Settings
+    from scanner_sim.render.device import activate
 
+    if scheduler is None:
+        # A machine on which nothing can compute is one fault, not that of every row.
+        activate(device)
     settings = Settings(folder, own, device)
     measures = (*campaign.plan.measure, *([own.column] if own else []))
     with opened(folder, campaign, measures) as store:
