@@ -11,6 +11,7 @@ import importlib.metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from scanner_sim.campaign.result import open_campaign as open_campaign
     from scanner_sim.config import load_scenario as load_scenario
     from scanner_sim.config.scenario import Scenario as Scenario
     from scanner_sim.foundation.errors import InputError as InputError
@@ -62,6 +63,7 @@ __all__ = [
     "__version__",
     "estimate_pose",
     "load_scenario",
+    "open_campaign",
     "poses_of",
     "read_range_image",
     "read_shots",
@@ -95,6 +97,7 @@ _HOMES = {
     "WaveformSet": "scanner_sim.products.waveforms",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scenario": "scanner_sim.config",
+    "open_campaign": "scanner_sim.campaign.result",
     "poses_of": "scanner_sim.instrument.closed_loop.poses",
     "read_range_image": "scanner_sim.products.files.exr",
     "read_shots": "scanner_sim.products.files.shots_folder",
