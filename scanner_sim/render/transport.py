@@ -87,8 +87,12 @@ class BeamletTables:
         """Number of beamlets."""
         return int(dr.width(self.weights))
 
-    def draw(self, beamlet: UInt32, shot: UInt32) -> tuple[list[Float], list[Float], Float, Float]:  # noqa: ARG002 (alike in all)
-        """Return nodes, points of the aperture, weights and moments of beamlets, by their numbers."""
+    def draw(
+        self,
+        beamlet: UInt32,
+        shot: UInt32,  # noqa: ARG002 (alike in all)
+    ) -> tuple[list[Float], list[Float], Float, Float, Float]:
+        """Return nodes, points of the aperture, weights and moments of beamlets; each has one moment."""
         across, normal, first, second, weight, time = (
             dr.gather(mi.Float, values, beamlet)
             for values in (
@@ -100,7 +104,7 @@ class BeamletTables:
                 self.times,
             )
         )
-        return [across, normal], [first, second], weight, time
+        return [across, normal], [first, second], weight, time, mi.Float(0.0)
 
 
 @dataclass
@@ -108,7 +112,7 @@ class Lanes:
     """A lane for each of k beamlets of each of n shots: lane i · k + j is beamlet j of shot i.
 
     ``count`` is k; Dr.Jit arrays of shape (n · k,): ``shot`` and ``beamlet`` i and j; ``own`` the shot itself;
-    ``node``, ``stop``, ``weight`` and ``time`` of the beamlet.
+    ``node``, ``stop``, ``weight`` and ``time`` of the beamlet; ``time_variance`` of the moments for which it stands.
     """
 
     count: int
@@ -119,6 +123,7 @@ class Lanes:
     stop: list[Float]
     weight: Float
     time: Float
+    time_variance: Float
 
 
 class Split(Protocol):
@@ -132,8 +137,8 @@ class Split(Protocol):
     def width(self) -> float:
         """Standard deviation of each, in those of the beam."""
 
-    def draw(self, beamlet: UInt32, shot: UInt32) -> tuple[list[Float], list[Float], Float, Float]:
-        """Return nodes, points of the aperture, weights and moments of beamlets of shots, by their numbers."""
+    def draw(self, beamlet: UInt32, shot: UInt32) -> tuple[list[Float], list[Float], Float, Float, Float]:
+        """Return nodes, points of the aperture, weights, moments and their variances of beamlets, by their numbers."""
 
 
 def lanes(beamlets: Beamlets | Split, shots: Shots) -> Lanes:
@@ -143,8 +148,8 @@ def lanes(beamlets: Beamlets | Split, shots: Shots) -> Lanes:
     lane = dr.arange(mi.UInt32, dr.width(shots.theta) * count)
     shot = lane // count
     beamlet = lane - shot * count
-    node, stop, weight, time = split.draw(beamlet, shot)
-    return Lanes(count, shot, beamlet, shots.take(shot), node, stop, weight, time)
+    node, stop, weight, time, variance = split.draw(beamlet, shot)
+    return Lanes(count, shot, beamlet, shots.take(shot), node, stop, weight, time, variance)
 
 
 def frame_at(layout: OpticalLayout, shots: Shots, time: Float) -> Frame:

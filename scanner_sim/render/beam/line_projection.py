@@ -82,9 +82,13 @@ class LineProjection:
         )
         residual = dr.opaque(mi.Float, width**2)
         blur = dr.opaque(mi.Float, layout.point_spread**2)
-        var_p = residual * (dr.square(pa) + dr.square(pb)) + blur
-        var_q = residual * (dr.square(qa) + dr.square(qb)) + blur
-        covariance = residual * (pa * qa + pb * qb)
+        # A surface point that is lit for a while moves on the line, as the receiver turns meanwhile.
+        variance = hits.lane.time_variance
+        turn_p = shots.travel_theta * (f + dr.square(p) / f)
+        turn_q = -shots.travel_phi * reach * f / depth
+        var_p = residual * (dr.square(pa) + dr.square(pb)) + variance * dr.square(turn_p) + blur
+        var_q = residual * (dr.square(qa) + dr.square(qb)) + variance * dr.square(turn_q) + blur
+        covariance = residual * (pa * qa + pb * qb) + variance * turn_p * turn_q
         p = synchronisation_shift(layout, p, shots.synchronisation)
         inside, p, var_p = cut_by_height(p, q, var_p, var_q, covariance, dr.opaque(mi.Float, layout.height))
         pitch = dr.opaque(mi.Float, layout.pitch)

@@ -24,6 +24,7 @@ from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets, smooth_bea
 from scanner_sim.render.beam.bounces import trace_bounces
 from scanner_sim.render.beam.light import Light, Truth, cluster
 from scanner_sim.render.beam.projection import BeamletReturns, Projection, trace_returns
+from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.scene.files.loader import LoadedScene
@@ -80,25 +81,31 @@ def render_light(
     chief = dr.arange(mi.UInt32, dr.width(shots.theta)) * len(beamlets.weights)
     truth = Truth.of(loaded, returns.distance, returns.shape, chief)
     footprint = _classify_footprints(loaded, projection, beamlets, shots, returns, chief)
-    dr.eval(truth, footprint)
+    # Sweeps are as long as they are at the surface that counts: the chief ray's, or the nearest where it meets none.
+    nearest = dr.select(dr.isfinite(returns.distance), returns.distance, dr.inf)
+    nearest = dr.block_reduce(dr.ReduceOp.Min, nearest, len(beamlets.weights))
+    reach = dr.select(dr.isfinite(truth.distance), truth.distance, nearest)
+    dr.eval(truth, footprint, reach)
 
     def direct() -> Iterator[Light]:
         kinds, finer = footprint.numpy(), []
         smooth = _indices(kinds == _SMOOTH)
         if dr.width(smooth):
-            yield _gather(projection, returns, smooth, smooth, shots.take(smooth), beamlets, 1)
+            yield _gather(projection, returns, smooth, smooth, shots.take(smooth), len(beamlets.weights), 1)
         for kind, count in (
             (_UNEVEN, settings.uneven_beamlets),
             (_GRAZED, max(settings.uneven_beamlets, settings.edge_beamlets // 2)),
             (_EDGE, settings.edge_beamlets),
         ):
-            beamlets_there = edge_beamlets(count)
+            tables = SweptTables.averaged(count)
             for index in _batches(_indices(kinds == kind), count):
                 own = shots.take(index)
-                many = trace_returns(loaded, projection, beamlets_there, own)
+                split = SweptBeamlets.of(tables, projection.layout, own, dr.gather(mi.Float, reach, index))
+                dr.eval(split.length, split.cosine, split.sine)
+                many = trace_returns(loaded, projection, split, own)
                 dr.eval(many.spots, many.reference)
                 every = dr.arange(mi.UInt32, dr.width(index))
-                finer.append(_gather(projection, many, every, index, own, beamlets_there, CLUSTERS))
+                finer.append(_gather(projection, many, every, index, own, count, CLUSTERS))
         # Together: what follows is recorded and launched for each group anew.
         if finer:
             yield Light.of_all(finer)
@@ -120,11 +127,11 @@ def _gather(
     indices: UInt32,
     index: UInt32,
     shots: Shots,
-    beamlets: Beamlets,
+    count: int,
     clusters: int,
 ) -> Light:
-    """Return the light of m shots from the returns at some indices; ``index`` is that in the batch."""
-    found = cluster(returns.spots, indices, len(beamlets.weights), clusters, projection.resolution)
+    """Return the light of m shots from ``count`` returns each at some indices; ``index`` is that in the batch."""
+    found = cluster(returns.spots, indices, count, clusters, projection.resolution)
     reference = returns.reference
     return Light(
         index, shots.number, *found, None if reference is None else dr.gather(mi.Float, reference, indices)
