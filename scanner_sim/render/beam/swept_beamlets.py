@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from scanner_sim.foundation.device_types import Float, UInt32
-from scanner_sim.render.beam.beamlets import aperture_spiral, edge_width
+from scanner_sim.render.beam.beamlets import aperture_lattice, aperture_spiral, edge_width
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import OpticalLayout
+from scanner_sim.render.transport import Drawn, OpticalLayout
 
 Array = NDArray[np.float64]
 
@@ -66,25 +66,17 @@ class SweptTables:
     def of(cls, count: int) -> SweptTables:
         """Return the tables of ``count`` beamlets with a moment of their own each."""
         width = edge_width(count)
-        return cls._uploaded(*swept_positions(count, np.sqrt(1.0 - width**2)), width)
+        along, times, across = swept_positions(count, np.sqrt(1.0 - width**2))
+        a, b, c, d, e = _uploaded(along, times, across, *aperture_spiral(count).T)
+        return cls(a, b, c, d, e, width)
 
     @classmethod
     def averaged(cls, count: int) -> SweptTables:
         """Return the tables of ``count`` beamlets that stand for all moments at which the beam is there."""
         width = edge_width(count)
         along, times, across, variance = averaged_positions(count, np.sqrt(1.0 - width**2))
-        return cls._uploaded(along, times, across, width, variance)
-
-    @classmethod
-    def _uploaded(
-        cls, along: Array, times: Array, across: Array, width: float, variance: Array | None = None
-    ) -> SweptTables:
-        stops = aperture_spiral(along.shape[1])
-        a, b, c, d, e = (
-            mi.Float(values.astype(np.float32).ravel()) for values in (along, times, across, *stops.T)
-        )
-        spread = None if variance is None else mi.Float(variance.astype(np.float32).ravel())
-        return cls(a, b, c, d, e, width, spread)
+        a, b, c, d, e, left = _uploaded(along, times, across, *aperture_lattice(count).T, variance)
+        return cls(a, b, c, d, e, width, left)
 
     @property
     def count(self) -> int:
@@ -129,18 +121,13 @@ class SweptBeamlets:
         """Number of beamlets."""
         return self.tables.count
 
-    @property
-    def width(self) -> float:
-        """Standard deviation of each beamlet, in those of the beam."""
-        return self.tables.width
-
-    def draw(self, beamlet: UInt32, shot: UInt32) -> tuple[list[Float], list[Float], Float, Float, Float]:
-        """Return nodes, points of the aperture, weights, moments and their variances of beamlets of shots."""
+    def draw(self, beamlet: UInt32, shot: UInt32) -> Drawn:
+        """Return beamlets of shots."""
         tables = self.tables
         row = dr.gather(mi.Float, self.length, shot)
         low = dr.minimum(mi.UInt32(row), _LENGTHS - 2)
         at, part = low * self.count + beamlet, row - mi.Float(low)
-        x, time, y, variance = (
+        x, time, y, time_variance = (
             mi.Float(0.0)
             if values is None
             else dr.lerp(dr.gather(mi.Float, values, at), dr.gather(mi.Float, values, at + self.count), part)
@@ -149,7 +136,12 @@ class SweptBeamlets:
         cosine, sine = dr.gather(mi.Float, self.cosine, shot), dr.gather(mi.Float, self.sine, shot)
         stop = [dr.gather(mi.Float, values, beamlet) for values in (tables.stop_across, tables.stop_normal)]
         node = [x * cosine - y * sine, x * sine + y * cosine]
-        return node, stop, mi.Float(1.0 / self.count), time, variance
+        variance = dr.opaque(mi.Float, tables.width**2)
+        return Drawn(node, stop, mi.Float(1.0 / self.count), time, variance, time_variance)
+
+
+def _uploaded(*tables: Array) -> list[Float]:
+    return [mi.Float(values.astype(np.float32).ravel()) for values in tables]
 
 
 def swept_positions(count: int, spread: float) -> tuple[Array, Array, Array]:

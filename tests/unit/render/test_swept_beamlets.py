@@ -149,7 +149,8 @@ def test_they_turn_with_the_travel_and_the_beam(device: Device) -> None:
     )
     split = SweptBeamlets.of(SweptTables.of(count), bench, shots, dr.full(mi.Float, distance, 4))
     lane = dr.arange(mi.UInt32, 4 * count)
-    node, _, weight, time, _ = split.draw(lane % count, lane // count)
+    drawn = split.draw(lane % count, lane // count)
+    node, weight, time = drawn.node, drawn.weight, drawn.time
     a, b = (np.asarray(values.numpy(), dtype=np.float64).reshape(4, count) for values in node)
     t = np.asarray(time.numpy(), dtype=np.float64).reshape(4, count)
     assert np.isclose(float(weight[0]) * count, 1.0)
@@ -160,7 +161,7 @@ def test_they_turn_with_the_travel_and_the_beam(device: Device) -> None:
     x = a * np.cos(twist) - b * np.sin(twist)
     y = a * np.sin(twist) + b * np.cos(twist)
     travel = np.stack([distance * right, (distance - bench.axis_separation) * down], axis=1) / sigma
-    spread = float(np.sqrt(1.0 - split.width**2))
+    spread = float(np.sqrt(1.0 - split.tables.width**2))
     for shot in range(3):
         length = float(np.hypot(*travel[shot]))
         along = (x[shot] * travel[shot, 0] + y[shot] * travel[shot, 1]) / length + length * t[shot]
