@@ -40,7 +40,6 @@ def shrunk(scenario: Scenario) -> Scenario:
     """Return a scenario with all that only costs time made small: the code that runs is the same."""
     transport = scenario.transport
     few = {
-        "beamlets": 7,
         **{
             name: min(getattr(transport, name), 24)
             for name in ("uneven_beamlets", "edge_beamlets", "pattern_beamlets")

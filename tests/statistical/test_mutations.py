@@ -114,6 +114,7 @@ def cosine(patch: Patch) -> None:
             dr.gather(auto.Float, shots.phi, shot)
         )
         spots.power = spots.power / facing
+        returns.strength = returns.strength / facing
         return returns
 
     wrapped(patch, splitter, "trace_returns", changed)
