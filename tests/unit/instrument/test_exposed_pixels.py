@@ -122,9 +122,9 @@ def test_what_is_measured_is_that_of_whole_lines(
     line, exposed = Triangulation(known, instrument.loaded, instrument.optics), []
     plain = Triangulation._expose
 
-    def watched(self: Triangulation, *arguments: Any) -> Signal:
+    def watched(self: Triangulation, *arguments: Any, **named: Any) -> Signal:
         exposed.append(arguments[2] if len(arguments) > 2 else None)
-        return plain(self, *arguments)
+        return plain(self, *arguments, **named)
 
     monkeypatch.setattr(Triangulation, "_expose", watched)
     statuses: set[int] = set()
