@@ -85,46 +85,37 @@ class Rays:
 
         from scanner_sim.instrument.simulate import BATCH
         from scanner_sim.render.beam import splitter
-        from scanner_sim.render.beam.beamlets import edge_beamlets, smooth_beamlets
         from scanner_sim.render.beam.line_projection import LineProjection
-        from scanner_sim.render.beam.projection import trace_returns
-        from scanner_sim.render.shots import true_shots
-        from scanner_sim.render.transport import frame_at, launch
+        from scanner_sim.render.transport import frame_at, lanes, launch
         from scanner_sim.scan.raster import raster_aim, tiled_order
 
         self.instrument, scenario = instrument, instrument.scenario
-        scan, settings = scenario.scan, scenario.transport
-        loaded, optics = self.instrument.loaded, self.instrument.optics
+        scan, optics = scenario.scan, instrument.optics
         order = tiled_order(scan)
         dwell = scenario.scanner.dwell
         self.aims = [
             raster_aim(scan, order[start : start + BATCH], dwell) for start in range(0, scan.shots, BATCH)
         ]
-        smooth, projection = smooth_beamlets(settings.beamlets), LineProjection(optics)
-        self.scene, self.batches, self.rays, finer = loaded.mitsuba, [], 0, 0
+        self.scene, self.batches, self.rays, finer = instrument.loaded.mitsuba, [], 0, 0
+        trace = splitter.trace_returns
+
+        def traced(loaded: Any, projection: Any, beamlets: Any, shots: Any) -> Any:
+            lane = lanes(beamlets, shots)
+            frame = frame_at(optics, lane.own, lane.time)
+            beam, lens = launch(optics, frame, lane.node), mi.Point3f(frame.lens)
+            dr.eval(beam, lens)
+            self.batches.append((beam, lens))
+            self.rays += 2 * dr.width(lane.shot)
+            return trace(loaded, projection, beamlets, shots)
+
+        splitter.trace_returns = traced
         for aim in self.aims:
-            shots, _ = true_shots(aim, scenario.scanner.mirrors, 0)
-            returns = trace_returns(loaded, projection, smooth, shots)
-            chief = dr.arange(mi.UInt32, len(aim.shot)) * len(smooth.weights)
-            ground = splitter._classify_footprints(loaded, projection, smooth, shots, returns, chief)
-            for members, beamlets in (
-                (dr.arange(mi.UInt32, len(aim.shot)), smooth),
-                (dr.compress(ground == splitter._UNEVEN), edge_beamlets(settings.uneven_beamlets)),
-                (dr.compress(ground == splitter._GRAZED), edge_beamlets(settings.edge_beamlets // 2)),
-                (dr.compress(ground == splitter._EDGE), edge_beamlets(settings.edge_beamlets)),
-            ):
-                if not dr.width(members):
-                    continue
-                finer += dr.width(members) if beamlets is not smooth else 0
-                k = len(beamlets.weights)
-                lane = dr.arange(mi.UInt32, dr.width(members) * k)
-                own = shots.take(dr.gather(mi.UInt32, members, lane // k))
-                frame = frame_at(optics, own, dr.gather(mi.Float, mi.Float(beamlets.times), lane % k))
-                node = [dr.gather(mi.Float, mi.Float(beamlets.nodes[:, axis]), lane % k) for axis in (0, 1)]
-                beam, lens = launch(optics, frame, node), mi.Point3f(frame.lens)
-                dr.eval(beam, lens)
-                self.batches.append((beam, lens))
-                self.rays += 2 * dr.width(lane)
+            shots = instrument.fire(aim)[0]
+            lights = splitter.render_light(
+                instrument.loaded, LineProjection(optics), scenario.transport, shots, scenario.seed
+            )[1]
+            finer += sum(light.shots for light in lights if light.count > 1)
+        splitter.trace_returns = trace
         self.edge_share = finer / scan.shots
 
     def chain(self) -> None:

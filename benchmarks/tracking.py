@@ -1,17 +1,18 @@
 """What the closed loop can do: sixty seconds of four moving targets, the fastest target that is held, and how well.
 
-Run as ``python benchmarks/tracking.py [--only minute|speed|accuracy|cost] [--against CHECKOUT]``.
+Run as ``python benchmarks/tracking.py [--only minute|speed|accuracy|cost|runs] [--against CHECKOUT]``.
 
 "minute": four targets of an object that moves by 10 mm/s and turns by 1 deg/s, for 60 s of its time: losses and
 errors. "speed": a disc of 100 mm at 10 m accelerates over the field, until it is lost: at what speed, for one target
 and for one of four. "accuracy": error of a single pattern against diameter, range and the pattern's amplitude. "cost":
-processor time of a visit in one thread, with and without the Sun, and of its parts; with another checkout of the
-program, both in turns, and the ratios.
+processor time of a visit in one thread, with and without the Sun, and of its parts; "runs": that of a visit where 1, 8
+and 64 runs go side by side. With another checkout of the program both in turns, and the ratios.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import json
 import os
 import subprocess
@@ -32,6 +33,7 @@ from scanner_sim.instrument.closed_loop import target_sensor as sensor_module
 from scanner_sim.instrument.closed_loop import tracker as tracker_module
 from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.closed_loop.records import Recorder
+from scanner_sim.instrument.closed_loop.saved_state import first_state
 from scanner_sim.products.pictures.style import FAINT, house_style, save
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
@@ -210,10 +212,14 @@ def parts_of_a_visit(lit: bool, visits: int = 150) -> dict[str, float]:
 
     timed(Frozen, "__call__", "kernels")
     timed(FrozenInstrument, "measure", "kernels, copies and ranges")
-    timed(tracker_module, "run_visit", "mirrors")
+    try:
+        visits: Any = importlib.import_module("scanner_sim.instrument.closed_loop.visits")
+    except ModuleNotFoundError:
+        visits = tracker_module  # of a checkout whose runs are one at a time
+    timed(visits, "run_visits" if hasattr(visits, "run_visits") else "run_visit", "mirrors")
     timed(sensor_module, "measure_target", "measuring the target")
     timed(sensor_module, "error_parts", "parts of its error")
-    timed(tracker_module, "advance", "filter and modes")
+    timed(visits, "advance", "filter and modes")
     timed(Recorder, "record", "record")
     timed(Tracker, "visit", "visit")
     run = Tracker(scenario({"position": [0.0, 0.0, 10.0]}, **({"lighting": SUN} if lit else {})))
@@ -248,16 +254,68 @@ def cost(console: Console, against: Path | None = None) -> None:
         console.print(table)
 
 
+def turns_of_runs(count: int, lit: bool, turns: int) -> float:
+    """Return the processor time [ms] of a visit in one thread, where so many runs go side by side: the least."""
+    dr.set_thread_count(1)
+    light = {"lighting": SUN} if lit else {}
+    known = [scenario({"position": [0.0, 0.0, 10.0]}, seed=seed, **light) for seed in range(count)]
+    if count == 1:
+        tracker = Tracker(known[0])
+
+        def turn() -> None:
+            next(tracker)
+    else:
+        module = importlib.import_module("scanner_sim.instrument.closed_loop.visits")
+        visits, runs = module.Visits(known), range(count)
+        states = [first_state(run.targets, run.following.tracker) for run in known]
+
+        def turn() -> None:
+            states[:] = [state for _, state in visits.after(states, runs)]
+
+    taken = []
+    for _ in range(6 + turns):
+        begun = time.process_time()
+        turn()
+        taken.append(time.process_time() - begun)
+    return 1e3 * min(taken[6:]) / count
+
+
+def runs_together(console: Console, against: Path | None = None) -> None:
+    """Time visits of runs side by side, and those of one run in another checkout, in turns: the least of three."""
+    for lit in (False, True):
+        here = Path(__file__).resolve().parents[1]
+        cases = [(here, count) for count in (1, 8, 64)] + (
+            [] if against is None else [(against.resolve(), 1)]
+        )
+        least = [float("inf")] * len(cases)
+        for _ in range(3):
+            for place, (side, count) in enumerate(cases):
+                script = [sys.executable, __file__, "--together", str(count), *(["--lit"] if lit else [])]
+                environment = os.environ | {"PYTHONPATH": str(side)}
+                done = subprocess.run(script, env=environment, capture_output=True, text=True, check=True)
+                least[place] = min(least[place], float(done.stdout))
+        table = Table("Sun and Earth" if lit else "dark", "ms a visit", "visits/s of two cores", "ratio")
+        for (side, count), taken in zip(cases, least, strict=True):
+            name = f"{count} together" if side == here else "before, one alone"
+            table.add_row(name, f"{taken:.2f}", f"{2e3 / taken:.0f}", f"{least[-1] / taken:.2f}")
+        console.print(table)
+
+
 def main() -> None:
     """Run what was asked for."""
     parts = {"minute": minute, "speed": speed, "accuracy": accuracy}
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--only", choices=[*parts, "cost"])
+    parser.add_argument("--only", choices=[*parts, "cost", "runs"])
     parser.add_argument(
         "--against", type=Path, help="another checkout of the program, to which costs are compared"
     )
     parser.add_argument("--parts", choices=["dark", "lit"], help="print the cost of a visit's parts as JSON")
+    parser.add_argument("--together", type=int, help="print the cost of a visit of so many runs side by side")
+    parser.add_argument("--lit", action="store_true", help="under the Sun")
     chosen = parser.parse_args()
+    if chosen.together:
+        print(turns_of_runs(chosen.together, chosen.lit, max(4, 100 // chosen.together)))
+        return
     if chosen.parts:
         print(json.dumps(parts_of_a_visit(chosen.parts == "lit")))
         return
@@ -267,6 +325,8 @@ def main() -> None:
             part(console)
     if chosen.only in (None, "cost"):
         cost(console, chosen.against)
+    if chosen.only in (None, "runs"):
+        runs_together(console, chosen.against)
 
 
 if __name__ == "__main__":

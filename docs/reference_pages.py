@@ -291,12 +291,26 @@ def command_page() -> str:
         "an existing one is replaced only with `--overwrite`.",
         "",
     ]
-    for name, command in group.commands.items():
-        lines += [f"## scanner-sim {name} {{#{name}}}", "", inspect.cleandoc(command.help or ""), ""]
+    for name, command in _commands(group):
+        lines += [
+            f"## scanner-sim {name} {{#{name.replace(' ', '-')}}}",
+            "",
+            inspect.cleandoc(command.help or ""),
+            "",
+        ]
         rows = [row for row in map(_option, command.params) if row]
         if rows:
             lines += ["| option | default | meaning |", "|---|---|---|", *rows, ""]
     return "\n".join(lines) + "\n"
+
+
+def _commands(group: Any, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield each verb with its name; a family's by the names of both."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from _commands(command, f"{before}{name} ")
+        else:
+            yield before + name, command
 
 
 def _option(option: Any) -> str:

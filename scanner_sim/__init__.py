@@ -11,6 +11,7 @@ import importlib.metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from scanner_sim.campaign.result import open_campaign as open_campaign
     from scanner_sim.config import load_scenario as load_scenario
     from scanner_sim.config.scenario import Scenario as Scenario
     from scanner_sim.foundation.errors import InputError as InputError
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from scanner_sim.foundation.status import Status as Status
     from scanner_sim.instrument.closed_loop.poses import poses_of as poses_of
     from scanner_sim.instrument.closed_loop.track import track as track
+    from scanner_sim.instrument.closed_loop.track import track_many as track_many
     from scanner_sim.instrument.closed_loop.tracker import Tracker as Tracker
     from scanner_sim.instrument.instrument import Instrument as Instrument
     from scanner_sim.instrument.samples import Samples as Samples
@@ -61,6 +63,7 @@ __all__ = [
     "__version__",
     "estimate_pose",
     "load_scenario",
+    "open_campaign",
     "poses_of",
     "read_range_image",
     "read_shots",
@@ -72,6 +75,7 @@ __all__ = [
     "simulate_waveforms",
     "take_photo",
     "track",
+    "track_many",
     "write_run",
     "write_shots",
 ]
@@ -93,6 +97,7 @@ _HOMES = {
     "WaveformSet": "scanner_sim.products.waveforms",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scenario": "scanner_sim.config",
+    "open_campaign": "scanner_sim.campaign.result",
     "poses_of": "scanner_sim.instrument.closed_loop.poses",
     "read_range_image": "scanner_sim.products.files.exr",
     "read_shots": "scanner_sim.products.files.shots_folder",
@@ -104,6 +109,7 @@ _HOMES = {
     "simulate_waveforms": "scanner_sim.instrument.simulate",
     "take_photo": "scanner_sim.instrument.simulate",
     "track": "scanner_sim.instrument.closed_loop.track",
+    "track_many": "scanner_sim.instrument.closed_loop.track",
     "write_run": "scanner_sim.products.files.run_folder",
     "write_shots": "scanner_sim.products.files.shots_folder",
 }

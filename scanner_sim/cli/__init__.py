@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from scanner_sim.cli.campaigns import campaign
 from scanner_sim.cli.judging import compare, reproduce
 from scanner_sim.cli.options import (
     Config,
@@ -130,6 +131,7 @@ def show(
 
 for verb in (orbit, calibrate, budget, pose_study, compare, reproduce):
     app.command()(verb)
+app.add_typer(campaign, name="campaign")
 
 
 @app.command()

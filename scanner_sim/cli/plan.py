@@ -40,7 +40,7 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
         "ranges seen": f"{scanner.nearest_range:.4g} m to {far}",
         "objects": ", ".join(item.name for item in scenario.scene.objects) or "none of their own",
         "memory": f"about {memory(scenario) / 1e9:.1f} GB",
-        "time": f"about {_seconds(scenario):.0f} s on two processor cores",
+        "time": f"about {START_SECONDS + run_seconds(scenario):.0f} s on two processor cores",
         "folder": str(folder),
         "files": ", ".join(_files(scenario)),
     }
@@ -115,13 +115,14 @@ def _degrees(ends: tuple[float, float]) -> str:
     return f"{math.degrees(ends[0]):.4g}° to {math.degrees(ends[1]):.4g}°"
 
 
-def _seconds(scenario: Scenario) -> float:
+def run_seconds(scenario: Scenario) -> float:
+    """Return about how long a run takes [s] where the program is loaded and its kernels are there."""
     if scenario.scan.layout == "visits":
-        return START_SECONDS + patterns(scenario) / PATTERNS_PER_SECOND
+        return patterns(scenario) / PATTERNS_PER_SECOND
     bounces = scenario.transport.bounces
     slower = 1.0 if bounces == 1 else 0.2 * scenario.transport.bounce_paths * (bounces - 1)
     shots = scenario.open_scan.shots / VOXELS_PER_SECOND * max(slower, 1.0)
-    return START_SECONDS + shots + _background_seconds(scenario)
+    return shots + _background_seconds(scenario)
 
 
 def _background_seconds(scenario: Scenario) -> float:

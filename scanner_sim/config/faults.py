@@ -10,7 +10,9 @@ from pydantic import ValidationError
 from scanner_sim.config.document import Location, Value, value_at
 from scanner_sim.config.outline import Slot, locations_of_key, slot_at
 from scanner_sim.config.preset import DEFAULT
+from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import capital, choice, nearest, shorten, shown
+from scanner_sim.foundation.parts import Part
 from scanner_sim.scene.objects import KINDS, SHAPES
 
 
@@ -22,31 +24,37 @@ class RawFault(NamedTuple):
     remedy: str
 
 
-def faults_found(error: ValidationError, data: Value, inside: Location = ()) -> list[RawFault]:
-    """Return the faults that pydantic found ``inside`` data, in its own order and without repetitions."""
+def faults_found(
+    error: ValidationError, data: Value, inside: Location = (), root: type[Part] = Scenario
+) -> list[RawFault]:
+    """Return the faults that pydantic found ``inside`` data, in its own order and without repetitions.
+
+    The ``root`` is what the data are of.
+    """
     found: dict[RawFault, None] = {}
     for details in error.errors(include_url=False):
         tagged: Location = (*inside, *details["loc"])
         location = tuple(step for step in tagged if not (isinstance(step, str) and step.startswith("(")))
-        for fault in _translate(details, tagged, location, data):
+        for fault in _translate(details, tagged, location, data, root):
             found.setdefault(fault)
     return list(found)
 
 
 def _translate(
-    details: Mapping[str, Any], tagged: Location, location: Location, data: Value
+    details: Mapping[str, Any], tagged: Location, location: Location, data: Value, root: type[Part]
 ) -> Iterator[RawFault]:
     context = details.get("ctx", {})
-    slot, came = slot_at(tagged), value_at(data, location)
+    slot, came = slot_at(tagged, root), value_at(data, location)
     match details["type"]:
         case "impossible":
             for fault in context["faults"]:
-                inside = tuple(int(step) if step.isdigit() else step for step in fault.location.split("."))
+                steps = filter(None, fault.location.split("."))
+                inside = tuple(int(step) if step.isdigit() else step for step in steps)
                 yield RawFault((*location, *inside), fault.problem, fault.remedy)
         case "extra_forbidden":
-            yield RawFault(location, *_unknown(str(location[-1]), slot_at(tagged[:-1])))
+            yield RawFault(location, *_unknown(str(location[-1]), slot_at(tagged[:-1], root)))
         case "missing" if isinstance(location[-1], int):
-            yield _wrong_length(location[:-1], slot_at(tagged[:-1]), data)
+            yield _wrong_length(location[:-1], slot_at(tagged[:-1], root), data)
         case "too_long" | "too_short":
             yield _wrong_length(location, slot, data)
         case "missing":
@@ -125,7 +133,7 @@ def _unknown(key: str, slot: Slot) -> tuple[str, str]:
     near = nearest(key, slot.keys)
     if near:
         return "there is no such key.", f"Did you mean '{near}'?"
-    elsewhere = locations_of_key(key)[:2]
+    elsewhere = locations_of_key(key, slot.root)[:2]
     known = f"known here are {', '.join(slot.keys)}."
     if elsewhere:
         return "there is no such key here.", f"It belongs to {' or '.join(elsewhere)}; {known}"

@@ -6,12 +6,11 @@ import difflib
 import stat
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
 from pydantic import ValidationError
 
 from scanner_sim.config.document import (
-    LONGEST_NUMBER,
     Document,
     Location,
     Value,
@@ -21,11 +20,15 @@ from scanner_sim.config.document import (
 )
 from scanner_sim.config.faults import faults_found
 from scanner_sim.config.preset import DEFAULT, Preset, fill, preset_of, read_preset
+from scanner_sim.config.replacing import make_room, plain, put, put_overrides, steps_of
 from scanner_sim.config.scanner import FILLED, Scanner
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.config.wording import choice, shown
+from scanner_sim.config.wording import shown
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
+from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import FROM_FILE
+
+AnyPart = TypeVar("AnyPart", bound=Part)
 
 LARGEST_FILE = 1_000_000
 """Bytes of a scenario file: thousands of objects need half of it, and reading it takes some twenty seconds."""
@@ -58,7 +61,7 @@ def load_scenario(source: str | Path | Mapping[str, object], overrides: Sequence
     """
     if isinstance(source, Mapping):
         try:
-            document = Document(_plain(source))
+            document = Document(plain(source))
         except RecursionError:
             raise ScenarioError([Fault("", "it is nested without end.", "Flatten it.")]) from None
         return _load(document, "scenario", {}, overrides)
@@ -66,6 +69,47 @@ def load_scenario(source: str | Path | Mapping[str, object], overrides: Sequence
     return _load(
         read_document(_text(path)), str(path), {**FROM_FILE, "folder": path.absolute().parent}, overrides
     )
+
+
+def read_part(path: Path, kind: type[AnyPart], what: str) -> tuple[AnyPart, Document]:
+    """Read a file of another kind than a scenario by the same rules; relative paths in it count from its folder.
+
+    Parameters
+    ----------
+    path
+        A YAML file.
+    kind
+        The part that it holds.
+    what
+        A word for that, with its article.
+
+    Returns
+    -------
+    AnyPart, Document
+        What it holds, and the lines of its values.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    ScenarioError
+        If it has faults; it holds all that could be found, in the order of the file.
+    """
+    document = read_document(_text(path))
+    faults = list(document.faults)
+    if document.readable and not isinstance(document.data, dict):
+        problem = f"it holds {shown(document.data)} instead of the keys of {what}."
+        faults.append(Fault("", problem, "Begin with 'schema: 1'.", document.line(())))
+    if not isinstance(document.data, dict):
+        raise ScenarioError(faults, source=str(path))
+    try:
+        folder = path.absolute().parent
+        found = kind.model_validate(document.data, context={**FROM_FILE, "folder": folder})
+    except ValidationError as error:
+        faults += _faults(error, document, {}, root=kind)
+    if faults:
+        raise ScenarioError(_in_order(faults), source=str(path))
+    return found, document
 
 
 def scenario_from_text(text: str, *, name: str) -> Scenario:
@@ -76,6 +120,47 @@ def scenario_from_text(text: str, *, name: str) -> Scenario:
     return _load(read_document(text), name, FROM_FILE, ())
 
 
+def replaced(
+    scenario: Scenario,
+    changes: Mapping[str, object],
+    *,
+    name: str = "scenario",
+    context: Mapping[str, object] | None = None,
+) -> Scenario:
+    """Return a scenario with other values, as :meth:`~scanner_sim.config.scenario.Scenario.replace` says.
+
+    Parameters
+    ----------
+    scenario
+        The scenario, which stays as it is.
+    changes
+        Values by key.
+    name
+        Where the changes came from, for messages.
+    context
+        Of validation: :data:`~scanner_sim.foundation.units.FROM_FILE` where units are compulsory, the ``folder`` from
+        which relative paths count.
+    """
+    document = Document(scenario.model_dump(mode="json", by_alias=True))
+    faults: list[Fault] = []
+    for key, value in changes.items():
+        try:
+            put(document.data, steps_of(key), plain(value))
+        except ValueError as error:
+            faults.append(Fault(str(key), str(error)))
+    make_room(document.data, changes)
+    if "scanner.preset" in changes and "scanner" not in changes:
+        problem = "every value of this scenario's instrument is written out, so another preset changes none of them."
+        remedy = "Replace the block as a whole: scanner: {preset: my_scanner.yaml}."
+        faults.append(Fault("scanner.preset", problem, remedy))
+    if faults:
+        raise ScenarioError(faults, source=name)
+    return _load(document, name, context or {}, ())
+
+
+Scenario.replaced_by = replaced
+
+
 def _load(document: Document, name: str, context: Mapping[str, object], overrides: Sequence[str]) -> Scenario:
     """Return the scenario of a document, or raise all of its faults."""
     if not document.readable:
@@ -83,7 +168,7 @@ def _load(document: Document, name: str, context: Mapping[str, object], override
     if not isinstance(document.data, dict):
         raise ScenarioError([_no_scenario(document)], source=name)
     faults = list(document.faults)
-    origins = _override(document, overrides, faults)
+    origins = put_overrides(document, overrides, faults)
     if (version := _version_fault(document, origins)) is not None:
         raise ScenarioError([version], source=name)
     _fill_scanner(document, context.get("folder", ""), origins, faults)
@@ -97,12 +182,16 @@ def _load(document: Document, name: str, context: Mapping[str, object], override
 
 
 def _faults(
-    error: ValidationError, document: Document, origins: Mapping[Location, str], inside: Location = ()
+    error: ValidationError,
+    document: Document,
+    origins: Mapping[Location, str],
+    inside: Location = (),
+    root: type[Part] = Scenario,
 ) -> list[Fault]:
     """Return what pydantic found, but for what is missing or doubtful because of faults of the text."""
     return [
         _fault(document, origins, *found)
-        for found in faults_found(error, document.data, inside)
+        for found in faults_found(error, document.data, inside, root)
         if not any(found.location[: len(location)] == location for location in document.broken)
     ]
 
@@ -214,16 +303,6 @@ def _similar(path: Path) -> str:
     return f"Did you mean {path.parent / near[0]}?" if near else "Check the name and the folder."
 
 
-def _plain(value: Any) -> Value:
-    """Return a copy in dictionaries and lists, which overrides may change."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, int) and value.bit_length() > 4 * LONGEST_NUMBER:
-        # Python does not even write such a number as text.
-        return f"a number of {value.bit_length()} bits"
-    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
-
-
 def _no_scenario(document: Document) -> Fault:
     if document.data is None:
         return Fault("", "it is empty.", "Begin with 'schema: 1'; the folder configs has examples.")
@@ -252,78 +331,3 @@ def _fault(
             where = f"{spell(location, document.data)}, set by {shown(origins[location[:length]])}"
             return Fault(where, problem, remedy)
     return Fault(spell(location, document.data), problem, remedy, document.line(location))
-
-
-def _override(document: Document, overrides: Sequence[str], faults: list[Fault]) -> dict[Location, str]:
-    """Put the overrides into the data; return which location each of them filled."""
-    origins: dict[Location, str] = {}
-    for text in overrides:
-        path, equals, value_text = text.partition("=")
-        steps = path.strip().split(".")
-        if not equals or not all(steps):
-            faults.append(
-                Fault(
-                    f"override {shown(text)}",
-                    "this is not KEY=VALUE.",
-                    "Write for example scanner.laser.power=20 mW.",
-                )
-            )
-            continue
-        value = read_document(value_text.strip())
-        if value.faults:
-            faults += [
-                Fault(f"override {shown(text)}", fault.problem, fault.remedy) for fault in value.faults
-            ]
-            continue
-        try:
-            origins[_put(document.data, steps, value.data)] = text
-        except ValueError as error:
-            faults.append(Fault(f"override {shown(text)}", str(error)))
-    return origins
-
-
-def _put(data: Value, steps: list[str], value: Value) -> Location:
-    """Put a value into the data; return its location, or that of the first key that had to be made.
-
-    Raises
-    ------
-    ValueError
-        If the way there leads through something that has no keys.
-    """
-    inside: Value = data
-    location: Location = ()
-    made: Location = ()
-    for number, step in enumerate(steps):
-        last = number == len(steps) - 1
-        if isinstance(inside, list):
-            index = _index(inside, step, location)
-            location = (*location, index)
-            if last:
-                inside[index] = value
-            inside = inside[index]
-        elif isinstance(inside, dict):
-            location = (*location, step)
-            if last:
-                inside[step] = value
-            elif inside.get(step) is None:
-                inside[step] = {}
-                made = made or location
-            inside = inside[step]
-        else:
-            raise ValueError(f"{spell(location)} is {shown(inside)}, which has no keys. Set it as a whole.")
-    return made or location
-
-
-def _index(items: list[Value], step: str, location: Location) -> int:
-    """Return the index that a step names: a number, or the name of an object."""
-    names = [str(item.get("name")) if isinstance(item, dict) else "" for item in items]
-    if step in names:
-        return names.index(step)
-    if step.isdecimal() and len(step) < 10 and int(step) < len(items):
-        return int(step)
-    if step.isdecimal():
-        raise ValueError(f"{spell(location)} has {len(items)} entries, counted from 0.")
-    known = tuple(name for name in names if name)
-    raise ValueError(
-        f"{spell(location)} has no entry called {shown(step)}. {choice(step, known) if known else 'Write an index.'}"
-    )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import UnionType
@@ -30,6 +31,7 @@ class Slot:
     dimension: Dimension | None = None
     choices: tuple[str | int, ...] = ()
     field: FieldInfo | None = None
+    root: type[Part] = Scenario
 
     @property
     def keys(self) -> tuple[str, ...]:
@@ -46,7 +48,7 @@ class Slot:
         if self.choices:
             return inline_yaml(self.choices[0])
         if self.part is not None:
-            return f"{{{self.keys[0]}: {slot_at((*self.location, self.keys[0])).example}}}"
+            return f"{{{self.keys[0]}: {slot_at((*self.location, self.keys[0]), self.root).example}}}"
         return inline_yaml(self._unwritten)
 
     @property
@@ -65,7 +67,9 @@ class Slot:
     def preset(self) -> Value:
         """What the instrument of a scenario that names none has here, as its file spells it; None elsewhere."""
         steps = [step for step in self.location if not step.startswith("(")]
-        return value_at(dict(read_preset(DEFAULT).values), steps[1:]) if steps[:1] == ["scanner"] else None
+        if self.root is not Scenario or steps[:1] != ["scanner"]:
+            return None
+        return value_at(dict(read_preset(DEFAULT).values), steps[1:])
 
     @property
     def _unwritten(self) -> Any:
@@ -76,23 +80,39 @@ class Slot:
 
 
 @cache
-def outline() -> dict[tuple[str, ...], Slot]:
-    """Return every location of a scenario; union tags in parentheses are steps of their own."""
+def outline(root: type[Part] = Scenario) -> dict[tuple[str, ...], Slot]:
+    """Return every location of a scenario, or of another kind of file; union tags in parentheses are steps, too."""
     slots: dict[tuple[str, ...], Slot] = {}
-    _visit(Scenario, (), (), None, slots)
+    _visit(root, (), (), None, slots)
+    for slot in slots.values():
+        slot.root = root
     return slots
 
 
-def slot_at(location: tuple[str | int, ...]) -> Slot:
+def slot_at(location: tuple[str | int, ...], root: type[Part] = Scenario) -> Slot:
     """Return the slot of a location as pydantic names it, tags included; an empty one outside of the outline."""
-    return outline().get(tuple(EACH if isinstance(step, int) else step for step in location), Slot())
+    slots, here = outline(root), tuple[str, ...]()
+    for step in location:
+        # Any key of a mapping that is not a part, and any index of a list.
+        here = (*here, step) if isinstance(step, str) and (*here, step) in slots else (*here, EACH)
+    return slots.get(here, Slot(root=root))
 
 
-def locations_of_key(key: str) -> list[str]:
+def slots_of_key(steps: Sequence[str | int]) -> list[Slot]:
+    """Return what may stand at a key of a scenario, whatever the kinds of what is around it."""
+    wanted = tuple(EACH if isinstance(step, int) else step for step in steps)
+    return [
+        slot
+        for location, slot in outline().items()
+        if tuple(step for step in location if not step.startswith("(")) == wanted
+    ]
+
+
+def locations_of_key(key: str, root: type[Part] = Scenario) -> list[str]:
     """Return the locations where a key is legal, as a user would write them."""
     found = {
         ".".join(step for step in (*location, key) if not step.startswith("(")).replace(f".{EACH}", "[…]")
-        for location, slot in outline().items()
+        for location, slot in outline(root).items()
         if key in slot.keys
     }
     return sorted(found, key=lambda text: (text.count("."), text))
@@ -115,6 +135,8 @@ def _visit(
     if get_origin(kind) in (Union, UnionType):
         for choice in get_args(kind):
             _visit(choice, (), location, field, slots)
+    elif get_origin(kind) is dict:
+        _visit(get_args(kind)[1], (), (*location, EACH), field, slots)
     elif get_origin(kind) is tuple:
         _visit(get_args(kind)[0], (), (*location, EACH), field, slots)
     elif get_origin(kind) is Literal:

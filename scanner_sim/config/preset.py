@@ -31,7 +31,7 @@ _SUFFIXES = (".yaml", ".yml")
 _LARGEST = 1_000_000
 """Bytes of a file."""
 _KEYS = ("schema", "about", "scanner")
-_ONE_OF = ("peak_power", "energy")
+ONE_OF = ("peak_power", "energy")
 """Keys of a pulse that exclude one another: the one that a scenario gives stands in the place of the preset's."""
 
 
@@ -144,19 +144,17 @@ def _whole(block: object, wanted: object) -> bool:
     """Return whether a block leaves out nothing of another."""
     if not isinstance(block, Mapping) or not isinstance(wanted, Mapping):
         return block is not None
-    given = any(block.get(key) is not None for key in _ONE_OF)
-    return all((given and key in _ONE_OF) or _whole(block.get(key), value) for key, value in wanted.items())
+    given = any(block.get(key) is not None for key in ONE_OF)
+    return all((given and key in ONE_OF) or _whole(block.get(key), value) for key, value in wanted.items())
 
 
 def _over(preset: object, block: object) -> Any:
     """Return a block laid over that of a preset; what is no block replaces what lies below it."""
     if not isinstance(block, Mapping) or not isinstance(preset, Mapping):
         return block
-    given = any(block.get(key) is not None for key in _ONE_OF)
-    below = {key: value for key, value in preset.items() if not (given and key in _ONE_OF)}
-    above = {
-        key: _over(preset.get(key), value) for key, value in block.items() if given or key not in _ONE_OF
-    }
+    given = any(block.get(key) is not None for key in ONE_OF)
+    below = {key: value for key, value in preset.items() if not (given and key in ONE_OF)}
+    above = {key: _over(preset.get(key), value) for key, value in block.items() if given or key not in ONE_OF}
     return below | above
 
 

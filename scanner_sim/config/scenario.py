@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Annotated, Literal, TypeAlias
+from collections.abc import Callable, Iterator, Mapping
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Discriminator, Field, Tag
 
 from scanner_sim.config.scanner import Scanner
+from scanner_sim.config.wording import inline_yaml
 from scanner_sim.foundation.errors import Fault, InputError
+from scanner_sim.foundation.html_text import html_box, html_folded, html_rows
 from scanner_sim.foundation.parts import Count, Part
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.products.settings import Output
@@ -57,6 +59,24 @@ ScanChoice = Annotated[
 ]
 
 
+def _values(data: object, key: str) -> Iterator[tuple[str, str]]:
+    """Yield the key and the value, as YAML, of everything in plain data that is written."""
+    if isinstance(data, dict) and data:
+        for name, value in data.items():
+            yield from _values(value, f"{key}.{name}")
+    elif isinstance(data, list) and any(isinstance(value, dict | list) for value in data):
+        for number, value in enumerate(data):
+            yield from _values(value, f"{key}[{number}]")
+    elif data is not None:
+        yield key, inline_yaml(data)
+
+
+def _first_words(section: dict[str, object]) -> str:
+    """Return what stands first in a section: what it is of, mostly."""
+    name, value = next(iter(section.items()), ("", ""))
+    return f"{name} {value}" if isinstance(value, str | int | float) else ", ".join(section)
+
+
 class Scenario(Part):
     """Instrument, scene, scan and processing: the same scenario gives the same bytes.
 
@@ -97,6 +117,42 @@ class Scenario(Part):
     """The video camera beside the scanner: what ``camera.png`` shows where the Sun shines."""
     output: Output = Output()
     """What is written."""
+
+    replaced_by: ClassVar[Callable[[Scenario, Mapping[str, object]], Scenario]]
+    """What :meth:`replace` does: ``config/load.py`` puts it here, whose words for faults need this class first."""
+
+    def replace(self, changes: Mapping[str, object]) -> Scenario:
+        """Return a copy with other values, checked as if they had stood in the file.
+
+        Parameters
+        ----------
+        changes
+            Values by key: ``{"scanner.laser.power": "10 mW", "scene.objects.wall.position": (0, 0, 8)}``. Plain numbers
+            are SI. Entries of a list go by their index or the name of an object. A block replaces a whole one, and is
+            completed by the defaults; ``{"scanner": {"preset": "my_scanner.yaml"}}`` is another instrument.
+
+        Returns
+        -------
+        Scenario
+
+        Raises
+        ------
+        ScenarioError
+            With all faults that could be found, each at its key, those of values that contradict one another too.
+        """
+        return type(self).replaced_by(self, changes)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: every value, section by section."""
+        return html_box(
+            "Scenario",
+            *(
+                html_folded(f"{section}: {_first_words(value)}", html_rows(list(_values(value, section))))
+                if isinstance(value, dict)
+                else html_rows([(section, value)])
+                for section, value in self.model_dump(mode="json", by_alias=True).items()
+            ),
+        )
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield angles beyond the mirrors, range gates beyond what is recorded, and settings that find no room."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32, Vector4f
-from scanner_sim.foundation.streams import Seed, Stream, generator
+from scanner_sim.foundation.streams import Seed, Stream, device_seeds, generator
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.render.shots import draw_errors
 
@@ -71,15 +71,17 @@ def readings(
     return read[0], read[1]
 
 
-def reading_noise(shot: NDArray[np.uint32], mirrors: Mirrors, seed: int) -> tuple[Array, Array]:
+def reading_noise(
+    shot: NDArray[np.uint32], mirrors: Mirrors, seed: NDArray[np.uint64]
+) -> tuple[Array, Array]:
     """Return by how much encoders that round nothing read more than the angle of their latching [rad], each (n,).
 
-    The jitter that they see and their noise, which depend on the shots' numbers alone: :func:`read_encoders` without
-    the angles.
+    The jitter that they see and their noise, which depend on the shots' numbers and seeds alone, each (n,):
+    :func:`read_encoders` without the angles.
     """
-    number = auto.UInt32(for_device(shot, np.uint32))
-    seen = draw_errors(number, [], mirrors, seed)[1]
-    drawn = reading_normals(number, seed)
+    number, own = auto.UInt32(for_device(shot, np.uint32)), device_seeds(seed)
+    seen = draw_errors(number, [], mirrors, own)[1]
+    drawn = reading_normals(number, own)
     dr.eval(seen, drawn)
     theta, phi = (
         np.asarray(jitter.numpy(), dtype=np.float64)

@@ -16,6 +16,8 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 MOST_FAULTS = 50
 """Faults that a message lists; the error holds them all."""
@@ -75,6 +77,10 @@ class ScannerSimError(Exception):
     def __init__(self, message: str, *, remedy: str = "") -> None:
         self.message, self.remedy = _to_printable(message), _to_printable(remedy)
         super().__init__(self.message)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Say how to make the error again in another process."""
+        return partial(type(self), remedy=self.remedy), (self.message,)
 
     def __str__(self) -> str:
         return f"{self.message} {self.remedy}".strip()
@@ -140,3 +146,7 @@ class ScenarioError(InputError):
         super().__init__("\n".join([f"{printable(source)}: {count}", *lines]))
         self.faults = tuple(faults)
         self.source = source
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Say how to make the error again in another process."""
+        return partial(type(self), source=self.source), (self.faults,)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -127,9 +128,11 @@ def check_shots(scenario: Scenario, batch: int = BATCH) -> None:
     _check(_layers(scenario) + _background(scenario), *_words(scenario))
 
 
-def check_patterns(scenario: Scenario) -> None:
-    """Check that the patterns of a tracking run fit in the memory that is free; as :func:`check_shots`."""
-    _check(_records(scenario), *_words(scenario))
+def check_patterns(scenarios: Sequence[Scenario]) -> None:
+    """Check that the patterns of tracking runs fit in the memory that is free; as :func:`check_shots`."""
+    words, remedy = _words(scenarios[0])
+    runs = f"{len(scenarios)} runs of {words}" if len(scenarios) > 1 else words
+    _check(sum(_records(scenario) for scenario in scenarios), runs, remedy)
 
 
 def check_waveforms(scenario: Scenario, count: int) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.arithmetic import inverse, product, pseudo_inverse
+from scanner_sim.foundation.html_text import html_box, html_rows
 from scanner_sim.pose.collinearity import project
 from scanner_sim.pose.covariance import relative_pose
 from scanner_sim.pose.estimate import Robust, estimate_pose
@@ -88,6 +89,21 @@ class PoseSeries:
     def sigma(self) -> Array:
         """Standard deviations of (δt, δω) [m, rad], shape (n, 6)."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: how many poses there are, with their median σ and the rms of their errors."""
+        good = self.status == PoseStatus.VALID
+        rows = []
+        if good.any():
+            # Millimetres, and thousandths of a degree.
+            units = np.repeat([1e3, 1e3 * np.degrees(1.0)], 3)
+            sigma = units * np.median(self.sigma[good], axis=0)
+            rms = units * np.sqrt(np.mean(np.square(self.error[good]), axis=0))
+            for name, values in (("median σ", sigma), ("rms error", rms)):
+                rows.append((name, *(f"{value:.3g}" if np.isfinite(value) else "–" for value in values)))
+        axes = ("x [mm]", "y [mm]", "z [mm]", "about x [m°]", "about y [m°]", "about z [m°]")
+        title = f"{self.label} by {self.method}: {np.count_nonzero(good)} of {len(good)} poses valid"
+        return html_box(title, html_rows(rows, ("", *axes)) if rows else "")
 
     @property
     def error(self) -> Array:

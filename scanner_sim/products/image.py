@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import xarray
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.html_text import html_picture
+from scanner_sim.products.grey import thumbnail
 from scanner_sim.products.layers import LayeredResult, attributes, closed, layer_variables
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -43,6 +49,31 @@ class RangeImage(LayeredResult):
         """Number of rows and columns."""
         return len(self.phi), len(self.theta)
 
+    def plot(self, name: str = "range_m", axes: Axes | None = None) -> Axes:
+        """Draw a layer with matplotlib: axes in degrees, units at the colour bar, voxels without a value explained.
+
+        Parameters
+        ----------
+        name
+            Layer.
+        axes
+            Where to draw; by default in a new figure of pyplot.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            With ``axes.figure``, for further drawing or ``savefig``.
+
+        Raises
+        ------
+        KeyError
+            If there is no such layer; the message names those that there are.
+        """
+        # Late: most simulations draw nothing, and pyplot takes a third of a second.
+        from scanner_sim.products.pictures.plot import plot_layer
+
+        return plot_layer(self, self.theta, self.phi, name, axes)
+
     def to_xarray(self) -> xarray.Dataset:
         """Return the image as an xarray dataset.
 
@@ -63,6 +94,12 @@ class RangeImage(LayeredResult):
             ),
         }
         return xarray.Dataset(variables, coordinates, attributes(self, "range image"))
+
+    def _html_picture(self) -> str:
+        if "range_m" not in self:
+            return ""
+        wide = min(256, max(96, 256 * self.shape[1] // self.shape[0]))
+        return html_picture(thumbnail(self["range_m"], 128), "range, near bright and far dark", wide)
 
     def _title(self) -> str:
         rows, columns = self.shape

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import partial
 from types import MappingProxyType
 from typing import Any
 
@@ -13,6 +14,7 @@ import xarray
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
+from scanner_sim.foundation.html_text import html_box, html_folded, html_rows
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.provenance import in_order, versions
 
@@ -82,6 +84,12 @@ class LayeredResult(ABC):
     def _title(self) -> str:
         """Return a line that says what the result is of."""
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Say how to make the result again in another process: of its arrays, checked and closed as here."""
+        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        values |= {"channels": dict(self.channels), "made_by": dict(self.made_by)}
+        return partial(type(self), **values), ()
+
     def __getitem__(self, name: str) -> NDArray[np.float32]:
         """Return a layer.
 
@@ -117,6 +125,28 @@ class LayeredResult(ABC):
         lines.extend(f"  warning: {warning}" for warning in self.warnings)
         return "\n".join(lines)
 
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the outcome, and the layers behind a click."""
+        status, rows = self["status"], [("with a range", f"{100.0 * self.valid.mean():.4g} %")]
+        rows.append(("ranges", self._ranges(self.valid).removeprefix(", ")))
+        for code in Status:
+            share = float(np.mean(status == code))
+            if share and code is not Status.VALID:
+                rows.append((code.name.lower().replace("_", " "), f"{100.0 * share:.3g} %: {code.sentence}"))
+        rows += [("objects", ", ".join(self.objects)), ("seed", str(self.seed))]
+        rows += [("warning", text) for text in self.warnings]
+        layers = [(name, CHANNEL[name].unit, CHANNEL[name].meaning) for name in self.channels]
+        return html_box(
+            self._title(),
+            self._html_picture(),
+            html_rows([(word, phrase) for word, phrase in rows if phrase]),
+            html_folded(f"{len(layers)} layers", html_rows(layers, ("name", "unit", "meaning"))),
+        )
+
+    def _html_picture(self) -> str:
+        """Return a picture for a notebook, as HTML; none by default."""
+        return ""
+
     def _ranges(self, valid: NDArray[np.bool_]) -> str:
         if "range_m" not in self or not valid.any():
             return ""
@@ -129,13 +159,13 @@ class LayeredResult(ABC):
 
 def _check_codes(result: LayeredResult) -> None:
     """Raise a ValueError where a layer of codes holds something else than their whole numbers."""
-    for name, names in _legends(result).items():
+    for name, names in legends(result).items():
         layer, end = result[name], len(names) - 1
         if not ((layer >= 0) & (layer <= end) & (layer == np.rint(layer))).all():
             raise ValueError(f"{name} must hold whole numbers from 0 to {end}")
 
 
-def _legends(result: LayeredResult) -> dict[str, list[str]]:
+def legends(result: LayeredResult) -> dict[str, list[str]]:
     """Return the names behind the numbers of each layer of whole numbers."""
     own = {"truth.object": result.objects, "truth.material": result.materials}
     return {
@@ -174,7 +204,7 @@ def attributes(result: LayeredResult, title: str) -> dict[str, str]:
 
 def layer_variables(result: LayeredResult, dimensions: tuple[str, ...]) -> dict[str, Any]:
     """Return layers as variables for xarray over some dimensions, with units, meanings and names of their codes."""
-    names, variables = _legends(result), {}
+    names, variables = legends(result), {}
     for name, layer in result.channels.items():
         about: dict[str, object] = {"units": CHANNEL[name].unit, "long_name": CHANNEL[name].meaning}
         values: NDArray[np.float32] | NDArray[np.int32] = layer

@@ -60,6 +60,22 @@ class OpticalLayout:
 
 
 @dataclass
+class Drawn:
+    """Beamlets, Dr.Jit arrays of one shape.
+
+    ``node`` across the beam and ``stop`` in the aperture, two numbers each; ``weight``; ``time`` in the dwell;
+    ``variance`` of the beamlet, in those of the beam, and ``time_variance`` of the moments for which it stands.
+    """
+
+    node: list[Float]
+    stop: list[Float]
+    weight: Float
+    time: Float
+    variance: Float
+    time_variance: Float
+
+
+@dataclass
 class BeamletTables:
     """Beamlets on the device, Dr.Jit arrays of shape (k,): for those that trace the same ones again and again.
 
@@ -73,23 +89,28 @@ class BeamletTables:
     stop_normal: Float
     weights: Float
     times: Float
-    width: float
+    variances: Float
 
     @classmethod
     def of(cls, beamlets: Beamlets) -> BeamletTables:
         """Return the tables of beamlets."""
-        columns = (*beamlets.nodes.T, *beamlets.aperture.T, beamlets.weights, beamlets.times)
-        a, b, c, d, e, f = (mi.Float(for_device(values)) for values in columns)
-        return cls(a, b, c, d, e, f, beamlets.width)
+        columns = (
+            *beamlets.nodes.T,
+            *beamlets.aperture.T,
+            beamlets.weights,
+            beamlets.times,
+            beamlets.variances,
+        )
+        return cls(*(mi.Float(for_device(values)) for values in columns))
 
     @property
     def count(self) -> int:
         """Number of beamlets."""
         return int(dr.width(self.weights))
 
-    def draw(self, beamlet: UInt32, shot: UInt32) -> tuple[list[Float], list[Float], Float, Float]:  # noqa: ARG002 (alike in all)
-        """Return nodes, points of the aperture, weights and moments of beamlets, by their numbers."""
-        across, normal, first, second, weight, time = (
+    def draw(self, beamlet: UInt32, shot: UInt32) -> Drawn:  # noqa: ARG002 (alike in all)
+        """Return beamlets, by their numbers; each has one moment."""
+        across, normal, first, second, weight, time, variance = (
             dr.gather(mi.Float, values, beamlet)
             for values in (
                 self.across,
@@ -98,42 +119,34 @@ class BeamletTables:
                 self.stop_normal,
                 self.weights,
                 self.times,
+                self.variances,
             )
         )
-        return [across, normal], [first, second], weight, time
+        return Drawn([across, normal], [first, second], weight, time, variance, mi.Float(0.0))
 
 
 @dataclass
-class Lanes:
+class Lanes(Drawn):
     """A lane for each of k beamlets of each of n shots: lane i · k + j is beamlet j of shot i.
 
-    ``count`` is k; Dr.Jit arrays of shape (n · k,): ``shot`` and ``beamlet`` i and j; ``own`` the shot itself;
-    ``node``, ``stop``, ``weight`` and ``time`` of the beamlet.
+    ``count`` is k; Dr.Jit arrays of shape (n · k,): ``shot`` and ``beamlet`` i and j; ``own`` the shot itself.
     """
 
     count: int
     shot: UInt32
     beamlet: UInt32
     own: Shots
-    node: list[Float]
-    stop: list[Float]
-    weight: Float
-    time: Float
 
 
 class Split(Protocol):
-    """How the beams of shots are split into ``count`` beamlets of a width each."""
+    """How the beams of shots are split into ``count`` beamlets each."""
 
     @property
     def count(self) -> int:
         """Number of beamlets of each shot."""
 
-    @property
-    def width(self) -> float:
-        """Standard deviation of each, in those of the beam."""
-
-    def draw(self, beamlet: UInt32, shot: UInt32) -> tuple[list[Float], list[Float], Float, Float]:
-        """Return nodes, points of the aperture, weights and moments of beamlets of shots, by their numbers."""
+    def draw(self, beamlet: UInt32, shot: UInt32) -> Drawn:
+        """Return beamlets of shots, by their numbers."""
 
 
 def lanes(beamlets: Beamlets | Split, shots: Shots) -> Lanes:
@@ -143,8 +156,8 @@ def lanes(beamlets: Beamlets | Split, shots: Shots) -> Lanes:
     lane = dr.arange(mi.UInt32, dr.width(shots.theta) * count)
     shot = lane // count
     beamlet = lane - shot * count
-    node, stop, weight, time = split.draw(beamlet, shot)
-    return Lanes(count, shot, beamlet, shots.take(shot), node, stop, weight, time)
+    drawn = split.draw(beamlet, shot)
+    return Lanes(**vars(drawn), count=count, shot=shot, beamlet=beamlet, own=shots.take(shot))
 
 
 def frame_at(layout: OpticalLayout, shots: Shots, time: Float) -> Frame:

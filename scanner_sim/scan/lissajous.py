@@ -78,7 +78,9 @@ class Figure(NamedTuple):
     position: Array
 
 
-def figures(pattern: LissajousPattern, number: ArrayLike, centre: ArrayLike) -> Figure:
+def figures(
+    pattern: LissajousPattern, number: ArrayLike, centre: ArrayLike, amplitude: ArrayLike | None = None
+) -> Figure:
     """Return the figures of patterns with the given numbers.
 
     Parameters
@@ -90,6 +92,8 @@ def figures(pattern: LissajousPattern, number: ArrayLike, centre: ArrayLike) -> 
         and the inverted one after it have the same dither, so that they differ in nothing else.
     centre
         Where each is put before dithering, (Θ, φ) [rad], shape (patterns, 2) or (2,).
+    amplitude
+        Amplitude of each along Θ [rad], shape (patterns,); by default the figure's.
 
     Returns
     -------
@@ -101,7 +105,8 @@ def figures(pattern: LissajousPattern, number: ArrayLike, centre: ArrayLike) -> 
     pair = count // 2 if pattern.inversion else count
     sign = np.where(pattern.inversion & (count % 2 == 1), -1.0, 1.0)
     even = np.modf(0.5 + pair[:, None] * np.array([_FIRST, _SECOND, _THIRD]))[0]
-    size = pattern.amplitude * np.array([1.0, pattern.aspect])
+    along = np.asarray(pattern.amplitude if amplitude is None else amplitude, dtype=np.float64)
+    size = along[..., None] * np.array([1.0, pattern.aspect])
     phase = np.zeros((len(count), 2)) + np.asarray(pattern.phases, dtype=np.float64)
     phase[:, 0] += pattern.dither_phase * (2.0 * even[:, 2] - 1.0)
     if pattern.dither_sampling:
@@ -138,12 +143,12 @@ def figure_angles(figure: Figure, cycles: tuple[int, int], share: ArrayLike) -> 
 
 
 def figure_slopes(figure: Figure, cycles: tuple[int, int], share: Array) -> Array:
-    """Return d(Θ, φ)/d(t/T) of one figure [rad], shape (2, times); over T they are rates.
+    """Return d(Θ, φ)/d(t/T) of figures [rad], shape (patterns, 2, times); over T they are rates.
 
     Arguments as in :func:`figure_angles`.
     """
     turn = 2.0 * math.pi * np.array(cycles)[:, None]
-    return -turn * figure.amplitude[0, :, None] * np.sin(turn * share + figure.phase[0, :, None])
+    return -turn * figure.amplitude[:, :, None] * np.sin(turn * share + figure.phase[:, :, None])
 
 
 def sample_shares(points: int, per_point: int = 1) -> Array:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields
 from typing import NamedTuple
 
 import numpy as np
@@ -120,7 +120,7 @@ class MirrorPair:
 
 @dataclass(frozen=True)
 class PatternMotion:
-    """A pattern as the mirrors ran it; angles in the middle of each dwell [rad], shape (points,).
+    """A pattern as the mirrors ran it; angles in the middle of each dwell [rad], shape (..., points).
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class PatternMotion:
     travel_theta, travel_phi
         By how much the shafts move during a dwell, rate · dwell.
     limited
-        Whether the mirrors were at a limit during the pattern, once they had caught up with its beginning.
+        Whether the mirrors were at a limit during the pattern, once they had caught up with its beginning, shape (...).
     """
 
     time: Array
@@ -147,12 +147,35 @@ class PatternMotion:
     latched_phi: Array
     travel_theta: Array
     travel_phi: Array
-    limited: bool
+    limited: NDArray[np.bool_]
+
+    def of(self, row: int) -> PatternMotion:
+        """Return one of several patterns."""
+        return PatternMotion(*(getattr(self, field.name)[row] for field in fields(self)))
+
+    @classmethod
+    def stack(cls, motions: Sequence[PatternMotion]) -> PatternMotion:
+        """Return several patterns of as many points as one, along a new first axis."""
+        return cls(*(np.stack([getattr(one, field.name) for one in motions]) for field in fields(cls)))
 
 
 def mirrors_at(theta: float, phi: float) -> MirrorPair:
     """Return mirrors that rest at (Θ, φ) [rad] at time 0."""
     return MirrorPair(at_rest(np.array([theta, phi])), np.zeros(2))
+
+
+@dataclass(frozen=True)
+class Course:
+    """What patterns of mirrors side by side begin with: where they go, and when; each (patterns, ...).
+
+    ``number`` of each figure at its target; ``centre`` (Θ, φ) to which it goes and its ``amplitude`` along Θ [rad];
+    ``start`` of the first dwell [s], later where turning round, or jumping and settling, needs longer.
+    """
+
+    number: NDArray[np.int64]
+    centre: Array
+    amplitude: Array
+    start: Array
 
 
 def run_visit(
@@ -166,18 +189,30 @@ def run_visit(
     dwell: float,
     visiting: Visiting,
 ) -> tuple[PatternMotion, MirrorPair]:
-    """Return the motion of one visit, the way to the pattern and the pattern, and the mirrors afterwards.
+    """Return the motion of one visit and the mirrors afterwards: :func:`run_visits` of one, with these of a course."""
+    place = np.reshape(np.asarray(centre, dtype=np.float64), (1, 2))
+    course = Course(np.array([number]), place, np.array([pattern.amplitude]), np.array([start]))
+    motion, (after,) = run_visits(galvanometers, [mirrors], pattern, course, dwell=dwell, visiting=visiting)
+    return motion.of(0), after
+
+
+def run_visits(
+    galvanometers: Galvanometers,
+    mirrors: Sequence[MirrorPair],
+    pattern: LissajousPattern,
+    course: Course,
+    *,
+    dwell: float,
+    visiting: Visiting,
+) -> tuple[PatternMotion, list[MirrorPair]]:
+    """Return the motions of visits, the way to each pattern and the pattern, and the mirrors afterwards.
 
     Parameters
     ----------
     galvanometers, mirrors
-        The servos, and where they are.
-    pattern, number
-        The figure and its number at this target.
-    centre
-        (Θ, φ) [rad] to which the figure goes.
-    start
-        When the first dwell begins [s]; later where turning round, or jumping and settling, needs longer.
+        The servos, and where those of each visit are.
+    pattern, course
+        The figure, and what of it differs from visit to visit: its own amplitude does not count.
     dwell
         Time of a voxel [s].
     visiting
@@ -185,41 +220,92 @@ def run_visit(
 
     Returns
     -------
-    PatternMotion, MirrorPair
-        The pattern, and the mirrors at the end of its last dwell.
+    PatternMotion, list of MirrorPair
+        The patterns, leading axis (visits,), and the mirrors at the end of each last dwell.
     """
     step = dwell / visiting.updates
-    if start - mirrors.time > _LONGEST_APPROACH:
-        mirrors = MirrorPair(at_rest(mirrors.state.angle), np.zeros(2), start - _LONGEST_APPROACH)
-    figure = figures(pattern, number, np.asarray(centre, dtype=np.float64))
+    mirrors = [_rested(own, start) for own, start in zip(mirrors, course.start.tolist(), strict=True)]
+    figure = figures(pattern, course.number, course.centre, course.amplitude)
     shares = sample_shares(pattern.points, visiting.updates)
-    curve = np.concatenate(figure_angles(figure, pattern.cycles, shares))
-    ends = np.concatenate(figure_angles(figure, pattern.cycles, np.zeros(1)))[:, 0]
-    near = 2.0 * pattern.amplitude
+    curves = np.stack(figure_angles(figure, pattern.cycles, shares), axis=1)
+    ends = np.stack(figure_angles(figure, pattern.cycles, np.zeros(1)), axis=1)[..., 0]
     slopes = figure_slopes(figure, pattern.cycles, np.array([0.0, 1.0])) / (pattern.points * dwell)
-    state, slope = _resume_state(galvanometers, mirrors)
-    way = _approach(
-        galvanometers, state.command, slope, visiting, ends, slopes[:, 0], step, start - mirrors.time, near
-    )
-    motion, after = follow(galvanometers, state, np.concatenate([way, curve], axis=1), step)
+    begun = [_resume_state(galvanometers, own) for own in mirrors]
+    ways = [
+        _approach(galvanometers, state.command, slope, visiting, end, arriving, step, given, near)
+        for (state, slope), end, arriving, given, near in zip(
+            begun,
+            ends,
+            slopes[..., 0],
+            [start - own.time for own, start in zip(mirrors, course.start.tolist(), strict=True)],
+            (2.0 * course.amplitude).tolist(),
+            strict=True,
+        )
+    ]
+    # Ways of one length go together: those of runs in lock-step, but for jumps that need longer.
+    alike: dict[int, list[int]] = {}
+    for row, way in enumerate(ways):
+        alike.setdefault(way.shape[1], []).append(row)
+    made: dict[int, tuple[PatternMotion, int, MirrorPair]] = {}
+    for rows in alike.values():
+        states = MirrorState(*(np.stack(part) for part in zip(*(begun[row][0] for row in rows), strict=True)))
+        command = np.concatenate([np.stack([ways[row] for row in rows]), curves[rows]], axis=2)
+        left = np.array([mirrors[row].time for row in rows])
+        motion, after = _follow(galvanometers, states, command, left, pattern.points, dwell, visiting)
+        for place, row in enumerate(rows):
+            now = MirrorState(*(part[place] for part in after))
+            time = float(left[place]) + step * command.shape[2]
+            made[row] = motion, place, MirrorPair(now, slopes[row, :, 1], time)
+    if len(alike) == 1:
+        return made[0][0], [made[row][2] for row in range(len(ways))]
+    motions = [motion.of(place) for motion, place, _ in (made[row] for row in range(len(ways)))]
+    return PatternMotion.stack(motions), [made[row][2] for row in range(len(ways))]
+
+
+def _rested(mirrors: MirrorPair, start: float) -> MirrorPair:
+    """Return mirrors that have come to rest, where they have waited long for a start [s]."""
+    if start - mirrors.time <= _LONGEST_APPROACH:
+        return mirrors
+    return MirrorPair(at_rest(mirrors.state.angle), np.zeros(2), start - _LONGEST_APPROACH)
+
+
+def _follow(
+    galvanometers: Galvanometers,
+    state: MirrorState,
+    command: Array,
+    left: Array,
+    points: int,
+    dwell: float,
+    visiting: Visiting,
+) -> tuple[PatternMotion, MirrorState]:
+    """Return how mirrors that ``left`` at times [s] run patterns after their ways, and their states afterwards.
+
+    ``command`` are the angles of ways and patterns, shape (visits, 2, updates).
+    """
+    step = dwell / visiting.updates
+    motion, after = follow(galvanometers, state, command, step)
     seen = latch(motion, state, step, galvanometers.readout_delay)
-    gap = way.shape[1]
-    middle = gap + np.arange(pattern.points) * visiting.updates + visiting.updates // 2 - 1
-    commanded, true, read = (angles[:, middle] for angles in (motion.commanded, motion.true, seen))
-    travel = motion.rate[:, middle] * dwell
-    made = PatternMotion(
-        time=mirrors.time + step * (middle + 1),
-        commanded_theta=commanded[0],
-        commanded_phi=commanded[1],
-        true_theta=true[0],
-        true_phi=true[1],
-        latched_theta=read[0],
-        latched_phi=read[1],
-        travel_theta=travel[0],
-        travel_phi=travel[1],
-        limited=bool(motion.limited[:, gap + math.ceil(_CATCH_UP_LAGS * galvanometers.lag / step) :].any()),
+    gap = command.shape[2] - points * visiting.updates
+    middle = gap + np.arange(points) * visiting.updates + visiting.updates // 2 - 1
+    # Points lie side by side in memory, as those of one pattern do: sums over them go by how they lie.
+    commanded, true, read, rate = (
+        np.take(values, middle, axis=2) for values in (motion.commanded, motion.true, seen, motion.rate)
     )
-    return made, MirrorPair(after, slopes[:, 1], mirrors.time + step * motion.true.shape[1])
+    travel = rate * dwell
+    caught_up = gap + math.ceil(_CATCH_UP_LAGS * galvanometers.lag / step)
+    made = PatternMotion(
+        time=left[:, None] + step * (middle + 1),
+        commanded_theta=commanded[:, 0],
+        commanded_phi=commanded[:, 1],
+        true_theta=true[:, 0],
+        true_phi=true[:, 1],
+        latched_theta=read[:, 0],
+        latched_phi=read[:, 1],
+        travel_theta=travel[:, 0],
+        travel_phi=travel[:, 1],
+        limited=np.asarray(motion.limited[..., caught_up:].any(axis=(1, 2))),
+    )
+    return made, after
 
 
 def _resume_state(galvanometers: Galvanometers, mirrors: MirrorPair) -> tuple[MirrorState, Array]:

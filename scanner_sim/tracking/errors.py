@@ -193,4 +193,7 @@ def mean_pixel_correlation(position: Array, weight: Array) -> Array:
     width = int(last - first.min()) + 1
     place = (node - first) + width * np.arange(len(node))[:, None] + _NODES
     sums = np.bincount(place.astype(np.intp).ravel(), edge.ravel(), width * len(node)).reshape(-1, width)
-    return np.asarray((sums**2).sum(axis=1) * (2.0 * _STEP / np.sqrt(np.pi)) / weight.sum(axis=1) ** 2)
+    # Only over its own nodes: the order in which a row is added up depends on its length.
+    own = (node.max(axis=1) + _REACH - first[:, 0] + 1.0).astype(np.intp)
+    square = np.array([(row[:count] ** 2).sum() for row, count in zip(sums, own, strict=True)])
+    return np.asarray(square * (2.0 * _STEP / np.sqrt(np.pi)) / weight.sum(axis=1) ** 2)

@@ -43,25 +43,25 @@ _LARGEST_SHARE = 0.9
 
 @dataclass(frozen=True)
 class SurfaceSpeckle:
-    """What the instrument knows of the speckle of a surface at a range.
+    """What the instrument knows of the speckle of surfaces at a range, by pattern.
 
     Attributes
     ----------
     radius
-        1/e² radius w of the beam [m].
+        1/e² radius w of the beam [m], shape (patterns,).
     light
-        Relative variance of each voxel's light, C²/M with what its dwell leaves of it, shape (points,).
+        Relative variance of each voxel's light, C²/M with what its dwell leaves of it, shape (patterns, points).
     on_surface
         Share of the variance of the light's position that comes from its position on the surface; the rest follows the
-        light (:class:`~scanner_sim.optics.speckle.Packets`).
+        light (:class:`~scanner_sim.optics.speckle.Packets`), shape (patterns,).
     range_noise
-        Variance of a voxel's range without speckle [m²].
+        Variance of a voxel's range without speckle [m²], shape (patterns,).
     """
 
-    radius: float
+    radius: Array
     light: Array
-    on_surface: float
-    range_noise: float
+    on_surface: Array
+    range_noise: Array
 
 
 def surface_covariance(
@@ -69,27 +69,31 @@ def surface_covariance(
     seen: Measurement,
     speckle: SurfaceSpeckle,
 ) -> Array:
-    """Return the covariance of (Θ, φ, R) that a flat target's surface gives to all visits alike.
+    """Return the covariance of (Θ, φ, R) that flat targets' surfaces give to all visits alike.
 
     Parameters
     ----------
     samples, seen
-        One pattern, and where its voxels show the target, with their covariance.
+        Patterns, and where their voxels show the target, with their covariance.
     speckle
         The speckle there.
 
     Returns
     -------
     ndarray
-        Shape (3, 3) [rad, rad, m]; at most nine tenths of the variance that the voxels tell.
+        Shape (patterns, 3, 3) [rad, rad, m]; at most nine tenths of the variance that the voxels tell.
     """
-    if seen.sight is None or not (seen.found[0] and seen.radius[0] > 0.0):
-        return np.zeros((3, 3))
+    result = np.zeros_like(seen.covariance)
+    if seen.sight is None:
+        return result
     # Nothing is known of patterns that hardly show a target.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        result = _surface(samples, seen.sight, speckle)
-        limited = _limit(result, seen.covariance[0])
-    return limited if np.isfinite(limited).all() else np.zeros((3, 3))
+        moved = _range_errors(samples, seen.sight, speckle)
+        for row in np.flatnonzero(seen.found & (seen.radius > 0.0)).tolist():
+            limited = _limit(_surface(seen.sight, speckle, moved, row), seen.covariance[row])
+            if np.isfinite(limited).all():
+                result[row] = limited
+    return result
 
 
 def _limit(part: Array, whole: Array) -> Array:
@@ -105,23 +109,23 @@ def _limit(part: Array, whole: Array) -> Array:
     return np.asarray(part * scale)
 
 
-def _surface(samples: PatternSamples, sight: Sight, speckle: SurfaceSpeckle) -> Array:
-    """Return :func:`surface_covariance` as the voxels' gains give it."""
-    result, reach = np.zeros((3, 3)), float(sight.plane.distance[0])
-    position, rise = reach * sight.place[0], reach * rise_per_point(sight.place[0])
+def _surface(sight: Sight, speckle: SurfaceSpeckle, moved: Array, row: int) -> Array:
+    """Return :func:`surface_covariance` of a pattern as its voxels' gains give it."""
+    result, reach, radius = np.zeros((3, 3)), float(sight.plane.distance[row]), float(speckle.radius[row])
+    position, rise = reach * sight.place[row], reach * rise_per_point(sight.place[row])
     if sight.light_gains is not None:
-        light = np.sqrt(speckle.light) * sight.light_gains[0]
-        back = sight.plane.back[0]
-        result[:2, :2] = product(back, _common(position, rise, light, speckle.radius, 0.0), back.T)
-    moved = sight.range_gains[:1] * _of_speckle(samples, speckle.range_noise)
-    kept = _common(position, rise, moved, speckle.radius, speckle.on_surface)[0, 0]
+        light = np.sqrt(speckle.light[row]) * sight.light_gains[row]
+        back = sight.plane.back[row]
+        result[:2, :2] = product(back, _common(position, rise, light, radius, 0.0), back.T)
+    kept = _common(position, rise, moved[row, None], radius, float(speckle.on_surface[row]))[0, 0]
     result[2, 2] = np.maximum(kept, 0.0)
     return result
 
 
-def _of_speckle(samples: PatternSamples, noise: float) -> Array:
-    """Return what of the ranges' standard deviations [m] comes from speckle, shape (n,)."""
-    return np.sqrt(np.maximum(np.where(samples.valid[0], samples.sigma_range[0], 0.0) ** 2 - noise, 0.0))
+def _range_errors(samples: PatternSamples, sight: Sight, speckle: SurfaceSpeckle) -> Array:
+    """Return what the speckle of each voxel's range does to the target's [m], shape (patterns, points)."""
+    sigma, noise = np.where(samples.valid, samples.sigma_range, 0.0), speckle.range_noise[:, None]
+    return np.asarray(sight.range_gains * np.sqrt(np.maximum(sigma**2 - noise, 0.0)))
 
 
 def _common(position: Array, rise: Array, errors: Array, radius: float, on_surface: float) -> Array:

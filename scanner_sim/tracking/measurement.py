@@ -293,7 +293,7 @@ class _Seeing:
 
     def _ranged(self, shown: PatternSamples, centre: Centroid) -> Response:
         """Return what of the response tells the range."""
-        if not self.is_graded:
+        if self.appearance.kind is TargetKind.RETRO:
             return self.response
         whole = _away_from_rim(shown, centre, 3.0 * np.reshape(self.spot, (-1, 1)), self.duty_cycle)
         inside = self.response.used & whole

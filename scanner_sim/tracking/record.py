@@ -8,6 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.html_text import html_box, html_rows
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.measurement import TargetAppearance
 from scanner_sim.tracking.samples import PatternSamples
@@ -151,3 +152,20 @@ class Track:
     def of(self, target: str) -> tuple[PatternRecord, ...]:
         """Return the visits to a target."""
         return tuple(record for record in self.records if record.target == target)
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: each target, how often it was measured, and how precisely."""
+        rows = []
+        for target in self.targets:
+            own = self.of(target.name)
+            measured = [one for one in own if one.status is TrackStatus.MEASURED]
+            sigmas = [one.covariance[2, 2] for one in measured]
+            sigma = f"{1e3 * float(np.sqrt(np.median(sigmas))):.3g} mm" if sigmas else "none"
+            last = own[-1].after.value if own else "never visited"
+            rows.append((target.name, len(own), len(measured), sigma, last))
+        duration = max((record.time for record in self.records), default=0.0)
+        return html_box(
+            f"Track of {len(self.records)} visits in {duration:.4g} s, seed {self.seed}",
+            html_rows(rows, ("target", "visits", "measured", "median σ of R", "state at the end")),
+            html_rows([("warning", text) for text in self.warnings]) if self.warnings else "",
+        )

@@ -105,7 +105,8 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
     -------
     Response
         Intensity: voxels outside of the gate do not count, whatever their light; a voxel without a peak counts as dark,
-        a saturated one as bright for retro-reflectors. Range: what has no return counts as lying at the gate's far end.
+        a saturated one as bright for retro-reflectors. Range: what has no return, or one from behind the gate, counts
+        as lying at the gate's far end.
         The level between target and ground is :func:`two_levels` of the pattern's own voxels; what is three times
         their distance away from it counts no longer.
     """
@@ -116,6 +117,8 @@ def target_response(samples: PatternSamples, kind: TargetKind, gate: ArrayLike) 
     nothing = samples.status == Status.BELOW_THRESHOLD
     used = inside | nothing
     if kind.by_range:
+        # What is seen behind the gate is behind the target, or through the hole.
+        used |= measured & (samples.range > far)
         value = np.where(inside, samples.range, far)
         known = np.where(inside, samples.sigma_range, np.nan)
     else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
 import numpy as np
@@ -45,6 +45,11 @@ class PatternSamples:
         """Where a range was measured."""
         return np.asarray((self.status == Status.VALID) & np.isfinite(self.range))
 
+    def of(self, row: int) -> PatternSamples:
+        """Return one of the patterns."""
+        rows = slice(row, row + 1)
+        return PatternSamples(*(getattr(self, field.name)[rows] for field in fields(self)))
+
     def later(self, delay: float) -> PatternSamples:
         """Return the samples with angles corrected for a known delay [s] of their reading.
 
@@ -57,8 +62,8 @@ class PatternSamples:
 
 
 def _later(angle: Array, time: Array, delay: float) -> Array:
-    # All dwells are alike, so that a common step does.
-    dwells = delay / float(time[0, 1] - time[0, 0])
+    # All dwells of a pattern are alike, so that a common step does.
+    dwells = delay / (time[:, 1:2] - time[:, :1])
     rise = rise_per_point(angle)
     return angle + dwells * rise + (0.5 * dwells**2) * rise_per_point(rise)
 

@@ -31,6 +31,7 @@ ROOMS = (
     "config",
     "instrument",
     "validation",
+    "campaign",
     "cli",
 )
 ORDER = {name: rank for rank, name in enumerate(ROOMS)}
@@ -52,6 +53,9 @@ DEVICE_FILES = {
 }
 NUMPY_ROOMS = {"ranging", "tracking", "pose"}
 FORBIDDEN_AFTER_SIGNALS = {"mitsuba", "drjit", "torch", "jax"}
+
+# Beside the verbs of the command line and the package's own file: an image loads pyplot when it is drawn.
+LOADS_LATE = {"products/image.py"}
 
 LONGEST_MODULE = 450
 
@@ -196,11 +200,11 @@ def test_the_estimators_are_numpy_only() -> None:
 
 
 def test_imports_stand_at_the_top() -> None:
-    """Only the verbs of the command line and the package's own file load what they need when they need it."""
+    """Only what is listed loads what it needs when it needs it."""
     wrong = [
         f"{place(module, line)}: {target}"
         for module in INNER
-        if room_of(module) != "cli"
+        if room_of(module) != "cli" and str(module.relative_to(PACKAGE)) not in LOADS_LATE
         for target, line, when_loaded in imports_in(module)
         if not when_loaded
     ]

@@ -38,6 +38,7 @@ def test_the_public_names_are_these() -> None:
         "__version__",
         "estimate_pose",
         "load_scenario",
+        "open_campaign",
         "poses_of",
         "read_range_image",
         "read_shots",
@@ -49,6 +50,7 @@ def test_the_public_names_are_these() -> None:
         "simulate_waveforms",
         "take_photo",
         "track",
+        "track_many",
         "write_run",
         "write_shots",
     }

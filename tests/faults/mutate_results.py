@@ -46,7 +46,7 @@ def write_originals(folder: Path) -> None:
     write_waveforms(folder / "waveforms.nc", simulate_waveforms(scenario, [(0, 0), (3, 3)], device="cpu"))
     moving = load_scenario(REPOSITORY / "configs/track_moving.yaml", ["scan.pattern.points=32"])
     tracker = Tracker(moving, device="cpu")
-    found = track_of(tracker, tuple(record for record, _ in zip(tracker, range(16), strict=False)))
+    found = track_of(tracker.scenario, tuple(record for record, _ in zip(tracker, range(16), strict=False)))
     write_track(found, folder / "run", Output(pictures=False), poses=poses_of(found))
     _write_texts(folder)
 

@@ -40,7 +40,6 @@ def shrunk(scenario: Scenario) -> Scenario:
     """Return a scenario with all that only costs time made small: the code that runs is the same."""
     transport = scenario.transport
     few = {
-        "beamlets": 7,
         **{
             name: min(getattr(transport, name), 24)
             for name in ("uneven_beamlets", "edge_beamlets", "pattern_beamlets")
@@ -111,7 +110,7 @@ def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
         return
     tracker = Tracker(scenario, device="cpu", threads=1)
     records = tuple(record for record, _ in zip(tracker, range(VISITS), strict=False))
-    found = track_of(tracker, records)
+    found = track_of(tracker.scenario, records)
     write_track(found, folder, output, poses=poses_of(found))
 
 

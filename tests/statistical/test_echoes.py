@@ -199,7 +199,8 @@ def test_an_edge_splits_the_pulse() -> None:
     stop = 0.5 * SCANNER.receiver.aperture * np.sqrt(random.random(1_000_000)) * np.cos(angle)
     for aside in (-1.0, 0.0, 1.0):
         theta = aside * beam / 5.0
-        _, groups = echoes([near, wall(6.0, name="far")], theta, 0.0)
+        fine = Transport(edge_beamlets=256)
+        _, groups = echoes([near, wall(6.0, name="far")], theta, 0.0, settings=fine)
         share, path = groups[0].amount.numpy(), groups[0].position.numpy() + groups[0].reference.numpy()[0]
         lit = share > 0.0
         first = lit & (path < 11.0)

@@ -100,15 +100,16 @@ def test_closed_forms_are_those_of_wave_optics(kind: str, distance: float) -> No
 def test_numbers_that_no_model_may_break() -> None:
     """Claim: the figures of the theory, C = 1/√2 for the energy and C = 1 for the centroid, 10 m (energy also 20 m).
 
-    Expected: 8.7 and 10.4 % from C/√M; 1.27, 4.7 and 4.0 µm as found by wave optics elsewhere, with other random
-    wavefronts. Tolerance: 8 % (what the pupil's edge takes off is 4 %), and 12 % for another's random numbers.
+    Expected: 8.7 and 10.4 % from C/√M; 1.27 and 4.7 µm as found by wave optics elsewhere. Tolerance: 8 % (what the
+    pupil's edge takes off is 4 %). The 4.0 µm found elsewhere for random wavefronts are no such figure: they depend on
+    the wavefronts' spectrum, which is not told, and 48 wavefronts of this bench give 4.66 ± 0.04 µm; what is claimed of
+    those is the closed form, above.
     """
     for distance, contrast in ((10.0, 0.087), (20.0, 0.104)):
         found = math.sqrt(0.5 * spot("diffusion", distance).energy_variance)
         assert found == pytest.approx(contrast, rel=0.08)
     for kind, sigma in (("diffusion", 1.27e-6), ("defocus", 4.7e-6)):
         assert spot(kind, 10.0).centroid_sigma == pytest.approx(sigma, rel=0.08)
-    assert patterns("random", 10.0)[1].std() == pytest.approx(4.3e-6, rel=0.12)
 
 
 @cache

@@ -1,19 +1,25 @@
 """Patterns measured again and again: the steps of an instrument for a fixed number of shots, in frozen kernels.
 
 What Dr.Jit traces for a pattern is the same for every pattern, so it is traced once and launched from then on
-(``drjit.freeze``). All that changes goes in as two arrays; all that is measured comes out together. The physics is
+(``drjit.freeze``). All that changes goes in as three arrays; all that is measured comes out together. Patterns of
+several runs before one scene go through the kernels side by side, each with the seed of its run. The physics is
 :class:`~scanner_sim.instrument.triangulation.Triangulation`'s, and so are the random numbers, whose addresses are the
 shots' numbers. What differs is how the beam is split (:mod:`scanner_sim.render.beam.pattern`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.detector.encoders import reading_normals
-from scanner_sim.foundation.device_types import Float, UInt32
+from scanner_sim.foundation.device_types import Float, UInt32, UInt64
+from scanner_sim.foundation.streams import RunSeeds, device_seeds
 from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.samples import Samples
@@ -27,33 +33,48 @@ from scanner_sim.render.shots import Pointing
 from scanner_sim.render.transport import BeamletTables
 from scanner_sim.scan.protocol import Aim
 
+Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
+
 
 class FrozenInstrument:
     """An instrument that measures patterns of a few hundred shots fast.
 
     Parameters
     ----------
-    instrument
-        Instrument, scene and processing.
+    runs
+        Instrument, scene and processing of each run. They differ in their seeds and in how their objects move.
 
     Attributes
     ----------
     windows
-        The background that each rangefinder sees; none in the dark.
+        The background that each rangefinder sees in the first run; none in the dark.
 
     Notes
     -----
-    Time of flight, and light of several bounces, are measured by the instrument itself, with the same windows of the
-    background.
+    Patterns under the Sun, whose windows of the background are each run's own, are launched one after the other. Time
+    of flight, and light of several bounces, are measured by the instrument itself, with the same windows.
     """
 
-    def __init__(self, instrument: Instrument) -> None:
-        self.instrument = instrument
-        self._steps: dict[int, Frozen] = {}
-        lit = not instrument.scenario.lighting.sky().dark
-        self.windows = [
-            Windows(instrument, *rangefinder.sight) for rangefinder in instrument.rangefinders if lit
+    def __init__(self, *runs: Instrument) -> None:
+        self._runs, self.instrument = runs, runs[0]
+        self._seeds = np.array([own.scenario.seed for own in runs], dtype=np.uint64)
+        self._steps: dict[tuple[int, int], Frozen] = {}
+        lit = not self.instrument.scenario.lighting.sky().dark
+        finders = self.instrument.rangefinders if lit else ()
+        self.windows = [Windows(self.instrument, *finder.sight) for finder in finders]
+        self._windows = [
+            self.windows,
+            *(
+                [
+                    Windows(own, *finder.sight, like=first)
+                    for finder, first in zip(finders, self.windows, strict=True)
+                ]
+                for own in runs[1:]
+            ),
         ]
+        moved = zip(*(own.loaded.bodies for own in runs), strict=True)
+        self._moved_alike = [all(body.item == bodies[0].item for body in bodies) for bodies in moved]
 
     @property
     def fast(self) -> bool:
@@ -64,20 +85,45 @@ class FrozenInstrument:
 
     @property
     def recordings(self) -> int:
-        """How often kernels were recorded so far: once for each length of patterns."""
+        """How often kernels were recorded so far: once for each length and number of patterns."""
         return sum(step.recordings for step in self._steps.values())
 
-    def measure(self, aim: Aim) -> Samples:
-        """Return what is measured of a pattern: see :meth:`~scanner_sim.instrument.instrument.Instrument.measure`."""
-        instrument, seen = self.instrument, [windows.seen_by(aim) for windows in self.windows]
+    def measure(self, aim: Aim, run: Numbers | None = None) -> Samples:
+        """Return what is measured of patterns: see :meth:`~scanner_sim.instrument.instrument.Instrument.measure`.
+
+        Parameters
+        ----------
+        aim
+            Patterns of as many shots each, one after the other.
+        run
+            Which of the runs each pattern belongs to; by default there is one pattern, of the first.
+        """
+        own = np.zeros(1, dtype=np.int64) if run is None else run
+        count = len(own)
+        if count == 1:
+            return self._measured(aim, own)
+        if self.fast and not self.windows:
+            # Few numbers of patterns make few recordings: what is missing is the last one once more.
+            filled = np.minimum(np.arange(1 << (count - 1).bit_length()), count - 1)
+            found = self._measured(_patterns(aim, count, filled), own[filled])
+            return _joined([found], len(aim.shot))
+        return _joined(
+            [self._measured(_patterns(aim, count, row), own[row]) for row in np.arange(count)[:, None]]
+        )
+
+    def _measured(self, aim: Aim, run: Numbers) -> Samples:
+        """Return what is measured of patterns in one launch."""
+        windows, instrument = self._windows[run[0]], self.instrument
+        seen = [own.seen_by(aim) for own in windows]
         if not self.fast:
-            lit = [own.panorama(window) for own, window in zip(self.windows, seen, strict=True)]
-            return instrument.read(aim, lit or None)
+            lit = [own.panorama(window) for own, window in zip(windows, seen, strict=True)]
+            return self._runs[int(run[0])].read(aim, lit or None)
         scanner, count = instrument.scenario.scanner, len(aim.shot)
         mirrors, duty_cycle = scanner.mirrors, scanner.exposure / scanner.dwell
         still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
-        packed = packed_shots(aim, still, mirrors, duty_cycle, instrument.loaded.bodies)
-        truth, told, angles = self._step(count)(self._reads, *packed, *(seen or [[]]))
+        packed = packed_shots(aim, still, mirrors, duty_cycle, self._poses(aim, run))
+        seeds = device_seeds(self._seeds[run])
+        truth, told, angles = self._step(count, len(run))(self._reads, *packed, seeds, *(seen or [[]]))
         numbers = [part.numpy() for part in angles]
         error, shaft = ([part.astype(np.float64) for part in both] for both in (numbers[:2], numbers[2:4]))
         pointing = Pointing(error[0] + still[0], error[1] + still[1], shaft[0], shaft[1])
@@ -85,6 +131,21 @@ class FrozenInstrument:
         line = LineReadings.gathered(count, [(slice(None), told)])
         reading = instrument.triangulation.reading(truth, line, deflections)
         return instrument.samples(aim, pointing, deflections, [reading])
+
+    def _poses(self, aim: Aim, run: Numbers) -> list[Array]:
+        """Return the poses of the moving objects at the shots of patterns, each of shape (shots, 4, 4)."""
+        times = aim.time.reshape(len(run), -1)
+        return [
+            self.instrument.loaded.bodies[body].item.pose_at(aim.time)
+            if alike
+            else np.concatenate(
+                [
+                    self._runs[own].loaded.bodies[body].item.pose_at(time)
+                    for own, time in zip(run, times, strict=True)
+                ]
+            )
+            for body, alike in enumerate(self._moved_alike)
+        ]
 
     @cached_property
     def _beamlets(self) -> tuple[BeamletTables, SweptTables]:
@@ -111,28 +172,48 @@ class FrozenInstrument:
             *([] if line.bias is None else [line.bias.values]),
         ]
 
-    def _step(self, points: int) -> Frozen:
-        """Return the frozen kernels of patterns of a length."""
-        if points not in self._steps:
-            self._steps[points] = Frozen(
-                lambda reads, numbers, integers, window: self._measure(numbers, integers, window, points)
+    def _step(self, shots: int, patterns: int) -> Frozen:
+        """Return the frozen kernels of so many patterns of so many shots together."""
+        key = shots, patterns
+        if key not in self._steps:
+            self._steps[key] = Frozen(
+                lambda reads, numbers, integers, seeds, window: self._measure(
+                    numbers, integers, seeds, window, shots
+                )
             )
-        return self._steps[points]
+        return self._steps[key]
 
     def _measure(
-        self, numbers: Float, integers: UInt32, window: WindowArrays, points: int
+        self, numbers: Float, integers: UInt32, seeds: UInt64, window: WindowArrays, shots: int
     ) -> tuple[Truth, LineReadings, list[Float]]:
-        """Return truth, what the line tells, and angles of a pattern, Dr.Jit arrays of shape (points,).
+        """Return truth, what the line tells, and angles of patterns, Dr.Jit arrays of shape (shots,).
 
         The angles are the mirrors' errors, what of them the encoders see, and the normal numbers of their noise.
         """
-        instrument, seed = self.instrument, self.instrument.scenario.seed
+        instrument = self.instrument
         mirrors, bodies = instrument.scenario.scanner.mirrors, len(instrument.loaded.bodies)
-        fired = fired_shots(numbers, integers, points, mirrors, bodies, seed)
-        normals = reading_normals(fired.shots.number, seed)
+        own = RunSeeds.of(seeds, shots)
+        fired = fired_shots(numbers, integers, shots, mirrors, bodies, own.lanes)
+        normals = reading_normals(fired.shots.number, own.lanes)
         truth, light = pattern_light(instrument.loaded, instrument.optics, *self._beamlets, fired.shots)
         panorama = self.windows[0].panorama(window) if self.windows else None
         incident, _, peaks = instrument.triangulation.sense(
-            light, fired.shots, truth, fired.aimed, panorama, fixed_size=True
+            light, fired.shots, truth, fired.aimed, panorama, fixed_size=True, seeds=own
         )
         return truth, LineReadings.of(peaks, incident.link_budget()), [*fired.error, *fired.seen, *normals]
+
+
+def _patterns(aim: Aim, count: int, rows: Numbers) -> Aim:
+    """Return some of ``count`` patterns that make up an aim."""
+    return Aim(*(getattr(aim, field.name).reshape(count, -1)[rows].ravel() for field in fields(Aim)))
+
+
+def _joined(parts: Sequence[Samples], shots: int | None = None) -> Samples:
+    """Return samples one after the other: as many shots of them as are wanted."""
+
+    def join(name: str, of: str) -> NDArray[Any]:
+        return np.concatenate([getattr(part, of)[name] for part in parts])[:shots]
+
+    first = parts[0]
+    measured, truth = ({name: join(name, of) for name in getattr(first, of)} for of in ("measured", "truth"))
+    return Samples(measured, truth, first.own)

@@ -66,6 +66,7 @@ class Recorder:
         seen: Measurement,
         parts: ErrorParts,
         limited: bool,
+        row: int = 0,
     ) -> PatternRecord:
         """Return what is kept of a visit.
 
@@ -78,22 +79,24 @@ class Recorder:
         after
             What is remembered of it afterwards.
         samples, seen
-            The voxels, and what they show.
+            The voxels of patterns, and what they show.
         parts
-            What the error of the position is made of.
+            What the errors of the positions are made of.
         limited
             Whether the mirrors were at a limit.
+        row
+            Which of the patterns the visit's is.
         """
-        found = bool(seen.found[0])
+        found, shown = bool(seen.found[row]), samples.of(row)
         if after.refusal is Refusal.NONE:
             status = TrackStatus.MEASURED
         elif after.refusal is not Refusal.NOT_SEEN:
             status = TrackStatus.REFUSED
         else:
             status = TrackStatus.LIMITED if limited else TrackStatus.NOT_FOUND
-        time = float(seen.time[0]) if found else float(samples.time.mean())
-        position = seen.position[0] if found else np.full(3, np.nan)
-        covariance = seen.covariance[0] if found else np.full((3, 3), np.nan)
+        time = float(seen.time[row]) if found else float(shown.time.mean())
+        position = seen.position[row] if found else np.full(3, np.nan)
+        covariance = seen.covariance[row] if found else np.full((3, 3), np.nan)
         point, by_place = point_of(position, self._separation)
         truth, truth_point = self.truth(target, time)
         return PatternRecord(
@@ -108,19 +111,19 @@ class Recorder:
             centre=order.position[:2],
             position=position,
             covariance=covariance,
-            errors=parts,
+            errors=parts.at(row),
             point=point,
             point_covariance=product(by_place, covariance, by_place.T),
             truth=truth,
             truth_point=truth_point,
-            samples=samples,
+            samples=shown,
         )
 
     def out_of_view(
         self, number: int, target: TrackTarget, order: TrackCommand, after: TrackState, time: float
     ) -> PatternRecord:
         """Return the record of a pattern that was not run, at the time [s] at which it would have been."""
-        unknown = ErrorParts.all_white(NOTHING.covariance[0])
+        unknown = ErrorParts.all_white(NOTHING.covariance)
         shown = replace(_NO_SAMPLES, time=np.full((1, 1), time))
         record = self.record(number, target, order, after, shown, NOTHING, unknown, limited=False)
         return replace(record, status=TrackStatus.OUT_OF_VIEW, samples=_NO_SAMPLES)

@@ -1,20 +1,28 @@
-"""From a pattern of the mirrors to its measured voxels: what lies between the tracker and the instrument."""
+"""From patterns of the mirrors to their measured voxels: what lies between the tracker and the instrument.
+
+Every array has a leading axis of patterns. They may be of several runs, each with a seed of its own; what a row holds
+does not depend on the others.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import dwell_average
-from scanner_sim.instrument.closed_loop.visit_errors import duty_cycle_of, error_parts
-from scanner_sim.optics.speckle import packets_of
+from scanner_sim.instrument.closed_loop.visit_errors import (
+    beam_radius,
+    duty_cycle_of,
+    error_parts,
+    spot_packets,
+)
 from scanner_sim.ranging.ranges import Columns
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.schedule import PatternMotion
@@ -25,6 +33,7 @@ from scanner_sim.tracking.samples import PatternSamples
 from scanner_sim.tracking.state import TrackCommand
 
 Array = NDArray[np.float64]
+Numbers = NDArray[np.int64]
 
 _LEAST_NOISE_PHOTODIODE = 0.01
 """Relative differences of the light from a surface that no noise explains, on a photodiode that sees the whole spot."""
@@ -32,28 +41,37 @@ _LEAST_NOISE_LINE = 5e-3
 """Relative differences between a target's response and its model, a straight edge and a round spot, without any noise:
 the scatter of 128 voxels on discs at 4 to 12 m, tilted by up to 20°: 0.3 to 1 %."""
 _LEAST_NOISE = {"triangulation": _LEAST_NOISE_LINE, "tof": _LEAST_NOISE_PHOTODIODE}
+_RANGED = ("range_m", "sigma_range_m", "status")
+_LAYERS = ("Y", "sigma_Y", *_RANGED, *(f"fused.{name}" for name in _RANGED))
+"""What of the instrument's layers the tracker looks at."""
 _SHOTS_TOGETHER = 8192
-"""Shots whose encoder noise is drawn together: it depends on their numbers alone."""
+"""Shots of a run whose encoder noise is drawn together: it depends on their numbers alone."""
+_MOST_SHOTS_TOGETHER = 65536
+"""Shots of all runs."""
 
 
 class MeasuresShots(Protocol):
-    """What measures the shots of an aim."""
+    """What measures the shots of patterns."""
 
-    def measure(self, aim: Aim) -> Columns:
-        """Return the layers of the shots, each of shape (n,)."""
+    def measure(self, aim: Aim, run: Numbers) -> Columns:
+        """Return the layers of the shots of an aim, pattern after pattern, each of a run; each of shape (n,)."""
 
 
-def aim_of(motion: PatternMotion, visit: int) -> Aim:
-    """Return the aim of a pattern as the mirrors ran it; shots are numbered on from visit · points."""
-    points = len(motion.time)
+def aim_of(motion: PatternMotion, visit: Numbers) -> Aim:
+    """Return the aim of patterns as the mirrors ran them, one after the other.
+
+    The shots of each are numbered on from visit · points.
+    """
+    points = motion.time.shape[1]
     first = visit * points
+    shot = first[:, None] + np.arange(points)
     return Aim(
-        shot=np.arange(first, first + points, dtype=np.uint64).astype(np.uint32),
-        theta=motion.true_theta,
-        phi=motion.true_phi,
-        time=motion.time,
-        travel_theta=motion.travel_theta,
-        travel_phi=motion.travel_phi,
+        shot=shot.astype(np.uint32).ravel(),
+        theta=motion.true_theta.ravel(),
+        phi=motion.true_phi.ravel(),
+        time=motion.time.ravel(),
+        travel_theta=motion.travel_theta.ravel(),
+        travel_phi=motion.travel_phi.ravel(),
     )
 
 
@@ -62,34 +80,43 @@ class Encoders:
 
     Parameters
     ----------
-    scenario
-        Mirrors, pattern and seed.
+    scenarios
+        Mirrors and pattern, which are the same in all, and the seed of each run.
     """
 
-    def __init__(self, scenario: Scenario) -> None:
-        self._mirrors, self._seed = scenario.scanner.mirrors, scenario.seed
-        self._points = scenario.following.pattern.points
-        self._visits = max(1, _SHOTS_TOGETHER // self._points)
-        self._block = -1
-        self._noise = np.zeros((2, 0))
+    def __init__(self, scenarios: Sequence[Scenario]) -> None:
+        self._mirrors = scenarios[0].scanner.mirrors
+        self._seeds = np.array([scenario.seed for scenario in scenarios], dtype=np.uint64)
+        self._points = scenarios[0].following.pattern.points
+        shots = min(_SHOTS_TOGETHER, _MOST_SHOTS_TOGETHER // len(scenarios))
+        self._visits = max(1, shots // self._points)
+        self._block = np.full(len(scenarios), -1)
+        self._noise = np.zeros((len(scenarios), self._visits, 2, self._points))
 
-    def read(self, motion: PatternMotion, visit: int) -> Array:
-        """Return what the encoders read of a pattern, Θ and φ, shape (2, points) [rad].
+    def read(self, motion: PatternMotion, visit: Numbers, run: Numbers) -> Array:
+        """Return what the encoders read of patterns, each of a visit of a run: Θ and φ, (patterns, 2, points) [rad].
 
         The angles where they latched, earlier than the middle of the dwell, with the jitter that they see, their
         noise and their steps.
         """
-        block, index = divmod(visit, self._visits)
-        if block != self._block:
-            count = self._visits * self._points
-            shot = (np.arange(count, dtype=np.uint64) + block * count).astype(np.uint32)
-            self._block = block
-            self._noise = np.stack(reading_noise(shot, self._mirrors, self._seed))
-        start = index * self._points
-        latched = np.stack([motion.latched_theta, motion.latched_phi])
-        angle = latched + self._noise[:, start : start + self._points]
+        block, index = np.divmod(visit, self._visits)
+        new = block != self._block[run]
+        if new.any():
+            self._draw(run[new], block[new])
+        latched = np.stack([motion.latched_theta, motion.latched_phi], axis=1)
+        angle = latched + self._noise[run, index]
         step = self._mirrors.readout_step
         return np.asarray(np.rint(angle / step) * step) if step > 0.0 else angle
+
+    def _draw(self, run: Numbers, block: Numbers) -> None:
+        """Draw a block of noise of each of some runs."""
+        count = self._visits * self._points
+        shot = np.arange(count) + block[:, None] * count
+        seeds = np.repeat(self._seeds[run], count)
+        noise = np.stack(reading_noise(shot.astype(np.uint32).ravel(), self._mirrors, seeds))
+        shape = (2, len(run), self._visits, self._points)
+        self._noise[run] = noise.reshape(shape).transpose(1, 2, 0, 3)
+        self._block[run] = block
 
 
 class SignalNoise:
@@ -105,7 +132,7 @@ class SignalNoise:
         self._scenario = scenario
 
     def sigma(self, layers: Columns, speckle: Array) -> Array:
-        """Return the standard deviations of the signals of a pattern, shape (points,), in their own unit.
+        """Return the standard deviations of the signals of patterns, shape (patterns, points), in their own unit.
 
         Line sensor: σ² = σ_N² + (c N)² + (0.005 N)², the last for what the model of a target leaves. N is the charge of
         nine pixels, σ_N its standard deviation by noise and by the light beneath it
@@ -119,26 +146,26 @@ class SignalNoise:
         least = _LEAST_NOISE[self._scenario.rangefinders[0]]
         return np.asarray(np.sqrt(noise**2 + (least**2 + speckle) * signal**2))
 
-    def speckle(self, motion: PatternMotion, distance: float) -> tuple[Array, float]:
-        """Return what speckle does to the light of spots at a range [m].
+    def speckle(self, motion: PatternMotion, distance: Array) -> tuple[Array, Array]:
+        """Return what speckle does to the light of spots at ranges [m], shape (patterns,).
 
-        Its relative variance in the dwells of a pattern, shape (points,), and V, the speckle of single pixels by which
-        the ranges' fit weighs them, mean over the pattern
-        (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`). A pulse lasts no dwell.
+        Its relative variance in the dwells of patterns, shape (patterns, points), and V, the speckle of single pixels
+        by which the ranges' fit weighs them, mean over each pattern
+        (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`), shape (patterns,). A pulse lasts no dwell.
         """
         scanner = self._scenario.scanner
         if not scanner.laser.speckle:
-            return np.zeros(len(motion.time)), 0.0
-        radius, way = float(scanner.laser.radius(distance)), duty_cycle_of(self._scenario) * distance
-        left = dwell_average(
-            way * motion.travel_theta, way * np.cos(motion.true_theta) * motion.travel_phi, radius
-        )
+            return np.zeros_like(motion.time), np.zeros(len(motion.time))
+        radius, way = beam_radius(scanner, distance), (duty_cycle_of(self._scenario) * distance)[:, None]
+        along, across = way * motion.travel_theta, way * np.cos(motion.true_theta) * motion.travel_phi
+        left = dwell_average(along, across, radius[:, None])
         image = 0.5 * radius * scanner.receiver.focal_length / (distance * scanner.position_sensor.pitch)
-        light = packets_of(speckle_optics(scanner), image**2, image**2)
-        _, others = light.moving(*left)
+        light = spot_packets(scanner, image**2)
+        _, others = replace(light, on_surface=light.on_surface[:, None]).moving(*left)
         contrast = self._scenario.processing.speckle_contrast**2
-        energy = contrast * float(light.energy)
-        return energy * left[0], energy * float(np.mean(others) * light.ratio**4)
+        energy = contrast * light.energy
+        single = np.array([ratio**4 for ratio in light.ratio.tolist()])
+        return energy[:, None] * left[0], energy * (others.mean(axis=1) * single)
 
 
 def samples_of(
@@ -148,18 +175,18 @@ def samples_of(
     sigma_signal: Array,
     delay: float,
 ) -> PatternSamples:
-    """Return the voxels of a pattern.
+    """Return the voxels of patterns.
 
     Parameters
     ----------
     layers
-        What the instrument measured, each of shape (points,). Ranges are the fused ones where there are two.
+        What the instrument measured, each of shape (patterns, points). Ranges are the fused ones where there are two.
     motion
         The mirrors' motion, for the times.
     angles
-        Read deflections, shape (2, points) [rad].
+        Read deflections, shape (patterns, 2, points) [rad].
     sigma_signal
-        Standard deviations of the signals, shape (points,).
+        Standard deviations of the signals, shape (patterns, points).
     delay
         Known delay of the readings [s] that is taken off; 0 for none.
 
@@ -170,18 +197,18 @@ def samples_of(
     """
     prefix = "fused." if "fused.range_m" in layers else ""
     signal, distance, sigma = (
-        np.asarray(layers[name], dtype=np.float64)[None]
+        np.asarray(layers[name], dtype=np.float64)
         for name in ("Y", f"{prefix}range_m", f"{prefix}sigma_range_m")
     )
     samples = PatternSamples(
-        time=motion.time[None],
-        theta=angles[0][None],
-        phi=angles[1][None],
+        time=motion.time,
+        theta=angles[:, 0],
+        phi=angles[:, 1],
         signal=signal,
-        sigma_signal=sigma_signal[None],
+        sigma_signal=sigma_signal,
         range=distance,
         sigma_range=sigma,
-        status=layers[f"{prefix}status"].astype(np.uint8)[None],
+        status=layers[f"{prefix}status"].astype(np.uint8),
     )
     return samples.later(delay) if delay > 0.0 else samples
 
@@ -191,56 +218,63 @@ class TargetSensor:
 
     Parameters
     ----------
-    scenario
-        Instrument and scan.
+    scenarios
+        Instrument and scan, which are the same in all, and the seeds of the runs.
     instrument
         What measures shots.
     """
 
-    def __init__(self, scenario: Scenario, instrument: MeasuresShots) -> None:
+    def __init__(self, scenarios: Sequence[Scenario], instrument: MeasuresShots) -> None:
+        scenario = scenarios[0]
         self._scenario, self._instrument = scenario, instrument
-        self._encoders, self._noise = Encoders(scenario), SignalNoise(scenario)
+        self._encoders, self._noise = Encoders(scenarios), SignalNoise(scenario)
         mirrors = scenario.scanner.mirrors
         unseen = (1.0 - mirrors.jitter_seen) * mirrors.jitter**2
         self._pointing = math.sqrt(unseen + mirrors.readout_noise**2 + mirrors.readout_step**2 / 12.0)
 
     def see(
-        self, target: TrackTarget, order: TrackCommand, motion: PatternMotion, visit: int
+        self,
+        target: TrackTarget,
+        orders: Sequence[TrackCommand],
+        motion: PatternMotion,
+        visit: Numbers,
+        run: Numbers,
     ) -> tuple[PatternSamples, Measurement, ErrorParts]:
-        """Return the voxels of a pattern, where they show the target, and the parts of that position's error.
+        """Return the voxels of patterns, where they show the target, and the parts of those positions' errors.
 
         Parameters
         ----------
-        target, order
-            What was looked for, and where it was expected.
+        target, orders
+            What was looked for, alike in all runs, and where it was expected in each pattern.
         motion
-            How the mirrors ran the pattern.
-        visit
-            Number of the visit, which addresses every random number.
+            How the mirrors ran the patterns.
+        visit, run
+            Number of each visit, and of the run whose seed it has: they address every random number. Shape (patterns,).
         """
-        scanner, expected = self._scenario.scanner, float(order.position[2])
-        layers = self._instrument.measure(aim_of(motion, visit))
+        scanner, expected = self._scenario.scanner, np.array([float(order.position[2]) for order in orders])
+        measured = self._instrument.measure(aim_of(motion, visit), run)
+        layers = {name: measured[name].reshape(motion.time.shape) for name in _LAYERS if name in measured}
         delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
         light, grain = self._noise.speckle(motion, expected)
         sigma = self._noise.sigma(layers, light)
-        angles = self._encoders.read(motion, visit)
+        angles = self._encoders.read(motion, visit, run)
         samples = samples_of(layers, motion, angles, sigma, delay)
-        spot = float(scanner.laser.radius(expected)) / (2.0 * expected)
+        spot = beam_radius(scanner, expected) / (2.0 * expected)
         seen = measure_target(
             samples,
             target.appearance,
             expected,
             spot=spot,
             duty_cycle=duty_cycle_of(self._scenario),
-            pointing=np.hypot(self._pointing, unevenness(angles))[None],
+            pointing=np.hypot(self._pointing, unevenness(angles)),
             axis_separation=scanner.mirrors.axis_separation,
         )
         parts = error_parts(self._scenario, samples, seen, target.appearance, motion, light, grain)
-        return samples, replace(seen, covariance=parts.whole[None]), parts
+        return samples, replace(seen, covariance=parts.whole), parts
 
 
 def unevenness(angles: Array) -> Array:
-    """Return by how much angles may err where the mirrors do not accelerate evenly, shape (points,) [rad].
+    """Return by how much angles may err where the mirrors do not accelerate evenly, shape (patterns, points) [rad].
 
     The middle of a dwell, its mean and the angle a delay later are known from the neighbours as far as the acceleration
     is even. A jump of it by Δa within a dwell T leaves up to Δa T²/12, and shows as a third difference of Δa T²: so it
@@ -249,9 +283,9 @@ def unevenness(angles: Array) -> Array:
     Parameters
     ----------
     angles
-        Read deflections, shape (2, points) [rad].
+        Read deflections, shape (patterns, 2, points) [rad].
     """
-    third = np.abs(np.diff(angles, 3, axis=1)).max(axis=0)
-    spread = np.concatenate([third[:1], third, third[-1:], third[-1:]])
-    spread[1:] = np.maximum(spread[1:], spread[:-1])
+    third = np.abs(np.diff(angles, 3, axis=2)).max(axis=1)
+    spread = np.concatenate([third[:, :1], third, third[:, -1:], third[:, -1:]], axis=1)
+    spread[:, 1:] = np.maximum(spread[:, 1:], spread[:, :-1])
     return spread / 12.0

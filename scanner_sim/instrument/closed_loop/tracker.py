@@ -12,18 +12,13 @@ import numpy as np
 from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
-from scanner_sim.instrument.closed_loop.records import NOTHING, Recorder
 from scanner_sim.instrument.closed_loop.saved_state import TrackerState, first_state, load_state, save_state
 from scanner_sim.instrument.closed_loop.state_file import FARTHEST, NEAREST, WIDEST
-from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor
-from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.instrument.closed_loop.visits import Visits, with_track
 from scanner_sim.products.provenance import versions
-from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.scan.schedule import MOST_VISITS, run_visit
 from scanner_sim.tracking.record import PatternRecord
-from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advance, command, init
+from scanner_sim.tracking.state import TrackState, init
 
 
 class Tracker:
@@ -64,11 +59,7 @@ class Tracker:
                 f"the state tells of {len(self.state.tracks)} targets, and the scenario follows {len(self.targets)}.",
                 remedy="Go on with the scenario that the state was saved with.",
             )
-        with guest():
-            instrument = FrozenInstrument(Instrument(scenario, device=device, threads=threads))
-            self._sensor, self._recorder = TargetSensor(scenario, instrument), Recorder(scenario)
-            self._stay = Stay()
-        self._periods: dict[int, float] = {}
+        self._visits = Visits((scenario,), device=device, threads=threads)
 
     @classmethod
     def resume(
@@ -103,9 +94,7 @@ class Tracker:
     @property
     def finished(self) -> bool:
         """Whether the next pattern would begin after the scan's duration, or nothing is followed any more."""
-        nothing = not any(self.state.followed)
-        most = min(MOST_VISITS, 2**32 // self.scan.pattern.points)
-        return nothing or self._start() >= self.scan.duration or self.state.visits >= most
+        return self._visits.finished(self.state)
 
     def __iter__(self) -> Iterator[PatternRecord]:
         """Iterate over the visits that are left."""
@@ -168,115 +157,8 @@ class Tracker:
         InputError
             If no target is followed.
         """
-        index = self._next(state)
-        target, track = self.targets[index], state.tracks[index]
-        start = self._start(state)
-        points, dwell = self.scan.pattern.points, self.scenario.scanner.dwell
-        middle = start + 0.5 * points * dwell
-        order = self._order(state, index, middle)
-        if not self._in_view(order):
-            return self._out_of_view(state, index, order, middle)
-        motion, mirrors = run_visit(
-            self.scenario.scanner.galvanometers,
-            state.mirrors,
-            self.scan.pattern.model_copy(update={"amplitude": order.amplitude}),
-            order.number,
-            order.position[:2],
-            start=start,
-            dwell=dwell,
-            visiting=self.scan.visiting,
-        )
-        with self._stay.resume():
-            samples, seen, parts = self._sensor.see(target, order, motion, state.visits)
-        others = [
-            other.motion
-            for number, other in enumerate(state.tracks)
-            if number != index and state.followed[number] and other.mode is TrackMode.TRACK
-        ]
-        after = advance(
-            track, seen, self.scan.tracker, target.appearance.diameter, mirrors.time, others=others
-        )
-        limited = motion.limited
-        record = self._recorder.record(state.visits, target, order, after, samples, seen, parts, limited)
-        # A pattern that began late because the mirrors needed longer moves all that follow.
-        clock = max(start + points * dwell, mirrors.time)
-        return record, replace(
-            _with_track(state, index, after),
-            visits=state.visits + 1,
-            clock=clock,
-            mirrors=mirrors,
-            turn=(index + 1) % len(self.targets),
-            skipped=0,
-        )
-
-    def _start(self, state: TrackerState | None = None) -> float:
-        """Return when the next pattern begins [s], if the mirrors are quick enough."""
-        now = self.state if state is None else state
-        pattern = self.scan.pattern.points * self.scenario.scanner.dwell
-        return now.clock + self._period(sum(now.followed)) - pattern
-
-    def _period(self, targets: int) -> float:
-        """Return the time of a visit where so many targets are followed [s]."""
-        if targets not in self._periods:
-            scanner, scan = self.scenario.scanner, self.scan
-            self._periods[targets] = scan.visiting.period(
-                scan.pattern.points, scanner.dwell, max(targets, 1), scanner.galvanometers
-            )
-        return self._periods[targets]
-
-    def _next(self, state: TrackerState) -> int:
-        """Return the index of the next target."""
-        count = len(self.targets)
-        for further in range(count):
-            index = (state.turn + further) % count
-            if state.followed[index]:
-                return index
-        raise InputError("no target is followed.", remedy="Take one up again by search.")
-
-    def _order(self, state: TrackerState, index: int, middle: float) -> TrackCommand:
-        """Return the next pattern at a target; searches are no larger than the field of view leaves room for."""
-        target = self.targets[index]
-        order = command(state.tracks[index], self.scan.tracker, target.appearance.diameter, middle)
-        fixed = state.amplitudes[index]
-        if fixed is not None:
-            return replace(order, amplitude=fixed)
-        if order.mode in (TrackMode.SEARCH, TrackMode.LOST):
-            limit = self.scenario.scanner.mirrors.max_deflection
-            aspect = np.array([1.0, self.scan.pattern.aspect])
-            room = float(((limit - np.abs(order.position[:2])) / aspect).min())
-            least = (
-                self.scan.tracker.track_amplitude
-                * 0.5
-                * target.appearance.diameter
-                / float(order.position[2])
-            )
-            return replace(order, amplitude=min(order.amplitude, max(room, least)))
-        return order
-
-    def _in_view(self, order: TrackCommand) -> bool:
-        limit = self.scenario.scanner.mirrors.max_deflection
-        theta, phi = (abs(float(angle)) for angle in order.position[:2])
-        return theta + order.amplitude <= limit and phi + order.amplitude * self.scan.pattern.aspect <= limit
-
-    def _out_of_view(
-        self, state: TrackerState, index: int, order: TrackCommand, middle: float
-    ) -> tuple[PatternRecord, TrackerState]:
-        """Return the record of a target whose pattern would leave the field of view, and the state after it.
-
-        It takes no time, so that the others lose none; only where none is in view a period goes by.
-        """
-        target = self.targets[index]
-        after = advance(state.tracks[index], NOTHING, self.scan.tracker, target.appearance.diameter, middle)
-        followed = sum(state.followed)
-        waiting = state.skipped + 1 >= followed
-        record = self._recorder.out_of_view(state.visits, target, order, after, middle)
-        return record, replace(
-            _with_track(state, index, after),
-            visits=state.visits + 1,
-            clock=state.clock + (self._period(followed) if waiting else 0.0),
-            turn=(index + 1) % len(self.targets),
-            skipped=0 if waiting else state.skipped + 1,
-        )
+        (made,) = self._visits.after([state], [0])
+        return made
 
     def _index(self, target: str) -> int:
         for index, known in enumerate(self.targets):
@@ -287,7 +169,7 @@ class Tracker:
 
     def _set(self, index: int, *, followed: bool, track: TrackState | None = None) -> None:
         """Change what is remembered of a target, and whether it is visited."""
-        state = self.state if track is None else _with_track(self.state, index, track)
+        state = self.state if track is None else with_track(self.state, index, track)
         visited = list(state.followed)
         visited[index] = followed
         self.state = replace(state, followed=tuple(visited))
@@ -296,9 +178,3 @@ class Tracker:
 def made_by() -> str:
     """Return name and version of the program."""
     return f"scanner-sim {versions()['scanner-sim']}"
-
-
-def _with_track(state: TrackerState, index: int, changed: TrackState) -> TrackerState:
-    tracks = list(state.tracks)
-    tracks[index] = changed
-    return replace(state, tracks=tuple(tracks))

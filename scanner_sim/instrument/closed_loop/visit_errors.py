@@ -1,18 +1,18 @@
-"""What the instrument knows of the error of a visit: the parts of its covariance."""
+"""What the instrument knows of the errors of visits, any number of them at once: the parts of their covariances."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
 from scanner_sim.config.scanner import Scanner, speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.arithmetic import exp
-from scanner_sim.optics.speckle import packets_of
+from scanner_sim.optics.speckle import Packets, packets_of
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.errors import ErrorParts, mean_pixel_correlation
 from scanner_sim.tracking.lasting import SurfaceSpeckle, surface_covariance
@@ -32,62 +32,63 @@ def error_parts(
     appearance: TargetAppearance,
     motion: PatternMotion,
     light: Array,
-    grain: float,
+    grain: Array,
 ) -> ErrorParts:
-    """Return what the error of a measured position is made of; its covariance as the voxels tell it is ``seen``'s.
+    """Return what the errors of measured positions are made of, leading axis (patterns,).
+
+    The covariance as the voxels tell it is ``seen``'s.
 
     Parameters
     ----------
     scenario
         Instrument.
     samples, seen
-        A pattern, and where its voxels show a target.
+        Patterns, and where their voxels show a target.
     appearance
         What is known of the target.
     motion
-        How the mirrors ran the pattern.
+        How the mirrors ran the patterns.
     light
-        Relative variance of each voxel's light by speckle, shape (points,).
+        Relative variance of each voxel's light by speckle, shape (patterns, points).
     grain
-        V of the ranges' weights (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`).
+        V of the ranges' weights (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`), shape (patterns,).
     """
     scanner, mirrors = scenario.scanner, scenario.scanner.mirrors
-    spread = mirrors.temperature.spread(motion.time[:1])[0]
-    commanded = np.array([motion.commanded_theta.mean(), motion.commanded_phi.mean()])
-    white = ErrorParts.all_white(seen.covariance[0])
-    known = bool(seen.found[0])
-    theta, _, distance = seen.position[0] if known else (0.0, 0.0, 1.0)
-    noise, unlike = range_variances(scanner, distance, float(np.median(samples.signal)), grain)
+    spread = mirrors.temperature.spread(motion.time[:, 0])
+    commanded = np.stack([motion.commanded_theta.mean(axis=1), motion.commanded_phi.mean(axis=1)], axis=1)
+    white = ErrorParts.all_white(seen.covariance)
+    known = seen.found
+    theta, distance = np.where(known, seen.position[:, 0], 0.0), np.where(known, seen.position[:, 2], 1.0)
+    noise, unlike = range_variances(scanner, distance, np.median(samples.signal, axis=1), grain)
     by_line = scenario.rangefinders == ("triangulation",)
-    surface = np.zeros((3, 3))
-    beam = float(scanner.laser.radius(distance))
-    if known and scanner.laser.speckle and appearance.surface == "flat":
-        surface = surface_covariance(
-            samples,
-            seen,
-            SurfaceSpeckle(beam, light, _on_surface(scanner, distance), noise if by_line else math.inf),
-        )
-    reach = distance - scanner.receiver.baseline * math.sin(theta)
-    image = scanner.receiver.focal_length * scanner.receiver.baseline * math.cos(theta) / reach
+    surface = np.zeros_like(white.white)
+    beam = beam_radius(scanner, distance)
+    if scanner.laser.speckle and appearance.surface == "flat":
+        range_noise = noise if by_line else np.full(len(noise), math.inf)
+        speckle = SurfaceSpeckle(beam, light, _on_surface(scanner, distance), range_noise)
+        surface = surface_covariance(samples, seen, speckle)
+    reach = distance - scanner.receiver.baseline * np.sin(theta)
+    image = scanner.receiver.focal_length * scanner.receiver.baseline * np.cos(theta) / reach
+    none = np.zeros(len(known))
     return replace(
         white,
         white=white.white - surface,
         surface=surface,
-        turn=np.asarray(beam / (0.5 * appearance.diameter)),
-        pixels=np.asarray(unlike * alike(scanner, samples, distance) if by_line else 0.0),
-        image=np.asarray(image / scanner.position_sensor.pitch),
-        image_width=np.asarray(math.sqrt(image_variance(scanner, distance))),
-        wobble=np.asarray(mirrors.wobble**2),
-        wobble_time=np.asarray(mirrors.wobble_time),
-        wobble_angle=np.asarray(mirrors.wobble_angle),
-        drift=spread * (mirrors.drift_zero + mirrors.drift_scale * commanded),
+        turn=beam / (0.5 * appearance.diameter),
+        pixels=unlike * alike(scanner, samples, distance) if by_line else none,
+        image=image / scanner.position_sensor.pitch,
+        image_width=np.sqrt(image_variance(scanner, distance)),
+        wobble=none + mirrors.wobble**2,
+        wobble_time=none + mirrors.wobble_time,
+        wobble_angle=none + mirrors.wobble_angle,
+        drift=spread[:, None] * (mirrors.drift_zero + mirrors.drift_scale * commanded),
     )
 
 
 def range_variances(
-    scanner: Scanner, distance: float, signal: float, grain: float = 0.0
-) -> tuple[float, float]:
-    """Return the variances of a range [m²] in triangulation: of one voxel without speckle, and by unlike pixels.
+    scanner: Scanner, distance: Array, signal: Array, grain: ArrayLike = 0.0
+) -> tuple[Array, Array]:
+    """Return the variances of ranges [m²] in triangulation: of one voxel without speckle, and by unlike pixels.
 
     The spot stays on the same pixels, whose unlike responses move every range of the pattern alike. For an efficient
     estimate of the spot's position each pixel i has the weight w_i = (q_i′/v_i)/Σ q′²/v, with the charge q_i, its slope
@@ -100,57 +101,73 @@ def range_variances(
     scanner
         The instrument.
     distance
-        Range [m].
+        Ranges [m], shape (n,).
     signal
-        Charge N of the spot [electron].
+        Charge N of each spot [electron], shape (n,); where there is none, both variances are 0.
     grain
-        V; 0 for light without speckle.
+        V, () or (n,); 0 for light without speckle.
     """
     sensor, receiver = scanner.position_sensor, scanner.receiver
-    if not signal > 0.0:
-        return 0.0, 0.0
+    lit = np.asarray(signal > 0.0)
+    charges = np.where(lit, signal, 1.0)[:, None]
     spread = sensor.prnu if sensor.noise.prnu else 0.0
-    width = math.sqrt(image_variance(scanner, distance))
+    width = np.sqrt(image_variance(scanner, distance))[:, None]
     edge = (np.arange(-8.0, 9.0) - _BETWEEN) / width
     density = exp(-0.5 * edge**2) / math.sqrt(2.0 * math.pi)
-    charge, slope = signal * np.diff(ndtr(edge)), -signal * np.diff(density) / width
+    charge, slope = charges * np.diff(ndtr(edge)), -charges * np.diff(density) / width
     random = sensor.read_noise**2 + charge
-    variance = random + (spread * charge) ** 2 + grain * signal * charge
-    weight = slope / variance / float((slope**2 / variance).sum())
+    variance = random + (spread * charge) ** 2 + np.reshape(grain, (-1, 1)) * charges * charge
+    weight = slope / variance / (slope**2 / variance).sum(axis=1, keepdims=True)
     by_pixel = distance**2 * sensor.pitch / (receiver.focal_length * receiver.baseline)
-    moved = ((weight**2 * random).sum(), ((weight * spread * charge) ** 2).sum())
-    return float(moved[0]) * by_pixel**2, float(moved[1]) * by_pixel**2
+    moved = ((weight**2 * random).sum(axis=1), ((weight * spread * charge) ** 2).sum(axis=1))
+    return np.where(lit, moved[0] * by_pixel**2, 0.0), np.where(lit, moved[1] * by_pixel**2, 0.0)
 
 
-def alike(scanner: Scanner, samples: PatternSamples, expected: float) -> float:
-    """Return the share of the variance by unlike pixels that is left in the mean range of a pattern's voxels.
+def alike(scanner: Scanner, samples: PatternSamples, expected: Array) -> Array:
+    """Return the shares of the variance by unlike pixels that are left in the mean range of patterns' voxels, (n,).
 
     Spots on a tilted target stand on different pixels. Images Δ pixels apart, of standard deviation s, share
     (1 − Δ²/2s²) exp(−Δ²/4s²) of what unlike pixels do to them, the correlation of Σ x q(x) ε(x) for two Gaussian images
-    q over white ε; the mean over all pairs of voxels, each weighed by 1/σ_R². Image positions by eq 1.
+    q over white ε; the mean over all pairs of voxels, each weighed by 1/σ_R². Image positions by eq 1; the ranges that
+    are ``expected`` of voxels without one, shape (n,), count for nothing.
     """
     receiver, valid = scanner.receiver, samples.valid
-    if not valid.any():
-        return 1.0
     weight = np.where(valid, 1.0 / np.maximum(samples.sigma_range, 1e-9) ** 2, 0.0)
     base = receiver.focal_length * receiver.baseline / scanner.position_sensor.pitch
-    theta, reach = samples.theta, np.where(valid, samples.range, expected)
+    theta, reach = samples.theta, np.where(valid, samples.range, expected[:, None])
     pixel = base * np.cos(theta) / (reach - receiver.baseline * np.sin(theta))
-    return float(mean_pixel_correlation(pixel / math.sqrt(image_variance(scanner, expected)), weight)[0])
+    width, told = np.sqrt(image_variance(scanner, expected)), np.asarray(valid.any(axis=1))
+    weight = np.where(told[:, None], weight, 1.0)
+    return np.where(told, mean_pixel_correlation(pixel / width[:, None], weight), 1.0)
 
 
-def _on_surface(scanner: Scanner, distance: float) -> float:
+def _on_surface(scanner: Scanner, distance: Array) -> Array:
     """Return the share of the variance of the light's position by speckle that its position on the surface makes."""
-    optics, pitch = speckle_optics(scanner), scanner.position_sensor.pitch
-    variance = image_variance(scanner, distance) - (scanner.point_spread / pitch) ** 2
-    return float(packets_of(optics, variance, variance).on_surface)
-
-
-def image_variance(scanner: Scanner, distance: float) -> float:
-    """Return the variance [pixel²] of the spot on the line, on a surface that faces the scanner at a range [m]."""
     pitch = scanner.position_sensor.pitch
-    beam = 0.5 * float(scanner.laser.radius(distance)) * scanner.receiver.focal_length / distance
-    return (scanner.point_spread**2 + beam**2) / pitch**2
+    variance = image_variance(scanner, distance) - (scanner.point_spread / pitch) ** 2
+    return np.asarray(spot_packets(scanner, variance).on_surface)
+
+
+def image_variance(scanner: Scanner, distance: Array) -> Array:
+    """Return the variances [pixel²] of spots on the line, on surfaces that face the scanner at ranges [m], (n,)."""
+    pitch = scanner.position_sensor.pitch
+    beam = 0.5 * beam_radius(scanner, distance) * scanner.receiver.focal_length / distance
+    return np.asarray((scanner.point_spread**2 + beam**2) / pitch**2)
+
+
+def beam_radius(scanner: Scanner, distance: Array) -> Array:
+    """Return the 1/e² radii of the beam [m] at distances [m], shape (n,)."""
+    return np.array([scanner.laser.radius(one) for one in distance.tolist()])
+
+
+def spot_packets(scanner: Scanner, variance: Array) -> Packets:
+    """Return the packets of round spots, each field of shape (n,); ``variance`` is their images' [pixel²], (n,).
+
+    One after the other: NumPy's powers of arrays depend on the processor.
+    """
+    optics = speckle_optics(scanner)
+    found = [packets_of(optics, one, one) for one in variance.tolist()]
+    return Packets(*(np.array([getattr(one, field.name) for one in found]) for field in fields(Packets)))
 
 
 def duty_cycle_of(scenario: Scenario) -> float:

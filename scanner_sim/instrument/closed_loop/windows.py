@@ -21,7 +21,8 @@ from typing import TypeAlias
 
 import numpy as np
 
-from scanner_sim.foundation.device_types import Float
+from scanner_sim.foundation.device_types import Float, UInt64
+from scanner_sim.foundation.streams import device_seeds
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_slots import TimeSlots, middle
 from scanner_sim.render.background.panorama import Panorama, render_panorama
@@ -59,14 +60,23 @@ class Windows:
         The optics whose pixels are a window's bins.
     seen
         Least and largest angle less Θ that the sensor sees [rad].
+    like
+        Windows of another run before the same scene under the same light, whose kernels serve these too.
     """
 
-    def __init__(self, instrument: Instrument, optics: OpticalLayout, seen: tuple[float, float]) -> None:
+    def __init__(
+        self,
+        instrument: Instrument,
+        optics: OpticalLayout,
+        seen: tuple[float, float],
+        like: Windows | None = None,
+    ) -> None:
         self._instrument, self._optics, self._seen = instrument, optics, seen
         self.step = optics.pitch / optics.receiver.focal_length
         self.row_step = row_spacing(optics)
         self._kept: OrderedDict[Key, WindowArrays] = OrderedDict()
-        self._renderers: dict[tuple[int, int], Frozen] = {}
+        self._first: Windows = self if like is None else like._first
+        self._renderers: dict[tuple[int, int], Frozen] = {} if like is None else like._renderers
         self._slots = TimeSlots(instrument.loaded, self.step)
         self.rendered = 0
 
@@ -87,7 +97,9 @@ class Windows:
         if not parts:
             return None
         first, phi, rows, bins, *layers = parts
-        return Panorama(Window(first, phi, rows, bins, self.step, self.row_step, self._heights), *layers)
+        return Panorama(
+            Window(first, phi, rows, bins, self.step, self.row_step, self._first._heights), *layers
+        )
 
     def _key(self, aim: Aim) -> Key:
         """Return first bin, bins, first row, rows, time slot and its halvings of the window of a pattern."""
@@ -117,24 +129,27 @@ class Windows:
             loaded.object_of,
             loaded.material_of,
             loaded.out_of_band_ratio,
-            self._light,
-            self._heights,
+            self._first._light,
+            self._first._heights,
         ]
         corner = window_position(first * self.step, first_row * self.row_step, rows, bins)
         poses = loaded.poses_at(middle((slot, halvings))) if loaded.bodies else ()
-        return [*corner, *self._renderer(rows, bins)(reads, corner[:2], poses)]
+        seed = device_seeds([self._instrument.scenario.seed])
+        return [*corner, *self._renderer(rows, bins)(reads, corner[:2], poses, seed)]
 
     def _renderer(self, rows: int, bins: int) -> Frozen:
         """Return the frozen kernels that render windows of a size."""
         if (rows, bins) not in self._renderers:
             # Loops that a GPU runs turn by turn cannot be recorded.
             self._renderers[rows, bins] = Frozen(
-                lambda reads, corner, poses: self._layers(corner, poses, rows, bins),
+                lambda reads, corner, poses, seed: self._layers(corner, poses, seed, rows, bins),
                 enabled=one_kernel(self._instrument.loaded),
             )
         return self._renderers[rows, bins]
 
-    def _layers(self, corner: WindowArrays, poses: tuple[Pose, ...], rows: int, bins: int) -> WindowArrays:
+    def _layers(
+        self, corner: WindowArrays, poses: tuple[Pose, ...], seed: UInt64, rows: int, bins: int
+    ) -> WindowArrays:
         """Return the layers of a panorama over a window."""
         scenario, moving = self._instrument.scenario, bool(self._instrument.loaded.bodies)
         settings = scenario.transport
@@ -145,7 +160,7 @@ class Windows:
             Window(corner[0], corner[1], rows, bins, self.step, self.row_step, self._heights),
             bounces=settings.background_bounces,
             samples=_MOVING_SAMPLES if moving else settings.background_samples,
-            seed=scenario.seed,
+            seed=seed,
             sharp_samples=_SHARP_SAMPLES[moving],
         )
         return [found.in_band, found.out_of_band, found.error, found.error_out]

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from pathlib import Path
 from textwrap import shorten
 
 import matplotlib
 import numpy as np
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import FuncNorm, LogNorm, Normalize, to_rgba
-from matplotlib.patches import Patch
-from matplotlib.ticker import EngFormatter, LogLocator, MaxNLocator, ScalarFormatter
+from matplotlib.colors import FuncNorm, to_rgba
+from matplotlib.ticker import MaxNLocator, ScalarFormatter
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNELS, Channel, Picture
 from scanner_sim.foundation.status import Status
+from scanner_sim.products.grey import grey_levels
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.pictures.layer import (
+    Layer,
+    causes_of,
+    label_bar,
+    linear,
+    logarithmic,
+    patches_of,
+    step_of,
+)
 from scanner_sim.products.pictures.style import (
     FAINT,
     STATUS_COLOUR,
@@ -39,21 +47,6 @@ _SLENDEREST = 8.0
 """Longer over shorter side at which an image is stretched to stay readable."""
 
 
-@dataclass(frozen=True)
-class Layer:
-    """What is drawn: values of shape (rows, columns), NaN where there are none, and their scale to [0, 1]."""
-
-    values: NDArray[np.floating]
-    norm: Normalize
-
-    @property
-    def extend(self) -> str:
-        """At which ends of the scale there are values beyond it."""
-        low, high = (float(end) for end in (self.norm.vmin or 0.0, self.norm.vmax or 0.0))
-        below, above = bool((self.values < low).any()), bool((self.values > high).any())
-        return "both" if below and above else "min" if below else "max" if above else "neither"
-
-
 def pictures_of(image: RangeImage) -> tuple[str, ...]:
     """Return the names of the pictures that an image has; of the Sun's light only where there is any."""
     drawn = [
@@ -68,55 +61,15 @@ def draw_picture(image: RangeImage, file: str, path: str | Path) -> None:
     """Draw the picture of a name; voxels without a value have the colour of their cause."""
     channel, picture = _PICTURES[file]
     if picture.scale == "grey":
-        _draw_grey(image[channel.name], path)
+        save_grey(grey_levels(image[channel.name]), path)
         return
     if picture.scale == "slope":
         layer = _slopes(image, channel.name)
     elif picture.scale == "logarithmic":
-        layer = _logarithmic(image[channel.name], picture.dark)
+        layer = logarithmic(image[channel.name], picture.dark)
     else:
-        layer = _linear(image[channel.name])
+        layer = linear(image[channel.name])
     _draw(image, layer, channel, picture, path)
-
-
-def range_levels(r: NDArray[np.float64], nearest: float, farthest: float) -> NDArray[np.uint8]:
-    """Return ranges as grey levels: 255 at ``nearest``, 40 at ``farthest``, 0 where there is none.
-
-    Parameters
-    ----------
-    r
-        Ranges [m], shape (rows, columns), NaN without one.
-    nearest, farthest
-        Ends of the scale [m], nearest below farthest; what lies beyond is cut off.
-    """
-    share = np.clip((farthest - r) / (farthest - nearest), 0.0, 1.0)
-    return np.where(np.isfinite(r), np.rint(40.0 + 215.0 * np.nan_to_num(share)), 0.0).astype(np.uint8)
-
-
-def _draw_grey(values: NDArray[np.float32], path: str | Path) -> None:
-    """Write values as grey levels, a dot for each voxel, with a scale as that of :func:`_linear`."""
-    known = values[np.isfinite(values)].astype(np.float64)
-    nearest, farthest = np.percentile(known, (0.5, 99.5)) if known.size else (0.0, 1.0)
-    save_grey(range_levels(values.astype(np.float64), nearest, max(farthest, nearest + 1e-3)), path)
-
-
-def _linear(values: NDArray[np.float32]) -> Layer:
-    """Return a layer on an even scale, which leaves out the outermost half per cent at either end."""
-    return Layer(values, Normalize(*_spread(values, 0.5, 99.5, least=1e-3)))
-
-
-def _logarithmic(values: NDArray[np.float32], dark: float | None) -> Layer:
-    """Return a layer on a logarithmic scale that spans the bulk of its values, a factor of 1.5 at least.
-
-    Without ``dark``, what is not above 0 is no value; with it, what is below is as dark as the scale is at its end.
-    """
-    if dark is None:
-        values = scaled_by = np.where(values > 0.0, values, np.float32(np.nan))
-    else:
-        values = np.maximum(np.nan_to_num(values), np.float32(1e-3 * dark))
-        scaled_by = values[values >= dark]
-    low, high = _spread(scaled_by, 0.5, 99.8, least=0.0)
-    return Layer(values, LogNorm(*((low, high) if high > 1.5 * low else (low / 1.5, high * 1.5))))
 
 
 def _slopes(image: RangeImage, name: str) -> Layer:
@@ -141,8 +94,8 @@ def slope(image: RangeImage, name: str = "range_m") -> NDArray[np.float64]:
     where one has; a direction without neighbours counts as flat. NaN where the voxel has no range or stands alone.
     """
     ranges = image[name].astype(np.float64)
-    along = _difference(ranges, axis=1) / _step(image.theta)
-    down = _difference(ranges, axis=0) / _step(image.phi)
+    along = _difference(ranges, axis=1) / step_of(image.theta)
+    down = _difference(ranges, axis=0) / step_of(image.phi)
     known = np.isfinite(along) | np.isfinite(down)
     both = (np.nan_to_num(along) + np.nan_to_num(down)) / (np.sqrt(2.0) * ranges)
     return np.where(known, both, np.nan)
@@ -158,7 +111,7 @@ def _difference(values: NDArray[np.float64], axis: int) -> NDArray[np.float64]:
 def _draw(image: RangeImage, layer: Layer, channel: Channel, picture: Picture, path: str | Path) -> None:
     """Draw a layer with axes in degrees, colour bar, heading, and a legend of the voxels without a range."""
     rows, columns = _voxels_of_dots(image)
-    causes = _causes(image[f"{channel.prefix}status"], np.isnan(layer.values))
+    causes = causes_of(image[f"{channel.prefix}status"], np.isnan(layer.values))
     with house_style():
         scale = ScalarMappable(layer.norm, matplotlib.colormaps[picture.colours])
         dots = scale.to_rgba(np.nan_to_num(layer.values[np.ix_(rows, columns)]), bytes=True)
@@ -184,7 +137,7 @@ def _voxels_of_dots(image: RangeImage) -> tuple[NDArray[np.intp], NDArray[np.int
     is smaller. Angles keep their proportions, as far as whole numbers and very slender rasters allow.
     """
     high, wide = (
-        count * _step(angles) for count, angles in zip(image.shape, (image.phi, image.theta), strict=True)
+        count * step_of(angles) for count, angles in zip(image.shape, (image.phi, image.theta), strict=True)
     )
     high, wide = max(high, wide / _SLENDEREST), max(wide, high / _SLENDEREST)
     finest = max(image.shape[0] * max(high, wide) / high, image.shape[1] * max(high, wide) / wide)
@@ -201,16 +154,10 @@ def _indices(dots: int, voxels: int) -> NDArray[np.intp]:
     return ((np.arange(dots) + 0.5) * (voxels / dots)).astype(np.intp)
 
 
-def _causes(found: NDArray[np.float32], empty: NDArray[np.bool_]) -> dict[Status, NDArray[np.bool_]]:
-    """Return where each status is the cause of an empty voxel, shape (rows, columns), for those that occur."""
-    where = {status: empty & (found == status) for status in Status}
-    return {status: mask for status, mask in where.items() if mask.any()}
-
-
 def _axes(sheet: Canvas, image: RangeImage) -> None:
     """Scale the axes in degrees, from the outer edges of the first voxels to those of the last."""
     across, down = np.degrees(image.theta), np.degrees(image.phi)
-    half_x, half_y = np.degrees(_step(image.theta)) / 2.0, np.degrees(_step(image.phi)) / 2.0
+    half_x, half_y = np.degrees(step_of(image.theta)) / 2.0, np.degrees(step_of(image.phi)) / 2.0
     sheet.axes.set_xlim(across[0] - half_x, across[-1] + half_x)
     sheet.axes.set_ylim(down[-1] + half_y, down[0] - half_y)
     wide, high = sheet.axes.get_position().size * sheet.figure.get_size_inches()
@@ -228,14 +175,7 @@ def _axes(sheet: Canvas, image: RangeImage) -> None:
 
 def _colour_bar(sheet: Canvas, layer: Layer, label: str, scale: ScalarMappable) -> None:
     bar = sheet.figure.colorbar(scale, cax=sheet.bar, extend=layer.extend, extendfrac=0.025)
-    bar.outline.set_linewidth(0.6)
-    bar.set_label(label)
-    bar.formatter = ScalarFormatter(useOffset=False)
-    if isinstance(layer.norm, LogNorm):
-        decades = np.log10(float(layer.norm.vmax or 1.0) / float(layer.norm.vmin or 1.0))
-        bar.locator = LogLocator(subs=(1.0, 2.0, 5.0) if decades < 4.0 else (1.0,))
-        bar.formatter = EngFormatter()
-        bar.minorticks_off()
+    label_bar(bar, layer.norm, label)
 
 
 def _heading(sheet: Canvas, image: RangeImage, title: str) -> None:
@@ -271,16 +211,8 @@ def _legend(sheet: Canvas, causes: dict[Status, NDArray[np.bool_]]) -> None:
         return
     figure, left = sheet.figure, sheet.axes.get_position().x0
     wide, high = figure.get_size_inches()
-    handles = []
-    for status, where in causes.items():
-        sentence = "no neighbour to compare with" if status is Status.VALID else status.sentence
-        text = f"{_per_cent(where)}: {sentence}"
-        colour = STATUS_COLOUR.get(status, FAINT)
-        handles.append(
-            Patch(facecolor=colour, edgecolor=FAINT, linewidth=0.3, label=shorten(text, int(wide / 0.064)))
-        )
     figure.legend(
-        handles=handles,
+        handles=patches_of(causes, int(wide / 0.064)),
         loc="lower left",
         bbox_to_anchor=(left, 0.06 / high),
         borderaxespad=0.0,
@@ -290,28 +222,3 @@ def _legend(sheet: Canvas, causes: dict[Status, NDArray[np.bool_]]) -> None:
         labelspacing=0.45,
         fontsize=7.5,
     )
-
-
-def _per_cent(where: NDArray[np.bool_]) -> str:
-    """Return the share of voxels in words that neither round to nothing nor to everything."""
-    share = 100.0 * float(where.mean())
-    if where.all():
-        return "100 %"
-    return (
-        "below 0.01 %" if share < 0.01 else f"{share:.2g} %" if share < 10.0 else f"{min(share, 99.9):.1f} %"
-    )
-
-
-def _step(angles: NDArray[np.float64]) -> float:
-    """Return the step between angles [rad]; a single one counts as a milliradian wide."""
-    return float(angles[-1] - angles[0]) / (angles.size - 1) if angles.size > 1 else 1e-3
-
-
-def _spread(values: NDArray[np.floating], low: float, high: float, least: float) -> tuple[float, float]:
-    """Return two percentiles of the finite values, at least ``least`` apart; (0, 1) where there are none."""
-    finite = values[np.isfinite(values)]
-    if not finite.size:
-        return 0.1, 1.0
-    first, last = (float(value) for value in np.percentile(finite, (low, high)))
-    short = max(least - (last - first), 0.0) / 2.0
-    return first - short, last + short

@@ -1,9 +1,9 @@
 """Beamlets: a Gaussian beam as a few narrower Gaussian ones.
 
-A Gaussian of unit variance per axis is split into beamlets of variance τ² about nodes of variance 1 − τ². On
-smooth surfaces few nodes do, if their moments are those of the Gaussian: the beam's image is then exact up to
-the surface's curvature within a beamlet. At edges the nodes themselves must resolve the spot: many of equal
-weight, evenly spread. Random samples would leave micrometres of noise in the centroid.
+On smooth surfaces the beam is carried over as a whole, and a few beamlets of no width probe what it meets. At edges
+a Gaussian of unit variance per axis is split into beamlets of variance τ² about nodes of variance 1 − τ², which must
+resolve the spot themselves: many of equal weight, evenly spread. Random samples would leave micrometres of noise in
+the centroid.
 
 While the mirrors sweep, each beamlet has its own moment in the dwell. The moments are spread evenly over it and have
 the mean 0 and the variance 1/12 of a dwell, uncorrelated with position: the smeared spot of a smooth surface is then
@@ -15,7 +15,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,36 +22,14 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
+_PLASTIC = 1.324717957244746
 _TIME_STEP = 0.5544
 """Step of the times along the spiral: of 370 tried, the one that leaves swept spots of 64 and 256 beamlets most
 even."""
 _USUAL_SWEEP = 6.0
 """Sweep along Θ [standard deviations of the beam] for which beamlets are ordered: 1 mrad from 10 m on."""
-_HEXAGONAL_RINGS: dict[int, tuple[float, tuple[tuple[float, float], ...]]] = {
-    7: (2.0, ((0.0, 0.0), (1.0, 0.0))),
-    19: (1.5, ((0.0, 0.0), (1.0, 0.0), (3.0, 30.0), (4.0, 0.0))),
-    37: (1.3, ((0.0, 0.0), (1.0, 0.0), (3.0, 30.0), (4.0, 0.0), (7.0, 19.1066), (7.0, 40.8934), (9.0, 0.0))),
-}
-"""Spacing in standard deviations of the nodes, and (squared radius in spacings, direction [deg]) of each ring."""
-_HALF_RING_TIMES: dict[int, tuple[tuple[float, float, float], ...]] = {
-    7: ((-0.4082, 0.4082, -0.4082),),
-    19: ((-0.3415, 0.3330, -0.3373), (0.0236, 0.5000, 0.4780), (0.5000, -0.4581, 0.1342)),
-    37: (
-        (-0.3617, 0.3508, -0.3548),
-        (0.0275, 0.0082, -0.0433),
-        (0.2389, -0.2508, 0.2788),
-        (0.1815, 0.4587, 0.0973),
-        (-0.1247, -0.3015, 0.5000),
-        (0.5000, -0.4791, 0.1623),
-    ),
-}
-"""Moments in the dwell of the first three beamlets of each ring; the other three have the opposite ones.
-
-Found by minimising, at exact second moments and within ±1/2, the fourth moments' errors, the unevenness of the
-times, and the light beyond the outermost beamlet in the direction of the sweep, where an edge would go unnoticed:
-below 0.3 % along Θ for sweeps of any length, 3 % in the worst direction. Seven beamlets leave no choice but the
-signs of cos 3θ.
-"""
+_PROBE_REACH = 2.4
+"""How far out beamlets probe what the beam meets [standard deviations of it]."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +42,8 @@ class Beamlets:
         Shape (k, 2): positions across the beam, in standard deviations of the irradiance (w/2).
     weights
         Shape (k,): shares of the power; their sum is 1.
-    width
-        Standard deviation τ of each beamlet, in the same unit: node and beamlet variances add up to 1.
+    variances
+        Shape (k,): variance of each beamlet, in those of the beam.
     aperture
         Shape (k, 2): points in the unit disc of the aperture.
     times
@@ -75,44 +52,37 @@ class Beamlets:
 
     nodes: Array
     weights: Array
-    width: float
+    variances: Array
     aperture: Array
     times: Array
 
     def __post_init__(self) -> None:
         """Protect the arrays: beamlets are computed once for all who ask for them."""
-        for values in (self.nodes, self.weights, self.aperture, self.times):
+        for values in (self.nodes, self.weights, self.variances, self.aperture, self.times):
             values.setflags(write=False)
 
 
-@lru_cache(maxsize=16)
-def smooth_beamlets(count: Literal[7, 19, 37]) -> Beamlets:
-    """Return beamlets for smooth surfaces: hexagonal rings with the moments of a Gaussian.
+@lru_cache(maxsize=1)
+def probe_beamlets() -> Beamlets:
+    """Return the whole beam, on its axis, and six beamlets of no width about it that probe what else it meets.
 
-    The ring weights solve for the moments E[r²ʲ] = 2ʲ j! s²ʲ, as many as there are rings; the sixfold
-    symmetry makes all others exact up to the fifth order. (Stroud, *Approximate calculation of multiple
-    integrals*, 1971, ch. 3, on such rules.)
-
-    Opposite beamlets have opposite times, so that all moments of odd order of times and positions together are 0, as
-    they are in the beam; what the remaining times have in common with the positions is taken off them.
+    The means over all seven of places, times, their squares and products are those of the beam, and as opposite ones
+    have opposite times, all third moments are 0: on a smooth surface the mean of any cubic of place and time is
+    exact (Stroud, *Approximate calculation of multiple integrals*, 1971, ch. 3, on such rules). While the mirrors
+    sweep, the six reach its ends and lie along both sides of it.
     """
-    spacing, rings = _HEXAGONAL_RINGS[count]
-    squared = np.array([ring[0] for ring in rings])
-    radii = sorted(set(squared))
-    members = np.array([6.0 * (squared == radius).sum() if radius else 1.0 for radius in radii])
-    powers = np.arange(len(radii))
-    moments = np.array([2.0**j * math.factorial(j) for j in powers])
-    powered = (np.array(radii) * spacing**2)[None, :] ** powers[:, None]
-    shares = np.linalg.solve(members * powered, moments)
-    nodes, weights = [np.zeros((1, 2))], [shares[:1]]
-    for radius, direction in rings[1:]:
-        angles = np.deg2rad(direction + 60.0 * np.arange(6))
-        nodes.append(spacing * math.sqrt(radius) * np.stack([np.cos(angles), np.sin(angles)], axis=1))
-        weights.append(np.full(6, shares[radii.index(radius)]))
-    width = 0.5 * spacing / math.hypot(1.0, 0.5 * spacing)
-    scaled = math.sqrt(1.0 - width**2) * np.concatenate(nodes)
-    shares = np.concatenate(weights)
-    return Beamlets(scaled, shares, width, _disc_points(count), _opposite_times(scaled, shares))
+    angle = np.deg2rad(60.0 * np.arange(6))
+    ring = _PROBE_REACH * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    # Six of a weight ω: 3 ω r² = 1 across the beam, and 6 ω t² = 1/12 along the dwell.
+    weight = 1.0 / (3.0 * _PROBE_REACH**2)
+    times = np.tile([1.0, -1.0], 3) / math.sqrt(72.0 * weight)
+    return Beamlets(
+        nodes=np.concatenate([np.zeros((1, 2)), ring]),
+        weights=np.array([1.0 - 6.0 * weight, *[weight] * 6]),
+        variances=np.array([1.0, *[0.0] * 6]),
+        aperture=_disc_points(7),
+        times=np.array([0.0, *times]),
+    )
 
 
 @lru_cache(maxsize=16)
@@ -133,20 +103,13 @@ def edge_beamlets(count: int) -> Beamlets:
     # The aperture's points are shared out over the beam at rest; rays are traced side by side as the sweep lays them.
     along = _neighbours_first(scaled + _USUAL_SWEEP * np.stack([even, np.zeros(count)], axis=1))
     times = _decorrelate(even, scaled, weights)
-    return Beamlets(scaled[along], weights, width, aperture_spiral(count)[along], times[along])
+    variances = np.full(count, width**2)
+    return Beamlets(scaled[along], weights, variances, aperture_spiral(count)[along], times[along])
 
 
 def edge_width(count: int) -> float:
     """Return the standard deviation of each of ``count`` beamlets spread over the beam, in those of the beam."""
     return min(0.5, 2.0 / math.sqrt(count))
-
-
-def _opposite_times(nodes: Array, weights: Array) -> Array:
-    """Return times of nodes on rings of six: the second half of each ring is opposite to the first in both."""
-    times = np.zeros(len(nodes))
-    half = np.array(_HALF_RING_TIMES[len(nodes)])
-    times[1:] = np.concatenate([half, -half], axis=1).ravel()
-    return _decorrelate(times, nodes, weights)
 
 
 def _decorrelate(times: Array, nodes: Array, weights: Array) -> Array:
@@ -180,7 +143,22 @@ def aperture_spiral(count: int) -> Array:
         step for step in range(max(1, round(_GOLDEN * count)), 2 * count) if math.gcd(step, count) == 1
     )
     index = (np.arange(count) * stride) % count
-    radius, angle = np.sqrt((index + 0.5) / count), 2.0 * np.pi * _GOLDEN * index
+    return _even_disc((index + 0.5) / count, _GOLDEN * index)
+
+
+def aperture_lattice(count: int) -> Array:
+    """Return points of the unit disc, shape (count, 2), that share nothing with multiples of the golden section.
+
+    Their squared radii and directions are the R2 sequence (generalised golden ratio); mean and covariance are those of
+    the disc.
+    """
+    index = np.arange(count) + 0.5
+    return _even_disc(index / _PLASTIC % 1.0, index / _PLASTIC**2)
+
+
+def _even_disc(squared: NDArray[np.floating], turns: NDArray[np.floating]) -> Array:
+    """Return points of squared radii and directions, moved a little to the mean and covariance of the disc."""
+    radius, angle = np.sqrt(squared), 2.0 * np.pi * turns
     return 0.5 * _whiten(np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1))
 
 
@@ -196,10 +174,9 @@ def _disc_points(count: int) -> Array:
     The first is the centre; the others follow the R2 sequence (generalised golden ratio), mirrored in pairs so
     that their mean is the centre.
     """
-    plastic = 1.324717957244746
     index = np.repeat(np.arange(1, count // 2 + 1), 2)
     sign = np.tile([1.0, -1.0], count // 2)
-    radius = np.sqrt((0.5 + index / plastic) % 1.0) * sign
-    angle = 2.0 * np.pi * ((0.5 + index / plastic**2) % 1.0)
+    radius = np.sqrt((0.5 + index / _PLASTIC) % 1.0) * sign
+    angle = 2.0 * np.pi * ((0.5 + index / _PLASTIC**2) % 1.0)
     points = np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
     return np.concatenate([np.zeros((1, 2)), points])[:count]

@@ -236,9 +236,7 @@ def cluster(
         )
         return power, position, sigma
 
-    # Moments about the low end of a lone cluster are as good about its first spot, which needs no search.
-    lone = clusters == 1 and about == 0.0
-    origin, extent = (spot(0)[1], mi.Float(0.0)) if lone else _lit_extent(spot, m, count)
+    origin, extent = _lit_extent(spot, m, count)
     width = dr.maximum(extent / clusters, _LEAST_WIDTH)
     coherent = spots.coherence is not None
     sums = [dr.alloc_local(mi.Float, clusters, mi.Float(0.0)) for _ in range(4 if coherent else 3)]

@@ -58,7 +58,7 @@ class LineProjection:
         """Return True: what falls beside the line is in no pixel."""
         return mi.Bool(True)
 
-    def lay(self, hits: Hits, width: float) -> Laid:
+    def lay(self, hits: Hits) -> Laid:
         """Return where beamlets' light lies: the tangent plane and the lens map Gaussians to Gaussians."""
         layout, frame, shots, distance = self.layout, hits.frame, hits.lane.own, hits.si.t
         p, q, depth = image(layout, frame, hits.si.p)
@@ -80,15 +80,22 @@ class LineProjection:
         pt = shots.travel_theta * (pa * distance / spread + f + dr.square(p) / f) + shots.travel_phi * (
             pb * reach / spread
         )
-        residual = dr.opaque(mi.Float, width**2)
+        residual = hits.lane.variance
         blur = dr.opaque(mi.Float, layout.point_spread**2)
-        var_p = residual * (dr.square(pa) + dr.square(pb)) + blur
-        var_q = residual * (dr.square(qa) + dr.square(qb)) + blur
-        covariance = residual * (pa * qa + pb * qb)
+        # A surface point that is lit for a while moves on the line, as the receiver turns meanwhile.
+        variance = hits.lane.time_variance
+        turn_p = shots.travel_theta * (f + dr.square(p) / f)
+        turn_q = -shots.travel_phi * reach * f / depth
+        var_p = residual * (dr.square(pa) + dr.square(pb)) + variance * dr.square(turn_p) + blur
+        var_q = residual * (dr.square(qa) + dr.square(qb)) + variance * dr.square(turn_q) + blur
+        covariance = residual * (pa * qa + pb * qb) + variance * turn_p * turn_q
         p = synchronisation_shift(layout, p, shots.synchronisation)
-        inside, p, var_p = cut_by_height(p, q, var_p, var_q, covariance, dr.opaque(mi.Float, layout.height))
-        pitch = dr.opaque(mi.Float, layout.pitch)
-        return Laid(to_pixels(layout, p), dr.sqrt(var_p) / pitch, inside, pa / pitch, pb / pitch, pt / pitch)
+        height, pitch = dr.opaque(mi.Float, layout.height), dr.opaque(mi.Float, layout.pitch)
+        inside, cut, var_p = cut_by_height(p, q, var_p, var_q, covariance, height)
+        slopes_in_pixels = (slope / pitch for slope in (pa, pb, pt))
+        return Laid(
+            to_pixels(layout, cut), dr.sqrt(var_p) / pitch, inside, (cut - p) / pitch, *slopes_in_pixels
+        )
 
     def lay_point(
         self,
@@ -120,7 +127,7 @@ class LineProjection:
                 mean = 0.5 * (strength[number] + strength[number + 3])
                 kink = dr.maximum(kink, dr.abs(mean - strength[0]))
         # Times are independent of positions: this is the rise across the beam alone, the sweep's left out.
-        rise = dr.sqrt(dr.square(rise_a) + dr.square(rise_b)) / (1.0 - beamlets.width**2)
+        rise = dr.sqrt(dr.square(rise_a) + dr.square(rise_b))
         return (kink > _UNEVEN_KINK * strongest) | (rise > _UNEVEN_RISE * strongest)
 
 

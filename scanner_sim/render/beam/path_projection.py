@@ -78,7 +78,7 @@ class PathProjection:
         above = dr.dot(offset, frame.normal)
         return (depth > 0.0) & (dr.square(aside) + dr.square(above) <= dr.square(half * depth))
 
-    def lay(self, hits: Hits, width: float) -> Laid:
+    def lay(self, hits: Hits) -> Laid:
         """Return the beamlets' paths from their shot's reference, and the spread that the tangent plane gives them."""
         layout, si, lane = self.layout, hits.si, hits.lane
         hit = si.is_valid()
@@ -96,8 +96,9 @@ class PathProjection:
         both = hits.beam.direction + back / dr.maximum(length, _NONZERO)
         scale = layout.beam_sigma(layout.twist(si.t))
         slope_a, slope_b = (dr.dot(slide, both) * scale for slide in hits.slides())
-        spread = dr.opaque(mi.Float, width) * dr.sqrt(dr.square(slope_a) + dr.square(slope_b))
-        return Laid(path, spread, mi.Float(1.0), slope_a, slope_b, mi.Float(0.0), reference)
+        spread = dr.sqrt(lane.variance * (dr.square(slope_a) + dr.square(slope_b)))
+        none = mi.Float(0.0)
+        return Laid(path, spread, mi.Float(1.0), none, slope_a, slope_b, none, reference)
 
     def lay_point(
         self,

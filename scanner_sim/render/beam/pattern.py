@@ -28,7 +28,8 @@ from scanner_sim.scene.files.loader import LoadedScene
 def chief_beamlet() -> Beamlets:
     """Return the beam's axis in the middle of the dwell, which has no light."""
     nothing = np.zeros((1, 2))
-    return Beamlets(nodes=nothing, weights=nothing[:, 0], width=0.0, aperture=nothing, times=nothing[:, 0])
+    none = nothing[:, 0]
+    return Beamlets(nodes=nothing, weights=none, variances=none, aperture=nothing, times=none)
 
 
 def pattern_light(

@@ -16,10 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Float, UInt32
+from scanner_sim.foundation.streams import Seed
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.render.shots import Lattice, Shots, draw_errors, lattice_position
 from scanner_sim.scan.protocol import Aim
-from scanner_sim.scene.files.loader import Body, packed_poses, unpacked_poses
+from scanner_sim.scene.files.loader import packed_poses, unpacked_poses
 
 Array = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ class Fired:
 
 
 def packed_shots(
-    aim: Aim, still: Sequence[Array], mirrors: Mirrors, duty_cycle: float, bodies: Sequence[Body]
+    aim: Aim, still: Sequence[Array], mirrors: Mirrors, duty_cycle: float, poses: Sequence[Array]
 ) -> tuple[Float, UInt32]:
     """Return the shots of an aim as two Dr.Jit arrays, column after column, for :func:`fired_shots`.
 
@@ -56,8 +57,8 @@ def packed_shots(
         Errors of Θ and φ that are known beforehand [rad], each of shape (points,): the drift.
     mirrors, duty_cycle
         The mirrors, and the share of the dwell in which the laser shines.
-    bodies
-        The objects that move.
+    poses
+        Of the objects that move, at the shots' times, each of shape (points, 4, 4).
     """
     numbers: list[NDArray[Any]] = [
         aim.theta,
@@ -73,13 +74,13 @@ def packed_shots(
             for cell, part in (lattice_position(angle, mirrors.wobble_angle), moment):
                 integers.append(cell)
                 numbers.append(part)
-    if bodies:
-        numbers.append(packed_poses([body.item.pose_at(aim.time) for body in bodies]))
+    if poses:
+        numbers.append(packed_poses(list(poses)))
     return mi.Float(_join_columns(numbers, np.float32)), mi.UInt32(_join_columns(integers, np.uint32))
 
 
 def fired_shots(
-    numbers: Float, integers: UInt32, points: int, mirrors: Mirrors, bodies: int, seed: int
+    numbers: Float, integers: UInt32, points: int, mirrors: Mirrors, bodies: int, seed: Seed
 ) -> Fired:
     """Return the shots that :func:`packed_shots` packed, with the mirrors' random errors of their numbers.
 

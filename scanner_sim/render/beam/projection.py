@@ -51,25 +51,40 @@ class Spots:
 
 
 @dataclass
+class Laid:
+    """Beamlets' light on the coordinate.
+
+    ``position``, and ``sigma``, of the share ``kept`` of it that lies there, and ``shift`` of that position against the
+    whole; ``slope_a`` and ``slope_b`` the derivatives of the position along the beam's two axes, per standard deviation
+    of the beam, ``slope_time`` that along the dwell, per dwell. ``reference`` is what the positions of a shot are
+    counted from, shape (n,), None for 0.
+    """
+
+    position: Float
+    sigma: Float
+    kept: Float
+    shift: Float
+    slope_a: Float
+    slope_b: Float
+    slope_time: Float
+    reference: Float | None = None
+
+
+@dataclass
 class BeamletReturns:
     """What beamlets bring back from the first surface, Dr.Jit arrays: entry i · k + j is beamlet j of shot i.
 
-    ``spots``; ``strength`` the power that the lens takes in, per power of the beamlet; ``slope_a`` and ``slope_b`` the
-    derivatives of the position along the beam's two axes, per standard deviation of the beam, ``slope_time`` that along
-    the dwell, per dwell; ``distance`` along the beamlet [m], NaN for nothing; ``seen`` 1 where the lens sees it;
-    ``shape`` registry index of the surface, 0 for none. ``reference`` is what the positions of a shot are counted from,
-    shape (n,), None for 0.
+    ``spots``; ``strength`` the power that the lens takes in, per power of the beamlet; ``laid`` where it lies;
+    ``distance`` along the beamlet [m], NaN for nothing; ``seen`` 1 where the lens sees it; ``shape`` registry index of
+    the surface, 0 for none.
     """
 
     spots: Spots
     strength: Float
-    slope_a: Float
-    slope_b: Float
-    slope_time: Float
+    laid: Laid
     distance: Float
     seen: UInt32
     shape: UInt32
-    reference: Float | None
 
 
 @dataclass
@@ -98,19 +113,6 @@ class Hits:
             axis - direction * (dr.dot(normal, axis) / cosine)
             for axis in (self.frame.across, self.frame.normal)
         ]
-
-
-@dataclass
-class Laid:
-    """Beamlets' light on the coordinate, as in :class:`BeamletReturns`; ``kept`` is the share of it that lies there."""
-
-    position: Float
-    sigma: Float
-    kept: Float
-    slope_a: Float
-    slope_b: Float
-    slope_time: Float
-    reference: Float | None = None
 
 
 @dataclass(frozen=True)
@@ -165,8 +167,8 @@ class Projection(Protocol):
     def sees(self, frame: Frame, point: Vector3f) -> Mask:
         """Return whether points lie in the field of view."""
 
-    def lay(self, hits: Hits, width: float) -> Laid:
-        """Return where beamlets' light lies, each of a width in standard deviations of the beam."""
+    def lay(self, hits: Hits) -> Laid:
+        """Return where beamlets' light lies."""
 
     def lay_point(
         self, frame: Frame, shots: Shots, point: Vector3f, way: Float
@@ -203,7 +205,7 @@ def trace_returns(
     si = meet(loaded, beam.origin, beam.direction)
     hit = si.is_valid()
     strength, seen = connect(loaded, layout, frame, si, lane.stop, hit & projection.sees(frame, si.p))
-    laid = projection.lay(Hits(lane, frame, beam, si, strength, seen), beamlets.width)
+    laid = projection.lay(Hits(lane, frame, beam, si, strength, seen))
     shape: UInt32 = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
     spots = Spots(
         lane.weight * dr.opaque(mi.Float, projection.power) * strength * laid.kept,
@@ -216,11 +218,8 @@ def trace_returns(
     return BeamletReturns(
         spots,
         strength,
-        laid.slope_a,
-        laid.slope_b,
-        laid.slope_time,
+        laid,
         dr.select(hit, si.t, dr.nan),
         dr.select(seen, mi.UInt32(1), 0),
         shape,
-        laid.reference,
     )

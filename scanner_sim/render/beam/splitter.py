@@ -1,9 +1,9 @@
 """The laser's light of a batch of shots: beams split into as many beamlets as what they meet asks for.
 
-Shots are sorted by what their beam meets. On smooth surfaces a few beamlets suffice and their sum is one Gaussian
-with their mean and variance; where beamlets disagree on material, visibility or position, the shot is traced again
-with many and keeps the shape of its light in clusters, each with exact power, mean and variance. All this is the same
-for the line sensor and for the photodiode; what differs is in their projections
+Shots are sorted by what their beam meets, which a few beamlets probe. On smooth surfaces its light is one Gaussian, the
+beam's on the tangent plane with the probes' mean and power; where they disagree on material, visibility or position,
+the shot is traced again with many beamlets and keeps the shape of its light in clusters, each with exact power, mean
+and variance. All this is the same for the line sensor and for the photodiode; what differs is in their projections
 (:mod:`scanner_sim.render.beam.projection`).
 """
 
@@ -20,10 +20,11 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32
-from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets, smooth_beamlets
+from scanner_sim.render.beam.beamlets import Beamlets, edge_beamlets, probe_beamlets
 from scanner_sim.render.beam.bounces import trace_bounces
 from scanner_sim.render.beam.light import Light, Truth, cluster
 from scanner_sim.render.beam.projection import BeamletReturns, Projection, trace_returns
+from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.scene.files.loader import LoadedScene
@@ -34,12 +35,7 @@ _BOUNCE_CLUSTERS = 64
 """Clusters of the light that met several surfaces; it may cover the whole line, or the whole record."""
 _BATCH = 1 << 22
 """Beamlets, or surface points of random paths, that are traced together: bounds the memory."""
-_GRAZING_WEIGHT = 0.01
-"""Weight of the beamlets beyond an edge below which the edge only grazes the light of a long sweep, whose outermost
-beamlets are far out."""
-_LONG_SWEEP = 4.0
-"""Standard deviations of the beam that make a sweep long."""
-_SMOOTH, _UNEVEN, _EDGE, _GRAZED = 0, 1, 2, 3
+_SMOOTH, _UNEVEN, _EDGE = 0, 1, 2
 
 Speckle = Callable[[Light, Shots, Truth], Float]
 """What multiplies the amounts of clusters by speckle, of the light, its shots and what their chief rays meet."""
@@ -74,31 +70,34 @@ def render_light(
         Groups of shots that together hold every shot once.
     """
     shots = projection.fired(shots)
-    beamlets = smooth_beamlets(settings.beamlets)
-    returns = trace_returns(loaded, projection, beamlets, shots)
+    probe = probe_beamlets()
+    returns = trace_returns(loaded, projection, probe, shots)
     dr.eval(returns)
-    chief = dr.arange(mi.UInt32, dr.width(shots.theta)) * len(beamlets.weights)
+    chief = dr.arange(mi.UInt32, dr.width(shots.theta)) * len(probe.weights)
     truth = Truth.of(loaded, returns.distance, returns.shape, chief)
-    footprint = _classify_footprints(loaded, projection, beamlets, shots, returns, chief)
-    dr.eval(truth, footprint)
+    footprint = _classify_footprints(loaded, projection, probe, returns, chief)
+    # Sweeps are as long as they are at the surface that counts: the chief ray's, or the nearest where it meets none.
+    nearest = dr.select(dr.isfinite(returns.distance), returns.distance, dr.inf)
+    nearest = dr.block_reduce(dr.ReduceOp.Min, nearest, len(probe.weights))
+    reach = dr.select(dr.isfinite(truth.distance), truth.distance, nearest)
+    dr.eval(truth, footprint, reach)
 
     def direct() -> Iterator[Light]:
         kinds, finer = footprint.numpy(), []
         smooth = _indices(kinds == _SMOOTH)
         if dr.width(smooth):
-            yield _gather(projection, returns, smooth, smooth, shots.take(smooth), beamlets, 1)
-        for kind, count in (
-            (_UNEVEN, settings.uneven_beamlets),
-            (_GRAZED, max(settings.uneven_beamlets, settings.edge_beamlets // 2)),
-            (_EDGE, settings.edge_beamlets),
-        ):
-            beamlets_there = edge_beamlets(count)
+            yield _whole_beams(projection, probe, returns, smooth, dr.gather(mi.UInt32, shots.number, smooth))
+        for kind, count in ((_UNEVEN, settings.uneven_beamlets), (_EDGE, settings.edge_beamlets)):
+            tables = SweptTables.averaged(count)
             for index in _batches(_indices(kinds == kind), count):
                 own = shots.take(index)
-                many = trace_returns(loaded, projection, beamlets_there, own)
-                dr.eval(many.spots, many.reference)
+                split = SweptBeamlets.of(tables, projection.layout, own, dr.gather(mi.Float, reach, index))
+                dr.eval(split.length, split.cosine, split.sine)
+                many = trace_returns(loaded, projection, split, own)
+                dr.eval(many.spots, many.laid.reference)
                 every = dr.arange(mi.UInt32, dr.width(index))
-                finer.append(_gather(projection, many, every, index, own, beamlets_there, CLUSTERS))
+                found = cluster(many.spots, every, count, CLUSTERS, projection.resolution)
+                finer.append(Light(index, own.number, *found, many.laid.reference))
         # Together: what follows is recorded and launched for each group anew.
         if finer:
             yield Light.of_all(finer)
@@ -114,21 +113,36 @@ def render_light(
     return truth, groups()
 
 
-def _gather(
-    projection: Projection,
-    returns: BeamletReturns,
-    indices: UInt32,
-    index: UInt32,
-    shots: Shots,
-    beamlets: Beamlets,
-    clusters: int,
+def _whole_beams(
+    projection: Projection, probe: Beamlets, returns: BeamletReturns, index: UInt32, number: UInt32
 ) -> Light:
-    """Return the light of m shots from the returns at some indices; ``index`` is that in the batch."""
-    found = cluster(returns.spots, indices, len(beamlets.weights), clusters, projection.resolution)
-    reference = returns.reference
-    return Light(
-        index, shots.number, *found, None if reference is None else dr.gather(mi.Float, reference, indices)
-    )
+    """Return the light of beams that meet one smooth surface each, by their indices and the shots' numbers.
+
+    The chief beamlet's is that of the whole beam on its tangent plane, at rest and cut by the detector's field. The
+    mean of all beamlets' places, weighted by what they return, tells how curvature and a change of strength shift it,
+    and a sweep widens it by its variance over the dwell.
+    """
+    laid, spots, chief = returns.laid, returns.spots, index * len(probe.weights)
+
+    def beamlet(values: Float, number: int = 0) -> Float:
+        return dr.gather(mi.Float, values, chief + number)
+
+    middle = beamlet(laid.position) - beamlet(laid.shift)
+    total, moved = float(probe.weights[0]) * beamlet(returns.strength), mi.Float(0.0)
+    for place, weight in enumerate(probe.weights.tolist()[1:], 1):
+        strength = weight * beamlet(returns.strength, place)
+        total += strength
+        moved += dr.select(strength > 0.0, strength * (beamlet(laid.position, place) - middle), 0.0)
+    lit = total > 0.0
+    amount = dr.select(lit, dr.opaque(mi.Float, projection.power) * beamlet(laid.kept) * total, 0.0)
+    position = dr.select(lit, beamlet(spots.position) + moved / total, 0.0)
+    variance = dr.square(beamlet(spots.sigma)) + dr.square(beamlet(laid.slope_time)) / 12.0
+    sigma = dr.sqrt(dr.select(lit, variance, projection.resolution.least_variance))
+    coherence = None if spots.coherence is None else beamlet(spots.coherence)
+    reference = laid.reference if laid.reference is None else dr.gather(mi.Float, laid.reference, index)
+    light = Light(index, number, amount, position, sigma, coherence, reference)
+    dr.eval(light)
+    return light
 
 
 def _indices(where: NDArray[np.bool_]) -> UInt32:
@@ -164,47 +178,34 @@ def _with_bounces(
 
 
 def _classify_footprints(
-    loaded: LoadedScene,
-    projection: Projection,
-    beamlets: Beamlets,
-    shots: Shots,
-    returns: BeamletReturns,
-    chief: UInt32,
+    loaded: LoadedScene, projection: Projection, probe: Beamlets, returns: BeamletReturns, chief: UInt32
 ) -> UInt32:
-    """Return what each shot's beam meets: a smooth surface, an uneven one, an edge, or an edge that only grazes it.
+    """Return what each shot's beam meets: a smooth surface, an uneven one or an edge.
 
     Where beamlets disagree with the chief one on material or visibility, or lie far off its tangent plane, there is an
-    edge, which only grazes the light of a long sweep where the outermost do; where they leave the plane a little or
-    return unequally, the surface is uneven.
+    edge; where they leave the plane a little or return unequally, the surface is uneven.
     """
 
-    def beamlet(values: Any, number: int) -> Any:
+    def beamlet(values: Any, number: int = 0) -> Any:
         return dr.gather(type(values), values, chief + number)
 
-    layout, resolution, positions = projection.layout, projection.resolution, returns.spots.position
-    material = dr.gather(mi.UInt32, loaded.material_of, beamlet(returns.shape, 0))
-    seen, position, distance = (beamlet(values, 0) for values in (returns.seen, positions, returns.distance))
-    slope_a, slope_b, slope_time = (
-        beamlet(values, 0) for values in (returns.slope_a, returns.slope_b, returns.slope_time)
-    )
+    layout, resolution, laid = projection.layout, projection.resolution, returns.laid
+    material, seen = dr.gather(mi.UInt32, loaded.material_of, beamlet(returns.shape)), beamlet(returns.seen)
+    position = beamlet(laid.position) - beamlet(laid.shift)
+    slope_a, slope_b, slope_time = (beamlet(slope) for slope in (laid.slope_a, laid.slope_b, laid.slope_time))
     # The beam's ruled lines turn about its axis by atan((z − z₀)/z_R).
-    twist = layout.twist(distance)
+    twist = layout.twist(beamlet(returns.distance))
     cosine = dr.rsqrt(1.0 + dr.square(twist))
     sine = twist * cosine
-    swept = dr.sqrt(dr.square(shots.travel_theta) + dr.square(shots.travel_phi))
-    swept = dr.select(swept > 0.0, swept * (distance / layout.beam_sigma(twist)), 0.0)
-    beyond, farthest = mi.Float(0.0), mi.Float(0.0)
-    for number, (a, b) in enumerate(beamlets.nodes.tolist()[1:], 1):
+    edge, farthest = mi.Bool(False), mi.Float(0.0)
+    for number, (a, b) in enumerate(probe.nodes.tolist()[1:], 1):
         flat = position + slope_a * (a * cosine - b * sine) + slope_b * (a * sine + b * cosine)
-        flat += slope_time * float(beamlets.times[number])
-        departure = dr.select(seen == 1, dr.abs(beamlet(positions, number) - flat), 0.0)
-        differs = dr.gather(mi.UInt32, loaded.material_of, beamlet(returns.shape, number)) != material
-        differs |= (beamlet(returns.seen, number) != seen) | (departure > resolution.edge_departure)
-        beyond += dr.select(differs, float(beamlets.weights[number]), 0.0)
+        flat += slope_time * float(probe.times[number])
+        departure = dr.select(seen == 1, dr.abs(beamlet(laid.position, number) - flat), 0.0)
+        edge |= dr.gather(mi.UInt32, loaded.material_of, beamlet(returns.shape, number)) != material
+        edge |= (beamlet(returns.seen, number) != seen) | (departure > resolution.edge_departure)
         farthest = dr.maximum(farthest, departure)
-    edge = beyond > _GRAZING_WEIGHT * dr.minimum(swept * (1.0 / _LONG_SWEEP), 1.0)
-    strength = [beamlet(returns.strength, number) for number in range(len(beamlets.weights))]
-    uneven = (farthest > resolution.uneven_departure) | projection.is_unequal(strength, beamlets)
+    strength = [beamlet(returns.strength, number) for number in range(len(probe.weights))]
+    uneven = (farthest > resolution.uneven_departure) | projection.is_unequal(strength, probe)
     uneven |= (seen == 1) & (dr.abs(slope_time) > resolution.gaussian_travel)
-    footprint = dr.select(uneven, mi.UInt32(_UNEVEN), _SMOOTH)
-    return dr.select(edge, _EDGE, dr.select(beyond > 0.0, _GRAZED, footprint))
+    return dr.select(edge, _EDGE, dr.select(uneven, mi.UInt32(_UNEVEN), _SMOOTH))

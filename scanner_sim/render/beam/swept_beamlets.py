@@ -6,12 +6,18 @@ at x + L t along the travel. Beamlet j of k takes the quantile (j + ½)/k of the
 convolved with a box, and its x from what that leaves; y and that choice follow sequences without clusters, mirrored so
 that all odd moments vanish. Edges across the travel then err by 1/(2k) of the light at most, where a fixed set of
 positions errs by several times as much; for edges along it the positions are as good as any.
+
+What a beam meets depends on x + L t and y alone. So where the distance is known for which L holds, a beamlet need not
+have one moment: it can stand for all moments at which the beam passes its place, fired at their mean, and their
+variance widens its spot by what the receiver turns meanwhile (:func:`averaged_positions`). Two dimensions are left to
+be covered in place of three.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import drjit as dr
 import mitsuba as mi
@@ -20,9 +26,9 @@ from numpy.typing import NDArray
 from scipy.special import ndtr, ndtri
 
 from scanner_sim.foundation.device_types import Float, UInt32
-from scanner_sim.render.beam.beamlets import aperture_spiral, edge_width
+from scanner_sim.render.beam.beamlets import aperture_lattice, aperture_spiral, edge_width
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import OpticalLayout
+from scanner_sim.render.transport import Drawn, OpticalLayout
 
 Array = NDArray[np.float64]
 
@@ -34,6 +40,8 @@ _ACROSS, _CHOICE = (3.0 - math.sqrt(5.0)) / 2.0, 0.7548776662
 """Steps of the sequences that choose y, by the golden section, and x, by the plastic number: their multiples are spread
 most evenly, alone and against each other."""
 _HALVINGS = 60
+_SHORTEST = 0.2
+"""Travel below which the moments at one place are taken as those at this one."""
 
 
 @dataclass
@@ -42,7 +50,8 @@ class SweptTables:
 
     ``along``, ``times`` and ``across`` hold entry row · k + j for beamlet j at the length of a row; positions are in
     standard deviations of the beam, times in dwells. ``stop_across`` and ``stop_normal`` are points of the unit disc of
-    the aperture, entry j; ``width`` is the standard deviation of each beamlet.
+    the aperture, entry j; ``width`` is the standard deviation of each beamlet. ``time_variance`` is that of the moments
+    for which a beamlet stands; None where it has a single one.
     """
 
     along: Float
@@ -51,17 +60,23 @@ class SweptTables:
     stop_across: Float
     stop_normal: Float
     width: float
+    time_variance: Float | None = None
 
     @classmethod
     def of(cls, count: int) -> SweptTables:
-        """Return the tables of ``count`` beamlets."""
+        """Return the tables of ``count`` beamlets with a moment of their own each."""
         width = edge_width(count)
         along, times, across = swept_positions(count, np.sqrt(1.0 - width**2))
-        stops = aperture_spiral(count)
-        a, b, c, d, e = (
-            mi.Float(values.astype(np.float32).ravel()) for values in (along, times, across, *stops.T)
-        )
+        a, b, c, d, e = _uploaded(along, times, across, *aperture_spiral(count).T)
         return cls(a, b, c, d, e, width)
+
+    @classmethod
+    def averaged(cls, count: int) -> SweptTables:
+        """Return the tables of ``count`` beamlets that stand for all moments at which the beam is there."""
+        width = edge_width(count)
+        along, times, across, variance = averaged_positions(count, np.sqrt(1.0 - width**2))
+        a, b, c, d, e, left = _uploaded(along, times, across, *aperture_lattice(count).T, variance)
+        return cls(a, b, c, d, e, width, left)
 
     @property
     def count(self) -> int:
@@ -106,24 +121,27 @@ class SweptBeamlets:
         """Number of beamlets."""
         return self.tables.count
 
-    @property
-    def width(self) -> float:
-        """Standard deviation of each beamlet, in those of the beam."""
-        return self.tables.width
-
-    def draw(self, beamlet: UInt32, shot: UInt32) -> tuple[list[Float], list[Float], Float, Float]:
-        """Return nodes, points of the aperture, weights and moments of beamlets of shots."""
+    def draw(self, beamlet: UInt32, shot: UInt32) -> Drawn:
+        """Return beamlets of shots."""
         tables = self.tables
         row = dr.gather(mi.Float, self.length, shot)
         low = dr.minimum(mi.UInt32(row), _LENGTHS - 2)
         at, part = low * self.count + beamlet, row - mi.Float(low)
-        x, time, y = (
-            dr.lerp(dr.gather(mi.Float, values, at), dr.gather(mi.Float, values, at + self.count), part)
-            for values in (tables.along, tables.times, tables.across)
+        x, time, y, time_variance = (
+            mi.Float(0.0)
+            if values is None
+            else dr.lerp(dr.gather(mi.Float, values, at), dr.gather(mi.Float, values, at + self.count), part)
+            for values in (tables.along, tables.times, tables.across, tables.time_variance)
         )
         cosine, sine = dr.gather(mi.Float, self.cosine, shot), dr.gather(mi.Float, self.sine, shot)
         stop = [dr.gather(mi.Float, values, beamlet) for values in (tables.stop_across, tables.stop_normal)]
-        return [x * cosine - y * sine, x * sine + y * cosine], stop, mi.Float(1.0 / self.count), time
+        node = [x * cosine - y * sine, x * sine + y * cosine]
+        variance = dr.opaque(mi.Float, tables.width**2)
+        return Drawn(node, stop, mi.Float(1.0 / self.count), time, variance, time_variance)
+
+
+def _uploaded(*tables: Array) -> list[Float]:
+    return [mi.Float(values.astype(np.float32).ravel()) for values in tables]
 
 
 def swept_positions(count: int, spread: float) -> tuple[Array, Array, Array]:
@@ -141,18 +159,8 @@ def swept_positions(count: int, spread: float) -> tuple[Array, Array, Array]:
     F(u) = [G(u + L/2) − G(u − L/2)]/L with G(z) = z Φ(z/s) + s φ(z/s) is the distribution of u = x + L t, for t even on
     ±½; given u, x is Gaussian within u ± L/2.
     """
-    share = np.linspace(0.0, _LONGEST / (1.0 + _LONGEST), _LENGTHS)
-    length = (share / (1.0 - share))[:, None]
+    length, safe, passed = _quantiles(count, spread)
     choice, across = _mirrored_multiples(count, _CHOICE), spread * ndtri(_mirrored_multiples(count, _ACROSS))
-    level = (np.arange(count) + 0.5) / count
-    safe = np.maximum(length, 1e-3)
-    high = np.broadcast_to(6.0 * spread + safe, (_LENGTHS, count)).copy()
-    low = -high
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        below = _distribution(middle, safe, spread) < level
-        low, high = np.where(below, middle, low), np.where(below, high, middle)
-    passed = 0.5 * (low + high)
     first, last = (ndtr((passed + side * safe) / spread) for side in (-0.5, 0.5))
     along = spread * ndtri(np.clip(first + choice * (last - first), 1e-12, 1.0 - 1e-12))
     times = (passed - along) / safe
@@ -166,6 +174,54 @@ def swept_positions(count: int, spread: float) -> tuple[Array, Array, Array]:
     )
     times = share * passed + rest
     return passed - length * times, times, across
+
+
+@lru_cache(maxsize=8)
+def averaged_positions(count: int, spread: float) -> tuple[Array, Array, Array, Array]:
+    """Return x, t, y and the variance of t of beamlets that stand for all moments at which the beam is at their place.
+
+    Arguments as those of :func:`swept_positions`; so are the moments, the variances of t added to those of its means.
+
+    Notes
+    -----
+    Given u = x + L t, x is Gaussian within u ± L/2: its mean and variance are those of the truncated normal
+    distribution (Johnson, Kotz, Balakrishnan, *Continuous univariate distributions* 1, 1994, ch. 13).
+    """
+    length, _, passed = _quantiles(count, spread)
+    # On the lower side, where the distribution's tail keeps its digits; below a short length t is even.
+    down, reach = -np.abs(passed), np.maximum(length, _SHORTEST)
+    first, last = ((down + side * reach) / spread for side in (-0.5, 0.5))
+    density = [np.exp(-0.5 * end**2) / np.sqrt(2.0 * np.pi) for end in (first, last)]
+    within = ndtr(last) - ndtr(first)
+    mean = (density[0] - density[1]) / within
+    variance = 1.0 + (first * density[0] - last * density[1]) / within - mean**2
+    times = -np.sign(passed) * (down - spread * mean) / reach
+    left = variance * (spread / reach) ** 2
+    whole = spread**2 + length**2 / 12.0
+    passed = _scale_to(passed, whole)
+    # What t shares with u is L/12 of the whole, and with y nothing; on short ways it depends on u in proportion.
+    bend = np.where(length > _SHORTEST, _remove_shared(times, passed), 0.0)
+    times = bend + (length / 12.0 / whole) * passed
+    across = np.broadcast_to(spread * ndtri(_mirrored_multiples(count, _ACROSS)), passed.shape)
+    across = _remove_shared(_remove_shared(across, passed), np.where(length > _SHORTEST, bend, passed))
+    across = _scale_to(across, spread**2)
+    left *= (1.0 / 12.0 - (times**2).mean(axis=1, keepdims=True)) / left.mean(axis=1, keepdims=True)
+    return passed - length * times, times, across, left
+
+
+def _quantiles(count: int, spread: float) -> tuple[Array, Array, Array]:
+    """Return lengths L, the same without 0, both of shape (lengths, 1), and the quantiles (j + ½)/k of x + L t."""
+    share = np.linspace(0.0, _LONGEST / (1.0 + _LONGEST), _LENGTHS)
+    length = (share / (1.0 - share))[:, None]
+    level = (np.arange(count) + 0.5) / count
+    safe = np.maximum(length, 1e-3)
+    high = np.broadcast_to(6.0 * spread + safe, (_LENGTHS, count)).copy()
+    low = -high
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        below = _distribution(middle, safe, spread) < level
+        low, high = np.where(below, middle, low), np.where(below, high, middle)
+    return length, safe, 0.5 * (low + high)
 
 
 def _remove_shared(values: Array, other: Array) -> Array:

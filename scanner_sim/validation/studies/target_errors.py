@@ -12,7 +12,7 @@ zero, a distortion of the scanner, the survey of the targets.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -136,7 +136,7 @@ def measure_targets(
         seed = (scenario.seed + 7919 * index + round(1e6 * distance)) % 2**63
         instrument, centres = target_grid(scenario, target, where, seed, device)
         motions = grid_motions(instrument.scenario, target, centres, patterns)
-        layers = instrument.measure(_whole([aim_of(motion, visit) for visit, motion in enumerate(motions)]))
+        layers = instrument.measure(aim_of(motions, np.arange(len(centres) * patterns)))
         truth = np.repeat(centres, patterns, axis=0)
         by_line, by_pulse = (
             _seen(instrument.scenario, layers, motions, truth, target, ranging) for ranging in RANGINGS
@@ -149,24 +149,20 @@ def measure_targets(
 
 
 class _MeasuredPatterns:
-    """Shots that were measured together, given back one pattern at a time: what an instrument is to the eye."""
+    """Shots that were measured before: what an instrument is to the eye."""
 
     def __init__(self, layers: Columns) -> None:
         self._layers = layers
 
-    def measure(self, aim: Aim) -> Columns:
+    def measure(self, aim: Aim, run: NDArray[np.int64]) -> Columns:  # noqa: ARG002 (there is one run)
         """Return the layers of the shots of an aim."""
         return {name: values[aim.shot] for name, values in self._layers.items()}
-
-
-def _whole(aims: list[Aim]) -> Aim:
-    return Aim(*(np.concatenate([getattr(aim, field.name) for aim in aims]) for field in fields(Aim)))
 
 
 def _seen(
     scenario: Scenario,
     layers: Columns,
-    motions: tuple[PatternMotion, ...],
+    motions: PatternMotion,
     truth: Array,
     target: StudyTarget,
     ranging: Ranging,
@@ -181,16 +177,14 @@ def _seen(
     # With its own light and another's range it is neither of both; of what triangulation's voxels share, time of flight
     # has nothing.
     kind = "triangulation" if ranging == "triangulation" else "both"
-    eye = TargetSensor(scenario.model_copy(update={"ranging": kind}), _MeasuredPatterns(own))
-    positions, sigmas = np.full(truth.shape, np.nan), np.full(truth.shape, np.nan)
+    eye = TargetSensor((scenario.model_copy(update={"ranging": kind}),), _MeasuredPatterns(own))
+    visits = np.arange(len(truth))
+    orders = [TrackCommand(TrackMode.TRACK, truth[visit], 0.0, visit) for visit in visits.tolist()]
     followed = scenario.targets[0]  # all look alike
-    for visit, motion in enumerate(motions):
-        order = TrackCommand(TrackMode.TRACK, truth[visit], 0.0, visit)
-        _, seen, _ = eye.see(followed, order, motion, visit)
-        if _taken(seen, target):
-            positions[visit] = seen.position[0]
-            sigmas[visit] = np.sqrt(np.diagonal(seen.covariance[0]))
-    return positions, sigmas
+    _, seen, _ = eye.see(followed, orders, motions, visits, np.zeros_like(visits))
+    taken = _taken(seen, target)[:, None]
+    variance = np.diagonal(seen.covariance, axis1=1, axis2=2)
+    return np.where(taken, seen.position, np.nan), np.sqrt(np.where(taken, variance, np.nan))
 
 
 def _voxel_sigma(scenario: Scenario, layers: Columns) -> Array:
@@ -204,15 +198,14 @@ def _voxel_sigma(scenario: Scenario, layers: Columns) -> Array:
     return np.array([angle, angle, *ranges])
 
 
-def _taken(seen: Measurement, target: StudyTarget) -> bool:
-    """Return whether a tracker on its target would take a measurement: a firm fit of a disc of the right size.
+def _taken(seen: Measurement, target: StudyTarget) -> NDArray[np.bool_]:
+    """Return which measurements a tracker on its target would take, (n,): firm fits of a disc of the right size.
 
     The rules of :func:`scanner_sim.tracking.state.step`, but for the prediction, which has no part here.
     """
-    if not seen.found[0] or not np.isfinite(seen.misfit[0]):
-        return False
-    settings, expected = target.tracker, 0.5 * target.diameter / float(seen.position[0, 2])
-    allowed = settings.size_tolerance * expected + 3.0 * float(seen.sigma_radius[0])
-    loose = math.sqrt(float(np.trace(seen.covariance[0, :2, :2]))) > 0.5 * expected
-    right = abs(float(seen.radius[0]) - expected) <= min(allowed, 0.5 * expected)
-    return right and not loose and float(seen.misfit[0]) <= settings.misfit
+    settings, expected = target.tracker, 0.5 * target.diameter / seen.position[:, 2]
+    allowed = settings.size_tolerance * expected + 3.0 * seen.sigma_radius
+    with np.errstate(invalid="ignore"):
+        firm = np.sqrt(seen.covariance[:, 0, 0] + seen.covariance[:, 1, 1]) <= 0.5 * expected
+        right = np.abs(seen.radius - expected) <= np.minimum(allowed, 0.5 * expected)
+        return np.asarray(seen.found & firm & right & (seen.misfit <= settings.misfit))

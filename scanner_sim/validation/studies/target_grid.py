@@ -13,7 +13,7 @@ from scanner_sim.optics.jump import attainable_amplitude
 from scanner_sim.ranging.triangulation import position_from_range, range_from_position
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.lissajous import LissajousPattern, frequencies
-from scanner_sim.scan.schedule import PatternMotion, Visiting, mirrors_at, run_visit
+from scanner_sim.scan.schedule import Course, PatternMotion, Visiting, mirrors_at, run_visits
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import MaterialChoice, Scene, TargetArray, TargetPattern
 from scanner_sim.tracking.scan import TrackScan
@@ -127,9 +127,7 @@ def target_grid(
     return Instrument(changed, device=device), np.stack([item.expected for item in changed.targets])
 
 
-def grid_motions(
-    scenario: Scenario, target: StudyTarget, centres: Array, patterns: int
-) -> tuple[PatternMotion, ...]:
+def grid_motions(scenario: Scenario, target: StudyTarget, centres: Array, patterns: int) -> PatternMotion:
     """Return the visits to each of the centres, ``patterns`` after one another.
 
     Each visit has a number and so a dither of its own: where voxels are farther apart than the spot is wide, the fit's
@@ -141,31 +139,26 @@ def grid_motions(
     figure = pattern.model_copy(update={"amplitude": target.tracker.track_amplitude * radius})
     servo = scanner.galvanometers
     period = target.visiting.period(pattern.points, scanner.dwell, 2, servo)
-    found = []
-    for visit in range(len(centres) * patterns):
-        motion, _ = run_visit(
-            servo,
-            mirrors_at(0.0, 0.0),
-            figure,
-            visit,
-            np.zeros(2),
-            start=period - pattern.points * scanner.dwell,
-            dwell=scanner.dwell,
-            visiting=target.visiting,
-        )
-        theta, phi = centres[visit // patterns, :2].tolist()
-        found.append(
-            PatternMotion(
-                time=motion.time + 2.0 * visit * period,
-                commanded_theta=motion.commanded_theta + theta,
-                commanded_phi=motion.commanded_phi + phi,
-                true_theta=motion.true_theta + theta,
-                true_phi=motion.true_phi + phi,
-                latched_theta=motion.latched_theta + theta,
-                latched_phi=motion.latched_phi + phi,
-                travel_theta=motion.travel_theta,
-                travel_phi=motion.travel_phi,
-                limited=motion.limited,
-            )
-        )
-    return tuple(found)
+    visits = np.arange(len(centres) * patterns)
+    none = np.zeros(len(visits))
+    course = Course(
+        visits,
+        np.zeros((len(visits), 2)),
+        none + figure.amplitude,
+        none + period - pattern.points * scanner.dwell,
+    )
+    rest = [mirrors_at(0.0, 0.0)] * len(visits)
+    motion, _ = run_visits(servo, rest, figure, course, dwell=scanner.dwell, visiting=target.visiting)
+    theta, phi = (angle[visits // patterns, None] for angle in centres[:, :2].T)
+    return PatternMotion(
+        time=motion.time + 2.0 * visits[:, None] * period,
+        commanded_theta=motion.commanded_theta + theta,
+        commanded_phi=motion.commanded_phi + phi,
+        true_theta=motion.true_theta + theta,
+        true_phi=motion.true_phi + phi,
+        latched_theta=motion.latched_theta + theta,
+        latched_phi=motion.latched_phi + phi,
+        travel_theta=motion.travel_theta,
+        travel_phi=motion.travel_phi,
+        limited=motion.limited,
+    )

@@ -45,12 +45,16 @@ def scenario(**scanner: Any) -> Scenario:
     )
 
 
+def width_of_image(scanner: Any) -> float:
+    return math.sqrt(image_variance(scanner, np.array([DISTANCE]))[0])
+
+
 def test_an_image_is_as_wide_as_beam_and_lens_make_it() -> None:
     scanner = scenario().scanner
     beam = 0.5 * scanner.laser.radius(DISTANCE) * scanner.receiver.focal_length / DISTANCE
     spread = math.hypot(scanner.receiver.aberration, scanner.position_sensor.diffusion)
     wanted = (beam**2 + spread**2) / scanner.position_sensor.pitch**2
-    assert image_variance(scanner, DISTANCE) == pytest.approx(wanted, rel=1e-12)
+    assert image_variance(scanner, np.array([DISTANCE]))[0] == pytest.approx(wanted, rel=1e-12)
 
 
 @pytest.mark.parametrize("grain", [0.0, 2e-3])
@@ -61,7 +65,7 @@ def test_a_range_errs_as_a_weighed_fit_of_its_spot(grain: float) -> None:
     """
     scanner = scenario().scanner
     sensor, receiver = scanner.position_sensor, scanner.receiver
-    width = math.sqrt(image_variance(scanner, DISTANCE))
+    width = width_of_image(scanner)
     pixel, step = np.arange(-8, 8), 1e-4
 
     def charges(middle: float) -> Array:
@@ -79,9 +83,8 @@ def test_a_range_errs_as_a_weighed_fit_of_its_spot(grain: float) -> None:
     noise = np.sum(moved**2 * (sensor.read_noise**2 + charge)) * by_pixel**2
     unlike = np.sum((moved * sensor.prnu * charge) ** 2) * by_pixel**2
     assert sensor.prnu > 0.0
-    found = range_variances(scanner, DISTANCE, SIGNAL, grain)
-    assert found == pytest.approx((noise, unlike), rel=1e-4)
-    assert range_variances(scanner, DISTANCE, 0.0) == (0.0, 0.0)
+    found = range_variances(scanner, np.full(2, DISTANCE), np.array([SIGNAL, 0.0]), grain)
+    np.testing.assert_allclose(found, [[noise, 0.0], [unlike, 0.0]], rtol=1e-4)
 
 
 def voxels(theta: Array, reach: Array, sigma: Array) -> PatternSamples:
@@ -101,12 +104,14 @@ def test_spots_on_the_same_pixels_share_all_and_others_nothing() -> None:
     theta = np.linspace(-0.3, 0.3, 20)
     same = judge.triangulated_range(45.0 * pitch, theta, f, d)
     sigma = np.linspace(1e-3, 3e-3, 20)
-    assert alike(scanner, voxels(theta, same, sigma), DISTANCE) == pytest.approx(1.0, abs=1e-9)
+    assert alike(scanner, voxels(theta, same, sigma), np.array([DISTANCE]))[0] == pytest.approx(1.0, abs=1e-9)
     far = np.where(np.arange(20) < 6, 45.0, 75.0) * pitch
     weight = 1.0 / sigma**2
     wanted = (weight[:6].sum() ** 2 + weight[6:].sum() ** 2) / weight.sum() ** 2
     reach = judge.triangulated_range(far, theta, f, d)
-    assert alike(scanner, voxels(theta, reach, sigma), DISTANCE) == pytest.approx(wanted, abs=1e-9)
+    assert alike(scanner, voxels(theta, reach, sigma), np.array([DISTANCE]))[0] == pytest.approx(
+        wanted, abs=1e-9
+    )
 
 
 def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
@@ -128,13 +133,15 @@ def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
         found=one > 0.0,
     )
     zero = np.zeros(32)
-    motion = PatternMotion(
+    one_motion = PatternMotion(
         time=10.0 + 50e-6 * np.arange(32), commanded_theta=theta, commanded_phi=2.0 * theta, true_theta=theta,
-        true_phi=zero, latched_theta=theta, latched_phi=zero, travel_theta=zero, travel_phi=zero, limited=False,
+        true_phi=zero, latched_theta=theta, latched_phi=zero, travel_theta=zero, travel_phi=zero,
+        limited=np.zeros((), dtype=np.bool_),
     )  # fmt: skip
+    motion = PatternMotion.stack([one_motion])
     appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
-    parts = error_parts(known, samples, seen, appearance, motion, np.full(32, 1e-3), 0.0)
-    return parts, seen, motion
+    parts = error_parts(known, samples, seen, appearance, motion, np.full((1, 32), 1e-3), np.zeros(1))
+    return parts.at(0), seen, motion
 
 
 def test_parts_have_what_the_instrument_knows() -> None:
@@ -150,15 +157,16 @@ def test_parts_have_what_the_instrument_knows() -> None:
     assert parts.turn == pytest.approx(scanner.laser.radius(DISTANCE) / 0.05)
     image = judge.image_position(DISTANCE, 0.055, scanner.receiver.focal_length, scanner.receiver.baseline)
     assert parts.image == pytest.approx(float(image) / scanner.position_sensor.pitch, rel=1e-9)
-    assert parts.image_width == pytest.approx(math.sqrt(image_variance(scanner, DISTANCE)))
-    kelvins = mirrors.temperature.spread(motion.time[:1])[0]
+    assert parts.image_width == pytest.approx(width_of_image(scanner))
+    kelvins = mirrors.temperature.spread(motion.time[0, :1])[0]
     assert kelvins > 0.0
     for axis, commanded in enumerate((motion.commanded_theta.mean(), motion.commanded_phi.mean())):
         wanted = kelvins * (mirrors.drift_zero + mirrors.drift_scale * commanded)
         assert parts.drift[axis] == pytest.approx(wanted)
-    pixels = range_variances(scanner, DISTANCE, SIGNAL)[1]
+    here = np.array([DISTANCE])
+    pixels = range_variances(scanner, here, np.array([SIGNAL]))[1]
     samples = voxels(np.linspace(0.05, 0.06, 32), np.full(32, DISTANCE), np.full(32, 1e-3))
-    assert parts.pixels == pytest.approx(pixels * alike(scanner, samples, DISTANCE))
+    assert parts.pixels == pytest.approx(float(pixels[0] * alike(scanner, samples, here)[0]))
 
 
 def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -168,7 +176,7 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
 
     def surface(_samples: Any, _seen: Any, speckle: SurfaceSpeckle, *_: Any, **__: Any) -> Array:
         told.append(speckle)
-        return part
+        return part[None]
 
     monkeypatch.setattr(visit_errors, "surface_covariance", surface)
     known = scenario()
@@ -178,7 +186,9 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
     np.testing.assert_allclose(parts.white + parts.surface, seen.covariance[0], rtol=1e-12)
     (speckle,) = told
     assert speckle.radius == pytest.approx(scanner.laser.radius(DISTANCE))
-    assert speckle.range_noise == pytest.approx(range_variances(scanner, DISTANCE, SIGNAL)[0])
+    assert speckle.range_noise == pytest.approx(
+        range_variances(scanner, np.array([DISTANCE]), np.array([SIGNAL]))[0]
+    )
     beam = 0.5 * scanner.laser.radius(DISTANCE) * scanner.receiver.focal_length / DISTANCE
     variance = (beam / scanner.position_sensor.pitch) ** 2
     assert speckle.on_surface == pytest.approx(

@@ -11,7 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim import Scenario, load_scenario
-from scanner_sim.instrument.closed_loop import tracker as module
+from scanner_sim.instrument.closed_loop import visits as module
 from scanner_sim.instrument.closed_loop.records import Recorder, point_of
 from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.ranging.coordinates import angles_and_range
@@ -50,11 +50,12 @@ def scenario(*targets: Any, **pattern: Any) -> Scenario:
 class TrueEye:
     """Sees every target where it is, with a small covariance, and remembers what it was asked."""
 
-    def __init__(self, known: Scenario, _: Any) -> None:
-        self.recorder, self.asked = Recorder(known), []
+    def __init__(self, known: Any, _: Any) -> None:
+        self.recorder, self.asked = Recorder(known[0]), []
 
-    def see(self, target: Any, order: TrackCommand, motion: Any, visit: int) -> tuple[Any, Any, Any]:
-        self.asked.append(SimpleNamespace(target=target, order=order, motion=motion, visit=visit))
+    def see(self, target: Any, orders: Any, motion: Any, visit: Any, _: Any) -> tuple[Any, Any, Any]:
+        (order,), (number,) = orders, visit.tolist()
+        self.asked.append(SimpleNamespace(target=target, order=order, motion=motion, visit=number))
         time = float(motion.time.mean()) + 1e-4
         one = np.ones(1)
         covariance = np.diag([1e-10, 2e-10, 1e-6])
@@ -63,9 +64,9 @@ class TrueEye:
         seen = Measurement(
             time * one, place[None], covariance[None], radius, 1e-6 * one, one, 0.4 * one, one > 0.0
         )
-        lanes = [motion.time[None]] + 6 * [0.0 * motion.time[None]]
-        samples = PatternSamples(*lanes, status=np.zeros(motion.time[None].shape, np.uint8))
-        return samples, seen, ErrorParts.all_white(covariance)
+        lanes = [motion.time] + 6 * [0.0 * motion.time]
+        samples = PatternSamples(*lanes, status=np.zeros(motion.time.shape, np.uint8))
+        return samples, seen, ErrorParts.all_white(covariance[None])
 
 
 @pytest.fixture
@@ -86,7 +87,7 @@ def test_targets_are_visited_in_turn_and_on_time(run: Any) -> None:
     for visit in range(8):
         state = tracker.state
         record = next(tracker)
-        asked = tracker._sensor.asked[-1]
+        asked = tracker._visits._sensor.asked[-1]
         index = visit % 2
         assert (record.number, asked.visit, record.target) == (visit, visit, ("a/1", "b/1")[index])
         assert asked.order.number == visit // 2
@@ -94,13 +95,13 @@ def test_targets_are_visited_in_turn_and_on_time(run: Any) -> None:
         middle = start + 0.5 * points * dwell
         expected = command(state.tracks[index], known.following.tracker, 0.1, middle)
         np.testing.assert_allclose(asked.order.position, expected.position, rtol=0.0, atol=1e-12)
-        assert asked.motion.time[0] >= start
+        assert asked.motion.time[0, 0] >= start
         assert tracker.state.clock == pytest.approx(
             max(start + points * dwell, tracker.state.mirrors.time), abs=1e-12
         )
         assert tracker.state.visits == visit + 1
         assert record.time == pytest.approx(float(asked.motion.time.mean()) + 1e-4)
-        truth, point = tracker._recorder.truth(known.targets[index], record.time)
+        truth, point = tracker._visits._recorders[0].truth(known.targets[index], record.time)
         np.testing.assert_array_equal(record.truth, truth)
         np.testing.assert_array_equal(record.truth_point, point)
         np.testing.assert_allclose(record.point, point, atol=1e-12)
@@ -109,20 +110,20 @@ def test_targets_are_visited_in_turn_and_on_time(run: Any) -> None:
 
 def test_a_late_pattern_moves_those_that_follow(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     known = scenario()
-    tracker, true = run(known), module.run_visit
+    tracker, true = run(known), module.run_visits
     numbers = []
 
-    def late(galvanometers: Any, mirrors: Any, pattern: Any, number: int, *more: Any, **asked: Any) -> Any:
-        numbers.append(number)
-        motion, after = true(galvanometers, mirrors, pattern, number, *more, **asked)
-        end = asked["start"] + pattern.points * asked["dwell"]
-        return motion, replace(after, time=end + LATE)
+    def late(galvanometers: Any, mirrors: Any, pattern: Any, course: Any, **asked: Any) -> Any:
+        numbers.append(int(course.number[0]))
+        motion, (after,) = true(galvanometers, mirrors, pattern, course, **asked)
+        end = float(course.start[0]) + pattern.points * asked["dwell"]
+        return motion, [replace(after, time=end + LATE)]
 
-    monkeypatch.setattr(module, "run_visit", late)
-    starts = [tracker._start()]
+    monkeypatch.setattr(module, "run_visits", late)
+    starts = [tracker._visits.start(tracker.state)]
     for _ in range(4):
         next(tracker)
-        starts.append(tracker._start())
+        starts.append(tracker._visits.start(tracker.state))
     points, dwell = known.following.pattern.points, known.scanner.dwell
     period = known.following.visiting.period(points, dwell, 2, known.scanner.galvanometers)
     np.testing.assert_allclose(np.diff(starts), period + LATE, rtol=1e-9)
@@ -178,7 +179,7 @@ def test_targets_out_of_view_take_no_time_but_where_there_are_no_others(run: Any
     assert skipped == [1, 0, 1, 0]
     mixed = run(scenario(out[0], "c"))
     assert [next(mixed).target for _ in range(4)] == ["a/1", "c/1", "a/1", "c/1"]
-    assert len(mixed._sensor.asked) == 2
+    assert len(mixed._visits._sensor.asked) == 2
 
 
 def test_a_pattern_is_in_view_with_all_of_its_width(run: Any) -> None:
@@ -187,7 +188,7 @@ def test_a_pattern_is_in_view_with_all_of_its_width(run: Any) -> None:
     for theta, phi, inside in ((0.47, 0.0, True), (0.49, 0.0, False), (0.0, 0.45, True), (0.0, 0.47, False)):
         for sign in (1.0, -1.0):
             place = np.array([sign * theta, sign * phi, 8.0])
-            assert tracker._in_view(TrackCommand(TrackMode.TRACK, place, 0.02, 0)) is inside
+            assert tracker._visits.in_view(TrackCommand(TrackMode.TRACK, place, 0.02, 0)) is inside
 
 
 def test_truth_is_the_turned_objects_centre_at_that_time() -> None:
@@ -228,8 +229,15 @@ def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, statu
     nothing = replace(module.NOTHING)
     after = module.advance(lost, nothing, tracker.scan.tracker, 0.1, 1.0)
     order = TrackCommand(TrackMode.TRACK, record.position, 6e-3, 1)
-    made = tracker._recorder.record(
-        1, tracker.targets[0], order, after, record.samples, nothing, record.errors, limited
+    made = tracker._visits._recorders[0].record(
+        1,
+        tracker.targets[0],
+        order,
+        after,
+        record.samples,
+        nothing,
+        ErrorParts.stack([record.errors]),
+        limited,
     )
     assert made.status is status
     assert made.time == pytest.approx(float(record.samples.time.mean()))

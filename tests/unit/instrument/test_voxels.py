@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -51,7 +51,7 @@ def motion() -> PatternMotion:
     """Return a pattern whose arrays are all different."""
     t = 2.0 * np.pi * (np.arange(POINTS) + 0.5) / POINTS
     theta, phi = 0.1 + 6e-3 * np.cos(3.0 * t), -0.05 + 6e-3 * np.sin(2.0 * t)
-    return PatternMotion(
+    one = PatternMotion(
         time=50e-6 * (np.arange(POINTS) + 0.5),
         commanded_theta=theta + 1e-4,
         commanded_phi=phi - 1e-4,
@@ -61,50 +61,73 @@ def motion() -> PatternMotion:
         latched_phi=phi + 2e-5,
         travel_theta=np.gradient(theta),
         travel_phi=np.gradient(phi),
-        limited=False,
+        limited=np.zeros((), dtype=np.bool_),
     )
+    return PatternMotion.stack([one])
+
+
+def read(encoders: Encoders, visit: int, run: int = 0) -> Array:
+    """Return what encoders read of that pattern, shape (2, points)."""
+    return np.asarray(encoders.read(motion(), np.array([visit]), np.array([run]))[0])
+
+
+def latched() -> Array:
+    return np.concatenate([motion().latched_theta, motion().latched_phi])
 
 
 @pytest.mark.parametrize("visit", [0, 1, 63, 64, 65, 200])
 def test_encoders_noise_belongs_to_the_shots_of_a_visit(device: Device, visit: int) -> None:
     """Claim: what is read is the latched angle with the noise that the shots' own numbers address, in any block."""
     known = scenario(readout_step=0.0)
-    run = motion()
-    read = Encoders(known).read(run, visit)
-    shots = aim_of(run, visit).shot
+    shots = aim_of(motion(), np.array([visit])).shot
     np.testing.assert_array_equal(shots, visit * POINTS + np.arange(POINTS))
-    noise = np.stack(reading_noise(shots, known.scanner.mirrors, known.seed))
+    seeds = np.full(POINTS, known.seed, dtype=np.uint64)
+    noise = np.stack(reading_noise(shots, known.scanner.mirrors, seeds))
     assert np.abs(noise).max() > 0.0
-    np.testing.assert_allclose(read - np.stack([run.latched_theta, run.latched_phi]), noise, atol=1e-15)
+    np.testing.assert_allclose(read(Encoders([known]), visit) - latched(), noise, atol=1e-15)
 
 
 def test_the_noise_of_encoders_does_not_repeat(device: Device) -> None:
     """Claim: of 300 visits none has the noise of another."""
-    encoders, run = Encoders(scenario(readout_step=0.0)), motion()
-    seen = {encoders.read(run, visit).tobytes() for visit in range(300)}
+    encoders = Encoders([scenario(readout_step=0.0)])
+    seen = {read(encoders, visit).tobytes() for visit in range(300)}
     assert len(seen) == 300
+
+
+def test_each_run_has_the_noise_of_its_seed(device: Device) -> None:
+    """Claim: runs at different visits read what each of them reads alone, whatever block of numbers they are in."""
+    runs = [scenario(readout_step=0.0).model_copy(update={"seed": seed}) for seed in (5, 6, 2**62)]
+    together, which, visit = Encoders(runs), np.array([2, 0]), np.array([70, 3])
+    one = motion()
+    both = PatternMotion(*(np.repeat(getattr(one, field.name), 2, axis=0) for field in fields(one)))
+    for _ in range(2):
+        found = together.read(both, visit, which)
+        for row in (0, 1):
+            alone = read(Encoders([runs[which[row]]]), int(visit[row]))
+            np.testing.assert_array_equal(found[row], alone)
+        visit = visit + 1
+    assert (found[0] != found[1]).all()
 
 
 def test_encoders_read_the_nearest_step(device: Device) -> None:
     step = 20e-6
     known = scenario(readout_step=step, readout_noise=0.0, jitter=0.0)
-    run = motion()
-    read = Encoders(known).read(run, 3)
-    assert np.abs(read - np.stack([run.latched_theta, run.latched_phi])).max() <= 0.5 * step * (1.0 + 1e-9)
-    np.testing.assert_allclose(read / step, np.rint(read / step), atol=1e-6)
+    angles = read(Encoders([known]), 3)
+    assert np.abs(angles - latched()).max() <= 0.5 * step * (1.0 + 1e-9)
+    np.testing.assert_allclose(angles / step, np.rint(angles / step), atol=1e-6)
 
 
 def test_an_aim_has_the_true_angles_and_travels() -> None:
     run = motion()
-    aim = aim_of(run, 7)
+    aim = aim_of(run, np.array([7]))
     for name in ("theta", "phi"):
-        np.testing.assert_array_equal(getattr(aim, name), getattr(run, f"true_{name}"))
-        np.testing.assert_array_equal(getattr(aim, f"travel_{name}"), getattr(run, f"travel_{name}"))
-    np.testing.assert_array_equal(aim.time, run.time)
+        np.testing.assert_array_equal(getattr(aim, name), getattr(run, f"true_{name}")[0])
+        np.testing.assert_array_equal(getattr(aim, f"travel_{name}"), getattr(run, f"travel_{name}")[0])
+    np.testing.assert_array_equal(aim.time, run.time[0])
 
 
 def layers(prefix: str = "") -> dict[str, NDArray[Any]]:
-    """Return layers of a pattern, the fused ones apart from the others."""
+    """Return layers of a pattern, (1, points), the fused ones apart from the others."""
     made: dict[str, NDArray[Any]] = {"Y": 1e4 + np.arange(POINTS), "sigma_Y": np.full(POINTS, 50.0)}
     for number, name in enumerate(("", "fused.") if prefix else ("",)):
         made |= {
@@ -112,25 +135,25 @@ def layers(prefix: str = "") -> dict[str, NDArray[Any]]:
             f"{name}sigma_range_m": np.full(POINTS, 1e-3 * (1 + number)),
             f"{name}status": np.full(POINTS, number, dtype=np.uint32),
         }
-    return made
+    return {name: values[None] for name, values in made.items()}
 
 
 def test_a_known_delay_is_taken_off() -> None:
     """Claim: readings that were latched early by the delay become the angles of the dwell's middle: third order."""
     run, delay = motion(), 20e-6
     t = 2.0 * np.pi * (run.time - delay) / (POINTS * 50e-6)
-    early = np.stack([0.1 + 6e-3 * np.cos(3.0 * t), -0.05 + 6e-3 * np.sin(2.0 * t)])
-    samples = samples_of(layers(), run, early, np.ones(POINTS), delay)
-    for got, want in ((samples.theta[0], run.true_theta), (samples.phi[0], run.true_phi)):
+    early = np.stack([0.1 + 6e-3 * np.cos(3.0 * t), -0.05 + 6e-3 * np.sin(2.0 * t)], axis=1)
+    samples = samples_of(layers(), run, early, np.ones((1, POINTS)), delay)
+    for got, want in ((samples.theta[0], run.true_theta[0]), (samples.phi[0], run.true_phi[0])):
         # 0.4 dwells of h = 2π 3/128 each: the rises' own error, 0.4 h³/6 of 6 mrad.
         assert np.abs(got - want)[2:-2].max() < 2e-6
         assert np.abs(got - want).max() < 4e-6
-    kept = samples_of(layers(), run, early, np.ones(POINTS), 0.0)
-    np.testing.assert_array_equal(kept.theta[0], early[0])
+    kept = samples_of(layers(), run, early, np.ones((1, POINTS)), 0.0)
+    np.testing.assert_array_equal(kept.theta, early[:, 0])
 
 
 def test_fused_ranges_are_taken_where_there_are_two() -> None:
-    samples = samples_of(layers("fused."), motion(), np.zeros((2, POINTS)), np.ones(POINTS), 0.0)
+    samples = samples_of(layers("fused."), motion(), np.zeros((1, 2, POINTS)), np.ones((1, POINTS)), 0.0)
     assert (samples.range == 10.0).all()
     assert (samples.sigma_range == 2e-3).all()
     assert (samples.status == 1).all()
@@ -147,10 +170,10 @@ def test_signals_err_by_noise_speckle_and_model() -> None:
         }
     )
     given, run = layers(), motion()
-    sigma = SignalNoise(known).sigma(given, SignalNoise(known).speckle(run, 9.0)[0])
+    sigma = SignalNoise(known).sigma(given, SignalNoise(known).speckle(run, np.array([9.0]))[0])
     np.testing.assert_allclose(sigma, np.sqrt(50.0**2 + (5e-3 * given["Y"]) ** 2), rtol=1e-12)
     grainy = SignalNoise(scenario())
-    speckle, _ = grainy.speckle(run, 9.0)
+    speckle, _ = grainy.speckle(run, np.array([9.0]))
     assert (speckle > 1e-6).all()
     wanted = np.sqrt(50.0**2 + (5e-3**2 + speckle) * given["Y"] ** 2)
     np.testing.assert_allclose(grainy.sigma(given, speckle), wanted, rtol=1e-12)
@@ -160,11 +183,11 @@ def test_speckle_of_a_resting_beam_is_that_of_its_packets() -> None:
     """Claim: C²/M with M = 1 + √π x + π²x², x = (w/2) D/(λ R), the beam's image over λN."""
     known = scenario()
     laser, receiver = known.scanner.laser, known.scanner.receiver
-    still = replace(motion(), travel_theta=np.zeros(POINTS), travel_phi=np.zeros(POINTS))
+    still = replace(motion(), travel_theta=np.zeros((1, POINTS)), travel_phi=np.zeros((1, POINTS)))
     distance = 9.0
     x = 0.5 * laser.radius(distance) * receiver.aperture / (laser.wavelength * distance)
     wanted = known.processing.speckle_contrast**2 / (1.0 + np.sqrt(np.pi) * x + np.pi**2 * x**2)
-    np.testing.assert_allclose(SignalNoise(known).speckle(still, distance)[0], wanted, rtol=1e-5)
+    np.testing.assert_allclose(SignalNoise(known).speckle(still, np.array([distance]))[0], wanted, rtol=1e-5)
 
 
 def test_the_tracker_knows_how_well_it_points(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -180,18 +203,17 @@ def test_the_tracker_knows_how_well_it_points(device: Device, monkeypatch: pytes
         raise AskedError
 
     class Instrument:
-        def measure(self, _: Any) -> dict[str, NDArray[Any]]:
+        def measure(self, *_: Any) -> dict[str, NDArray[Any]]:
             return layers()
 
     monkeypatch.setattr(voxels, "measure_target", ask)
     target = known.targets[0]
     order = TrackCommand(TrackMode.TRACK, np.array([0.1, -0.05, 9.0]), 6e-3, 0)
-    run = motion()
     with pytest.raises(AskedError):
-        TargetSensor(known, Instrument()).see(target, order, run, 3)
-    angles = Encoders(known).read(run, 3)
+        TargetSensor([known], Instrument()).see(target, [order], motion(), np.array([3]), np.array([0]))
+    angles = read(Encoders([known]), 3)[None]
     white = 0.75 * 4e-6**2 + 3e-6**2 + 12e-6**2 / 12.0
-    np.testing.assert_allclose(told["pointing"], np.sqrt(white + unevenness(angles) ** 2)[None], rtol=1e-9)
+    np.testing.assert_allclose(told["pointing"], np.sqrt(white + unevenness(angles) ** 2), rtol=1e-9)
     assert told["spot"] == pytest.approx(float(known.scanner.laser.radius(9.0)) / 18.0)
     assert told["axis_separation"] == known.scanner.mirrors.axis_separation
 
@@ -200,9 +222,9 @@ def test_a_jump_of_the_acceleration_shows_as_a_third_difference() -> None:
     """Claim: of a jump by Δa in a dwell T up to Δa T²/12 is unknown; an even acceleration leaves nothing."""
     index = np.arange(40.0)
     even = np.stack([0.3 * index**2, -0.1 * index**2])
-    np.testing.assert_allclose(unevenness(even), 0.0, atol=1e-12)
+    np.testing.assert_allclose(unevenness(even[None]), 0.0, atol=1e-12)
     jump = even + np.stack([0.0 * index, 0.5 * 2e-3 * np.maximum(index - 20.0, 0.0) ** 2])
-    found = unevenness(jump)
+    (found,) = unevenness(jump[None])
     # The third difference of ½ Δa k² from k = 20 on is at most Δa, here half of it twice.
     third = np.abs(np.diff(jump[1], 3)).max()
     assert found.max() == pytest.approx(third / 12.0)

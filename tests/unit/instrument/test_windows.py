@@ -31,7 +31,7 @@ class Recorded(Windows):
     asked: tuple[Any, float]
 
     def _renderer(self, *_: int) -> Any:
-        def render(reads: Any, place: Any, poses: float) -> list[Any]:
+        def render(reads: Any, place: Any, poses: float, seed: Any) -> list[Any]:
             self.asked = place, poses
             return []
 
@@ -53,7 +53,8 @@ def windows(device: Device) -> Recorded:
         out_of_band_ratio=None,
         poses_at=lambda time: time,
     )
-    scenario = SimpleNamespace(scanner=SimpleNamespace(position_sensor=SimpleNamespace(pixels=PIXELS)))
+    sensor = SimpleNamespace(pixels=PIXELS)
+    scenario = SimpleNamespace(scanner=SimpleNamespace(position_sensor=sensor), seed=0)
     line = object.__new__(Triangulation)
     line.optics, line.scenario = optics, scenario  # type: ignore[assignment]
     made = Recorded(SimpleNamespace(scenario=scenario, loaded=loaded), *line.sight)  # type: ignore[arg-type]

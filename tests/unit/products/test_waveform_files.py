@@ -10,7 +10,7 @@ import xarray
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
-from scanner_sim.products.pictures.image import range_levels
+from scanner_sim.products.grey import range_levels
 from scanner_sim.products.pictures.waveform import draw_waveform
 from scanner_sim.products.waveforms import WaveformSet, read_waveforms, write_waveforms
 

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.analytic.beam import beam_radius
-from scanner_sim.render.beam.beamlets import smooth_beamlets
+from scanner_sim.render.beam.beamlets import probe_beamlets
 from scanner_sim.render.beam.line_projection import LineProjection
 from scanner_sim.render.beam.path_projection import PathProjection
 from scanner_sim.render.beam.projection import trace_returns
@@ -141,12 +141,11 @@ def test_a_field_beside_the_laser_reaches_from_infinity_inwards(
 @pytest.mark.parametrize("turn", [[0.6, 0.0, 0.0], [0.0, 0.5, 0.0], [0.3, -0.4, 0.0]])
 def test_a_pulse_goes_there_and_back(offset: bool, turn: list[float]) -> None:
     """Claim: its path is that to the plate and on to the lens; a beam one standard deviation aside has another, which
-    over both axes, in squares and times the beamlet's width, is its spread: by differences of plain geometry."""
+    over both axes, in squares, is the spread of the whole beam: by differences of plain geometry."""
     turned = Rotation.from_rotvec(turn).as_matrix()
-    beamlets = smooth_beamlets(19)
     shots = Shots(mi.UInt32(0), mi.Float(0.0), mi.Float(0.0))
     projection = PathProjection(bench(), offset, 0.4)
-    returns = trace_returns(still(plate(3.0, turned)), projection, beamlets, shots)
+    returns = trace_returns(still(plate(3.0, turned)), projection, probe_beamlets(), shots)
     normal, middle = turned[:, 2], np.array([0.0, 0.0, 3.0])
     lens = np.array([BASE if offset else 0.0, 0.0, 0.0])
     ahead = np.array([0.0, 0.0, 1.0])
@@ -155,12 +154,12 @@ def test_a_pulse_goes_there_and_back(offset: bool, turn: list[float]) -> None:
         t = normal @ (middle - shift) / (normal @ ahead)
         return float(t + np.linalg.norm(shift + t * ahead - lens))
 
-    assert floats(returns.spots.position)[0] + floats(returns.reference)[0] == pytest.approx(
+    assert floats(returns.spots.position)[0] + floats(returns.laid.reference)[0] == pytest.approx(
         path(np.zeros(3)), abs=2e-6
     )
     slopes = [(path(1e-4 * axis) - path(-1e-4 * axis)) / 2e-4 for axis in np.eye(3)[:2]]
     sigma = 0.5 * float(beam_radius(3.0, 1e-3, 4.0, 1.5e-6))
-    wanted = beamlets.width * sigma * math.hypot(*slopes)
+    wanted = sigma * math.hypot(*slopes)
     assert floats(returns.spots.sigma)[0] == pytest.approx(wanted, rel=1e-3)
 
 

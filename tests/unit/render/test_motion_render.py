@@ -258,7 +258,7 @@ def same(one: RangeImage, other: RangeImage) -> bool:
 
 def test_motion_compiles_nothing_anew() -> None:
     """After the first batch, later instants and another twist are traced by the kernels that are there."""
-    from scanner_sim.render.beam.beamlets import smooth_beamlets
+    from scanner_sim.render.beam.beamlets import probe_beamlets
     from scanner_sim.render.beam.line_projection import LineProjection
     from scanner_sim.render.beam.projection import trace_returns
     from scanner_sim.render.shots import true_shots
@@ -271,7 +271,7 @@ def test_motion_compiles_nothing_anew() -> None:
         fired, _ = true_shots(aim, told.scanner.mirrors, 1, 1.0, poses)
         with dr.scoped_set_flag(dr.JitFlag.KernelHistory, True):
             dr.kernel_history_clear()
-            dr.eval(trace_returns(bench.loaded, LineProjection(bench.optics), smooth_beamlets(7), fired))
+            dr.eval(trace_returns(bench.loaded, LineProjection(bench.optics), probe_beamlets(), fired))
             kernels = [one for one in dr.kernel_history() if one["type"] == dr.KernelType.JIT]
         assert kernels
         return sum(not one["cache_hit"] for one in kernels)

@@ -70,3 +70,10 @@ def test_members_of_an_array_are_counted_from_one_and_stand_where_they_are() -> 
     asked = {"target": "node/2", "offset": (1e-3, -2e-3, 0.05)}
     (moved,) = followed(row, names=(asked,)).targets  # type: ignore[arg-type]
     assert (moved.expected - second.expected).tolist() == pytest.approx([1e-3, -2e-3, 0.05])
+
+
+def test_a_moving_target_is_expected_where_it_is_at_the_start() -> None:
+    """Claim: a target at 8 m that comes nearer by 1 m/s is expected at 8 m."""
+    motion = {"type": "twist", "velocity": (0.0, 0.0, -1.0)}
+    (target,) = followed(array(motion=motion)).targets
+    assert target.expected.tolist() == pytest.approx([0.0, 0.0, 8.0], abs=1e-12)

@@ -95,8 +95,9 @@ def visit() -> tuple[PatternSamples, Measurement]:
 
 def surface(light: float) -> Array:
     samples, seen = visit()
-    speckle = lasting.SurfaceSpeckle(BEAM, np.full(samples.theta.shape[1], light), 0.0, 1e-4)
-    return lasting.surface_covariance(samples, seen, speckle)
+    one = np.ones(1)
+    speckle = lasting.SurfaceSpeckle(BEAM * one, np.full(samples.theta.shape, light), 0.0 * one, 1e-4 * one)
+    return np.asarray(lasting.surface_covariance(samples, seen, speckle)[0])
 
 
 def test_the_centre_moves_with_the_light_of_each_voxel() -> None:
@@ -148,6 +149,9 @@ def test_the_range_moves_with_that_of_each_voxel() -> None:
 
 def test_only_what_is_of_speckle_lasts() -> None:
     """Claim: a range's variance without speckle does not last: σ² − noise remains, here 3/4 or nothing of it."""
-    samples, _ = visit()
-    assert lasting._of_speckle(samples, 0.25e-4) == pytest.approx(0.01 * np.sqrt(0.75))
-    assert lasting._of_speckle(samples, 2e-4) == pytest.approx(0.0)
+    samples, seen = visit()
+    assert seen.sight is not None
+    gains = seen.sight.range_gains
+    for noise, left in ((0.25e-4, 0.01 * np.sqrt(0.75)), (2e-4, 0.0)):
+        speckle = lasting.SurfaceSpeckle(np.ones(1), np.ones(1), np.ones(1), np.array([noise]))
+        np.testing.assert_allclose(lasting._range_errors(samples, seen.sight, speckle), left * gains)

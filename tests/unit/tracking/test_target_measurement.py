@@ -74,6 +74,10 @@ def test_levels_are_medians_and_the_threshold_their_middle() -> None:
     threshold, low, high, clear = two_levels(value, np.ones_like(value, dtype=bool))
     assert (threshold[0], low[0], high[0]) == pytest.approx((0.55, 0.1, 1.0))
     assert clear[0]
+    # A value on the wrong side would move a median.
+    value = np.concatenate([np.arange(9.0), 100.0 + np.arange(7.0)])[None]
+    threshold, low, high, _ = two_levels(value, np.ones_like(value, dtype=bool))
+    assert (threshold[0], low[0], high[0]) == (53.5, 4.0, 103.0)
 
 
 @pytest.mark.parametrize(("kind", "target"), [("black", 0.1), ("white", 1.0)])
@@ -169,6 +173,17 @@ def test_ranges_come_from_where_the_kind_says(kind: str, told: str) -> None:
     for part, name in ((far_on, "on"), (far_off, "around")):
         moved = seen(voxels(np.where(part, base + 5e-3, base), levels=levels), kind).position[0, 2]
         assert bool(abs(moved - start) > 1e-5) is (told in (name, "both")), name
+
+
+def test_what_lies_between_disc_and_ground_tells_no_range() -> None:
+    """Claim: voxels of a raised disc in whose dwell the spot is partly on the ground do not move its range."""
+    half_way = 0.5 * np.hypot(*pattern()[1].T)
+    on = off() < RADIUS / DISTANCE
+    partly = on & (off() > RADIUS / DISTANCE - half_way - SPOT)
+    assert partly.sum() > 1
+    base = np.where(on, DISTANCE, DISTANCE + 0.1) / np.cos(off())
+    found = seen(voxels(np.where(partly, base + 0.03, base)), "raised")
+    assert found.position[0, 2] == pytest.approx(DISTANCE, abs=1e-6)
 
 
 def tilted(sigma: float) -> tuple[PatternSamples, Array]:

@@ -1,0 +1,195 @@
+"""Measures: what a campaign keeps of a run, each a pure function of its result and of the truth in it.
+
+A result is an image, a table of shots, or a track with its poses. A measure is NaN where there is nothing to measure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.arithmetic import inverse
+from scanner_sim.pose.series import PoseSeries
+from scanner_sim.pose.status import PoseStatus
+from scanner_sim.products.layers import LayeredResult
+from scanner_sim.tracking.record import Track, TrackStatus
+from scanner_sim.tracking.state import TrackMode
+
+Array = NDArray[np.float64]
+
+FALSE_SIGMAS = 5.0
+"""Stated standard deviations beyond which a range is not of the surface that the beam met."""
+COVERED_SIGMAS = 1.959964
+"""Those within which 95 % of normal errors lie."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run gave: an image or shots, or else a track with the poses of its objects in the scanner's frame."""
+
+    scan: LayeredResult | None = None
+    track: Track | None = None
+    poses: tuple[PoseSeries, ...] = ()
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A number of a run: its unit, what it means, of what (``scan``, ``track`` or ``poses``), and how it is found."""
+
+    unit: str
+    meaning: str
+    of: str
+    value: Callable[[Any], float]
+
+
+def measured(names: tuple[str, ...], outcome: Outcome) -> dict[str, float]:
+    """Return measures of a run by name; NaN where the run has nothing of that kind."""
+    found = {}
+    for name in names:
+        measure = MEASURES[name]
+        subject = getattr(outcome, measure.of)
+        found[name] = float(measure.value(subject)) if subject else math.nan
+    return found
+
+
+def _errors(scan: LayeredResult) -> tuple[Array, Array]:
+    """Return error [m] and stated σ [m] of the valid shots whose truth is known, shapes (n,)."""
+    error, sigma = (scan[name].astype(np.float64) for name in ("range_m", "sigma_range_m"))
+    error = error - scan["truth.range_m"]
+    known = scan.valid & np.isfinite(error) & (sigma > 0.0)
+    return error[known], sigma[known]
+
+
+def _over(statistic: Callable[[Array], Any], values: Array) -> float:
+    return float(statistic(values)) if values.size else math.nan
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def _sigma_range(scan: LayeredResult) -> float:
+    return _over(np.median, scan["sigma_range_m"][scan.valid].astype(np.float64))
+
+
+def _covered(scan: LayeredResult) -> float:
+    error, sigma = _errors(scan)
+    return _over(np.mean, (np.abs(error) <= COVERED_SIGMAS * sigma).astype(np.float64))
+
+
+def _pull(scan: LayeredResult) -> float:
+    error, sigma = _errors(scan)
+    return _over(_rms, error / sigma)
+
+
+def _false_returns(scan: LayeredResult) -> float:
+    error = np.abs(scan["range_m"].astype(np.float64) - scan["truth.range_m"])
+    right = error <= FALSE_SIGMAS * scan["sigma_range_m"]
+    return float(np.mean(scan.valid & ~right))
+
+
+def _losses(track: Track) -> float:
+    return float(sum(one.mode is not TrackMode.LOST and one.after is TrackMode.LOST for one in track.records))
+
+
+def _measured_share(track: Track) -> float:
+    taken = np.array([one.status is TrackStatus.MEASURED for one in track.records], dtype=np.float64)
+    return _over(np.mean, taken)
+
+
+def _track_errors(track: Track, axis: int) -> Array:
+    taken = [one for one in track.records if one.status is TrackStatus.MEASURED]
+    return np.array([one.position[axis] - one.truth[axis] for one in taken], dtype=np.float64)
+
+
+def _target_pull(track: Track) -> float:
+    taken = [one for one in track.records if one.status is TrackStatus.MEASURED]
+    return _over(
+        _rms, np.array([(one.position[2] - one.truth[2]) / math.sqrt(one.covariance[2, 2]) for one in taken])
+    )
+
+
+def _valid_poses(poses: tuple[PoseSeries, ...]) -> tuple[Array, Array]:
+    """Return errors (n, 6) and covariances (n, 6, 6) of all valid poses whose truth is known."""
+    error, covariance = [np.zeros((0, 6))], [np.zeros((0, 6, 6))]
+    for one in poses:
+        good = (one.status == PoseStatus.VALID) & np.isfinite(one.error).all(axis=1)
+        error.append(one.error[good])
+        covariance.append(one.covariance[good])
+    return np.concatenate(error), np.concatenate(covariance)
+
+
+def _pose_error(poses: tuple[PoseSeries, ...], first: int) -> float:
+    error, _ = _valid_poses(poses)
+    return _over(_rms, np.sqrt(np.sum(np.square(error[:, first : first + 3]), axis=1)))
+
+
+def _mahalanobis(poses: tuple[PoseSeries, ...]) -> float:
+    error, covariance = _valid_poses(poses)
+    if not len(error):
+        return math.nan
+    return float(np.mean(np.einsum("ni,nij,nj->n", error, inverse(covariance), error)))
+
+
+def _valid_pose_share(poses: tuple[PoseSeries, ...]) -> float:
+    return _over(
+        np.mean, np.concatenate([one.status == PoseStatus.VALID for one in poses]).astype(np.float64)
+    )
+
+
+MEASURES: Mapping[str, Measure] = {
+    "sigma_range": Measure("m", "median of the stated σ of the valid ranges", "scan", _sigma_range),
+    "bias_range": Measure(
+        "m", "mean error of the valid ranges", "scan", lambda scan: _over(np.mean, _errors(scan)[0])
+    ),
+    "rms_range": Measure(
+        "m", "rms error of the valid ranges", "scan", lambda scan: _over(_rms, _errors(scan)[0])
+    ),
+    "pull_range": Measure(
+        "1", "rms of error over stated σ of the valid ranges; 1 where σ is right", "scan", _pull
+    ),
+    "coverage": Measure(
+        "1", "share of valid ranges within 1.96 stated σ; 0.95 where σ is right", "scan", _covered
+    ),
+    "valid_share": Measure(
+        "1", "share of shots with a valid range", "scan", lambda scan: float(scan.valid.mean())
+    ),
+    "false_returns": Measure(
+        "1",
+        "share of shots whose range is valid but beyond 5 stated σ, or of nothing",
+        "scan",
+        _false_returns,
+    ),
+    "lost_tracks": Measure("1", "number of times that a target was lost", "track", _losses),
+    "measured_share": Measure(
+        "1", "share of visits in which the target was measured", "track", _measured_share
+    ),
+    "rms_target_theta": Measure(
+        "rad", "rms error of the targets' Θ", "track", lambda track: _over(_rms, _track_errors(track, 0))
+    ),
+    "rms_target_phi": Measure(
+        "rad", "rms error of the targets' φ", "track", lambda track: _over(_rms, _track_errors(track, 1))
+    ),
+    "rms_target_range": Measure(
+        "m", "rms error of the targets' range", "track", lambda track: _over(_rms, _track_errors(track, 2))
+    ),
+    "pull_target_range": Measure(
+        "1", "rms of error over stated σ of the targets' range", "track", _target_pull
+    ),
+    "pose_position": Measure(
+        "m", "rms distance of the valid poses from the truth", "poses", lambda poses: _pose_error(poses, 0)
+    ),
+    "pose_attitude": Measure(
+        "rad", "rms angle between the valid poses and the truth", "poses", lambda poses: _pose_error(poses, 3)
+    ),
+    "pose_mahalanobis": Measure(
+        "1", "mean squared Mahalanobis distance of the valid poses; 6 is right", "poses", _mahalanobis
+    ),
+    "valid_pose_share": Measure("1", "share of poses that are valid", "poses", _valid_pose_share),
+}
+"""Measures by name."""

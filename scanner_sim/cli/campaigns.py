@@ -1,0 +1,156 @@
+"""The family of verbs ``campaign``, with their options."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from scanner_sim.cli.options import Device, DeviceName, Overwrite, Quiet
+from scanner_sim.cli.report import reported
+
+
+class PlanFirst(TyperGroup):
+    """A group whose verb ``run`` may be left out: ``campaign PLAN.yaml``."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the verb that is meant."""
+        if self.get_command(ctx, args[0]) is None and Path(args[0]).suffix:
+            args = ["run", *args]
+        return super().resolve_command(ctx, args)
+
+
+campaign = typer.Typer(
+    cls=PlanFirst,
+    no_args_is_help=True,
+    help="Run many scenarios as one question: `scanner-sim campaign PLAN.yaml`.",
+    epilog="What a killed campaign has done stays; the same command goes on.",
+)
+
+Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of a campaign.", show_default=False)]
+Run = Annotated[int, typer.Option("--run", metavar="N", help="Number of the run.", show_default=False)]
+
+
+@campaign.command("run")
+def run(
+    plan: Annotated[Path, typer.Argument(metavar="PLAN", help="Plan, a YAML file.", show_default=False)],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder of the campaign.",
+            show_default="output/ and PLAN's name",
+        ),
+    ] = None,
+    workers: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            min=0,
+            max=1024,
+            help="Processes on this machine; 0 runs in this one, without Dask.",
+            show_default="one per core",
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(
+            metavar="tcp://HOST:PORT",
+            help="Dask scheduler of a cluster.",
+            show_default="workers on this machine",
+        ),
+    ] = None,
+    measure: Annotated[
+        str | None,
+        typer.Option(
+            metavar="MODULE:FUNCTION",
+            help="A measure of your own: a Python function of a result.",
+            show_default=False,
+        ),
+    ] = None,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Check the plan, print its runs and what they take, and stop.")
+    ] = False,
+    device: Device = DeviceName.auto,
+    quiet: Quiet = False,
+) -> None:
+    """Check a plan as a whole, and do its runs, or those that are left.
+
+    Example: `scanner-sim campaign configs/power.campaign.yaml -o output/power --workers 2`
+
+    Each run is a row of numbers in DIR; one that fails is a row with its fault. The rows are the same for any number of
+    workers. The word `run` may be left out.
+    """
+    with reported():
+        from scanner_sim.cli.campaign import run_campaign
+
+        name = plan.name.removesuffix(plan.suffix).removesuffix(".campaign")
+        run_campaign(
+            plan,
+            output or Path("output", name),
+            workers=workers,
+            scheduler=scheduler,
+            measure=measure,
+            dry_run=dry_run,
+            device=device.value,
+            quiet=quiet,
+        )
+
+
+@campaign.command("status")
+def status(folder: Folder) -> None:
+    """Say how many runs are done and failed, and what they measured so far.
+
+    Example: `scanner-sim campaign status output/power`
+    """
+    with reported():
+        from scanner_sim.cli.campaign import print_status
+
+        print_status(folder)
+
+
+@campaign.command("show")
+def show(
+    folder: Folder,
+    run: Run,
+    scenario: Annotated[bool, typer.Option("--scenario", help="Print its whole scenario instead.")] = False,
+) -> None:
+    """Say what a run had and what it gave.
+
+    Example: `scanner-sim campaign show output/power --run 3`
+    """
+    with reported():
+        from scanner_sim.cli.campaign import show_run
+
+        show_run(folder, run, scenario=scenario)
+
+
+@campaign.command("rerun")
+def rerun(
+    folder: Folder,
+    run: Run,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder of the result.",
+            show_default="again/ and the number, in the campaign's",
+        ),
+    ] = None,
+    device: Device = DeviceName.auto,
+    overwrite: Overwrite = False,
+) -> None:
+    """Do a run again with its whole result in files, and hold its measures against the row.
+
+    Example: `scanner-sim campaign rerun output/power --run 3`
+    """
+    with reported():
+        from scanner_sim.cli.campaign import rerun
+
+        rerun(folder, run, output, device=device.value, overwrite=overwrite)

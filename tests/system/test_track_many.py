@@ -1,0 +1,105 @@
+"""Runs side by side are what they are alone, to the last byte."""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim import InputError, Scenario, load_scenario, track, track_many
+from scanner_sim.render.device import Device
+from scanner_sim.tracking.record import Track, TrackStatus
+from scanner_sim.tracking.state import TrackMode
+
+STILL = {"type": "twist"}
+SUN = {"sun": {"direction": [-0.35, -0.45, -0.8]}}
+
+
+def scenario(seed: int, motion: dict[str, Any] = STILL, duration: float = 0.15, **more: Any) -> Scenario:
+    """Return a run after two targets of an object that moves, with beamlets enough for the law alone."""
+    array = {"diameter": 0.1, "plate": 0.3, "columns": 2, "spacing": [0.4, 0.4]}
+    node = {"name": "node", "array": array, "position": [0.1, 0.0, 6.0], "motion": motion} | more.pop(
+        "node", {}
+    )
+    scan = {"type": "track", "targets": ["node"], "duration": duration} | more.pop("scan", {})
+    whole = {"schema": 1, "seed": seed, "scene": {"objects": [node]}, "scan": scan}
+    return load_scenario(whole | {"transport": {"pattern_beamlets": 19, "background_samples": 2}} | more)
+
+
+def content(value: Any) -> Any:
+    """Return a record as bytes and plain values."""
+    if is_dataclass(value) and not isinstance(value, type):
+        return {field.name: content(getattr(value, field.name)) for field in fields(value)}
+    if isinstance(value, tuple | list):
+        return [content(one) for one in value]
+    if isinstance(value, np.ndarray | np.generic | float):
+        return np.asarray(value).shape, np.asarray(value).tobytes()
+    return value
+
+
+def assert_alike(scenarios: list[Scenario]) -> tuple[Track, ...]:
+    together = track_many(scenarios)
+    for run, known in zip(together, scenarios, strict=True):
+        assert content(run) == content(track(known))
+    return together
+
+
+def test_runs_side_by_side_are_those_alone(device: Device) -> None:
+    """Claim: in one company of runs that end early, lose their targets, begin in the wrong place, leave the field of
+    view and turn, each is the very run that it is alone: it can fail by any sum whose order depends on the company.
+
+    Six runs: patterns for eight, two of which are nobody's.
+    """
+    away = {"type": "twist", "velocity": [0.0, 4.0, 0.0]}
+    turning = {"type": "twist", "velocity": [0.02, 0.0, 0.0], "turn_rate": [0.0, 0.5, 0.3]}
+    wrong = [
+        {"target": "node/1", "expected": [-0.022, 0.003, 6.0]},
+        {"target": "node/2", "expected": [0.7, 0.0, 6.0]},
+    ]
+    runs = assert_alike(
+        [
+            scenario(1),
+            scenario(2, duration=0.06),
+            scenario(2**62 + 3, away),
+            scenario(4, turning, node={"rotation": {"axis": "y", "angle": 0.3}}),
+            scenario(5, scan={"targets": wrong}),
+            scenario(1),
+        ]
+    )
+    assert len(runs[1].records) < len(runs[0].records)
+    assert {record.mode for record in runs[0].records} >= {TrackMode.SEARCH, TrackMode.TRACK}
+    assert any(record.after is TrackMode.LOST for record in runs[2].records)
+    statuses = {record.status for record in runs[4].records}
+    assert statuses >= {TrackStatus.OUT_OF_VIEW, TrackStatus.MEASURED}
+    assert content(runs[0]) == content(runs[5])
+    assert content(runs[0].records) != content(runs[3].records)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("change", [{"lighting": SUN}, {"ranging": "tof"}, {"ranging": "both"}])
+def test_any_light_and_ranging_goes_side_by_side(device: Device, change: dict[str, Any]) -> None:
+    """Claim: the same under the Sun, whose background has the run's own seed, and by time of flight."""
+    moving = {"type": "twist", "velocity": [0.3, 0.0, 0.0]}
+    assert_alike([scenario(1, duration=0.05, **change), scenario(2, moving, duration=0.05, **change)])
+
+
+@pytest.mark.parametrize(
+    ("change", "key"),
+    [
+        ({"scanner": {"laser": {"power": 0.02}}}, "scanner.laser.power"),
+        ({"node": {"motion": None}}, "scene.objects[0]"),
+        ({"scan": {"pattern": {"points": 64}}}, "scan.pattern.points"),
+        ({"lighting": SUN}, "lighting"),
+    ],
+)
+def test_what_must_be_alike_is_named(change: dict[str, Any], key: str) -> None:
+    with pytest.raises(InputError, match="scenario 3 differs from the first in") as raised:
+        track_many([scenario(1), scenario(2), scenario(3, **change)])
+    assert key in str(raised.value)
+
+
+def test_no_scenarios_are_no_run() -> None:
+    with pytest.raises(InputError, match="no scenarios"):
+        track_many([])

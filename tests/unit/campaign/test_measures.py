@@ -1,0 +1,102 @@
+"""Measures against numbers that were put in."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from scanner_sim.campaign.measures import MEASURES, Outcome, measured
+from scanner_sim.foundation.status import Status
+from scanner_sim.pose.series import PoseSeries
+from scanner_sim.pose.status import PoseStatus
+from scanner_sim.products.image import RangeImage
+
+ERRORS = np.array([[0.001, -0.001, 0.003, 0.0], [0.02, 0.001, 0.0, 0.0]], dtype=np.float32)
+SIGMA = 0.001
+
+
+def image() -> RangeImage:
+    """Eight voxels: seven valid, one of these of nothing, and one 20 σ off."""
+    status = np.zeros((2, 4), dtype=np.float32)
+    status[1, 3] = Status.BELOW_THRESHOLD
+    valid = status == 0
+    truth = np.full((2, 4), 8.0, dtype=np.float32)
+    truth[1, 2] = np.nan
+    ranges = np.where(valid, np.float32(8.0) + ERRORS, np.float32(np.nan))
+    layers = dict.fromkeys(("range_m", "P.X", "P.Y", "P.Z"), ranges)
+    layers |= {"sigma_range_m": np.where(valid, SIGMA, np.nan).astype(np.float32), "status": status}
+    layers["truth.range_m"] = truth
+    return RangeImage(layers, 0.01 * np.arange(4), 0.01 * np.arange(2))
+
+
+def test_an_image_gives_the_numbers_that_were_put_in() -> None:
+    names = tuple(name for name, one in MEASURES.items() if one.of == "scan")
+    found = measured(names, Outcome(scan=image()))
+    known = np.array([0.001, -0.001, 0.003, 0.0, 0.02, 0.001])
+    # Ranges of 8 m are stored in single precision: 1e-6 m at most.
+    assert found["bias_range"] == pytest.approx(known.mean(), abs=1e-6)
+    assert found["rms_range"] == pytest.approx(np.sqrt(np.mean(known**2)), abs=1e-6)
+    assert found["pull_range"] == pytest.approx(np.sqrt(np.mean((known / SIGMA) ** 2)), abs=1e-3)
+    assert found["sigma_range"] == pytest.approx(SIGMA, rel=1e-6)
+    assert found["coverage"] == pytest.approx(4 / 6)
+    assert found["valid_share"] == pytest.approx(7 / 8)
+    assert found["false_returns"] == pytest.approx(2 / 8)
+
+
+def test_what_has_nothing_to_measure_is_nan() -> None:
+    found = measured(tuple(MEASURES), Outcome(scan=image()))
+    assert {name for name, value in found.items() if math.isnan(value)} == {
+        name for name, one in MEASURES.items() if one.of != "scan"
+    }
+    empty = image()
+    dark = {name: np.full_like(layer, np.nan) for name, layer in empty.channels.items()}
+    dark["status"] = np.full((2, 4), Status.BELOW_THRESHOLD, dtype=np.float32)
+    found = measured(
+        ("sigma_range", "bias_range", "coverage", "valid_share"), Outcome(scan=replace(empty, channels=dark))
+    )
+    assert found["valid_share"] == 0.0
+    assert all(math.isnan(found[name]) for name in ("sigma_range", "bias_range", "coverage"))
+
+
+def series(errors: np.ndarray, covariance: np.ndarray, status: np.ndarray) -> PoseSeries:
+    count = len(errors)
+    turn = np.zeros((count, 3, 3))
+    for number, (x, y, z) in enumerate(errors[:, 3:]):
+        turn[number] = np.eye(3) + np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    truth = np.broadcast_to(np.eye(3), (count, 3, 3)).copy()
+    zeros = np.zeros(count)
+    return PoseSeries(
+        "node", "", "joint", zeros, errors[:, :3], turn, np.broadcast_to(covariance, (count, 6, 6)).copy(), zeros,
+        zeros.astype(np.int64), zeros.astype(np.int64), status, np.zeros((count, 3)), truth, np.zeros((count, 6, 6)),
+    )  # fmt: skip
+
+
+def test_poses_give_their_distances_and_mahalanobis_six_where_the_covariance_is_right() -> None:
+    """Claim: for 4000 errors drawn with the stated covariance the mean squared Mahalanobis distance is 6.
+
+    It is a mean of χ² of six degrees: its standard deviation is √(12 / 4000) = 0.055, and five of them are the bound, a
+    level of 6e-7. Rotations of a microradian are exp([δω]×) to 1e-12.
+    """
+    rng = np.random.default_rng(11)
+    sigma = np.array([1e-3, 2e-3, 3e-3, 1e-6, 2e-6, 3e-6])
+    mixed = np.eye(6) + 0.3
+    covariance = sigma[:, None] * mixed * sigma
+    errors = rng.multivariate_normal(np.zeros(6), covariance, 4000)
+    status = np.zeros(4000, dtype=np.int8)
+    found = measured(tuple(MEASURES), Outcome(poses=(series(errors, covariance, status),)))
+    assert found["pose_mahalanobis"] == pytest.approx(6.0, abs=5.0 * math.sqrt(12.0 / 4000.0))
+    assert found["pose_position"] == pytest.approx(
+        np.sqrt(np.mean(np.sum(errors[:, :3] ** 2, axis=1))), rel=1e-9
+    )
+    assert found["pose_attitude"] == pytest.approx(
+        np.sqrt(np.mean(np.sum(errors[:, 3:] ** 2, axis=1))), rel=1e-5
+    )
+    assert found["valid_pose_share"] == 1.0
+    status[:1000] = PoseStatus.MIRRORED
+    fewer = measured(
+        ("pose_mahalanobis", "valid_pose_share"), Outcome(poses=(series(errors, covariance, status),))
+    )
+    assert fewer["valid_pose_share"] == 0.75

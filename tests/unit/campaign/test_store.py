@@ -1,0 +1,226 @@
+"""The folder of a campaign: nothing lost, nothing counted twice, nothing mixed."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scanner_sim.campaign import store as store_module
+from scanner_sim.campaign.reading import read_campaign
+from scanner_sim.campaign.result import open_campaign
+from scanner_sim.campaign.runs import Campaign
+from scanner_sim.campaign.store import PARTS, ROWS, Row, Store, opened, reopened
+from scanner_sim.foundation.errors import InputError, RunError
+
+MEASURES = ("sigma_range", "valid_share")
+
+
+@pytest.fixture
+def campaign(tmp_path: Path, small_scenario: str) -> Campaign:
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    plan = "schema: 1\nbase: small.yaml\nvary: [{keys: {scanner.laser.power: [5 mW, 15 mW]}}]\nrepeat: 10\n"
+    (tmp_path / "plan.yaml").write_text(plan, encoding="utf-8")
+    return read_campaign(tmp_path / "plan.yaml")
+
+
+def row(campaign: Campaign, run: int, fault: str = "") -> Row:
+    measures = (
+        {} if fault else {"sigma_range": 0.1 / (run + 3.0), "valid_share": math.nan if run == 4 else 1.0}
+    )
+    return Row(run, campaign.seed(run), fault, 0.5, measures)
+
+
+def content(folder: Path) -> dict[str, list[object]]:
+    return {name: values.astype(object).tolist() for name, values in open_campaign(folder).table().items()}
+
+
+def same(one: dict[str, list[object]], other: dict[str, list[object]]) -> bool:
+    return repr(one) == repr(other)
+
+
+def test_rows_come_back_in_order_with_every_bit(
+    campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: the same table comes of rows in any order, through text, through Parquet, or some of each."""
+    monkeypatch.setattr(store_module, "PART_ROWS", 7)
+    found = []
+    for name, order in (("a", range(20)), ("b", reversed(range(20)))):
+        with opened(tmp_path / name, campaign, MEASURES) as store:
+            for run in order:
+                store.add(row(campaign, run, "it broke." if run == 2 else ""))
+        assert len(list((tmp_path / name / PARTS).iterdir())) == 2
+        found.append(content(tmp_path / name))
+    assert same(*found)
+    assert found[0]["run"] == list(range(20))
+    assert found[0]["scanner.laser.power"] == [0.005] * 10 + [0.015] * 10
+    assert found[0]["sigma_range"][5] == 0.1 / 8.0
+    assert found[0]["fault"][2] == "it broke."
+    result = open_campaign(tmp_path / "a")
+    array = result.to_xarray()
+    assert array["sigma_range"].dims == ("scanner.laser.power", "repeat")
+    assert float(array["sigma_range"].sel({"scanner.laser.power": 0.015}).isel(repeat=3)) == 0.1 / 16.0
+    assert array["scanner.laser.power"].attrs["units"] == "W"
+    assert np.isnan(array["valid_share"].values[0, [2, 4]]).all()
+    frame = result.to_pandas()
+    assert frame.loc[7, "sigma_range"] == 0.01
+    assert "1 failed" in repr(result)
+    assert "<table>" in result._repr_html_()
+
+
+def test_a_torn_line_is_no_row_and_the_next_one_takes_its_place(campaign: Campaign, tmp_path: Path) -> None:
+    """Claim: whatever length of the last line is on the disk, the rows before count, and the run is done again."""
+    folder = tmp_path / "out"
+    with opened(folder, campaign, MEASURES) as store:
+        for run in range(3):
+            store.add(row(campaign, run))
+    whole = (folder / ROWS).read_bytes()
+    last = whole.rstrip(b"\n").rfind(b"\n") + 1
+    for end in (last, last + 1, last + 30, len(whole) - 1):
+        (folder / ROWS).write_bytes(whole[:end])
+        with opened(folder, campaign, MEASURES) as store:
+            assert np.flatnonzero(store.done).tolist() == [0, 1]
+            store.add(row(campaign, 2))
+        assert (folder / ROWS).read_bytes() == whole
+
+
+def test_a_death_between_part_and_rows_counts_nothing_twice(campaign: Campaign, tmp_path: Path) -> None:
+    """Claim: rows that stand in a part and, because the program died then, still in the file of rows, are one each."""
+    folder = tmp_path / "out"
+    with opened(folder, campaign, MEASURES) as store:
+        for run in range(3):
+            store.add(row(campaign, run))
+        lines = (folder / ROWS).read_bytes()
+        store.pack()
+    (folder / ROWS).write_bytes(lines)
+    (folder / PARTS / "part-000001.partial").write_bytes(b"PAR1")
+    with opened(folder, campaign, MEASURES) as store:
+        assert int(store.done.sum()) == 3
+        store.add(row(campaign, 3))
+        store.add(row(campaign, 3))
+        store.pack()
+    assert content(folder)["run"] == [0, 1, 2, 3]
+    assert len(list((folder / PARTS).glob("*.parquet"))) == 2
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("repeat: 10", "repeat: 11", "another plan"),
+        ("15 mW", "16 mW", "another plan"),
+        ("schema: 1", "schema: 1\nset: {scan.rows: 3}", "another base scenario"),
+    ],
+)
+def test_rows_of_two_campaigns_are_not_mixed(
+    campaign: Campaign, tmp_path: Path, old: str, new: str, words: str
+) -> None:
+    with opened(tmp_path / "out", campaign, MEASURES):
+        pass
+    text = (tmp_path / "plan.yaml").read_text(encoding="utf-8")
+    (tmp_path / "other.yaml").write_text(text.replace(old, new), encoding="utf-8")
+    other = read_campaign(tmp_path / "other.yaml")
+    with pytest.raises(InputError, match=words), opened(tmp_path / "out", other, MEASURES):
+        pass
+    with (
+        pytest.raises(InputError, match="list of measures"),
+        opened(tmp_path / "out", campaign, MEASURES[:1]),
+    ):
+        pass
+    with opened(tmp_path / "out", read_campaign(tmp_path / "plan.yaml"), MEASURES):
+        pass
+
+
+def test_a_folder_of_something_else_is_left_alone(campaign: Campaign, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.tex").write_text("x", encoding="utf-8")
+    with pytest.raises(InputError, match="holds other files"), opened(tmp_path / "out", campaign, MEASURES):
+        pass
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.tex"]
+    with pytest.raises(InputError, match="There is no campaign"):
+        open_campaign(tmp_path / "out")
+
+
+def test_two_masters_do_not_write_at_once(campaign: Campaign, tmp_path: Path) -> None:
+    with opened(tmp_path / "out", campaign, MEASURES):
+        code = (
+            "import sys; from pathlib import Path; from scanner_sim.products.files.exchange import held, BusyError\n"
+            "try:\n    with held(Path(sys.argv[1])): print('free')\nexcept BusyError: print('busy')"
+        )
+        done = subprocess.run(
+            [sys.executable, "-c", code, tmp_path / "out"], capture_output=True, text=True, check=True
+        )
+    assert done.stdout.strip() == "busy"
+
+
+@pytest.mark.parametrize(
+    "break_it",
+    [
+        lambda said: said.pop("plan"),
+        lambda said: said.update(measures=7),
+        lambda said: said["plan"].update(vary=[{"keys": {}}]),
+    ],
+)
+def test_a_damaged_manifest_is_one_message(
+    campaign: Campaign, tmp_path: Path, break_it: Callable[[dict], object]
+) -> None:
+    with opened(tmp_path / "out", campaign, MEASURES):
+        pass
+    path = tmp_path / "out" / "campaign.json"
+    said = json.loads(path.read_text(encoding="utf-8"))
+    break_it(said)
+    path.write_text(json.dumps(said), encoding="utf-8")
+    with pytest.raises(InputError, match="is damaged"):
+        reopened(tmp_path / "out")
+
+
+@pytest.fixture
+def disk(tmp_path: Path) -> Iterator[Path]:
+    place = tmp_path / "disk"
+    place.mkdir()
+    if subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", "size=256k", "tmpfs", place], capture_output=True
+    ).returncode:
+        pytest.skip("only root may mount a file system")
+    try:
+        yield place
+    finally:
+        subprocess.run(["umount", place], check=True)
+
+
+def fill(store: Store, campaign: Campaign) -> int:
+    """Add rows until the disk is full; return how many there are then."""
+    for run in range(1, 20):
+        try:
+            store.add(row(campaign, run, "x" * 800))
+        except RunError as error:
+            if "is full; every row before stays" in str(error):
+                return run
+    raise AssertionError("the disk was not full")
+
+
+def test_a_full_disk_stops_cleanly_and_the_same_campaign_goes_on(campaign: Campaign, disk: Path) -> None:
+    """Claim: rows that were told to be written are there after the disk was full, the next is not, and with room the
+    campaign goes on to the same table."""
+    folder, filler = disk / "out", disk / "filler"
+    with opened(folder, campaign, MEASURES) as store:
+        store.add(row(campaign, 0))
+    with opened(folder, campaign, MEASURES) as store:
+        with contextlib.suppress(OSError), filler.open("wb", buffering=0) as stream:
+            while stream.write(b"\0" * 512):
+                pass
+        written = fill(store, campaign)
+    assert 0 < written < 20
+    assert int(reopened(folder).done.sum()) == written
+    filler.unlink()
+    with opened(folder, campaign, MEASURES) as store:
+        for run in range(20):
+            store.add(row(campaign, run, "x" * 800 if run else ""))
+        store.pack()
+    assert content(folder)["run"] == list(range(20))

@@ -1,0 +1,105 @@
+"""A changed copy of a scenario: the same checks, messages and places as those of a file."""
+
+from __future__ import annotations
+
+import pickle
+
+import pytest
+
+from scanner_sim.config import load_scenario, scenario_from_text
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError, ScenarioError
+
+
+@pytest.fixture
+def scenario(small_scenario: str) -> Scenario:
+    return scenario_from_text(small_scenario, name="small")
+
+
+def faults(scenario: Scenario, changes: dict[str, object]) -> list[str]:
+    with pytest.raises(ScenarioError) as caught:
+        scenario.replace(changes)
+    return [str(fault) for fault in caught.value.faults]
+
+
+def test_values_are_replaced_with_units_or_in_si(scenario: Scenario) -> None:
+    changed = scenario.replace({"scanner.laser.power": "10 mW", "scanner.rate": 1000.0, "scan.rows": 9})
+    assert (changed.scanner.laser.power, changed.scanner.rate, changed.raster.rows) == (0.01, 1000.0, 9)
+    assert scenario.scanner.laser.power == 0.015, "the first one stays"
+    assert scenario.replace({}) == scenario
+
+
+@pytest.mark.parametrize(
+    "key", ["scene.objects[0].position", "scene.objects.0.position", "scene.objects.wall.position"]
+)
+def test_lists_go_by_index_or_name(scenario: Scenario, key: str) -> None:
+    changed = scenario.replace({key: ("0 m", "0 m", 8)})
+    assert changed.scene.objects[0].position == (0.0, 0.0, 8.0)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"scanner.laser.powr": "1 mW"}, "scanner.laser.powr: there is no such key. Did you mean 'power'?"),
+        ({"scanner.lazer.power": "1 mW"}, "scanner.lazer: there is no such key. Did you mean 'laser'?"),
+        ({"scanner.laser.power": "1 m"}, "scanner.laser.power: 'm' cannot be converted to W."),
+        ({"scan.rows": "5"}, "scan.rows: '5' is not a whole number."),
+        ({"scene.objects.7.position": [0, 0, 1]}, "scene.objects.7.position: scene.objects has 1 entries"),
+        ({"scene.objects.wall.sise": 1}, "scene.objects[0].sise (object 'wall'): there is no such key. Did you"),
+        ({"": 1}, "scenario: this is no key."),
+        ({"scanner.preset": "x.yaml"}, "scanner.preset: every value of this scenario's instrument is written out"),
+        # What contradicts something that was not changed.
+        ({"scanner.lidar.pulse.repetition_rate": 100.0, "ranging": "tof"}, "scanner.lidar.pulse.repetition_rate"),
+    ],
+)  # fmt: skip
+def test_faults_are_those_of_a_file(scenario: Scenario, changes: dict[str, object], words: str) -> None:
+    (found,) = faults(scenario, changes)
+    assert found.startswith(words)
+
+
+def test_all_faults_come_together(scenario: Scenario) -> None:
+    assert (
+        len(faults(scenario, {"scanner.laser.powr": 1, "scan.rows": -1, "processing.peak": "centroid"})) == 3
+    )
+
+
+def test_what_excludes_another_value_takes_its_place(scenario: Scenario) -> None:
+    pulse = scenario.replace({"scanner.lidar.pulse.energy": "1 uJ"}).scanner.lidar.pulse
+    assert (pulse.energy, pulse.peak_power) == (1e-6, None)
+    power = scenario.replace({"scanner.lidar.pulse.peak_power": 500.0}).scanner.lidar.pulse
+    assert (power.energy, power.peak_power) == (None, 500.0)
+
+
+def test_a_block_is_completed_by_its_instrument(scenario: Scenario) -> None:
+    stronger = scenario.replace({"scanner.laser.power": "1 W"})
+    assert stronger.replace({"scanner": {}}) == scenario
+
+
+def test_a_replaced_scenario_is_the_one_that_a_file_gives(small_scenario: str) -> None:
+    """Claim: replacing is the same as writing the value into the file, to the last bit of every number."""
+    replaced = scenario_from_text(small_scenario, name="small").replace(
+        {"scan.horizontal": ["-3 deg", "1 deg"]}
+    )
+    written = scenario_from_text(
+        small_scenario.replace("horizontal: [-2 deg, 2 deg]", "horizontal: [-3 deg, 1 deg]"), name="x"
+    )
+    assert replaced == written
+
+
+def test_scenarios_and_errors_go_to_other_processes(scenario: Scenario) -> None:
+    assert pickle.loads(pickle.dumps(scenario)) == scenario
+    with pytest.raises(ScenarioError) as caught:
+        load_scenario({"schema": 1, "scam": {}})
+    for error in (caught.value, InputError("no.", remedy="Yes.")):
+        again = pickle.loads(pickle.dumps(error))
+        assert type(again) is type(error)
+        assert (str(again), again.remedy, again.args) == (str(error), error.remedy, error.args)
+        assert getattr(again, "faults", None) == getattr(error, "faults", None)
+
+
+def test_a_notebook_shows_every_value_as_text(scenario: Scenario) -> None:
+    named = scenario.replace({"scene.objects[0].name": "wall"})
+    page = named._repr_html_()
+    assert "scanner.laser.power" in page
+    assert "scene.objects[0].position" in page
+    assert "<script" not in scenario.changed(scanner={"preset": "<script>.yaml"})._repr_html_()
