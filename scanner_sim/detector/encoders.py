@@ -43,8 +43,9 @@ def read_encoders(
     -----
     Not modelled: non-linearity that stays (it belongs to the calibration), delay of the reading.
     """
-    drawn = [normal.numpy() for normal in reading_normals(auto.UInt32(for_device(shot, np.uint32)), seed)]
-    return readings(theta, phi, drawn[0], drawn[1], mirrors)
+    drawn = reading_normals(auto.UInt32(for_device(shot, np.uint32)), seed)
+    dr.eval(drawn)
+    return readings(theta, phi, drawn[0].numpy(), drawn[1].numpy(), mirrors)
 
 
 def reading_normals(shot: UInt32, seed: Seed) -> tuple[Float, Float]:

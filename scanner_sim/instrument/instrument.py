@@ -246,7 +246,7 @@ class Instrument:
 
     def expose(self, aim: Aim) -> tuple[Truth, Iterator[ShotGroup]]:
         """Render the shots of an aim, expose the line to them and read it: their truth, and the shots in groups."""
-        return self.triangulation.expose(aim, self.fire(aim)[0])
+        return self.triangulation.expose(self.fire(aim)[0])
 
     def fire(self, aim: Aim, seeds: RunSeeds | None = None) -> tuple[Shots, Pointing]:
         """Return the shots of an aim as the mirrors' errors let them go, and these errors; ``seeds`` as of `read`."""

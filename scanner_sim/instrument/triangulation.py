@@ -22,7 +22,6 @@ from scanner_sim.detector.line.exposure import (
 )
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
-from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.streams import RunSeeds, Seed
@@ -59,10 +58,14 @@ Array = NDArray[np.float64]
 class ShotGroup:
     """Shots of a batch that went through the sensor together, with everything on the way."""
 
-    index: NDArray[np.uint32]
     light: Incident
     signal: Signal
     peaks: Peaks
+
+    @property
+    def index(self) -> NDArray[np.uint32]:
+        """Index of each shot in the batch."""
+        return np.asarray(self.light.light.index.numpy())
 
 
 @dataclass
@@ -272,9 +275,14 @@ class Triangulation:
         self, aim: Aim, shots: Shots, deflections: Deflections, background: Panorama | None = None
     ) -> Reading:
         """Return what the line reads of n shots: see :class:`~scanner_sim.instrument.rangefinder.Rangefinder`."""
-        truth, groups = self.expose(aim, shots, background, whole=False)
-        parts = ((group.index, LineReadings.of(group.peaks, group.light.link_budget())) for group in groups)
-        return self.reading(truth, LineReadings.gathered(len(aim.shot), parts), deflections)
+        truth, groups = self.expose(shots, background, whole=False)
+        # All groups are launched before the first is read: the device does not wait for the host between them.
+        parts = [
+            (group.light.light.index, LineReadings.of(group.peaks, group.light.link_budget()))
+            for group in groups
+        ]
+        line = LineReadings.gathered(len(aim.shot), ((index.numpy(), told) for index, told in parts))
+        return self.reading(truth, line, deflections)
 
     def reading(self, truth: Truth, line: LineReadings, deflections: Deflections) -> Reading:
         """Return ranges and layers of n shots from what the line told of all of them."""
@@ -299,9 +307,9 @@ class Triangulation:
         }
 
     def expose(
-        self, aim: Aim, shots: Shots, background: Panorama | None = None, *, whole: bool = True
+        self, shots: Shots, background: Panorama | None = None, *, whole: bool = True
     ) -> tuple[Truth, Iterator[ShotGroup]]:
-        """Render, expose and read the shots of an aim as they are fired: their truth, and the shots in groups.
+        """Render, expose and read shots as they are fired: their truth, and the shots in groups.
 
         ``whole`` as of :meth:`sense`.
         """
@@ -312,11 +320,9 @@ class Triangulation:
 
         def groups() -> Iterator[ShotGroup]:
             for light in lights:
-                index = light.index.numpy()
-                theta = for_device(aim.theta[index])
                 own, met = shots.take(light.index), truth.take(light.index)
                 yield ShotGroup(
-                    index, *self.sense(light, own, met, theta, seen, whole=whole, seeds=own.seeds)
+                    *self.sense(light, own, met, own.commanded, seen, whole=whole, seeds=own.seeds)
                 )
 
         return truth, groups()

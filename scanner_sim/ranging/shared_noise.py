@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,7 @@ class SharedNoise:
     position: Array
     across: Array
     down: Array
+    _shares: dict[tuple[int, int], tuple[Array, Array]] = field(default_factory=dict, init=False, repr=False)
 
     def of(self, stencil: Stencil) -> Array:
         """Return the variance of a weighted sum of voxels about each; NaN where one is missing."""
@@ -50,9 +51,19 @@ class SharedNoise:
             for other, more in stencil.items():
                 apart[abs(one[0] - other[0]), abs(one[1] - other[1])] += weight * more
         for (down, right), weight in apart.items():
-            x, y = np.square(right * self.across), np.square(down * self.down)
-            total += weight * _decay(x + y) * (self.energy + (1.0 - 2.0 * x) * self.position)
+            decay, shared = self._shared(down, right)
+            total += weight * decay * shared
         return np.asarray(np.maximum(total, 0.0))
+
+    def _shared(self, down: int, right: int) -> tuple[Array, Array]:
+        """Return exp(−δ²/w²) of voxels so far apart, and what it is a factor of; stencils ask for the same again."""
+        if (down, right) not in self._shares:
+            x, y = np.square(right * self.across), np.square(down * self.down)
+            self._shares[down, right] = (
+                _decay(x + y),
+                self.energy + (1.0 - 2.0 * x) * self.position,
+            )
+        return self._shares[down, right]
 
 
 def _decay(square: Array) -> Array:

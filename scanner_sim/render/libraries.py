@@ -117,6 +117,7 @@ def _newest(paths: Iterable[Path]) -> LlvmLibrary | None:
     return None
 
 
+@functools.cache
 def _version_from_name(path: Path) -> Version | None:
     """Read the version from the name of a library or of its folder, without loading it."""
     resolved = path.resolve()
@@ -148,7 +149,13 @@ def _verified_version(path: Path) -> Version | None:
     return (major, minor, patch) if major >= OLDEST_LLVM else None
 
 
-def _candidates() -> Iterator[Path]:
+@functools.cache
+def _candidates() -> tuple[Path, ...]:
+    """Return what looked like an LLVM shared library when it was first asked for: looking takes 20 ms."""
+    return tuple(_shared_libraries())
+
+
+def _shared_libraries() -> Iterator[Path]:
     """Every file on this machine that looks like an LLVM shared library."""
     if sys.platform == "win32":
         folders = [Path(os.environ.get("PROGRAMFILES", "C:/Program Files"), "LLVM", "bin")]

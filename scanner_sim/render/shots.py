@@ -36,7 +36,8 @@ class Shots:
     the receiver looks further along Θ than the laser [rad]. What is not given is 0. ``poses`` of the moving objects in
     the middle of the dwell; None leaves them where the loaded scene has them. ``even_travel`` is by how much Θ is
     commanded to change in a dwell, φ at rest, where it is the same for all shots [rad]; else None. ``seeds`` of the
-    runs that the shots belong to; None where all belong to one.
+    runs that the shots belong to; None where all belong to one. ``commanded`` deflection Θ [rad], which is no part of
+    the light's way; None where nobody asks for it.
     """
 
     number: UInt32
@@ -48,6 +49,7 @@ class Shots:
     poses: tuple[Pose, ...] | None = None
     even_travel: float | None = None
     seeds: RunSeeds | None = None
+    commanded: Float | None = None
 
     def __post_init__(self) -> None:
         """Put zeros where nothing was given."""
@@ -69,7 +71,8 @@ class Shots:
         number = dr.gather(mi.UInt32, self.number, index)
         poses = None if self.poses is None else take_poses(self.poses, index)
         even, seeds = self.even_travel, None if self.seeds is None else self.seeds.take(index)
-        return Shots(number, theta, phi, travel_theta, travel_phi, synchronisation, poses, even, seeds)
+        told = None if self.commanded is None else dr.gather(mi.Float, self.commanded, index)
+        return Shots(number, theta, phi, travel_theta, travel_phi, synchronisation, poses, even, seeds, told)
 
 
 @dataclass(frozen=True)
@@ -131,6 +134,7 @@ def true_shots(
         poses,
         float(aim.travel_theta[0]) if not np.ptp(aim.travel_theta) and not aim.travel_phi.any() else None,
         seeds,
+        _to_float(aim.theta),
     )
     encoders = [np.asarray(part.numpy(), dtype=np.float64) for part in shaft]
     return shots, Pointing(errors[0], errors[1], encoders[0], encoders[1])

@@ -141,7 +141,9 @@ def line_speckle(
         parts.append((spot, own, ratios, _amplitudes(spot, own, left, lattice, len(ratios), number, seed)))
     first, count = _pixels_lit(spots, pixels)
     dr.eval(first, count, parts)
-    steps = pixels if fixed_size else int(dr.max(count)[0])
+    # A GPU has room for whole lines, and would wait while the host asks how long they are.
+    on_gpu = dr.backend_v(auto.Float) == dr.JitBackend.CUDA
+    steps = pixels if fixed_size or on_gpu else int(dr.max(count)[0])
     return LineSpeckle(_factors(parts, first, count, steps), first, steps, light.shots)
 
 
