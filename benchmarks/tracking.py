@@ -219,7 +219,7 @@ def parts_of_a_visit(lit: bool, visits: int = 150) -> dict[str, float]:
     timed(visits, "run_visits" if hasattr(visits, "run_visits") else "run_visit", "mirrors")
     timed(sensor_module, "measure_target", "measuring the target")
     timed(sensor_module, "error_parts", "parts of its error")
-    timed(visits, "advance", "filter and modes")
+    timed(visits, "advance_all" if hasattr(visits, "advance_all") else "advance", "filter and modes")
     timed(Recorder, "record", "record")
     timed(Tracker, "visit", "visit")
     run = Tracker(scenario({"position": [0.0, 0.0, 10.0]}, **({"lighting": SUN} if lit else {})))

@@ -136,7 +136,8 @@ def _common(position: Array, rise: Array, errors: Array, radius: float, on_surfa
     reach = 0.5 * (np.hypot(way[0], way[1]) + _REACH_RADII)
     # Every pair but once.
     apart = ((at[:, :, None] - at[:, None]) ** 2).sum(axis=0)
-    one, other = np.nonzero(np.triu(apart < (reach[:, None] + reach) ** 2))
+    index = np.arange(len(reach))
+    one, other = np.nonzero((apart < (reach[:, None] + reach) ** 2) & (index[:, None] <= index))
     steps = (np.arange(_POINTS_PER_VOXEL) + 0.5) / _POINTS_PER_VOXEL - 0.5
     points = at[:, :, None] + way[:, :, None] * steps
     across, down = points[:, one, :, None] - points[:, other, None]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from typing import Literal
 
@@ -98,6 +98,13 @@ class Measurement:
     fraction: Array
     found: Mask
     sight: Sight | None = None
+
+    def of(self, row: int) -> Measurement:
+        """Return one of the patterns, without what it was seen on."""
+        if len(self.found) == 1:
+            return self
+        names = (field.name for field in fields(self) if field.name != "sight")
+        return Measurement(**{name: getattr(self, name)[row : row + 1] for name in names})
 
 
 def measure_target(

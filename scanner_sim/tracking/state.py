@@ -214,16 +214,64 @@ def advance(
 
     What is found in a search and is one of the ``others``, targets that are followed already, is not taken.
     """
-    ahead = None
-    if measurement.found[row] and state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE):
-        ahead = predict(state.motion, float(measurement.time[row]), _acceleration_psd(settings))
-    refusal = _refusal(state, measurement, settings, diameter, ahead, row)
-    if refusal is Refusal.NONE and ahead is None and _is_other(others, measurement, settings, row):
-        refusal = Refusal.OTHER
-    counted = replace(state, patterns=state.patterns + 1, refusal=refusal)
-    if refusal is Refusal.NONE:
-        return _take_measurement(counted, measurement, settings, ahead, row)
-    return _miss(counted, settings, measurement_time=next_time)
+    one = measurement.of(row)
+    (after,) = advance_all([state], one, [settings], [diameter], [next_time], [others])
+    return after
+
+
+def advance_all(
+    states: Sequence[TrackState],
+    measurement: Measurement,
+    settings: Sequence[TrackerSettings],
+    diameter: Sequence[float],
+    next_time: Sequence[float],
+    others: Sequence[Sequence[Motion]],
+) -> list[TrackState]:
+    """Return the states of targets, each of a run of its own, after a pattern of each: :func:`advance` of all at once.
+
+    The measurement has a pattern for each of the states; the other arguments are those of each.
+    """
+    followed = [state.mode in (TrackMode.TRACK, TrackMode.ACQUIRE) for state in states]
+    filtered = _filtered(states, measurement, settings, np.flatnonzero(measurement.found & followed).tolist())
+    found = []
+    for row, state in enumerate(states):
+        own, seen = settings[row], filtered.get(row)
+        refusal = _refusal(state, measurement, own, diameter[row], None if seen is None else seen[1], row)
+        if refusal is Refusal.NONE and seen is None and _is_other(others[row], measurement, own, row):
+            refusal = Refusal.OTHER
+        counted = replace(state, patterns=state.patterns + 1, refusal=refusal)
+        if refusal is not Refusal.NONE:
+            found.append(_miss(counted, own, measurement_time=next_time[row]))
+        elif seen is not None:
+            found.append(_taken(counted, own, seen[0], state.seen + 1))
+        else:
+            position, covariance = measurement.position[row], measurement.covariance[row]
+            motion = initiate(position, covariance, _rates(own), float(measurement.time[row]))
+            found.append(_taken(counted, own, motion, 1))
+    return found
+
+
+def _filtered(
+    states: Sequence[TrackState],
+    measurement: Measurement,
+    settings: Sequence[TrackerSettings],
+    rows: list[int],
+) -> dict[int, tuple[Motion, float]]:
+    """Return the motions of some targets with their measurements taken in, and these's squared surprises, by row."""
+    if not rows:
+        return {}
+    known = Motion(*(np.stack(part) for part in zip(*(states[row].motion for row in rows), strict=True)))
+    unrest = np.stack([_acceleration_psd(settings[row]) for row in rows])
+    ahead = predict(known, measurement.time[rows], unrest)
+    position, covariance = measurement.position[rows], measurement.covariance[rows]
+    after, surprise = (
+        update(ahead, position, covariance),
+        mahalanobis_squared(ahead, position, covariance).tolist(),
+    )
+    return {
+        row: (Motion(after.mean[place], after.covariance[place], after.time[place]), surprise[place])
+        for place, row in enumerate(rows)
+    }
 
 
 def _refusal(
@@ -231,10 +279,10 @@ def _refusal(
     measurement: Measurement,
     settings: TrackerSettings,
     diameter: float,
-    ahead: Motion | None,
+    surprise: float | None,
     row: int,
 ) -> Refusal:
-    """Return why a measurement is not the target's; ``ahead`` is the prediction for its time, where there is one."""
+    """Return why a measurement is not the target's; ``surprise`` is its squared distance from a prediction."""
     if not measurement.found[row]:
         return Refusal.NOT_SEEN
     position, covariance = measurement.position[row], measurement.covariance[row]
@@ -247,7 +295,7 @@ def _refusal(
     loose = float(np.sqrt(np.trace(covariance[:2, :2]))) > _LOOSEST * expected
     if loose or misfit > settings.misfit or (np.isnan(misfit) and state.mode is TrackMode.TRACK):
         return Refusal.SHAPE
-    if ahead is not None and float(mahalanobis_squared(ahead, position, covariance)) > _gate(settings.chance):
+    if surprise is not None and surprise > _gate(settings.chance):
         return Refusal.PLACE
     return Refusal.NONE
 
@@ -271,19 +319,10 @@ def _is_other(
     return bool(found.target[0] >= 0)
 
 
-def _take_measurement(
-    state: TrackState, measurement: Measurement, settings: TrackerSettings, ahead: Motion | None, row: int
-) -> TrackState:
-    """Return the state after the target was seen."""
-    position, covariance = measurement.position[row], measurement.covariance[row]
-    time = float(measurement.time[row])
-    if ahead is not None:
-        motion, seen = update(ahead, position, covariance), state.seen + 1
-    else:
-        motion, seen = initiate(position, covariance, _rates(settings), time), 1
-    mode = TrackMode.TRACK if seen >= settings.acquire_patterns else TrackMode.ACQUIRE
-    if state.mode is TrackMode.TRACK:
-        mode = TrackMode.TRACK
+def _taken(state: TrackState, settings: TrackerSettings, motion: Motion, seen: int) -> TrackState:
+    """Return the state after the target was seen, so many times in a row, with its motion."""
+    tracked = state.mode is TrackMode.TRACK or seen >= settings.acquire_patterns
+    mode = TrackMode.TRACK if tracked else TrackMode.ACQUIRE
     return replace(state, mode=mode, motion=motion, seen=seen, missed=0, searched=0)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from scanner_sim import InputError, Scenario, load_scenario, track, track_many
+from scanner_sim.instrument.closed_loop import frozen_instrument
 from scanner_sim.render.device import Device
 from scanner_sim.tracking.record import Track, TrackStatus
 from scanner_sim.tracking.state import TrackMode
@@ -46,12 +47,13 @@ def assert_alike(scenarios: list[Scenario]) -> tuple[Track, ...]:
     return together
 
 
-def test_runs_side_by_side_are_those_alone(device: Device) -> None:
+def test_runs_side_by_side_are_those_alone(device: Device, monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: in one company of runs that end early, lose their targets, begin in the wrong place, leave the field of
     view and turn, each is the very run that it is alone: it can fail by any sum whose order depends on the company.
 
-    Six runs: patterns for eight, two of which are nobody's.
+    Six runs in launches of four: of three patterns the last is launched twice.
     """
+    monkeypatch.setattr(frozen_instrument, "_MOST_SHOTS", 4 * 128)
     away = {"type": "twist", "velocity": [0.0, 4.0, 0.0]}
     turning = {"type": "twist", "velocity": [0.02, 0.0, 0.0], "turn_rate": [0.0, 0.5, 0.3]}
     wrong = [

@@ -12,7 +12,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import fields
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +34,9 @@ from scanner_sim.scan.protocol import Aim
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
+
+_MOST_SHOTS = 8192
+"""Shots that are launched together: with 512 beamlets each, a tenth of a gigabyte. More are no quicker."""
 
 
 class FrozenInstrument:
@@ -99,17 +101,20 @@ class FrozenInstrument:
             Which of the runs each pattern belongs to; by default there is one pattern, of the first.
         """
         own = np.zeros(1, dtype=np.int64) if run is None else run
-        count = len(own)
+        count, points = len(own), len(aim.shot) // len(own)
         if count == 1:
             return self._measured(aim, own)
-        if self.fast and not self.windows:
+        alone = self.windows or not self.fast
+        most = 1 if alone else max(1, _MOST_SHOTS // points)
+        parts = []
+        for first in range(0, count, most):
+            rows = np.arange(first, min(first + most, count))
             # Few numbers of patterns make few recordings: what is missing is the last one once more.
-            filled = np.minimum(np.arange(1 << (count - 1).bit_length()), count - 1)
-            found = self._measured(_patterns(aim, count, filled), own[filled])
-            return _joined([found], len(aim.shot))
-        return _joined(
-            [self._measured(_patterns(aim, count, row), own[row]) for row in np.arange(count)[:, None]]
-        )
+            missing = (1 << (len(rows) - 1).bit_length()) - len(rows)
+            filled = np.append(rows, np.full(missing, rows[-1]))
+            part = self._measured(_patterns(aim, count, filled), own[filled])
+            parts.append((part, len(rows) * points))
+        return _joined(parts)
 
     def _measured(self, aim: Aim, run: Numbers) -> Samples:
         """Return what is measured of patterns in one launch."""
@@ -208,12 +213,13 @@ def _patterns(aim: Aim, count: int, rows: Numbers) -> Aim:
     return Aim(*(getattr(aim, field.name).reshape(count, -1)[rows].ravel() for field in fields(Aim)))
 
 
-def _joined(parts: Sequence[Samples], shots: int | None = None) -> Samples:
-    """Return samples one after the other: as many shots of them as are wanted."""
-
-    def join(name: str, of: str) -> NDArray[Any]:
-        return np.concatenate([getattr(part, of)[name] for part in parts])[:shots]
-
-    first = parts[0]
-    measured, truth = ({name: join(name, of) for name in getattr(first, of)} for of in ("measured", "truth"))
-    return Samples(measured, truth, first.own)
+def _joined(parts: Sequence[tuple[Samples, int]]) -> Samples:
+    """Return the first shots of samples, so many of each, one after the other."""
+    measured, truth = (
+        {
+            name: np.concatenate([getattr(part, of)[name][:shots] for part, shots in parts])
+            for name in getattr(parts[0][0], of)
+        }
+        for of in ("measured", "truth")
+    )
+    return Samples(measured, truth, parts[0][0].own)

@@ -20,8 +20,9 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.schedule import MOST_VISITS, Course, MirrorPair, PatternMotion, run_visits
+from scanner_sim.tracking.prediction import Motion
 from scanner_sim.tracking.record import PatternRecord
-from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advance, command
+from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advance, advance_all, command
 
 Visit = tuple[PatternRecord, TrackerState]
 """What is kept of a visit, and the state of the run after it."""
@@ -97,16 +98,17 @@ class Visits:
         orders = [turn.order for turn in turns]
         with self._stay.resume():
             samples, seen, parts = self._sensor.see(self._targets[0][index], orders, motion, visit, run)
+        tracks = advance_all(
+            [turn.state.tracks[index] for turn in turns],
+            seen,
+            [self._scans[turn.run].tracker for turn in turns],
+            [self._targets[turn.run][index].appearance.diameter for turn in turns],
+            [mirrors.time for mirrors in mirrors_after],
+            [_others(turn) for turn in turns],
+        )
         visits = []
-        for row, (turn, mirrors) in enumerate(zip(turns, mirrors_after, strict=True)):
+        for row, (turn, mirrors, after) in enumerate(zip(turns, mirrors_after, tracks, strict=True)):
             state, target = turn.state, self._targets[turn.run][index]
-            others = [
-                other.motion
-                for number, other in enumerate(state.tracks)
-                if number != index and state.followed[number] and other.mode is TrackMode.TRACK
-            ]
-            settings, diameter = self._scans[turn.run].tracker, target.appearance.diameter
-            after = advance(state.tracks[index], seen, settings, diameter, mirrors.time, row, others=others)
             record = self._recorders[turn.run].record(
                 state.visits, target, turn.order, after, samples, seen, parts, bool(motion.limited[row]), row
             )
@@ -213,6 +215,16 @@ def _next(state: TrackerState) -> int:
         if state.followed[index]:
             return index
     raise InputError("no target is followed.", remedy="Take one up again by search.")
+
+
+def _others(turn: Turn) -> list[Motion]:
+    """Return the motions of all other targets that a run follows."""
+    state = turn.state
+    return [
+        other.motion
+        for number, other in enumerate(state.tracks)
+        if number != turn.index and state.followed[number] and other.mode is TrackMode.TRACK
+    ]
 
 
 def with_track(state: TrackerState, index: int, changed: TrackState) -> TrackerState:

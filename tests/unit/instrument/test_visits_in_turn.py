@@ -132,14 +132,14 @@ def test_a_late_pattern_moves_those_that_follow(run: Any, monkeypatch: pytest.Mo
 
 def test_others_are_those_that_are_followed(run: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """Claim: a target that was dropped cannot take another's measurement."""
-    tracker, true = run(scenario()), module.advance
+    tracker, true = run(scenario()), module.advance_all
     seen = []
 
-    def advance(*state: Any, others: Any = ()) -> Any:
-        seen.append(len(others))
-        return true(*state, others=others)
+    def advance_all(*state: Any) -> Any:
+        seen.append(len(state[-1][0]))
+        return true(*state)
 
-    monkeypatch.setattr(module, "advance", advance)
+    monkeypatch.setattr(module, "advance_all", advance_all)
     for _ in range(6):
         next(tracker)
     assert seen[-1] == 1
