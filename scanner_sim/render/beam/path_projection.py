@@ -21,7 +21,6 @@ import mitsuba as mi
 
 from scanner_sim.foundation.device_types import Float, Mask, Vector3f
 from scanner_sim.optics.deflection import Frame
-from scanner_sim.render.beam.beamlets import Beamlets
 from scanner_sim.render.beam.projection import Hits, Laid, Resolution
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
@@ -110,7 +109,7 @@ class PathProjection:
         """Return the whole paths of light to points and on to the lens, sharp, and that all of it is kept."""
         return way + dr.norm(mi.Vector3f(point - frame.lens)), mi.Float(0.0), mi.Float(1.0)
 
-    def is_unequal(self, strength: list[Float], beamlets: Beamlets) -> Mask:  # noqa: ARG002 (all count alike)
+    def is_unequal(self, strength: list[Float]) -> Mask:
         """Return whether the strength is spread widely."""
         weakest = strongest = strength[0]
         for other in strength[1:]:

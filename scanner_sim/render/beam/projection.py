@@ -175,8 +175,11 @@ class Projection(Protocol):
     ) -> tuple[Float, Float, Float]:
         """Return position, standard deviation and share of the light of points at the end of a way [m] to them."""
 
-    def is_unequal(self, strength: list[Float], beamlets: Beamlets) -> Mask:
-        """Return whether beamlets of one surface return light so unequally that more are needed."""
+    def is_unequal(self, strength: list[Float]) -> Mask:
+        """Return whether one surface returns light so unequally that more beamlets are needed.
+
+        ``strength`` is that of the chief beamlet and of six about it, opposite ones three apart.
+        """
 
 
 def trace_returns(

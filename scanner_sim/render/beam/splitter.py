@@ -206,6 +206,6 @@ def _classify_footprints(
         edge |= (beamlet(returns.seen, number) != seen) | (departure > resolution.edge_departure)
         farthest = dr.maximum(farthest, departure)
     strength = [beamlet(returns.strength, number) for number in range(len(probe.weights))]
-    uneven = (farthest > resolution.uneven_departure) | projection.is_unequal(strength, probe)
+    uneven = (farthest > resolution.uneven_departure) | projection.is_unequal(strength)
     uneven |= (seen == 1) & (dr.abs(slope_time) > resolution.gaussian_travel)
     return dr.select(edge, _EDGE, dr.select(uneven, mi.UInt32(_UNEVEN), _SMOOTH))
