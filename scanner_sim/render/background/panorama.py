@@ -4,8 +4,9 @@ With φ fixed, laser and receiver turn in one plane about one lens position: a p
 atan(p/f) of that plane, whichever voxel is measured. So one panorama over this angle serves all voxels of a row. It is
 path-traced (:mod:`scanner_sim.render.background.paths`) from the lens node, blurred by the point spread, over the
 height of the pixels, in two parts. Sharp light (:mod:`scanner_sim.render.background.sharp`) is followed finely where it
-is uneven. What is smooth (the Earth's light and what other surfaces reflect) is followed by few long paths and averaged
-over neighbours that lie on the same surface (:mod:`scanner_sim.render.background.filtering`).
+is uneven. What is smooth (the Earth's light and what other surfaces reflect) is followed by few long paths, whose
+directions a few neighbouring pixels share out evenly among them, and averaged over neighbours that lie on the same
+surface (:mod:`scanner_sim.render.background.filtering`).
 
 Both parts have two independent halves. Half their difference, summed over the window of 200 µm in which the background
 is counted, has the variance of the mean of both: an unbiased estimate with one degree of freedom, which is steadied
@@ -20,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import drjit as dr
 import mitsuba as mi
@@ -32,12 +33,13 @@ from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.render.background.filtering import Features, convolve_rows, smooth
 from scanner_sim.render.background.paths import FirstHit, PathSums, sum_paths
 from scanner_sim.render.background.sharp import contrast, evenly_sharp_light, sharp_light
-from scanner_sim.render.background.sky import SkyLight
+from scanner_sim.render.background.sky import SkyLight, light_of
 from scanner_sim.render.background.view import WINDOW, PanoramaView, Window, counted, rays_through
 from scanner_sim.render.rays import for_rows, pose_scene
-from scanner_sim.render.settings import times_finer
+from scanner_sim.render.settings import Transport, times_finer
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
+from scanner_sim.scene.light.lighting import Sky
 
 _BINS_TOGETHER = 1 << 20
 _LEAST_RADIANCE = 1e-12
@@ -45,6 +47,9 @@ _LEAST_RADIANCE = 1e-12
 tails, and threads may round their products, below 1e-38 W, to 0 or not."""
 _ERROR_BINS = 8
 """Bins to either side over which the squared error is averaged."""
+_SHELF = "panorama"
+_MOST_KEPT = 1 << 22
+"""Bins of the largest panoramas that are kept: 64 MB."""
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _PATTERN = 16
 """Bins of a row over which directions are spread."""
@@ -142,6 +147,48 @@ def render_panorama(
         )
     ]
     return _assemble(view, layout, halves)
+
+
+def known_panorama(
+    loaded: LoadedScene,
+    layout: OpticalLayout,
+    sky: Sky,
+    view: PanoramaView,
+    settings: Transport,
+    seed: int,
+) -> Panorama:
+    """Return the panoramas of a scan: those that were rendered last of this scene, if they are the same.
+
+    The two used last are kept with a scene in which nothing moves, one for each rangefinder, unless they are large.
+    They are the same where sky, view, settings of the light, seed and what of the optics forms the picture are.
+
+    Parameters
+    ----------
+    loaded, layout, sky, view
+        As for :func:`render_panorama`; the sky as a scenario has it.
+    settings
+        Bounces and samples.
+    seed
+        Seed of the paths.
+    """
+    optics = (layout.axis_separation, layout.receiver.baseline, layout.receiver.focal_length)
+    sensor = (layout.pitch, layout.height, layout.point_spread)
+    numbers = (settings.background_bounces, settings.background_samples, seed)
+    bins = (view.first, view.step, view.bins, view.between, view.phi.tobytes())
+    ratios = loaded.out_of_band_ratio.numpy().tobytes()
+    heaven = tuple(None if part is None else np.asarray(part).tobytes() for part in astuple(sky))
+    name = (_SHELF, *optics, *sensor, *numbers, *bins, ratios, *heaven)
+    if name in loaded.kept:
+        known: Panorama = loaded.kept.pop(name)
+        loaded.kept[name] = known
+        return known
+    bounces, samples = settings.background_bounces, settings.background_samples
+    made = render_panorama(loaded, layout, light_of(sky), view, bounces=bounces, samples=samples, seed=seed)
+    if not loaded.bodies and view.rows * view.bins <= _MOST_KEPT:
+        for older in [other for other in loaded.kept if other[0] == _SHELF][:-1]:
+            del loaded.kept[older]
+        loaded.kept[name] = made
+    return made
 
 
 def _sharp_by_contrast(
