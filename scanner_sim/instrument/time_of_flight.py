@@ -33,7 +33,6 @@ from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.render.background.panorama import Panorama
-from scanner_sim.render.background.sky import light_of
 from scanner_sim.render.background.view import Rows
 from scanner_sim.render.beam.light import Light, Truth
 from scanner_sim.render.beam.path_projection import PathProjection
@@ -190,10 +189,10 @@ class TimeOfFlight:
             self.loaded,
             self.bare,
             self.field,
-            light_of(sky),
+            sky,
             rows,
             scenario.transport,
-            scenario.seed,
+            scenario.transport.light_seed(scenario.seed),
         )
 
     @cached_property

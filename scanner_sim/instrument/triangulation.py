@@ -31,8 +31,7 @@ from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import incidence, laser_gain
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_from_peaks
-from scanner_sim.render.background.panorama import Panorama, render_panorama
-from scanner_sim.render.background.sky import light_of
+from scanner_sim.render.background.panorama import Panorama, known_panorama
 from scanner_sim.render.background.view import Rows, panorama_view
 from scanner_sim.render.beam.light import Light, Truth
 from scanner_sim.render.beam.line_projection import LineProjection
@@ -170,14 +169,13 @@ class Triangulation:
     def panorama_of(self, rows: Rows) -> Panorama:
         """Return what the line sees of Sun and Earth in some rows."""
         sky, settings = self.scenario.lighting.sky(), self.scenario.transport
-        return render_panorama(
+        return known_panorama(
             self.loaded,
             self.optics,
-            light_of(sky),
+            sky,
             panorama_view(rows, self.optics, self.scenario.scanner.position_sensor.pixels),
-            bounces=settings.background_bounces,
-            samples=settings.background_samples,
-            seed=self.scenario.seed,
+            settings,
+            settings.light_seed(self.scenario.seed),
         )
 
     @property

@@ -15,14 +15,14 @@ import drjit as dr
 import mitsuba as mi
 
 from scanner_sim.foundation.device_types import Float
-from scanner_sim.render.background.panorama import Panorama, render_panorama
-from scanner_sim.render.background.sky import SkyLight
+from scanner_sim.render.background.panorama import Panorama, known_panorama
 from scanner_sim.render.background.view import PanoramaView, Rows
 from scanner_sim.render.beam.light import Light
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
+from scanner_sim.scene.light.lighting import Sky
 
 _BINS = 8
 """Bins of the panorama across the field, at most a pixel of the line each, and positions that are averaged."""
@@ -52,7 +52,7 @@ def field_panorama(
     loaded: LoadedScene,
     layout: OpticalLayout,
     field: Field,
-    sky: SkyLight,
+    sky: Sky,
     rows: Rows,
     settings: Transport,
     seed: int,
@@ -76,15 +76,7 @@ def field_panorama(
     first, last = (end - field.aside for end in rows.horizontal)
     bins = math.ceil((last - first + 2.0 * margin) / step) + 1
     view = PanoramaView(rows.phi, first - margin, step, bins, rows.time, rows.between)
-    return render_panorama(
-        loaded,
-        optics,
-        sky,
-        view,
-        bounces=settings.background_bounces,
-        samples=settings.background_samples,
-        seed=seed,
-    )
+    return known_panorama(loaded, optics, sky, view, settings, seed)
 
 
 def field_optics(layout: OpticalLayout, field: Field) -> OpticalLayout:

@@ -37,6 +37,13 @@ class Transport(Part):
     """Surfaces that light of Sun and Earth may meet."""
     background_samples: Count = Field(default=6, ge=2, le=65536, multiple_of=2)
     """Random paths of Sun and Earth per row of the raster and pixel."""
+    background_seed: Count | None = Field(default=None, ge=0, lt=2**63)
+    """Seed of the paths of Sun and Earth; none: the scenario's. With a number, runs of other seeds see the same light,
+    with the same error, and one that follows another with the same scene, light and raster need not follow it again."""
+
+    def light_seed(self, seed: int) -> int:
+        """Return the seed of the paths of Sun and Earth in a scenario of a seed."""
+        return seed if self.background_seed is None else self.background_seed
 
 
 def slot_halvings(speed: float, step: float) -> int:

@@ -226,5 +226,5 @@ def test_the_same_bytes_whatever_is_traced_together(monkeypatch: pytest.MonkeyPa
     loaded = load_scene(Scene(objects=tuple(SHADOWED)))
     light = sunlit()
     whole = panorama_lines(loaded, light, [(32, 40)], 3, 5)
-    monkeypatch.setattr(background, "_PATHS_TOGETHER", 1 << 16)
+    monkeypatch.setattr(background, "_BINS_TOGETHER", 1 << 12)
     np.testing.assert_array_equal(panorama_lines(loaded, light, [(32, 40)], 3, 5), whole)

@@ -160,7 +160,7 @@ class Windows:
             Window(corner[0], corner[1], rows, bins, self.step, self.row_step, self._heights),
             bounces=settings.background_bounces,
             samples=_MOVING_SAMPLES if moving else settings.background_samples,
-            seed=seed,
+            seed=settings.light_seed(seed),
             sharp_samples=_SHARP_SAMPLES[moving],
         )
         return [found.in_band, found.out_of_band, found.error, found.error_out]

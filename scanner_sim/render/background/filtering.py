@@ -18,7 +18,7 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.foundation.device_types import Float, UInt32, Vector2f
+from scanner_sim.foundation.device_types import Float, Mask, UInt32, Vector2f
 from scanner_sim.render.background.paths import FirstHit
 from scanner_sim.render.background.view import counted
 
@@ -48,16 +48,10 @@ class Features:
         """Return room for the features of some entries."""
         return cls(dr.empty(mi.Float, 4 * size), dr.empty(mi.Float, 4 * size))
 
-    def put(self, first: FirstHit, samples: int, at: UInt32) -> None:
-        """Take the first of every ``samples`` neighbouring rays' surfaces, for the entries ``at``."""
-        lane = dr.arange(mi.UInt32, dr.width(at)) * counted(samples)
-        normal, point = (
-            [dr.gather(mi.Float, part[axis], lane) for axis in range(3)]
-            for part in (first.normal, first.point)
-        )
-        material = mi.Float(dr.gather(mi.UInt32, first.material, lane))
-        dr.scatter(self.kind, mi.Vector4f(*normal, material), at)
-        dr.scatter(self.point, mi.Vector4f(*point, 0.0), at)
+    def put(self, first: FirstHit, at: UInt32, inside: Mask) -> None:
+        """Take surfaces for the entries ``at``, of those lanes that are inside."""
+        dr.scatter(self.kind, mi.Vector4f(*first.normal, mi.Float(first.material)), at, inside)
+        dr.scatter(self.point, mi.Vector4f(*first.point, 0.0), at, inside)
 
 
 def smooth(

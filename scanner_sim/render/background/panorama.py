@@ -4,8 +4,9 @@ With φ fixed, laser and receiver turn in one plane about one lens position: a p
 atan(p/f) of that plane, whichever voxel is measured. So one panorama over this angle serves all voxels of a row. It is
 path-traced (:mod:`scanner_sim.render.background.paths`) from the lens node, blurred by the point spread, over the
 height of the pixels, in two parts. Sharp light (:mod:`scanner_sim.render.background.sharp`) is followed finely where it
-is uneven. What is smooth (the Earth's light and what other surfaces reflect) is followed by few long paths and averaged
-over neighbours that lie on the same surface (:mod:`scanner_sim.render.background.filtering`).
+is uneven. What is smooth (the Earth's light and what other surfaces reflect) is followed by few long paths, whose
+directions a few neighbouring pixels share out evenly among them, and averaged over neighbours that lie on the same
+surface (:mod:`scanner_sim.render.background.filtering`).
 
 Both parts have two independent halves. Half their difference, summed over the window of 200 µm in which the background
 is counted, has the variance of the mean of both: an unbiased estimate with one degree of freedom, which is steadied
@@ -19,34 +20,42 @@ pixel. The stated error leaves out what the filter's reach makes of smooth light
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import astuple, dataclass
 
 import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.foundation.device_types import Float, UInt32, Vector4f
+from scanner_sim.foundation.device_types import Float, Mask, UInt32, Vector3f, Vector4f
 from scanner_sim.foundation.streams import Stream, generator
 from scanner_sim.render.background.filtering import Features, convolve_rows, smooth
-from scanner_sim.render.background.paths import FirstHit, Radiance, trace_paths
+from scanner_sim.render.background.paths import FirstHit, PathSums, sum_paths
 from scanner_sim.render.background.sharp import contrast, evenly_sharp_light, sharp_light
-from scanner_sim.render.background.sky import SkyLight
+from scanner_sim.render.background.sky import SkyLight, light_of
 from scanner_sim.render.background.view import WINDOW, PanoramaView, Window, counted, rays_through
 from scanner_sim.render.rays import for_rows, pose_scene
-from scanner_sim.render.settings import times_finer
+from scanner_sim.render.settings import Transport, times_finer
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
+from scanner_sim.scene.light.lighting import Sky
 
-_PATHS_TOGETHER = 1 << 21
+_BINS_TOGETHER = 1 << 20
 _LEAST_RADIANCE = 1e-12
 """Radiance per unit of the Sun's irradiance [1/sr] that counts as none: far smaller numbers come from the filter's
 tails, and threads may round their products, below 1e-38 W, to 0 or not."""
 _ERROR_BINS = 8
 """Bins to either side over which the squared error is averaged."""
+_SHELF = "panorama"
+_MOST_KEPT = 1 << 22
+"""Bins of the largest panoramas that are kept: 64 MB."""
 _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
-_GENERALISED_GOLDEN = 1.085070245491451
-"""The real root of x⁹ = x + 1."""
+_PATTERN = 16
+"""Bins of a row over which directions are spread."""
+_EIGHT = tuple(round(2**32 * 1.085070245491451**-power) for power in range(1, 9))
+_TWO = tuple(round(2**32 * 1.324717957244746**-power) for power in (1, 2))
+"""Steps of the sequences: powers of the reciprocal of the real roots of x⁹ = x + 1 and x³ = x + 1."""
 
 
 @dataclass
@@ -113,23 +122,16 @@ def render_panorama(
     half, size = samples // 2 * finer, view.rows * view.bins
     sums = [[dr.empty(mi.Float, size) for _ in range(4)] for _ in range(2)]
     features = [Features.empty(size) for _ in range(2)]
-    together = max(1, _PATHS_TOGETHER // (view.bins * half))
+    together = max(1, _BINS_TOGETHER // view.bins)
     for start in range(0, view.rows, together):
         some = np.arange(start, min(start + together, view.rows))
         for part in range(2):
-            radiance, first = _trace_rows(loaded, layout, sky, view, some, part * half, half, bounces, seed)
-            at = dr.arange(mi.UInt32, len(some) * view.bins) + counted(start * view.bins)
+            found, first, at, inside = _trace_rows(loaded, layout, sky, view, some, part, half, bounces, seed)
             share = dr.opaque(mi.Float, 1.0 / half)
-            values = [
-                dr.block_reduce(dr.ReduceOp.Min, radiance.direct, half),
-                dr.block_reduce(dr.ReduceOp.Max, radiance.direct, half),
-                dr.block_sum(radiance.indirect, half) * share,
-                dr.block_sum(radiance.indirect_out, half) * share,
-            ]
-            dr.eval(values, first)
+            values = [found.least, found.most, found.indirect * share, found.indirect_out * share]
             for target, value in zip(sums[part], values, strict=True):
-                dr.scatter(target, value, at)
-            features[part].put(first, half, at)
+                dr.scatter(target, value, at, inside)
+            features[part].put(first, at, inside)
             dr.eval(sums, features)
     if sharp_samples is None:
         sharp = _sharp_by_contrast(loaded, layout, sky, view, sums, min(finer, 4), seed)
@@ -145,6 +147,48 @@ def render_panorama(
         )
     ]
     return _assemble(view, layout, halves)
+
+
+def known_panorama(
+    loaded: LoadedScene,
+    layout: OpticalLayout,
+    sky: Sky,
+    view: PanoramaView,
+    settings: Transport,
+    seed: int,
+) -> Panorama:
+    """Return the panoramas of a scan: those that were rendered last of this scene, if they are the same.
+
+    The two used last are kept with a scene in which nothing moves, one for each rangefinder, unless they are large.
+    They are the same where sky, view, settings of the light, seed and what of the optics forms the picture are.
+
+    Parameters
+    ----------
+    loaded, layout, sky, view
+        As for :func:`render_panorama`; the sky as a scenario has it.
+    settings
+        Bounces and samples.
+    seed
+        Seed of the paths.
+    """
+    optics = (layout.axis_separation, layout.receiver.baseline, layout.receiver.focal_length)
+    sensor = (layout.pitch, layout.height, layout.point_spread)
+    numbers = (settings.background_bounces, settings.background_samples, seed)
+    bins = (view.first, view.step, view.bins, view.between, view.phi.tobytes())
+    ratios = loaded.out_of_band_ratio.numpy().tobytes()
+    heaven = tuple(None if part is None else np.asarray(part).tobytes() for part in astuple(sky))
+    name = (_SHELF, *optics, *sensor, *numbers, *bins, ratios, *heaven)
+    if name in loaded.kept:
+        known: Panorama = loaded.kept.pop(name)
+        loaded.kept[name] = known
+        return known
+    bounces, samples = settings.background_bounces, settings.background_samples
+    made = render_panorama(loaded, layout, light_of(sky), view, bounces=bounces, samples=samples, seed=seed)
+    if not loaded.bodies and view.rows * view.bins <= _MOST_KEPT:
+        for older in [other for other in loaded.kept if other[0] == _SHELF][:-1]:
+            del loaded.kept[older]
+        loaded.kept[name] = made
+    return made
 
 
 def _sharp_by_contrast(
@@ -195,53 +239,101 @@ def _over_rows(layer: Float, view: PanoramaView | Window) -> Float:
     return (layer + dr.gather(mi.Float, layer, up) + dr.gather(mi.Float, layer, down)) / 3.0
 
 
-def _evenly(number: UInt32, draw: UInt32, axis: int, seed: int, half: UInt32) -> Float:
-    """Return one coordinate of the Kronecker sequence of the generalised golden ratio in eight dimensions.
-
-    Neighbours together then cover the unit cube far more evenly than random numbers, and the filter's mean over
-    them is as much better (Roberts, *The unreasonable effectiveness of quasirandom sequences*, 2018). The start
-    is random, another one for each half of the samples, at an address of its own.
-    """
-    first, second = (round(2**32 * _GENERALISED_GOLDEN ** -(axis + shift)) for shift in (1, 5))
-    step = dr.select(draw == 0, mi.UInt32(first), mi.UInt32(second))
-    start = generator(seed, Stream.BACKGROUND, mi.UInt32(0xFFFFFFFF), draw * 4 + (half + axis))
-    return mi.Float(number * step + start.next_uint32x4()[0]) * 2.0**-32 * (1.0 - 2.0**-23)
-
-
 def _trace_rows(
     loaded: LoadedScene,
     layout: OpticalLayout,
     sky: SkyLight,
     view: PanoramaView | Window,
     rows: NDArray[np.intp],
-    first_sample: int,
+    part: int,
     samples: int,
     bounces: int,
     seed: int,
-) -> tuple[Radiance, FirstHit]:
-    """Trace some rows: ``samples`` neighbouring lanes per bin."""
-    lane = dr.arange(mi.UInt32, len(rows) * view.bins * samples)
-    together, bins = counted(samples), counted(view.bins)
-    bin_, sample = lane // together, lane % together
-    row, column = bin_ // bins, bin_ % bins
+) -> tuple[PathSums, FirstHit, UInt32, Mask]:
+    """Trace one half of some rows, a lane for each bin; return also the lanes' entries, and which are bins.
+
+    Bins of a row that lie :data:`_PATTERN` apart follow like directions at a time, and stand together, so that their
+    rays run alike. The bins between them take the other directions of a pattern.
+    """
+    across = dr.opaque(mi.UInt32, -(-view.bins // _PATTERN))
+    lane = dr.arange(mi.UInt32, len(rows) * -(-view.bins // _PATTERN) * _PATTERN)
+    member, place = lane // across, lane % across
+    row, column = member // _PATTERN, member % _PATTERN + _PATTERN * place
+    bins = counted(view.bins)
+    inside = column < bins
     # Addresses count over the whole panorama: a row's numbers do not depend on the batch.
-    address = bin_ + dr.opaque(mi.UInt32, int(rows[0]) * view.bins)
-
-    drawn_before = sample + dr.opaque(mi.UInt32, first_sample)
-    spread_number, half = address * together + sample, counted(64 * first_sample)
-
-    def random(number: UInt32) -> Vector4f:
-        """Return four numbers: of the first surface evenly spread over neighbours, of later ones random."""
-        free = generator(seed, Stream.BACKGROUND, address, drawn_before * 64 + number).next_float32x4()
-        spread = mi.Point4f(*(_evenly(spread_number, number, axis, seed, half) for axis in range(4)))
-        return dr.select(number < 2, spread, free)
-
-    draws = generator(seed, Stream.BACKGROUND, address, drawn_before * 64 + 62).next_float32x4()
+    row += dr.opaque(mi.UInt32, int(rows[0]))
+    address = row * bins + column
+    together, half = dr.opaque(mi.UInt32, samples), dr.opaque(mi.UInt32, part)
+    pattern = _Pattern(seed, row, half, (member % _PATTERN) * together, 1.0 / mi.Float(_PATTERN * together))
     # Each half of the samples covers the bin on its own, as a lattice with a random start.
-    start = generator(seed, Stream.BACKGROUND, address, dr.opaque(mi.UInt32, first_sample * 64 + 61))
-    along = (mi.Float(sample) + draws[0]) / dr.opaque(mi.Float, float(samples)) - 0.5
-    height = mi.Float(sample) * _GOLDEN + start.next_float32x4()[0]
-    height -= dr.floor(height)
-    whole_row = row + dr.opaque(mi.UInt32, int(rows[0]))
-    origin, direction = rays_through(layout, view, whole_row, column, along, height)
-    return trace_paths(for_rows(loaded, whole_row), sky, bounces, origin, direction, random)
+    start = generator(seed, Stream.BACKGROUND, address, half * together * 64 + 61).next_float32x4()[0]
+
+    def look(number: UInt32) -> tuple[Vector3f, Vector3f, Callable[[UInt32], Vector4f]]:
+        drawn = (half * together + number) * 64
+
+        def free(draw: UInt32) -> Vector4f:
+            return generator(seed, Stream.BACKGROUND, address, drawn + draw).next_float32x4()
+
+        shift, draws = free(mi.UInt32(63)), free(mi.UInt32(62))
+        along = (mi.Float(number) + draws[0]) / mi.Float(together) - 0.5
+        height = mi.Float(number) * _GOLDEN + start
+        origin, direction = rays_through(layout, view, row, column, along, height - dr.floor(height))
+
+        def random(draw: UInt32) -> Vector4f:
+            """Return four numbers: of the first surface evenly spread over neighbours, of later ones random."""
+            even = dr.select(draw == 0, pattern.light(number, shift), pattern.scatter(number, shift, draws))
+            return dr.select(draw < 2, even, free(draw))
+
+        return origin, direction, random
+
+    found, first = sum_paths(for_rows(loaded, row), sky, bounces, look, inside, together)
+    return found, first, address, inside
+
+
+@dataclass
+class _Pattern:
+    """Directions of a row's first surfaces: an even sequence over :data:`_PATTERN` neighbouring bins.
+
+    Kronecker sequences of the generalised golden ratio, in two dimensions for the directions of scattering and in
+    eight for the rest (Roberts, *The unreasonable effectiveness of quasirandom sequences*, 2018), with a random
+    start for each row and half; each number is moved at random by about as much as two of the sequence lie apart.
+
+    Attributes
+    ----------
+    seed, row, half
+        Address of the starts.
+    first
+        Each lane's first number of the sequence.
+    share
+        1 over the length of the sequence.
+    """
+
+    seed: int
+    row: UInt32
+    half: UInt32
+    first: UInt32
+    share: Float
+
+    def __post_init__(self) -> None:
+        draws = generator(self.seed, Stream.BACKGROUND, mi.UInt32(0xFFFFFFFF), self.row * 2 + self.half)
+        self._starts = (draws.next_float32x4(), draws.next_float32x4())
+
+    def light(self, number: UInt32, shift: Vector4f) -> Vector4f:
+        """Return numbers for the Sun's disc and for the Earth."""
+        width = dr.sqrt(self.share)
+        return mi.Point4f(
+            *(self._at(number, _EIGHT[axis], self._starts[0][axis], shift[axis] * width) for axis in range(4))
+        )
+
+    def scatter(self, number: UInt32, shift: Vector4f, draws: Vector4f) -> Vector4f:
+        """Return numbers for the choice of a lobe, for the direction, and a free one."""
+        width, starts = dr.sqrt(self.share), self._starts[1]
+        lobe = self._at(number, _EIGHT[4], starts[0], draws[1] * self.share)
+        x, y = (self._at(number, _TWO[axis], starts[1 + axis], shift[axis] * width) for axis in range(2))
+        return mi.Point4f(lobe, x, y, draws[2])
+
+    def _at(self, number: UInt32, step: int, start: Float, shift: Float) -> Float:
+        """Return one coordinate of the sequence, below 1."""
+        at = mi.Float((self.first + number) * mi.UInt32(step)) * 2.0**-32 + start + shift
+        return dr.minimum(at - dr.floor(at), 1.0 - 2.0**-23)

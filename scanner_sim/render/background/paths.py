@@ -8,6 +8,7 @@ filter's band, and the throughput of the other follows from the ratio of the mat
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -54,6 +55,19 @@ class FirstHit:
     point: Vector3f
 
 
+@dataclass
+class PathSums:
+    """What several paths of each lane bring, in the units of :class:`Radiance`.
+
+    ``least`` and ``most`` of their direct parts in band; the sums of the indirect ones.
+    """
+
+    least: Float
+    most: Float
+    indirect: Float
+    indirect_out: Float
+
+
 def trace_paths(
     loaded: LoadedScene,
     light: sky.SkyLight,
@@ -61,6 +75,7 @@ def trace_paths(
     origin: Vector3f,
     direction: Vector3f,
     random: Callable[[UInt32], Vector4f],
+    active: Mask = True,
 ) -> tuple[Radiance, FirstHit]:
     """Estimate the radiance that comes along rays, one path each.
 
@@ -76,11 +91,13 @@ def trace_paths(
         Start of the rays, and where they look; Dr.Jit, shape (n,).
     random
         Function of a number of a draw, 0, 1, 2…, that returns four uniform random numbers of each ray.
+    active
+        Which rays there are.
     """
     tracer = _Tracer(loaded, light, dr.opaque(mi.UInt32, bounces), random)
     total = _dark(dr.width(direction))
     draws = random(mi.UInt32(0))
-    si, ratio, first = tracer.begin(total, origin, direction, mi.Point2f(draws[0], draws[1]))
+    si, ratio, first = tracer.begin(total, origin, direction, mi.Point2f(draws[0], draws[1]), active=active)
     hit, gain = si.is_valid(), dr.full(mi.Float, 1.0, dr.width(direction))
     earth = tracer.sample_light(
         si, hit, gain, mi.Point2f(draws[2], draws[3]), sky.sample_earth, sky.earth_radiance
@@ -96,6 +113,66 @@ def trace_paths(
         mode=None if one_kernel(loaded) else "evaluated",
     )
     return result[-1], first
+
+
+def sum_paths(
+    loaded: LoadedScene,
+    light: sky.SkyLight,
+    bounces: int,
+    view: Callable[[UInt32], tuple[Vector3f, Vector3f, Callable[[UInt32], Vector4f]]],
+    active: Mask,
+    count: UInt32,
+) -> tuple[PathSums, FirstHit]:
+    """Follow several rays of each lane, one after the other: what neighbouring lanes do at a time runs alike.
+
+    Parameters
+    ----------
+    loaded, light, bounces
+        As for :func:`trace_paths`.
+    view
+        Function of the number of a ray that returns origin, direction and the function of draws of every lane's.
+    active
+        Which lanes there are, shape (n,).
+    count
+        Number of rays.
+
+    Returns
+    -------
+    tuple
+        What the rays bring, and the first surfaces of the first.
+    """
+    width = dr.width(active)
+
+    def follow(number: UInt32, sums: PathSums, first: FirstHit) -> tuple[UInt32, PathSums, FirstHit]:
+        origin, direction, random = view(number)
+        found, met = trace_paths(loaded, light, bounces, origin, direction, random, active)
+        begins = number == 0
+        return (
+            number + 1,
+            PathSums(
+                dr.minimum(sums.least, found.direct),
+                dr.maximum(sums.most, found.direct),
+                sums.indirect + found.indirect,
+                sums.indirect_out + found.indirect_out,
+            ),
+            FirstHit(
+                dr.select(begins, met.material, first.material),
+                dr.select(begins, met.normal, first.normal),
+                dr.select(begins, met.point, first.point),
+            ),
+        )
+
+    none = PathSums(dr.full(mi.Float, math.inf, width), *(dr.zeros(mi.Float, width) for _ in range(3)))
+    first = FirstHit(dr.zeros(mi.UInt32, width), dr.zeros(mi.Vector3f, width), dr.zeros(mi.Vector3f, width))
+    loop: Any = dr.while_loop
+    _, sums, first = loop(
+        (dr.zeros(mi.UInt32, width), none, first),
+        lambda number, *rest: number < count,
+        follow,
+        labels=(),
+        mode=None if one_kernel(loaded) else "evaluated",
+    )
+    return sums, first
 
 
 def trace_sharp(
@@ -162,16 +239,18 @@ class _Tracer:
         disc: Vector2f,
         *,
         coherent: bool = False,
+        active: Mask = True,
     ) -> tuple[SurfaceInteraction3f, Float, FirstHit]:
         """Collect what is seen of the sky and the Sun's light from the first surface, with a point of its disc.
 
         Returns the surface, its ratio of reflectances, and its features.
         """
         light = self._light
-        si = meet(self._loaded, origin, direction)
+        si = meet(self._loaded, origin, direction, active)
         hit = si.is_valid()
         sun, earth = sky.sun_radiance(light, direction), sky.earth_radiance(light, direction)
-        self.collect(total, True, dr.select(hit, 0.0, sun), dr.select(hit, 0.0, earth), 1.0)
+        escaped = active & ~hit
+        self.collect(total, True, dr.select(escaped, sun, 0.0), dr.select(escaped, earth, 0.0), 1.0)
         material = dr.gather(mi.UInt32, self._loaded.material_of, self.shape_of(si, hit))
         first = FirstHit(dr.select(hit, material, 0), mi.Vector3f(si.n), mi.Vector3f(si.p))
         ratio = self.ratio_of(material, hit)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -40,7 +40,8 @@ class Named(NamedTuple):
 class BuiltScene:
     """The Mitsuba scenes of some objects: all that does not depend on where moving objects are.
 
-    ``resting`` holds what does not move, ``bodies`` each object that does; the rest is as in
+    ``resting`` holds what does not move, ``bodies`` each object that does; ``kept`` is a shelf for what others
+    computed of the scene, which goes with it; the rest is as in
     :class:`~scanner_sim.scene.files.loader.LoadedScene`.
     """
 
@@ -52,6 +53,7 @@ class BuiltScene:
     material_of: UInt32
     out_of_band_ratio: Float
     coherence: Float
+    kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
     def triangles(self) -> int:

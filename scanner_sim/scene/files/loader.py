@@ -7,7 +7,8 @@ reported together. Whoever asks for the same scene again gets the same Mitsuba s
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -70,6 +71,9 @@ class LoadedScene:
         The objects that move.
     poses
         Where each of them is: for all rays alike, or for each ray on its own. As loaded, at time 0.
+    kept
+        A shelf for what is computed of the scene alone, by whoever puts it there; whoever loads the same scene again
+        finds it.
     """
 
     mitsuba: MitsubaScene
@@ -82,6 +86,7 @@ class LoadedScene:
     frames: Float
     bodies: tuple[Body, ...] = ()
     poses: tuple[Pose, ...] = ()
+    kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
@@ -167,6 +172,7 @@ def load_scene(scene: Scene) -> LoadedScene:
         _frames(objects, built.objects),
         tuple(Body(item, body) for item, body in zip(moving, built.bodies, strict=True)),
         device_poses([item.pose_at(0.0) for item in moving]),
+        built.kept,
     )
 
 

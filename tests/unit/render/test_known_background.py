@@ -1,0 +1,82 @@
+"""The background of a scan that is rendered once, and known to the next run."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from scanner_sim import load_scenario
+from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.render.background.panorama import Panorama
+from scanner_sim.render.device import Device
+
+BASE = [
+    "lighting={sun: {direction: [-0.5, -0.6, -0.6]}, earth: {direction: [0, 1, 0.3]}}",
+    "transport.background_samples=2",
+    "transport.background_bounces=1",
+    "scan.rows=2",
+    "scan.columns=4",
+]
+OWN_SEED = "transport.background_seed=3"
+OTHER_SUN = "lighting={sun: {direction: [-0.4, -0.6, -0.6]}, earth: {direction: [0, 1, 0.3]}}"
+
+
+def background(root: Path, *changes: str) -> Panorama:
+    scenario = load_scenario(root / "configs" / "plane.yaml", [*BASE, *changes])
+    found = Instrument(scenario, device="cpu").triangulation.panorama
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize(
+    "change", ["seed=8", "scanner.laser.power=7 mW", "processing.range_gate=[2 m, 30 m]"]
+)
+def test_what_the_light_does_not_depend_on_leaves_it_known(
+    device: Device, repo_root: Path, change: str
+) -> None:
+    assert background(repo_root, OWN_SEED, change) is background(repo_root, OWN_SEED)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        ["seed=8"],
+        [OWN_SEED],
+        [OTHER_SUN],
+        ["transport.background_samples=4"],
+        ["transport.background_bounces=2"],
+        ["scan.rows=3"],
+        ["scan.horizontal=[-3 deg, 4 deg]"],
+        ["scan.vertical=[-3 deg, 4 deg]"],
+        ["scanner.receiver.baseline=210 mm"],
+        ["scanner.receiver.aberration=20 um"],
+    ],
+)
+def test_other_light_is_rendered_anew(device: Device, repo_root: Path, changes: list[str]) -> None:
+    known = background(repo_root)
+    assert background(repo_root, *changes) is not known
+
+
+def test_another_scene_is_rendered_anew(device: Device, repo_root: Path) -> None:
+    known = background(repo_root)
+    other = load_scenario(repo_root / "configs" / "tilted_plane.yaml", BASE)
+    found = Instrument(other, device="cpu").triangulation.panorama
+    assert found is not known
+    assert background(repo_root) is not known
+
+
+def test_two_are_kept(device: Device, repo_root: Path) -> None:
+    known = [background(repo_root, f"transport.background_seed={seed}") for seed in range(3)]
+    again = [background(repo_root, f"transport.background_seed={seed}") for seed in (2, 1, 0)]
+    assert again[0] is known[2]
+    assert again[1] is known[1]
+    assert again[2] is not known[0]
+
+
+def test_a_seed_of_its_own_gives_the_same_light_to_all_seeds(device: Device, repo_root: Path) -> None:
+    first = background(repo_root, OWN_SEED, "seed=1").in_band.numpy().tobytes()
+    background(repo_root, "seed=4")
+    background(repo_root, "seed=5")
+    assert background(repo_root, OWN_SEED, "seed=2").in_band.numpy().tobytes() == first
+    assert background(repo_root, "seed=3").in_band.numpy().tobytes() == first
