@@ -134,7 +134,8 @@ class Windows:
         ]
         corner = window_position(first * self.step, first_row * self.row_step, rows, bins)
         poses = loaded.poses_at(middle((slot, halvings))) if loaded.bodies else ()
-        seed = device_seeds([self._instrument.scenario.seed])
+        scenario = self._instrument.scenario
+        seed = device_seeds([scenario.transport.light_seed(scenario.seed)])
         return [*corner, *self._renderer(rows, bins)(reads, corner[:2], poses, seed)]
 
     def _renderer(self, rows: int, bins: int) -> Frozen:
@@ -160,7 +161,7 @@ class Windows:
             Window(corner[0], corner[1], rows, bins, self.step, self.row_step, self._heights),
             bounces=settings.background_bounces,
             samples=_MOVING_SAMPLES if moving else settings.background_samples,
-            seed=settings.light_seed(seed),
+            seed=seed,
             sharp_samples=_SHARP_SAMPLES[moving],
         )
         return [found.in_band, found.out_of_band, found.error, found.error_out]
