@@ -82,9 +82,20 @@ def test_runs_side_by_side_are_those_alone(device: Device, monkeypatch: pytest.M
 @pytest.mark.slow
 @pytest.mark.parametrize("change", [{"lighting": SUN}, {"ranging": "tof"}, {"ranging": "both"}])
 def test_any_light_and_ranging_goes_side_by_side(device: Device, change: dict[str, Any]) -> None:
-    """Claim: the same under the Sun, whose background has the run's own seed, and by time of flight."""
+    """Claim: the same under the Sun, whose background has the run's own seed, and by time of flight.
+
+    The third run searches where nothing is: by larger patterns, whose windows of the background no other run has.
+    """
     moving = {"type": "twist", "velocity": [0.3, 0.0, 0.0]}
-    assert_alike([scenario(1, duration=0.05, **change), scenario(2, moving, duration=0.05, **change)])
+    wide = {"search_growth": 2.5, "search_most": 0.1}
+    nowhere = [{"target": f"node/{n}", "expected": [-0.2, 0.1 * n, 6.0]} for n in (1, 2)]
+    assert_alike(
+        [
+            scenario(1, duration=0.08, **change),
+            scenario(2, moving, duration=0.08, **change),
+            scenario(3, duration=0.08, scan={"targets": nowhere, "tracker": wide}, **change),
+        ]
+    )
 
 
 @pytest.mark.parametrize(

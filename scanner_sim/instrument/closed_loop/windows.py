@@ -143,7 +143,7 @@ class Windows:
         if (rows, bins) not in self._renderers:
             # Loops that a GPU runs turn by turn cannot be recorded.
             self._renderers[rows, bins] = Frozen(
-                lambda reads, corner, poses, seed: self._layers(corner, poses, seed, rows, bins),
+                lambda reads, corner, poses, seed: self._first._layers(corner, poses, seed, rows, bins),
                 enabled=one_kernel(self._instrument.loaded),
             )
         return self._renderers[rows, bins]
