@@ -213,13 +213,13 @@ def parts_of_a_visit(lit: bool, visits: int = 150) -> dict[str, float]:
     timed(Frozen, "__call__", "kernels")
     timed(FrozenInstrument, "measure", "kernels, copies and ranges")
     try:
-        visits: Any = importlib.import_module("scanner_sim.instrument.closed_loop.visits")
+        steps: Any = importlib.import_module("scanner_sim.instrument.closed_loop.visits")
     except ModuleNotFoundError:
-        visits = tracker_module  # of a checkout whose runs are one at a time
-    timed(visits, "run_visits" if hasattr(visits, "run_visits") else "run_visit", "mirrors")
+        steps = tracker_module  # of a checkout whose runs are one at a time
+    timed(steps, "run_visits" if hasattr(steps, "run_visits") else "run_visit", "mirrors")
     timed(sensor_module, "measure_target", "measuring the target")
     timed(sensor_module, "error_parts", "parts of its error")
-    timed(visits, "advance_all" if hasattr(visits, "advance_all") else "advance", "filter and modes")
+    timed(steps, "advance_all" if hasattr(steps, "advance_all") else "advance", "filter and modes")
     timed(Recorder, "record", "record")
     timed(Tracker, "visit", "visit")
     run = Tracker(scenario({"position": [0.0, 0.0, 10.0]}, **({"lighting": SUN} if lit else {})))

@@ -47,6 +47,8 @@ class PatternSamples:
 
     def of(self, row: int) -> PatternSamples:
         """Return one of the patterns."""
+        if len(self.time) == 1:
+            return self
         rows = slice(row, row + 1)
         return PatternSamples(*(getattr(self, field.name)[rows] for field in fields(self)))
 
