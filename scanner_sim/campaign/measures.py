@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -39,11 +40,24 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Measure:
-    """A number of a run: its unit, what it means, of what (``scan``, ``track`` or ``poses``), and how it is found."""
+    """A number of a run.
+
+    Attributes
+    ----------
+    unit, meaning
+        Its unit, and what it is.
+    of
+        Field of an :class:`Outcome` that it is measured of.
+    best
+        What it ideally is: runs far from that are the worst.
+    value
+        The function.
+    """
 
     unit: str
     meaning: str
     of: str
+    best: float
     value: Callable[[Any], float]
 
 
@@ -102,9 +116,9 @@ def _measured_share(track: Track) -> float:
     return _over(np.mean, taken)
 
 
-def _track_errors(track: Track, axis: int) -> Array:
+def _target_rms(track: Track, axis: int) -> float:
     taken = [one for one in track.records if one.status is TrackStatus.MEASURED]
-    return np.array([one.position[axis] - one.truth[axis] for one in taken], dtype=np.float64)
+    return _over(_rms, np.array([one.position[axis] - one.truth[axis] for one in taken], dtype=np.float64))
 
 
 def _target_pull(track: Track) -> float:
@@ -143,53 +157,50 @@ def _valid_pose_share(poses: tuple[PoseSeries, ...]) -> float:
 
 
 MEASURES: Mapping[str, Measure] = {
-    "sigma_range": Measure("m", "median of the stated σ of the valid ranges", "scan", _sigma_range),
+    "sigma_range": Measure("m", "median of the stated σ of the valid ranges", "scan", 0.0, _sigma_range),
     "bias_range": Measure(
-        "m", "mean error of the valid ranges", "scan", lambda scan: _over(np.mean, _errors(scan)[0])
+        "m", "mean error of the valid ranges", "scan", 0.0, lambda scan: _over(np.mean, _errors(scan)[0])
     ),
     "rms_range": Measure(
-        "m", "rms error of the valid ranges", "scan", lambda scan: _over(_rms, _errors(scan)[0])
+        "m", "rms error of the valid ranges", "scan", 0.0, lambda scan: _over(_rms, _errors(scan)[0])
     ),
     "pull_range": Measure(
-        "1", "rms of error over stated σ of the valid ranges; 1 where σ is right", "scan", _pull
+        "1", "rms of error over stated σ of the valid ranges; 1 where σ is right", "scan", 1.0, _pull
     ),
     "coverage": Measure(
-        "1", "share of valid ranges within 1.96 stated σ; 0.95 where σ is right", "scan", _covered
+        "1", "share of valid ranges within 1.96 stated σ; 0.95 where σ is right", "scan", 0.95, _covered
     ),
     "valid_share": Measure(
-        "1", "share of shots with a valid range", "scan", lambda scan: float(scan.valid.mean())
+        "1", "share of shots with a valid range", "scan", 1.0, lambda scan: float(scan.valid.mean())
     ),
     "false_returns": Measure(
-        "1",
-        "share of shots whose range is valid but beyond 5 stated σ, or of nothing",
-        "scan",
-        _false_returns,
+        "1", "share of shots with a range beyond 5 stated σ, or of nothing", "scan", 0.0, _false_returns
     ),
-    "lost_tracks": Measure("1", "number of times that a target was lost", "track", _losses),
+    "lost_tracks": Measure("1", "number of times that a target was lost", "track", 0.0, _losses),
     "measured_share": Measure(
-        "1", "share of visits in which the target was measured", "track", _measured_share
+        "1", "share of visits in which the target was measured", "track", 1.0, _measured_share
     ),
     "rms_target_theta": Measure(
-        "rad", "rms error of the targets' Θ", "track", lambda track: _over(_rms, _track_errors(track, 0))
+        "rad", "rms error of the targets' Θ", "track", 0.0, partial(_target_rms, axis=0)
     ),
     "rms_target_phi": Measure(
-        "rad", "rms error of the targets' φ", "track", lambda track: _over(_rms, _track_errors(track, 1))
+        "rad", "rms error of the targets' φ", "track", 0.0, partial(_target_rms, axis=1)
     ),
     "rms_target_range": Measure(
-        "m", "rms error of the targets' range", "track", lambda track: _over(_rms, _track_errors(track, 2))
+        "m", "rms error of the targets' range", "track", 0.0, partial(_target_rms, axis=2)
     ),
     "pull_target_range": Measure(
-        "1", "rms of error over stated σ of the targets' range", "track", _target_pull
+        "1", "rms of error over stated σ of the targets' range", "track", 1.0, _target_pull
     ),
     "pose_position": Measure(
-        "m", "rms distance of the valid poses from the truth", "poses", lambda poses: _pose_error(poses, 0)
+        "m", "rms distance of the valid poses from the truth", "poses", 0.0, partial(_pose_error, first=0)
     ),
     "pose_attitude": Measure(
-        "rad", "rms angle between the valid poses and the truth", "poses", lambda poses: _pose_error(poses, 3)
+        "rad", "rms angle between the valid poses and the truth", "poses", 0.0, partial(_pose_error, first=3)
     ),
     "pose_mahalanobis": Measure(
-        "1", "mean squared Mahalanobis distance of the valid poses; 6 is right", "poses", _mahalanobis
+        "1", "mean squared Mahalanobis distance of the valid poses; 6 is right", "poses", 6.0, _mahalanobis
     ),
-    "valid_pose_share": Measure("1", "share of poses that are valid", "poses", _valid_pose_share),
+    "valid_pose_share": Measure("1", "share of poses that are valid", "poses", 1.0, _valid_pose_share),
 }
 """Measures by name."""

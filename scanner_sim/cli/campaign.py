@@ -179,6 +179,18 @@ def rerun(folder: Path, run: int, output: Path | None, *, device: DeviceChoice, 
         )
 
 
+def write_report(folder: Path) -> None:
+    """Write the page of a campaign into its folder; faults as :func:`run_campaign`."""
+    from scanner_sim.campaign.report import report_page
+    from scanner_sim.campaign.store import reopened
+    from scanner_sim.products.files.exchange import write_file
+    from scanner_sim.products.files.folder import write_text
+
+    page = report_page(reopened(folder))
+    path = write_file(folder / "report.html", lambda to: write_text(to, page), overwrite=True)
+    print_table({"page": str(path)})
+
+
 def _same(one: float, other: float) -> bool:
     return one == other or (math.isnan(one) and math.isnan(other))
 

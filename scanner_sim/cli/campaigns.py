@@ -154,3 +154,17 @@ def rerun(
         from scanner_sim.cli.campaign import rerun
 
         rerun(folder, run, output, device=device.value, overwrite=overwrite)
+
+
+@campaign.command("report")
+def report(folder: Folder) -> None:
+    """Write one page about a campaign: distributions, what each key does, the worst runs, and what failed.
+
+    Example: `scanner-sim campaign report output/power`
+
+    The page is report.html in DIR, with its pictures in it. It may be written while the campaign runs.
+    """
+    with reported():
+        from scanner_sim.cli.campaign import write_report
+
+        write_report(folder)

@@ -139,6 +139,8 @@ def test_a_bad_run_is_a_row_and_every_run_can_be_made_again(
     assert (folder / "out" / "runs" / "000000" / "range.exr").exists()
     assert "the same numbers" in command("rerun", "out", "--run", 1, "-o", "again")
     assert (folder / "again" / "range.exr").exists()
+    assert "report.html" in command("report", "out")
+    assert "pulses a second" in (folder / "out" / "report.html").read_text(encoding="utf-8")
     result = CliRunner().invoke(app, ["campaign", "show", "out", "--run", "4"])
     assert (result.exit_code, "there is no run 4" in result.stderr) == (2, True)
     going_on = ["campaign", "plan.yaml", "-o", "out", "--workers", "0"]

@@ -1,0 +1,55 @@
+"""What a key does to a measure: found where it is there, and not found where it is not."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from scanner_sim.campaign.dependence import by_bin, by_level
+
+TABLES = 2000
+
+
+def test_the_interval_is_what_chance_stays_within_in_95_of_100_tables() -> None:
+    """Claim: without any dependence 5 % of tables change by more than their interval, in blocks and in bins.
+
+    Of 2000 tables 5 % are 100 ± 9.7; the bound is five standard deviations, a level of 6e-7. The blocks differ from one
+    another by ten times the noise, and the other key of the bins does twenty times as much: neither may count.
+    """
+    rng = np.random.default_rng(5)
+    alive = np.zeros(2)
+    for _ in range(TABLES):
+        blocks = rng.normal(size=(4, 12)) + 10.0 * rng.normal(size=12)
+        alive[0] += not by_level("a", "m", np.arange(4.0), blocks).dead
+        at, other = rng.random((2, 48))
+        alive[1] += not by_bin("b", "m", at, rng.normal(size=48) + 20.0 * other, other[:, None]).dead
+    assert alive / TABLES == pytest.approx(0.05, abs=5.0 * math.sqrt(0.05 * 0.95 / TABLES))
+
+
+def test_a_change_is_found_with_its_size() -> None:
+    """Claim: the change is what was put in, within five standard errors in blocks and a twentieth in bins."""
+    rng = np.random.default_rng(6)
+    at = np.linspace(0.0, 3.0, 4)
+    blocks = 2.0 * at[:, None] + rng.normal(size=(4, 50)) + 30.0 * rng.normal(size=50)
+    found = by_level("a", "m", at, blocks)
+    assert not found.dead
+    assert found.change == pytest.approx(6.0, abs=5.0 * math.sqrt(2.0 / 50.0))
+    drawn, other = rng.random((2, 300))
+    binned = by_bin("b", "m", drawn, 6.0 * drawn + 0.1 * rng.normal(size=300) + other**2, other[:, None])
+    assert not binned.dead
+    assert binned.change == pytest.approx(5.0, abs=0.3), (
+        "from the middle of the first sixth to that of the last"
+    )
+    assert (np.diff(binned.mean) > 0.0).all()
+
+
+def test_too_few_runs_say_nothing_and_gaps_are_left_out() -> None:
+    assert math.isnan(by_level("a", "m", np.arange(3.0), np.ones((3, 1))).interval)
+    assert math.isnan(by_bin("a", "m", np.arange(4.0), np.ones(4), np.zeros((4, 0))).interval)
+    whole = np.random.default_rng(7).normal(size=(3, 9))
+    gap = np.concatenate([whole, np.full((3, 1), 100.0)], axis=1)
+    gap[1, 9] = np.nan
+    assert by_level("a", "m", np.arange(3.0), gap).change == by_level("a", "m", np.arange(3.0), whole).change
+    assert by_level("a", "m", np.arange(3.0), np.ones((3, 5))).dead, "no change at all is a dead key"
