@@ -89,7 +89,14 @@ def lines(objects: list[dict[str, Any]], theta: Any, phi: Any, rays: int, travel
     scanner = Scanner()
     sensor, separation = scanner.position_sensor, scanner.mirrors.axis_separation
     bench = OpticalLayout(
-        scanner.laser, scanner.receiver, separation, 1.0, sensor.pitch, sensor.height, sensor.offset
+        scanner.laser,
+        scanner.receiver,
+        separation,
+        1.0,
+        sensor.pitch,
+        sensor.height,
+        sensor.offset,
+        sensor.diffusion,
     )
     loaded = load_scene(Scene(objects=tuple(objects)))
     theta, phi = theta.astype(np.float32), phi.astype(np.float32)

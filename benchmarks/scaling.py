@@ -414,15 +414,14 @@ def sampled(side: int) -> Figures:
     with tempfile.TemporaryDirectory() as folder:
         given = scenario(side, [plane(100_000, Path(folder))])
         instrument = Instrument(given, device="cpu", threads=1)
-    rays = Rays(instrument)
-    subrays = given.transport.beamlets
+    rays, subrays = Rays(instrument), SUBRAYS
 
     def chain() -> None:
         for aim, seen in lit_aims(instrument, BATCH):
             instrument.measure(aim, backgrounds=seen)
 
     def plain(bins: int) -> None:
-        """Trace as many subrays as the program's beamlets: power by the radar equation, summed, or in bins of time."""
+        """Trace :data:`SUBRAYS` for each shot: power by the radar equation, summed, or in bins of time."""
         lane = dr.arange(mi.UInt32, side * side * subrays)
         pulse, own = lane // subrays, lane % subrays
         turn, out = mi.Float(own) * 2.4, 1e-4 * dr.sqrt(mi.Float(own))
@@ -466,6 +465,8 @@ def one_ray(scene: Any, side: int) -> None:
     dr.sync_thread()
 
 
+SUBRAYS = 19
+"""Of a beam in plain Dr.Jit: as many as HELIOS++ takes."""
 LITERATURE = {
     "HELIOS++ 2.x, 19 subrays": 2.0 / 144_000,
     "HELIOS++ 2.x, 19 subrays, with waveforms": 2.0 / 62_000,
