@@ -13,6 +13,7 @@ from scanner_sim.instrument.closed_loop.windows import Windows, _span
 from scanner_sim.instrument.time_slots import TimeSlots
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.render.device import Device
+from scanner_sim.render.settings import Transport
 from scanner_sim.scan.protocol import Aim
 
 FOCAL, PITCH, HEIGHT, OFFSET, PIXELS = 0.1, 50e-6, 250e-6, 5e-3, 400
@@ -54,7 +55,7 @@ def windows(device: Device) -> Recorded:
         poses_at=lambda time: time,
     )
     sensor = SimpleNamespace(pixels=PIXELS)
-    scenario = SimpleNamespace(scanner=SimpleNamespace(position_sensor=sensor), seed=0)
+    scenario = SimpleNamespace(scanner=SimpleNamespace(position_sensor=sensor), seed=0, transport=Transport())
     line = object.__new__(Triangulation)
     line.optics, line.scenario = optics, scenario  # type: ignore[assignment]
     made = Recorded(SimpleNamespace(scenario=scenario, loaded=loaded), *line.sight)  # type: ignore[arg-type]
