@@ -220,6 +220,25 @@ def test_a_slope_smears_the_spot_as_the_judge_says(turn: float, sweep: tuple[flo
     assert (added > 0.02) == (turn != 0.0)
 
 
+@pytest.mark.parametrize("sweep", [(0.06, 0.0), (0.0, 0.06)])
+def test_a_sweep_of_hundreds_of_spots_adds_no_more_than_the_slope_does(sweep: tuple[float, float]) -> None:
+    """Claim: however long the sweep, the spot stays as narrow as its image, but for the judge's smear.
+
+    Set-up: a plane at 4 m turned by 30°, sweeps of 60 mrad, 230 standard deviations of the beam. Expected: the judge's
+    added variance, 1 pixel². Tolerance: 2 % of it, or 3 % of the spot's own of 1 pixel²: 64 beamlets stand for the
+    whole sweep. Beamlets that stand for moments as long as at 100 deviations add another pixel².
+    """
+    axis, angle = ("y", np.deg2rad(30.0)) if sweep[0] else ("x", np.deg2rad(-30.0))
+    normal = (-np.sin(angle), 0.0, -np.cos(angle)) if axis == "y" else (0.0, np.sin(angle), -np.cos(angle))
+    plane, place = [wall(4.0, axis, float(np.rad2deg(angle)))], (np.array([0.03]), np.array([-0.02]))
+    (swept, _), (still, _) = both(plane, *place, 1, sweep), both(plane, *place, 1)
+    _, sigma = geometry.swept_image(0.03, -0.02, sweep, 0.1, 0.2, 0.05, (0.0, 0.0, 4.0), normal)
+    own = float(variances(still)[0])
+    added = float(variances(swept)[0]) - own
+    wanted = (sigma / SCANNER.position_sensor.pitch) ** 2
+    assert added == pytest.approx(wanted, rel=2e-2, abs=3e-2 * own)
+
+
 @pytest.mark.parametrize("distance", [3.0, 6.0])
 def test_a_beam_with_its_waist_ahead_has_its_width_everywhere(distance: float) -> None:
     """Claim: a beam that is focused ahead of the scanner has its Gaussian width before and at its waist.

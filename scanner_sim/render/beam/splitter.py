@@ -92,7 +92,7 @@ def render_light(
             for index in _batches(_indices(kinds == kind), count):
                 own = shots.take(index)
                 split = SweptBeamlets.of(tables, projection.layout, own, dr.gather(mi.Float, reach, index))
-                dr.eval(split.length, split.cosine, split.sine)
+                dr.eval(split.length, split.briefer, split.cosine, split.sine)
                 many = trace_returns(loaded, projection, split, own)
                 dr.eval(many.spots, many.laid.reference)
                 every = dr.arange(mi.UInt32, dr.width(index))

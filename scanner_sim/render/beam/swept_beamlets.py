@@ -35,7 +35,7 @@ Array = NDArray[np.float64]
 _LENGTHS = 256
 """Lengths of the travel for which positions are tabled, evenly in L/(1 + L)."""
 _LONGEST = 100.0
-"""Largest of them; beyond, beamlets lie as for this one."""
+"""Largest of them; beyond, beamlets lie as for this one, and the beam is the shorter at each of their places."""
 _ACROSS, _CHOICE = (3.0 - math.sqrt(5.0)) / 2.0, 0.7548776662
 """Steps of the sequences that choose y, by the golden section, and x, by the plastic number: their multiples are spread
 most evenly, alone and against each other."""
@@ -88,11 +88,13 @@ class SweptTables:
 class SweptBeamlets:
     """The beamlets of m shots, each along its own travel: tables, and for each shot where it stands in them.
 
-    ``length`` in rows of the tables, ``cosine`` and ``sine`` of the angle by which positions are turned at the laser.
+    ``length`` in rows of the tables, ``briefer`` by which the variance of moments at one place is less than there,
+    ``cosine`` and ``sine`` of the angle by which positions are turned at the laser.
     """
 
     tables: SweptTables
     length: Float
+    briefer: Float
     cosine: Float
     sine: Float
 
@@ -114,7 +116,8 @@ class SweptBeamlets:
         length = dr.minimum(way / sigma, _LONGEST)
         row = length / (1.0 + length) * ((_LENGTHS - 1) * (1.0 + _LONGEST) / _LONGEST)
         turned = twist * straight
-        return cls(tables, row, c * straight + s * turned, s * straight - c * turned)
+        briefer = dr.square(_LONGEST / dr.maximum(way / sigma, _LONGEST))
+        return cls(tables, row, briefer, c * straight + s * turned, s * straight - c * turned)
 
     @property
     def count(self) -> int:
@@ -137,6 +140,7 @@ class SweptBeamlets:
         stop = [dr.gather(mi.Float, values, beamlet) for values in (tables.stop_across, tables.stop_normal)]
         node = [x * cosine - y * sine, x * sine + y * cosine]
         variance = dr.opaque(mi.Float, tables.width**2)
+        time_variance *= dr.gather(mi.Float, self.briefer, shot)
         return Drawn(node, stop, mi.Float(1.0 / self.count), time, variance, time_variance)
 
 
