@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
-
-import drjit as dr
 
 from scanner_sim.foundation.device_types import FloatLike
 
@@ -25,11 +24,17 @@ def beside(array: FloatLike, *numbers: float) -> tuple[Any, ...]:
         The numbers themselves; beside a Dr.Jit array in single precision and on the device. There a literal would be
         part of the kernel, so that each number would have a kernel of its own.
     """
-    if not dr.is_jit_v(array):
-        return numbers
-    return tuple(dr.opaque(type(array), number) for number in numbers)
+    dr = _library_of(array)
+    return numbers if dr is None else tuple(dr.opaque(type(array), number) for number in numbers)
 
 
 def over(dividend: FloatLike, divisor: float) -> FloatLike:
     """Return quotients by a number as :func:`beside` takes it; on the device times its reciprocal, as by a literal."""
-    return dividend * dr.rcp(*beside(dividend, divisor)) if dr.is_jit_v(dividend) else dividend / divisor
+    dr = _library_of(dividend)
+    return dividend / divisor if dr is None else dividend * dr.rcp(*beside(dividend, divisor))
+
+
+def _library_of(array: FloatLike) -> Any:
+    """Return Dr.Jit for one of its arrays, else None; laws of numbers alone do not load it."""
+    dr = sys.modules.get("drjit")
+    return dr if dr is not None and dr.is_jit_v(array) else None

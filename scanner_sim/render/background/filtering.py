@@ -115,17 +115,19 @@ def _filter_pass(
 
 def convolve_rows(layers: list[Float], columns: int, weights: NDArray[np.float64]) -> list[Float]:
     """Convolve each row of layers with an odd number of symmetric weights; ends are repeated."""
-    if len(weights) == 1:
-        return [float(weights[0]) * layer for layer in layers]
     reach = len(weights) // 2
+    # Each pitch has weights of its own: they are no part of the kernels.
+    table = [dr.opaque(mi.Float, float(weight)) for weight in weights]
+    if not reach:
+        return [table[0] * layer for layer in layers]
     lane = dr.arange(mi.UInt32, dr.width(layers[0]))
     column, last = mi.Int32(lane % counted(columns)), counted(columns - 1, mi.Int32)
     start = mi.Int32(lane) - column
     sums = [mi.Float(0.0) for _ in layers]
-    for number, weight in enumerate(weights):
+    for number, weight in enumerate(table):
         at = mi.UInt32(start + dr.clip(column + (number - reach), 0, last))
         for index, layer in enumerate(layers):
-            sums[index] += float(weight) * dr.gather(mi.Float, layer, at)
+            sums[index] += weight * dr.gather(mi.Float, layer, at)
         # Fine pixels have thousands of weights: one kernel of all would take minutes to compile.
         if number % _WEIGHTS_PER_KERNEL == _WEIGHTS_PER_KERNEL - 1:
             dr.eval(sums)
