@@ -29,6 +29,22 @@ repeat: 3
 measure: [sigma_range, rms_range, coverage, valid_share]
 """
 
+HELD = 12
+"""Rows after which runs wait while the test says so: no campaign is over before it is killed."""
+MEASURE = f"""\
+import time
+from pathlib import Path
+
+HERE = Path(__file__).parent
+
+
+def held(image):
+    rows = HERE / "killed" / "rows.jsonl"
+    while (HERE / "hold").exists() and rows.exists() and rows.read_bytes().count(b"\\n") >= {HELD}:
+        time.sleep(0.01)
+    return 0.0
+"""
+
 
 @pytest.fixture
 def folder(tmp_path: Path, small_scenario: str) -> Path:
@@ -52,8 +68,8 @@ def rows(folder: Path) -> str:
 
 def started(folder: Path, *words: object) -> subprocess.Popen[bytes]:
     code = "import sys; from scanner_sim.cli import main; sys.argv[0] = 'scanner-sim'; main()"
-    words = ("campaign", folder / "plan.yaml", "-o", folder / "killed", "--quiet", *words)
-    return subprocess.Popen([sys.executable, "-c", code, *map(str, words)])
+    words = ("campaign", "plan.yaml", "-o", "killed", "--quiet", "--measure", "held_runs:held", *words)
+    return subprocess.Popen([sys.executable, "-c", code, *map(str, words)], cwd=folder)
 
 
 def lines(folder: Path) -> int:
@@ -62,12 +78,9 @@ def lines(folder: Path) -> int:
 
 
 def wait_for(folder: Path, count: int, process: subprocess.Popen[bytes]) -> None:
-    for _ in range(2400):
-        if lines(folder) >= count:
-            return
+    while lines(folder) < count:
         assert process.poll() is None, "it ended by itself"
         time.sleep(0.05)
-    raise AssertionError("no rows came")
 
 
 def workers_of(number: int) -> list[int]:
@@ -83,20 +96,26 @@ def workers_of(number: int) -> list[int]:
 @pytest.mark.slow
 @pytest.mark.usefixtures("device")
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="its workers are found in /proc")
-def test_the_rows_are_the_same_on_workers_that_are_killed_and_masters_that_are_killed(folder: Path) -> None:
+def test_the_rows_are_the_same_on_workers_that_are_killed_and_masters_that_are_killed(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Claim: serial, and on two workers of which one and then the master are killed, and then on one: the same rows."""
     pytest.importorskip("distributed", reason="the extra campaign is not installed")
-    command("run", folder / "plan.yaml", "-o", folder / "serial", "--workers", 0, "--quiet")
+    (folder / "held_runs.py").write_text(MEASURE, encoding="utf-8")
+    monkeypatch.chdir(folder)
+    command("plan.yaml", "-o", "serial", "--workers", 0, "--quiet", "--measure", "held_runs:held")
+    (folder / "hold").touch()
     master = started(folder, "--workers", 2)
     try:
         wait_for(folder, 2, master)
         os.kill(workers_of(master.pid)[0], signal.SIGKILL)
-        wait_for(folder, lines(folder) + 4, master)
+        wait_for(folder, HELD, master)
         orphans = workers_of(master.pid)
     finally:
         master.kill()
         master.wait()
-    assert lines(folder) < 36, "it was over before it was killed"
+    (folder / "hold").unlink()
+    assert lines(folder) < 36
     assert started(folder, "--workers", 1).wait() == 0
     assert rows(folder / "killed") == rows(folder / "serial")
     assert not [number for number in orphans if Path(f"/proc/{number}").exists()], (
