@@ -58,8 +58,9 @@ def _report(error: BaseException) -> NoReturn:
     # The libraries that print help make an exit of a pipe that is closed.
     lost = error.__context__ if isinstance(error, SystemExit) else error
     if isinstance(lost, BrokenPipeError):
-        # The reader of our output has gone, as `| head` does: there is nothing left to say.
+        # The reader of our output has gone, as `| head` does: there is nothing left to say. It may have read both.
         _silence(sys.stdout)
+        _silence(sys.stderr)
         raise typer.Exit(_unsaid(lost, 0)) from None
     if isinstance(error, typer.Exit | SystemExit):
         raise error
