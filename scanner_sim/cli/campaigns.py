@@ -80,7 +80,7 @@ def run(
 ) -> None:
     """Check a plan as a whole, and do its runs, or those that are left.
 
-    Example: `scanner-sim campaign configs/power.campaign.yaml -o output/power --workers 2`
+    Example: `scanner-sim campaign configs/campaigns/power.yaml -o output/power --workers 2`
 
     Each run is a row of numbers in DIR; one that fails is a row with its fault. The rows are the same for any number of
     workers. The word `run` may be left out.
