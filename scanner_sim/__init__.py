@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from scanner_sim.campaign.result import open_campaign as open_campaign
+    from scanner_sim.config import load_scanner as load_scanner
     from scanner_sim.config import load_scenario as load_scenario
     from scanner_sim.config.scenario import Scenario as Scenario
     from scanner_sim.foundation.errors import InputError as InputError
@@ -62,6 +63,7 @@ __all__ = [
     "WaveformSet",
     "__version__",
     "estimate_pose",
+    "load_scanner",
     "load_scenario",
     "open_campaign",
     "poses_of",
@@ -96,6 +98,7 @@ _HOMES = {
     "Tracker": "scanner_sim.instrument.closed_loop.tracker",
     "WaveformSet": "scanner_sim.products.waveforms",
     "estimate_pose": "scanner_sim.pose.estimate",
+    "load_scanner": "scanner_sim.config",
     "load_scenario": "scanner_sim.config",
     "open_campaign": "scanner_sim.campaign.result",
     "poses_of": "scanner_sim.instrument.closed_loop.poses",

@@ -21,6 +21,7 @@ from scanner_sim.cli.options import (
 )
 from scanner_sim.cli.report import open_streams, reported
 from scanner_sim.cli.studies import budget, calibrate, orbit, pose_study
+from scanner_sim.foundation.errors import InputError
 
 if TYPE_CHECKING:
     from scanner_sim.cli.call import Call
@@ -151,17 +152,41 @@ def instruments(
             metavar="NAME_OR_FILE", help="Shipped instrument, or a file of your own.", show_default=False
         ),
     ] = None,
+    yaml: Annotated[bool, typer.Option("--yaml", help="Print the file itself, to copy and change.")] = False,
+    diff: Annotated[
+        str | None,
+        typer.Option(
+            metavar="OTHER", help="Print what another instrument has unlike it.", show_default=False
+        ),
+    ] = None,
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="PNG", help="Draw it to scale, with spot and σ over range.", show_default=False),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a picture that is there.")] = False,
 ) -> None:
-    """List the shipped instruments, or print one: each value with its mark and its source.
+    """List the shipped instruments, or explain one: ranges, field of view, σ, each value with its mark and source.
 
-    Example: `scanner-sim instruments nrc_2000 > my_scanner.yaml`
+    Examples: `scanner-sim instruments nrc_2000 --picture nrc_2000.png`,
+    `scanner-sim instruments nrc_2000 --yaml > my_scanner.yaml`
 
     With `scanner: {preset: my_scanner.yaml}` a scenario takes a file of your own. Here all of its faults are printed.
     """
     with reported():
-        from scanner_sim.cli.checking import print_instruments
+        from scanner_sim.cli import explaining
 
-        print_instruments(name)
+        if name is None:
+            if yaml or diff is not None or picture is not None:
+                raise InputError(
+                    "no instrument is named.", remedy="Write for example: instruments nrc_2000 --yaml"
+                )
+            explaining.list_instruments()
+        elif diff is not None:
+            explaining.print_differences(name, diff)
+        elif yaml:
+            explaining.print_instrument_file(name)
+        else:
+            explaining.print_instrument(name, picture, overwrite=overwrite)
 
 
 @app.command()

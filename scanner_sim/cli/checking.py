@@ -1,4 +1,4 @@
-"""The verbs ``check``, ``instruments`` and ``info``."""
+"""The verbs ``check`` and ``info``."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ from pathlib import Path
 from scanner_sim.cli.plan import slow
 from scanner_sim.cli.report import scenario_of, warn
 from scanner_sim.cli.tables import print_table
-from scanner_sim.config import load_scanner, load_scenario, resolved_yaml, scenario_warnings
-from scanner_sim.config.preset import preset_text, read_preset, shipped_presets
+from scanner_sim.config import load_scenario, resolved_yaml, scenario_warnings
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 
@@ -30,25 +29,11 @@ def check_scenario(config: Path, overrides: Sequence[str]) -> None:
         warn(sentence)
     with scenario_of(config):
         _open_scene(scenario)
-    _print_yaml(resolved_yaml(scenario))
+    print_yaml(resolved_yaml(scenario))
 
 
-def print_instruments(name: str | None) -> None:
-    """Print the file of an instrument, each value with its mark and source, or say which instruments are shipped.
-
-    Raises
-    ------
-    ScannerSimError
-        If there is no such instrument, or its file has faults.
-    """
-    if name is None:
-        print_table({one: read_preset(one).about for one in shipped_presets()})
-        return
-    load_scanner(name)
-    _print_yaml(preset_text(name))
-
-
-def _print_yaml(text: str) -> None:
+def print_yaml(text: str) -> None:
+    """Print YAML, in colour on a terminal."""
     if not sys.stdout.isatty():
         sys.stdout.write(text)
         return

@@ -222,7 +222,9 @@ def load_scanner(preset: str, folder: str | Path = "") -> Scanner:
 
 
 def _scanner(preset: Preset) -> Scanner:
-    """Return the scanner of a preset, or raise all of its faults."""
+    """Return the scanner of a preset, or raise all of its faults; those of what it extends are told by themselves."""
+    if preset.base is not None:
+        _scanner(preset.base)
     document = preset.document
     data: dict[str, Value] = {"scanner": {**preset.values, "preset": preset.name}}
     faults = list(document.faults)

@@ -30,7 +30,9 @@ _SHIPPED = Path(__file__).with_name("presets")
 _SUFFIXES = (".yaml", ".yml")
 _LARGEST = 1_000_000
 """Bytes of a file."""
-_KEYS = ("schema", "about", "scanner")
+_LONGEST_LINE = 20
+"""Presets of which each extends the next."""
+_KEYS = ("schema", "extends", "about", "scanner")
 ONE_OF = ("peak_power", "energy")
 """Keys of a pulse that exclude one another: the one that a scenario gives stands in the place of the preset's."""
 
@@ -47,7 +49,8 @@ class Preset(NamedTuple):
     """An instrument's file, read.
 
     ``name`` is what a scenario calls it, or its absolute path; ``values`` is the block ``scanner`` that stands for it;
-    ``stated`` has each value by its location in the file; ``document`` has the lines, and the faults found so far.
+    ``stated`` has each value by its location in the file; ``document`` has the lines, and the faults found so far;
+    ``base`` is the instrument that it extends, whose values are in ``values`` and ``stated`` too.
     """
 
     name: str
@@ -55,6 +58,7 @@ class Preset(NamedTuple):
     values: Mapping[str, Any]
     stated: Mapping[Location, Stated]
     document: Document
+    base: Preset | None = None
 
 
 def shipped_presets() -> tuple[str, ...]:
@@ -73,20 +77,20 @@ def preset_text(name: str, folder: str | Path = "") -> str:
     return read_text_file(_path(name, folder), _LARGEST)
 
 
-def read_preset(name: str, folder: str | Path = "") -> Preset:
+def read_preset(name: str, folder: str | Path = "", inside: tuple[str, ...] = ()) -> Preset:
     """Read a preset; faults of its text are noted in its document, others raised as by :func:`preset_text`.
 
-    Whether its values make a scanner is seen when one is made of them.
+    Whether its values make a scanner is seen when one is made of them. ``inside`` are the presets that extend it.
     """
     if not _is_file(name):
         return _shipped(name)
     path = _path(name, folder)
-    return _parse(path.as_posix(), read_text_file(path, _LARGEST), path.parent)
+    return _parse(path.as_posix(), read_text_file(path, _LARGEST), path.parent, inside)
 
 
 @cache
 def _shipped(name: str) -> Preset:
-    return _parse(name, preset_text(name), _SHIPPED)
+    return _parse(name, preset_text(name), _SHIPPED, ())
 
 
 def _is_file(name: str) -> bool:
@@ -131,10 +135,12 @@ def fill(block: Mapping[str, Any], preset: Preset | None) -> dict[str, Any]:
     Raises
     ------
     ScenarioError
-        If the preset's text has faults.
+        If the preset's text, or that of one that it extends, has faults.
     """
     if preset is None:
         return dict(block)
+    if preset.base is not None:
+        fill({}, preset.base)
     if preset.document.faults:
         raise ScenarioError(preset.document.faults, source=preset.name)
     return {**_over(preset.values, block), "preset": preset.name}
@@ -158,7 +164,7 @@ def _over(preset: object, block: object) -> Any:
     return below | above
 
 
-def _parse(name: str, text: str, folder: Path) -> Preset:
+def _parse(name: str, text: str, folder: Path, inside: tuple[str, ...]) -> Preset:
     """Return a preset from its text; names of files in it count from its folder."""
     document = read_document(text)
     data, stated = document.data, dict[Location, Stated]()
@@ -171,7 +177,7 @@ def _parse(name: str, text: str, folder: Path) -> Preset:
     for key in data:
         if key not in _KEYS:
             _note(document, (key,), "there is no such key.", choice(key, _KEYS))
-    version, about, block = (data.get(key) for key in _KEYS)
+    version, about, block = (data.get(key) for key in ("schema", "about", "scanner"))
     if version != 1 or version is True:
         problem = f"{shown(version)} is no version that this program reads."
         _note(document, ("schema",), problem, "Write 'schema: 1'.")
@@ -182,9 +188,45 @@ def _parse(name: str, text: str, folder: Path) -> Preset:
         _note(document, ("scanner",), f"{shown(block)} is not a block of keys.", "Copy a shipped preset.")
         return preset
     if "preset" in block:
-        _note(document, ("scanner", "preset"), "a preset has no preset of its own.", "Remove it.")
-    values = _values(block, ("scanner",), document, stated, folder)
-    return preset._replace(about=str(about), values=values)
+        remedy = "Write 'extends: NAME' beside scanner."
+        _note(document, ("scanner", "preset"), "a preset has no preset of its own.", remedy)
+    preset = preset._replace(about=str(about), values=_values(block, ("scanner",), document, stated, folder))
+    return preset if data.get("extends") is None else _extended(preset, data["extends"], folder, inside)
+
+
+def _extended(preset: Preset, extends: Value, folder: Path, inside: tuple[str, ...]) -> Preset:
+    """Return a preset laid over the one that it extends."""
+    line = (*inside, preset.name)
+    try:
+        if not isinstance(extends, str):
+            remedy = f"Write for example 'extends: {DEFAULT}'."
+            raise InputError(f"{shown(extends)} is not the name of a preset.", remedy=remedy)
+        other = _path(extends, folder).as_posix()
+        if other in line:
+            around = " extends ".join(Path(one).name for one in (*line[line.index(other) :], other))
+            raise InputError(f"{around}: a circle.", remedy="Let one of them extend nothing.")
+        if len(line) > _LONGEST_LINE:
+            raise InputError(
+                f"{_LONGEST_LINE} presets extend one another up to here.", remedy="Extend a nearer one."
+            )
+        base = read_preset(extends, folder, line)
+    except InputError as error:
+        _note(preset.document, ("extends",), error.message, error.remedy)
+        # What is wrong beside it is told, too.
+        base = read_preset(DEFAULT)
+    kept = {
+        at: one for at, one in base.stated.items() if not any(_replaces(own, at) for own in preset.stated)
+    }
+    return preset._replace(
+        values=_over(base.values, preset.values), stated={**kept, **preset.stated}, base=base
+    )
+
+
+def _replaces(own: Location, other: Location) -> bool:
+    """Return whether a value stands in the place of another: at it, above or below it, or excludes it."""
+    short = min(len(own), len(other))
+    twins = own[:-1] == other[:-1] and own[-1] in ONE_OF and other[-1] in ONE_OF
+    return own[:short] == other[:short] or twins
 
 
 def _values(

@@ -37,6 +37,7 @@ def test_the_public_names_are_these() -> None:
         "WaveformSet",
         "__version__",
         "estimate_pose",
+        "load_scanner",
         "load_scenario",
         "open_campaign",
         "poses_of",

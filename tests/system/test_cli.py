@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 from scanner_sim import load_scenario, simulate
@@ -158,15 +159,37 @@ def test_schema_prints_json() -> None:
 def test_instruments_lists_prints_and_checks_them(tmp_path: Path) -> None:
     """Claim: what it prints of a shipped one is, saved, an instrument of one's own with the same values."""
     assert "nrc_2000  Prototype of F. Blais" in invoke("instruments").stdout
-    text = invoke("instruments", "nrc_2000").stdout
+    text = invoke("instruments", "nrc_2000", "--yaml").stdout
     own = tmp_path / "mine.yaml"
     own.write_text(text, encoding="utf-8")
-    assert invoke("instruments", str(own)).stdout == text
+    assert invoke("instruments", str(own), "--yaml").stdout == text
     assert load_scanner(str(own)).model_copy(update={"preset": "nrc_2000"}) == load_scanner("nrc_2000")
     own.write_text(text.replace("value: 15 mW", "value: 15"), encoding="utf-8")
     refused = invoke("instruments", str(own))
     assert refused.exit_code == 2
     assert "scanner.laser.power: 15 has no unit" in refused.stderr
+
+
+def test_an_instrument_is_explained_drawn_and_told_from_another(tmp_path: Path) -> None:
+    """Claim: the table has ranges and errors, the values their sources, and only what differs is told as different."""
+    picture, own = tmp_path / "head.png", tmp_path / "mine.yaml"
+    told = invoke("instruments", "nrc_2000", "--picture", str(picture)).stdout
+    assert "1.563 m to infinity on the array; 0.5 m to 35 m by time of flight" in told
+    assert "σ triangulation [mm]" in told
+    assert re.search(r"laser.power +15 mW +printed +the paper, below eq 19", told)
+    with Image.open(picture) as drawn:
+        assert drawn.size > (600, 600)
+    assert "exists already" in invoke("instruments", "nrc_2000", "--picture", str(picture)).stderr
+    own.write_text(
+        "schema: 1\nextends: nrc_2000\nabout: a shorter base\n"
+        "scanner: {receiver: {baseline: {value: 150 mm, mark: assumed, source: my drawing}}}\n",
+        encoding="utf-8",
+    )
+    lines = invoke("instruments", "nrc_2000", "--diff", str(own)).stdout.splitlines()
+    assert [line.split()[0] for line in lines[1:]] == ["ranges", "receiver", "receiver.baseline"]
+    assert re.search(r"0.2 m \(assumed\) +0.15 m \(assumed\)", lines[-1])
+    assert "have the same values" in invoke("instruments", str(own), "--diff", str(own)).stdout
+    assert "no instrument is named" in invoke("instruments", "--yaml").stderr
 
 
 def test_info_names_what_it_runs_on() -> None:

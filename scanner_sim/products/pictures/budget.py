@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Patch
 
 from scanner_sim.products.budget import BudgetRow, Dominance, Mode, crossing
-from scanner_sim.products.pictures.style import FAINT, INK, drawing, ruled
+from scanner_sim.products.pictures.style import FAINT, INK, drawing, over_range
 
 COLOURS = {
     "all": INK,
@@ -48,7 +48,6 @@ _TITLES: dict[Mode, str] = {
 }
 _DEEPEST = 1e-3
 """Lower end of the picture, relative to the least of all sources together."""
-_TICKS = (1, 2, 3, 5, 10, 20, 30, 50)
 _NOWHERE = "#e8eaec"
 
 
@@ -140,11 +139,7 @@ def _draw_source(axes: Axes, rows: Sequence[BudgetRow], colour: str, label: str,
 
 def _finish(axes: Axes, title: str, about: str) -> None:
     """Give axes over range and σ their scales, ticks and heading."""
-    axes.set(xscale="log", yscale="log", xlabel="range [m]", ylabel="σ of the range [mm]")
-    ticks = [tick for tick in _TICKS if axes.get_xlim()[0] < tick < axes.get_xlim()[1]]
-    axes.set_xticks(ticks, [str(tick) for tick in ticks])
-    axes.set_xticks([], minor=True)
-    ruled(axes)
+    over_range(axes, "σ of the range [mm]")
     axes.set_title(title, loc="left", weight="bold", size=10.5, pad=20)
     axes.text(0.0, 1.02, about, transform=axes.transAxes, color=FAINT)
 

@@ -102,6 +102,18 @@ def ruled(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
+def over_range(axes: Axes, label: str) -> None:
+    """Give axes of lengths over range [m], drawn already, logarithmic scales, ticks that can be read, and a grid."""
+    axes.set(xscale="log", yscale="log", xlabel="range [m]", ylabel=label)
+    low, high = axes.get_xlim()
+    decades = range(math.floor(math.log10(low)), math.ceil(math.log10(high)) + 1)
+    ticks = [step * 10.0**decade for decade in decades for step in (1, 2, 3, 5)]
+    ticks = [tick for tick in ticks if low < tick < high]
+    axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+    axes.set_xticks([], minor=True)
+    ruled(axes)
+
+
 @dataclass(frozen=True)
 class Canvas:
     """A figure with axes of a whole number of dots, so that every voxel is a sharp rectangle.

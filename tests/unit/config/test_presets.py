@@ -234,3 +234,79 @@ def test_the_schema_for_editors_has_the_preset_s_values_as_defaults(repo_root: P
         assert "required" not in shown["$defs"][part]
     assert shown["$defs"]["Laser"]["properties"]["power"]["default"] == "15 mW"
     assert shown["$defs"]["Digitiser"]["properties"]["gate"]["default"] == ["0.5 m", "35 m"]
+
+
+EXTENDING = """\
+schema: 1
+extends: base.yaml
+about: one with a longer base
+scanner:
+  receiver: {baseline: {value: 300 mm, mark: assumed, source: mine}}
+  filter: {value: none, mark: assumed, source: mine}
+  lidar: {pulse: {energy: {value: 2 uJ, mark: assumed, source: mine}}}
+"""
+
+
+def test_a_preset_that_extends_another_says_only_what_is_unlike_it(tmp_path: Path) -> None:
+    """Claim: values and sources are the own ones where there are any, and the base's elsewhere."""
+    (tmp_path / "base.yaml").write_text(TEXT.replace("value: 15 mW", "value: 40 mW"), encoding="utf-8")
+    scanner = scenario(tmp_path, "{preset: mine.yaml, rate: 10 kHz}", EXTENDING).scanner
+    assert (scanner.laser.power, scanner.receiver.baseline, scanner.rate) == (40e-3, 0.3, 10e3)
+    assert (scanner.filter, scanner.lidar.pulse.energy, scanner.lidar.pulse.peak_power) == (
+        "none",
+        2e-6,
+        None,
+    )
+    stated = read_preset("mine.yaml", tmp_path).stated
+    assert stated["scanner", "receiver", "baseline"].source == "mine"
+    assert stated["scanner", "laser", "power"].mark == "printed"
+    gone = {("scanner", "filter", "bandwidth"), ("scanner", "lidar", "pulse", "peak_power")}
+    assert not gone & stated.keys()
+
+
+def test_a_chain_of_presets_reaches_to_its_end(tmp_path: Path) -> None:
+    (tmp_path / "base.yaml").write_text(
+        "schema: 1\nextends: nrc_2000\nabout: x\nscanner: {rate: {value: 5 kHz, mark: assumed, source: x}}\n"
+    )
+    scanner = scenario(tmp_path, "{preset: mine.yaml}", EXTENDING).scanner
+    assert (scanner.rate, scanner.laser.power) == (5e3, 15e-3)
+
+
+@pytest.mark.parametrize(
+    ("extends", "words"),
+    [
+        ("nrc_200", "line 2, extends: there is no preset 'nrc_200'. Did you mean 'nrc_2000'?"),
+        ("bas.yaml", "line 2, extends: there is no file"),
+        ("7", "line 2, extends: 7 is not the name of a preset. Write for example 'extends: nrc_2000'."),
+        ("mine.yaml", "mine.yaml extends mine.yaml: a circle. Let one of them extend nothing."),
+    ],
+)
+def test_what_cannot_be_extended_is_told_with_all_else(extends: str, words: str, tmp_path: Path) -> None:
+    own = EXTENDING.replace("base.yaml", extends).replace("300 mm", "300")
+    told = [str(fault) for fault in faults(tmp_path, "{preset: mine.yaml}", own).faults]
+    assert len(told) == 2
+    assert words in told[0]
+    assert "scanner.receiver.baseline: 300 has no unit" in told[1]
+
+
+def test_a_circle_of_two_is_told(tmp_path: Path) -> None:
+    (tmp_path / "base.yaml").write_text(EXTENDING.replace("base.yaml", "mine.yaml"))
+    (fault,) = faults(tmp_path, "{preset: mine.yaml}", EXTENDING).faults
+    assert "mine.yaml extends base.yaml extends mine.yaml: a circle." in str(fault)
+
+
+def test_faults_of_what_is_extended_stand_in_its_own_file(tmp_path: Path) -> None:
+    for wrong in ("value: 15", "value: 15 mW, made: up"):
+        (tmp_path / "base.yaml").write_text(TEXT.replace("value: 15 mW", wrong), encoding="utf-8")
+        error = faults(tmp_path, "{preset: mine.yaml}", EXTENDING)
+        assert error.source == (tmp_path / "base.yaml").as_posix()
+        assert "scanner.laser.power" in str(error.faults[0])
+
+
+def test_a_line_of_presets_has_an_end(tmp_path: Path) -> None:
+    for number in range(30):
+        text = EXTENDING.replace("base.yaml", f"{number + 1}.yaml")
+        (tmp_path / f"{number}.yaml").write_text(text)
+    (tmp_path / "30.yaml").write_text(TEXT)
+    (fault,) = faults(tmp_path, "{preset: 0.yaml}").faults
+    assert "presets extend one another up to here" in str(fault)

@@ -1,0 +1,109 @@
+"""The picture of an instrument: its head and what it sees, to scale, and how its spot and σ grow with range."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from scanner_sim.products.instrument_sheet import InstrumentSheet
+from scanner_sim.products.pictures.budget import CURVES
+from scanner_sim.products.pictures.style import FAINT, INK, drawing, over_range, plot_label
+
+_LASER, _LENS, _SEEN = "#b4331a", "#0b4f8a", "#dfe9f1"
+
+
+def draw_instrument(sheet: InstrumentSheet, name: str, path: str | Path | BinaryIO) -> None:
+    """Draw an instrument's sheet as PNG; ``name`` stands above it."""
+    with drawing(path, (9.0, 7.8), layout="constrained") as figure:
+        head, field, spot, sigma = figure.subplots(2, 2, gridspec_kw={"hspace": 0.06, "wspace": 0.05}).ravel()
+        _draw_head(head, sheet)
+        _draw_field(field, sheet)
+        _draw_lateral(spot, sheet)
+        _draw_sigma(sigma, sheet)
+        figure.suptitle(plot_label(name), x=0.01, ha="left", weight="bold", size=11)
+
+
+def _draw_head(axes: Axes, sheet: InstrumentSheet) -> None:
+    """Draw laser, lens and array in the plane of triangulation at Θ = 0, to scale [mm]."""
+    base, f = 1e3 * sheet.baseline, 1e3 * sheet.focal_length
+    half, ends = 0.5e3 * sheet.aperture, [1e3 * p for p in sheet.array]
+    top = 0.9 * max(f, base)
+    beam = 0.5e3 * float(sheet.spot_m[0])
+    axes.fill_betweenx([0.0, top], -beam, beam, color=_LASER, alpha=0.35, lw=0)
+    axes.plot([0.0, 0.0], [0.0, top], color=_LASER, lw=0.8)
+    for p in ends:
+        # The ray through the middle of the lens that falls on this end of the array.
+        axes.plot([base - p * top / f, base + p], [top, -f], color=_LENS, lw=0.7)
+    axes.plot([base, base], [-f, top], color=FAINT, lw=0.6, ls="--")
+    axes.plot([base - half, base + half], [0.0, 0.0], color=_LENS, lw=3.5, solid_capstyle="butt")
+    axes.plot([base + p for p in ends], [-f, -f], color=INK, lw=3.5, solid_capstyle="butt")
+    axes.plot(0.0, 0.0, "o", ms=4, color=_LASER)
+    axes.annotate(" laser", (0.0, 0.0), color=_LASER, va="top")
+    axes.annotate("lens  ", (base - half, 0.0), color=_LENS, ha="right", va="center")
+    axes.annotate("array  ", (base + min(ends), -f), color=INK, ha="right", va="center")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="x [mm]", ylabel="z [mm]")
+    _heading(axes, "The head, to scale", "rays through the lens to both ends of the array")
+
+
+def _draw_field(axes: Axes, sheet: InstrumentSheet) -> None:
+    """Draw the ranges that the array sees over Θ, to scale [m] (eq 1)."""
+    theta = np.linspace(-sheet.half_field, sheet.half_field, 181)
+    farthest = float(sheet.range_m[-1])
+
+    def border(p: float) -> tuple[np.ndarray, np.ndarray]:
+        seen = np.full_like(theta, np.inf)
+        if p > 0.0:
+            seen = sheet.focal_length * sheet.baseline * np.cos(theta) / p + sheet.baseline * np.sin(theta)
+        seen = np.minimum(seen, farthest)
+        return seen * np.sin(theta), seen * np.cos(theta)
+
+    far, near = border(sheet.array[0]), border(sheet.array[1])
+    outline = [np.concatenate([one, other[::-1]]) for one, other in zip(far, near, strict=True)]
+    axes.fill(*outline, color=_SEEN, lw=0)
+    axes.plot(*near, color=_LENS, lw=1.0, label=f"nearest: {sheet.near:.3g} m on the axis")
+    ends = (
+        f"{sheet.far:.3g} m on the axis"
+        if math.isfinite(sheet.far)
+        else "infinity; drawn to the end of the gate"
+    )
+    axes.plot(*far, color=INK, lw=1.0, label=f"farthest: {ends}")
+    for side in (-1.0, 1.0):
+        end = farthest * np.array([math.sin(side * sheet.half_field), math.cos(sheet.half_field)])
+        axes.plot([0.0, end[0]], [0.0, end[1]], color=FAINT, lw=0.6, ls="--")
+    axes.plot(0.0, 0.0, "o", ms=3, color=_LASER)
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="x [m]", ylabel="z [m]")
+    axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.34))
+    _heading(axes, "What the array sees, to scale", f"deflections of ±{math.degrees(sheet.half_field):.3g}°")
+
+
+def _draw_lateral(axes: Axes, sheet: InstrumentSheet) -> None:
+    axes.plot(sheet.range_m, 1e3 * sheet.spot_m, color=_LASER, label="diameter of the beam (1/e²)")
+    axes.plot(sheet.range_m, 1e3 * sheet.lateral_m, color=INK, label="σ across, by the angles")
+    over_range(axes, "[mm]")
+    axes.legend(loc="upper left")
+    _heading(axes, "Across the beam", "")
+
+
+def _draw_sigma(axes: Axes, sheet: InstrumentSheet) -> None:
+    for mode, values in sheet.sigma_m.items():
+        colour, label = CURVES[mode]
+        axes.plot(sheet.range_m, 1e3 * values, color=colour, label=label, lw=2.4 if mode == "fused" else 1.2)
+    axes.plot(sheet.range_m, 1e3 * sheet.pixel_m, color=FAINT, lw=0.9, ls=":", label="one pixel of the array")
+    over_range(axes, "[mm]")
+    axes.legend(loc="upper left")
+    _heading(
+        axes,
+        "σ of the range, by closed forms",
+        f"facing target of reflectance {sheet.reflectance:g}, dark, beam at rest",
+    )
+
+
+def _heading(axes: Axes, title: str, about: str) -> None:
+    axes.set_title(title, loc="left", weight="bold", size=9.5, pad=18)
+    axes.text(0.0, 1.02, about, transform=axes.transAxes, color=FAINT)

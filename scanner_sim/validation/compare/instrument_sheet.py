@@ -1,0 +1,64 @@
+"""What an instrument can do, by closed forms alone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.products.budget import Mode
+from scanner_sim.products.instrument_sheet import InstrumentSheet
+from scanner_sim.validation.compare.closed_forms import ClosedForms
+from scanner_sim.validation.compare.instrument import closed_budget
+
+REFLECTANCE = 0.5
+"""Of the target that the errors are of: Lambertian, facing."""
+_MODES: tuple[Mode, ...] = ("triangulation", "tof", "fused")
+
+
+def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
+    """Return what an instrument can do in the dark, its beam at rest and its settings of processing the defaults.
+
+    Parameters
+    ----------
+    scanner
+        The instrument.
+    count
+        Ranges, evenly spaced in logarithms from the array's near end to its far one or the end of the gate.
+    """
+    still = {"rows": 1, "columns": 1, "horizontal": (0.0, 0.0), "vertical": (0.0, 0.0), "motion": "stepped"}
+    scenario = Scenario.model_validate({"schema": 1, "scanner": scanner, "scan": still})
+    forms = ClosedForms(scenario)
+    gate, sensor = scanner.lidar.digitiser.gate, scanner.position_sensor
+    near, far = scanner.nearest_range, scanner.farthest_range
+    ranges = np.geomspace(near, min(far, max(gate[1], 2.0 * near)), count)
+    found = [closed_budget(scenario, REFLECTANCE, float(R)) for R in ranges]
+    sigma = {
+        mode: np.array([one[mode]["all"] for one in found])
+        for mode in _MODES
+        if all(mode in one for one in found)
+    }
+    recorded = (ranges >= gate[0]) & (ranges <= gate[1])
+    return InstrumentSheet(
+        baseline=scanner.receiver.baseline,
+        focal_length=scanner.receiver.focal_length,
+        aperture=scanner.receiver.aperture,
+        axis_separation=scanner.mirrors.axis_separation,
+        array=(sensor.offset, sensor.offset + sensor.length),
+        near=near,
+        far=far,
+        gate=gate,
+        half_field=scanner.mirrors.max_deflection,
+        rate=scanner.rate,
+        reflectance=REFLECTANCE,
+        range_m=ranges,
+        spot_m=2.0 * np.asarray([float(scanner.laser.radius(float(R))) for R in ranges]),
+        pixel_m=np.array([forms.range_per_pixel(float(R)) for R in ranges]),
+        lateral_m=forms.angle_sigma * ranges,
+        sigma_m={
+            mode: values if mode == "triangulation" else np.where(recorded, values, math.nan)
+            for mode, values in sigma.items()
+        },
+    )
