@@ -132,8 +132,7 @@ def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instru
     laser, mirrors, sensor = scanner.laser, scanner.mirrors, scanner.position_sensor
     noise, receiver = sensor.noise, scanner.receiver
     passed = peak_transmission(scanner.filter) * float(laser_gain(scanner.filter, laser, sensor.response))
-    # In the dark nothing is subtracted.
-    off = 0.0 if scenario.lighting.sky().dark else scanner.laser_off
+    off = scanner.laser_off
     exposure, subtracted = (1.0 - off) * scanner.dwell, (1.0 - off) / off if off else 0.0
     return InstrumentNumbers(
         estimator=processing.peak,

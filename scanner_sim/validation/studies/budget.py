@@ -398,8 +398,6 @@ def _alone(scenario: Scenario, name: str, scene: Scene) -> Scenario:
     """Return the scenario before a scene, with one source of error, or with ``all``."""
     scanner = scenario.scanner
     lighting = Lighting() if name == "shot" else scenario.lighting
-    if scenario.lighting.sky().dark:
-        scanner = scanner.changed(laser_off=0.0)
     if name != _ALL:
         scanner = _quietened(scanner, "shot" if name == _SUN else name)
     return scenario.changed(
