@@ -95,6 +95,7 @@ def echo_budget(unit: EchoInstrument, distance: float) -> dict[str, float]:
 
     Share of the pulse that comes back: T ρ A/(π R²) (eq 19); σ_R = c σ_τ/2 (eq 2). ``clock`` holds the jitter, c
     jitter/2, and the drift's error R · drift. Light of the Sun on the diode: E ρ/π · Ω A T with Ω = π field²/4.
+    NaN for a diode that none of the pulse reaches.
     """
     area = 0.25 * math.pi * unit.aperture**2 * unit.transmission
     share = area * unit.reflectance / (math.pi * distance**2)
@@ -113,6 +114,8 @@ def echo_budget(unit: EchoInstrument, distance: float) -> dict[str, float]:
     charge = unit.gain * unit.responsivity * unit.energy * share
     width = math.hypot(unit.pulse, unit.response)
     height = charge / (math.sqrt(2.0 * math.pi) * width)
+    if height <= 0.0:
+        return dict.fromkeys((*steady, "clock", "all"), math.nan)
     timed = _clipped if height > unit.saturation else _matched
     squares = timed(unit, steady, received, height, width)
     found = {name: 0.5 * SPEED_OF_LIGHT * math.sqrt(value) for name, value in squares.items()}

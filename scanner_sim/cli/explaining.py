@@ -107,10 +107,14 @@ def _properties(scanner: Scanner, sheet: InstrumentSheet) -> dict[str, str]:
     """Return what follows from an instrument's values, as pairs of a word and a phrase."""
     laser = scanner.laser
     beyond = f"{sheet.far:.4g} m" if math.isfinite(sheet.far) else "infinity"
+    recorded = (
+        f"; {sheet.gate[0]:.4g} m to {sheet.gate[1]:.4g} m by time of flight"
+        if "tof" in sheet.sigma_m
+        else ""
+    )
     divergence = 2.0 * laser.waist_radius / laser.rayleigh_length
     return {
-        "ranges on the axis": f"{sheet.near:.4g} m to {beyond} on the array; "
-        f"{sheet.gate[0]:.4g} m to {sheet.gate[1]:.4g} m by time of flight",
+        "ranges on the axis": f"{sheet.near:.4g} m to {beyond} on the array" + recorded,
         "field of view": f"±{math.degrees(sheet.half_field):.3g}° on both axes",
         "rate": f"{sheet.rate:.6g} voxels/s",
         "beam": f"{1e3 * laser.power:.4g} mW at {1e6 * laser.wavelength:.4g} µm, "
@@ -124,14 +128,21 @@ def _properties(scanner: Scanner, sheet: InstrumentSheet) -> dict[str, str]:
 def _table(sheet: InstrumentSheet) -> Iterator[tuple[str, ...]]:
     """Yield the lines of a table of lengths [mm] over range."""
     ways = list(sheet.sigma_m)
-    yield ("range [m]", "beam [mm]", "pixel [mm]", "σ across [mm]", *(f"σ {_WAYS[way]} [mm]" for way in ways))
+    named = (f"σ {_WAYS[way]} [mm]" for way in ways)
+    yield ("range [m]", "beam [mm]", "pixel [mm]", "σ across [mm]", "of full well", *named)
     last = len(sheet.range_m) - 1
     for line in range(_LINES):
         at = round(line * last / (_LINES - 1))
         lengths = (sheet.spot_m, sheet.pixel_m, sheet.lateral_m, *(sheet.sigma_m[way] for way in ways))
-        # Three digits, without an exponent where that is no longer.
-        cells = (
-            f"{float(f'{1e3 * values[at]:.3g}'):g}" if math.isfinite(values[at]) else "–"
-            for values in lengths
+        cells = [_rounded(1e3 * float(values[at])) for values in lengths]
+        yield (
+            f"{sheet.range_m[at]:.3g}",
+            *cells[:3],
+            f"{_rounded(100.0 * float(sheet.filled[at]))} %",
+            *cells[3:],
         )
-        yield (f"{sheet.range_m[at]:.3g}", *cells)
+
+
+def _rounded(number: float) -> str:
+    """Return three digits of a number, without an exponent where that is no longer."""
+    return f"{float(f'{number:.3g}'):g}" if math.isfinite(number) else "–"

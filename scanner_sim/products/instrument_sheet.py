@@ -38,8 +38,11 @@ class InstrumentSheet:
     spot_m, pixel_m, lateral_m
         Diameter of the laser's beam (1/e²), change of the range by a pixel, standard deviation across the beam by
         the angles; each of shape (n,).
+    filled
+        Charge of the brightest pixel over the full well, shape (n,): from 1 on it is saturated.
     sigma_m
-        Standard deviation of the range for each way of ranging that has closed forms, shape (n,).
+        Standard deviation of the range for each way of ranging that has closed forms and sees the laser, shape (n,);
+        NaN where the line is saturated or beyond the gate.
     """
 
     baseline: float
@@ -57,4 +60,5 @@ class InstrumentSheet:
     spot_m: Array
     pixel_m: Array
     lateral_m: Array
+    filled: Array
     sigma_m: Mapping[Mode, Array]

@@ -40,6 +40,8 @@ def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
         for mode in _MODES
         if all(mode in one for one in found)
     }
+    brightest = np.array([forms.facing(float(R), REFLECTANCE).line.max() for R in ranges])
+    filled = scanner.exposure / scanner.dwell * brightest / sensor.full_well
     recorded = (ranges >= gate[0]) & (ranges <= gate[1])
     return InstrumentSheet(
         baseline=scanner.receiver.baseline,
@@ -57,8 +59,10 @@ def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
         spot_m=2.0 * np.asarray([float(scanner.laser.radius(float(R))) for R in ranges]),
         pixel_m=np.array([forms.range_per_pixel(float(R)) for R in ranges]),
         lateral_m=forms.angle_sigma * ranges,
+        filled=filled,
         sigma_m={
-            mode: values if mode == "triangulation" else np.where(recorded, values, math.nan)
+            mode: np.where(filled < 1.0 if mode == "triangulation" else recorded, values, math.nan)
             for mode, values in sigma.items()
+            if np.isfinite(values).any()
         },
     )
