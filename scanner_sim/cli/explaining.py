@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import typer
 
 from scanner_sim.cli.checking import print_yaml
+from scanner_sim.cli.report import warn
 from scanner_sim.cli.tables import print_rows, print_table
-from scanner_sim.config import load_scanner
+from scanner_sim.config import load_scanner, scenario_warnings
 from scanner_sim.config.document import Location, spell, value_at
 from scanner_sim.config.preset import Preset, preset_text, read_preset, shipped_presets
 from scanner_sim.config.scanner import Scanner
@@ -53,11 +54,18 @@ def print_instrument(name: str, picture: Path | None, *, overwrite: bool) -> Non
     """
     from scanner_sim.products.files.exchange import write_file
     from scanner_sim.products.pictures.instrument import draw_instrument
-    from scanner_sim.validation.compare.instrument_sheet import instrument_sheet
+    from scanner_sim.validation.compare.instrument_sheet import alone, instrument_sheet
 
     scanner, preset = load_scanner(name), read_preset(name)
+    for sentence in scenario_warnings(alone(scanner)):
+        if sentence.startswith("scanner."):
+            warn(sentence)
     sheet = instrument_sheet(scanner)
-    print_table({"instrument": preset.about, **_properties(scanner, sheet)})
+    table = {"instrument": preset.about, **_properties(scanner, sheet)}
+    if picture is not None:
+        write = partial(draw_instrument, sheet, f"{name}, the instrument")
+        table["picture"] = str(write_file(picture, write, overwrite=overwrite))
+    print_table(table)
     typer.echo("")
     print_rows(list(_table(sheet)))
     typer.echo("")
@@ -66,9 +74,6 @@ def print_instrument(name: str, picture: Path | None, *, overwrite: bool) -> Non
         for at, stated in preset.stated.items()
     ]
     print_rows([("key", "value", "mark", "source"), *rows], left=(0, 1, 2, 3))
-    if picture is not None:
-        write = partial(draw_instrument, sheet, f"{name}, the instrument")
-        print_table({"picture": str(write_file(picture, write, overwrite=overwrite))})
 
 
 def print_differences(name: str, other: str) -> None:

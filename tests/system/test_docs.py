@@ -16,7 +16,7 @@ import yaml
 from typer.testing import CliRunner
 
 from scanner_sim.cli import app
-from scanner_sim.config import load_scenario, scenario_from_text
+from scanner_sim.config import load_scanner, load_scenario, scenario_from_text
 from scanner_sim.config.preset import read_preset, shipped_presets
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.products.files import contents
@@ -95,10 +95,13 @@ def test_every_example_runs(page: Path, folder: Path) -> None:
 
 
 def check_yaml(example: Example, folder: Path) -> None:
-    """A whole scenario is loaded, and kept where it has a name; a part of one is put into a small one."""
+    """A whole file is loaded, and kept where it has a name; a part of a scenario is put into a small one."""
     if example.title:
         (folder / example.title).write_text(example.text, encoding="utf-8")
-        load_scenario(folder / example.title)
+        if example.title.endswith("_scanner.yaml"):
+            load_scanner(example.title)
+        else:
+            load_scenario(example.title)
         return
     whole = yaml.safe_load(BASE) | yaml.safe_load(example.text)
     scenario_from_text(yaml.safe_dump(whole, allow_unicode=True), name=str(folder / "example.yaml"))

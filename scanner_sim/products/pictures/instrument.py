@@ -86,7 +86,7 @@ def _draw_lateral(axes: Axes, sheet: InstrumentSheet) -> None:
     axes.plot(sheet.range_m, 1e3 * sheet.spot_m, color=_LASER, label="diameter of the beam (1/e²)")
     axes.plot(sheet.range_m, 1e3 * sheet.lateral_m, color=INK, label="σ across, by the angles")
     over_range(axes, "[mm]")
-    axes.legend(loc="upper left")
+    axes.legend(loc="best")
     _heading(axes, "Across the beam", "")
 
 

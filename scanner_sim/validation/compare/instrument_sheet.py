@@ -18,8 +18,14 @@ REFLECTANCE = 0.5
 _MODES: tuple[Mode, ...] = ("triangulation", "tof", "fused")
 
 
+def alone(scanner: Scanner) -> Scenario:
+    """Return the scenario of an instrument alone: in the dark, its beam at rest, all else the defaults."""
+    still = {"rows": 1, "columns": 1, "horizontal": (0.0, 0.0), "vertical": (0.0, 0.0), "motion": "stepped"}
+    return Scenario.model_validate({"schema": 1, "scanner": scanner, "scan": still})
+
+
 def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
-    """Return what an instrument can do in the dark, its beam at rest and its settings of processing the defaults.
+    """Return what an instrument can do by itself, as :func:`alone` has it.
 
     Parameters
     ----------
@@ -28,8 +34,7 @@ def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
     count
         Ranges, evenly spaced in logarithms from the array's near end to its far one or the end of the gate.
     """
-    still = {"rows": 1, "columns": 1, "horizontal": (0.0, 0.0), "vertical": (0.0, 0.0), "motion": "stepped"}
-    scenario = Scenario.model_validate({"schema": 1, "scanner": scanner, "scan": still})
+    scenario = alone(scanner)
     forms = ClosedForms(scenario)
     gate, sensor = scanner.lidar.digitiser.gate, scanner.position_sensor
     near, far = scanner.nearest_range, scanner.farthest_range
