@@ -96,7 +96,8 @@ class NoisePeak:
         end, after = self.end(limits, spot.pixels), dr.select(lit, dr.ceil(high) + 1.0, 0.0)
         first = dr.select(strong, dr.clip(dr.floor(low) - (half + 1), 0.0, last), 0.0)
         reach = dr.select(strong, after + half, dr.maximum(dr.maximum(after, end) + half, _MOST_READ))
-        likely = Window(auto.UInt32(first) // 2 * 2, auto.UInt32(dr.minimum(reach, last)))
+        # Light that lies wholly before the first pixel leaves a negative reach.
+        likely = Window(auto.UInt32(first) // 2 * 2, auto.UInt32(dr.clip(reach, 0.0, last)))
         enough = dr.maximum(after, end) + max(half, _MOST_READ)
         every = Window(dr.zeros(auto.UInt32, dr.width(low)), auto.UInt32(dr.minimum(enough, last)))
         dr.eval(likely, every)

@@ -62,6 +62,10 @@ def instrument() -> Instrument:
 
 @pytest.fixture(scope="module")
 def lights(instrument: Instrument) -> list[tuple[Any, ...]]:
+    return lights_of(instrument)
+
+
+def lights_of(instrument: Instrument) -> list[tuple[Any, ...]]:
     """Light, shots, truth and deflections in groups; each shot's light is that of another power of the laser.
 
     The powers fill 10⁻⁴ to 10² evenly: from light that drowns in the noise to light that fills the well.
@@ -129,13 +133,7 @@ def test_what_is_measured_is_that_of_whole_lines(
     monkeypatch.setattr(Triangulation, "_expose", watched)
     statuses: set[int] = set()
     for light in lights:
-        _, signal, whole = line.sense(*light, whole=True)
-        _, _, peaks = line.sense(*light)
-        for field in fields(whole):
-            values = [getattr(found, field.name).numpy() for found in (whole, peaks)]
-            assert values[0].tobytes() == values[1].tobytes(), field.name
-        assert np.isfinite(signal.lines()).all()
-        statuses |= {int(code) for code in whole.status.numpy()}
+        statuses |= same_peaks(line, light)
     windows = [window for window in exposed if window is not None]
     pixels = sum(int(pixels_of(window).sum()) for window in windows)
     again = sum(int((pixels_of(window) > 0).sum()) for window in windows[1::2])
@@ -145,6 +143,31 @@ def test_what_is_measured_is_that_of_whole_lines(
     assert 0 < again < 0.5 * shots
     if case != "any brightness":
         assert pixels < 0.7 * shots * known.scanner.position_sensor.pixels
+
+
+def same_peaks(line: Triangulation, light: tuple[Any, ...]) -> set[int]:
+    """Check that peaks are those of whole lines; return their statuses."""
+    _, signal, whole = line.sense(*light, whole=True)
+    _, _, peaks = line.sense(*light)
+    for field in fields(whole):
+        values = [getattr(found, field.name).numpy() for found in (whole, peaks)]
+        assert values[0].tobytes() == values[1].tobytes(), field.name
+    assert np.isfinite(signal.lines()).all()
+    return {int(code) for code in whole.status.numpy()}
+
+
+def test_light_before_and_beyond_the_array_is_no_pixel_s() -> None:
+    """Claim: spots wholly before the first pixel, on the array, at its ends and beyond it are read as from whole lines.
+
+    Set-up: an array of 4.8 mm that begins 4 mm from infinity's image: the plates image at 1.4 to 10 mm, in pixels −50
+    to 120 of 96. Strong light before the array once asked for pixels of negative numbers.
+    """
+    known = scenario(scanner={"preset": "nrc_2000", "position_sensor": {"offset": 4e-3, "pixels": 96}})
+    own = Instrument(known, device="cpu")
+    statuses: set[int] = set()
+    for light in lights_of(own):
+        statuses |= same_peaks(own.triangulation, light)
+    assert {Status.VALID, Status.BELOW_THRESHOLD} <= statuses
 
 
 def pixels_of(window: Window) -> np.ndarray[Any, np.dtype[np.int64]]:
