@@ -25,8 +25,8 @@ _DULL = ("z93_white", "beta_cloth", "black_oxide", "dyed_black_anodise", "grey_r
 _SHINY = ("weathered_aluminium", "oxidised_inconel", "solar_cell")
 _STRIPES = (0.05, 0.8)
 """Reflectances of the stripes, in turn."""
-_WIDTHS = (4e-3, 30e-3)
-"""Narrowest and widest stripe [m]."""
+RANGES = (2.5, 10.0)
+"""Between which a scene's middle is drawn [m], unless others are asked for."""
 
 
 @dataclass(frozen=True)
@@ -49,6 +49,8 @@ class MixedScene:
         Of the raster.
     tilt
         Largest turn of the striped board about either axis [rad].
+    widths
+        Narrowest and widest stripe [m].
     speed
         Sideways velocity of what stands there [m/s].
     """
@@ -60,13 +62,14 @@ class MixedScene:
     side: int = 128
     motion: Literal["continuous", "stepped"] = "continuous"
     tilt: float = 0.0
+    widths: tuple[float, float] = (4e-3, 30e-3)
     speed: float = 0.0
 
     @classmethod
-    def drawn(cls, kind: Kind, seed: int, *, side: int = 128) -> Self:
+    def drawn(cls, kind: Kind, seed: int, *, side: int = 128, ranges: tuple[float, float] = RANGES) -> Self:
         """Return a scene whose range, pitch, motion and tilt are drawn too."""
         random = np.random.default_rng([seed, 99])
-        distance = float(np.exp(random.uniform(math.log(2.5), math.log(10.0))))
+        distance = float(np.exp(random.uniform(*np.log(ranges))))
         return cls(
             kind,
             seed,
@@ -152,7 +155,7 @@ def _stripes(random: np.random.Generator, scene: MixedScene) -> list[SceneKeys]:
     reach = 0.5 * wide / math.cos(turn)
     edges = [-reach]
     while edges[-1] < reach:
-        edges.append(edges[-1] + float(random.uniform(*_WIDTHS)))
+        edges.append(edges[-1] + float(random.uniform(*scene.widths)))
     objects = []
     for number, (left, right) in enumerate(itertools.pairwise(edges)):
         middle = 0.5 * (left + right)
@@ -206,6 +209,8 @@ class MixedCoverage:
         return cls(pulls[np.isfinite(pulls)], float((image.valid & hits).sum() / max(hits.sum(), 1)))
 
     def shares(self) -> tuple[float, float, float]:
-        """Return the shares within 1.96 σ, beyond 3 σ and beyond 6 σ."""
+        """Return the shares within 1.96 σ, beyond 3 σ and beyond 6 σ; NaN where there is no range."""
         size = np.abs(self.pulls)
+        if not size.size:
+            return math.nan, math.nan, math.nan
         return tuple(float(np.mean(part)) for part in (size < 1.959964, size > 3.0, size > 6.0))  # type: ignore[return-value]
