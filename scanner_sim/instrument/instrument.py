@@ -42,10 +42,12 @@ from scanner_sim.scene.files.loader import LoadedScene, load_scene
 def takes_seeds(scenario: Scenario) -> bool:
     """Return whether runs of a scenario that differ in their seeds alone can be measured together.
 
-    A background and the paths of several bounces are drawn for all shots, and waveforms are so long that sharing
-    their kernels saves little.
+    A background and the paths of several bounces are drawn for all shots, a seed of the light makes its mirrors err
+    alike in all runs, and waveforms are so long that sharing their kernels saves little.
     """
-    alone = scenario.rangefinders == ("triangulation",) and scenario.transport.bounces == 1
+    transport = scenario.transport
+    alone = scenario.rangefinders == ("triangulation",) and transport.bounces == 1
+    alone = alone and transport.light_seed is None
     return alone and scenario.lighting.sky().dark
 
 
@@ -250,9 +252,10 @@ class Instrument:
 
     def fire(self, aim: Aim, seeds: RunSeeds | None = None) -> tuple[Shots, Pointing]:
         """Return the shots of an aim as the mirrors' errors let them go, and these errors; ``seeds`` as of `read`."""
-        scanner, seed = self.scenario.scanner, self.scenario.seed if seeds is None else seeds
+        scanner, transport = self.scenario.scanner, self.scenario.transport
+        own = seeds if seeds is not None else transport.seed_of_light(self.scenario.seed)
         poses = self.loaded.poses_at(aim.time)
-        return true_shots(aim, scanner.mirrors, seed, scanner.exposure / scanner.dwell, poses)
+        return true_shots(aim, scanner.mirrors, own, scanner.exposure / scanner.dwell, poses)
 
     def deflections(
         self,
