@@ -273,15 +273,22 @@ def recorded(
     together = voxels_together(recorder.samples)
     for start in range(0, len(shots), together):
         aim = raster_aim(scenario.raster, shots[start : start + together], scenario.scanner.dwell)
-        fired = instrument.fire(aim)[0]
-        light = recorder.light(aim, fired)
-        found = where(scenario, aim) | light | recorder.signals(light, fired)
-        yield recorder.kind(found, about)
+        light = recorder.light(aim, instrument.fire(aim)[0])
+        yield recorder.kind(_where(scenario, aim) | light | drawn(instrument, recorder, aim, light), about)
         if progress is not None:
             progress(min(start + together, len(shots)), len(shots))
 
 
-def where(scenario: Scenario, aim: Aim) -> dict[str, NDArray[Any]]:
+def drawn(
+    instrument: Instrument, recorder: SignalRecorder, aim: Aim, light: Columns
+) -> dict[str, NDArray[Any]]:
+    """Return all columns of shots that noise and processing make of light, without the scene."""
+    shots, pointing = instrument.fire(aim)
+    read = instrument.deflections(aim, pointing)
+    return recorder.signals(light, shots) | {"theta_read_rad": read.theta, "phi_read_rad": read.phi}
+
+
+def _where(scenario: Scenario, aim: Aim) -> dict[str, NDArray[Any]]:
     """Return the columns that say which voxels these are."""
     row, column = np.divmod(aim.shot.astype(np.int64), scenario.raster.columns)
     return {

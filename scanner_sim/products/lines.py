@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.products.signal_set import (
     CLUSTERS,
+    READ,
     SURFACE,
     WHERE,
     SignalColumn,
@@ -19,6 +20,7 @@ from scanner_sim.products.signal_set import (
 Array = NDArray[np.float64]
 
 LINE_SIGNALS = (
+    *READ,
     SignalColumn("number", "1", "digital number of each pixel", "samples", "number"),
     SignalColumn(
         "number_off", "1", "the same of the exposure without the laser", "samples", "number", wanted=False

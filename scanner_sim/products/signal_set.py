@@ -60,6 +60,14 @@ WHERE = (
 )
 """Columns that every set begins with."""
 
+READ = (
+    SignalColumn(
+        "theta_read_rad", "rad", "what the encoder of Θ reads, by which ranges are made", "one", "f8"
+    ),
+    SignalColumn("phi_read_rad", "rad", "what the encoder of φ reads", "one", "f8"),
+)
+"""Columns of the encoders, which every set has."""
+
 SURFACE = (
     of_channel("truth.range_m"),
     of_channel("truth.object", "i4"),

@@ -7,11 +7,20 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.products.signal_set import CLUSTERS, SURFACE, WHERE, SignalColumn, SignalSet, of_channel
+from scanner_sim.products.signal_set import (
+    CLUSTERS,
+    READ,
+    SURFACE,
+    WHERE,
+    SignalColumn,
+    SignalSet,
+    of_channel,
+)
 
 Array = NDArray[np.float64]
 
 WAVEFORM_SIGNALS = (
+    *READ,
     SignalColumn(
         "number", "1", "digital number of each sample; times step_a it is the current", "samples", "number"
     ),
