@@ -20,11 +20,12 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.foundation.streams import RunSeeds, device_seeds
 from scanner_sim.instrument.background_rows import rows_about
+from scanner_sim.instrument.line_readings import ShotGroup
 from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
-from scanner_sim.instrument.triangulation import ShotGroup, Triangulation
+from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.filter import peak_transmission
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import Deflections, Layers, layers_of

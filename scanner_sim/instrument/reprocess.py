@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.config import scenario_from_text
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.photodiode.photodiode import Photodiode
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.instrument.instrument import Instrument
@@ -27,7 +28,9 @@ from scanner_sim.instrument.simulate_signals import voxel_shots
 from scanner_sim.products.files.contents import LINES, WAVEFORMS
 from scanner_sim.products.files.signal_files import read_columns, read_signals_about, voxels_together
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.lines import LineSet
 from scanner_sim.products.signal_set import WHERE, SignalAbout, SignalSet
+from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.ranging.ranges import Layers
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
@@ -35,7 +38,8 @@ from scanner_sim.scan.raster import raster_aim
 from scanner_sim.scene.objects import Scene
 
 _FILES = {"triangulation": LINES, "tof": WAVEFORMS}
-_SENSOR = [
+_KINDS: Mapping[str, type[SignalSet]] = {"triangulation": LineSet, "tof": WaveformSet}
+_SENSOR = (
     "quantum_efficiency",
     "full_well",
     "read_noise",
@@ -45,18 +49,9 @@ _SENSOR = [
     "gain",
     "bias",
     "noise",
-]
-_DIODE = [
-    "responsivity",
-    "gain",
-    "ionisation_ratio",
-    "bulk_dark_current",
-    "surface_dark_current",
-    "bandwidth",
-    "amplifier_noise",
-    "saturation",
-    "noise",
-]
+)
+_DIODE = ("response", "field_of_view", "place")
+"""Keys of the position sensor that act on light, and those of the photodiode that do not."""
 AFTER_LIGHT = (
     "seed",
     "transport.light_seed",
@@ -71,7 +66,7 @@ AFTER_LIGHT = (
     *(f"scanner.position_sensor.{key}" for key in _SENSOR),
     "scanner.lidar.pulse",
     "scanner.lidar.digitiser",
-    *(f"scanner.lidar.photodiode.{key}" for key in _DIODE),
+    *(f"scanner.lidar.photodiode.{key}" for key in Photodiode.model_fields if key not in _DIODE),
 )
 """Keys, and blocks of keys, that act on light which is kept; of the seeds those that leave the light as it is."""
 
@@ -104,7 +99,7 @@ class KeptSignals:
             If there is nothing, it is damaged or of another version, or it does not belong together.
         """
         about = {
-            name: read_signals_about(folder / file, RECORDERS[name].kind)
+            name: read_signals_about(folder / file, _KINDS[name])
             for name, file in _FILES.items()
             if (folder / file).exists()
         }
@@ -182,9 +177,8 @@ class KeptSignals:
         for start in range(0, max(count.values()), together):
             found, shots = {}, next(iter(chosen.values()))[start : start + together]
             for name, recorder in recorders.items():
-                part = next(files[name], None)
-                self._check(name, part, shots, scenario, recorder)
-                found[name] = part
+                found[name] = next(files[name], {})
+                self._check(name, found[name], shots, scenario, recorder)
             yield shots, found
         for name, rest in files.items():
             if next(rest, None) is not None:
@@ -199,13 +193,13 @@ class KeptSignals:
     def _check(
         self,
         name: str,
-        part: dict[str, NDArray[Any]] | None,
+        part: Mapping[str, NDArray[Any]],
         shots: NDArray[np.uint32],
         scenario: Scenario,
         recorder: SignalRecorder,
     ) -> None:
         """Raise an InputError where columns cannot be of the shots of a scenario."""
-        if part is None or not np.array_equal(
+        if not part or not np.array_equal(
             part["row"].astype(np.int64) * scenario.raster.columns + part["column"], shots
         ):
             raise self._other_voxels(name)
@@ -253,7 +247,7 @@ class Reprocessing:
         scenario, shots = self.scenario, self.scenario.raster.shots
         layers: Layers = {}
         with guest():
-            used = {name: self.recorders[name] for name in scenario.rangefinders}
+            used: dict[str, SignalRecorder] = {name: self.recorders[name] for name in scenario.rangefinders}
             for numbers, light in self.kept.columns(scenario, used):
                 aim = raster_aim(scenario.raster, numbers, scenario.scanner.dwell)
                 fired, pointing = self.instrument.fire(aim)

@@ -83,8 +83,13 @@ _PEAKS = {
 class SignalRecorder(Protocol):
     """Makes the columns of lines or waveforms, before an instrument's scene or without it."""
 
-    kind: type[SignalSet]
-    kept: tuple[str, ...]
+    @property
+    def kind(self) -> type[SignalSet]:
+        """What the columns make."""
+
+    @property
+    def kept(self) -> tuple[str, ...]:
+        """Names of the columns of the light."""
 
     @property
     def samples(self) -> int:
@@ -106,7 +111,7 @@ class SignalRecorder(Protocol):
 class LineRecorder:
     """Makes the columns of lines."""
 
-    kind = LineSet
+    kind: type[SignalSet] = LineSet
     kept = tuple(column.name for column in LINE_LIGHT)
 
     def __init__(self, instrument: Instrument) -> None:
@@ -187,7 +192,7 @@ class LineRecorder:
 class WaveformRecorder:
     """Makes the columns of waveforms."""
 
-    kind = WaveformSet
+    kind: type[SignalSet] = WaveformSet
     kept = tuple(column.name for column in WAVEFORM_LIGHT)
 
     def __init__(self, instrument: Instrument) -> None:
@@ -242,7 +247,7 @@ class WaveformRecorder:
         return {"start_s": clock.start, "rate_hz": clock.rate, "step_a": step}
 
 
-RECORDERS: Mapping[str, type[LineRecorder | WaveformRecorder]] = {
+RECORDERS: Mapping[str, Callable[[Instrument], SignalRecorder]] = {
     "triangulation": LineRecorder,
     "tof": WaveformRecorder,
 }

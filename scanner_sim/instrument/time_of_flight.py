@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,7 +34,7 @@ from scanner_sim.instrument.rangefinder import Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import laser_gain
 from scanner_sim.products.waveforms import WaveformSet
-from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
+from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.view import Rows
@@ -269,13 +269,12 @@ class TimeOfFlight:
         scenario = self.scenario
         late = BOUNCE_CLUSTERS if scenario.transport.bounces > 1 else 0
         light = on_device(background)
-        for index, echoes, surfaces in kept.groups(shots.number.numpy()):
-            part = echoes
+        for group in kept.groups(shots.number.numpy()):
+            part = group.light
             if scenario.scanner.laser.speckle:
-                grain = on_device(coherence[index])
-                part = speckled(
-                    echoes, late, lambda own, at=surfaces, grain=grain: self._factors(own, at, grain)
-                )
+                grain = on_device(coherence[group.index])
+                factors = partial(self._factors, surfaces=group.surfaces, coherence=grain)
+                part = speckled(part, late, factors)
             yield from self._recorded(iter([part]), light, self.detector)
 
     def expected(self, kept: KeptLight, shots: Shots) -> NDArray[np.float32]:
@@ -330,7 +329,7 @@ class TimeOfFlight:
     ) -> Reading:
         """Return ranges and layers of n shots from their delays and their background [W], shape (n,)."""
         signal = delays.signal / self.amperes_per_electron
-        layers = {
+        layers: Layers = {
             "tof.Y": signal,
             "tof.sigma_Y": np.nan_to_num(signal) / np.maximum(np.nan_to_num(delays.snr), 1.0),
             "tof.snr_detection": delays.snr,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from functools import cached_property
 
@@ -197,16 +197,16 @@ class Triangulation:
         self,
         light: Light,
         shots: Shots,
-        surfaces: Callable[[], SurfacePositions],
+        surfaces: SurfacePositions | None,
         seed: Seed,
         fixed_size: bool = False,
     ) -> LineSpeckle | None:
         """Return the speckle of shots whose beams are at positions on surfaces; None for light without."""
-        if self.speckle is None:
+        if self.speckle is None or surfaces is None:
             return None
         return line_speckle(
             light,
-            surfaces(),
+            surfaces,
             self.speckle,
             self.optics.receiver.focal_length / self.optics.pitch,
             self.travel(shots),
@@ -314,13 +314,9 @@ class Triangulation:
             All the light on the line, the signal and the peaks.
         """
         own = self.scenario.seed if seeds is None else seeds.lanes
-        speckle = self._speckle(
-            light,
-            shots,
-            lambda: surface_positions(self.loaded, self.optics, shots, truth),
-            own,
-            fixed_size,
-        )
+        grainy = self.speckle is not None
+        surfaces = surface_positions(self.loaded, self.optics, shots, truth) if grainy else None
+        speckle = self._speckle(light, shots, surfaces, own, fixed_size)
         incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
         return incident, *self._read(incident, theta, whole=whole, seeds=seeds)
 
@@ -351,22 +347,19 @@ class Triangulation:
 
         Parameters
         ----------
-        kept
-            The light of n shots.
-        shots
-            The same shots.
-        budget
-            Their light as the paper counts it, NumPy arrays of shape (n,).
-        background
-            The background's power on the pixels [W], shape (n, pixels); None in the dark.
+        kept, shots
+            The light of n shots, and the shots.
+        budget, background
+            As the paper counts it, arrays of shape (n,), and that of Sun and Earth on the pixels [W], (n, pixels).
         whole
             As of :meth:`sense`.
         """
-        for index, light, surfaces in kept.groups(shots.number.numpy()):
+        for group in kept.groups(shots.number.numpy()):
+            index, light = group.index, group.light
             own = shots.take(light.index)
             counted = LinkBudget(*(on_device(getattr(budget, field.name)[index]) for field in fields(budget)))
             power = None if background is None else on_device(background[index])
-            speckle = self._speckle(light, own, lambda surfaces=surfaces: surfaces, self.scenario.seed)
+            speckle = self._speckle(light, own, group.surfaces, self.scenario.seed)
             known = KnownBackground(power, counted)
             incident = Incident(light, own, self.columns, self.throughput, None, speckle, known)
             yield ShotGroup(incident, *self._read(incident, own.commanded, whole=whole))

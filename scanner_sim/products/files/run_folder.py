@@ -15,14 +15,12 @@ from scanner_sim.products.files.exr import write_exr
 from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.files.signal_files import write_signals
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.lines import LineSet
 from scanner_sim.products.pictures.image import draw_picture, pictures_of
 from scanner_sim.products.pictures.style import save_grey
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.settings import Output
 from scanner_sim.products.signal_set import SignalSet
 from scanner_sim.products.summary import summary_json
-from scanner_sim.products.waveforms import WaveformSet
 
 
 def write_run(
@@ -31,8 +29,8 @@ def write_run(
     output: Output | None = None,
     *,
     camera: NDArray[np.uint8] | None = None,
-    lines: Iterable[LineSet] | None = None,
-    waveforms: Iterable[WaveformSet] | None = None,
+    lines: Iterable[SignalSet] | None = None,
+    waveforms: Iterable[SignalSet] | None = None,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write all files of a run, as :func:`~scanner_sim.products.files.folder.write_folder` does.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -77,7 +78,8 @@ def read_signals(path: str | Path, kind: type[AnySet]) -> AnySet:
     """
     path, about = Path(path), read_signals_about(path, kind)
     parts = list(read_columns(path, kind, [column.name for column in kind.COLUMNS]))
-    return _guarded(path, lambda: kind.joined([kind(part, about) for part in parts]))
+    found: AnySet = _guarded(path, lambda: kind.joined([kind(part, about) for part in parts]))
+    return found
 
 
 def read_columns(
@@ -93,7 +95,7 @@ def read_columns(
         groups, step = list(range(file.num_row_groups)), max(together // _ROWS, 1)
         for start in range(0, len(groups), step):
             some = groups[start : start + step]
-            yield _guarded(path, lambda some=some: _part(file, some, wanted))
+            yield _guarded(path, partial(_part, file, some, wanted))
 
 
 def read_signals_about(path: str | Path, kind: type[SignalSet]) -> SignalAbout:

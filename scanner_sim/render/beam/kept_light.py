@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import drjit as dr
 import mitsuba as mi
@@ -27,7 +27,8 @@ _CLUSTER = ("amount", "position", "sigma", "coherence")
 _VECTORS = ("point", "along", "across", "normal")
 
 
-class KeptGroup(NamedTuple):
+@dataclass(frozen=True)
+class KeptGroup:
     """Shots whose light has as many clusters each, on the device: indices, light, and where their beams are."""
 
     index: NDArray[np.intp]
@@ -87,7 +88,8 @@ class KeptLight:
         clusters = np.zeros(n, dtype=np.int32)
         for index, light in groups:
             clusters[index] = light.count
-        first, parts = _first(clusters), {}
+        first = _first(clusters)
+        parts: dict[str, Any] = {}
         for index, light in groups:
             at = first[index] + np.arange(light.count)[:, None]
             for name in _CLUSTER:
@@ -101,7 +103,9 @@ class KeptLight:
         dr.eval(surfaces)
         return cls(
             clusters=clusters,
-            **{name: parts.get(name) for name in (*_CLUSTER, "reference")},
+            coherence=parts.get("coherence"),
+            reference=parts.get("reference"),
+            **{name: parts[name] for name in _CLUSTER[:3]},
             range=truth.distance.numpy(),
             object=truth.object.numpy().astype(np.int32),
             material=truth.material.numpy().astype(np.int32),
