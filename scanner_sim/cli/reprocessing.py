@@ -55,8 +55,7 @@ def reprocess_signals(
     kind = RUN if kept.whole else SIGNALS
     with claim_folder(target, overwrite, kind), progress_bar("processing", quiet, "voxels") as (advance, say):
         work = Reprocessing(kept, scenario, device=device)
-        parts = {name: work.parts(name) for name in kept.about}
-        lines, waveforms = parts.get("triangulation"), parts.get("tof")
+        lines, waveforms = (work.parts(name) for name in ("triangulation", "tof"))
         if kept.whole:
             image = work.image(advance)
             say("writing")

@@ -11,6 +11,7 @@ import numpy as np
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import layer_bytes
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.products.files.signal_files import voxels_together
 from scanner_sim.render.settings import LONGEST_SLOT, ROW_SPACING, slot_halvings, times_finer
 
 BATCH = 65536
@@ -23,11 +24,11 @@ JUDGED_BYTES = 290.0
 """Memory of a voxel beside its layers while its neighbours judge it, for each way of ranging; writing takes less."""
 SIGNAL_BYTES = 24.0
 """Memory of a pixel or sample of lines or waveforms that are kept and joined, with its light."""
-KEPT_BYTES = {"triangulation": 1.6, "tof": 3.5}
+KEPT_BYTES = {"triangulation": 1.0, "tof": 1.2}
 """Bytes of a pixel of a line, of a sample of a waveform, in a file in the dark."""
 LIT_BYTES = 3.5
 """Bytes of the background on a pixel in a file."""
-KEPT_VOXEL_BYTES = 140.0
+KEPT_VOXEL_BYTES = 120.0
 """Bytes of a voxel's other columns there."""
 BIN_BYTES = 220.0
 """Memory of a direction of the background: its light, what guides its filter, and their errors."""
@@ -103,7 +104,7 @@ def memory(scenario: Scenario) -> float:
     """Return roughly how much memory a run takes [byte], the program's own included."""
     if scenario.scan.layout == "visits":
         return START_BYTES + _records(scenario)
-    return START_BYTES + _layers(scenario) + _background(scenario)
+    return START_BYTES + _layers(scenario) + _background(scenario) + _signals_together(scenario)
 
 
 def check_memory(scenario: Scenario) -> None:
@@ -159,6 +160,13 @@ def disk(scenario: Scenario) -> float:
             each = KEPT_BYTES[rangefinder] + (LIT_BYTES if lit and rangefinder == "triangulation" else 0.0)
             total += count * (each * _samples(scenario, rangefinder) + KEPT_VOXEL_BYTES)
     return total
+
+
+def _signals_together(scenario: Scenario) -> float:
+    """Return the memory of lines or waveforms while a part of them is made and written [byte]."""
+    kept = {"triangulation": scenario.output.lines, "tof": scenario.output.waveforms}
+    samples = [_samples(scenario, name) for name, chosen in kept.items() if chosen != "none"]
+    return max((SIGNAL_BYTES * voxels_together(some) * some for some in samples), default=0.0)
 
 
 def _samples(scenario: Scenario, rangefinder: str) -> int:

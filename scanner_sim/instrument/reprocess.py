@@ -69,6 +69,8 @@ AFTER_LIGHT = (
     *(f"scanner.lidar.photodiode.{key}" for key in Photodiode.model_fields if key not in _DIODE),
 )
 """Keys, and blocks of keys, that act on light which is kept; of the seeds those that leave the light as it is."""
+_KEEPING = ("output.lines", "output.waveforms")
+"""Keys by which signals are kept; they may be left out where there is an image to make of all of them."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,11 @@ class KeptSignals:
         if new.seed != old.seed and new.transport.light_seed is None:
             light = {"light_seed": old.transport.seed_of_light(old.seed)}
             new = new.model_copy(update={"transport": new.transport.model_copy(update=light)})
-        faults = [_refusal(key, self.folder) for key in _changed_keys(old, new) if not _acts_after_light(key)]
+        left_out = [
+            key for key in _KEEPING if self.whole and getattr(new.output, key.split(".")[1]) == "none"
+        ]
+        keys = [key for key in _changed_keys(old, new) if key not in left_out]
+        faults = [_refusal(key, self.folder) for key in keys if not _acts_after_light(key)]
         for key in ("seed_of_light", "seed_of_background"):
             if getattr(new.transport, key)(new.seed) != getattr(old.transport, key)(old.seed):
                 faults.append(_refusal(f"transport.{key.removeprefix('seed_of_')}_seed", self.folder))
@@ -261,8 +267,13 @@ class Reprocessing:
             about = next(iter(self.kept.about.values()))
             return image_of(scenario, layers, about.objects, about.materials)
 
-    def parts(self, name: str) -> Iterator[SignalSet]:
-        """Yield the lines or waveforms of a rangefinder with other noise, part by part."""
+    def parts(self, name: str) -> Iterator[SignalSet] | None:
+        """Return the lines or waveforms of a rangefinder with other noise, part by part; None where none are wanted."""
+        output = self.scenario.output
+        chosen = output.lines if name == "triangulation" else output.waveforms
+        return None if chosen == "none" else self._parts(name)
+
+    def _parts(self, name: str) -> Iterator[SignalSet]:
         recorder, scenario = self.recorders[name], self.scenario
         said = self.kept.about[name]
         about = about_of(scenario, recorder, said.objects, said.materials)

@@ -48,7 +48,9 @@ def command(*words: object, exit_code: int = 0) -> str:
 def run(folder: Path, *overrides: str) -> Path:
     (folder / "scene.yaml").write_text(SCENE, encoding="utf-8")
     values = [word for value in overrides for word in ("--set", value)]
-    command("run", folder / "scene.yaml", "-o", folder / "run", "--device", "cpu", "-q", *values)
+    command(
+        "run", folder / "scene.yaml", "-o", folder / "run", "--device", "cpu", "-q", "--overwrite", *values
+    )
     return folder / "run"
 
 
@@ -129,6 +131,16 @@ def test_the_seed_of_the_light_leaves_the_light(tmp_path: Path) -> None:
     assert (other["cluster_px"] != before["cluster_px"]).any()
 
 
+def test_lines_may_be_left_out(tmp_path: Path) -> None:
+    """Claim: the image alone can be made again of all lines, but not of some."""
+    kept = run(tmp_path)
+    reprocess(kept, "--seed", "4", "--set", "output.lines=none")
+    assert_same(tmp_path / "again", rerun(kept))
+    assert not (tmp_path / "again" / "lines.parquet").exists()
+    some = run(tmp_path, "output.lines=[[3, 4]]", "output.compression=zip")
+    assert "output.lines" in reprocess(some, "--set", "output.lines=none", "--overwrite", exit_code=2)
+
+
 def test_some_voxels_have_lines_but_no_neighbours(tmp_path: Path) -> None:
     """Claim: of some voxels lines are made again as in a whole run, and it is said that the image is missing."""
     kept = run(tmp_path, "output.lines=[[3, 4], [0, 9], [11, 0]]")
@@ -203,7 +215,7 @@ REFUSED = {
     "scene.objects.wall.position=[0 m, 0 m, 5 m]": "scene.objects",
     "scanner.position_sensor.pitch=40 um": "scanner.position_sensor.pitch",
     "scanner.mirrors.jitter=0 rad": "scanner.mirrors.jitter",
-    "output.lines=none": "output.lines",
+    "output.lines=[[0, 0]]": "output.lines",
     "transport.light_seed=8": "transport.light_seed",
     "transport.background_seed=8": "transport.background_seed",
     LIT: "lighting.sun",
