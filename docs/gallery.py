@@ -49,14 +49,22 @@ def guide_pictures() -> None:
 
 
 def line_picture() -> None:
-    """Draw a line of the quickstart before and after noise, for the guide to kept lines."""
+    """Draw a line of a wall in weak light before and after noise, for the guide to kept lines."""
     program = [sys.executable, "-m", "scanner_sim"]
     with tempfile.TemporaryDirectory() as folder:
-        run = ["run", "configs/quickstart.yaml", "-o", f"{folder}/run", "-q", "--set", "output.pictures=false"]
+        run = [
+            "run",
+            "configs/plane.yaml",
+            "-o",
+            f"{folder}/run",
+            "-q",
+            "--set",
+            "scanner.laser.power=0.7 mW",
+        ]
         subprocess.run(program + run, cwd=ROOT, check=True)
-        show = ["show", f"{folder}/run", "--voxel", "128", "128", "-o", folder]
+        show = ["show", f"{folder}/run", "--voxel", "30", "30", "-o", folder]
         subprocess.run(program + show, cwd=ROOT, check=True)
-        shutil.copy(Path(folder, "voxel_128_128.png"), PICTURES / "line.png")
+        shutil.copy(Path(folder, "voxel_30_30.png"), PICTURES / "line.png")
 
 
 def main(names: list[str]) -> None:

@@ -264,6 +264,8 @@ def checked_columns(
                 f"the column {column.name} has the type {values.dtype} and the shape {values.shape}"
             )
         ordered[column.name] = values
+    if "status" in ordered and not np.isin(ordered["status"], list(Status)).all():
+        raise ValueError("the column status has codes that there are not")
     return ordered
 
 

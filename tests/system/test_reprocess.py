@@ -182,6 +182,20 @@ def test_charges_scatter_about_the_light(lit: tuple[str, ...]) -> None:
     assert mean_square(z)
 
 
+def test_the_truth_of_a_peak_is_where_the_light_is() -> None:
+    """Claim: with mirrors that do not err the centroid of ``laser_w`` is ``truth.peak_px``, within 0.05 pixel, on a wall.
+
+    Set-up: 8° to either side, where the wall's range, 9 m over the cosine, and eq 1 move the peak by pixels.
+    """
+    still = "scanner.mirrors={jitter: 0 rad, wobble: 0 rad, synchronisation: 0 rad}"
+    wide = "scan.horizontal=[-8 deg, 8 deg]"
+    lines = simulate_lines(scene(still, wide, "scan.motion=stepped"), [(0, 0), (0, 5), (0, 9)], device="cpu")
+    light = lines["laser_w"].astype(np.float64)
+    centroid = light @ np.arange(lines.samples) / light.sum(axis=1)
+    np.testing.assert_allclose(centroid, lines["truth.peak_px"], atol=0.05)
+    assert np.ptp(centroid) > 0.5
+
+
 def test_clusters_are_the_light_of_the_pixels() -> None:
     """Claim: the Gaussians of the file, integrated over the pixels by hand, are ``laser_w``: what users are told."""
     from scipy.special import erf

@@ -118,10 +118,18 @@ def test_digital_numbers_take_the_room_that_they_need(
     assert number_kind(whole, least, largest) == kind
 
 
+def test_samples_have_times() -> None:
+    """Claim: sample k is taken k/rate after the first, which comes at ``start_s``."""
+    time = made(WaveformSet).time
+    assert len(time) == 16
+    np.testing.assert_allclose(time[[0, 3]], [-8e-9, -5e-9])
+
+
 SPOILT: dict[str, Callable[[dict[str, NDArray[Any]]], dict[str, NDArray[Any]]]] = {
     "missing": lambda columns: {name: columns[name] for name in columns if name != "laser_w"},
     "float64": lambda columns: columns | {"laser_w": columns["laser_w"].astype(float)},
     "(5, 15)": lambda columns: columns | {"laser_w": columns["laser_w"][:, :15]},
+    "codes": lambda columns: columns | {"status": np.full(5, -1, np.int32)},
     "cluster_w": lambda columns: columns | {"cluster_w": columns["cluster_w"][1:]},
 }
 
