@@ -183,7 +183,7 @@ def test_charges_scatter_about_the_light(lit: tuple[str, ...]) -> None:
 
 
 def test_the_truth_of_a_peak_is_where_the_light_is() -> None:
-    """Claim: with mirrors that do not err the centroid of ``laser_w`` is ``truth.peak_px``, within 0.05 pixel, on a wall.
+    """Claim: with mirrors that do not err the centroid of ``laser_w`` is ``truth.peak_px`` within 0.05 pixel.
 
     Set-up: 8° to either side, where the wall's range, 9 m over the cosine, and eq 1 move the peak by pixels.
     """
