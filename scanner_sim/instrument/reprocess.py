@@ -51,7 +51,7 @@ _SENSOR = (
     "noise",
 )
 _DIODE = ("response", "field_of_view", "place")
-"""Keys of the position sensor that act on light, and those of the photodiode that do not."""
+"""Keys of the position sensor that act on light which is kept, and those of the photodiode that change it."""
 AFTER_LIGHT = (
     "seed",
     "transport.light_seed",
