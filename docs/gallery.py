@@ -48,6 +48,25 @@ def guide_pictures() -> None:
             shutil.copy(Path(folder, "lit", picture), PICTURES / f"{name}.png")
 
 
+def line_picture() -> None:
+    """Draw a line of a wall in weak light before and after noise, for the guide to kept lines."""
+    program = [sys.executable, "-m", "scanner_sim"]
+    with tempfile.TemporaryDirectory() as folder:
+        run = [
+            "run",
+            "configs/plane.yaml",
+            "-o",
+            f"{folder}/run",
+            "-q",
+            "--set",
+            "scanner.laser.power=0.7 mW",
+        ]
+        subprocess.run(program + run, cwd=ROOT, check=True)
+        show = ["show", f"{folder}/run", "--voxel", "30", "30", "-o", folder]
+        subprocess.run(program + show, cwd=ROOT, check=True)
+        shutil.copy(Path(folder, "voxel_30_30.png"), PICTURES / "line.png")
+
+
 def main(names: list[str]) -> None:
     done: dict[tuple[str, tuple[str, ...]], Path] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -72,6 +91,7 @@ def main(names: list[str]) -> None:
             shutil.copy(done[config, changes] / picture, PICTURES / f"{name}.png")
     if not names:
         guide_pictures()
+        line_picture()
 
 
 if __name__ == "__main__":

@@ -20,8 +20,10 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.foundation.status import Status
 from scanner_sim.pose.status import PoseStatus
+from scanner_sim.products.lines import LineSet
 from scanner_sim.products.shots import AIMED
 from scanner_sim.products.track import track_columns, voxel_columns
+from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.tracking.record import Track, TrackStatus
 
@@ -35,7 +37,16 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             **{picture.file: picture.meaning for channel in CHANNELS for picture in channel.pictures},
             "points.ply": "the points with intensity and σ, binary little-endian PLY",
             "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
-            "waveforms.nc": "waveforms of the voxels under `output.waveforms`, as NetCDF for xarray",
+            "lines.parquet": "lines of the voxels under `output.lines`, and the light before noise; columns below",
+            "waveforms.parquet": "the same of the waveforms under `output.waveforms`",
+        },
+    ),
+    "reprocess, of some voxels; of all as run": (
+        "SIGNALS",
+        {
+            "scenario.yaml": "the scenario with every default written out; running it gives the same bytes",
+            "lines.parquet": "lines with other noise; columns below",
+            "waveforms.parquet": "waveforms with other noise; columns below",
         },
     ),
     "run, of a scan without rows": (
@@ -350,6 +361,25 @@ def files_page() -> str:
     lines += [f"| `{channel.name}` | {channel.unit} | {_cell(channel.meaning)} |" for channel in CHANNELS]
     lines += ["", "## First columns of shots.parquet", "", "| column | unit | meaning |", "|---|---|---|"]
     lines += [f"| `{column.name}` | {column.unit} | {_cell(column.meaning)} |" for column in AIMED]
+    for kind in (LineSet, WaveformSet):
+        name = "lines" if kind is LineSet else "waveforms"
+        lines += [
+            "",
+            f"## Columns of {name}.parquet",
+            "",
+            "| column | unit | each row | meaning |",
+            "|---|---|---|---|",
+        ]
+        each = {
+            "one": "a number",
+            "samples": f"one for each {kind.SAMPLE}",
+            "vector": "x, y, z",
+            "clusters": "one for each cluster",
+        }
+        lines += [
+            f"| `{column.name}` | {column.unit} | {each[column.form]} | {_cell(column.meaning)} |"
+            for column in kind.COLUMNS
+        ]
     lines += ["", "## Status", "", "| code | name | why there is no range |", "|---|---|---|"]
     lines += [f"| {int(code)} | `{code.name}` | {code.sentence} |" for code in Status]
     lines += ["", "## Status of visits and poses", "", "| code | name | meaning |", "|---|---|---|"]

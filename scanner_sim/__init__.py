@@ -29,8 +29,9 @@ if TYPE_CHECKING:
     from scanner_sim.instrument.simulate import simulate as simulate
     from scanner_sim.instrument.simulate import simulate_many as simulate_many
     from scanner_sim.instrument.simulate import simulate_voxel as simulate_voxel
-    from scanner_sim.instrument.simulate import simulate_waveforms as simulate_waveforms
     from scanner_sim.instrument.simulate import take_photo as take_photo
+    from scanner_sim.instrument.simulate_signals import simulate_lines as simulate_lines
+    from scanner_sim.instrument.simulate_signals import simulate_waveforms as simulate_waveforms
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
     from scanner_sim.pose.filter import PoseFilter as PoseFilter
     from scanner_sim.pose.result import PoseEstimate as PoseEstimate
@@ -38,7 +39,9 @@ if TYPE_CHECKING:
     from scanner_sim.products.files.run_folder import write_run as write_run
     from scanner_sim.products.files.shots_folder import read_shots as read_shots
     from scanner_sim.products.files.shots_folder import write_shots as write_shots
+    from scanner_sim.products.files.signal_files import read_signals as read_signals
     from scanner_sim.products.image import RangeImage as RangeImage
+    from scanner_sim.products.lines import LineSet as LineSet
     from scanner_sim.products.shots import ShotTable as ShotTable
     from scanner_sim.products.track import read_track as read_track
     from scanner_sim.products.waveforms import WaveformSet as WaveformSet
@@ -50,6 +53,7 @@ __all__ = [
     "Aim",
     "InputError",
     "Instrument",
+    "LineSet",
     "PoseEstimate",
     "PoseFilter",
     "RangeImage",
@@ -69,8 +73,10 @@ __all__ = [
     "poses_of",
     "read_range_image",
     "read_shots",
+    "read_signals",
     "read_track",
     "simulate",
+    "simulate_lines",
     "simulate_many",
     "simulate_shots",
     "simulate_voxel",
@@ -86,6 +92,7 @@ _HOMES = {
     "Aim": "scanner_sim.scan.protocol",
     "InputError": "scanner_sim.foundation.errors",
     "Instrument": "scanner_sim.instrument.instrument",
+    "LineSet": "scanner_sim.products.lines",
     "PoseEstimate": "scanner_sim.pose.result",
     "PoseFilter": "scanner_sim.pose.filter",
     "RangeImage": "scanner_sim.products.image",
@@ -104,12 +111,14 @@ _HOMES = {
     "poses_of": "scanner_sim.instrument.closed_loop.poses",
     "read_range_image": "scanner_sim.products.files.exr",
     "read_shots": "scanner_sim.products.files.shots_folder",
+    "read_signals": "scanner_sim.products.files.signal_files",
     "read_track": "scanner_sim.products.track",
     "simulate": "scanner_sim.instrument.simulate",
+    "simulate_lines": "scanner_sim.instrument.simulate_signals",
     "simulate_many": "scanner_sim.instrument.simulate",
     "simulate_shots": "scanner_sim.instrument.shots",
     "simulate_voxel": "scanner_sim.instrument.simulate",
-    "simulate_waveforms": "scanner_sim.instrument.simulate",
+    "simulate_waveforms": "scanner_sim.instrument.simulate_signals",
     "take_photo": "scanner_sim.instrument.simulate",
     "track": "scanner_sim.instrument.closed_loop.track",
     "track_many": "scanner_sim.instrument.closed_loop.track",

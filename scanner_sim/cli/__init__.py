@@ -15,6 +15,8 @@ from scanner_sim.cli.options import (
     Device,
     DeviceName,
     Override,
+    Overwrite,
+    Quiet,
     Seed,
     overrides_of,
     scenario_verb,
@@ -128,6 +130,50 @@ def show(
             show_result(result, output, overwrite=overwrite)
         else:
             show_voxel(result, voxel, output, device=device.value, overwrite=overwrite)
+
+
+@app.command()
+def reprocess(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR",
+            help="Folder of a run with output.lines or output.waveforms.",
+            show_default=False,
+        ),
+    ],
+    override: Override = [],  # noqa: B006 (typer reads the default, nothing changes it)
+    seed: Seed = None,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="DIR", help="Folder of the result.", show_default="DIR with _again"
+        ),
+    ] = None,
+    device: Device = DeviceName.auto,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Draw other noise on the light of a run, or process it otherwise, without rendering it again.
+
+    Example: `scanner-sim reprocess output/quickstart --set processing.peak=gaussian --seed 2 -o output/gaussian`
+
+    The run must have kept its lines (`output.lines: all`) or waveforms. `--set` takes keys of detector and processing;
+    what changes the light is refused. The result is, byte for byte, that of a whole run with the scenario that is
+    written: with another seed that has `transport.light_seed`, since the errors of the mirrors move the light. There
+    is no `camera.png`.
+    """
+    with reported():
+        from scanner_sim.cli.reprocessing import reprocess_signals
+
+        reprocess_signals(
+            result,
+            overrides_of(override, seed),
+            output,
+            device=device.value,
+            overwrite=overwrite,
+            quiet=quiet,
+        )
 
 
 for verb in (orbit, calibrate, budget, pose_study, compare, reproduce):

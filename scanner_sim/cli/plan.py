@@ -11,6 +11,7 @@ from scanner_sim.instrument.memory import (
     background_bins,
     background_paths,
     background_rows,
+    disk,
     memory,
     patterns,
     period,
@@ -41,6 +42,9 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
         "objects": ", ".join(item.name for item in scenario.scene.objects) or "none of their own",
         "memory": f"about {memory(scenario) / 1e9:.1f} GB",
         "time": f"about {START_SECONDS + run_seconds(scenario):.0f} s on two processor cores",
+        **(
+            {"disk": f"about {size / 1e6:,.0f} MB of lines and waveforms"} if (size := disk(scenario)) else {}
+        ),
         "folder": str(folder),
         "files": ", ".join(_files(scenario)),
     }

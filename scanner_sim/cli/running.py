@@ -49,21 +49,29 @@ def run_scenario(call: Call, *, dry_run: bool) -> None:
 
 def _run_raster(scenario: Scenario, call: Call) -> None:
     # Loads the renderer: only after everything that can be refused without it.
-    from scanner_sim.instrument.simulate import simulate, simulate_waveforms, take_photo
+    from scanner_sim.instrument.simulate import simulate, take_photo
+    from scanner_sim.instrument.simulate_signals import signal_parts
     from scanner_sim.products.files.run_folder import write_run
 
-    camera = waveforms = None
+    camera = None
     with call.work("simulating", "voxels") as (advance, say):
         image = simulate(scenario, device=call.device, progress=advance)
         if scenario.output.pictures and sunlit(scenario):
             say("taking the photograph")
             camera = take_photo(scenario, device=call.device)
-        if (chosen := scenario.output.waveforms) != "none":
-            say("recording waveforms")
-            waveforms = simulate_waveforms(scenario, None if chosen == "all" else chosen, device=call.device)
         say("writing")
+        lines, waveforms = (
+            signal_parts(scenario, name, device=call.device, progress=advance)
+            for name in ("triangulation", "tof")
+        )
         paths = write_run(
-            image, call.output, scenario.output, camera=camera, waveforms=waveforms, overwrite=call.overwrite
+            image,
+            call.output,
+            scenario.output,
+            camera=camera,
+            lines=lines,
+            waveforms=waveforms,
+            overwrite=call.overwrite,
         )
     call.warn(image.warnings)
     if not call.quiet:

@@ -95,7 +95,7 @@ def show_voxel(
         pictures.append(write(folder / f"voxel_{row}_{column}.png", lambda to: draw_voxel(record, to)))
         table |= _numbers(record)
     if "tof" in scenario.rangefinders:
-        from scanner_sim.instrument.simulate import simulate_waveforms
+        from scanner_sim.instrument.simulate_signals import simulate_waveforms
         from scanner_sim.instrument.time_of_flight import fitted_pulse
         from scanner_sim.products.pictures.waveform import draw_waveform
 

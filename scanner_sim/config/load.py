@@ -112,12 +112,12 @@ def read_part(path: Path, kind: type[AnyPart], what: str) -> tuple[AnyPart, Docu
     return found, document
 
 
-def scenario_from_text(text: str, *, name: str) -> Scenario:
+def scenario_from_text(text: str, *, name: str, overrides: Sequence[str] = ()) -> Scenario:
     """Load a scenario from YAML as :func:`load_scenario` does; ``name`` says in messages where it came from.
 
     Relative paths count from the working folder.
     """
-    return _load(read_document(text), name, FROM_FILE, ())
+    return _load(read_document(text), name, FROM_FILE, overrides)
 
 
 def replaced(

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Annotated, ClassVar, Literal, TypeAlias
 
+import numpy as np
 from pydantic import Discriminator, Field, Tag
 
 from scanner_sim.config.scanner import Scanner
@@ -30,9 +31,6 @@ from scanner_sim.tracking.scan import TrackScan, resolve_targets
 
 _MOST_GREYS = 1 << 27
 """Pixels of the camera's picture: half a gigabyte, and three while it is made."""
-_MOST_SAMPLES = 1 << 28
-"""Samples of all waveforms that are kept together: a gigabyte."""
-
 
 RangefinderName: TypeAlias = Literal["triangulation", "tof"]
 _RANGEFINDERS: dict[str, tuple[RangefinderName, ...]] = {
@@ -159,8 +157,14 @@ class Scenario(Part):
         yield from self.scan.faults(self.scan_setup)
         if self.scan.layout != "visits":
             yield from self._camera_contradictions(self.scan)
-        if self.output.waveforms != "none":
-            yield from self._waveform_contradictions()
+        if self.scan.layout == "visits" and self.transport.light_seed is not None:
+            yield Fault(
+                "transport.light_seed",
+                "a run that follows targets draws its light and its noise together.",
+                "Leave it out.",
+            )
+        for key, rangefinder in (("lines", "triangulation"), ("waveforms", "tof")):
+            yield from self._kept_contradictions(key, rangefinder)
         checks = {"triangulation": self._line_contradictions, "tof": self._pulse_contradictions}
         for rangefinder in self.rangefinders:
             yield from checks[rangefinder]()
@@ -287,33 +291,17 @@ class Scenario(Part):
                 "Move the gate, or change scanner.lidar.digitiser.gate.",
             )
 
-    def _waveform_contradictions(self) -> Iterator[Fault]:
-        chosen, scan = self.output.waveforms, self.scan
+    def _kept_contradictions(self, key: str, rangefinder: str) -> Iterator[Fault]:
+        """Yield why lines or waveforms cannot be kept."""
+        chosen, scan, location = getattr(self.output, key), self.scan, f"output.{key}"
+        if chosen == "none":
+            return
         if scan.layout != "image":
             what = "a run that follows targets" if scan.layout == "visits" else f"a scan of type {scan.type}"
-            yield Fault("output.waveforms", f"{what} keeps no waveforms.", "Write none, or a raster.")
-            return
-        if "tof" not in self.rangefinders:
-            yield Fault(
-                "output.waveforms",
-                "triangulation has no waveforms.",
-                "Write ranging: tof or both, or output.waveforms: none.",
-            )
-        rows, columns = scan.rows, scan.columns
-        count = scan.shots if isinstance(chosen, str) else len(chosen)
-        samples = count * self.scanner.lidar.digitiser.samples
-        if samples > _MOST_SAMPLES:
-            yield Fault(
-                "output.waveforms",
-                f"all of them are {samples:.3g} samples; {_MOST_SAMPLES:.3g} fit in a file.",
-                "Name the voxels that are wanted, as [[0, 0], [10, 20]].",
-            )
-        if isinstance(chosen, str):
-            return
-        for row, column in chosen:
-            if not (0 <= row < rows and 0 <= column < columns):
-                yield Fault(
-                    "output.waveforms",
-                    f"voxel [{row}, {column}] lies outside of the {rows} × {columns} raster.",
-                    "Rows and columns count from 0.",
-                )
+            yield Fault(location, f"{what} keeps no {key}.", "Write none, or a raster.")
+        elif rangefinder not in self.rangefinders:
+            other = "time of flight" if rangefinder == "triangulation" else "triangulation"
+            remedy = f"Write ranging: {rangefinder} or both, or {location}: none."
+            yield Fault(location, f"{other} has no {key}.", remedy)
+        elif not isinstance(chosen, str) and (problem := scan.not_voxels(np.array(chosen).reshape(-1, 2))):
+            yield Fault(location, *problem)

@@ -20,11 +20,12 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.foundation.streams import RunSeeds, device_seeds
 from scanner_sim.instrument.background_rows import rows_about
+from scanner_sim.instrument.line_readings import ShotGroup
 from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
-from scanner_sim.instrument.triangulation import ShotGroup, Triangulation
+from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.filter import peak_transmission
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import Deflections, Layers, layers_of
@@ -42,10 +43,12 @@ from scanner_sim.scene.files.loader import LoadedScene, load_scene
 def takes_seeds(scenario: Scenario) -> bool:
     """Return whether runs of a scenario that differ in their seeds alone can be measured together.
 
-    A background and the paths of several bounces are drawn for all shots, and waveforms are so long that sharing
-    their kernels saves little.
+    A background and the paths of several bounces are drawn for all shots, a seed of the light makes its mirrors err
+    alike in all runs, and waveforms are so long that sharing their kernels saves little.
     """
-    alone = scenario.rangefinders == ("triangulation",) and scenario.transport.bounces == 1
+    transport = scenario.transport
+    alone = scenario.rangefinders == ("triangulation",) and transport.bounces == 1
+    alone = alone and transport.light_seed is None
     return alone and scenario.lighting.sky().dark
 
 
@@ -250,9 +253,10 @@ class Instrument:
 
     def fire(self, aim: Aim, seeds: RunSeeds | None = None) -> tuple[Shots, Pointing]:
         """Return the shots of an aim as the mirrors' errors let them go, and these errors; ``seeds`` as of `read`."""
-        scanner, seed = self.scenario.scanner, self.scenario.seed if seeds is None else seeds
+        scanner, transport = self.scenario.scanner, self.scenario.transport
+        own = seeds if seeds is not None else transport.seed_of_light(self.scenario.seed)
         poses = self.loaded.poses_at(aim.time)
-        return true_shots(aim, scanner.mirrors, seed, scanner.exposure / scanner.dwell, poses)
+        return true_shots(aim, scanner.mirrors, own, scanner.exposure / scanner.dwell, poses)
 
     def deflections(
         self,

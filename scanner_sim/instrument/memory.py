@@ -11,6 +11,7 @@ import numpy as np
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import layer_bytes
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.products.files.signal_files import voxels_together
 from scanner_sim.render.settings import LONGEST_SLOT, ROW_SPACING, slot_halvings, times_finer
 
 BATCH = 65536
@@ -21,8 +22,14 @@ SHOT_BYTES = 4600.0
 """Memory of a shot while its batch goes through the kernels."""
 JUDGED_BYTES = 290.0
 """Memory of a voxel beside its layers while its neighbours judge it, for each way of ranging; writing takes less."""
-WAVEFORM_BYTES = 14.0
-"""Memory of a sample of a waveform that is kept, joined and written."""
+SIGNAL_BYTES = 24.0
+"""Memory of a pixel or sample of lines or waveforms that are kept and joined, with its light."""
+KEPT_BYTES = {"triangulation": 1.0, "tof": 1.2}
+"""Bytes of a pixel of a line, of a sample of a waveform, in a file in the dark."""
+LIT_BYTES = 3.5
+"""Bytes of the background on a pixel in a file."""
+KEPT_VOXEL_BYTES = 120.0
+"""Bytes of a voxel's other columns there."""
 BIN_BYTES = 220.0
 """Memory of a direction of the background: its light, what guides its filter, and their errors."""
 _MOTION_INSTANTS = 257
@@ -97,9 +104,7 @@ def memory(scenario: Scenario) -> float:
     """Return roughly how much memory a run takes [byte], the program's own included."""
     if scenario.scan.layout == "visits":
         return START_BYTES + _records(scenario)
-    kept = scenario.open_scan.shots if scenario.output.waveforms == "all" else 0
-    shots = START_BYTES + _layers(scenario) + _background(scenario)
-    return shots + WAVEFORM_BYTES * scenario.scanner.lidar.digitiser.samples * kept
+    return START_BYTES + _layers(scenario) + _background(scenario) + _signals_together(scenario)
 
 
 def check_memory(scenario: Scenario) -> None:
@@ -135,11 +140,39 @@ def check_patterns(scenarios: Sequence[Scenario]) -> None:
     _check(sum(_records(scenario) for scenario in scenarios), runs, remedy)
 
 
-def check_waveforms(scenario: Scenario, count: int) -> None:
-    """Check that so many waveforms fit in the memory that is free; as :func:`check_shots`."""
-    samples = scenario.scanner.lidar.digitiser.samples
-    remedy = "Name fewer voxels, or shorten scanner.lidar.digitiser."
-    _check(WAVEFORM_BYTES * samples * count, f"{count:,} waveforms of {samples} samples", remedy)
+def check_signals(scenario: Scenario, rangefinder: str, count: int) -> None:
+    """Check that so many lines or waveforms fit in the memory that is free; as :func:`check_shots`."""
+    samples = _samples(scenario, rangefinder)
+    what, remedy = {
+        "triangulation": ("lines of {} pixels", "Name fewer voxels."),
+        "tof": ("waveforms of {} samples", "Name fewer voxels, or shorten scanner.lidar.digitiser."),
+    }[rangefinder]
+    _check(SIGNAL_BYTES * samples * count, f"{count:,} {what.format(samples)}", remedy)
+
+
+def disk(scenario: Scenario) -> float:
+    """Return about how large the files of lines and waveforms of a run are [byte]."""
+    total, lit = 0.0, not scenario.lighting.sky().dark
+    kept = {"triangulation": scenario.output.lines, "tof": scenario.output.waveforms}
+    for rangefinder, chosen in kept.items():
+        if chosen != "none":
+            count = scenario.raster.shots if isinstance(chosen, str) else len(chosen)
+            each = KEPT_BYTES[rangefinder] + (LIT_BYTES if lit and rangefinder == "triangulation" else 0.0)
+            total += count * (each * _samples(scenario, rangefinder) + KEPT_VOXEL_BYTES)
+    return total
+
+
+def _signals_together(scenario: Scenario) -> float:
+    """Return the memory of lines or waveforms while a part of them is made and written [byte]."""
+    kept = {"triangulation": scenario.output.lines, "tof": scenario.output.waveforms}
+    samples = [_samples(scenario, name) for name, chosen in kept.items() if chosen != "none"]
+    return max((SIGNAL_BYTES * voxels_together(some) * some for some in samples), default=0.0)
+
+
+def _samples(scenario: Scenario, rangefinder: str) -> int:
+    """Return how many pixels a line has, or samples a waveform."""
+    scanner = scenario.scanner
+    return scanner.lidar.digitiser.samples if rangefinder == "tof" else scanner.position_sensor.pixels
 
 
 def _background_step(scenario: Scenario) -> float:

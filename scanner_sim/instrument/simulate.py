@@ -1,4 +1,4 @@
-"""From a scenario to a range image, batch by batch; one voxel, waveforms, and a photograph beside the image."""
+"""From a scenario to a range image, batch by batch; one voxel, and a photograph beside the image."""
 
 from __future__ import annotations
 
@@ -14,18 +14,17 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument, takes_seeds
 from scanner_sim.instrument.lit_aims import lit_aims
-from scanner_sim.instrument.memory import BATCH, check_shots, check_waveforms
+from scanner_sim.instrument.memory import BATCH, check_shots
 from scanner_sim.instrument.neighbourhood import judge_neighbours
+from scanner_sim.instrument.simulate_signals import voxel_shots
 from scanner_sim.instrument.voxel_records import voxel_record
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.voxel import VoxelRecord
-from scanner_sim.products.waveforms import WaveformSet, concatenate_waveforms
 from scanner_sim.ranging.ranges import Layers
 from scanner_sim.render.camera import photograph
 from scanner_sim.render.device import activate
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.scan.raster import raster_aim
 from scanner_sim.scene.files.loader import LoadedScene, load_scene
 
 Progress = Callable[[int, int], None]
@@ -70,7 +69,7 @@ def simulate(
     (layers,), loaded = measure_scans(
         [scenario], device=device, progress=progress, batch=batch, threads=threads
     )
-    return _image(scenario, layers, loaded)
+    return image_of(scenario, layers, loaded.objects, loaded.materials)
 
 
 def simulate_many(
@@ -128,11 +127,14 @@ def _simulate_alike(
 ) -> list[RangeImage]:
     """Return the images of scenarios that differ in nothing but their seeds."""
     found, loaded = measure_scans(scenarios, device=device, progress=None, batch=batch, threads=threads)
-    return [_image(scenario, layers, loaded) for scenario, layers in zip(scenarios, found, strict=True)]
+    names = loaded.objects, loaded.materials
+    return [image_of(scenario, layers, *names) for scenario, layers in zip(scenarios, found, strict=True)]
 
 
-def _image(scenario: Scenario, layers: Layers, loaded: LoadedScene) -> RangeImage:
-    """Return the image of a scenario's raster from the layers of its shots."""
+def image_of(
+    scenario: Scenario, layers: Layers, objects: tuple[str, ...], materials: tuple[str, ...]
+) -> RangeImage:
+    """Return the image of a scenario's raster from the layers of its shots, with the names of what stands there."""
     scan = scenario.raster
     theta, phi = scan.angles()
     channels = {name: values.reshape(scan.rows, scan.columns) for name, values in layers.items()}
@@ -141,8 +143,8 @@ def _image(scenario: Scenario, layers: Layers, loaded: LoadedScene) -> RangeImag
         channels=channels,
         theta=theta,
         phi=phi,
-        objects=loaded.objects,
-        materials=loaded.materials,
+        objects=objects,
+        materials=materials,
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
         warnings=result_warnings(channels),
@@ -204,55 +206,9 @@ def simulate_voxel(
     """
     if "triangulation" not in scenario.rangefinders:
         raise InputError("time of flight reads no line.", remedy="Ask for the waveform instead.")
-    _check_voxel(scenario, row, column)
+    voxel_shots(scenario, [(row, column)])
     instrument = Instrument(scenario, device=device)
     return voxel_record(instrument, row, column)
-
-
-@guest()
-def simulate_waveforms(
-    scenario: Scenario,
-    voxels: Sequence[tuple[int, int]] | None = None,
-    *,
-    device: DeviceChoice = "auto",
-    threads: int | None = None,
-) -> WaveformSet:
-    """Simulate waveforms of a raster scan by time of flight: the same numbers as in the whole image.
-
-    Parameters
-    ----------
-    scenario
-        Instrument, scene, scan and processing.
-    voxels
-        Row and column of each; None takes all, row by row.
-    device, threads
-        Where to compute.
-
-    Raises
-    ------
-    InputError
-        If the scenario has no time of flight, the raster no such voxel, or the memory that is free does not hold them.
-    """
-    if "tof" not in scenario.rangefinders:
-        raise InputError("triangulation has no waveforms.", remedy="Write ranging: tof, or both.")
-    scan = scenario.raster
-    if voxels is None:
-        shots = np.arange(scan.shots, dtype=np.uint32)
-    else:
-        for row, column in voxels:
-            _check_voxel(scenario, row, column)
-        shots = np.array([row * scan.columns + column for row, column in voxels], dtype=np.uint32)
-    if not len(shots):
-        raise InputError("no voxel was named.", remedy="Name one as [row, column], or leave them out.")
-    check_waveforms(scenario, len(shots))
-    instrument = Instrument(scenario, device=device, threads=threads)
-    parts = []
-    for start in range(0, len(shots), BATCH):
-        part = shots[start : start + BATCH]
-        aim = raster_aim(scan, part, scenario.scanner.dwell)
-        rows, columns = np.divmod(part.astype(np.int32), np.int32(scan.columns))
-        parts.append(instrument.time_of_flight.records(instrument.fire(aim)[0], rows, columns))
-    return concatenate_waveforms(parts)
 
 
 @guest()
@@ -296,15 +252,6 @@ def take_photo(scenario: Scenario, *, device: DeviceChoice = "auto") -> NDArray[
         sky.earth_radius,
         seed=scenario.seed,
     ).grey
-
-
-def _check_voxel(scenario: Scenario, row: int, column: int) -> None:
-    scan = scenario.raster
-    if not (0 <= row < scan.rows and 0 <= column < scan.columns):
-        raise InputError(
-            f"voxel ({row}, {column}) lies outside of the {scan.rows} × {scan.columns} raster.",
-            remedy="Rows and columns count from 0.",
-        )
 
 
 def result_warnings(layers: dict[str, NDArray[np.float32]]) -> tuple[str, ...]:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,26 +18,31 @@ from numpy.typing import NDArray
 from scanner_sim.config.scanner import Lidar
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.photodiode.echo_speckle import echo_speckle
-from scanner_sim.detector.photodiode.photodiode import ELEMENTARY_CHARGE, Digitiser, background_power
+from scanner_sim.detector.photodiode.photodiode import (
+    ELEMENTARY_CHARGE,
+    Digitiser,
+    PhotodiodeNoise,
+    background_power,
+)
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import Waveforms, record
 from scanner_sim.foundation.channels import Channel
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.device_types import Float
-from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.rangefinder import Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import laser_gain
 from scanner_sim.products.waveforms import WaveformSet
-from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
+from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.view import Rows
+from scanner_sim.render.beam.kept_light import KeptLight, on_device, speckled
 from scanner_sim.render.beam.light import Light, Truth
 from scanner_sim.render.beam.path_projection import PathProjection
-from scanner_sim.render.beam.splitter import render_light
-from scanner_sim.render.beam.surface_positions import coherence_of, surface_positions
+from scanner_sim.render.beam.splitter import BOUNCE_CLUSTERS, render_light
+from scanner_sim.render.beam.surface_positions import SurfacePositions, coherence_of, surface_positions
 from scanner_sim.render.field_of_view import (
     Field,
     batches_of_echoes,
@@ -192,7 +197,7 @@ class TimeOfFlight:
             sky,
             rows,
             scenario.transport,
-            scenario.transport.light_seed(scenario.seed),
+            scenario.transport.seed_of_background(scenario.seed),
         )
 
     @cached_property
@@ -219,49 +224,117 @@ class TimeOfFlight:
         ``detector`` is that of an instrument that takes itself for another one than it is, ``panorama`` the background
         where it is not the raster's.
         """
-        unit, scenario = self.unit, self.scenario
-        diode, clock = unit.photodiode, unit.digitiser
+        scenario = self.scenario
         columns = scenario.scan.shots_per_row
         seen = self.panorama if panorama is None else panorama
         light = field_light(seen, self.field, shots, columns, self.collected)
-        view = PathProjection(self.optics, diode.place == "offset", diode.field_of_view)
+        light_seed = scenario.transport.seed_of_light(scenario.seed)
         speckle = self._speckle if scenario.scanner.laser.speckle else None
-        truth, echoes = render_light(self.loaded, view, scenario.transport, shots, scenario.seed, speckle)
-        detector = self.detector if detector is None else detector
-
-        def groups() -> Iterator[EchoGroup]:
-            for part, own in batches_of_echoes(echoes, light, max(1, _SAMPLES_TOGETHER // clock.samples)):
-                waveforms = record(part, part.shot, unit.pulse, diode, clock, scenario.seed, own)
-                yield EchoGroup(part.index.numpy(), waveforms, detector.detect(waveforms))
-
-        return truth, light, groups()
+        truth, echoes = render_light(self.loaded, self.view, scenario.transport, shots, light_seed, speckle)
+        return truth, light, self._recorded(echoes, light, self.detector if detector is None else detector)
 
     def _speckle(self, echoes: Light, shots: Shots, truth: Truth) -> Float:
         """Return what speckle makes of the echoes of shots whose chief rays meet something; a pulse lasts no dwell."""
+        surfaces = surface_positions(self.loaded, self.optics, shots, truth)
+        return self._factors(echoes, surfaces, coherence_of(self.loaded, truth))
+
+    def _factors(self, echoes: Light, surfaces: SurfacePositions, coherence: Float) -> Float:
         scanner = self.scenario.scanner
-        return echo_speckle(
-            echoes,
-            surface_positions(self.loaded, self.optics, shots, truth),
-            coherence_of(self.loaded, truth),
-            scanner.receiver.aperture / scanner.laser.wavelength,
-            self.scenario.seed,
-        )
+        aperture = scanner.receiver.aperture / scanner.laser.wavelength
+        return echo_speckle(echoes, surfaces, coherence, aperture, self.scenario.seed)
+
+    def keep(
+        self, shots: Shots, background: Panorama | None = None
+    ) -> tuple[KeptLight, NDArray[np.float32], NDArray[np.float32]]:
+        """Return the light of n pulses before speckle, C² of it, and their background [W], all in NumPy's memory."""
+        transport, columns = self.scenario.transport, self.scenario.scan.shots_per_row
+        seen = self.panorama if background is None else background
+        seed = transport.seed_of_light(self.scenario.seed)
+        truth, echoes = render_light(self.loaded, self.view, transport, shots, seed)
+        kept = KeptLight.of(self.loaded, self.optics, shots, truth, echoes)
+        light = field_light(seen, self.field, shots, columns, self.collected)
+        return kept, coherence_of(self.loaded, truth).numpy(), light.numpy()
+
+    def read_kept(
+        self,
+        kept: KeptLight,
+        shots: Shots,
+        coherence: NDArray[np.float32],
+        background: NDArray[np.float32],
+    ) -> Iterator[EchoGroup]:
+        """Record and time the waveforms of n shots whose light was kept, without the scene.
+
+        Arguments as :meth:`keep` returns them, and the same shots.
+        """
+        scenario = self.scenario
+        late = BOUNCE_CLUSTERS if scenario.transport.bounces > 1 else 0
+        light = on_device(background)
+        for group in kept.groups(shots.number.numpy()):
+            part = group.light
+            if scenario.scanner.laser.speckle:
+                grain = on_device(coherence[group.index])
+                factors = partial(self._factors, surfaces=group.surfaces, coherence=grain)
+                part = speckled(part, late, factors)
+            yield from self._recorded(iter([part]), light, self.detector)
+
+    def expected(self, kept: KeptLight, shots: Shots) -> NDArray[np.float32]:
+        """Return the current of kept light alone behind the electronics [A], shape (n, samples)."""
+        unit = self.unit
+        quiet = PhotodiodeNoise.model_validate(dict.fromkeys(PhotodiodeNoise.model_fields, False))
+        diode = unit.photodiode.model_copy(update={"noise": quiet})
+        step = np.float32(unit.digitiser.step(diode.saturation))
+        found = np.zeros((len(kept.clusters), unit.digitiser.samples), dtype=np.float32)
+        none = on_device(np.zeros(len(kept.clusters), dtype=np.float32))
+        echoes = (group.light for group in kept.groups(shots.number.numpy()))
+        for part, _ in batches_of_echoes(echoes, none, self._together):
+            waveforms = record(part, part.shot, unit.pulse, diode, unit.digitiser, self.scenario.seed)
+            found[part.index.numpy()] = waveforms.records() * step
+        return found
+
+    @property
+    def view(self) -> PathProjection:
+        """How the photodiode sees paths."""
+        diode = self.unit.photodiode
+        return PathProjection(self.optics, diode.place == "offset", diode.field_of_view)
+
+    @property
+    def _together(self) -> int:
+        return max(1, _SAMPLES_TOGETHER // self.unit.digitiser.samples)
+
+    def _recorded(
+        self, echoes: Iterator[Light], light: Float, detector: PulseDetector
+    ) -> Iterator[EchoGroup]:
+        """Yield the waveforms of echoes before a background [W] of all shots, and what is found in them."""
+        unit, seed = self.unit, self.scenario.seed
+        for part, own in batches_of_echoes(echoes, light, self._together):
+            waveforms = record(part, part.shot, unit.pulse, unit.photodiode, unit.digitiser, seed, own)
+            yield EchoGroup(part.index.numpy(), waveforms, detector.detect(waveforms))
 
     def measure(
         self, aim: Aim, shots: Shots, deflections: Deflections, background: Panorama | None = None
     ) -> Reading:
         """Return what it reads of n shots: see :class:`~scanner_sim.instrument.rangefinder.Rangefinder`."""
         truth, light, groups = self.listen(shots, panorama=background)
-        delays = EchoDelays.empty(len(aim.shot))
+        return self.reading(truth, self.gathered(len(aim.shot), groups), light.numpy(), deflections)
+
+    def gathered(self, count: int, groups: Iterable[EchoGroup]) -> EchoDelays:
+        """Return the delays of so many shots from their groups."""
+        delays = EchoDelays.empty(count)
         for group in groups:
             delays.fill(group.index, group.delays, self.unit.digitiser)
+        return delays
+
+    def reading(
+        self, truth: Truth, delays: EchoDelays, background: NDArray[np.float32], deflections: Deflections
+    ) -> Reading:
+        """Return ranges and layers of n shots from their delays and their background [W], shape (n,)."""
         signal = delays.signal / self.amperes_per_electron
-        layers = {
+        layers: Layers = {
             "tof.Y": signal,
             "tof.sigma_Y": np.nan_to_num(signal) / np.maximum(np.nan_to_num(delays.snr), 1.0),
             "tof.snr_detection": delays.snr,
             "tof.echoes": delays.echoes,
-            "tof.background_w": light.numpy(),
+            "tof.background_w": background,
         }
         return Reading(truth, self.ranges(delays, deflections), layers)
 
@@ -282,18 +355,6 @@ class TimeOfFlight:
             deflections,
             self.optics.axis_separation,
         )
-
-    def records(self, shots: Shots, rows: NDArray[np.int32], columns: NDArray[np.int32]) -> WaveformSet:
-        """Return the waveforms of n shots at some rows and columns of the raster, shape (n,)."""
-        clock, delays = self.unit.digitiser, EchoDelays.empty(len(rows))
-        number = np.zeros((len(rows), clock.samples), dtype=np.float32)
-        for group in self.listen(shots)[2]:
-            number[group.index] = group.waveforms.records()
-            delays.fill(group.index, group.delays, clock)
-        delays.delay[delays.status != Status.VALID] = np.nan
-        step = clock.step(self.unit.photodiode.saturation)
-        found = delays.delay, delays.sigma, delays.echoes, delays.status
-        return WaveformSet(rows, columns, number, clock.start, clock.rate, step, *found)
 
 
 def fitted_pulse(unit: Lidar, waveforms: WaveformSet, number: int) -> tuple[Array, Array] | None:

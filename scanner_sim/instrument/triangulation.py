@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +22,10 @@ from scanner_sim.detector.line.exposure import (
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.foundation.device_numbers import beside
-from scanner_sim.foundation.device_types import Float, UInt32
+from scanner_sim.foundation.device_types import Float
 from scanner_sim.foundation.streams import RunSeeds, Seed
 from scanner_sim.instrument.background_rows import scan_rows
+from scanner_sim.instrument.line_readings import LineReadings, ShotGroup
 from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import incidence, laser_gain
@@ -33,11 +33,12 @@ from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_from_peaks
 from scanner_sim.render.background.panorama import Panorama, known_panorama
 from scanner_sim.render.background.view import Rows, panorama_view
+from scanner_sim.render.beam.kept_light import KeptLight, on_device
 from scanner_sim.render.beam.light import Light, Truth
 from scanner_sim.render.beam.line_projection import LineProjection
 from scanner_sim.render.beam.splitter import render_light
-from scanner_sim.render.beam.surface_positions import surface_positions
-from scanner_sim.render.incident import Incident, LinkBudget, Throughput
+from scanner_sim.render.beam.surface_positions import SurfacePositions, surface_positions
+from scanner_sim.render.incident import Incident, KnownBackground, LinkBudget, Throughput
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.protocol import Aim
@@ -51,66 +52,6 @@ from scanner_sim.signals.line.speckle import ExpectedSpeckle
 from scanner_sim.signals.processing import Processing
 
 Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class ShotGroup:
-    """Shots of a batch that went through the sensor together, with everything on the way."""
-
-    light: Incident
-    signal: Signal
-    peaks: Peaks
-
-    @property
-    def index(self) -> NDArray[np.uint32]:
-        """Index of each shot in the batch."""
-        return np.asarray(self.light.light.index.numpy())
-
-
-@dataclass
-class LineReadings:
-    """What the line told of m shots: their peaks, and their light as the paper counts it.
-
-    Fields of :class:`~scanner_sim.signals.line.peaks.Peaks` and of :class:`~scanner_sim.render.incident.LinkBudget`, on
-    the device; in double precision of n shots, once they are gathered.
-    """
-
-    position: Float
-    sigma: Float
-    signal: Float
-    sigma_signal: Float
-    snr: Float
-    laser: Float
-    background: Float
-    background_error: Float
-    background_peak: Float
-    status: UInt32
-
-    @classmethod
-    def of(cls, peaks: Peaks, light: LinkBudget) -> LineReadings:
-        """Return those of shots that went through the sensor together."""
-        return cls(
-            peaks.position,
-            peaks.sigma,
-            peaks.signal,
-            peaks.sigma_signal,
-            peaks.snr,
-            light.laser,
-            light.background,
-            light.background_error,
-            light.background_peak,
-            peaks.status,
-        )
-
-    @classmethod
-    def gathered(cls, count: int, parts: Iterable[tuple[Any, LineReadings]]) -> LineReadings:
-        """Return those of so many shots from parts of them, each with the indices of its shots."""
-        found = cls(*(np.full(count, np.nan) for _ in fields(cls)))
-        found.status = np.zeros(count, dtype=np.uint32)
-        for index, part in parts:
-            for field in fields(cls):
-                getattr(found, field.name)[index] = getattr(part, field.name).numpy()
-        return found
 
 
 class Triangulation:
@@ -175,7 +116,7 @@ class Triangulation:
             sky,
             panorama_view(rows, self.optics, self.scenario.scanner.position_sensor.pixels),
             settings,
-            settings.light_seed(self.scenario.seed),
+            settings.seed_of_background(self.scenario.seed),
         )
 
     @property
@@ -253,14 +194,19 @@ class Triangulation:
         return ExpectedSpeckle(self.speckle, self.scenario.processing.speckle_contrast, self.travel(shots))
 
     def _speckle(
-        self, light: Light, shots: Shots, truth: Truth, fixed_size: bool, seed: Seed
+        self,
+        light: Light,
+        shots: Shots,
+        surfaces: SurfacePositions | None,
+        seed: Seed,
+        fixed_size: bool = False,
     ) -> LineSpeckle | None:
-        """Return the speckle of shots whose chief rays meet something; None for light without."""
-        if self.speckle is None:
+        """Return the speckle of shots whose beams are at positions on surfaces; None for light without."""
+        if self.speckle is None or surfaces is None:
             return None
         return line_speckle(
             light,
-            surface_positions(self.loaded, self.optics, shots, truth),
+            surfaces,
             self.speckle,
             self.optics.receiver.focal_length / self.optics.pitch,
             self.travel(shots),
@@ -274,13 +220,16 @@ class Triangulation:
     ) -> Reading:
         """Return what the line reads of n shots: see :class:`~scanner_sim.instrument.rangefinder.Rangefinder`."""
         truth, groups = self.expose(shots, background, whole=False)
+        return self.reading(truth, self.gathered(len(aim.shot), groups), deflections)
+
+    def gathered(self, count: int, groups: Iterable[ShotGroup]) -> LineReadings:
+        """Return what the line told of so many shots from their groups."""
         # All groups are launched before the first is read: the device does not wait for the host between them.
         parts = [
             (group.light.light.index, LineReadings.of(group.peaks, group.light.link_budget()))
             for group in groups
         ]
-        line = LineReadings.gathered(len(aim.shot), ((index.numpy(), told) for index, told in parts))
-        return self.reading(truth, line, deflections)
+        return LineReadings.gathered(count, ((index.numpy(), told) for index, told in parts))
 
     def reading(self, truth: Truth, line: LineReadings, deflections: Deflections) -> Reading:
         """Return ranges and layers of n shots from what the line told of all of them."""
@@ -314,7 +263,10 @@ class Triangulation:
         scenario = self.scenario
         seen = self.panorama if background is None else background
         line = LineProjection(self.optics)
-        truth, lights = render_light(self.loaded, line, scenario.transport, shots, scenario.seed)
+        transport = scenario.transport
+        truth, lights = render_light(
+            self.loaded, line, transport, shots, transport.seed_of_light(scenario.seed)
+        )
 
         def groups() -> Iterator[ShotGroup]:
             for light in lights:
@@ -361,24 +313,75 @@ class Triangulation:
         tuple
             All the light on the line, the signal and the peaks.
         """
-        scanner = self.scenario.scanner
-        sensor = scanner.position_sensor
         own = self.scenario.seed if seeds is None else seeds.lanes
-        speckle = self._speckle(light, shots, truth, fixed_size, own)
+        grainy = self.speckle is not None
+        surfaces = surface_positions(self.loaded, self.optics, shots, truth) if grainy else None
+        speckle = self._speckle(light, shots, surfaces, own, fixed_size)
         incident = Incident(light, shots, self.columns, self.throughput, panorama, speckle)
-        if whole or panorama is not None or self.dark_line is None:
+        return incident, *self._read(incident, theta, whole=whole, seeds=seeds)
+
+    def keep(self, shots: Shots, background: Panorama | None = None) -> tuple[KeptLight, Iterator[Incident]]:
+        """Return the light of n shots before speckle, in NumPy's memory, and with its background, in groups.
+
+        Together the groups hold every shot once.
+        """
+        transport, seed = self.scenario.transport, self.scenario.seed
+        line, seen = LineProjection(self.optics), self.panorama if background is None else background
+        truth, lights = render_light(self.loaded, line, transport, shots, transport.seed_of_light(seed))
+        every = list(lights)
+        kept = KeptLight.of(self.loaded, self.optics, shots, truth, every)
+        return kept, (
+            Incident(light, shots.take(light.index), self.columns, self.throughput, seen) for light in every
+        )
+
+    def read_kept(
+        self,
+        kept: KeptLight,
+        shots: Shots,
+        budget: LinkBudget,
+        background: NDArray[np.float32] | None,
+        *,
+        whole: bool = True,
+    ) -> Iterator[ShotGroup]:
+        """Expose and read lines whose light was kept, as :meth:`expose` does, without the scene.
+
+        Parameters
+        ----------
+        kept, shots
+            The light of n shots, and the shots.
+        budget, background
+            As the paper counts it, arrays of shape (n,), and that of Sun and Earth on the pixels [W], (n, pixels).
+        whole
+            As of :meth:`sense`.
+        """
+        for group in kept.groups(shots.number.numpy()):
+            index, light = group.index, group.light
+            own = shots.take(light.index)
+            counted = LinkBudget(*(on_device(getattr(budget, field.name)[index]) for field in fields(budget)))
+            power = None if background is None else on_device(background[index])
+            speckle = self._speckle(light, own, group.surfaces, self.scenario.seed)
+            known = KnownBackground(power, counted)
+            incident = Incident(light, own, self.columns, self.throughput, None, speckle, known)
+            yield ShotGroup(incident, *self._read(incident, own.commanded, whole=whole))
+
+    def _read(
+        self, incident: Incident, theta: Float, *, whole: bool, seeds: RunSeeds | None = None
+    ) -> tuple[Signal, Peaks]:
+        """Expose the line to light and find its peaks; arguments as of :meth:`sense`."""
+        scanner, light, shots = self.scenario.scanner, incident.light, incident.shots
+        sensor = scanner.position_sensor
+        if whole or incident.is_lit or self.dark_line is None:
             signal = self._expose(incident, light, seeds=seeds)
-            return incident, signal, self.find(signal, theta, shots)
+            return signal, self.find(signal, theta, shots)
         low, high, power = light.extent()
         (electrons,) = beside(power, electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure))
         charge = power * electrons
-        signal, peaks = self.dark_line.read(
+        return self.dark_line.read(
             lambda window, onto: self._expose(incident, light, window, onto, seeds),
             (low, high, charge),
             theta,
             self.expected_speckle(shots),
         )
-        return incident, signal, peaks
 
     def _expose(
         self,

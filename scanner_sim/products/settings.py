@@ -8,13 +8,13 @@ from pydantic import Discriminator, Field, Tag
 
 from scanner_sim.foundation.parts import Count, Part, Switch
 
-WaveformChoice = Annotated[
+VoxelChoice = Annotated[
     Annotated[Literal["none", "all"], Tag("(word)")]
     | Annotated[tuple[tuple[Count, Count], ...], Tag("(list)")],
     Discriminator(lambda value: "(word)" if isinstance(value, str) else "(list)"),
     Field(examples=["all"]),
 ]
-"""Voxels whose waveforms are kept: none, all, or a list of [row, column]."""
+"""Voxels whose signals are kept: none, all, or a list of [row, column]."""
 
 
 class Output(Part):
@@ -29,7 +29,10 @@ class Output(Part):
     compression: Literal["none", "rle", "zips", "zip", "piz"] = "rle"
     """Lossless compression of range.exr: ``rle`` is written four times as fast as ``zip``, whose files have two thirds
     of the size."""
-    waveforms: WaveformChoice = "none"
-    """Voxels, as [row, column], whose waveforms of time of flight go into waveforms.nc."""
+    lines: VoxelChoice = "none"
+    """Voxels, as [row, column], whose lines of the position sensor go into lines.parquet, with the light before noise:
+    ``scanner-sim reprocess`` makes other noise and ranges of it."""
+    waveforms: VoxelChoice = "none"
+    """The same for waveforms of time of flight: waveforms.parquet."""
     patterns: Switch = True
     """Of a tracking scan, write every voxel of every pattern into patterns.parquet: some 7 kB for a pattern of 128."""

@@ -79,6 +79,18 @@ class LinkBudget:
 
 
 @dataclass
+class KnownBackground:
+    """The background of m shots where it is known pixel by pixel.
+
+    ``power`` [W], a Dr.Jit array of shape (m · pixels,), the pixels of a shot side by side, or None in the dark; and
+    how the light of each shot was counted.
+    """
+
+    power: Float | None
+    budget: LinkBudget
+
+
+@dataclass
 class Incident:
     """All the light on the line of a group of m shots.
 
@@ -96,6 +108,8 @@ class Incident:
         The background, or None in the dark.
     speckle
         What multiplies the laser's light on (pixel, index of the shot), or None for light without speckle.
+    known
+        The background in the panorama's stead, where it is kept from earlier.
     """
 
     light: Light
@@ -104,9 +118,15 @@ class Incident:
     throughput: Throughput
     panorama: Panorama | None
     speckle: Callable[[UInt32, UInt32], Float] | None = None
+    known: KnownBackground | None = None
 
     def __post_init__(self) -> None:
         self.light.extent()  # here, since a loop that is being recorded can evaluate nothing
+
+    @property
+    def is_lit(self) -> bool:
+        """Whether anything but the laser lights the line."""
+        return self.panorama is not None or (self.known is not None and self.known.power is not None)
 
     def pair(self, pixel: UInt32, index: UInt32) -> tuple[Float, Float]:
         """Return the power [W] on pixels of shots by their indices, 0 to m − 1, and on the next ones.
@@ -119,11 +139,14 @@ class Incident:
             power = laser * self._at_pixel(self.throughput.laser, at)
             if self.speckle is not None:
                 power *= self.speckle(at, index)
-            found.append(power if self.panorama is None else power + self.background(at, index))
+            found.append(power + self.background(at, index) if self.is_lit else power)
         return found[0], found[1]
 
     def background(self, pixel: UInt32, index: UInt32) -> Float:
         """Return the background's power [W] alone."""
+        if self.known is not None and self.known.power is not None:
+            pixels = dr.opaque(mi.UInt32, self.throughput.pixels)
+            return dr.gather(mi.Float, self.known.power, index * pixels + pixel, pixel < pixels)
         if self.panorama is None:
             return dr.zeros(mi.Float, dr.width(pixel))
         in_band, out_of_band = (
@@ -140,8 +163,25 @@ class Incident:
         power = self.pair(pixel, indices)[0] - (0.0 if background else self.background(pixel, indices))
         return np.asarray(power.numpy(), dtype=np.float64)
 
+    def lines(self) -> tuple[NDArray[np.float32], NDArray[np.float32] | None]:
+        """Return the laser's and the background's power [W] on all pixels, each (m, pixels); no background: None.
+
+        The laser's is that before speckle.
+        """
+        m, pixels = self.light.shots, self.throughput.pixels
+        lane, width = dr.arange(mi.UInt32, m * pixels), dr.opaque(mi.UInt32, pixels)
+        index, pixel = lane // width, lane % width
+        laser = self.light.power(pixel, index) * self._at_pixel(self.throughput.laser, pixel)
+        background = self.background(pixel, index) if self.is_lit else None
+        dr.eval(laser, background)
+        return laser.numpy().reshape(m, pixels), (
+            None if background is None else background.numpy().reshape(m, pixels)
+        )
+
     def link_budget(self) -> LinkBudget:
         """Return the light of each shot as the paper counts it."""
+        if self.known is not None:
+            return self.known.budget
         light, index = self.light, dr.arange(mi.UInt32, self.light.shots)
         shots = dr.opaque(mi.UInt32, light.shots)
         last = self.throughput.pixels - 1

@@ -41,9 +41,18 @@ class Transport(Part):
     """Seed of the paths of Sun and Earth; none: the scenario's. With a number, runs of other seeds see the same light,
     with the same error, and one that follows another with the same scene, light and raster need not follow it again."""
 
-    def light_seed(self, seed: int) -> int:
+    light_seed: Count | None = Field(default=None, ge=0, lt=2**63)
+    """Seed of the light before it meets a detector: of the mirrors' errors and of all random paths; none: the
+    scenario's. With a number, runs of other seeds draw other speckle and noise on the same light, which is how
+    ``scanner-sim reprocess --seed`` writes its scenario. Runs that follow targets have none."""
+
+    def seed_of_light(self, seed: int) -> int:
+        """Return the seed of the mirrors' errors and of the laser's random paths in a scenario of a seed."""
+        return seed if self.light_seed is None else self.light_seed
+
+    def seed_of_background(self, seed: int) -> int:
         """Return the seed of the paths of Sun and Earth in a scenario of a seed."""
-        return seed if self.background_seed is None else self.background_seed
+        return self.seed_of_light(seed) if self.background_seed is None else self.background_seed
 
 
 def slot_halvings(speed: float, step: float) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +65,28 @@ class RasterScan(Part):
     def angles(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return Θ of the columns, shape (columns,), and φ of the rows, shape (rows,) [rad]."""
         return _steps(self.horizontal, self.columns), _steps(self.vertical, self.rows)
+
+    def not_voxels(self, voxels: NDArray[Any]) -> tuple[str, str] | None:
+        """Return what is wrong with a list of voxels and its remedy; None where nothing is.
+
+        Parameters
+        ----------
+        voxels
+            Rows and columns, shape (n, 2).
+        """
+        if not len(voxels):
+            return "no voxel was named.", "Name some as [row, column]."
+        outside = ((voxels < 0) | (voxels >= (self.rows, self.columns))).any(axis=1)
+        if outside.any():
+            row, column = voxels[np.argmax(outside)]
+            problem = f"voxel ({row}, {column}) lies outside of the {self.rows} × {self.columns} raster."
+            return problem, "Rows and columns count from 0."
+        number, times = np.unique(voxels[:, 0] * self.columns + voxels[:, 1], return_counts=True)
+        if (times > 1).any():
+            row, column = divmod(int(number[np.argmax(times)]), self.columns)
+            problem = f"voxel ({row}, {column}) is named more than once."
+            return problem, "Name each once; other noise of the same light has another seed."
+        return None
 
     def row_times(self, dwell: float) -> NDArray[np.float64]:
         """Return the middle of each row since the start [s], shape (rows,), for a dwell [s] on every voxel."""

@@ -23,7 +23,20 @@ ODD: tuple[Any, ...] = (
     "$\\frac{", [], {}, [[]], {"a": 1}, "é" * 3000,
 )  # fmt: skip
 COUNTS = (-1, 0, 1, 2, 3, 255, 2**15, 2**24, 2**31 - 1, -(2**31), 2**32 - 1)
-KINDS = ("exr", "exr", "exr", "nc", "nc", "track", "track", "patterns", "pose", "compare", "csv", "reproduce")
+KINDS = (
+    "exr",
+    "exr",
+    "exr",
+    "lines",
+    "waveforms",
+    "track",
+    "track",
+    "patterns",
+    "pose",
+    "compare",
+    "csv",
+    "reproduce",
+)
 
 
 def write_originals(folder: Path) -> None:
@@ -32,18 +45,24 @@ def write_originals(folder: Path) -> None:
     from scanner_sim.instrument.closed_loop.poses import poses_of
     from scanner_sim.instrument.closed_loop.track import track_of
     from scanner_sim.instrument.closed_loop.tracker import Tracker
-    from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+    from scanner_sim.instrument.simulate import simulate
+    from scanner_sim.instrument.simulate_signals import signal_parts
     from scanner_sim.products.files.exr import write_exr
+    from scanner_sim.products.files.signal_files import write_signals
     from scanner_sim.products.files.track_folder import write_track
     from scanner_sim.products.settings import Output
-    from scanner_sim.products.waveforms import write_waveforms
 
-    small = ["scan.rows=8", "scan.columns=6", "output.waveforms=none"]
+    some = "[[0, 0], [3, 3], [7, 5]]"
+    small = ["scan.rows=8", "scan.columns=6", f"output.lines={some}", f"output.waveforms={some}"]
     scenario = load_scenario(REPOSITORY / "configs/tof_both.yaml", small)
     image = simulate(scenario, device="cpu")
     for kind in ("zip", "rle", "piz", "none"):
         write_exr(folder / f"{kind}.exr", image, kind)  # type: ignore[arg-type]
-    write_waveforms(folder / "waveforms.nc", simulate_waveforms(scenario, [(0, 0), (3, 3)], device="cpu"))
+    (folder / "kept").mkdir()
+    for name, file in (("triangulation", "lines"), ("tof", "waveforms")):
+        parts = signal_parts(scenario, name, device="cpu")
+        assert parts is not None
+        write_signals(folder / "kept" / f"{file}.parquet", parts)
     moving = load_scenario(REPOSITORY / "configs/track_moving.yaml", ["scan.pattern.points=32"])
     tracker = Tracker(moving, device="cpu")
     found = track_of(tracker.scenario, tuple(record for record, _ in zip(tracker, range(16), strict=False)))
@@ -198,38 +217,54 @@ def _strange_exr(rng: random.Random, path: Path) -> None:
     OpenEXR.File(header, {"status": values, "Y": values}).write(str(path))
 
 
-def _nc(rng: random.Random, originals: Path, folder: Path) -> Path:
-    """Change bytes of the header, sizes or names; or write the set again without a variable, or with odd numbers."""
-    path = folder / "waveforms.nc"
-    content = (originals / "waveforms.nc").read_bytes()
-    if rng.random() < 0.6:
-        data = bytearray(spoilt(rng, content) if rng.random() < 0.4 else content)
-        for _ in range(rng.choice((1, 1, 2))):
-            at = 4 * rng.randrange(1, max(min(len(data), 1800) // 4 - 1, 2))
-            data[at : at + 4] = struct.pack(">I", rng.choice(COUNTS) % 2**32)
-        path.write_bytes(bytes(data))
-        return path
-    import xarray
+def _signals(name: str) -> Callable[[random.Random, Path, Path], Path]:
+    """Change bytes of lines or waveforms, or write them again with odd or missing columns, rows or metadata."""
 
-    data_set = xarray.load_dataset(originals / "waveforms.nc", engine="scipy", decode_cf=False)
-    name = rng.choice([str(name) for name in data_set.variables])
-    if (edit := rng.random()) < 0.3:
-        data_set = data_set.drop_vars(name)
-    elif edit < 0.6:
-        key = rng.choice(sorted(data_set.attrs))
-        data_set.attrs[key] = rng.choice((-1.0, 0.0, math.nan, math.inf, 1e300, "x", np.array([1.0, 2.0])))
-        if rng.random() < 0.2:
-            del data_set.attrs[key]
-    else:
-        kind = data_set[name].dtype
-        odd = (
-            rng.choice((-1, 0, 1, 99, 2**15 - 1))
-            if kind.kind in "iu"
-            else rng.choice((math.nan, math.inf, 1e300))
-        )
-        data_set[name].values.flat[rng.randrange(max(data_set[name].size, 1))] = odd
-    data_set.to_netcdf(path, engine="scipy", format="NETCDF3_64BIT")
-    return path
+    def write(rng: random.Random, originals: Path, folder: Path) -> Path:
+        kept = folder / "kept"
+        shutil.copytree(originals / "kept", kept)
+        path = kept / f"{name}.parquet"
+        if (edit := rng.random()) < 0.4:
+            path.write_bytes(spoilt(rng, path.read_bytes()))
+        elif edit < 0.5:
+            (kept / "scenario.yaml").write_text(rng.choice(("", "schema: 1", "\x00")))
+        else:
+            _values_of_signals(rng, path)
+        return kept
+
+    return write
+
+
+def _values_of_signals(rng: random.Random, path: Path) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    table = pyarrow.parquet.read_table(path)
+    about = json.loads(table.schema.metadata[b"scanner_sim"])
+    for _ in range(rng.choice((1, 1, 2))):
+        edit, at = rng.random(), rng.randrange(table.num_columns)
+        name, column = table.column_names[at], table.column(at).combine_chunks()
+        if edit < 0.15:
+            table = table.remove_column(at)
+        elif edit < 0.3:
+            table = table.slice(0, rng.choice((0, 1, 2)))
+        elif edit < 0.7:
+            values = column.to_pylist()
+            odd: Any = rng.choice((math.nan, math.inf, -1.0, 0.0, 1e30, -1e30, 7.0, 2.0**31 - 1))
+            row = rng.randrange(max(len(values), 1))
+            if values and isinstance(values[row], list):
+                values[row][rng.randrange(len(values[row]) or 1) : 1] = [odd] * rng.choice((1, 1, 300))
+            elif values:
+                values[row] = odd if isinstance(values[row], float) or not math.isfinite(odd) else int(odd)
+            try:
+                changed = pyarrow.array(values, column.type if rng.random() < 0.7 else None)
+            except (pyarrow.ArrowException, TypeError, ValueError, OverflowError):
+                continue
+            table = table.set_column(at, name, changed)
+        else:
+            about = _odd_within(rng, about)
+    table = table.replace_schema_metadata({b"scanner_sim": json.dumps(about).encode()})
+    pyarrow.parquet.write_table(table, path, compression=rng.choice(("zstd", "snappy", "none")))
 
 
 def _table(name: str) -> Callable[[random.Random, Path, Path], Path]:
@@ -392,7 +427,8 @@ def _bomb() -> str:
 
 _WRITERS: dict[str, Callable[[random.Random, Path, Path], Path]] = {
     "exr": _exr,
-    "nc": _nc,
+    "lines": _signals("lines"),
+    "waveforms": _signals("waveforms"),
     "track": _table("track.parquet"),
     "patterns": _table("patterns.parquet"),
     "pose": _table("pose.parquet"),

@@ -14,8 +14,8 @@ def open_result(path: Path, *, pictures: bool) -> None:
     match path.name:
         case "range.exr":
             _image(path, pictures)
-        case "waveforms.nc":
-            _waveforms(path, pictures)
+        case "kept":
+            _kept(path, pictures)
         case "run":
             _track(path, pictures)
         case "compare.json":
@@ -41,13 +41,23 @@ def _image(path: Path, pictures: bool) -> None:
             show_voxel(path, (1, 2), path.parent / "out", device="cpu", overwrite=True)
 
 
-def _waveforms(path: Path, pictures: bool) -> None:
+def _kept(folder: Path, pictures: bool) -> None:
+    from scanner_sim.cli.reprocessing import reprocess_signals
+    from scanner_sim.products.files.signal_files import read_signals
+    from scanner_sim.products.lines import LineSet
     from scanner_sim.products.pictures.waveform import draw_waveform
-    from scanner_sim.products.waveforms import read_waveforms
+    from scanner_sim.products.waveforms import WaveformSet
 
-    waveforms = read_waveforms(path)
-    if pictures and len(waveforms.row):
-        draw_waveform(path.with_name("w.png"), waveforms, 0, None)
+    if (folder / "lines.parquet").exists():
+        lines = read_signals(folder / "lines.parquet", LineSet)
+        repr((lines, lines.charge, lines.expected, lines.to_xarray()))
+    if (folder / "waveforms.parquet").exists():
+        waveforms = read_signals(folder / "waveforms.parquet", WaveformSet)
+        repr(waveforms.to_xarray())
+        if pictures:
+            draw_waveform(folder / "w.png", waveforms, 0, None)
+    if pictures:
+        reprocess_signals(folder, ["seed=2"], folder.parent / "out", device="cpu", overwrite=True, quiet=True)
 
 
 def _track(folder: Path, pictures: bool) -> None:

@@ -30,7 +30,8 @@ from scanner_sim.foundation.errors import (
 from scanner_sim.instrument import memory
 from scanner_sim.instrument.closed_loop.saved_state import first_state, load_state, save_state
 from scanner_sim.instrument.closed_loop.track import track
-from scanner_sim.instrument.simulate import simulate, simulate_waveforms
+from scanner_sim.instrument.simulate import simulate
+from scanner_sim.instrument.simulate_signals import simulate_waveforms
 from scanner_sim.products.files.contents import RUN
 from scanner_sim.products.files.folder import check_target
 from scanner_sim.products.track import read_track

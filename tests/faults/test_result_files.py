@@ -6,6 +6,7 @@ import json
 import os
 import struct
 import time
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
@@ -16,11 +17,12 @@ from scanner_sim.config import load_scenario
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.instrument.closed_loop.tracker import Tracker
 from scanner_sim.products.files.exr import read_range_image, write_exr
+from scanner_sim.products.files.signal_files import read_signals
 from scanner_sim.products.files.tables import check_columns, read_parquet, write_parquet
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pictures.image import about
 from scanner_sim.products.pictures.pattern import _ellipse
-from scanner_sim.products.waveforms import read_waveforms
+from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.tracking.record import TrackStatus
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -65,7 +67,7 @@ def test_an_image_that_claims_what_it_is_not(
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes with names")
-@pytest.mark.parametrize("read", [read_range_image, read_waveforms, read_parquet])
+@pytest.mark.parametrize("read", [read_range_image, partial(read_signals, kind=WaveformSet), read_parquet])
 def test_a_pipe_is_no_result(tmp_path: Path, read: object) -> None:
     os.mkfifo(tmp_path / "pipe")
     assert callable(read)
@@ -113,15 +115,18 @@ def test_columns_are_of_their_kinds() -> None:
             check_columns(columns, kinds)  # type: ignore[arg-type]
 
 
-def test_waveforms_without_a_variable(tmp_path: Path) -> None:
-    import xarray
-
-    data = xarray.Dataset(
-        {"row": ("voxel", np.zeros(2, np.int32))}, attrs={"title": "scanner-sim waveforms, 1"}
-    )
-    data.to_netcdf(tmp_path / "w.nc", engine="scipy", format="NETCDF3_64BIT")
-    with pytest.raises(InputError, match="the variable column is missing"):
-        read_waveforms(tmp_path / "w.nc")
+def test_waveforms_without_a_column(tmp_path: Path) -> None:
+    about = {
+        "form": WaveformSet.FORM,
+        "scenario": "",
+        "objects": [],
+        "materials": [],
+        "numbers": {},
+        "made_by": {},
+    }
+    write_parquet(tmp_path / "w.parquet", {"row": np.zeros(2, np.int32)}, about)
+    with pytest.raises(InputError, match="the column column is missing"):
+        read_signals(tmp_path / "w.parquet", WaveformSet)
 
 
 def test_a_comparison_of_other_types(tmp_path: Path) -> None:

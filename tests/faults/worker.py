@@ -56,13 +56,15 @@ def shrunk(scenario: Scenario) -> Scenario:
     scan = scenario.scan
     if isinstance(scan, RasterScan):
         rows, columns = min(scan.rows, 4), min(scan.columns, 4)
-        kept = scenario.output.waveforms
-        if not isinstance(kept, str):
-            kept = (
-                tuple((row, column) for row, column in kept[:2] if row < rows and column < columns) or "none"
-            )
+        kept = {
+            name: chosen
+            if isinstance(chosen := getattr(scenario.output, name), str)
+            else tuple((row, column) for row, column in chosen[:2] if row < rows and column < columns)
+            or "none"
+            for name in ("lines", "waveforms")
+        }
         changes["scan"] = scan.model_copy(update={"rows": rows, "columns": columns})
-        changes["output"] = scenario.output.model_copy(update={"waveforms": kept})
+        changes["output"] = scenario.output.model_copy(update=kept)
     else:
         least = max(32, 8 * max(scan.pattern.cycles))
         points = min(scan.pattern.points, least)
@@ -92,21 +94,19 @@ def open_scenario(path: Path, overrides: list[str], *, thorough: bool, pictures:
 def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
     from scanner_sim.cli.plan import sunlit
     from scanner_sim.instrument.closed_loop.poses import poses_of
-    from scanner_sim.instrument.simulate import simulate, simulate_waveforms, take_photo
+    from scanner_sim.instrument.simulate import simulate, take_photo
+    from scanner_sim.instrument.simulate_signals import signal_parts
     from scanner_sim.products.files.run_folder import write_run
     from scanner_sim.products.files.track_folder import write_track
 
     output = scenario.output.model_copy(update={"pictures": pictures})
     if isinstance(scenario.scan, RasterScan):
         image = simulate(scenario, device="cpu", threads=1)
-        waveforms = camera = None
-        if (chosen := scenario.output.waveforms) != "none":
-            waveforms = simulate_waveforms(
-                scenario, None if chosen == "all" else chosen, device="cpu", threads=1
-            )
+        camera = None
+        lines, waveforms = (signal_parts(scenario, name, device="cpu") for name in ("triangulation", "tof"))
         if pictures and sunlit(scenario):
             camera = take_photo(scenario, device="cpu")
-        write_run(image, folder, output, camera=camera, waveforms=waveforms)
+        write_run(image, folder, output, camera=camera, lines=lines, waveforms=waveforms)
         return
     tracker = Tracker(scenario, device="cpu", threads=1)
     records = tuple(record for record, _ in zip(tracker, range(VISITS), strict=False))

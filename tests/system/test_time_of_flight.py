@@ -20,14 +20,16 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import MEASURED_BY, channels_by
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.simulate import simulate_voxel, simulate_waveforms
+from scanner_sim.instrument.simulate import simulate_voxel
+from scanner_sim.instrument.simulate_signals import simulate_waveforms
 from scanner_sim.instrument.time_of_flight import fitted_pulse
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import peak_transmission
 from scanner_sim.products.files.contents import planned_files
 from scanner_sim.products.files.exr import read_range_image
+from scanner_sim.products.files.signal_files import read_signals
 from scanner_sim.products.image import RangeImage
-from scanner_sim.products.waveforms import read_waveforms
+from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.ranging.fusion import crossing_distance
 from scanner_sim.ranging.time_of_flight import range_from_delay
 
@@ -294,7 +296,7 @@ def test_the_command_line_writes_waveforms_and_draws_them(repo_root: Path, tmp_p
         run = ["run", str(repo_root / "configs" / f"{name}.yaml"), "-o", str(out), "--device", "cpu"]
         result = CliRunner().invoke(app, run + size)
         assert result.exit_code == 0, result.output
-        waveforms = read_waveforms(out / "waveforms.nc")
+        waveforms = read_signals(out / "waveforms.parquet", WaveformSet)
         assert list(zip(waveforms.row, waveforms.column, strict=True)) == [(3, 4), (9, 11)]
         image = read_range_image(out / "range.exr")
         for number, (row, column) in enumerate(zip(waveforms.row, waveforms.column, strict=True)):

@@ -21,8 +21,8 @@ from scanner_sim.foundation.device_types import Float, UInt32, UInt64
 from scanner_sim.foundation.streams import RunSeeds, device_seeds
 from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows
 from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.instrument.line_readings import LineReadings
 from scanner_sim.instrument.samples import Samples
-from scanner_sim.instrument.triangulation import LineReadings
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.beam.pattern import chief_beamlet, pattern_light
 from scanner_sim.render.beam.pattern_shots import fired_shots, packed_shots

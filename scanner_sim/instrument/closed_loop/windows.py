@@ -135,7 +135,7 @@ class Windows:
         corner = window_position(first * self.step, first_row * self.row_step, rows, bins)
         poses = loaded.poses_at(middle((slot, halvings))) if loaded.bodies else ()
         scenario = self._instrument.scenario
-        seed = device_seeds([scenario.transport.light_seed(scenario.seed)])
+        seed = device_seeds([scenario.transport.seed_of_background(scenario.seed)])
         return [*corner, *self._renderer(rows, bins)(reads, corner[:2], poses, seed)]
 
     def _renderer(self, rows: int, bins: int) -> Frozen:

@@ -25,11 +25,14 @@ TIMED_PICTURES = tuple(
 LIT_PICTURES = (*(picture.file for _, picture in _DRAWN if picture.sunlit), "camera.png")
 """Pictures that a run adds where the Sun shines."""
 
-WAVEFORMS = "waveforms.nc"
-"""The waveforms of time of flight, where the scenario asks for some."""
+LINES, WAVEFORMS = "lines.parquet", "waveforms.parquet"
+"""Lines of the position sensor and waveforms of time of flight, where the scenario asks for some."""
 
-RUN = ResultFolder("range.exr", (*FILES, *TIMED_PICTURES, *LIT_PICTURES, WAVEFORMS))
+RUN = ResultFolder("range.exr", (*FILES, *TIMED_PICTURES, *LIT_PICTURES, LINES, WAVEFORMS))
 """The folder of a run."""
+
+SIGNALS = ResultFolder("scenario.yaml", ("scenario.yaml", LINES, WAVEFORMS))
+"""The folder of some lines and waveforms that were processed again."""
 
 SHOT_TABLE = "shots.parquet"
 
@@ -115,7 +118,8 @@ def planned_files(
     drawn |= {"camera.png"} if lit else set()
     left_out = {*PICTURES, *TIMED_PICTURES, *LIT_PICTURES} - (drawn if output.pictures else set())
     left_out |= set() if output.points else {"points.ply"}
-    left_out |= {WAVEFORMS} if output.waveforms == "none" else set()
+    kept = {LINES: output.lines, WAVEFORMS: output.waveforms}
+    left_out |= {name for name, chosen in kept.items() if chosen == "none"}
     return tuple(name for name in RUN.files if name not in left_out)
 
 

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.products.files.contents import RUN, WAVEFORMS, planned_files
+from scanner_sim.products.files.contents import LINES, RUN, WAVEFORMS, planned_files
 from scanner_sim.products.files.exchange import Writers
 from scanner_sim.products.files.exr import write_exr
 from scanner_sim.products.files.folder import write_folder, write_text
+from scanner_sim.products.files.signal_files import write_signals
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pictures.image import draw_picture, pictures_of
 from scanner_sim.products.pictures.style import save_grey
 from scanner_sim.products.points import write_ply
 from scanner_sim.products.settings import Output
+from scanner_sim.products.signal_set import SignalSet
 from scanner_sim.products.summary import summary_json
-from scanner_sim.products.waveforms import WaveformSet, write_waveforms
 
 
 def write_run(
@@ -28,7 +29,8 @@ def write_run(
     output: Output | None = None,
     *,
     camera: NDArray[np.uint8] | None = None,
-    waveforms: WaveformSet | None = None,
+    lines: Iterable[SignalSet] | None = None,
+    waveforms: Iterable[SignalSet] | None = None,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
     """Write all files of a run, as :func:`~scanner_sim.products.files.folder.write_folder` does.
@@ -43,8 +45,8 @@ def write_run(
         Which files; by default all.
     camera
         Grey levels of what a video camera sees, shape (rows, columns), for ``camera.png``; None writes none.
-    waveforms
-        Records of time of flight for ``waveforms.nc``; None writes none.
+    lines, waveforms
+        Parts of ``lines.parquet`` and of ``waveforms.parquet``, each written as it comes; None writes none.
     overwrite
         Replace an existing result.
 
@@ -60,12 +62,15 @@ def write_run(
     RunError
         If the disk is full or fails.
     """
-    writers = _writers(image, output or Output(), camera, waveforms)
+    writers = _writers(image, output or Output(), camera, {LINES: lines, WAVEFORMS: waveforms})
     return write_folder(folder, RUN, writers, overwrite=overwrite)
 
 
 def _writers(
-    image: RangeImage, output: Output, camera: NDArray[np.uint8] | None, waveforms: WaveformSet | None
+    image: RangeImage,
+    output: Output,
+    camera: NDArray[np.uint8] | None,
+    signals: Mapping[str, Iterable[SignalSet] | None],
 ) -> Writers:
     """Return what writes the files of a run."""
     writers: dict[str, Callable[[Path], None]] = {
@@ -78,7 +83,11 @@ def _writers(
         writers |= {name: partial(draw_picture, image, name) for name in pictures_of(image)}
         if camera is not None:
             writers["camera.png"] = lambda path: save_grey(camera, path)
-    if waveforms is not None:
-        writers[WAVEFORMS] = lambda path: write_waveforms(path, waveforms)
+    writers |= signal_writers(signals)
     ordered = planned_files(output, lit=True, rangefinders=("triangulation", "tof"))
     return {name: writers[name] for name in ordered if name in writers}
+
+
+def signal_writers(signals: Mapping[str, Iterable[SignalSet] | None]) -> Writers:
+    """Return what writes lines and waveforms, by the names of their files; None stands for none."""
+    return {name: partial(write_signals, parts=parts) for name, parts in signals.items() if parts is not None}

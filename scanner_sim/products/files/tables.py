@@ -31,7 +31,7 @@ Columns: TypeAlias = Mapping[str, Column]
 Table: TypeAlias = dict[str, Column]
 """Columns by name, of a table that is being made."""
 
-_ABOUT = b"scanner_sim"
+ABOUT = b"scanner_sim"
 """Key of the metadata that hold what the table is about."""
 
 
@@ -99,7 +99,7 @@ def write_parquet(path: Path, columns: Columns, about: Mapping[str, object]) -> 
     """
     table = pyarrow.table({name: _array(values) for name, values in columns.items()})
     read_about = json.dumps(about, ensure_ascii=False, allow_nan=False)
-    table = table.replace_schema_metadata({_ABOUT: read_about.encode()})
+    table = table.replace_schema_metadata({ABOUT: read_about.encode()})
     # Through memory: on a full disk the error is then the operating system's, with its code.
     stream = io.BytesIO()
     pyarrow.parquet.write_table(table, stream, compression="zstd")
@@ -119,7 +119,7 @@ def read_parquet(path: Path) -> tuple[Table, object]:
         # One thread reads in one order: a broken file is then refused for the same reason each time.
         file = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(content))
         schema = file.schema_arrow
-        about = json.loads((schema.metadata or {})[_ABOUT])
+        about = json.loads((schema.metadata or {})[ABOUT])
         _check_size(file.metadata, schema)
         # Texts as they are packed, each once: a hundred kilobytes may stand for twenty gigabytes of them.
         words = [field.name for field in schema if pyarrow.types.is_string(field.type)]

@@ -31,7 +31,7 @@ from scanner_sim.scene.files.loader import LoadedScene
 
 CLUSTERS = 16
 """Clusters that a shot on an edge keeps."""
-_BOUNCE_CLUSTERS = 64
+BOUNCE_CLUSTERS = 64
 """Clusters of the light that met several surfaces; it may cover the whole line, or the whole record."""
 _BATCH = 1 << 22
 """Beamlets, or surface points of random paths, that are traced together: bounds the memory."""
@@ -173,7 +173,7 @@ def _with_bounces(
             loaded, projection, beamlets, settings.bounces, own, seed, reference=part.reference
         )
         every = dr.arange(mi.UInt32, part.shots)
-        late = cluster(spots, every, points, _BOUNCE_CLUSTERS, projection.resolution)
+        late = cluster(spots, every, points, BOUNCE_CLUSTERS, projection.resolution)
         yield part.join(Light(part.index, part.shot, *late, part.reference))
 
 

@@ -1,0 +1,177 @@
+"""Lines and waveforms in files and in pictures."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow.parquet
+import pytest
+from numpy.typing import NDArray
+
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.products.files.signal_files import read_columns, read_signals, write_signals
+from scanner_sim.products.grey import range_levels
+from scanner_sim.products.lines import LineSet
+from scanner_sim.products.pictures.waveform import draw_waveform
+from scanner_sim.products.signal_set import CLUSTERS, SignalAbout, SignalSet, number_kind
+from scanner_sim.products.waveforms import WaveformSet
+
+NUMBERS = {
+    LineSet: {
+        **{
+            "pitch_m": 50e-6,
+            "offset_m": 1e-3,
+            "bias": 64.0,
+            "electrons_per_number": 700.0,
+            "dark_electron": 1000.0,
+        },
+        **{"off_scale": 0.0, "electrons_per_watt": 3e14},
+    },
+    WaveformSet: {"start_s": -8e-9, "rate_hz": 1e9, "step_a": 3e-8},
+}
+
+
+def made(kind: type[SignalSet], rows: int = 5, samples: int = 16, **other: NDArray[Any]) -> Any:
+    """Return a set whose columns are all different, without those that not every set has."""
+    random = np.random.default_rng(1)
+    clusters = random.integers(1, 4, rows).astype(np.int32)
+    columns: dict[str, NDArray[Any]] = {}
+    for column in kind.COLUMNS:
+        if not column.wanted:
+            continue
+        shape: Any = {"one": rows, "vector": (rows, 3), "samples": (rows, samples)}.get(
+            column.form, int(clusters.sum())
+        )
+        sort = "u2" if column.kind == "number" else column.kind
+        columns[column.name] = (100.0 * random.random(shape)).astype(sort)
+    columns |= {CLUSTERS: clusters, "status": np.zeros(rows, np.int32)}
+    columns |= {"row": np.arange(rows, dtype=np.int32)} | other
+    about = SignalAbout(kind.FORM, "schema: 1\n", ("wall",), ("grey",), NUMBERS[kind], {"numpy": "2"})
+    return kind(columns, about)
+
+
+def equal(one: SignalSet, other: SignalSet) -> bool:
+    same = [one[name].dtype == other[name].dtype and np.array_equal(one[name], other[name]) for name in one]
+    return list(one) == list(other) and one.about == other.about and all(same)
+
+
+@pytest.mark.parametrize("kind", [LineSet, WaveformSet])
+def test_what_is_written_is_read_back(kind: type[SignalSet], tmp_path: Path) -> None:
+    """Claim: every column comes back to the last bit, and the same set gives the same bytes, in one part or in two."""
+    whole = made(kind, 5000)
+    write_signals(tmp_path / "a", [whole])
+    write_signals(tmp_path / "b", [made(kind, 5000)])
+    assert equal(read_signals(tmp_path / "a", kind), whole)
+    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+    parts = list(read_columns(tmp_path / "a", kind, ["row", "clusters"], 4096))
+    assert [len(part["row"]) for part in parts] == [4096, 904]
+    np.testing.assert_array_equal(np.concatenate([part["row"] for part in parts]), whole.row)
+
+
+def test_other_programs_find_units_and_shapes(tmp_path: Path) -> None:
+    """Claim: Arrow's own reader tells unit and meaning of each column, and that a line is a list of fixed length."""
+    lines = made(LineSet, number_off=np.ones((5, 16), np.uint16))
+    write_signals(tmp_path / "lines.parquet", [lines])
+    table = pyarrow.parquet.read_table(tmp_path / "lines.parquet")
+    assert table.schema.field("laser_w").metadata[b"unit"] == b"W"
+    assert table.schema.field("number").type == pyarrow.list_(pyarrow.uint16(), 16)
+    np.testing.assert_array_equal(np.stack(table["number"].to_numpy()), lines.number)
+    data = lines.to_xarray()
+    assert data["laser_w"].dims == ("voxel", "pixel")
+    assert float(data["position"][1]) == pytest.approx(1e-3 + 1.5 * 50e-6)
+    assert data["cluster_w"].sizes["cluster"] == data["clusters"].sum()
+
+
+def test_charges_are_those_of_the_digital_numbers() -> None:
+    """Claim: (number − bias) gain − dark, less (number − bias) gain k − dark of the exposure without the laser."""
+    one = made(LineSet)
+    np.testing.assert_allclose(one.charge, (one.number.astype(float) - 64.0) * 700.0 - 1000.0)
+    np.testing.assert_allclose(one.expected, one["laser_w"].astype(float) * 3e14)
+    lit = made(LineSet, background_w=np.full((5, 16), 2.0, np.float32))
+    np.testing.assert_allclose(lit.expected, (lit["laser_w"].astype(float) + 2.0) * 3e14)
+    off = np.full((5, 16), 100, np.uint16)
+    two = made(LineSet, number_off=off, background_w=lit["background_w"])
+    two = LineSet(dict(two), replace(two.about, numbers={**NUMBERS[LineSet], "off_scale": 1.5}))
+    left = (two.number.astype(float) - 64.0) * 700.0 - 1000.0 - ((100.0 - 64.0) * 700.0 * 1.5 - 1000.0)
+    np.testing.assert_allclose(two.charge, left)
+    np.testing.assert_allclose(two.expected, two["laser_w"].astype(float) * 3e14)
+
+
+@pytest.mark.parametrize(
+    ("whole", "least", "largest", "kind"),
+    [
+        (True, 0, 65535, "u2"),
+        (True, 0, 65536, "i4"),
+        (True, -1, 999, "i2"),
+        (False, 0, 9, "f4"),
+        (True, 0, 2**40, "f4"),
+    ],
+)
+def test_digital_numbers_take_the_room_that_they_need(
+    whole: bool, least: int, largest: int, kind: str
+) -> None:
+    assert number_kind(whole, least, largest) == kind
+
+
+def test_samples_have_times() -> None:
+    """Claim: sample k is taken k/rate after the first, which comes at ``start_s``."""
+    time = made(WaveformSet).time
+    assert len(time) == 16
+    np.testing.assert_allclose(time[[0, 3]], [-8e-9, -5e-9])
+
+
+SPOILT: dict[str, Callable[[dict[str, NDArray[Any]]], dict[str, NDArray[Any]]]] = {
+    "missing": lambda columns: {name: columns[name] for name in columns if name != "laser_w"},
+    "float64": lambda columns: columns | {"laser_w": columns["laser_w"].astype(float)},
+    "(5, 15)": lambda columns: columns | {"laser_w": columns["laser_w"][:, :15]},
+    "codes": lambda columns: columns | {"status": np.full(5, -1, np.int32)},
+    "cluster_w": lambda columns: columns | {"cluster_w": columns["cluster_w"][1:]},
+}
+
+
+@pytest.mark.parametrize("word", SPOILT)
+def test_columns_that_contradict_one_another_are_refused(word: str) -> None:
+    lines = made(LineSet)
+    with pytest.raises(ValueError, match=word.replace("(", r"\(").replace(")", r"\)")):
+        LineSet(SPOILT[word](dict(lines)), lines.about)
+
+
+def test_other_files_are_refused(tmp_path: Path) -> None:
+    """Claim: no Parquet, another program's, the other kind, another version and a part of a file: a message each."""
+    path = tmp_path / "lines.parquet"
+    path.write_text("no table")
+    with pytest.raises(InputError, match="damaged"):
+        read_signals(path, LineSet)
+    pyarrow.parquet.write_table(pyarrow.table({"row": [1]}), path)
+    with pytest.raises(InputError, match="not written by this program"):
+        read_signals(path, LineSet)
+    write_signals(path, [made(WaveformSet)])
+    with pytest.raises(InputError, match="holds no lines"):
+        read_signals(path, LineSet)
+    lines = made(LineSet)
+    write_signals(path, [LineSet(dict(lines), replace(lines.about, form="scanner-sim lines, 9"))])
+    with pytest.raises(InputError, match="version 9"):
+        read_signals(path, LineSet)
+    write_signals(path, [lines])
+    path.write_bytes(path.read_bytes()[:-200])
+    with pytest.raises(InputError, match="damaged"):
+        read_signals(path, LineSet)
+    with pytest.raises(InputError, match="cannot be opened"):
+        read_signals(tmp_path / "none", LineSet)
+
+
+def test_near_is_bright_and_nothing_is_black() -> None:
+    levels = range_levels(np.array([[1.0, 2.0, 3.0, 9.0, np.nan]]), 1.0, 3.0)
+    assert levels.tolist() == [[255, 148, 40, 40, 0]]
+
+
+@pytest.mark.parametrize("delay", [81.6e-9, np.nan])
+def test_a_waveform_is_drawn_with_and_without_an_echo(delay: float, tmp_path: Path) -> None:
+    status = np.full(5, 0 if np.isfinite(delay) else Status.BELOW_THRESHOLD, np.int32)
+    draw_waveform(tmp_path / "w.png", made(WaveformSet, 5, 256, delay_s=np.full(5, delay), status=status), 0)
+    assert (tmp_path / "w.png").stat().st_size > 5000
