@@ -63,7 +63,7 @@ def _histogram(axes: Axes, label: str, unit: str, values: NDArray[np.float64]) -
 
 def _means(axes: Axes, label: str, unit: str, one: Dependence, units: Mapping[str, str]) -> None:
     colour = DEAD if one.dead else ALIVE
-    axes.plot(*one.points, ".", color=DOTS, ms=2.5, mew=0.0, alpha=0.6, rasterized=True)
+    axes.plot(*one.points, ".", color=DOTS, ms=4.0, mew=0.0, alpha=0.7, rasterized=True)
     axes.errorbar(one.at, one.mean, 1.96 * one.error, fmt="o-", color=colour, ms=3, lw=0.9, elinewidth=0.7)
     short = _short(one.key)
     axes.set_xlabel(plot_label(_labelled(short, units.get(one.key, "1"))), size=6.5)

@@ -145,7 +145,7 @@ class CampaignResult:
 
         def over(name: str, *inner: str) -> Any:
             stacked = np.array([getattr(one, name) for one in found])
-            return ([*others, *inner], stacked.reshape(*outer, *stacked.shape[1:]))
+            return ([*others, *inner], stacked.reshape((*outer, *stacked.shape[1:])))
 
         whole = self.to_xarray()
         beside = {
