@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from scanner_sim.products.track import read_track as read_track
     from scanner_sim.products.waveforms import WaveformSet as WaveformSet
     from scanner_sim.scan.protocol import Aim as Aim
+    from scanner_sim.scene.light.draw import draw_lightings as draw_lightings
 
     __version__: str
 
@@ -61,6 +62,7 @@ __all__ = [
     "Tracker",
     "WaveformSet",
     "__version__",
+    "draw_lightings",
     "estimate_pose",
     "load_scenario",
     "open_campaign",
@@ -95,6 +97,7 @@ _HOMES = {
     "Status": "scanner_sim.foundation.status",
     "Tracker": "scanner_sim.instrument.closed_loop.tracker",
     "WaveformSet": "scanner_sim.products.waveforms",
+    "draw_lightings": "scanner_sim.scene.light.draw",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scenario": "scanner_sim.config",
     "open_campaign": "scanner_sim.campaign.result",
