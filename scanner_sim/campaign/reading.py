@@ -141,9 +141,7 @@ def _impossible_points(campaign: Campaign, number: int, document: Document) -> l
     found: dict[Fault, None] = {}
     group = campaign.plan.vary[number]
     for point in _some(group.length):
-        place = [0] * len(campaign.plan.shape)
-        place[number] = point
-        values = campaign.values(int(np.ravel_multi_index(place, campaign.plan.shape)))
+        values = campaign.points(number).at(point)
         for fault in _faults_of(campaign.base, values, campaign.folder):
             key = _key_of(campaign.base, fault, list(group.keys))
             if key is None or fault not in _faults_of(campaign.base, {key: values[key]}, campaign.folder):

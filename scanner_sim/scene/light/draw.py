@@ -19,8 +19,8 @@ def draw_lightings(
 ) -> Iterator[Lighting]:
     """Yield the lighting of a circular orbit at moments drawn from many years of it.
 
-    The node, which precesses, the Sun's longitude and the place on the orbit are drawn evenly and independently; altitude
-    and inclination stay. Where an orbit is held to the Sun, its node is not even: let its ``anomaly`` vary alone.
+    The node, which precesses, the Sun's longitude and the place on the orbit are drawn evenly and independently;
+    altitude and inclination stay. Where an orbit is held to the Sun, its node is not even: let ``anomaly`` vary alone.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ def beta_angles(
 ) -> NDArray[np.float64]:
     """Return angles from an orbit's plane to the Sun [rad], positive to its normal; shape of ``node``.
 
-    sin β is the product of the normal (sin i sin Ω, −sin i cos Ω, cos i) and the direction to the Sun, which moves evenly:
+    sin β is the product of the normal (sin i sin Ω, −sin i cos Ω, cos i) and the direction to the Sun,
     (cos λ, cos ε sin λ, sin ε sin λ).
 
     Parameters
