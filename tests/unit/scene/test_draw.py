@@ -9,7 +9,8 @@ import pytest
 from scipy import stats
 
 from scanner_sim import draw_lightings
-from scanner_sim.analytic.orbit import eclipse_fraction
+from scanner_sim.analytic.orbit import beta_angle, eclipse_fraction, sun_direction
+from scanner_sim.scene.light.draw import beta_angles
 from scanner_sim.scene.light.earth import angle_between
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.light.orbit import largest_beta
@@ -39,6 +40,19 @@ def test_the_sun_stands_off_the_plane_as_over_the_years(inclination: float) -> N
     assert max(abs(one.beta) for one in orbits) <= largest_beta(inclination) + 1e-12
     places = [one.anomaly for one in orbits]
     assert stats.kstest(places, stats.uniform(-math.pi, 2.0 * math.pi).cdf).pvalue > 1e-6
+
+
+def test_beta_is_that_of_the_almanac_s_sun() -> None:
+    """Claim: β of a node and the Sun's longitude is that of the judge, whose Sun is the Almanac's, at any time.
+
+    The judge's obliquity changes by 4e-7 degrees a day and is 0.001° less at the start: 0.005° in 25 years.
+    """
+    rng = np.random.default_rng(2)
+    for days, inclination, node in rng.uniform([0.0, 0.0, -3.0], [9000.0, math.pi, 3.0], (20, 3)).tolist():
+        sun = sun_direction(days)
+        longitude = math.atan2(math.hypot(sun[1], sun[2]) * math.copysign(1.0, sun[1]), sun[0])
+        found = beta_angles(inclination, np.array(node), np.array(longitude))
+        assert float(found) == pytest.approx(beta_angle(days, inclination, node), abs=math.radians(0.005))
 
 
 @pytest.mark.parametrize("any_attitude", [False, True])
