@@ -28,6 +28,8 @@ BINS = 6
 """Bins of a key whose values are drawn."""
 _DEGREES = (3, 1)
 """Degrees of the polynomial by which the other keys of a group are taken out; the second where points are few."""
+FEWEST_BINS = 3
+"""Bins that tell something: the two halves of a key may be alike where its middle is not."""
 _PER_BIN = 3
 """Points to a bin at least, beside those of the polynomials: fewer tell no spread."""
 MOST_LEVELS = 30
@@ -120,7 +122,7 @@ def by_bin(key: str, measure: str, at: Array, values: Array, others: Array) -> D
     at, values, others = at[good], values[good], others[good]
     points = np.stack([at, values])
     counts = {degree: min(BINS, (len(values) - degree * others.shape[1]) // _PER_BIN) for degree in _DEGREES}
-    degree = next((degree for degree, bins in counts.items() if bins >= 2), 0)
+    degree = next((degree for degree, bins in counts.items() if bins >= FEWEST_BINS), 0)
     if not degree:
         nothing = np.full(0, np.nan)
         return Dependence(key, measure, nothing, nothing, nothing, math.nan, math.nan, points)

@@ -20,9 +20,11 @@ from scanner_sim.campaign.dependence import MOST_LEVELS, Dependence, by_bin, by_
 from scanner_sim.campaign.measures import MEASURES
 from scanner_sim.campaign.report_pictures import draw_measure, draw_sensitivity
 from scanner_sim.campaign.result import CampaignResult
+from scanner_sim.campaign.runs import Campaign
 from scanner_sim.campaign.sensitivity import BESIDE_KEYS, A, B
 from scanner_sim.campaign.store import MANIFEST, Store, column_of, is_number, units_of
 from scanner_sim.config.document import Value
+from scanner_sim.config.wording import inline_yaml
 from scanner_sim.foundation.errors import printable
 from scanner_sim.products.files.tables import Table
 
@@ -73,6 +75,7 @@ def report_page(store: Store) -> str:
         parts=[part for part in parts if part.runs],
         empty=[part for part in parts if not part.runs],
         faults=_faults(table),
+        numbered=_numbered(store.campaign),
         versions=manifest["versions"],
         plan=json.dumps(manifest["plan"], indent=2, ensure_ascii=False),
         seconds=float(np.sum(table["seconds"])) if table else 0.0,
@@ -115,7 +118,8 @@ def _verdict(one: Dependence, unit: str, median: float) -> str:
     """Return what is to be said of a dependence."""
 
     def amount(value: float) -> str:
-        share = f" ({100.0 * value / abs(median):.2g} % of the median)" if median else ""
+        percent = 100.0 * value / abs(median) if median else 0.0
+        share = f" ({percent:.{0 if percent >= 10.0 else 1}f} % of the median)" if median else ""
         return f"{short(value, 2)} {unit}".removesuffix(" 1") + share
 
     if math.isnan(one.interval):
@@ -131,22 +135,23 @@ def _part(store: Store, table: Table, name: str) -> MeasurePart:
     unit = units_of(store.campaign, store.measures).get(name, "1")
     about = MEASURES.get(name)
     meaning = "a measure of your own" if about is None else about.meaning
-    if not good.any():
-        return MeasurePart(name, unit, meaning, 0, (), (), (), "")
+    quantiles = tuple(np.quantile(values[good], _SHARES).tolist()) if good.any() else ()
+    if not good.any() or np.ptp(values[good]) == 0.0:
+        return MeasurePart(name, unit, meaning, int(good.sum()), quantiles, (), (), "")
     best = float(np.median(values[good])) if about is None else about.best
     order = np.argsort(-np.abs(np.where(good, values - best, 0.0)), kind="stable")[: min(WORST, good.sum())]
     worst = tuple(
         (int(table["run"][row]), float(values[row]), _said(store, int(table["run"][row]))) for row in order
     )
     found = dependences(store, name)
-    quantiles = tuple(np.quantile(values[good], _SHARES).tolist())
     units = units_of(store.campaign, store.measures)
     told = tuple((one, _verdict(one, unit, float(np.median(values[good])))) for one in found)
     picture = _in_page(lambda to: draw_measure(to, name, unit, values[good], found, units))
     indices = ""
     if any(group.sample == "saltelli" for group in store.campaign.plan.vary):
         sensitivity = CampaignResult(store).sensitivity(name)
-        indices = _in_page(lambda to: draw_sensitivity(to, sensitivity))
+        if sensitivity["total_order"].notnull().any():
+            indices = _in_page(lambda to: draw_sensitivity(to, sensitivity))
     return MeasurePart(name, unit, meaning, int(good.sum()), quantiles, told, worst, picture, indices)
 
 
@@ -161,11 +166,23 @@ def _said(store: Store, run: int) -> str:
     """Return the values of a run in words, numbers with four digits."""
     words = []
     for key, value in store.campaign.values(run).items():
-        number, _, unit = str(value).partition(" ")
+        number, _, unit = (value if isinstance(value, str) else inline_yaml(value)).partition(" ")
         with contextlib.suppress(ValueError):
             number = f"{float(number):.4g}"
         words.append(f"{key} {number} {unit}".rstrip())
     return ", ".join(words)
+
+
+def _numbered(campaign: Campaign) -> list[tuple[str, str]]:
+    """Return each key whose values are words, with these as they are numbered in pictures."""
+    found = []
+    for number, group in enumerate(campaign.plan.vary):
+        for key in (key for key in group.keys if not is_number(campaign, key)):
+            values = [
+                campaign.points(number).at(point)[key] for point in range(min(group.length, MOST_LEVELS))
+            ]
+            found.append((key, "; ".join(f"{n} {inline_yaml(value)}" for n, value in enumerate(values))))
+    return found
 
 
 def _faults(table: Table) -> list[tuple[int, str, int]]:

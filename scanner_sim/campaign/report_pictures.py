@@ -69,7 +69,7 @@ def _means(axes: Axes, label: str, unit: str, one: Dependence, units: Mapping[st
     axes.set_xlabel(plot_label(_labelled(short, units.get(one.key, "1"))), size=6.5)
     axes.set_ylabel(plot_label(label))
     axes.set_title("dead" if one.dead else "", size=7.5, color=FAINT, loc="right", pad=2)
-    axes.xaxis.set_major_locator(MaxNLocator(4))
+    axes.xaxis.set_major_locator(MaxNLocator(3))
     axes.yaxis.set_major_locator(MaxNLocator(4))
     _prefixed(axes, units.get(one.key, "1"), unit)
     ruled(axes)

@@ -143,7 +143,7 @@ def test_a_slight_axis_is_named_and_paired_keys_are_told_together(
         return 1e-5 / row[POWER] * (1.0 + 0.03 * (row[WIDTH] - 2e-9) / 28e-9)
 
     found = verdicts(page_of(tmp_path, small_scenario, vary, sigma), "sigma_range")
-    assert re.match(r"slight: [\d.e-]+ m \(\d\.?\d* % of the median\)", found[WIDTH]), found
+    assert re.match(r"slight: [\d.e-]+ m \(\d\.\d % of the median\)", found[WIDTH]), found
     assert found[f"{POWER}, with {THRESHOLD}"] == ""
     assert THRESHOLD not in found
 
