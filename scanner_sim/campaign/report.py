@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.campaign.dependence import MOST_LEVELS, Dependence, by_bin, by_level
 from scanner_sim.campaign.measures import MEASURES
+from scanner_sim.campaign.plan import Group
 from scanner_sim.campaign.report_pictures import draw_measure, draw_sensitivity
 from scanner_sim.campaign.result import CampaignResult
 from scanner_sim.campaign.runs import Campaign
@@ -85,14 +86,12 @@ def report_page(store: Store) -> str:
 def dependences(store: Store, measure: str) -> tuple[Dependence, ...]:
     """Return what each key does to a measure."""
     campaign = store.campaign
-    values = CampaignResult(store).measured(measure)
-    found = []
-    for axis, group in enumerate(campaign.plan.vary):
-        along = np.moveaxis(values, axis, 0).reshape(group.length, -1)
-        which = np.arange(group.length)
-        if group.sample == "saltelli":
-            # The others of a row have values of these two.
-            which = which.reshape(-1, len(group.keys) + BESIDE_KEYS)[:, [A, B]].ravel()
+    values, found = CampaignResult(store).measured(measure), []
+    chosen = [_independent(group) for group in campaign.plan.vary]
+    for axis, which in enumerate(chosen):
+        values = np.take(values, which, axis)
+    for axis, (group, which) in enumerate(zip(campaign.plan.vary, chosen, strict=True)):
+        along = np.moveaxis(values, axis, 0).reshape(len(which), -1)
         points = [campaign.points(axis).at(point) for point in which.tolist()]
         numbers = {key: _numbers(store, key, [point[key] for point in points]) for key in group.keys}
         if not group.drawn and group.length <= MOST_LEVELS:
@@ -101,10 +100,16 @@ def dependences(store: Store, measure: str) -> tuple[Dependence, ...]:
             continue
         for key, at in numbers.items():
             others = [one for name, one in numbers.items() if name != key]
-            found.append(
-                by_bin(key, measure, at, along[which], np.array(others).reshape(len(others), len(at)).T)
-            )
+            found.append(by_bin(key, measure, at, along, np.array(others).reshape(len(others), len(at)).T))
     return tuple(found)
+
+
+def _independent(group: Group) -> NDArray[np.int64]:
+    """Return the points of a group that are drawn independently: of Saltelli's design two of each row, A and B."""
+    points = np.arange(group.length)
+    if group.sample == "saltelli":
+        points = points.reshape(-1, len(group.keys) + BESIDE_KEYS)[:, [A, B]].ravel()
+    return points
 
 
 def _numbers(store: Store, key: str, values: list[Value]) -> Array:
