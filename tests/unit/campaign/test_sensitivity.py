@@ -133,7 +133,7 @@ def test_rows_with_a_failed_run_are_left_out_together() -> None:
     assert found.first == pytest.approx((b * (others - a)).mean(axis=1) / variance, abs=1e-12)
     assert found.total == pytest.approx(0.5 * ((others - a) ** 2).mean(axis=1) / variance, abs=1e-12)
     few = indices_of(np.where(np.arange(64)[:, None] < 15, values, np.nan), 1)
-    assert (few.rows, bool(np.isnan(few.total).all())) == (15, True)
+    assert (few.rows, few.left_out, bool(np.isnan(few.total).all())) == (15, 49, True)
 
 
 def test_a_plan_without_the_design_has_no_indices(campaign: Campaign, tmp_path: Path) -> None:
