@@ -31,8 +31,8 @@ test: setup ## Set up and run all tests, slow ones too
 soak: setup ## Run 200 simulations in one process, whose memory must stay where it is
 	SCANNER_SIM_SOAK=200 $(RUN) -m pytest -m "" tests/faults/test_soak.py
 
-fuzz: setup ## Open mutants of scenarios, states, scenes and results: make fuzz N=10000 SEED=7
-	$(RUN) tests/faults/fuzz.py -n $(N) --states $$(($(N) / 20)) --scenes $$(($(N) / 10)) --results $$(($(N) / 10)) --seed $(SEED)
+fuzz: setup ## Open mutants of scenarios, states, scenes, results and plans: make fuzz N=10000 SEED=7
+	$(RUN) tests/faults/fuzz.py -n $(N) --states $$(($(N) / 20)) --scenes $$(($(N) / 10)) --results $$(($(N) / 10)) --plans $$(($(N) / 10)) --seed $(SEED)
 
 mutants: setup ## Plant faults one by one and write which test notices each (an hour or two): make mutants TENTH=3
 	$(RUN) tests/mutants/plant.py $(if $(TENTH),--tenth $(TENTH))

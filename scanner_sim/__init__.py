@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from scanner_sim.products.track import read_track as read_track
     from scanner_sim.products.waveforms import WaveformSet as WaveformSet
     from scanner_sim.scan.protocol import Aim as Aim
+    from scanner_sim.scene.light.draw import draw_lightings as draw_lightings
 
     __version__: str
 
@@ -66,6 +67,7 @@ __all__ = [
     "Tracker",
     "WaveformSet",
     "__version__",
+    "draw_lightings",
     "estimate_pose",
     "load_scanner",
     "load_scenario",
@@ -104,6 +106,7 @@ _HOMES = {
     "Status": "scanner_sim.foundation.status",
     "Tracker": "scanner_sim.instrument.closed_loop.tracker",
     "WaveformSet": "scanner_sim.products.waveforms",
+    "draw_lightings": "scanner_sim.scene.light.draw",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scanner": "scanner_sim.config",
     "load_scenario": "scanner_sim.config",

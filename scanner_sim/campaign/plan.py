@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from scanner_sim.campaign.measures import MEASURES
+from scanner_sim.campaign.sensitivity import BESIDE_KEYS
 from scanner_sim.config.wording import choice, shown
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Count, InputFile, Part
@@ -23,8 +24,10 @@ Ends = Annotated[tuple[Any, Any], Field(examples=[["5 mW", "15 mW"]])]
 
 GRIDS = ("linear", "logarithmic")
 """Forms whose values are spaced evenly."""
-DISTRIBUTIONS = ("uniform", "log_uniform", "normal")
+DISTRIBUTIONS = ("uniform", "log_uniform", "sine_uniform", "normal")
 """Forms whose values are drawn."""
+POWERS_OF_TWO = ("sobol", "saltelli")
+"""Samples that are even in powers of two only."""
 
 
 class Values(Part):
@@ -40,6 +43,8 @@ class Values(Part):
     """Drawn evenly between two values."""
     log_uniform: Ends | None = None
     """Drawn between two values so that their logarithm is even."""
+    sine_uniform: Annotated[Ends | None, Field(examples=[["-90 deg", "90 deg"]])] = None
+    """Drawn between two angles so that their sine is even, as heights above a horizon are of directions that are."""
     normal: Annotated[tuple[Any, Any], Field(examples=[["15 mW", "0.5 mW"]])] | None = None
     """Drawn from a normal distribution of a mean and a standard deviation."""
     within: Ends | None = None
@@ -84,10 +89,11 @@ class Group(Part):
 
     keys: dict[str, Values] = Field(examples=[{"scanner.laser.power": ["5 mW", "15 mW"]}])
     """Values by key: ``scanner.laser.power``, ``scene.objects.wall.position[2]``. Those of several keys are paired."""
-    sample: Literal["random", "sobol", "latin_hypercube"] = "random"
-    """How drawn values fill their space: independently, by Sobol's scrambled points, or as a Latin hypercube."""
+    sample: Literal["random", "sobol", "latin_hypercube", "saltelli"] = "random"
+    """How drawn values fill their space: independently, by Sobol's scrambled points, as a Latin hypercube, or by
+    Saltelli's design, from which Sobol's indices of sensitivity follow."""
     count: Count | None = Field(default=None, ge=1, le=MOST_RUNS, examples=[64])
-    """Number of drawn points."""
+    """Number of drawn points; of Saltelli's design the rows, each of as many runs as there are keys and three."""
 
     @property
     def drawn(self) -> bool:
@@ -97,6 +103,8 @@ class Group(Part):
     @property
     def length(self) -> int:
         """Number of points."""
+        if self.sample == "saltelli":
+            return (self.count or 0) * (len(self.keys) + BESIDE_KEYS)
         return self.count or next(
             (values.count or len(values.list or ()) for values in self.keys.values()), 0
         )
@@ -123,13 +131,18 @@ class Group(Part):
                 f"Remove it, or write one of {', '.join(DISTRIBUTIONS)}.",
             )
             return
-        if self.sample == "sobol" and math.log2(self.length) % 1.0:
-            near = 2 ** round(math.log2(self.length))
+        if self.sample in POWERS_OF_TWO and self.count is not None and math.log2(self.count) % 1.0:
+            near = 2 ** round(math.log2(self.count))
             yield Fault(
                 "count",
-                f"Sobol's points are even in powers of two only, and {self.length} is none.",
+                f"Sobol's points are even in powers of two only, and {self.count} is none.",
                 f"Write {near}.",
             )
+        if self.sample == "saltelli":
+            for key in (key for key, values in self.keys.items() if not values.drawn):
+                problem = f"{key}: its values are not drawn, and Sobol's indices are of drawn ones."
+                yield Fault("keys", problem, f"Write {' or '.join(DISTRIBUTIONS)}, or a group of its own.")
+            return
         for key, values in self.keys.items():
             own = values.count or (0 if values.list is None else len(values.list))
             if not values.drawn and own != self.length:
@@ -191,6 +204,10 @@ class Plan(Part):
             yield Fault(
                 "vary", f"these are {self.runs:.3g} runs; {MOST_RUNS:.3g} are possible.", "Take fewer values."
             )
+        designs = [number for number, group in enumerate(self.vary) if group.sample == "saltelli"]
+        for number in designs[1:]:
+            remedy = "Write the keys of both into one."
+            yield Fault(f"vary.{number}.sample", "another group is of Saltelli's design already.", remedy)
         seen: set[str] = set()
         for number, group in enumerate(self.vary):
             for key in group.keys:
@@ -199,6 +216,11 @@ class Plan(Part):
                         f"vary.{number}.keys", f"{key} varies in another group already.", "Keep one of them."
                     )
                 seen.add(key)
+                if key == "seed" and designs:
+                    problem = "seed: Saltelli's design of another group gives the seeds."
+                    yield Fault(
+                        f"vary.{number}.keys", problem, "Remove it: its indices are told beside the keys'."
+                    )
         if not isinstance(self.keep.runs, str):
             for number, run in enumerate(self.keep.runs):
                 if not 0 <= run < self.runs:

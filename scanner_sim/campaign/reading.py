@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,6 +20,8 @@ from scanner_sim.foundation.errors import Fault, ScenarioError
 
 CHECKED = 500
 """Points of a group, and runs, whose scenarios are made to see whether they are possible; of more, so many evenly."""
+RIGHT = 0.5 * math.pi * (1.0 + 1e-12)
+"""A right angle, however it was written [rad]."""
 FAR_OUT = 6.0
 """Standard deviations within which a normal distribution must stay legal: two values in 10⁹ lie beyond."""
 
@@ -92,8 +95,13 @@ def _unfit_values(
         problem = "the first value must be below the second."
     elif form in ("logarithmic", "log_uniform") and first <= 0.0:
         problem = f"{form} needs values above 0."
+    elif form == "sine_uniform" and not (
+        dimension and dimension.unit == "rad" and max(map(abs, ends)) <= RIGHT
+    ):
+        problem = "sine_uniform needs angles from -90 deg to 90 deg."
     if problem:
-        yield _at(document, location, Fault(key, problem, f"Write for example {form}: [1, 2] with units."))
+        example = "[-90 deg, 90 deg]" if form == "sine_uniform" else "[1, 2] with units"
+        yield _at(document, location, Fault(key, problem, f"Write for example {form}: {example}."))
         return
     if form == "normal" and cut is None:
         ends = [first - FAR_OUT * last, first + FAR_OUT * last]
@@ -133,9 +141,7 @@ def _impossible_points(campaign: Campaign, number: int, document: Document) -> l
     found: dict[Fault, None] = {}
     group = campaign.plan.vary[number]
     for point in _some(group.length):
-        place = [0] * len(campaign.plan.shape)
-        place[number] = point
-        values = campaign.values(int(np.ravel_multi_index(place, campaign.plan.shape)))
+        values = campaign.points(number).at(point)
         for fault in _faults_of(campaign.base, values, campaign.folder):
             key = _key_of(campaign.base, fault, list(group.keys))
             if key is None or fault not in _faults_of(campaign.base, {key: values[key]}, campaign.folder):

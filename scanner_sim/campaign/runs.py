@@ -5,6 +5,7 @@ Run i depends on the plan and i alone: not on who makes it, or on which were mad
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.stats import norm, qmc
 
 from scanner_sim.campaign.plan import Group, Plan, Values
+from scanner_sim.campaign.sensitivity import design_of, seeded_as
 from scanner_sim.config.document import Value
 from scanner_sim.config.load import replaced
 from scanner_sim.config.outline import slots_of_key
@@ -63,8 +65,13 @@ class Campaign:
         return found
 
     def seed(self, run: int) -> int:
-        """Return the seed of a run: by the plan's seed and its number."""
-        state = np.random.SeedSequence([self.plan.seed, 0, run]).generate_state(1, np.uint64)
+        """Return the seed of a run: by the plan's seed and its number, or that of the run whose seed it shares."""
+        place = list(self.place(run))
+        for number, group in enumerate(self.plan.vary):
+            if group.sample == "saltelli":
+                place[number] = seeded_as(place[number], len(group.keys))
+        shared = int(np.ravel_multi_index(place, self.plan.shape))
+        state = np.random.SeedSequence([self.plan.seed, 0, shared]).generate_state(1, np.uint64)
         return int(state[0] >> np.uint64(1))
 
     def changes(self, run: int) -> dict[str, Value]:
@@ -126,7 +133,10 @@ def _shares(group: Group, number: int, seed: int) -> Array:
     if not columns:
         return np.zeros((0, 0))
     rng = np.random.default_rng(np.random.SeedSequence([seed, 1, number]))
-    if group.sample == "sobol":
+    if group.sample == "saltelli":
+        both = qmc.Sobol(2 * columns, scramble=True, rng=rng).random(group.count)
+        points = design_of(both[:, :columns], both[:, columns:])
+    elif group.sample == "sobol":
         points = qmc.Sobol(columns, scramble=True, rng=rng).random(group.length)
     elif group.sample == "latin_hypercube":
         points = qmc.LatinHypercube(columns, rng=rng).random(group.length)
@@ -174,6 +184,8 @@ def drawn_value(values: Values, dimension: Dimension | None, share: float) -> fl
         return first + share * (last - first)
     if values.form == "log_uniform":
         return float(first * (last / first) ** share)
+    if values.form == "sine_uniform":
+        return math.asin(math.sin(first) + share * (math.sin(last) - math.sin(first)))
     below, above = 0.0, 1.0
     if values.within is not None:
         ends = [number_of(end, dimension) for end in values.within]

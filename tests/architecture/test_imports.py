@@ -54,8 +54,8 @@ DEVICE_FILES = {
 NUMPY_ROOMS = {"ranging", "tracking", "pose"}
 FORBIDDEN_AFTER_SIGNALS = {"mitsuba", "drjit", "torch", "jax"}
 
-# Beside the verbs of the command line and the package's own file: an image loads pyplot when it is drawn.
-LOADS_LATE = {"products/image.py"}
+# Beside the verbs of the command line and the package's own file: an image and indices load pyplot when they are drawn.
+LOADS_LATE = {"products/image.py", "campaign/result.py"}
 
 LONGEST_MODULE = 450
 

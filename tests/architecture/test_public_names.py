@@ -37,6 +37,7 @@ def test_the_public_names_are_these() -> None:
         "Tracker",
         "WaveformSet",
         "__version__",
+        "draw_lightings",
         "estimate_pose",
         "load_scanner",
         "load_scenario",

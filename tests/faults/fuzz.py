@@ -1,4 +1,4 @@
-"""A fuzzer that knows the form of its inputs: mutants of shipped scenarios, saved tracking runs and results.
+"""A fuzzer that knows the form of its inputs: mutants of shipped scenarios and plans, saved tracking runs and results.
 
     fuzz.py -n 10000 --states 500 --seed 7      a run, with a table of what became of the mutants
     fuzz.py --one 7/1234                        one of them again, with its traceback
@@ -31,7 +31,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from mutate import CONFIGS, REPOSITORY, Mutant, scenario_mutant, state_mutant
+from mutate import CONFIGS, PLANS, REPOSITORY, Mutant, plan_mutant, scenario_mutant, state_mutant
 from mutate_results import result_mutant, sound_results
 
 CORPUS = Path(__file__).with_name("corpus")
@@ -139,6 +139,8 @@ class Fuzzer:
         *kind, seed, number = address.split("/")
         if kind == ["state"]:
             return state_mutant(int(seed), int(number), self.state(), keep)
+        if kind == ["plan"]:
+            return plan_mutant(int(seed), int(number), keep)
         if kind == ["result"]:
             originals = self.results()
             return result_mutant(int(seed), int(number), originals, self._empty(str(threading.get_ident())))
@@ -153,7 +155,9 @@ class Fuzzer:
         """Return what became of a mutant."""
         number = int(address.rpartition("/")[2]) if "/" in address else 1
         job: dict[str, Any] = {
-            "kind": next((kind for kind in ("state", "result") if address.startswith(kind)), "scenario"),
+            "kind": next(
+                (kind for kind in ("state", "result", "plan") if address.startswith(kind)), "scenario"
+            ),
             # Of scenes all that is to be looked at comes with the simulation.
             "thorough": address.startswith(("mesh", "xml")) or number % self.every == 0,
             "pictures": number % (SHOWN if address.startswith("result") else PICTURED) == 0,
@@ -167,6 +171,11 @@ class Fuzzer:
         for name in ("configs/meshes", "configs/angles.csv", "scenes"):
             (folder / name).symlink_to(REPOSITORY / name)
         path = folder / "configs" / ("state.json" if job["kind"] == "state" else "scenario.yaml")
+        if job["kind"] == "plan":
+            for config in CONFIGS:
+                (folder / "configs" / config.name).symlink_to(config)
+            path = folder / "configs" / "campaigns" / "plan.yaml"
+            path.parent.mkdir()
         path.write_bytes(mutant.text)
         return worker.ask(job | {"path": str(path), "overrides": list(mutant.overrides)})
 
@@ -241,7 +250,8 @@ def replay(fuzzer: Fuzzer) -> None:
     """Open all of the corpus in one process."""
     worker = Worker()
     for name, mutant in corpus():
-        found = fuzzer.open(worker, "state" if name.endswith(".json") else name, mutant)
+        kind = next((kind for kind in ("state", "plan") if name.startswith(kind)), "")
+        found = fuzzer.open(worker, f"{kind}/0/1" if kind else name, mutant)
         fuzzer.counts[f"corpus: {found['outcome']}"] += 1
         if found["outcome"] == "finding":
             fuzzer.findings[name] = name
@@ -259,6 +269,7 @@ def open_originals(fuzzer: Fuzzer) -> None:
         (config.name, Mutant(config.name, config.read_bytes(), (), ())) for config in CONFIGS
     ]
     originals.append(("state", Mutant("state", fuzzer.state().encode(), (), ())))
+    originals += [(f"plan/{plan.name}/0", Mutant(plan.name, plan.read_bytes(), (), ())) for plan in PLANS]
     results = list(sound_results(fuzzer.results(), folder))
     # Numbers by which each kind of result is drawn once: images that are packed in four ways hold the same.
     packed = [path for path in results if path.name == "range.exr"]
@@ -306,6 +317,7 @@ def main() -> int:
         "--scenes", type=int, default=0, help="mutants of meshes and Mitsuba files, if there are any"
     )
     parser.add_argument("--results", type=int, default=0, help="mutants of results")
+    parser.add_argument("--plans", type=int, default=0, help="mutants of shipped plans of campaigns")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first mutant")
     parser.add_argument("--workers", type=int, default=os.cpu_count() or 1)
@@ -331,6 +343,7 @@ def main() -> int:
             "mesh/": scenes,
             "xml/": scenes,
             "result/": asked.results,
+            "plan/": asked.plans,
         }
         run(
             fuzzer,

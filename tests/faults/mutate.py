@@ -1,4 +1,4 @@
-"""Mutations of scenarios and of tracker states that know their form; each is made again from its address alone."""
+"""Mutations of scenarios, plans and tracker states that know their form; each is made again from its address alone."""
 
 from __future__ import annotations
 
@@ -13,11 +13,13 @@ from typing import Any, NamedTuple
 
 import yaml
 
+from scanner_sim.campaign.plan import DISTRIBUTIONS, GRIDS
 from scanner_sim.config.document import read_document
 from scanner_sim.config.outline import EACH, Slot, outline
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 CONFIGS = sorted((REPOSITORY / "configs").glob("*.yaml"))
+PLANS = sorted((REPOSITORY / "configs" / "campaigns").glob("*.yaml"))
 
 HUGE = (1e300, -1e300, 1.7976931348623157e308, 5e-324, 10**400, 2**63, 2**31, 2**53 + 1, -(2**63), 1e-300)
 """Numbers that are legal as YAML and nowhere meant."""
@@ -115,6 +117,61 @@ def scenario_mutant(seed: int, number: int, keep: frozenset[int] | None = None) 
         elif text is None:
             names.append(_EDITS[edit](rng, data, tame))
     return Mutant(config.name, _spelt(data) if text is None else text, tuple(overrides), tuple(names))
+
+
+def plan_mutant(seed: int, number: int, keep: frozenset[int] | None = None) -> Mutant:
+    """Return mutant ``number`` of a shipped plan of a campaign."""
+    choose = random.Random(f"{seed}/plan/{number}")
+    original = choose.choice(PLANS)
+    data, names = read_document(original.read_text(encoding="utf-8")).data, list[str]()
+    if choose.random() < 0.8:
+        # Of the scenarios some are large, and each plan reads its own.
+        data |= {"base": "../plane.yaml", "set": {"scan.rows": 4, "scan.columns": 4}}
+    text: bytes | None = None
+    for index in range(choose.choice((1, 1, 2, 2, 3, 4))):
+        edit = choose.choices(("vary", "value", "structure", "text"), (8, 6, 4, 2))[0]
+        if keep is not None and index not in keep:
+            continue
+        rng = random.Random(f"{seed}/plan/{number}/{index}")
+        if edit == "text":
+            change = rng.choice(TEXT_EDITS)
+            text = change(rng, _spelt(data) if text is None else text)
+            names.append(change.__name__.strip("_"))
+        elif text is None:
+            names.append(_vary(rng, data) if edit == "vary" else _EDITS[edit](rng, data, 0.6))
+    return Mutant(original.name, _spelt(data) if text is None else text, (), tuple(names))
+
+
+def _vary(rng: random.Random, data: Any) -> str:
+    """Let keys of the scenario vary by any form, with any settings of their group."""
+    group: dict[str, Any] = {"keys": {}}
+    for _ in range(rng.choice((1, 1, 2, 3))):
+        key = rng.choice((_place_in_words(rng), *MEANT, rng.choice(OVERRIDE_PATHS)))
+        slots = _BY_WORDS.get(tuple(EACH if step == "0" else step for step in key.split(".")), [Slot()])
+        ends = [legal(rng, rng.choice(slots)) if rng.random() < 0.8 else odd(rng) for _ in range(2)]
+        form = rng.choice(("list", *GRIDS, *DISTRIBUTIONS))
+        group["keys"][key] = {form: ends} | ({"count": rng.choice((2, 3, 0, 10**6))} if form in GRIDS else {})
+        if rng.random() < 0.2:
+            group["keys"][key]["within"] = [odd(rng), odd(rng)]
+    if rng.random() < 0.8:
+        group["count"] = rng.choice((1, 2, 4, 16, 16, 17, 10**5, 10**7, odd(rng)))
+    if rng.random() < 0.8:
+        group["sample"] = rng.choice(("random", "sobol", "latin_hypercube", "saltelli", "saltelli", "x"))
+    if rng.random() < 0.5 or not isinstance(data, dict) or not isinstance(data.get("vary"), list):
+        data["vary"] = []
+    data["vary"].append(group)
+    return f"vary {str(group)[:100]}"
+
+
+MEANT = (
+    "scanner.laser.power",
+    "lighting.orbit.beta",
+    "scene.objects.0.position.2",
+    "seed",
+    "scan.rows",
+    "ranging",
+)
+"""Keys that plans vary."""
 
 
 def _lighten(data: dict[str, Any], choose: random.Random) -> None:

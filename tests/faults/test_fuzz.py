@@ -1,5 +1,5 @@
-"""Mutants of scenarios, meshes, XML scenes, saved tracking runs and results end with a result or with one message, and
-what was found once stays mended. `make fuzz` opens as many as there is time for."""
+"""Mutants of scenarios, plans, meshes, XML scenes, saved tracking runs and results end with a result or one message,
+and what was found once stays mended. `make fuzz` opens as many as there is time for."""
 
 from __future__ import annotations
 
@@ -28,5 +28,5 @@ def test_what_was_once_found_is_refused_or_gives_a_result() -> None:
 # run and the results from which mutants are made are the same for all.
 @pytest.mark.slow
 def test_mutants_and_what_they_are_made_from() -> None:
-    numbers = ("-n", "120", "--states", "60", "--scenes", "120", "--results", "120")
+    numbers = ("-n", "120", "--states", "60", "--scenes", "120", "--results", "120", "--plans", "120")
     fuzz("--originals", *numbers, "--seed", "1", "--every", "4", "--workers", "1")

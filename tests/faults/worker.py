@@ -7,6 +7,7 @@ the operating system's, so that a kernel that never ends or asks for everything 
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import math
 import os
@@ -21,6 +22,7 @@ from typing import Any
 
 from open_results import open_result
 
+from scanner_sim.cli.campaign import run_campaign
 from scanner_sim.config import load_scenario, resolved_yaml, scenario_from_text, scenario_warnings
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError, RunError, ScannerSimError
@@ -123,6 +125,20 @@ def open_state(path: Path) -> None:
     Tracker.resume(path.with_name("again.json"), device="cpu", threads=1)
 
 
+def open_plan(path: Path) -> None:
+    """Do with a plan what ``campaign --dry-run`` does."""
+    run_campaign(
+        path,
+        path.with_name("out"),
+        workers=0,
+        scheduler=None,
+        measure=None,
+        dry_run=True,
+        device="cpu",
+        quiet=True,
+    )
+
+
 def said_badly(message: str) -> str:
     """Return what is wrong with a message as a user sees it; empty where nothing is."""
     if len(message) > LONGEST:
@@ -139,6 +155,9 @@ def outcome(job: dict[str, Any]) -> dict[str, str]:
     try:
         if job["kind"] == "state":
             open_state(path)
+        elif job["kind"] == "plan":
+            with contextlib.redirect_stdout(io.StringIO()):
+                open_plan(path)
         elif job["kind"] == "result":
             open_result(path, pictures=job["pictures"])
         else:

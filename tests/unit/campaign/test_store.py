@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import duckdb
 import numpy as np
 import pytest
 
@@ -73,6 +74,22 @@ def test_rows_come_back_in_order_with_every_bit(
     assert frame.loc[7, "sigma_range"] == 0.01
     assert "1 failed" in repr(result)
     assert "<table>" in result._repr_html_()
+
+
+def test_other_programs_read_the_parts(campaign: Campaign, tmp_path: Path) -> None:
+    """Claim: DuckDB sees the rows of all parts with their names, types, gaps and faults."""
+    with opened(tmp_path / "out", campaign, MEASURES) as store:
+        for run in range(20):
+            store.add(row(campaign, run, "it broke." if run == 2 else ""))
+            if run == 12:
+                store.pack()
+        store.pack()
+    found = duckdb.sql(
+        'SELECT "scanner.laser.power", count(*), sum(run), max(fault), max(sigma_range), typeof(any_value(seed)) '
+        f"FROM '{tmp_path}/out/parts/*.parquet' WHERE isnan(valid_share) = FALSE OR fault <> '' GROUP BY 1 ORDER BY 1"
+    ).fetchall()
+    assert found[0][:4] == (0.005, 9, 41, "it broke."), "run 4 has no share"
+    assert found[1] == (0.015, 10, 145, "", 0.1 / 13.0, "BIGINT")
 
 
 def test_a_torn_line_is_no_row_and_the_next_one_takes_its_place(campaign: Campaign, tmp_path: Path) -> None:
