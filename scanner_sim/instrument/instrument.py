@@ -238,8 +238,8 @@ class Instrument:
             "range_m": met.distance.numpy(),
             "theta_rad": aim.theta + pointing.theta,
             "phi_rad": aim.phi + pointing.phi,
-            "object": met.object.numpy(),
-            "material": met.material.numpy(),
+            "object": self.loaded.object_labels.number_of[met.object.numpy()],
+            "material": self.loaded.material_labels.number_of[met.material.numpy()],
         }
         known = (SIGMA_Y, *(channel for rangefinder in self.rangefinders for channel in rangefinder.channels))
         return Samples(measured, truth, {channel.name: channel for channel in known})

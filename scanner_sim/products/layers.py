@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
 from types import MappingProxyType
@@ -31,7 +31,8 @@ class LayeredResult(ABC):
     channels
         Layers by name, float32.
     objects, materials
-        Names behind the numbers of ``truth.object`` and ``truth.material``; number 1 is the first name.
+        Names behind the numbers of ``truth.object`` and ``truth.material``: number 1 is the first name, and a number
+        that nobody has is empty.
     seed
         Seed of the random numbers.
     scenario_yaml
@@ -133,7 +134,7 @@ class LayeredResult(ABC):
             share = float(np.mean(status == code))
             if share and code is not Status.VALID:
                 rows.append((code.name.lower().replace("_", " "), f"{100.0 * share:.3g} %: {code.sentence}"))
-        rows += [("objects", ", ".join(self.objects)), ("seed", str(self.seed))]
+        rows += [("objects", ", ".join(numbered(self.objects).values())), ("seed", str(self.seed))]
         rows += [("warning", text) for text in self.warnings]
         layers = [(name, CHANNEL[name].unit, CHANNEL[name].meaning) for name in self.channels]
         return html_box(
@@ -165,8 +166,13 @@ def _check_codes(result: LayeredResult) -> None:
             raise ValueError(f"{name} must hold whole numbers from 0 to {end}")
 
 
+def numbered(names: Sequence[str]) -> dict[int, str]:
+    """Return the names of objects or materials by their numbers, without those that nobody has."""
+    return {number: name for number, name in enumerate(names, start=1) if name}
+
+
 def legends(result: LayeredResult) -> dict[str, list[str]]:
-    """Return the names behind the numbers of each layer of whole numbers."""
+    """Return the names behind the numbers of each layer of whole numbers, from 0; numbers that nobody has are empty."""
     own = {"truth.object": result.objects, "truth.material": result.materials}
     return {
         name: ["nothing", *own[name]] if name in own else [status.name for status in Status]
@@ -210,8 +216,9 @@ def layer_variables(result: LayeredResult, dimensions: tuple[str, ...]) -> dict[
         values: NDArray[np.float32] | NDArray[np.int32] = layer
         if name in names:
             values = layer.astype(np.int32)
-            about["flag_values"] = np.arange(len(names[name]), dtype=np.int32)
-            about["flag_meanings"] = " ".join(word.replace(" ", "_") for word in names[name])
+            known = {number: word for number, word in enumerate(names[name]) if word}
+            about["flag_values"] = np.array(list(known), dtype=np.int32)
+            about["flag_meanings"] = " ".join(word.replace(" ", "_") for word in known.values())
         if name in MEASURED_BY:
             about["comment"] = "; ".join(f"{status.name}: {status.sentence}" for status in Status)
         variables[name] = (dimensions, values, about)

@@ -11,7 +11,7 @@ from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.json_text import json_text
-from scanner_sim.products.layers import LayeredResult
+from scanner_sim.products.layers import LayeredResult, numbered
 from scanner_sim.products.shots import ShotTable
 
 _BEYOND = (3, 5, 6)
@@ -134,10 +134,9 @@ def _truth(image: LayeredResult, unit: str) -> dict[str, object]:
     for name, names in (("truth.object", image.objects), ("truth.material", image.materials)):
         if name in image:
             hits = np.bincount(image[name].astype(np.int64).ravel(), minlength=len(names) + 1)
-            labels = ["nothing", *names]
+            labels = {0: "nothing", **numbered(names)}
             result[f"{unit}_by_{name.removeprefix('truth.')}"] = [
-                {"number": number, "name": label, unit: int(hits[number])}
-                for number, label in enumerate(labels)
+                {"number": number, "name": label, unit: int(hits[number])} for number, label in labels.items()
             ]
     return result
 
