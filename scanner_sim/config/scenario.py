@@ -161,6 +161,9 @@ class Scenario(Part):
             yield from self._camera_contradictions(self.scan)
         if self.output.waveforms != "none":
             yield from self._waveform_contradictions()
+        if self.output.truth and self.scan.layout == "visits":
+            problem = "a run that follows targets has the truth of its visits in its tables."
+            yield Fault("output.truth", problem, "Write [], or a raster.")
         checks = {"triangulation": self._line_contradictions, "tof": self._pulse_contradictions}
         for rangefinder in self.rangefinders:
             yield from checks[rangefinder]()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scanner_sim.config.scanner import geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import read_encoders, readings
-from scanner_sim.foundation.channels import MEASURED_BY
+from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.foundation.streams import RunSeeds, device_seeds
@@ -27,8 +28,9 @@ from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.instrument.triangulation import ShotGroup, Triangulation
 from scanner_sim.optics.filter import peak_transmission
 from scanner_sim.ranging.fusion import fuse_points
-from scanner_sim.ranging.ranges import Deflections, Layers, layers_of
+from scanner_sim.ranging.ranges import Columns, Deflections, Layers, layers_of
 from scanner_sim.render.background.panorama import Panorama
+from scanner_sim.render.beam.chief_surface import chief_surface
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.device import activate
 from scanner_sim.render.guest import Stay, guest
@@ -214,12 +216,30 @@ class Instrument:
             rangefinder.measure(aim, shots, deflections, background)
             for rangefinder, background in zip(self.rangefinders, seen, strict=True)
         ]
-        return self.samples(aim, pointing, deflections, found)
+        return self.samples(aim, pointing, deflections, found, self._surfaces(shots))
+
+    def _surfaces(self, shots: Shots) -> Layers:
+        """Return the truth of the surfaces that shots meet, as far as the scenario asks for it."""
+        asked = set(self.scenario.output.truth)
+        if asked.isdisjoint(("normal", "incidence")):
+            return {}
+        normal, incidence = chief_surface(self.loaded, self.optics, shots)
+        layers = {f"normal.{axis}": part for axis, part in zip("XYZ", normal, strict=True)}
+        layers["incidence_rad"] = incidence
+        return {name: values for name, values in layers.items() if CHANNEL[f"truth.{name}"].asked in asked}
 
     def samples(
-        self, aim: Aim, pointing: Pointing, deflections: Deflections, found: Sequence[Reading]
+        self,
+        aim: Aim,
+        pointing: Pointing,
+        deflections: Deflections,
+        found: Sequence[Reading],
+        surfaces: Columns = MappingProxyType({}),
     ) -> Samples:
-        """Return what all rangefinders read of an aim as samples, triangulation and time of flight fused."""
+        """Return what all rangefinders read of an aim as samples, triangulation and time of flight fused.
+
+        ``surfaces`` is further truth.
+        """
         ranges = [reading.ranges for reading in found]
         measured: Layers = {}
         if self.rangefinders == (self.triangulation, self.time_of_flight):
@@ -240,6 +260,7 @@ class Instrument:
             "phi_rad": aim.phi + pointing.phi,
             "object": self.loaded.object_labels.number_of[met.object.numpy()],
             "material": self.loaded.material_labels.number_of[met.material.numpy()],
+            **surfaces,
         }
         known = (SIGMA_Y, *(channel for rangefinder in self.rangefinders for channel in rangefinder.channels))
         return Samples(measured, truth, {channel.name: channel for channel in known})

@@ -18,6 +18,7 @@ from scanner_sim.instrument.memory import BATCH, check_shots, check_waveforms
 from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.instrument.voxel_records import voxel_record
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.true_poses import TruePoses
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.products.waveforms import WaveformSet, concatenate_waveforms
 from scanner_sim.ranging.ranges import Layers
@@ -145,6 +146,7 @@ def _image(scenario: Scenario, layers: Layers, loaded: LoadedScene) -> RangeImag
         materials=loaded.material_labels.names,
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
+        poses=true_poses(scenario),
         warnings=result_warnings(channels),
     )
 
@@ -305,6 +307,14 @@ def _check_voxel(scenario: Scenario, row: int, column: int) -> None:
             f"voxel ({row}, {column}) lies outside of the {scan.rows} × {scan.columns} raster.",
             remedy="Rows and columns count from 0.",
         )
+
+
+def true_poses(scenario: Scenario) -> TruePoses | None:
+    """Return where the objects stand when the scan begins and ends, if the scenario asks for it."""
+    if "pose" not in scenario.output.truth:
+        return None
+    ends = (0.0, scenario.open_scan.scan_time(scenario.scan_setup))
+    return TruePoses(ends, {item.name: item.pose_at(np.array(ends)) for item in scenario.scene.objects})
 
 
 def result_warnings(layers: dict[str, NDArray[np.float32]]) -> tuple[str, ...]:

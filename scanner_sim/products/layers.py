@@ -17,6 +17,7 @@ from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
 from scanner_sim.foundation.html_text import html_box, html_folded, html_rows
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.provenance import in_order, versions
+from scanner_sim.products.true_poses import TruePoses
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -41,6 +42,8 @@ class LayeredResult(ABC):
         Sentences for the user on things that look unintended.
     made_by
         Versions of the programs that made it.
+    poses
+        Where the objects truly stand when the scan begins and ends; None where the scenario does not ask for it.
 
     Raises
     ------
@@ -55,6 +58,7 @@ class LayeredResult(ABC):
     scenario_yaml: str = field(default="", kw_only=True)
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
     made_by: Mapping[str, str] = field(default_factory=versions, kw_only=True)
+    poses: TruePoses | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the layers, put them in order and close them to writing."""

@@ -106,7 +106,7 @@ def shots_json(shots: ShotTable) -> str:
 
 def _truth(image: LayeredResult, unit: str) -> dict[str, object]:
     """Return what only the simulator knows: errors of the valid voxels, and hits of each object."""
-    result: dict[str, object] = {}
+    result: dict[str, object] = {} if image.poses is None else {"poses": image.poses.plain()}
     if {"range_m", "truth.range_m"} <= image.channels.keys():
         known = image.valid & np.isfinite(image["truth.range_m"])
         error = image["range_m"][known].astype(np.float64) - image["truth.range_m"][known]

@@ -1,4 +1,4 @@
-"""Numbers of objects and materials in results: those that the scenario gives, and the next ones for what it leaves out."""
+"""Numbers of objects and materials in results: those that a scenario gives, and the next ones for all others."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ class Labels(Part):
                     )
 
     def extended(self, objects: Sequence[str], materials: Sequence[str]) -> Labels:
-        """Return the labels with numbers for further names, each after the largest one there is, while there are any."""
+        """Return the labels with further names, each numbered after the largest one, as long as there are numbers."""
         both = _extended(self.objects, objects), _extended(self.materials, materials)
         kept = [{name: number for name, number in all_of.items() if number <= HIGHEST} for all_of in both]
         return Labels(objects=kept[0], materials=kept[1])

@@ -27,6 +27,7 @@ from scanner_sim.products.files.exr_form import MAGIC, ForeignError, check_form
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.layers import numbered
 from scanner_sim.products.provenance import software
+from scanner_sim.products.true_poses import TruePoses
 
 Compression = Literal["none", "rle", "zips", "zip", "piz"]
 
@@ -153,6 +154,8 @@ def _attributes(image: RangeImage) -> dict[str, Any]:
         f"{PREFIX}phi": np.array([image.phi[0], image.phi[-1]]),
     }
     attributes |= {f"{PREFIX}version.{program}": number for program, number in image.made_by.items()}
+    if image.poses is not None:
+        attributes[f"{PREFIX}poses"] = json.dumps(image.poses.plain())
     for name in image.channels:
         attributes[f"unit.{name}"] = CHANNEL[name].unit
         attributes[f"description.{name}"] = CHANNEL[name].meaning
@@ -188,6 +191,9 @@ def _image(header: Mapping[str, Any], layers: Mapping[str, NDArray[np.float32]])
         scenario_yaml=scenario,
         warnings=tuple(warnings),
         made_by=made_by,
+        poses=None
+        if f"{PREFIX}poses" not in header
+        else TruePoses.of_plain(json.loads(header[f"{PREFIX}poses"])),
     )
 
 

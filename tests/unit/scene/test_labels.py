@@ -11,7 +11,7 @@ import pytest
 from scanner_sim import RangeImage, load_scenario, read_range_image, simulate, write_run
 from scanner_sim.campaign.reading import read_campaign
 from scanner_sim.foundation.errors import ScenarioError
-from scanner_sim.scene.labels import HIGHEST, LabelTable, Labels
+from scanner_sim.scene.labels import HIGHEST, Labels, LabelTable
 
 SCAN = {"rows": 5, "columns": 5, "horizontal": ["-4 deg", "4 deg"], "vertical": ["-4 deg", "4 deg"]}
 WALL = {"name": "wall", "shape": "rectangle", "size": (9.0, 9.0), "position": (0.0, 0.0, 9.0)}
