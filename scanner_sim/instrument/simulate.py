@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +19,9 @@ from scanner_sim.instrument.lit_aims import lit_aims
 from scanner_sim.instrument.memory import BATCH, check_shots, check_waveforms
 from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.instrument.voxel_records import voxel_record
+from scanner_sim.products.files.contents import RUN
+from scanner_sim.products.files.folder import check_target
+from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.true_poses import TruePoses
 from scanner_sim.products.voxel import VoxelRecord
@@ -76,7 +81,10 @@ def simulate(
 
 def simulate_many(
     scenarios: Iterable[Scenario],
+    folder: str | Path | None = None,
+    layers: Sequence[str] | None = None,
     *,
+    overwrite: bool = False,
     device: DeviceChoice = "auto",
     batch: int = BATCH,
     threads: int | None = None,
@@ -91,6 +99,14 @@ def simulate_many(
     ----------
     scenarios
         The scenarios, those that are alike next to one another. They are taken as they are needed.
+    folder
+        Where each image is written before it is yielded, in a folder of its own: ``000000``, ``000001`` and so on, with
+        the files that its scenario's ``output`` asks for, but photographs and waveforms. None writes nothing.
+    layers
+        Names of the layers that the images keep, beside ``status``; None keeps all. Files without a layer are smaller,
+        and those that need it are left out: ``points.ply`` the points, a picture its layer.
+    overwrite
+        Replace results that stand in ``folder`` already.
     device, threads
         As of :func:`simulate`.
     batch
@@ -103,17 +119,38 @@ def simulate_many(
 
     Raises
     ------
-    ScenarioError, InputError
-        As :func:`simulate`, when the scenario's turn comes.
+    ScenarioError, InputError, RunError
+        As :func:`simulate` and :func:`~scanner_sim.products.files.run_folder.write_run`, when the scenario's turn
+        comes; InputError too if an image has no such layer.
     """
+
+    def target(number: int) -> Path:
+        return Path(folder or "", f"{number:06d}")
+
+    def taken() -> Iterator[Scenario]:
+        for number, scenario in enumerate(scenarios):
+            if folder is not None:
+                check_target(target(number), overwrite, RUN)
+            yield scenario
+
+    for number, (scenario, image) in enumerate(_images(taken(), device, batch, threads)):
+        found = image if layers is None else image.keeping(layers)
+        if folder is not None:
+            write_run(found, target(number), scenario.output, overwrite=overwrite)
+        yield found
+
+
+def _images(
+    scenarios: Iterable[Scenario], device: DeviceChoice, batch: int, threads: int | None
+) -> Iterator[tuple[Scenario, RangeImage]]:
+    """Yield the image of each scenario, in their order; those that are alike are simulated together."""
     waiting: list[Scenario] = []
-    for scenario in scenarios:
-        if waiting and not _go_together(waiting, scenario, batch):
-            yield from _simulate_alike(waiting, device, batch, threads)
+    for scenario in chain(scenarios, [None]):
+        if waiting and (scenario is None or not _go_together(waiting, scenario, batch)):
+            yield from zip(waiting, _simulate_alike(waiting, device, batch, threads), strict=True)
             waiting = []
-        waiting.append(scenario)
-    if waiting:
-        yield from _simulate_alike(waiting, device, batch, threads)
+        if scenario is not None:
+            waiting.append(scenario)
 
 
 def _go_together(waiting: Sequence[Scenario], scenario: Scenario, batch: int) -> bool:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import xarray
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.html_text import html_box, html_folded, html_rows
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.provenance import in_order, versions
@@ -115,6 +116,26 @@ class LayeredResult(ABC):
     def valid(self) -> NDArray[np.bool_]:
         """Where a range was measured, of the shape of the layers."""
         return np.equal(self["status"], Status.VALID)
+
+    def keeping(self, names: Sequence[str]) -> Self:
+        """Return the result with some of its layers alone, and the ``status`` that tells where these hold numbers.
+
+        Raises
+        ------
+        InputError
+            If there is no layer of a name.
+        """
+        if unknown := [name for name in names if name not in self]:
+            remedy = f"It has {', '.join(self.channels)}."
+            if unknown[0] in CHANNEL and CHANNEL[unknown[0]].asked:
+                remedy = f"Write output.truth: [{CHANNEL[unknown[0]].asked}] into the scenario."
+            raise InputError(f"this result has no layer {unknown[0]!r}.", remedy=remedy)
+        wanted = {
+            "status",
+            *names,
+            *(code for code, of in MEASURED_BY.items() if not set(of).isdisjoint(names)),
+        }
+        return replace(self, channels={name: self[name] for name in self.channels if name in wanted})
 
     def points(self) -> NDArray[np.float32]:
         """Return the measured points in the scanner frame, shape (valid shots, 3) [m], in the order of the shots."""
