@@ -25,6 +25,7 @@ from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
+from scanner_sim.instrument.together import lanes_of, takes_seeds
 from scanner_sim.instrument.triangulation import ShotGroup, Triangulation
 from scanner_sim.optics.filter import peak_transmission
 from scanner_sim.ranging.fusion import fuse_points
@@ -38,17 +39,7 @@ from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.render.shots import Pointing, Shots, true_shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.protocol import Aim
-from scanner_sim.scene.files.loader import LoadedScene, load_scene
-
-
-def takes_seeds(scenario: Scenario) -> bool:
-    """Return whether runs of a scenario that differ in their seeds alone can be measured together.
-
-    A background and the paths of several bounces are drawn for all shots, and waveforms are so long that sharing
-    their kernels saves little.
-    """
-    alone = scenario.rangefinders == ("triangulation",) and scenario.transport.bounces == 1
-    return alone and scenario.lighting.sky().dark
+from scanner_sim.scene.files.loader import LoadedScene, Pose, load_scene
 
 
 class Instrument:
@@ -169,8 +160,8 @@ class Instrument:
             )
         if seeds is not None and not self.takes_seeds:
             raise InputError(
-                "runs of several seeds are measured together in the dark, by triangulation and one bounce alone.",
-                remedy="Measure them one by one.",
+                "runs of several seeds see the same light of Sun and Earth only where its seed is given.",
+                remedy="Write transport.background_seed, or measure them one by one.",
             )
         with self._stay.resume():
             if backgrounds is None and not is_of_scan(aim, self.scenario):
@@ -180,9 +171,31 @@ class Instrument:
             each, own = aim.repeated(len(seeds)), device_seeds(np.array(seeds, dtype=np.uint64))
             return self.read(each, backgrounds, RunSeeds.of(own, len(each.shot)))
 
+    def measure_together(
+        self,
+        aim: Aim,
+        scenarios: Sequence[Scenario],
+        *,
+        backgrounds: Sequence[Panorama | None] | None = None,
+    ) -> Samples:
+        """Return what is measured of the shots of an aim in scenarios that are :func:`alike`, one after the other.
+
+        Parameters
+        ----------
+        aim
+            Shots of the scan.
+        scenarios
+            The instrument's own among them.
+        backgrounds
+            As of :meth:`measure`.
+        """
+        with self._stay.resume():
+            each, seeds, poses = lanes_of(scenarios, self.loaded, aim)
+            return self.read(each, backgrounds, seeds, poses)
+
     @property
     def takes_seeds(self) -> bool:
-        """Whether runs of several seeds can be measured together: all that is random belongs to shots of their own."""
+        """Whether runs of several seeds can be measured together: they see the same light of Sun and Earth, if any."""
         return takes_seeds(self.scenario)
 
     def backgrounds(self, aim: Aim) -> list[Panorama | None]:
@@ -204,12 +217,14 @@ class Instrument:
         aim: Aim,
         backgrounds: Sequence[Panorama | None] | None = None,
         seeds: RunSeeds | None = None,
+        poses: tuple[Pose, ...] | None = None,
     ) -> Samples:
         """Return the same as :meth:`measure` of an aim that can be; backgrounds are by default those of the scan.
 
-        ``seeds`` of the runs that the shots belong to, where these are several.
+        ``seeds`` of the runs that the shots belong to, where these are several, and the ``poses`` of what moves, where
+        they are not the scenario's.
         """
-        shots, pointing = self.fire(aim, seeds)
+        shots, pointing = self.fire(aim, seeds, poses)
         deflections = self.deflections(aim, pointing, seeds=seeds)
         seen = [None] * len(self.rangefinders) if backgrounds is None else backgrounds
         found = [
@@ -269,11 +284,13 @@ class Instrument:
         """Render the shots of an aim, expose the line to them and read it: their truth, and the shots in groups."""
         return self.triangulation.expose(self.fire(aim)[0])
 
-    def fire(self, aim: Aim, seeds: RunSeeds | None = None) -> tuple[Shots, Pointing]:
-        """Return the shots of an aim as the mirrors' errors let them go, and these errors; ``seeds`` as of `read`."""
+    def fire(
+        self, aim: Aim, seeds: RunSeeds | None = None, poses: tuple[Pose, ...] | None = None
+    ) -> tuple[Shots, Pointing]:
+        """Return the shots of an aim as the mirrors' errors let them go, and these errors; the rest as of `read`."""
         scanner, seed = self.scenario.scanner, self.scenario.seed if seeds is None else seeds
-        poses = self.loaded.poses_at(aim.time)
-        return true_shots(aim, scanner.mirrors, seed, scanner.exposure / scanner.dwell, poses)
+        own = self.loaded.poses_at(aim.time) if poses is None else poses
+        return true_shots(aim, scanner.mirrors, seed, scanner.exposure / scanner.dwell, own)
 
     def deflections(
         self,

@@ -14,10 +14,11 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.instrument import Instrument, takes_seeds
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.lit_aims import lit_aims
 from scanner_sim.instrument.memory import BATCH, check_shots, check_waveforms
 from scanner_sim.instrument.neighbourhood import judge_neighbours
+from scanner_sim.instrument.together import alike
 from scanner_sim.instrument.voxel_records import voxel_record
 from scanner_sim.products.files.contents import RUN
 from scanner_sim.products.files.folder import check_target
@@ -89,11 +90,13 @@ def simulate_many(
     batch: int = BATCH,
     threads: int | None = None,
 ) -> Iterator[RangeImage]:
-    """Simulate raster scans one after the other, and those together that differ in nothing but their seeds.
+    """Simulate raster scans one after the other, and those together that are alike.
 
-    Many small images cost little more than their shots then: each is, to the last bit, what :func:`simulate` makes of
-    its scenario alone. Scenarios that cannot go together (under Sun or Earth, by time of flight, with several bounces,
-    or of unequal scenes and instruments) are simulated alone.
+    Alike are scenarios that differ in nothing but ``seed``, ``scanner.laser.power``, ``output``, and, in the dark, in
+    position, rotation and motion of objects that have a ``motion`` in all of them (one of no speed will do). Under Sun
+    or Earth their seeds may differ where ``transport.background_seed`` is given: they see the same light then.
+    Many small images cost little more than their shots: each is, to the last bit, what :func:`simulate` makes of its
+    scenario alone.
 
     Parameters
     ----------
@@ -156,15 +159,14 @@ def _images(
 def _go_together(waiting: Sequence[Scenario], scenario: Scenario, batch: int) -> bool:
     """Return whether a scenario can be measured with those that wait, which are alike."""
     first = waiting[0]
-    fits = (len(waiting) + 1) * first.raster.shots <= batch and takes_seeds(first)
-    return fits and first == scenario.model_copy(update={"seed": first.seed})
+    return (len(waiting) + 1) * first.raster.shots <= batch and alike(first, scenario)
 
 
 @guest()
 def _simulate_alike(
     scenarios: Sequence[Scenario], device: DeviceChoice, batch: int, threads: int | None
 ) -> list[RangeImage]:
-    """Return the images of scenarios that differ in nothing but their seeds."""
+    """Return the images of scenarios that are alike."""
     found, loaded = measure_scans(scenarios, device=device, progress=None, batch=batch, threads=threads)
     return [_image(scenario, layers, loaded) for scenario, layers in zip(scenarios, found, strict=True)]
 
@@ -196,7 +198,7 @@ def measure_scans(
     batch: int,
     threads: int | None,
 ) -> tuple[list[Layers], LoadedScene]:
-    """Measure all shots of scans that are known beforehand, and of scenarios that differ in nothing but their seeds.
+    """Measure all shots of scans that are known beforehand, and of scenarios that are alike.
 
     Returns
     -------
@@ -208,7 +210,6 @@ def measure_scans(
     Other arguments and faults are those of :func:`simulate`.
     """
     scenario, runs = scenarios[0], len(scenarios)
-    seeds = None if runs == 1 else [each.seed for each in scenarios]
     if batch < 1:
         raise InputError("a batch needs at least one shot.")
     check_shots(scenario, batch)
@@ -219,7 +220,10 @@ def measure_scans(
     )
     layers: Layers = {}
     for aim, backgrounds in lit_aims(instrument, max(batch // runs, 1)):
-        samples = instrument.measure(aim, backgrounds=backgrounds, seeds=seeds)
+        if runs == 1:
+            samples = instrument.measure(aim, backgrounds=backgrounds)
+        else:
+            samples = instrument.measure_together(aim, scenarios, backgrounds=backgrounds)
         for name in [name for name in samples if name in CHANNEL]:
             if name not in layers:
                 layers[name] = np.empty((runs, shots), dtype=np.float32)

@@ -231,7 +231,8 @@ class TimeOfFlight:
 
         def groups() -> Iterator[EchoGroup]:
             for part, own in batches_of_echoes(echoes, light, max(1, _SAMPLES_TOGETHER // clock.samples)):
-                waveforms = record(part, part.shot, unit.pulse, diode, clock, scenario.seed, own)
+                seed = scenario.seed if shots.seeds is None else shots.seeds.take(part.index).lanes
+                waveforms = record(part, part.shot, unit.pulse, diode, clock, seed, own)
                 yield EchoGroup(part.index.numpy(), waveforms, detector.detect(waveforms))
 
         return truth, light, groups()
@@ -244,7 +245,7 @@ class TimeOfFlight:
             surface_positions(self.loaded, self.optics, shots, truth),
             coherence_of(self.loaded, truth),
             scanner.receiver.aperture / scanner.laser.wavelength,
-            self.scenario.seed,
+            self.scenario.seed if shots.seeds is None else shots.seeds.lanes,
         )
 
     def measure(

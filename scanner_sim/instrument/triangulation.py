@@ -189,10 +189,14 @@ class Triangulation:
     @cached_property
     def spot(self) -> ExpectedSpot:
         """What is known of the laser's spot before it is seen."""
+        return self._spot(self.scenario.scanner.laser.power)
+
+    def _spot(self, power: float) -> ExpectedSpot:
+        """Return what is known of the spot of a laser of some power [W]."""
         scanner = self.scenario.scanner
         passed = laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response)
         return ExpectedSpot.of(
-            scanner.laser,
+            scanner.laser.changed(power=power),
             scanner.receiver,
             self.optics.filter_transmission * float(passed),
             scanner.position_sensor,
@@ -205,7 +209,20 @@ class Triangulation:
         scenario, scanner = self.scenario, self.scenario.scanner
         if not scenario.lighting.sky().dark or scanner.laser_off > 0.0:
             return None
-        return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
+        spot = self.spot.lit(0.0, 0.0)
+        return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, spot, self.bias)
+
+    def white(self, theta: Float, shots: Shots | None) -> tuple[Float, Float]:
+        """Return the light of a white surface, as ``ExpectedSpot`` has it, for each shot or for all beside an array."""
+        if shots is None or shots.seeds is None or shots.seeds.powers is None:
+            first, second = beside(theta, self.spot.white, self.spot.white_by_pixel)
+            return first, second
+        spots = [self._spot(power) for power in shots.seeds.powers]
+        first, second = (
+            shots.seeds.spread(each)
+            for each in zip(*((s.white, s.white_by_pixel) for s in spots), strict=True)
+        )
+        return first, second
 
     @cached_property
     def bias(self) -> Bias | None:
@@ -377,6 +394,7 @@ class Triangulation:
             (low, high, charge),
             theta,
             self.expected_speckle(shots),
+            self.white(theta, shots),
         )
         return incident, signal, peaks
 
@@ -433,7 +451,7 @@ class Triangulation:
             scanner.position_sensor if sensor is None else sensor,
             self.scenario.processing if processing is None else processing,
             scanner.dwell,
-            self.spot,
+            self.spot.lit(*self.white(theta, shots)),
             theta,
             self.bias,
             self.expected_speckle(shots) if speckle else None,

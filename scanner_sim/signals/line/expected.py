@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,9 @@ class ExpectedSpot:
         Pixel i of the line lies at p = offset + (i + 1/2) pitch.
     pixels
         Pixels of the line.
-    white
-        Charge of a white Lambertian surface that faces the scanner, times its range squared [electron m²].
+    white, white_by_pixel
+        Charge of a white Lambertian surface that faces the scanner, times its range squared [electron m²]; and over
+        (pixel + 1/2)², at Θ = 0 [electron]. Numbers, or arrays with one for each of m shots.
     """
 
     focal_length: float
@@ -47,7 +48,8 @@ class ExpectedSpot:
     pitch: float
     offset: float
     pixels: int
-    white: float
+    white: FloatLike
+    white_by_pixel: FloatLike
 
     @classmethod
     def of(
@@ -58,6 +60,7 @@ class ExpectedSpot:
         White surface: N R² = P T A / π · QE t λ/(h c), eq 19 of Blais, Beraldin, El-Hakim (2000).
         """
         watts = laser.power * receiver.transmission * transmission * receiver.aperture_area / math.pi
+        charge = watts * electrons_per_watt(sensor, laser.wavelength, dwell)
         return cls(
             focal_length=receiver.focal_length,
             baseline=receiver.baseline,
@@ -68,8 +71,13 @@ class ExpectedSpot:
             pitch=sensor.pitch,
             offset=sensor.offset,
             pixels=sensor.pixels,
-            white=watts * electrons_per_watt(sensor, laser.wavelength, dwell),
+            white=charge,
+            white_by_pixel=charge / (receiver.focal_length * receiver.baseline / sensor.pitch) ** 2,
         )
+
+    def lit(self, white: FloatLike, white_by_pixel: FloatLike) -> ExpectedSpot:
+        """Return the same spot by other light."""
+        return replace(self, white=white, white_by_pixel=white_by_pixel)
 
     def range(self, pixel: FloatLike, sine: FloatLike, cosine: FloatLike) -> FloatLike:
         """Return the range [m] of a fractional pixel at a deflection Θ given as sine and cosine (eq 1)."""
