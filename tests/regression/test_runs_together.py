@@ -29,7 +29,6 @@ CONDITIONS = {
     "several bounces": ["transport.bounces=2"],
     "time of flight": ["ranging=tof"],
     "both": ["ranging=both", *MOVING],
-    "under the Sun": SUN,
     "under the Sun, moving, both": [*SUN, *MOVING, "ranging=both", "scanner.laser_off=0.3"],
 }
 
