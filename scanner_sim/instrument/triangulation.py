@@ -26,6 +26,7 @@ from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.streams import RunSeeds, Seed
 from scanner_sim.instrument.background_rows import scan_rows
+from scanner_sim.instrument.expected_light import expected_spot, white_light
 from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import incidence, laser_gain
@@ -189,19 +190,7 @@ class Triangulation:
     @cached_property
     def spot(self) -> ExpectedSpot:
         """What is known of the laser's spot before it is seen."""
-        return self._spot(self.scenario.scanner.laser.power)
-
-    def _spot(self, power: float) -> ExpectedSpot:
-        """Return what is known of the spot of a laser of some power [W]."""
-        scanner = self.scenario.scanner
-        passed = laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response)
-        return ExpectedSpot.of(
-            scanner.laser.changed(power=power),
-            scanner.receiver,
-            self.optics.filter_transmission * float(passed),
-            scanner.position_sensor,
-            scanner.exposure,
-        )
+        return expected_spot(self.scenario.scanner, self.optics.filter_transmission)
 
     @cached_property
     def dark_line(self) -> DarkLine | None:
@@ -209,20 +198,12 @@ class Triangulation:
         scenario, scanner = self.scenario, self.scenario.scanner
         if not scenario.lighting.sky().dark or scanner.laser_off > 0.0:
             return None
-        spot = self.spot.lit(0.0, 0.0)
-        return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, spot, self.bias)
+        return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
 
     def white(self, theta: Float, shots: Shots | None) -> tuple[Float, Float]:
-        """Return the light of a white surface, as ``ExpectedSpot`` has it, for each shot or for all beside an array."""
-        if shots is None or shots.seeds is None or shots.seeds.powers is None:
-            first, second = beside(theta, self.spot.white, self.spot.white_by_pixel)
-            return first, second
-        spots = [self._spot(power) for power in shots.seeds.powers]
-        first, second = (
-            shots.seeds.spread(each)
-            for each in zip(*((s.white, s.white_by_pixel) for s in spots), strict=True)
-        )
-        return first, second
+        """Return the light of a white surface: see :func:`~scanner_sim.instrument.expected_light.white_light`."""
+        seeds = None if shots is None else shots.seeds
+        return white_light(self.spot, self.scenario.scanner, self.optics.filter_transmission, theta, seeds)
 
     @cached_property
     def bias(self) -> Bias | None:

@@ -136,7 +136,7 @@ def dark_line(
     sensor: PositionSensor, processing: Processing, dwell: float, spot: ExpectedSpot, bias: Bias | None
 ) -> DarkLine | None:
     """Return the same as :meth:`DarkLine.of`, traced once for all instruments that know the same of their lines."""
-    return _traced(auto.Float, sensor, processing, dwell, spot, bias)
+    return _traced(auto.Float, sensor, processing, dwell, spot.lit(0.0, 0.0), bias)
 
 
 @lru_cache(maxsize=8)

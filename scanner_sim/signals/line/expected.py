@@ -49,7 +49,13 @@ class ExpectedSpot:
     offset: float
     pixels: int
     white: FloatLike
-    white_by_pixel: FloatLike
+    white_by_pixel: FloatLike = None
+
+    def __post_init__(self) -> None:
+        """Work out the one light of a white surface from the other where it is not given."""
+        if self.white_by_pixel is None:
+            slope = self.focal_length * self.baseline / self.pitch
+            object.__setattr__(self, "white_by_pixel", self.white / slope**2)
 
     @classmethod
     def of(
@@ -60,7 +66,6 @@ class ExpectedSpot:
         White surface: N R² = P T A / π · QE t λ/(h c), eq 19 of Blais, Beraldin, El-Hakim (2000).
         """
         watts = laser.power * receiver.transmission * transmission * receiver.aperture_area / math.pi
-        charge = watts * electrons_per_watt(sensor, laser.wavelength, dwell)
         return cls(
             focal_length=receiver.focal_length,
             baseline=receiver.baseline,
@@ -71,8 +76,7 @@ class ExpectedSpot:
             pitch=sensor.pitch,
             offset=sensor.offset,
             pixels=sensor.pixels,
-            white=charge,
-            white_by_pixel=charge / (receiver.focal_length * receiver.baseline / sensor.pitch) ** 2,
+            white=watts * electrons_per_watt(sensor, laser.wavelength, dwell),
         )
 
     def lit(self, white: FloatLike, white_by_pixel: FloatLike) -> ExpectedSpot:
