@@ -353,7 +353,7 @@ def files_page() -> str:
         "One part, one float32 channel per layer, rows of φ from the top, columns of Θ from the left. Layers of",
         "whole numbers have their legend in the header. Where there is no range, the measured layers are NaN and",
         "`status` says why. With `ranging: tof` the layers without a prefix hold time of flight, with `both`",
-        "triangulation.",
+        "triangulation. Normals and incidence are there where `output.truth` asks for them.",
         "",
         "| channel | unit | meaning |",
         "|---|---|---|",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,26 @@ def read_campaign(path: Path) -> Campaign:
         faults += unfit or _impossible_points(campaign, number, document)
     if faults:
         raise ScenarioError(faults, source=str(path))
-    return campaign
+    return Campaign(plan, _labelled(campaign), folder)
+
+
+def _labelled(campaign: Campaign) -> Scenario:
+    """Return the base with numbers for all objects and materials that its runs name: each has one in all of them.
+
+    Those of the base come first, then what listed values bring. A reflectance that is drawn makes no name here: its
+    material keeps its number where the scenario gives it a ``name``.
+    """
+    objects, materials = campaign.base.scene.names
+    for number, group in enumerate(campaign.plan.vary):
+        listed = [key for key, values in group.keys.items() if values.list and key.startswith("scene")]
+        for point in range(group.length if listed else 0):
+            values = campaign.points(number).at(point)
+            with suppress(ScenarioError):
+                own = changed(campaign.base, {key: values[key] for key in listed}, campaign.folder, "plan")
+                objects, materials = (*objects, *own.scene.names[0]), (*materials, *own.scene.names[1])
+    scene = campaign.base.scene
+    labels = scene.labels.extended(objects, materials)
+    return campaign.base.model_copy(update={"scene": scene.model_copy(update={"labels": labels})})
 
 
 def _unfit_measures(campaign: Campaign, document: Document) -> Iterator[Fault]:

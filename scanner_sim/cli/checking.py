@@ -51,9 +51,10 @@ def _open_scene(scenario: Scenario) -> None:
     except InputError as error:
         warn(f"the files of the scene were not opened, because nothing here can render: {error}")
         return
-    from scanner_sim.scene.files.loader import load_scene
+    from scanner_sim.instrument.scene_warnings import scene_warnings
 
-    load_scene(scenario.scene)
+    for sentence in scene_warnings(scenario):
+        warn(sentence)
 
 
 def print_info() -> None:

@@ -45,6 +45,10 @@ def run_scenario(call: Call, *, dry_run: bool) -> None:
     call.warn(slow(scenario))
     with call.claimed(kind):
         work(scenario, call)
+    # Afterwards: the scene is loaded, and its files were read under their names.
+    from scanner_sim.instrument.scene_warnings import scene_warnings
+
+    call.warn(scene_warnings(scenario, device=call.device))
 
 
 def _run_raster(scenario: Scenario, call: Call) -> None:

@@ -157,6 +157,9 @@ class Scenario(Part):
         yield from self.scan.faults(self.scan_setup)
         if self.scan.layout != "visits":
             yield from self._camera_contradictions(self.scan)
+        if self.output.truth and self.scan.layout == "visits":
+            problem = "a run that follows targets has the truth of its visits in its tables."
+            yield Fault("output.truth", problem, "Write [], or a raster.")
         if self.scan.layout == "visits" and self.transport.light_seed is not None:
             yield Fault(
                 "transport.light_seed",

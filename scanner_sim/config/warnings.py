@@ -12,7 +12,7 @@ from scanner_sim.optics.filter import filter_warnings
 from scanner_sim.scene.light.lighting import lighting_warnings
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.motion import ConstantTwist
-from scanner_sim.scene.objects import MitsubaFile, Retroreflector, TargetArray
+from scanner_sim.scene.objects import Retroreflector, materials_of
 from scanner_sim.scene.retroreflectors import RetroLobe
 from scanner_sim.signals.processing import MARGIN
 from scanner_sim.tracking.warnings import track_warnings
@@ -202,9 +202,7 @@ def _retro_reflectors(scenario: Scenario) -> Iterator[str]:
     """Warn of a limit on brightness that refuses what the scene holds; materials of Mitsuba's files are not known."""
     limit = scenario.processing.validation.max_reflectance
     for index, item in enumerate(scenario.scene.objects):
-        if isinstance(item, MitsubaFile):
-            continue
-        for choice in (item.disc, item.material) if isinstance(item, TargetArray) else (item.material,):
+        for choice in materials_of(item):
             lobe, reflectance = _lobe(choice)
             # Along the normal, at no angle between laser and lens: D/4 of the lobe over 1/π.
             brightest = 0.0 if lobe is None else reflectance * lobe.retro_share / (2.0 * lobe.alpha) ** 2

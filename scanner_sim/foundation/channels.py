@@ -68,6 +68,8 @@ class Channel:
         Name among the properties of a point cloud's vertices; empty for none.
     pictures
         How a run draws it.
+    asked
+        Word of ``output.truth`` that asks for it; empty for what every result has.
     """
 
     name: str
@@ -78,6 +80,7 @@ class Channel:
     prefix: str = ""
     vertex: str = ""
     pictures: tuple[Picture, ...] = ()
+    asked: str = ""
 
     @property
     def whole(self) -> bool:
@@ -186,6 +189,13 @@ CHANNELS: tuple[Channel, ...] = (
             vertex="truth_object"),
     Channel("truth.material", "1", "number of the material hit by the chief ray, from 1; 0 for nothing", "number",
             vertex="truth_material"),
+    Channel("truth.normal.X", "1", "unit normal of the surface that the chief ray meets, on the scanner's side: to the "
+            "right", "truth", vertex="nx", asked="normal"),
+    Channel("truth.normal.Y", "1", "the same normal: downwards", "truth", vertex="ny", asked="normal"),
+    Channel("truth.normal.Z", "1", "the same normal: away from the scanner, so 0 or less for what faces it", "truth",
+            vertex="nz", asked="normal"),
+    Channel("truth.incidence_rad", "rad", "angle between that normal and the way back along the beam, 0 to π/2",
+            "truth", asked="incidence"),
 )
 # fmt: on
 """Every layer that a range image can have, in the order of presentation; a run holds those of its rangefinders."""
@@ -205,11 +215,15 @@ MEASURED_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(
 """For each layer of status, the layers that are NaN wherever it is not 0."""
 
 
-def channels_by(rangefinders: Sequence[str]) -> tuple[Channel, ...]:
-    """Return the channels that some rangefinders make."""
-    return tuple(channel for channel in CHANNELS if set(channel.rangefinders) <= set(rangefinders))
+def channels_by(rangefinders: Sequence[str], truth: Sequence[str] = ()) -> tuple[Channel, ...]:
+    """Return the channels that some rangefinders make, with the truth that is asked for beside."""
+    return tuple(
+        channel
+        for channel in CHANNELS
+        if set(channel.rangefinders) <= set(rangefinders) and channel.asked in ("", *truth)
+    )
 
 
-def layer_bytes(rangefinders: Sequence[str]) -> int:
-    """Return the bytes of a voxel in the layers that some rangefinders make, float32 each."""
-    return 4 * len(channels_by(rangefinders))
+def layer_bytes(rangefinders: Sequence[str], truth: Sequence[str] = ()) -> int:
+    """Return the bytes of a voxel in the layers of :func:`channels_by`, float32 each."""
+    return 4 * len(channels_by(rangefinders, truth))

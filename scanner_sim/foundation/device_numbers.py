@@ -8,7 +8,7 @@ from typing import Any
 from scanner_sim.foundation.device_types import FloatLike
 
 
-def beside(array: FloatLike, *numbers: float) -> tuple[Any, ...]:
+def beside(array: FloatLike, *numbers: FloatLike) -> tuple[Any, ...]:
     """Return numbers for a law that is written for numbers, NumPy and Dr.Jit arrays alike.
 
     Parameters
@@ -16,7 +16,7 @@ def beside(array: FloatLike, *numbers: float) -> tuple[Any, ...]:
     array
         What the law is asked for.
     numbers
-        Its parameters, each in double precision.
+        Its parameters, each in double precision, or on the device already.
 
     Returns
     -------
@@ -25,7 +25,11 @@ def beside(array: FloatLike, *numbers: float) -> tuple[Any, ...]:
         part of the kernel, so that each number would have a kernel of its own.
     """
     dr = _library_of(array)
-    return numbers if dr is None else tuple(dr.opaque(type(array), number) for number in numbers)
+    return (
+        numbers
+        if dr is None
+        else tuple(number if dr.is_array_v(number) else dr.opaque(type(array), number) for number in numbers)
+    )
 
 
 def over(dividend: FloatLike, divisor: float) -> FloatLike:

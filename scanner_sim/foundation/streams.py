@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from scanner_sim.foundation.device_memory import for_device
-from scanner_sim.foundation.device_types import UInt32, UInt64
+from scanner_sim.foundation.device_types import Float, UInt32, UInt64
 
 _ROUNDS = 7
 
@@ -71,26 +71,32 @@ def generator(seed: Seed, stream: Stream, shot: UInt32, sample: UInt32) -> Any:
 class RunSeeds:
     """Seeds of runs whose lanes go side by side, as many of each: Dr.Jit arrays.
 
-    ``each`` are the seeds, shape (runs,), and ``run`` is which of them each lane has, shape (n,).
+    ``each`` are the seeds, shape (runs,), and ``run`` is which of them each lane has, shape (n,). ``powers`` of their
+    lasers [W], where these differ.
     """
 
     each: UInt64
     run: UInt32
+    powers: tuple[float, ...] | None = None
 
     @classmethod
-    def of(cls, each: UInt64, lanes: int) -> RunSeeds:
+    def of(cls, each: UInt64, lanes: int, powers: tuple[float, ...] | None = None) -> RunSeeds:
         """Return the seeds of so many lanes, one run after the other."""
         own = dr.opaque(auto.UInt32, lanes // dr.width(each))
-        return cls(each, dr.arange(auto.UInt32, lanes) // own)
+        return cls(each, dr.arange(auto.UInt32, lanes) // own, powers)
 
     def take(self, index: UInt32) -> RunSeeds:
         """Return the seeds of some lanes, by their indices."""
-        return RunSeeds(self.each, dr.gather(auto.UInt32, self.run, index))
+        return RunSeeds(self.each, dr.gather(auto.UInt32, self.run, index), self.powers)
 
     @property
     def lanes(self) -> Seed:
         """The seed of each lane."""
         return dr.gather(auto.UInt64, self.each, self.run)
+
+    def spread(self, values: ArrayLike) -> Float:
+        """Return values of the runs, shape (runs,), as those of each lane, single precision."""
+        return dr.gather(auto.Float, auto.Float(for_device(values)), self.run)
 
 
 def device_seeds(seeds: ArrayLike) -> UInt64:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scanner_sim.config.scanner import geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import read_encoders, readings
-from scanner_sim.foundation.channels import MEASURED_BY
+from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.foundation.streams import RunSeeds, device_seeds
@@ -25,11 +26,13 @@ from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
+from scanner_sim.instrument.together import lanes_of, takes_seeds
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.filter import peak_transmission
 from scanner_sim.ranging.fusion import fuse_points
-from scanner_sim.ranging.ranges import Deflections, Layers, layers_of
+from scanner_sim.ranging.ranges import Columns, Deflections, Layers, layers_of
 from scanner_sim.render.background.panorama import Panorama
+from scanner_sim.render.beam.chief_surface import chief_surface
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.device import activate
 from scanner_sim.render.guest import Stay, guest
@@ -37,19 +40,7 @@ from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.render.shots import Pointing, Shots, true_shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.protocol import Aim
-from scanner_sim.scene.files.loader import LoadedScene, load_scene
-
-
-def takes_seeds(scenario: Scenario) -> bool:
-    """Return whether runs of a scenario that differ in their seeds alone can be measured together.
-
-    A background and the paths of several bounces are drawn for all shots, a seed of the light makes its mirrors err
-    alike in all runs, and waveforms are so long that sharing their kernels saves little.
-    """
-    transport = scenario.transport
-    alone = scenario.rangefinders == ("triangulation",) and transport.bounces == 1
-    alone = alone and transport.light_seed is None
-    return alone and scenario.lighting.sky().dark
+from scanner_sim.scene.files.loader import LoadedScene, Pose, load_scene
 
 
 class Instrument:
@@ -170,8 +161,8 @@ class Instrument:
             )
         if seeds is not None and not self.takes_seeds:
             raise InputError(
-                "runs of several seeds are measured together in the dark, by triangulation and one bounce alone.",
-                remedy="Measure them one by one.",
+                "runs of several seeds see the same light of Sun and Earth only where its seed is given.",
+                remedy="Write transport.background_seed, or measure them one by one.",
             )
         with self._stay.resume():
             if backgrounds is None and not is_of_scan(aim, self.scenario):
@@ -181,9 +172,31 @@ class Instrument:
             each, own = aim.repeated(len(seeds)), device_seeds(np.array(seeds, dtype=np.uint64))
             return self.read(each, backgrounds, RunSeeds.of(own, len(each.shot)))
 
+    def measure_together(
+        self,
+        aim: Aim,
+        scenarios: Sequence[Scenario],
+        *,
+        backgrounds: Sequence[Panorama | None] | None = None,
+    ) -> Samples:
+        """Return what is measured of the shots of an aim in scenarios that are :func:`alike`, one after the other.
+
+        Parameters
+        ----------
+        aim
+            Shots of the scan.
+        scenarios
+            The instrument's own among them.
+        backgrounds
+            As of :meth:`measure`.
+        """
+        with self._stay.resume():
+            each, seeds, poses = lanes_of(scenarios, self.loaded, aim)
+            return self.read(each, backgrounds, seeds, poses)
+
     @property
     def takes_seeds(self) -> bool:
-        """Whether runs of several seeds can be measured together: all that is random belongs to shots of their own."""
+        """Whether runs of several seeds can be measured together: they see the same light of Sun and Earth, if any."""
         return takes_seeds(self.scenario)
 
     def backgrounds(self, aim: Aim) -> list[Panorama | None]:
@@ -205,24 +218,44 @@ class Instrument:
         aim: Aim,
         backgrounds: Sequence[Panorama | None] | None = None,
         seeds: RunSeeds | None = None,
+        poses: tuple[Pose, ...] | None = None,
     ) -> Samples:
         """Return the same as :meth:`measure` of an aim that can be; backgrounds are by default those of the scan.
 
-        ``seeds`` of the runs that the shots belong to, where these are several.
+        ``seeds`` of the runs that the shots belong to, where these are several, and the ``poses`` of what moves, where
+        they are not the scenario's.
         """
-        shots, pointing = self.fire(aim, seeds)
+        shots, pointing = self.fire(aim, seeds, poses)
         deflections = self.deflections(aim, pointing, seeds=seeds)
         seen = [None] * len(self.rangefinders) if backgrounds is None else backgrounds
         found = [
             rangefinder.measure(aim, shots, deflections, background)
             for rangefinder, background in zip(self.rangefinders, seen, strict=True)
         ]
-        return self.samples(aim, pointing, deflections, found)
+        return self.samples(aim, pointing, deflections, found, self._surfaces(shots))
+
+    def _surfaces(self, shots: Shots) -> Layers:
+        """Return the truth of the surfaces that shots meet, as far as the scenario asks for it."""
+        asked = set(self.scenario.output.truth)
+        if asked.isdisjoint(("normal", "incidence")):
+            return {}
+        normal, incidence = chief_surface(self.loaded, self.optics, shots)
+        layers = {f"normal.{axis}": part for axis, part in zip("XYZ", normal, strict=True)}
+        layers["incidence_rad"] = incidence
+        return {name: values for name, values in layers.items() if CHANNEL[f"truth.{name}"].asked in asked}
 
     def samples(
-        self, aim: Aim, pointing: Pointing, deflections: Deflections, found: Sequence[Reading]
+        self,
+        aim: Aim,
+        pointing: Pointing,
+        deflections: Deflections,
+        found: Sequence[Reading],
+        surfaces: Columns = MappingProxyType({}),
     ) -> Samples:
-        """Return what all rangefinders read of an aim as samples, triangulation and time of flight fused."""
+        """Return what all rangefinders read of an aim as samples, triangulation and time of flight fused.
+
+        ``surfaces`` is further truth.
+        """
         ranges = [reading.ranges for reading in found]
         measured: Layers = {}
         if self.rangefinders == (self.triangulation, self.time_of_flight):
@@ -241,8 +274,9 @@ class Instrument:
             "range_m": met.distance.numpy(),
             "theta_rad": aim.theta + pointing.theta,
             "phi_rad": aim.phi + pointing.phi,
-            "object": met.object.numpy(),
-            "material": met.material.numpy(),
+            "object": self.loaded.object_labels.number_of[met.object.numpy()],
+            "material": self.loaded.material_labels.number_of[met.material.numpy()],
+            **surfaces,
         }
         known = (SIGMA_Y, *(channel for rangefinder in self.rangefinders for channel in rangefinder.channels))
         return Samples(measured, truth, {channel.name: channel for channel in known})
@@ -251,12 +285,14 @@ class Instrument:
         """Render the shots of an aim, expose the line to them and read it: their truth, and the shots in groups."""
         return self.triangulation.expose(self.fire(aim)[0])
 
-    def fire(self, aim: Aim, seeds: RunSeeds | None = None) -> tuple[Shots, Pointing]:
-        """Return the shots of an aim as the mirrors' errors let them go, and these errors; ``seeds`` as of `read`."""
+    def fire(
+        self, aim: Aim, seeds: RunSeeds | None = None, poses: tuple[Pose, ...] | None = None
+    ) -> tuple[Shots, Pointing]:
+        """Return the shots of an aim as the mirrors' errors let them go, and these errors; the rest as of `read`."""
         scanner, transport = self.scenario.scanner, self.scenario.transport
-        own = seeds if seeds is not None else transport.seed_of_light(self.scenario.seed)
-        poses = self.loaded.poses_at(aim.time)
-        return true_shots(aim, scanner.mirrors, own, scanner.exposure / scanner.dwell, poses)
+        seed = transport.seed_of_light(self.scenario.seed) if seeds is None else seeds
+        own = self.loaded.poses_at(aim.time) if poses is None else poses
+        return true_shots(aim, scanner.mirrors, seed, scanner.exposure / scanner.dwell, own)
 
     def deflections(
         self,

@@ -9,7 +9,7 @@ light. With another seed the scenario therefore has ``transport.light_seed``, th
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,7 @@ from scanner_sim.ranging.ranges import Layers
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import raster_aim
+from scanner_sim.scene.labels import LabelTable
 from scanner_sim.scene.objects import Scene
 
 _FILES = {"triangulation": LINES, "tof": WAVEFORMS}
@@ -156,6 +157,11 @@ class KeptSignals:
         for key in ("seed_of_light", "seed_of_background"):
             if getattr(new.transport, key)(new.seed) != getattr(old.transport, key)(old.seed):
                 faults.append(_refusal(f"transport.{key.removeprefix('seed_of_')}_seed", self.folder))
+        if self.whole and not {"normal", "incidence"}.isdisjoint(new.output.truth):
+            problem = "normals and incidence are not kept with the light."
+            faults.append(
+                Fault("output.truth", problem, "Add --set output.truth=[], or run the scenario again.")
+            )
         if faults:
             raise ScenarioError(faults, source=name)
         return new
@@ -244,6 +250,13 @@ class Reprocessing:
         with guest():
             # The light is there already: what stands before the instrument does not matter.
             self.instrument = Instrument(scenario.model_copy(update={"scene": Scene()}), device=device)
+        about = next(iter(kept.about.values()))
+        # Its truth has the numbers of results already.
+        self.instrument.loaded = replace(
+            self.instrument.loaded,
+            object_labels=LabelTable.same(about.objects),
+            material_labels=LabelTable.same(about.materials),
+        )
         self.recorders: dict[str, SignalRecorder] = {
             name: RECORDERS[name](self.instrument) for name in kept.about
         }

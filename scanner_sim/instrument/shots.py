@@ -7,7 +7,7 @@ import numpy as np
 from scanner_sim.config import resolved_yaml
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.memory import BATCH
-from scanner_sim.instrument.simulate import Progress, measure_scans, result_warnings
+from scanner_sim.instrument.simulate import Progress, measure_scans, result_warnings, true_poses
 from scanner_sim.products.shots import ShotTable
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
@@ -57,9 +57,10 @@ def simulate_shots(
         time=columns[0],
         theta=columns[1],
         phi=columns[2],
-        objects=loaded.objects,
-        materials=loaded.materials,
+        objects=loaded.object_labels.names,
+        materials=loaded.material_labels.names,
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
+        poses=true_poses(scenario),
         warnings=result_warnings(layers),
     )

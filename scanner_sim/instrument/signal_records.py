@@ -29,10 +29,12 @@ from scanner_sim.products.waveforms import WAVEFORM_LIGHT, WaveformSet
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.render.beam.kept_light import KeptLight
+from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.incident import LinkBudget
 from scanner_sim.render.shots import Shots
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.raster import raster_aim
+from scanner_sim.scene.files.loader import LoadedScene
 from scanner_sim.signals.line.calibration import Calibration
 
 Columns = Mapping[str, NDArray[Any]]
@@ -41,7 +43,7 @@ Progress = Callable[[int, int], None]
 _SURFACE = {
     "clusters": "clusters",
     "range": "truth.range_m",
-    "object": "truth.object",
+    "object": "surface_number",
     "material": "truth.material",
     "point": "surface_point_m",
     "along": "beam_along",
@@ -116,6 +118,7 @@ class LineRecorder:
 
     def __init__(self, instrument: Instrument) -> None:
         self._way, self._scanner = instrument.triangulation, instrument.scenario.scanner
+        self._loaded = instrument.loaded
         sensor = self._scanner.position_sensor
         ends = sensor.noise.quantisation and sensor.noise.saturation
         self.number_kind = number_kind(ends, 0, sensor.largest_number)
@@ -145,7 +148,7 @@ class LineRecorder:
             position = position_from_range(
                 found["truth.range_m"].astype(np.float64), aim.theta, geometry.focal_length, geometry.baseline
             )
-        return found | {"truth.peak_px": np.asarray(geometry.pixel(position))}
+        return found | _labelled(kept, self._loaded) | {"truth.peak_px": np.asarray(geometry.pixel(position))}
 
     def signals(self, light: Columns, shots: Shots) -> dict[str, NDArray[Any]]:
         """Return the columns that noise and processing make of light, without the scene."""
@@ -167,7 +170,7 @@ class LineRecorder:
         line: LineReadings = self._way.gathered(
             len(light["clusters"]), self._groups(light, shots, whole=False)
         )
-        return self._way.reading(_kept_of(light, _LINE).truth(), line, deflections)
+        return self._way.reading(_truth_of(light, _LINE), line, deflections)
 
     def _groups(self, light: Columns, shots: Shots, *, whole: bool) -> Iterator[Any]:
         budget = LinkBudget(*(light[_BUDGET[field.name]] for field in fields(LinkBudget)))
@@ -197,6 +200,7 @@ class WaveformRecorder:
 
     def __init__(self, instrument: Instrument) -> None:
         self._way, self._unit = instrument.time_of_flight, instrument.scenario.scanner.lidar
+        self._loaded = instrument.loaded
         noise, bits = self._unit.photodiode.noise, self._unit.digitiser.bits
         ends = noise.quantisation and noise.saturation
         self.number_kind = number_kind(ends, -(2**bits), 2**bits)
@@ -210,7 +214,7 @@ class WaveformRecorder:
         """Return the columns of the light, from the scene."""
         kept, coherence, background = self._way.keep(shots)
         found = {name: getattr(kept, part) for part, name in _ECHO.items()}
-        return found | {"coherence": coherence, "background_w": background}
+        return found | _labelled(kept, self._loaded) | {"coherence": coherence, "background_w": background}
 
     def signals(self, light: Columns, shots: Shots) -> dict[str, NDArray[Any]]:
         """Return the columns that noise and processing make of light, without the scene."""
@@ -233,8 +237,7 @@ class WaveformRecorder:
     def reading(self, light: Columns, shots: Shots, deflections: Deflections) -> Reading:
         """Return what is measured of light, as the rangefinder itself would."""
         delays = self._way.gathered(len(light["clusters"]), self._groups(light, shots))
-        truth = _kept_of(light, _ECHO).truth()
-        return self._way.reading(truth, delays, light["background_w"], deflections)
+        return self._way.reading(_truth_of(light, _ECHO), delays, light["background_w"], deflections)
 
     def _groups(self, light: Columns, shots: Shots) -> Iterator[Any]:
         kept = _kept_of(light, _ECHO)
@@ -260,6 +263,19 @@ def _kept_of(light: Columns, names: Mapping[str, str]) -> KeptLight:
     return KeptLight(**parts | {part: light[name] for part, name in names.items()})
 
 
+def _truth_of(light: Columns, names: Mapping[str, str]) -> Truth:
+    """Return what chief rays meet, by the numbers that stand in results."""
+    return _kept_of(light, {**names, "object": "truth.object"}).truth()
+
+
+def _labelled(kept: KeptLight, loaded: LoadedScene) -> dict[str, NDArray[Any]]:
+    """Return what chief rays meet by the numbers that stand in results."""
+    return {
+        "truth.object": loaded.object_labels.number_of[kept.object].astype(np.int32),
+        "truth.material": loaded.material_labels.number_of[kept.material].astype(np.int32),
+    }
+
+
 def about_of(scenario: Scenario, recorder: SignalRecorder, objects: Any, materials: Any) -> SignalAbout:
     """Return what is said of lines or waveforms of a scenario whose scene has such names."""
     text, numbers = resolved_yaml(scenario), recorder.numbers()
@@ -274,7 +290,7 @@ def recorded(
 ) -> Iterator[SignalSet]:
     """Yield lines or waveforms of shots of an instrument's raster in parts, as they stand in a file."""
     scenario, loaded = instrument.scenario, instrument.loaded
-    about = about_of(scenario, recorder, loaded.objects, loaded.materials)
+    about = about_of(scenario, recorder, loaded.object_labels.names, loaded.material_labels.names)
     together = voxels_together(recorder.samples)
     for start in range(0, len(shots), together):
         aim = raster_aim(scenario.raster, shots[start : start + together], scenario.scanner.dwell)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import chain
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,13 +14,18 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
-from scanner_sim.instrument.instrument import Instrument, takes_seeds
+from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.lit_aims import lit_aims
 from scanner_sim.instrument.memory import BATCH, check_shots
 from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.instrument.simulate_signals import voxel_shots
+from scanner_sim.instrument.together import alike
 from scanner_sim.instrument.voxel_records import voxel_record
+from scanner_sim.products.files.contents import RUN
+from scanner_sim.products.files.folder import check_target
+from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.true_poses import TruePoses
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.ranging.ranges import Layers
 from scanner_sim.render.camera import photograph
@@ -69,26 +76,39 @@ def simulate(
     (layers,), loaded = measure_scans(
         [scenario], device=device, progress=progress, batch=batch, threads=threads
     )
-    return image_of(scenario, layers, loaded.objects, loaded.materials)
+    return image_of(scenario, layers, loaded.object_labels.names, loaded.material_labels.names)
 
 
 def simulate_many(
     scenarios: Iterable[Scenario],
+    folder: str | Path | None = None,
+    layers: Sequence[str] | None = None,
     *,
+    overwrite: bool = False,
     device: DeviceChoice = "auto",
     batch: int = BATCH,
     threads: int | None = None,
 ) -> Iterator[RangeImage]:
-    """Simulate raster scans one after the other, and those together that differ in nothing but their seeds.
+    """Simulate raster scans one after the other, and those together that are alike.
 
-    Many small images cost little more than their shots then: each is, to the last bit, what :func:`simulate` makes of
-    its scenario alone. Scenarios that cannot go together (under Sun or Earth, by time of flight, with several bounces,
-    or of unequal scenes and instruments) are simulated alone.
+    Alike are scenarios that differ in nothing but ``seed``, ``scanner.laser.power``, ``output``, and, in the dark, in
+    position, rotation and motion of objects that have a ``motion`` in all of them (one of no speed will do). Under Sun
+    or Earth their seeds may differ where ``transport.background_seed`` is given: they see the same light then.
+    Many small images cost little more than their shots: each is, to the last bit, what :func:`simulate` makes of its
+    scenario alone.
 
     Parameters
     ----------
     scenarios
         The scenarios, those that are alike next to one another. They are taken as they are needed.
+    folder
+        Where each image is written before it is yielded, in a folder of its own: ``000000``, ``000001`` and so on, with
+        the files that its scenario's ``output`` asks for, but photographs and waveforms. None writes nothing.
+    layers
+        Names of the layers that the images keep, beside ``status``; None keeps all. Files without a layer are smaller,
+        and those that need it are left out: ``points.ply`` the points, a picture its layer.
+    overwrite
+        Replace results that stand in ``folder`` already.
     device, threads
         As of :func:`simulate`.
     batch
@@ -101,33 +121,53 @@ def simulate_many(
 
     Raises
     ------
-    ScenarioError, InputError
-        As :func:`simulate`, when the scenario's turn comes.
+    ScenarioError, InputError, RunError
+        As :func:`simulate` and :func:`~scanner_sim.products.files.run_folder.write_run`, when the scenario's turn
+        comes; InputError too if an image has no such layer.
     """
+
+    def target(number: int) -> Path:
+        return Path(folder or "", f"{number:06d}")
+
+    def taken() -> Iterator[Scenario]:
+        for number, scenario in enumerate(scenarios):
+            if folder is not None:
+                check_target(target(number), overwrite, RUN)
+            yield scenario
+
+    for number, (scenario, image) in enumerate(_images(taken(), device, batch, threads)):
+        found = image if layers is None else image.keeping(layers)
+        if folder is not None:
+            write_run(found, target(number), scenario.output, overwrite=overwrite)
+        yield found
+
+
+def _images(
+    scenarios: Iterable[Scenario], device: DeviceChoice, batch: int, threads: int | None
+) -> Iterator[tuple[Scenario, RangeImage]]:
+    """Yield the image of each scenario, in their order; those that are alike are simulated together."""
     waiting: list[Scenario] = []
-    for scenario in scenarios:
-        if waiting and not _go_together(waiting, scenario, batch):
-            yield from _simulate_alike(waiting, device, batch, threads)
+    for scenario in chain(scenarios, [None]):
+        if waiting and (scenario is None or not _go_together(waiting, scenario, batch)):
+            yield from zip(waiting, _simulate_alike(waiting, device, batch, threads), strict=True)
             waiting = []
-        waiting.append(scenario)
-    if waiting:
-        yield from _simulate_alike(waiting, device, batch, threads)
+        if scenario is not None:
+            waiting.append(scenario)
 
 
 def _go_together(waiting: Sequence[Scenario], scenario: Scenario, batch: int) -> bool:
     """Return whether a scenario can be measured with those that wait, which are alike."""
     first = waiting[0]
-    fits = (len(waiting) + 1) * first.raster.shots <= batch and takes_seeds(first)
-    return fits and first == scenario.model_copy(update={"seed": first.seed})
+    return (len(waiting) + 1) * first.raster.shots <= batch and alike(first, scenario)
 
 
 @guest()
 def _simulate_alike(
     scenarios: Sequence[Scenario], device: DeviceChoice, batch: int, threads: int | None
 ) -> list[RangeImage]:
-    """Return the images of scenarios that differ in nothing but their seeds."""
+    """Return the images of scenarios that are alike."""
     found, loaded = measure_scans(scenarios, device=device, progress=None, batch=batch, threads=threads)
-    names = loaded.objects, loaded.materials
+    names = loaded.object_labels.names, loaded.material_labels.names
     return [image_of(scenario, layers, *names) for scenario, layers in zip(scenarios, found, strict=True)]
 
 
@@ -147,6 +187,7 @@ def image_of(
         materials=materials,
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
+        poses=true_poses(scenario),
         warnings=result_warnings(channels),
     )
 
@@ -159,7 +200,7 @@ def measure_scans(
     batch: int,
     threads: int | None,
 ) -> tuple[list[Layers], LoadedScene]:
-    """Measure all shots of scans that are known beforehand, and of scenarios that differ in nothing but their seeds.
+    """Measure all shots of scans that are known beforehand, and of scenarios that are alike.
 
     Returns
     -------
@@ -171,7 +212,6 @@ def measure_scans(
     Other arguments and faults are those of :func:`simulate`.
     """
     scenario, runs = scenarios[0], len(scenarios)
-    seeds = None if runs == 1 else [each.seed for each in scenarios]
     if batch < 1:
         raise InputError("a batch needs at least one shot.")
     check_shots(scenario, batch)
@@ -182,7 +222,10 @@ def measure_scans(
     )
     layers: Layers = {}
     for aim, backgrounds in lit_aims(instrument, max(batch // runs, 1)):
-        samples = instrument.measure(aim, backgrounds=backgrounds, seeds=seeds)
+        if runs == 1:
+            samples = instrument.measure(aim, backgrounds=backgrounds)
+        else:
+            samples = instrument.measure_together(aim, scenarios, backgrounds=backgrounds)
         for name in [name for name in samples if name in CHANNEL]:
             if name not in layers:
                 layers[name] = np.empty((runs, shots), dtype=np.float32)
@@ -252,6 +295,14 @@ def take_photo(scenario: Scenario, *, device: DeviceChoice = "auto") -> NDArray[
         sky.earth_radius,
         seed=scenario.seed,
     ).grey
+
+
+def true_poses(scenario: Scenario) -> TruePoses | None:
+    """Return where the objects stand when the scan begins and ends, if the scenario asks for it."""
+    if "pose" not in scenario.output.truth:
+        return None
+    ends = (0.0, scenario.open_scan.scan_time(scenario.scan_setup))
+    return TruePoses(ends, {item.name: item.pose_at(np.array(ends)) for item in scenario.scene.objects})
 
 
 def result_warnings(layers: dict[str, NDArray[np.float32]]) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ from scanner_sim.detector.photodiode.waveform import Waveforms, record
 from scanner_sim.foundation.channels import Channel
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.device_types import Float
+from scanner_sim.foundation.streams import RunSeeds, Seed
 from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.rangefinder import Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
@@ -231,17 +232,19 @@ class TimeOfFlight:
         light_seed = scenario.transport.seed_of_light(scenario.seed)
         speckle = self._speckle if scenario.scanner.laser.speckle else None
         truth, echoes = render_light(self.loaded, self.view, scenario.transport, shots, light_seed, speckle)
-        return truth, light, self._recorded(echoes, light, self.detector if detector is None else detector)
+        found = self._recorded(echoes, light, self.detector if detector is None else detector, shots.seeds)
+        return truth, light, found
 
     def _speckle(self, echoes: Light, shots: Shots, truth: Truth) -> Float:
         """Return what speckle makes of the echoes of shots whose chief rays meet something; a pulse lasts no dwell."""
         surfaces = surface_positions(self.loaded, self.optics, shots, truth)
-        return self._factors(echoes, surfaces, coherence_of(self.loaded, truth))
+        seed = self.scenario.seed if shots.seeds is None else shots.seeds.lanes
+        return self._factors(echoes, surfaces, coherence_of(self.loaded, truth), seed)
 
-    def _factors(self, echoes: Light, surfaces: SurfacePositions, coherence: Float) -> Float:
+    def _factors(self, echoes: Light, surfaces: SurfacePositions, coherence: Float, seed: Seed) -> Float:
         scanner = self.scenario.scanner
         aperture = scanner.receiver.aperture / scanner.laser.wavelength
-        return echo_speckle(echoes, surfaces, coherence, aperture, self.scenario.seed)
+        return echo_speckle(echoes, surfaces, coherence, aperture, seed)
 
     def keep(
         self, shots: Shots, background: Panorama | None = None
@@ -273,7 +276,7 @@ class TimeOfFlight:
             part = group.light
             if scenario.scanner.laser.speckle:
                 grain = on_device(coherence[group.index])
-                factors = partial(self._factors, surfaces=group.surfaces, coherence=grain)
+                factors = partial(self._factors, surfaces=group.surfaces, coherence=grain, seed=scenario.seed)
                 part = speckled(part, late, factors)
             yield from self._recorded(iter([part]), light, self.detector)
 
@@ -302,11 +305,15 @@ class TimeOfFlight:
         return max(1, _SAMPLES_TOGETHER // self.unit.digitiser.samples)
 
     def _recorded(
-        self, echoes: Iterator[Light], light: Float, detector: PulseDetector
+        self, echoes: Iterator[Light], light: Float, detector: PulseDetector, seeds: RunSeeds | None = None
     ) -> Iterator[EchoGroup]:
-        """Yield the waveforms of echoes before a background [W] of all shots, and what is found in them."""
-        unit, seed = self.unit, self.scenario.seed
+        """Yield the waveforms of echoes before a background [W] of all shots, and what is found in them.
+
+        ``seeds`` are those of the runs that all shots belong to; by default the scenario's.
+        """
+        unit = self.unit
         for part, own in batches_of_echoes(echoes, light, self._together):
+            seed = self.scenario.seed if seeds is None else seeds.take(part.index).lanes
             waveforms = record(part, part.shot, unit.pulse, unit.photodiode, unit.digitiser, seed, own)
             yield EchoGroup(part.index.numpy(), waveforms, detector.detect(waveforms))
 

@@ -25,6 +25,7 @@ from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.foundation.streams import RunSeeds, Seed
 from scanner_sim.instrument.background_rows import scan_rows
+from scanner_sim.instrument.expected_light import expected_spot, white_light
 from scanner_sim.instrument.line_readings import LineReadings, ShotGroup
 from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
@@ -130,15 +131,7 @@ class Triangulation:
     @cached_property
     def spot(self) -> ExpectedSpot:
         """What is known of the laser's spot before it is seen."""
-        scanner = self.scenario.scanner
-        passed = laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response)
-        return ExpectedSpot.of(
-            scanner.laser,
-            scanner.receiver,
-            self.optics.filter_transmission * float(passed),
-            scanner.position_sensor,
-            scanner.exposure,
-        )
+        return expected_spot(self.scenario.scanner, self.optics.filter_transmission)
 
     @cached_property
     def dark_line(self) -> DarkLine | None:
@@ -147,6 +140,11 @@ class Triangulation:
         if not scenario.lighting.sky().dark or scanner.laser_off > 0.0:
             return None
         return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
+
+    def white(self, theta: Float, shots: Shots | None) -> tuple[Float, Float]:
+        """Return the light of a white surface: see :func:`~scanner_sim.instrument.expected_light.white_light`."""
+        seeds = None if shots is None else shots.seeds
+        return white_light(self.spot, self.scenario.scanner, self.optics.filter_transmission, theta, seeds)
 
     @cached_property
     def bias(self) -> Bias | None:
@@ -381,6 +379,7 @@ class Triangulation:
             (low, high, charge),
             theta,
             self.expected_speckle(shots),
+            self.white(theta, shots),
         )
 
     def _expose(
@@ -436,7 +435,7 @@ class Triangulation:
             scanner.position_sensor if sensor is None else sensor,
             self.scenario.processing if processing is None else processing,
             scanner.dwell,
-            self.spot,
+            self.spot.lit(*self.white(theta, shots)),
             theta,
             self.bias,
             self.expected_speckle(shots) if speckle else None,

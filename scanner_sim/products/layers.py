@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import xarray
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.html_text import html_box, html_folded, html_rows
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.provenance import in_order, versions
+from scanner_sim.products.true_poses import TruePoses
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -31,7 +33,8 @@ class LayeredResult(ABC):
     channels
         Layers by name, float32.
     objects, materials
-        Names behind the numbers of ``truth.object`` and ``truth.material``; number 1 is the first name.
+        Names behind the numbers of ``truth.object`` and ``truth.material``: number 1 is the first name, and a number
+        that nobody has is empty.
     seed
         Seed of the random numbers.
     scenario_yaml
@@ -40,6 +43,8 @@ class LayeredResult(ABC):
         Sentences for the user on things that look unintended.
     made_by
         Versions of the programs that made it.
+    poses
+        Where the objects truly stand when the scan begins and ends; None where the scenario does not ask for it.
 
     Raises
     ------
@@ -54,6 +59,7 @@ class LayeredResult(ABC):
     scenario_yaml: str = field(default="", kw_only=True)
     warnings: tuple[str, ...] = field(default=(), kw_only=True)
     made_by: Mapping[str, str] = field(default_factory=versions, kw_only=True)
+    poses: TruePoses | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         """Check the layers, put them in order and close them to writing."""
@@ -111,6 +117,26 @@ class LayeredResult(ABC):
         """Where a range was measured, of the shape of the layers."""
         return np.equal(self["status"], Status.VALID)
 
+    def keeping(self, names: Sequence[str]) -> Self:
+        """Return the result with some of its layers alone, and the ``status`` that tells where these hold numbers.
+
+        Raises
+        ------
+        InputError
+            If there is no layer of a name.
+        """
+        if unknown := [name for name in names if name not in self]:
+            remedy = f"It has {', '.join(self.channels)}."
+            if unknown[0] in CHANNEL and CHANNEL[unknown[0]].asked:
+                remedy = f"Write output.truth: [{CHANNEL[unknown[0]].asked}] into the scenario."
+            raise InputError(f"this result has no layer {unknown[0]!r}.", remedy=remedy)
+        wanted = {
+            "status",
+            *names,
+            *(code for code, of in MEASURED_BY.items() if not set(of).isdisjoint(names)),
+        }
+        return replace(self, channels={name: self[name] for name in self.channels if name in wanted})
+
     def points(self) -> NDArray[np.float32]:
         """Return the measured points in the scanner frame, shape (valid shots, 3) [m], in the order of the shots."""
         valid = self.valid
@@ -133,7 +159,7 @@ class LayeredResult(ABC):
             share = float(np.mean(status == code))
             if share and code is not Status.VALID:
                 rows.append((code.name.lower().replace("_", " "), f"{100.0 * share:.3g} %: {code.sentence}"))
-        rows += [("objects", ", ".join(self.objects)), ("seed", str(self.seed))]
+        rows += [("objects", ", ".join(numbered(self.objects).values())), ("seed", str(self.seed))]
         rows += [("warning", text) for text in self.warnings]
         layers = [(name, CHANNEL[name].unit, CHANNEL[name].meaning) for name in self.channels]
         return html_box(
@@ -165,8 +191,13 @@ def _check_codes(result: LayeredResult) -> None:
             raise ValueError(f"{name} must hold whole numbers from 0 to {end}")
 
 
+def numbered(names: Sequence[str]) -> dict[int, str]:
+    """Return the names of objects or materials by their numbers, without those that nobody has."""
+    return {number: name for number, name in enumerate(names, start=1) if name}
+
+
 def legends(result: LayeredResult) -> dict[str, list[str]]:
-    """Return the names behind the numbers of each layer of whole numbers."""
+    """Return the names behind the numbers of each layer of whole numbers, from 0; numbers that nobody has are empty."""
     own = {"truth.object": result.objects, "truth.material": result.materials}
     return {
         name: ["nothing", *own[name]] if name in own else [status.name for status in Status]
@@ -210,8 +241,9 @@ def layer_variables(result: LayeredResult, dimensions: tuple[str, ...]) -> dict[
         values: NDArray[np.float32] | NDArray[np.int32] = layer
         if name in names:
             values = layer.astype(np.int32)
-            about["flag_values"] = np.arange(len(names[name]), dtype=np.int32)
-            about["flag_meanings"] = " ".join(word.replace(" ", "_") for word in names[name])
+            known = {number: word for number, word in enumerate(names[name]) if word}
+            about["flag_values"] = np.array(list(known), dtype=np.int32)
+            about["flag_meanings"] = " ".join(word.replace(" ", "_") for word in known.values())
         if name in MEASURED_BY:
             about["comment"] = "; ".join(f"{status.name}: {status.sentence}" for status in Status)
         variables[name] = (dimensions, values, about)

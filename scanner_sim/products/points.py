@@ -8,7 +8,7 @@ import numpy as np
 
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.foundation.errors import printable
-from scanner_sim.products.layers import LayeredResult
+from scanner_sim.products.layers import LayeredResult, numbered
 
 _FIRST = ("x", "y", "z", "intensity")
 """Properties of a vertex that programs look for; the others follow in the order of the channels."""
@@ -49,14 +49,14 @@ def write_ply(path: str | Path, image: LayeredResult) -> None:
             "ply",
             "format binary_little_endian 1.0",
             "comment simulated laser scanner; x to the right, y down, z away from the scanner [m]",
-            "comment intensity in electrons; truth numbers count the names below from 1",
+            "comment intensity in electrons; truth numbers are those of the names below",
             *(
                 f"comment object {number} {printable(name)}"
-                for number, name in enumerate(image.objects, start=1)
+                for number, name in numbered(image.objects).items()
             ),
             *(
                 f"comment material {number} {printable(name)}"
-                for number, name in enumerate(image.materials, start=1)
+                for number, name in numbered(image.materials).items()
             ),
             f"element vertex {vertices.size}",
             *(f"property {_PLY_TYPE[kind]} {name}" for name, kind in fields),

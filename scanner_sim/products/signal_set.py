@@ -73,6 +73,9 @@ SURFACE = (
     of_channel("truth.object", "i4"),
     of_channel("truth.material", "i4"),
     SignalColumn(
+        "surface_number", "1", "the renderer's number of the object, by which speckle is drawn", "one", "i4"
+    ),
+    SignalColumn(
         "surface_point_m", "m", "where the beam's axis meets the object, in its own frame", "vector"
     ),
     SignalColumn("beam_along", "1", "direction of the beam there, in the frame of the object", "vector"),

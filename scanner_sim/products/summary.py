@@ -11,7 +11,7 @@ from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.json_text import json_text
-from scanner_sim.products.layers import LayeredResult
+from scanner_sim.products.layers import LayeredResult, numbered
 from scanner_sim.products.shots import ShotTable
 
 _BEYOND = (3, 5, 6)
@@ -106,7 +106,7 @@ def shots_json(shots: ShotTable) -> str:
 
 def _truth(image: LayeredResult, unit: str) -> dict[str, object]:
     """Return what only the simulator knows: errors of the valid voxels, and hits of each object."""
-    result: dict[str, object] = {}
+    result: dict[str, object] = {} if image.poses is None else {"poses": image.poses.plain()}
     if {"range_m", "truth.range_m"} <= image.channels.keys():
         known = image.valid & np.isfinite(image["truth.range_m"])
         error = image["range_m"][known].astype(np.float64) - image["truth.range_m"][known]
@@ -134,10 +134,9 @@ def _truth(image: LayeredResult, unit: str) -> dict[str, object]:
     for name, names in (("truth.object", image.objects), ("truth.material", image.materials)):
         if name in image:
             hits = np.bincount(image[name].astype(np.int64).ravel(), minlength=len(names) + 1)
-            labels = ["nothing", *names]
+            labels = {0: "nothing", **numbered(names)}
             result[f"{unit}_by_{name.removeprefix('truth.')}"] = [
-                {"number": number, "name": label, unit: int(hits[number])}
-                for number, label in enumerate(labels)
+                {"number": number, "name": label, unit: int(hits[number])} for number, label in labels.items()
             ]
     return result
 

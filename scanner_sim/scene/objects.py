@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation as Turning
 from scanner_sim.foundation.errors import Fault, printable
 from scanner_sim.foundation.parts import Count, MeshFile, Part, XmlFile
 from scanner_sim.foundation.units import Length, Ratio
+from scanner_sim.scene.labels import Labels
 from scanner_sim.scene.materials import MATERIALS, UnknownMaterialError, material
 from scanner_sim.scene.motion import RigidMotion
 from scanner_sim.scene.poses import FARTHEST, Extent, Name, Position, Rotation, Turns, placement_matrix
@@ -30,6 +31,14 @@ class Surface(Part):
     depolarisation: Ratio = Field(default=1.0, ge=0.0, le=1.0)
     """Share of the reflected laser light that has lost its polarisation: 0 makes the strongest speckle, of contrast 1,
     1 the weakest, of contrast 0.71."""
+    name: Name | None = Field(default=None, examples=["paint"])
+    """Name by which results know it; by default it is made of the numbers."""
+
+    @property
+    def known_as(self) -> str:
+        """Name by which results know it."""
+        unlike = None if self.depolarisation == 1.0 else f"depolarising_{self.depolarisation}"
+        return self.name or _spelt("reflectance", self.reflectance, self.reflectance_out_of_band, unlike)
 
 
 class Retroreflector(RetroLobe):
@@ -41,11 +50,23 @@ class Retroreflector(RetroLobe):
     """Hemispherical reflectance, lobe and diffuse base together."""
     reflectance_out_of_band: Ratio | None = Field(default=None, ge=0.0, le=1.0)
     """The same in the rest of the detector's response; by default equal. It counts for sunlight only."""
+    name: Name | None = Field(default=None, examples=["tape"])
+    """Name by which results know it; by default it is made of the numbers."""
 
     @property
     def lobe(self) -> RetroLobe:
         """The lobe by itself."""
         return RetroLobe(**{name: getattr(self, name) for name in RetroLobe.model_fields})
+
+    @property
+    def known_as(self) -> str:
+        """Name by which results know it."""
+        numbers = (self.reflectance, self.reflectance_out_of_band, self.retro_share, self.half_width)
+        return self.name or _spelt("retroreflector", self.kind, *numbers, self.entrance[1])
+
+
+def _spelt(*parts: object) -> str:
+    return "_".join(str(part) for part in parts if part is not None)
 
 
 _LIBRARY = WithJsonSchema({"type": "string", "enum": list(MATERIALS)})
@@ -278,6 +299,13 @@ SceneObject = Annotated[
 """Any object of a scene."""
 
 
+def materials_of(item: Posed) -> tuple[MaterialChoice, ...]:
+    """Return the materials that an object names; Mitsuba's files have their own."""
+    if isinstance(item, TargetArray):
+        return item.disc, item.material
+    return () if isinstance(item, MitsubaFile) else (item.material,)  # type: ignore[attr-defined]
+
+
 class Scene(Part):
     """What stands before the scanner."""
 
@@ -285,6 +313,16 @@ class Scene(Part):
     """Mitsuba XML scene in the scanner's frame, relative to the scenario's folder."""
     objects: tuple[SceneObject, ...] = ()
     """Objects, each with its pose."""
+    labels: Labels = Labels()
+    """Numbers by which results know objects and materials; by default they count in the order of the scene."""
+
+    @property
+    def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Names of the objects and of the materials in the order of the scene, but materials of Mitsuba's files."""
+        own = () if self.file is None else (printable(self.file.stem),)
+        choices = [choice for item in self.objects for choice in materials_of(item)]
+        materials = (choice if isinstance(choice, str) else choice.known_as for choice in choices)
+        return (*own, *(item.name for item in self.objects)), tuple(dict.fromkeys(materials))
 
     def resting_at(self, time: float) -> Scene:
         """Return the scene without motion, every object where it is at a time [s] since the start of the scan."""

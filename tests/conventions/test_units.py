@@ -45,5 +45,5 @@ def test_the_name_of_a_channel_ends_in_its_unit() -> None:
         )
         assert channel.unit == wanted, channel.name
     assert sum(channel.unit == "m2" for channel in CHANNELS) == 9
-    assert sum(channel.unit == "rad" for channel in CHANNELS) == 2
+    assert sum(channel.unit == "rad" for channel in CHANNELS) == 3
     assert sum(channel.unit == "pixel" for channel in CHANNELS) == 2

@@ -37,7 +37,7 @@ def run(device: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[Range
     """An image with a wall in the midst of nothing, and its output folder."""
     place = tmp_path_factory.mktemp("products")
     (place / "wall.yaml").write_text(SCENARIO)
-    image = simulate(load_scenario(place / "wall.yaml"), device="cpu")
+    image = simulate(load_scenario(place / "wall.yaml", ["output.truth=[normal, incidence]"]), device="cpu")
     assert 0.1 < image.valid.mean() < 0.9
     write_run(image, place / "out")
     return image, place / "out"

@@ -28,6 +28,7 @@ scene:
   objects:
     - {name: wall, shape: rectangle, size: [8 m, 8 m], position: [0 m, 0 m, 9 m], material: grey_reference}
     - {name: ball, shape: sphere, diameter: 0.6 m, position: [0 m, 0 m, 7 m], material: z93_white}
+  labels: {objects: {ball: 9}, materials: {z93_white: 4}}
 scan: {type: raster, rows: 12, columns: 10, horizontal: [-4 deg, 4 deg], vertical: [-4 deg, 4 deg]}
 output: {pictures: false, points: false, lines: all}
 """

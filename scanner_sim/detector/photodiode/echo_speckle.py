@@ -9,11 +9,12 @@ from scanner_sim.detector.packets import gamma_like
 from scanner_sim.detector.photodiode.waveform import ReceivedEchoes
 from scanner_sim.detector.surface_noise import LatticePositions, SurfacePoints, coarse_numbers, fine_numbers
 from scanner_sim.foundation.device_types import Float
+from scanner_sim.foundation.streams import Seed
 from scanner_sim.optics.speckle import packets
 
 
 def echo_speckle(
-    light: ReceivedEchoes, positions: SurfacePoints, coherence: Float, aperture: float, seed: int
+    light: ReceivedEchoes, positions: SurfacePoints, coherence: Float, aperture: float, seed: Seed
 ) -> Float:
     """Return what multiplies the echoes of m shots, shape (c · m,).
 
@@ -28,7 +29,7 @@ def echo_speckle(
     aperture
         Of the lens, in wavelengths.
     seed
-        Seed of the patterns.
+        Seed of the patterns, or that of each shot.
 
     Notes
     -----

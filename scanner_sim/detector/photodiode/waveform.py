@@ -26,7 +26,7 @@ from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.photodiode.pulse_response import DeviceResponse, PulseResponse
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.device_types import Float, Int32, UInt32
-from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.foundation.streams import Seed, Stream, generator
 from scanner_sim.optics.pulse import Pulse
 
 BLOCK = 64
@@ -129,7 +129,7 @@ def record(
     pulse: Pulse,
     photodiode: Photodiode,
     digitiser: Digitiser,
-    seed: int,
+    seed: Seed,
     background: Float = 0.0,
 ) -> Waveforms:
     """Record the waveforms of m shots.
@@ -143,7 +143,7 @@ def record(
     pulse, photodiode, digitiser
         The instrument.
     seed
-        Seed of the noise.
+        Seed of the noise, or that of each shot.
     background
         Light of Sun and Earth on the photodiode [W], shape (m,) or one number: shot noise, since AC coupling takes
         the direct current off.
@@ -198,7 +198,7 @@ def arrive(
     pulse: Pulse,
     photodiode: Photodiode,
     digitiser: Digitiser,
-    seed: int,
+    seed: Seed,
 ) -> Arrivals:
     """Return when echoes arrive by the digitiser's clock; what comes after the next pulse folds back.
 
@@ -263,7 +263,7 @@ def _white(
     photodiode: Photodiode,
     response: PulseResponse,
     sigma: float,
-    seed: int,
+    seed: Seed,
     background: Float,
     samples: int,
 ) -> Float:
@@ -271,8 +271,9 @@ def _white(
     half = colouring_taps(sigma).size // 2
     quads = samples // 4 + half // 2
     lane, quad, index = quad_lanes(arrivals.shots, 4 * quads)
+    own = dr.gather(auto.UInt64, seed, index) if dr.is_array_v(seed) else seed
     normal = generator(
-        seed, Stream.PHOTODIODE, dr.gather(auto.UInt32, shot, index), quad
+        own, Stream.PHOTODIODE, dr.gather(auto.UInt32, shot, index), quad
     ).next_float32x4_normal()
     extra = light_noise_variance(sigma)
     optical = response.on_device(extra)

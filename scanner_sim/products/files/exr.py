@@ -25,7 +25,9 @@ from scanner_sim.foundation.named_files import open_ordinary
 from scanner_sim.foundation.status import legend
 from scanner_sim.products.files.exr_form import MAGIC, ForeignError, check_form
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.layers import numbered
 from scanner_sim.products.provenance import software
+from scanner_sim.products.true_poses import TruePoses
 
 Compression = Literal["none", "rle", "zips", "zip", "piz"]
 
@@ -34,6 +36,9 @@ PREFIX = "scannerSim."
 
 LARGEST = 1 << 36
 """Bytes of a file: more than the largest raster has in all its layers."""
+
+_LARGEST_NUMBER = 1 << 20
+"""Number of an object or a material beyond which a legend is damaged."""
 
 _THREADS = min(os.cpu_count() or 1, 8)
 
@@ -149,6 +154,8 @@ def _attributes(image: RangeImage) -> dict[str, Any]:
         f"{PREFIX}phi": np.array([image.phi[0], image.phi[-1]]),
     }
     attributes |= {f"{PREFIX}version.{program}": number for program, number in image.made_by.items()}
+    if image.poses is not None:
+        attributes[f"{PREFIX}poses"] = json.dumps(image.poses.plain())
     for name in image.channels:
         attributes[f"unit.{name}"] = CHANNEL[name].unit
         attributes[f"description.{name}"] = CHANNEL[name].meaning
@@ -184,6 +191,9 @@ def _image(header: Mapping[str, Any], layers: Mapping[str, NDArray[np.float32]])
         scenario_yaml=scenario,
         warnings=tuple(warnings),
         made_by=made_by,
+        poses=None
+        if f"{PREFIX}poses" not in header
+        else TruePoses.of_plain(json.loads(header[f"{PREFIX}poses"])),
     )
 
 
@@ -198,12 +208,16 @@ def _lines(entries: Mapping[str, str]) -> str:
 
 def _number_lines(names: tuple[str, ...]) -> str:
     """Return the legend of a truth layer: a line for each number, beginning with 0 for nothing."""
-    return _lines({"0": "nothing", **{str(number): name for number, name in enumerate(names, start=1)}})
+    return _lines({"0": "nothing", **{str(number): name for number, name in numbered(names).items()}})
 
 
 def _names(text: str) -> tuple[str, ...]:
     """Return the names of a legend that :func:`_number_lines` wrote."""
-    return tuple(line.partition(" ")[2] for line in text.split("\n")[1:])
+    entries = [line.partition(" ") for line in text.split("\n")[1:]]
+    named = {int(number): name for number, _, name in entries}
+    if len(named) < len(entries) or not all(0 < number <= _LARGEST_NUMBER for number in named):
+        raise ValueError("numbers of names are repeated or none")
+    return tuple(named.get(number, "") for number in range(1, max(named, default=0) + 1))
 
 
 @contextlib.contextmanager

@@ -77,8 +77,9 @@ def _writers(
         RUN.result: lambda path: write_exr(path, image, output.compression),
         "scenario.yaml": lambda path: write_text(path, image.scenario_yaml),
         "summary.json": lambda path: write_text(path, summary_json(image)),
-        "points.ply": lambda path: write_ply(path, image),
     }
+    if all(name in image for name in ("P.X", "P.Y", "P.Z")):
+        writers["points.ply"] = lambda path: write_ply(path, image)
     if output.pictures:
         writers |= {name: partial(draw_picture, image, name) for name in pictures_of(image)}
         if camera is not None:

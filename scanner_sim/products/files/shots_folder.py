@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow
@@ -24,6 +25,7 @@ from scanner_sim.products.points import write_ply
 from scanner_sim.products.settings import Output
 from scanner_sim.products.shots import AIMED, COLUMN, ShotTable
 from scanner_sim.products.summary import shots_json
+from scanner_sim.products.true_poses import TruePoses
 
 
 @dataclass(frozen=True)
@@ -36,6 +38,7 @@ class _AboutShots:
     objects: tuple[str, ...]
     materials: tuple[str, ...]
     versions: dict[str, str]
+    poses: dict[str, Any] | None = None
 
 
 def write_shots(
@@ -95,6 +98,7 @@ def about_shots(shots: ShotTable) -> dict[str, object]:
         "objects": list(shots.objects),
         "materials": list(shots.materials),
         "versions": dict(shots.made_by),
+        **({} if shots.poses is None else {"poses": shots.poses.plain()}),
         "status": {str(int(code)): f"{code.name}: {code.sentence}" for code in Status},
         "columns": {
             name: {"unit": COLUMN[name].unit, "meaning": COLUMN[name].meaning} for name in shots.columns
@@ -138,8 +142,9 @@ def read_shots(folder: str | Path) -> ShotTable:
             scenario_yaml=about.scenario,
             warnings=about.warnings,
             made_by=about.versions,
+            poses=None if about.poses is None else TruePoses.of_plain(about.poses),
         )
-    except ValueError as error:
+    except (ValueError, TypeError, LookupError, AttributeError) as error:
         raise InputError(
             f"The table in {folder} is damaged or not of this version: {error}.",
             remedy="Run its scenario.yaml again.",

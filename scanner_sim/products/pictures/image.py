@@ -17,6 +17,7 @@ from scanner_sim.foundation.channels import CHANNELS, Channel, Picture
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.grey import grey_levels
 from scanner_sim.products.image import RangeImage
+from scanner_sim.products.layers import numbered
 from scanner_sim.products.pictures.layer import (
     Layer,
     causes_of,
@@ -194,7 +195,8 @@ def about(image: RangeImage) -> str:
     """Return one line on instrument, scene, raster and outcome."""
     # The line itself: a scenario from somebody else's file is no text to be read as YAML for a heading.
     preset = _PRESET.search(image.scenario_yaml)
-    shown = [*image.objects[:3], "…"] if len(image.objects) > 3 else list(image.objects)
+    names = list(numbered(image.objects).values())
+    shown = [*names[:3], "…"] if len(names) > 3 else names
     rows, columns = image.shape
     parts = [
         plot_label(preset[1]) if preset else "",

@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
+from scanner_sim.products.layers import numbered
 from scanner_sim.products.pictures.style import (
     FAINT,
     RANGE_MAP,
@@ -108,9 +109,8 @@ def _axes(shots: ShotTable, title: str, legend_lines: int) -> tuple[Figure, Axes
     axes.set(xlabel="Θ to the right [°]", ylabel="φ downwards [°]")
     step = -(-len(shots) // _MOST_DOTS)
     drawn = "" if step == 1 else f"  ·  one in {step} drawn"
-    about = (
-        f"{', '.join(map(plot_label, shots.objects[:3]))}  ·  {len(shots):,} shots in {shots.time[-1]:.3g} s"
-    )
+    names = map(plot_label, list(numbered(shots.objects).values())[:3])
+    about = f"{', '.join(names)}  ·  {len(shots):,} shots in {shots.time[-1]:.3g} s"
     about += f"  ·  seed {shots.seed}  ·  {100.0 * shots.valid.mean():.1f} % valid{drawn}"
     figure.text(_LEFT / across, 1.0 - 0.30 / down, title, size=10.5, weight="bold")
     figure.text(_LEFT / across, 1.0 - 0.48 / down, about.removeprefix("  ·  "), color=FAINT, fontsize=7.0)

@@ -78,7 +78,7 @@ def trace_bounces(
     way = dr.select(si.is_valid(), si.t, 0.0)
     if reference is not None:
         way = way - dr.gather(mi.Float, reference, lane.shot)
-    first = Vertex(si, lane.weight * dr.opaque(mi.Float, projection.power), way, si.is_valid())
+    first = Vertex(si, lane.weight * projection.power(lane.own), way, si.is_valid())
     vertices, paths = bounces - 1, dr.width(lane.shot)
     found = Spots(*(dr.empty(mi.Float, paths * vertices) for _ in range(3)))
     if projection.resolution.keeps_coherence:
@@ -113,10 +113,9 @@ def _walk(loaded: LoadedScene, lane: Lanes, vertex: Vertex, surfaces: int, seed:
     paths, which address their random numbers; ``loaded`` has poses for them.
     """
     si, power, way, alive = vertex.si, vertex.power, vertex.way, vertex.alive
+    own = seed if lane.own.seeds is None else lane.own.seeds.lanes
     for surface in range(2, surfaces + 1):
-        random = generator(
-            seed, Stream.BOUNCES, lane.own.number, lane.beamlet * 32 + surface
-        ).next_float32x4()
+        random = generator(own, Stream.BOUNCES, lane.own.number, lane.beamlet * 32 + surface).next_float32x4()
         sample, weight = si.bsdf().sample(
             mi.BSDFContext(), si, random[0], mi.Point2f(random[1], random[2]), alive
         )

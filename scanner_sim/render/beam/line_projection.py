@@ -37,10 +37,11 @@ class LineProjection:
         keeps_coherence=True,
     )
 
-    @property
-    def power(self) -> float:
-        """Power of the laser [W]."""
-        return self.layout.laser.power
+    def power(self, shots: Shots) -> Float:
+        """Return the power of the laser [W]."""
+        if shots.seeds is None or shots.seeds.powers is None:
+            return dr.opaque(mi.Float, self.layout.laser.power)
+        return shots.seeds.spread(shots.seeds.powers)
 
     def fired(self, shots: Shots) -> Shots:
         """Return the shots as they are: the laser shines while the mirrors move."""

@@ -150,9 +150,8 @@ class Projection(Protocol):
     def layout(self) -> OpticalLayout:
         """The optics."""
 
-    @property
-    def power(self) -> float:
-        """Power of the beam, in the unit of :class:`Spots`."""
+    def power(self, shots: Shots) -> Float:
+        """Return the power of the beams of shots, in the unit of :class:`Spots`: one number, or one for each."""
 
     @property
     def resolution(self) -> Resolution:
@@ -211,7 +210,7 @@ def trace_returns(
     laid = projection.lay(Hits(lane, frame, beam, si, strength, seen))
     shape: UInt32 = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
     spots = Spots(
-        lane.weight * dr.opaque(mi.Float, projection.power) * strength * laid.kept,
+        lane.weight * projection.power(lane.own) * strength * laid.kept,
         dr.select(hit, laid.position, 0.0),
         dr.select(hit, laid.sigma, 0.0),
     )

@@ -86,7 +86,7 @@ def render_light(
         kinds, finer = footprint.numpy(), []
         smooth = _indices(kinds == _SMOOTH)
         if dr.width(smooth):
-            yield _whole_beams(projection, probe, returns, smooth, dr.gather(mi.UInt32, shots.number, smooth))
+            yield _whole_beams(projection, probe, returns, smooth, shots.take(smooth))
         for kind, count in ((_UNEVEN, settings.uneven_beamlets), (_EDGE, settings.edge_beamlets)):
             tables = SweptTables.averaged(count)
             for index in _batches(_indices(kinds == kind), count):
@@ -114,9 +114,9 @@ def render_light(
 
 
 def _whole_beams(
-    projection: Projection, probe: Beamlets, returns: BeamletReturns, index: UInt32, number: UInt32
+    projection: Projection, probe: Beamlets, returns: BeamletReturns, index: UInt32, shots: Shots
 ) -> Light:
-    """Return the light of beams that meet one smooth surface each, by their indices and the shots' numbers.
+    """Return the light of beams that meet one smooth surface each, by the indices of their shots.
 
     The chief beamlet's is that of the whole beam on its tangent plane, at rest and cut by the detector's field. The
     mean of all beamlets' places, weighted by what they return, tells how curvature and a change of strength shift it,
@@ -134,13 +134,13 @@ def _whole_beams(
         total += strength
         moved += dr.select(strength > 0.0, strength * (beamlet(laid.position, place) - middle), 0.0)
     lit = total > 0.0
-    amount = dr.select(lit, dr.opaque(mi.Float, projection.power) * beamlet(laid.kept) * total, 0.0)
+    amount = dr.select(lit, projection.power(shots) * beamlet(laid.kept) * total, 0.0)
     position = dr.select(lit, beamlet(spots.position) + moved / total, 0.0)
     variance = dr.square(beamlet(spots.sigma)) + dr.square(beamlet(laid.slope_time)) / 12.0
     sigma = dr.sqrt(dr.select(lit, variance, projection.resolution.least_variance))
     coherence = None if spots.coherence is None else beamlet(spots.coherence)
     reference = laid.reference if laid.reference is None else dr.gather(mi.Float, laid.reference, index)
-    light = Light(index, number, amount, position, sigma, coherence, reference)
+    light = Light(index, shots.number, amount, position, sigma, coherence, reference)
     dr.eval(light)
     return light
 

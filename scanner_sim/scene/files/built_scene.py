@@ -40,7 +40,8 @@ class Named(NamedTuple):
 class BuiltScene:
     """The Mitsuba scenes of some objects: all that does not depend on where moving objects are.
 
-    ``resting`` holds what does not move, ``bodies`` each object that does; ``kept`` is a shelf for what others
+    ``resting`` holds what does not move, ``bodies`` each object that does; ``known_as`` has the names by which results
+    know the materials, several of which may be equal; ``kept`` is a shelf for what others
     computed of the scene, which goes with it; the rest is as in
     :class:`~scanner_sim.scene.files.loader.LoadedScene`.
     """
@@ -49,6 +50,7 @@ class BuiltScene:
     bodies: tuple[MitsubaScene, ...]
     objects: tuple[str, ...]
     materials: tuple[str, ...]
+    known_as: tuple[str, ...]
     object_of: UInt32
     material_of: UInt32
     out_of_band_ratio: Float
@@ -157,6 +159,7 @@ def _build(objects: Sequence[Named]) -> BuiltScene:
         bodies,
         names,
         materials,
+        tuple(map(surfaces.known_as, materials)),
         mi.UInt32(object_of),
         mi.UInt32(material_of),
         mi.Float([1.0, *(surfaces.out_of_band_ratio(name) for name in materials)]),

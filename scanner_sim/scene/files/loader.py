@@ -19,6 +19,7 @@ from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Matrix3f, MitsubaScene, Shape, UInt32, Vector3f
 from scanner_sim.foundation.errors import printable
 from scanner_sim.scene.files.built_scene import Named, SceneKeeper
+from scanner_sim.scene.labels import LabelTable
 from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
 
 
@@ -56,7 +57,10 @@ class LoadedScene:
     mitsuba
         The ``mitsuba.Scene`` of what does not move.
     objects, materials
-        Names; object and material number k (from 1) is entry k − 1. Number 0 is "nothing".
+        Names; object and material number k (from 1) is entry k − 1. Number 0 is "nothing". These numbers are the
+        renderer's, which address its tables and random numbers.
+    object_labels, material_labels
+        The numbers and names of the same in results.
     object_of, material_of
         Dr.Jit tables from a shape's registry index to these numbers.
     out_of_band_ratio
@@ -79,6 +83,8 @@ class LoadedScene:
     mitsuba: MitsubaScene
     objects: tuple[str, ...]
     materials: tuple[str, ...]
+    object_labels: LabelTable
+    material_labels: LabelTable
     object_of: UInt32
     material_of: UInt32
     out_of_band_ratio: Float
@@ -164,6 +170,8 @@ def load_scene(scene: Scene) -> LoadedScene:
         built.resting,
         built.objects,
         built.materials,
+        LabelTable.of(built.objects, scene.labels.objects),
+        LabelTable.of(built.known_as, scene.labels.materials),
         # Copies: a table that somebody changes is his own.
         mi.UInt32(built.object_of),
         mi.UInt32(built.material_of),

@@ -73,6 +73,11 @@ class Surfaces:
     def __init__(self) -> None:
         self._made: dict[str, Any] = {}
         self._described: dict[str, materials.Material] = dict(materials.MATERIALS)
+        self._known_as: dict[str, str] = {}
+
+    def known_as(self, name: str) -> str:
+        """Return the name by which results know a material."""
+        return self._known_as.get(name, name)
 
     def out_of_band_ratio(self, name: str) -> float:
         """Return the reflectance out of the filter's band over that in it."""
@@ -93,6 +98,7 @@ class Surfaces:
         else:
             chosen = _material_of(choice)
             name = chosen.name
+            self._known_as[name] = choice.known_as
         self._described[name] = chosen
         if name not in self._made:
             self._made[name] = build_plugin(materials.mitsuba_bsdf(chosen))
@@ -101,22 +107,20 @@ class Surfaces:
 
 
 def _material_of(choice: Surface | Retroreflector) -> materials.Material:
-    """Return the material that a scenario describes, under a name of its own."""
+    """Return the material that a scenario describes, under a name of its own.
+
+    One that a scenario names has its numbers in its name as well: two of one name may differ.
+    """
     other = choice.reflectance_out_of_band
-    numbers: list[Any] = [choice.reflectance, other]
     lobe = choice.lobe if isinstance(choice, Retroreflector) else None
-    if lobe is not None:
-        numbers = [lobe.kind, *numbers, lobe.retro_share, lobe.half_width, lobe.entrance[1]]
-    unlike = choice.depolarisation if isinstance(choice, Surface) else 1.0
-    numbers.append(None if unlike == 1.0 else f"depolarising_{unlike}")
-    spelt = "_".join(str(number) for number in numbers if number is not None)
+    spelt = choice.changed(name=None).known_as
     return materials.Material(
-        name=f"{'reflectance' if lobe is None else 'retroreflector'}_{spelt}",
+        name=spelt if choice.name is None else f"{choice.name}:{spelt}",
         kind="diffuse" if lobe is None else "retroreflector",
         reflectance=choice.reflectance,
         reflectance_out_of_band=choice.reflectance if other is None else other,
         retro=lobe,
-        depolarisation=unlike if lobe is None else None,
+        depolarisation=choice.depolarisation if isinstance(choice, Surface) else None,
         source="the scenario",
     )
 

@@ -24,6 +24,8 @@ from scanner_sim.signals.processing import Processing
 
 Exposure = Callable[[Window, "Signal | None"], Signal]
 """Exposes windows of lines, into the memory of a signal if there is one."""
+White = tuple[Float, Float]
+"""The light of a white surface, as of :class:`~scanner_sim.signals.line.expected.ExpectedSpot`, Dr.Jit."""
 
 
 class DarkLine:
@@ -34,7 +36,8 @@ class DarkLine:
     noise
         The highest peak of pixels without light.
     calibration, sensor, processing, dwell, spot, bias
-        What :func:`~scanner_sim.signals.line.peaks.find_peaks` knows.
+        What :func:`~scanner_sim.signals.line.peaks.find_peaks` knows, but the laser's power: the light of a white
+        surface is told with each group of lines.
     """
 
     def __init__(
@@ -50,9 +53,14 @@ class DarkLine:
         self._noise, self._calibration, self._processing, self._spot = noise, calibration, processing, spot
         self._reads = [] if bias is None else [bias.values]
 
-        def find(number: Float, window: Window, theta: Float, speckle: ExpectedSpeckle | None) -> Peaks:
-            signal = Signal(number, dr.width(theta), sensor.pixels, window=window)
-            return find_peaks(signal, sensor, processing, dwell, spot, theta, bias, speckle, noise)
+        def find(
+            number: Float, window: Window, theta: Float, speckle: ExpectedSpeckle | None, white: White
+        ) -> Peaks:
+            signal, known = (
+                Signal(number, dr.width(theta), sensor.pixels, window=window),
+                spot.lit(*white),
+            )
+            return find_peaks(signal, sensor, processing, dwell, known, theta, bias, speckle, noise)
 
         self._find = find
         self._frozen: dict[ExpectedSpeckle | None, Frozen] = {}
@@ -80,6 +88,7 @@ class DarkLine:
         light: tuple[Float, Float, Float],
         theta: Float,
         speckle: ExpectedSpeckle | None,
+        white: White,
     ) -> tuple[Signal, Peaks]:
         """Return what was exposed of the lines of m shots, and their peaks.
 
@@ -93,16 +102,19 @@ class DarkLine:
             Commanded deflections Θ [rad], shape (m,).
         speckle
             What is known of the laser's speckle; None without.
+        white
+            The light of a white surface.
         """
         deflection = auto.Float(theta)
-        dr.eval(deflection)
-        windows = self._noise.windows(light, self._spot, self._processing, self._calibration, deflection)
+        dr.eval(deflection, white)
+        known = self._spot.lit(*white)
+        windows = self._noise.windows(light, known, self._processing, self._calibration, deflection)
         signal = expose(windows[0], None)
-        peaks = self._peaks(signal, deflection, speckle)
+        peaks = self._peaks(signal, deflection, speckle, white)
         signal = expose(windows[1].where(~peaks.settled), signal)
-        return signal, peaks.settled_by(self._peaks(signal, deflection, speckle))
+        return signal, peaks.settled_by(self._peaks(signal, deflection, speckle, white))
 
-    def _peaks(self, signal: Signal, theta: Float, speckle: ExpectedSpeckle | None) -> Peaks:
+    def _peaks(self, signal: Signal, theta: Float, speckle: ExpectedSpeckle | None, white: White) -> Peaks:
         """Return the peaks, by kernels that are traced for the first group of shots and serve all others."""
         known = None if speckle is None else replace(speckle, travel=(0.0, 0.0))
         # As arrays: what kernels are traced with is the same for all scans then.
@@ -112,11 +124,11 @@ class DarkLine:
         ]
         if known not in self._frozen:
             self._frozen[known] = Frozen(
-                lambda reads, number, window, theta, travel: self._find(
-                    number, window, theta, None if known is None else replace(known, travel=travel)
+                lambda reads, number, window, theta, travel, white: self._find(
+                    number, window, theta, None if known is None else replace(known, travel=travel), white
                 )
             )
-        peaks: Peaks = self._frozen[known](self._reads, signal.number, signal.window, theta, travel)
+        peaks: Peaks = self._frozen[known](self._reads, signal.number, signal.window, theta, travel, white)
         return peaks
 
 
@@ -124,7 +136,7 @@ def dark_line(
     sensor: PositionSensor, processing: Processing, dwell: float, spot: ExpectedSpot, bias: Bias | None
 ) -> DarkLine | None:
     """Return the same as :meth:`DarkLine.of`, traced once for all instruments that know the same of their lines."""
-    return _traced(auto.Float, sensor, processing, dwell, spot, bias)
+    return _traced(auto.Float, sensor, processing, dwell, spot.lit(0.0, 0.0), bias)
 
 
 @lru_cache(maxsize=8)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,8 +34,9 @@ class ExpectedSpot:
         Pixel i of the line lies at p = offset + (i + 1/2) pitch.
     pixels
         Pixels of the line.
-    white
-        Charge of a white Lambertian surface that faces the scanner, times its range squared [electron m²].
+    white, white_by_pixel
+        Charge of a white Lambertian surface that faces the scanner, times its range squared [electron m²]; and over
+        (pixel + 1/2)², at Θ = 0 [electron]. Numbers, or arrays with one for each of m shots.
     """
 
     focal_length: float
@@ -47,7 +48,14 @@ class ExpectedSpot:
     pitch: float
     offset: float
     pixels: int
-    white: float
+    white: FloatLike
+    white_by_pixel: FloatLike = None
+
+    def __post_init__(self) -> None:
+        """Work out the one light of a white surface from the other where it is not given."""
+        if self.white_by_pixel is None:
+            slope = self.focal_length * self.baseline / self.pitch
+            object.__setattr__(self, "white_by_pixel", self.white / slope**2)
 
     @classmethod
     def of(
@@ -70,6 +78,10 @@ class ExpectedSpot:
             pixels=sensor.pixels,
             white=watts * electrons_per_watt(sensor, laser.wavelength, dwell),
         )
+
+    def lit(self, white: FloatLike, white_by_pixel: FloatLike) -> ExpectedSpot:
+        """Return the same spot by other light."""
+        return replace(self, white=white, white_by_pixel=white_by_pixel)
 
     def range(self, pixel: FloatLike, sine: FloatLike, cosine: FloatLike) -> FloatLike:
         """Return the range [m] of a fractional pixel at a deflection Θ given as sine and cosine (eq 1)."""

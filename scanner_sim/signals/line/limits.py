@@ -9,6 +9,7 @@ import drjit.auto.ad as auto
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.processing import Processing
@@ -89,9 +90,8 @@ def limits_of(
     ``floor_sigma`` is the standard deviation of a pixel without light [electron].
     """
     validation = processing.validation
-    # A white surface's charge over (pixel + ½)², at R = f d cosΘ/p: d sinΘ is small, and the limits are generous.
-    white = spot.white / (spot.focal_length * spot.baseline / spot.pitch) ** 2
-    per_square = dr.opaque(auto.Float, white) / dr.square(cosine)
+    # At R = f d cosΘ/p: d sinΘ is small, and the limits are generous.
+    per_square = beside(cosine, spot.white_by_pixel)[0] / dr.square(cosine)
     least: Float = dr.opaque(auto.Float, _NO_LIMIT)
     steepness = auto.Float(0.0)
     if validation.max_reflectance is not None:

@@ -25,6 +25,7 @@ from statistics import NormalDist
 import drjit as dr
 import drjit.auto.ad as auto
 
+from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, Int32, Mask
 from scanner_sim.signals.line.digital_line import Around
 from scanner_sim.signals.line.estimators import positive
@@ -205,4 +206,4 @@ def _quantile(freedom: Float, deviate: Float) -> Float:
 
 def white_charge(spot: ExpectedSpot, pixel: Float, sine: Float, cosine: Float) -> Float:
     """Return the charge of a spot [electron] on a white Lambertian surface that faces the scanner (eq 19)."""
-    return dr.opaque(auto.Float, spot.white) / dr.square(spot.range(pixel, sine, cosine))
+    return beside(sine, spot.white)[0] / dr.square(spot.range(pixel, sine, cosine))

@@ -55,7 +55,7 @@ class Stadia:
         status[list(self.refused)] = Status.BELOW_THRESHOLD
         r = np.where(status, np.nan, FAR)
         truth: Any = SimpleNamespace(
-            distance=held(8.0 * one), object=held(aim.shot + 1), material=held(aim.shot + 2)
+            distance=held(8.0 * one), object=held(aim.shot % 2), material=held((aim.shot + 1) % 2)
         )
         ranges: Ranges = ranges_with_points(r, 0.1 * r, status, 0.1 * one, 0.0 * one, deflections, 0.05)
         return Reading(
@@ -161,8 +161,8 @@ def test_the_truth_is_where_the_beam_went(device: Device) -> None:
     )
     np.testing.assert_allclose(found["truth.theta_rad"], aim.theta + off_theta)
     np.testing.assert_allclose(found["truth.phi_rad"], aim.phi + off_phi)
-    np.testing.assert_array_equal(found["truth.object"], aim.shot + 1)
-    np.testing.assert_array_equal(found["truth.material"], aim.shot + 2)
+    np.testing.assert_array_equal(found["truth.object"], aim.shot % 2)
+    np.testing.assert_array_equal(found["truth.material"], (aim.shot + 1) % 2)
     assert not any(name.startswith("truth.") for name in found.measured)
     for name in ("peak_px", "sigma_peak_px"):
         np.testing.assert_array_equal(np.isnan(found[name]), np.arange(COLUMNS) == 1)

@@ -310,6 +310,7 @@ class TestPoints:
             "x": "P.X", "y": "P.Y", "z": "P.Z", "intensity": "Y", "sigma_range_m": "sigma_range_m",
             "sigma_texture_m": "sigma_texture_m",
             "truth_object": "truth.object", "truth_material": "truth.material",
+            "nx": "truth.normal.X", "ny": "truth.normal.Y", "nz": "truth.normal.Z",
         }  # fmt: skip
         assert set(names) == {*pairs, "row", "column"}
         for vertex in vertices:

@@ -1,0 +1,36 @@
+"""What an instrument knows of the laser's light on its line before it sees any, whatever the power of each run."""
+
+from __future__ import annotations
+
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.foundation.device_numbers import beside
+from scanner_sim.foundation.device_types import Float
+from scanner_sim.foundation.streams import RunSeeds
+from scanner_sim.optics.filter import laser_gain
+from scanner_sim.signals.line.expected import ExpectedSpot
+
+
+def expected_spot(scanner: Scanner, transmission: float) -> ExpectedSpot:
+    """Return the spot of a scanner's laser behind a filter of some peak transmission."""
+    passed = laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response)
+    return _spot(scanner, transmission * float(passed))
+
+
+def white_light(
+    spot: ExpectedSpot, scanner: Scanner, transmission: float, theta: Float, seeds: RunSeeds | None
+) -> tuple[Float, Float]:
+    """Return the light of a white surface, as an :class:`ExpectedSpot` has it, on the device beside deflections.
+
+    That of ``spot`` for all shots; or one for each of ``theta``, where these belong to runs of several powers.
+    """
+    if seeds is None or seeds.powers is None:
+        first, second = beside(theta, spot.white, spot.white_by_pixel)
+        return first, second
+    passed = laser_gain(scanner.filter, scanner.laser, scanner.position_sensor.response)
+    lasers = (scanner.changed(laser={"power": power}) for power in seeds.powers)
+    spots = [_spot(one, transmission * float(passed)) for one in lasers]
+    return seeds.spread([one.white for one in spots]), seeds.spread([one.white_by_pixel for one in spots])
+
+
+def _spot(scanner: Scanner, share: float) -> ExpectedSpot:
+    return ExpectedSpot.of(scanner.laser, scanner.receiver, share, scanner.position_sensor, scanner.exposure)

@@ -1,0 +1,67 @@
+"""Scenarios that are measured as the lanes of one launch: what they may differ in, and the lanes of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.streams import RunSeeds, device_seeds
+from scanner_sim.products.settings import Output
+from scanner_sim.scan.protocol import Aim
+from scanner_sim.scene.files.loader import LoadedScene, Pose, device_poses
+from scanner_sim.scene.motion import ConstantTwist
+
+_UNMOVED = ConstantTwist(type="twist", velocity=(0.0, 0.0, 0.0), turn_rate=(0.0, 0.0, 0.0))
+
+
+def takes_seeds(scenario: Scenario) -> bool:
+    """Return whether runs of a scenario that differ in their seeds alone can be measured together.
+
+    The light of Sun and Earth is drawn for all shots: its seed must be one that the scenario gives. A seed of the light
+    makes the mirrors err alike in all runs, and lanes draw their own errors.
+    """
+    transport = scenario.transport
+    known = scenario.lighting.sky().dark or transport.background_seed is not None
+    return known and transport.light_seed is None
+
+
+def alike(one: Scenario, other: Scenario) -> bool:
+    """Return whether two scenarios can be measured together.
+
+    They differ in nothing but their seeds, the power of the laser, the files that they write, and, in the dark, in how
+    objects move and stand that move in both.
+    """
+    return _common(one) == _common(other)
+
+
+def _common(scenario: Scenario) -> Scenario:
+    """Return what scenarios that are measured together have in common."""
+    common = scenario.changed(
+        seed=0 if takes_seeds(scenario) else scenario.seed,
+        scanner={"laser": {"power": 0.0}},
+        output=Output(truth=scenario.output.truth),
+    )
+    if not scenario.lighting.sky().dark:
+        return common
+    still = {"position": (0.0, 0.0, 0.0), "rotation": (), "motion": _UNMOVED}
+    objects = tuple(item if item.motion is None else item.changed(**still) for item in scenario.scene.objects)
+    return common.changed(scene={"objects": objects})
+
+
+def lanes_of(
+    scenarios: Sequence[Scenario], loaded: LoadedScene, aim: Aim
+) -> tuple[Aim, RunSeeds, tuple[Pose, ...]]:
+    """Return the shots of an aim for each of some scenarios, one after the other, with their seeds and poses."""
+    each = aim.repeated(len(scenarios))
+    powers = tuple(scenario.scanner.laser.power for scenario in scenarios)
+    own = device_seeds(np.array([scenario.seed for scenario in scenarios], dtype=np.uint64))
+    seeds = RunSeeds.of(own, len(each.shot), powers if len(set(powers)) > 1 else None)
+    moving = [[item for item in scenario.scene.objects if item.motion is not None] for scenario in scenarios]
+    if not loaded.bodies:
+        return each, seeds, ()
+    poses = [
+        np.concatenate([item.pose_at(aim.time) for item in items]) for items in zip(*moving, strict=True)
+    ]
+    return each, seeds, device_poses(poses)

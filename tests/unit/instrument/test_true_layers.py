@@ -1,0 +1,178 @@
+"""Truth that a scenario asks for: normals, incidence and poses against closed forms, kept apart from all estimates."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenEXR
+import pytest
+from scipy.spatial.transform import Rotation
+
+from scanner_sim import (
+    RangeImage,
+    Scenario,
+    ScenarioError,
+    load_scenario,
+    read_range_image,
+    read_shots,
+    simulate,
+    simulate_shots,
+    write_run,
+    write_shots,
+)
+from scanner_sim.ranging.coordinates import coordinates
+
+pytestmark = pytest.mark.usefixtures("device")
+
+GREY = {"reflectance": 0.5}
+SCAN = {"rows": 9, "columns": 9, "horizontal": ["-3 deg", "3 deg"], "vertical": ["-3 deg", "3 deg"]}
+PLATE: dict[str, Any] = {"name": "plate", "shape": "rectangle", "size": (4.0, 4.0), "material": GREY}
+TILTED = PLATE | {"position": (0.1, 0.0, 7.0), "rotation": {"axis": (1.0, 2.0, 0.5), "angle": 0.7}}
+BALL: dict[str, Any] = {"name": "ball", "shape": "sphere", "diameter": 1.2, "material": GREY}
+SPIN = {"type": "twist", "velocity": (0.0, 0.3, 1.0), "turn_rate": (0.0, 40.0, 0.0)}
+ROUNDING = 3e-6
+"""Error of a normal in single precision, several roundings of a vector turned twice [rad]."""
+
+
+def scenario_of(*objects: dict[str, Any], truth: tuple[str, ...] = (), **changes: Any) -> Scenario:
+    given = {"schema": 1, "scene": {"objects": list(objects)}, "scan": SCAN, "output": {"truth": list(truth)}}
+    return load_scenario(given | changes)
+
+
+def normals(image: RangeImage) -> np.ndarray:
+    """Return the true normals, shape (rows, columns, 3)."""
+    return np.stack([image[f"truth.normal.{axis}"] for axis in "XYZ"], axis=-1).astype(float)
+
+
+def beams(image: RangeImage, separation: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the true points that beams meet, and the directions of the beams, by eq 3; shape (rows, columns, 3)."""
+    r, theta, phi = (image[f"truth.{name}"].astype(float) for name in ("range_m", "theta_rad", "phi_rad"))
+    point, nearer = (np.stack(coordinates(r - step, theta, phi, separation), axis=-1) for step in (0.0, 1.0))
+    return point, point - nearer
+
+
+def check_incidence(image: RangeImage, separation: float) -> None:
+    """Hold the incidence to the angle between normal and beam, by its sine and cosine."""
+    _, beam = beams(image, separation)
+    found, met = image["truth.incidence_rad"].astype(float), image["truth.object"] > 0
+    np.testing.assert_allclose(np.cos(found)[met], -(normals(image) * beam).sum(-1)[met], atol=ROUNDING)
+    across = np.linalg.norm(np.cross(normals(image), beam), axis=-1)
+    np.testing.assert_allclose(np.sin(found)[met], across[met], atol=ROUNDING)
+    assert ((found >= 0.0) & (found <= np.pi / 2))[met].all()
+
+
+def test_a_tilted_plane_has_its_own_normal_everywhere() -> None:
+    """Claim: the turned axis that faces the scanner, to rounding; the incidence is the angle to the beam.
+
+    From behind, the other side faces the scanner.
+    """
+    scenario = scenario_of(TILTED, truth=("normal", "incidence"))
+    image = simulate(scenario, device="cpu")
+    axis = np.array([1.0, 2.0, 0.5])
+    expected = Rotation.from_rotvec(0.7 * axis / np.linalg.norm(axis)).apply([0.0, 0.0, -1.0])
+    np.testing.assert_allclose(normals(image), np.broadcast_to(expected, (9, 9, 3)), atol=ROUNDING)
+    check_incidence(image, scenario.scanner.mirrors.axis_separation)
+    behind = TILTED | {"rotation": [{"axis": "y", "angle": np.pi}, TILTED["rotation"]]}
+    turned = simulate(scenario_of(behind, truth=("normal",)), device="cpu")
+    np.testing.assert_allclose(normals(turned), normals(image), atol=2 * ROUNDING)
+    assert "truth.incidence_rad" not in turned
+
+
+def test_a_sphere_s_normals_point_from_its_centre() -> None:
+    """Claim: to the true point's own error, single precision at 5 m over the radius of 0.6 m; NaN beside it."""
+    centre = (0.05, -0.1, 5.0)
+    scenario = scenario_of(
+        BALL | {"position": centre}, truth=("normal", "incidence"), scan=SCAN | {"rows": 31}
+    )
+    image = simulate(scenario, device="cpu")
+    met = image["truth.object"] == 1
+    point, _ = beams(image, scenario.scanner.mirrors.axis_separation)
+    radial = (point - centre) / 0.6
+    np.testing.assert_allclose(normals(image)[met], radial[met], atol=5.0 * 2.0**-22 / 0.6)
+    check_incidence(image, scenario.scanner.mirrors.axis_separation)
+    missed = simulate(
+        scenario_of(BALL | {"position": (0.4, 0.0, 9.0)}, truth=("normal", "incidence")), device="cpu"
+    )
+    nothing = missed["truth.object"] == 0
+    assert nothing.any()
+    for name in ("truth.normal.X", "truth.normal.Y", "truth.normal.Z", "truth.incidence_rad"):
+        np.testing.assert_array_equal(np.isnan(missed[name]), nothing)
+
+
+def test_a_moving_plane_s_normal_is_that_of_the_voxel_s_time() -> None:
+    """Claim: it turns by 40 rad/s while the 81 voxels are measured, each at its own time."""
+    still = PLATE | {"position": (0.0, 0.0, 6.0), "rotation": {"axis": "y", "angle": 0.4}}
+    scenario = scenario_of(still | {"motion": SPIN}, truth=("normal",))
+    image = simulate(scenario, device="cpu")
+    time = (np.arange(81).reshape(9, 9) + 0.5) * scenario.scanner.dwell
+    angle = 0.4 + 40.0 * time
+    expected = np.stack([-np.sin(angle), 0.0 * angle, -np.cos(angle)], axis=-1)
+    met = image["truth.object"] > 0
+    assert met.all()
+    assert np.ptp(angle) > 0.1
+    np.testing.assert_allclose(normals(image), expected, atol=ROUNDING)
+
+
+def test_poses_at_begin_and_end() -> None:
+    """Claim: a resting object has one pose, a moving one goes on; the times are those of the first and last dwell."""
+    moving = BALL | {"position": (0.0, 0.0, 6.0), "motion": SPIN}
+    scenario = scenario_of(TILTED, moving, truth=("pose",))
+    poses = simulate(scenario, device="cpu").poses
+    assert poses is not None
+    duration = 81 * scenario.scanner.dwell
+    assert poses.time == (0.0, pytest.approx(duration))
+    plate, ball = (poses.scanner_from_object[name] for name in ("plate", "ball"))
+    np.testing.assert_array_equal(plate[0], plate[1])
+    np.testing.assert_allclose(plate[0, :3, 3], (0.1, 0.0, 7.0))
+    np.testing.assert_allclose(
+        ball[1, :3, 3], np.add((0, 0, 6), duration * np.array([0.0, 0.3, 1.0])), atol=1e-12
+    )
+    turn = Rotation.from_matrix(ball[1, :3, :3]).as_rotvec()
+    np.testing.assert_allclose(turn, (0.0, 40.0 * duration, 0.0), atol=1e-12)
+
+
+def test_what_is_asked_for_changes_nothing_else_and_no_batch_changes_it(tmp_path: Path) -> None:
+    """Claim: layers without and with it have the same bytes, in batches of 7 as in one; files give back all of it."""
+    every = ("normal", "incidence", "pose")
+    plain, asked = (simulate(scenario_of(TILTED, truth=words), device="cpu") for words in ((), every))
+    batched = simulate(scenario_of(TILTED, truth=every), device="cpu", batch=7)
+    for name in asked.channels:
+        assert asked[name].tobytes() == batched[name].tobytes()
+        assert name not in plain or asked[name].tobytes() == plain[name].tobytes()
+    assert plain.poses is None
+    write_run(asked, tmp_path / "out")
+    read = read_range_image(tmp_path / "out" / "range.exr")
+    assert read.channels.keys() == asked.channels.keys()
+    assert read.poses is not None
+    assert asked.poses is not None
+    assert read.poses.plain() == asked.poses.plain()
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["truth"]["poses"] == asked.poses.plain()
+    assert (
+        b"property float nx\nproperty float ny\nproperty float nz\n"
+        in (tmp_path / "out/points.ply").read_bytes()
+    )
+    header = OpenEXR.File(str(tmp_path / "out" / "range.exr"), separate_channels=True).header()
+    assert header["unit.truth.incidence_rad"] == "rad"
+
+
+def test_a_table_of_shots_has_them_too(tmp_path: Path) -> None:
+    spiral = {"type": "spiral", "radius": "3 deg", "turns": 3.0, "points": 64}
+    scenario = scenario_of(TILTED, truth=("normal", "pose"), scan=spiral)
+    shots = simulate_shots(scenario, device="cpu")
+    write_shots(shots, tmp_path / "out")
+    read = read_shots(tmp_path / "out")
+    np.testing.assert_array_equal(read["truth.normal.Z"], shots["truth.normal.Z"])
+    assert read.poses is not None
+    assert shots.poses is not None
+    assert read.poses.plain() == shots.poses.plain()
+
+
+def test_a_track_has_none() -> None:
+    target = {"name": "board", "array": {"diameter": 0.05, "plate": 0.2}, "position": (0.0, 0.0, 5.0)}
+    scan = {"type": "track", "targets": ["board"], "duration": 0.1}
+    with pytest.raises(ScenarioError, match=r"output\.truth: a run that follows targets"):
+        scenario_of(target, truth=("normal",), scan=scan)

@@ -1,0 +1,140 @@
+"""Objects that stand in one another are named with the depth; those that touch, or stand apart, are not."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from scanner_sim import load_scenario
+from scanner_sim.cli import app
+from scanner_sim.instrument.scene_warnings import scene_warnings
+from scanner_sim.render.interpenetration import Interpenetration, interpenetrations
+from scanner_sim.scene.files.loader import load_scene
+from scanner_sim.scene.objects import Scene
+
+pytestmark = pytest.mark.usefixtures("device")
+
+GREY = {"reflectance": 0.5}
+WALL = {"name": "wall", "shape": "rectangle", "size": (4, 4), "position": (0, 0, 10), "material": GREY}
+BOX = {"name": "box", "shape": "box", "size": (1, 1, 1), "position": (0, 0, 9.5), "material": GREY}
+BALL = {"name": "ball", "shape": "sphere", "diameter": 1, "position": (0.3, 0.1, 9.8), "material": GREY}
+CAN = {
+    "name": "can",
+    "shape": "cylinder",
+    "diameter": 0.5,
+    "length": 3,
+    "position": (0, 0, 9.5),
+    "material": GREY,
+}
+BOARD: dict[str, Any] = {"name": "board", "position": (0, 0, 9)}
+BOARD |= {"array": {"diameter": 0.05, "plate": 0.2, "rows": 2, "columns": 2, "spacing": (0.3, 0.3)}}
+TURN = {"axis": (1, 2, 3), "angle": 0.4}
+POINTS_APART = 0.02
+"""Distance of neighbours among 4096 points on a box or a ball of 1 m, a bound [m]."""
+FAN = 0.03
+"""By how much the shortest way of a fan of 60 directions may be longer than the shortest one, where faces meet."""
+
+
+def found(*objects: dict[str, Any], times: tuple[float, ...] = (0.0,)) -> tuple[Interpenetration, ...]:
+    return interpenetrations(load_scene(Scene(objects=objects)), times)
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "depth"),
+    [
+        (WALL, BALL, 0.3),
+        (WALL, BOX | {"position": (0, 0, 9.52)}, 0.02),
+        (WALL, BOX | {"position": (0, 0, 9.5004)}, 0.0004),
+        (BOX, BALL | {"position": (0, 0, 8.7)}, 0.2),
+        (BOX, BOX | {"name": "other", "position": (0.9, 0.3, 9.5)}, 0.1),
+        (BOX, CAN, 0.5 - 0.25 / np.sqrt(2.0)),
+        (BOX, BOARD | {"position": (0, 0, 9.01)}, 0.01),
+    ],
+    ids=lambda value: value["name"] if isinstance(value, dict) else f"{value:.3g}",
+)
+def test_the_depth_is_that_of_geometry(one: dict[str, Any], other: dict[str, Any], depth: float) -> None:
+    """Claim: in either order, to the distance of the points and the coarseness of the fan."""
+    for pair in ((one, other), (other, one)):
+        (only,) = found(*pair)
+        assert only.objects == (pair[0]["name"], pair[1]["name"])
+        assert depth * 0.98 - 1e-5 - POINTS_APART**2 <= only.depth <= depth * (1.0 + FAN) + 1e-5
+
+
+@pytest.mark.parametrize(
+    "objects",
+    [
+        (WALL, BOX),
+        (BOX, BOX | {"name": "other", "position": (1.0, 0.3, 9.5)}),
+        (BOX, BALL | {"position": (0, 0, 8.5)}),
+        (BOX, BOARD),
+        (BOX, BALL | {"position": (0.9, 0.9, 8.8)}),
+        (BOX | {"rotation": TURN}, BOX | {"name": "other", "position": (1.2, 1.2, 9.5), "rotation": TURN}),
+    ],
+    ids=lambda objects: "-".join(item["name"] for item in objects),
+)
+def test_contact_is_none(objects: tuple[dict[str, Any], ...]) -> None:
+    """Claim: faces on faces, a ball or plates on one; and solids apart from one another whose bounding boxes meet."""
+    assert found(*objects) == ()
+
+
+def test_objects_that_move_are_seen_at_their_time() -> None:
+    """Claim: a ball that touches at the start is 0.2 m deep after 2 s, in the frame that turns with the box."""
+    fall = {"type": "twist", "velocity": (0, 0, 0.1)}
+    (one,) = found(BOX, BALL | {"position": (0, 0, 8.5), "motion": fall}, times=(0.0, 1.0, 2.0))
+    assert one.objects == ("box", "ball")
+    assert (one.time, one.depth) == (2.0, pytest.approx(0.2, abs=1e-3))
+    spin = {"type": "twist", "velocity": (0, 0, 0), "turn_rate": (0, 0, 1.0)}
+    turned = BOX | {"motion": spin}
+    assert found(turned, BALL | {"position": (0, 1.05, 9.5)}, times=(0.0,)) == ()
+    (other,) = found(turned, BALL | {"position": (0, 1.05, 9.5)}, times=(0.0, np.pi / 4))
+    assert other.depth == pytest.approx(np.sqrt(0.5) + 0.5 - 1.05, abs=POINTS_APART)
+
+
+def test_a_shell_has_an_inside_only_where_it_is_closed(tmp_path: Path) -> None:
+    """Claim: a ball in a hollow box whose wall is 0.1 m stands free; in the wall, or in a solid box, it does not."""
+
+    def cube(half: float) -> np.ndarray:
+        corner = half * (2 * np.indices((2, 2, 2)).reshape(3, -1).T - 1)
+        quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
+        return np.array([corner[list(face)] for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
+
+    triangles = np.concatenate([cube(1.0), cube(0.9)])
+    path = tmp_path / "shell.stl"
+    records = b"".join(struct.pack("<12fH", 0, 0, 0, *part.ravel(), 0) for part in triangles)
+    path.write_bytes(bytes(80) + struct.pack("<I", len(triangles)) + records)
+    shell = {"name": "shell", "mesh": str(path), "position": (0, 0, 9), "material": GREY}
+    small = BALL | {"diameter": 0.5}
+    assert found(shell, small | {"position": (0, 0, 9)}) == ()
+    (one,) = found(shell, small | {"position": (0, 0, 9.75)})
+    # The inner face lies 0.1 m deep in the ball, its points 0.1 m from one another.
+    assert 0.08 < one.depth < 0.1 * (1.0 + FAN)
+    (solid,) = found(BOX, small | {"position": (0, 0, 9.5)})
+    assert solid.depth == pytest.approx(0.5 - 0.25 / np.sqrt(3.0), rel=FAN)
+
+
+def test_a_scenario_is_told_in_words() -> None:
+    objects = [WALL, BALL]
+    scan = {"rows": 4, "columns": 4, "horizontal": [-0.1, 0.1], "vertical": [-0.1, 0.1]}
+    (words,) = scene_warnings(
+        load_scenario({"schema": 1, "scene": {"objects": objects}, "scan": scan}), device="cpu"
+    )
+    assert words == "scene: 'wall' and 'ball' stand in one another by about 0.3 m, as no solid bodies do"
+
+
+def test_check_and_run_tell_it(small_scenario: str, tmp_path: Path) -> None:
+    """Claim: both say it once and go on; of the scenario without the ball they say nothing."""
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    ball = "{name: ball, shape: sphere, diameter: 1 m, position: [0 m, 0 m, 9.2 m], material: nickel}"
+    wall = "{name: wall, shape: rectangle, size: [8 m, 8 m], position: [0 m, 0 m, 9 m], material: nickel}"
+    for verb, more in (("check", ()), ("run", ("-o", str(tmp_path / "out")))):
+        for objects, times in ((f"[{wall}, {ball}]", 1), (f"[{wall}]", 0)):
+            overwrite = ("--overwrite",) if verb == "run" else ()
+            change = ("--set", f"scene.objects={objects}")
+            told = CliRunner().invoke(app, [verb, str(tmp_path / "small.yaml"), *change, *more, *overwrite])
+            assert told.exit_code == 0, told.output
+            assert " ".join(told.stderr.split()).count("'wall' and 'ball' stand in one another") == times
