@@ -42,21 +42,18 @@ class Job:
     ----------
     run
         Its number.
-    changes
-        What it has in the place of the base's values.
+    values
+        What it has in the place of the base's values, but for its seed.
+    seed
+        Seed of its random numbers; -1 where the plan has put something else there.
     kept
         Folder for the whole result; None where it is not kept.
     """
 
     run: int
-    changes: Mapping[str, Value]
+    values: Mapping[str, Value]
+    seed: int
     kept: Path | None
-
-    @property
-    def seed(self) -> int:
-        """Seed of its random numbers; -1 where the plan has put something else there."""
-        seed = self.changes[SEED]
-        return seed if isinstance(seed, int) else -1
 
     def failed(self, fault: str, seconds: float = 0.0) -> Row:
         """Return its row with a fault."""
@@ -103,19 +100,10 @@ class Settings:
 
 def task_of(campaign: Campaign, base: bytes, runs: Sequence[int], settings: Settings) -> Task:
     """Return the task of a batch of runs; ``base`` is the campaign's base scenario, pickled."""
-    keep, kept = campaign.plan.keep.runs, settings.folder.absolute() / KEPT
-    jobs = tuple(
-        Job(
-            run,
-            campaign.changes(run),
-            kept / f"{run:06d}" if keep == "all" or (not isinstance(keep, str) and run in keep) else None,
-        )
-        for run in runs
-    )
     return Task(
         base,
         campaign.folder,
-        jobs,
+        tuple(_job(campaign, run, settings.folder.absolute() / KEPT) for run in runs),
         campaign.plan.measure,
         settings.own,
         settings.device,
@@ -123,10 +111,33 @@ def task_of(campaign: Campaign, base: bytes, runs: Sequence[int], settings: Sett
     )
 
 
+def _job(campaign: Campaign, run: int, kept: Path) -> Job:
+    values, keep = campaign.values(run), campaign.plan.keep.runs
+    seed = values.get(SEED, campaign.seed(run))
+    keeps = keep == "all" or (not isinstance(keep, str) and run in keep)
+    return Job(run, values, seed if isinstance(seed, int) else -1, kept / f"{run:06d}" if keeps else None)
+
+
 @lru_cache(maxsize=1)
 def _base(content: bytes) -> Scenario:
     found: Scenario = pickle.loads(content)
     return found
+
+
+class _Scenarios:
+    """The scenarios of a task's runs; one that differs from the last in its seed alone is not checked again."""
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._last: tuple[Mapping[str, Value], Scenario] | None = None
+
+    def of(self, job: Job) -> Scenario:
+        """Return the scenario of a run; faults as of :meth:`Campaign.scenario`."""
+        if self._last is None or self._last[0] != job.values or SEED in job.values:
+            base, folder = _base(self._task.base), self._task.folder
+            self._last = job.values, changed(base, job.values, folder, f"run {job.run}")
+        found = self._last[1]
+        return found if SEED in job.values else found.model_copy(update={SEED: job.seed})
 
 
 @lru_cache(maxsize=1)
@@ -140,11 +151,11 @@ def work(task: Task) -> tuple[Row, ...]:
     start = time.perf_counter()
     found: list[tuple[Job, str, dict[str, float]]] = []
     possible: list[tuple[Job, Scenario]] = []
+    scenarios = _Scenarios(task)
     for job in task.jobs:
         try:
             _ready(task.device, task.threads)
-            scenario = changed(_base(task.base), job.changes, task.folder, f"run {job.run}")
-            possible.append((job, scenario))
+            possible.append((job, scenarios.of(job)))
         except Exception as error:
             found.append((job, _fault(error), {}))
     outcomes = _outcomes([scenario for _, scenario in possible], task.device, task.threads)
