@@ -101,7 +101,9 @@ class _Dispatch:
     """The batches that are on their way to workers.
 
     Batches of one set go to the worker that has its scene. That is a wish: where this worker is gone, or another has
-    nothing to do, Dask gives them away.
+    nothing to do, Dask gives them away. When a worker dies, Dask counts it against all that was on its way to it. The
+    runs of a batch that is given up for that are therefore done at the end, each with nothing else on its way: what
+    kills its worker then is the run.
     """
 
     def __init__(self, client: Client, store: Store, settings: Settings) -> None:
@@ -109,6 +111,7 @@ class _Dispatch:
         self._base = pickle.dumps(store.campaign.base)
         self._batches = Batches(store.campaign, np.flatnonzero(~store.done))
         self._sent: dict[object, tuple[str, list[int]]] = {}
+        self._suspects: list[int] = []
         self._workers: tuple[str, ...] = ()
         self._looked = -LOOKS
         self.ready = as_completed(raise_errors=False)
@@ -119,11 +122,13 @@ class _Dispatch:
         for _ in range(AHEAD):
             for worker in self._present() if len(self._batches) else ():
                 if on_way.count(worker) < AHEAD and (runs := self._batches.take(worker, len(self._workers))):
-                    self.send(runs, worker)
+                    self._send(runs, worker)
                     on_way.append(worker)
+        if not self._sent and self._suspects:
+            self._send([self._suspects.pop()], "")
 
-    def send(self, runs: list[int], worker: str) -> None:
-        """Send a batch."""
+    def _send(self, runs: list[int], worker: str) -> None:
+        """Send a batch to a worker, or where Dask likes."""
         task = task_of(self._campaign, self._base, runs, self._settings)
         # Not pure: two campaigns on one cluster are no one another's results.
         future = self._client.submit(
@@ -133,15 +138,14 @@ class _Dispatch:
         self.ready.add(future)
 
     def received(self, future: Future[Rows]) -> Rows:
-        """Return the rows of a batch that has ended: none yet where its runs are sent again, one by one."""
-        _, runs = self._sent.pop(future.key)
+        """Return the rows of a batch that has ended: none yet where its runs are to be done one by one."""
+        worker, runs = self._sent.pop(future.key)
         if future.status == "finished":
             return future.result()
         if future.status != "error":
             raise _lost()
-        if len(runs) > 1:
-            for run in runs:
-                self.send([run], "")
+        if worker:
+            self._suspects += runs
             return ()
         error = future.exception()
         if isinstance(error, KilledWorker):
