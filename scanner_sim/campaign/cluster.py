@@ -33,6 +33,9 @@ LOOKS = 1.0
 WAITS = 600
 """Seconds to wait for the first worker: on a cluster its job may be queued."""
 
+_HERE = {"host": "127.0.0.1", "dashboard": False, "dashboard_address": "127.0.0.1:0"}
+"""Nothing of a cluster on this machine can be reached from another one."""
+
 Rows = tuple[Row, ...]
 
 
@@ -67,7 +70,7 @@ def client_of(workers: int, scheduler: str | None, gpus: Sequence[str] = ()) -> 
         if scheduler is None:
             local = SpecCluster(
                 workers=dict(enumerate(worker_specs(workers, gpus))),
-                scheduler={"cls": Scheduler, "options": {"host": "127.0.0.1", "port": 0, "dashboard": False}},
+                scheduler={"cls": Scheduler, "options": {**_HERE, "port": 0}},
                 silence_logs=logging.CRITICAL,
             )
             stack.enter_context(local)
@@ -86,9 +89,8 @@ def client_of(workers: int, scheduler: str | None, gpus: Sequence[str] = ()) -> 
 def worker_specs(workers: int, gpus: Sequence[str]) -> list[dict[str, Any]]:
     """Return what Dask is asked for: processes of one thread, each of which sees the GPU of its own and no other."""
     options = {
+        **_HERE,
         "nthreads": 1,
-        "host": "127.0.0.1",
-        "dashboard": False,
         # A run asks for memory itself, and is refused with a sentence.
         "memory_limit": 0,
         "silence_logs": logging.CRITICAL,
@@ -114,7 +116,7 @@ class _Dispatch:
         self._suspects: list[int] = []
         self._workers: tuple[str, ...] = ()
         self._looked = -LOOKS
-        self.ready = as_completed(raise_errors=False)
+        self.ready = as_completed(raise_errors=False, loop=client.loop)
 
     def fill(self) -> None:
         """Send batches until each worker has some, one in turn to each."""

@@ -134,9 +134,11 @@ def test_a_run_that_kills_its_worker_is_a_row_and_those_beside_it_have_theirs(
 def test_workers_of_several_threads_are_refused(plan: Path) -> None:
     """Claim: the renderer shares its settings among the threads of a process, so such a cluster is no cluster."""
     fake = SimpleNamespace(
-        nthreads=lambda: {"tcp://a": 1, "tcp://b": 8}, wait_for_workers=lambda *_, **__: None, loop=None
+        nthreads=lambda: {"tcp://a": 1, "tcp://b": 8}, wait_for_workers=lambda *_, **__: None, loop=object()
     )
     campaign = read_campaign(plan)
-    with opened(plan.parent / "out", campaign, campaign.plan.measure) as store:
-        with pytest.raises(InputError, match="several threads"):
-            cluster.run_on(fake, store, Settings(plan.parent / "out"), lambda *_: None)
+    with (
+        opened(plan.parent / "out", campaign, campaign.plan.measure) as store,
+        pytest.raises(InputError, match="several threads"),
+    ):
+        cluster.run_on(fake, store, Settings(plan.parent / "out"), lambda *_: None)

@@ -53,7 +53,7 @@ def rows_of(campaign: Campaign, *runs: int) -> dict[int, Row]:
 def test_a_run_that_fails_takes_none_of_its_batch_with_it(
     campaign: Campaign, monkeypatch: pytest.MonkeyPatch, culprit: int
 ) -> None:
-    """Claim: where a batch fails at one run, or for one of its runs, that one has the fault, and the others their numbers."""
+    """Claim: where a batch fails at one of its runs, that one has the fault, and the others have their numbers."""
     bad, sizes = campaign.seed(culprit), []
 
     def many(scenarios: Iterable[Scenario], **_: object) -> Iterator[SimpleNamespace]:
@@ -104,7 +104,7 @@ def test_rows_are_the_same_in_any_batch(
     start, measure = "base: small.yaml", "[sigma_range, rms_range]"
     vary = "keys: {scanner.laser.power: [5 mW, 15 mW]}"
     if base == "spiral":
-        start += "\nset: {scan: {type: spiral, radius: 1 deg, turns: 2, shots: 40}}"
+        start += "\nset: {scan: {type: spiral, radius: 1 deg, turns: 2, points: 40}}"
     if base == "track":
         start = f"base: {repo_root}/configs/track_still.yaml\nset: {{scan.duration: 30 ms}}"
         measure = "[measured_share, rms_target_range]"
