@@ -66,7 +66,7 @@ def recipe(repo_root: Path) -> str:
     for old, new in SIZES.items():
         assert old in text
         text = text.replace(old, new)
-    return text.replace('"campaign", ', '"campaign", "--measure", "waiting:held", "--device", "cpu", ')
+    return text.replace('"plan.yaml", ', '"plan.yaml", "--measure", "waiting:held", "--device", "cpu", ')
 
 
 @pytest.mark.slow

@@ -12,34 +12,25 @@ from types import SimpleNamespace
 import pytest
 from typer.testing import CliRunner
 
-from scanner_sim.campaign.own_measure import OwnMeasure
 from scanner_sim.campaign.reading import read_campaign
-from scanner_sim.campaign.store import opened
-from scanner_sim.campaign.work import Settings
+from scanner_sim.campaign.runs import Campaign
+from scanner_sim.campaign.store import Row, opened
+from scanner_sim.campaign.work import Settings, Task
 from scanner_sim.cli import app
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.render import device as device_module
 from scanner_sim.render import libraries
 
+KilledWorker = pytest.importorskip("distributed", reason="the extra campaign is not installed").KilledWorker
 cluster = pytest.importorskip(
     "scanner_sim.campaign.cluster", reason="the extra campaign is not installed", exc_type=ImportError
 )
-
-KILLER = """\
-import os
-
-
-def fatal(image):
-    if os.path.exists(f"{os.path.dirname(__file__)}/{image.seed}"):
-        os._exit(1)
-    return 0.0
-"""
 
 
 @pytest.fixture
 def plan(tmp_path: Path, small_scenario: str) -> Path:
     (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
-    (tmp_path / "plan.yaml").write_text("schema: 1\nbase: small.yaml\nrepeat: 6\n", encoding="utf-8")
+    (tmp_path / "plan.yaml").write_text("schema: 1\nbase: small.yaml\nrepeat: 20\n", encoding="utf-8")
     return tmp_path / "plan.yaml"
 
 
@@ -63,7 +54,7 @@ def test_a_worker_sees_the_gpu_of_its_own(
 @pytest.mark.slow
 def test_dask_shows_its_processes_what_was_asked() -> None:
     with cluster.client_of(2, None, ("4", "7")) as client:
-        seen = client.run(os.environ.get, "CUDA_VISIBLE_DEVICES")
+        seen = client.run(os.getenv, "CUDA_VISIBLE_DEVICES")
     assert sorted(seen.values()) == ["4", "7"]
 
 
@@ -111,24 +102,61 @@ def test_workers_are_as_many_as_gpus_and_no_more(plan: Path, monkeypatch: pytest
     assert asked == [(3, None, ("0", "1", "2"))]
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("device")
+class Ready:
+    """Futures that end in the order in which they were sent."""
+
+    def __init__(self, **_: object) -> None:
+        self.waiting: list[SimpleNamespace] = []
+        self.add = self.waiting.append
+
+    def __iter__(self) -> Iterator[SimpleNamespace]:
+        while self.waiting:
+            yield self.waiting.pop(0)
+
+
+class Client:
+    """Two workers that die of run 2, and take with them all that is on its way to them, as Dask counts it."""
+
+    loop = None
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign, self.sent = campaign, list[list[int]]()
+
+    def nthreads(self) -> dict[str, int]:
+        return {"tcp://a": 1, "tcp://b": 1}
+
+    def wait_for_workers(self, *_: object, **__: object) -> None:
+        pass
+
+    def submit(self, _: object, task: Task, **__: object) -> SimpleNamespace:
+        runs = [job.run for job in task.jobs]
+        self.sent.append(runs)
+        dies = 2 in runs or (len(runs) > 1 and 7 not in runs)
+        rows = tuple(Row(run, self.campaign.seed(run), "", 0.1, {"sigma_range": 0.1}) for run in runs)
+        return SimpleNamespace(
+            key=str(runs),
+            status="error" if dies else "finished",
+            result=lambda: rows,
+            exception=lambda: KilledWorker("task", None, 10),
+            release=lambda: None,
+        )
+
+
 def test_a_run_that_kills_its_worker_is_a_row_and_those_beside_it_have_theirs(
     plan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Claim: of a batch whose worker dies, every time, the run that does it has the fault, and no other."""
+    """Claim: runs that Dask gives up with others are done again, each with nothing on its way; one has the fault."""
+    monkeypatch.setattr(cluster, "as_completed", Ready)
     campaign = read_campaign(plan)
-    (plan.parent / "killer.py").write_text(KILLER, encoding="utf-8")
-    (plan.parent / str(campaign.seed(2))).touch()
-    monkeypatch.setattr(cluster, "DEATHS", 1)
-    own = OwnMeasure("killer:fatal", str(plan.parent))
-    settings = Settings(plan.parent / "out", own, "cpu")
-    with opened(plan.parent / "out", campaign, (*campaign.plan.measure, own.column)) as store:
-        with cluster.client_of(1, None) as client:
-            cluster.run_on(client, store, settings, lambda *_: None)
+    client, most = Client(campaign), list[int]()
+    with opened(plan.parent / "out", campaign, campaign.plan.measure) as store:
+        cluster.run_on(client, store, Settings(plan.parent / "out"), lambda done, *_: most.append(done))
         (table,) = store.rows()
     faults = dict(zip(table["run"].tolist(), table["fault"].tolist(), strict=True))
-    assert faults == {run: "its worker died 2 times." if run == 2 else "" for run in range(6)}
+    assert faults == {run: "its worker died 11 times." if run == 2 else "" for run in range(20)}
+    together = [runs for runs in client.sent if len(runs) > 1]
+    assert client.sent[: len(together)] == together, "alone means after all others"
+    assert most[-1] == 20
 
 
 def test_workers_of_several_threads_are_refused(plan: Path) -> None:
