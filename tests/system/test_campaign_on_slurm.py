@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -23,16 +24,14 @@ from scanner_sim.cli import app
 
 SBATCH = """\
 #!/bin/sh
-[ -f "$1" ] || exit 1
-number=$(ls "$JOBS" | wc -l)
-cp "$1" "$JOBS/$number.sh"
-setsid sh "$JOBS/$number.sh" > "$JOBS/../$number.out" 2>&1 &
-echo $! > "$JOBS/../$number.pid"
-echo "Submitted batch job $number"
+cp "$1" "$JOBS/$$.sh" || exit 1
+setsid sh "$JOBS/$$.sh" > "$JOBS/$$.out" 2>&1 &
+echo $! > "$JOBS/$$.pid"
+echo "Submitted batch job $$"
 """
 SCANCEL = """\
 #!/bin/sh
-for number; do kill -TERM -- "-$(cat "$JOBS/../$number.pid")"; done
+for number; do kill -TERM -- "-$(cat "$JOBS/$number.pid")"; done
 """
 PLAN = """\
 schema: 1
@@ -57,6 +56,17 @@ SIZES = {"cores=16, processes=16": "cores=1, processes=1", "_jobs=10": "_jobs=2"
 def rows(folder: Path) -> str:
     table = open_campaign(folder).table()
     return repr({name: values.tolist() for name, values in table.items() if name != "seconds"})
+
+
+def at_work(jobs: Path) -> int:
+    """Return how many jobs have had a worker that the scheduler knows."""
+    return sum("Registered to" in out.read_text() for out in jobs.glob("*.out"))
+
+
+def wait_for(campaign: subprocess.Popen[bytes], come: Callable[[], bool]) -> None:
+    while not come():
+        assert campaign.poll() is None, "it ended by itself"
+        time.sleep(0.1)
 
 
 def recipe(repo_root: Path) -> str:
@@ -105,18 +115,14 @@ def test_the_recipe_of_the_guide_gives_the_rows_of_one_process(
     (tmp_path / "hold").touch()
     campaign = subprocess.Popen([sys.executable, "on_slurm.py"], env=environment)
     try:
-        while len(list(jobs.iterdir())) < 2 or "Starting Nanny" not in (tmp_path / "1.out").read_text():
-            assert campaign.poll() is None
-            time.sleep(0.1)
-        os.killpg(int((tmp_path / "0.pid").read_text()), signal.SIGKILL)
-        while len(list(jobs.iterdir())) < 3:
-            assert campaign.poll() is None
-            time.sleep(0.1)
+        wait_for(campaign, lambda: at_work(jobs) == 2)
+        os.killpg(int(next(jobs.glob("*.pid")).read_text()), signal.SIGKILL)
+        wait_for(campaign, lambda: at_work(jobs) == 3)
         (tmp_path / "hold").unlink()
         assert campaign.wait() == 0
     finally:
         campaign.kill()
         campaign.wait()
-        for pid in tmp_path.glob("*.pid"):
-            subprocess.run(["kill", "-KILL", "--", f"-{pid.read_text().strip()}"], capture_output=True)
+        for job in jobs.glob("*.pid"):
+            subprocess.run(["kill", "-KILL", "--", f"-{job.read_text().strip()}"], capture_output=True)
     assert rows(tmp_path / "output" / "plan") == rows(tmp_path / "alone")
