@@ -296,7 +296,10 @@ def kills(chosen: argparse.Namespace, say: Callable[[str], None]) -> Tabulated:
         if started(folder, 0, "serial").wait():
             raise SystemExit("the campaign failed")
         process, restarts = started(folder, 2), 0
-        while sum(done.values()) < chosen.kills and process.poll() is None:
+        while sum(done.values()) < chosen.kills and process.poll() != 0:
+            if process.returncode is not None:
+                # A worker was killed before it had begun: the command says so, and is started again.
+                process = started(folder, 2)
             time.sleep(draw.uniform(0.0, 15.0))
             say(f"{done}, {rows_done(folder / 'out')} of {runs} rows")
             if draw.random() < 0.4:
@@ -309,7 +312,7 @@ def kills(chosen: argparse.Namespace, say: Callable[[str], None]) -> Tabulated:
             if found:
                 os.kill(draw.choice(found), signal.SIGKILL)
                 done["worker"] += 1
-        if process.wait():
+        if process.wait() and started(folder, 2).wait():
             raise SystemExit("the campaign failed")
         same = content(folder / "out") == content(folder / "serial")
         restarts = done["master"]

@@ -56,6 +56,8 @@ def client_of(workers: int, scheduler: str | None, gpus: Sequence[str] = ()) -> 
     ------
     InputError
         If there is no scheduler at that address.
+    RunError
+        If a worker on this machine does not start.
     """
     with contextlib.ExitStack() as stack:
         stack.enter_context(
@@ -68,11 +70,17 @@ def client_of(workers: int, scheduler: str | None, gpus: Sequence[str] = ()) -> 
             )
         )
         if scheduler is None:
-            local = SpecCluster(
-                workers=dict(enumerate(worker_specs(workers, gpus))),
-                scheduler={"cls": Scheduler, "options": {**_HERE, "port": 0}},
-                silence_logs=logging.CRITICAL,
-            )
+            try:
+                local = SpecCluster(
+                    workers=dict(enumerate(worker_specs(workers, gpus))),
+                    scheduler={"cls": Scheduler, "options": {**_HERE, "port": 0}},
+                    silence_logs=logging.CRITICAL,
+                )
+            except RuntimeError as error:
+                # One that is killed before it has begun ends the start of all.
+                raise RunError(
+                    f"the workers did not start: {error}", remedy="The same command goes on."
+                ) from None
             stack.enter_context(local)
             yield stack.enter_context(Client(local))
             return
