@@ -1,7 +1,7 @@
 """The folder of a campaign: what it is of, and a row for each run that is done.
 
 ================  ==================================================================================================
-``campaign.json``  the plan, its axes and measures, versions, and digests of the files that the base scenario names
+``campaign.json``  the plan, its axes and measures, versions, digests of the files that scenarios name, their commits
 ``base.yaml``      the base scenario, resolved
 ``rows.jsonl``     rows as they come, one to a line
 ``parts/``         the same rows as Parquet, so many to a part; what is in a part leaves ``rows.jsonl``
@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from scanner_sim.campaign.inputs import commits_of, digests_of
 from scanner_sim.campaign.measures import MEASURES
 from scanner_sim.campaign.plan import Plan
 from scanner_sim.campaign.runs import Campaign, dimension_of
@@ -36,8 +37,7 @@ from scanner_sim.config.document import Value
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import inline_yaml
 from scanner_sim.foundation.errors import InputError, RunError
-from scanner_sim.foundation.named_files import LARGEST_MESH, digest_of, read_ordinary
-from scanner_sim.foundation.parts import Part
+from scanner_sim.foundation.named_files import read_ordinary
 from scanner_sim.foundation.units import FROM_FILE
 from scanner_sim.products.files.exchange import failure, held, unwritable, write_files
 from scanner_sim.products.files.folder import write_text
@@ -330,6 +330,7 @@ def disk_fault(folder: Path, error: OSError) -> RunError:
 def _manifest(campaign: Campaign, measures: Sequence[str]) -> dict[str, object]:
     """Return what ``campaign.json`` holds."""
     plan = campaign.plan.model_dump(mode="json", by_alias=True, exclude_defaults=True)
+    inputs = digests_of(campaign)
     return {
         "schema": 1,
         "plan": {"schema": 1, **plan, "base": BASE, "set": {}},
@@ -340,9 +341,8 @@ def _manifest(campaign: Campaign, measures: Sequence[str]) -> dict[str, object]:
         "measures": list(measures),
         "units": units_of(campaign, measures),
         "versions": versions(),
-        "inputs": {
-            str(path): digest_of(read_ordinary(path, LARGEST_MESH)).hex() for path in _files(campaign.base)
-        },
+        "inputs": inputs,
+        "commits": commits_of(campaign, inputs),
     }
 
 
@@ -367,17 +367,6 @@ def _check_same(folder: Path, wanted: Mapping[str, object], base: Scenario) -> N
         raise InputError(
             f"{folder} holds a campaign of another base scenario.", remedy="Choose another folder with -o."
         )
-
-
-def _files(part: Part) -> Iterator[Path]:
-    """Yield the files that a scenario names."""
-    for name in type(part).model_fields:
-        value = getattr(part, name)
-        for one in value if isinstance(value, tuple) else (value,):
-            if isinstance(one, Part):
-                yield from _files(one)
-            elif isinstance(one, Path):
-                yield one
 
 
 def _part_files(folder: Path) -> list[Path]:

@@ -1,12 +1,13 @@
-"""One run of a campaign: its scenario simulated and measured, its fault told where it has one."""
+"""Runs of a campaign: their scenarios simulated together and measured, the fault of each told in its row."""
 
 from __future__ import annotations
 
 import pickle
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import groupby
 from pathlib import Path
 
 from scanner_sim.campaign.measures import MEASURES, Outcome, measured
@@ -15,13 +16,11 @@ from scanner_sim.campaign.runs import SEED, Campaign, changed
 from scanner_sim.campaign.store import KEPT, Row
 from scanner_sim.config.document import Value
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.errors import ScannerSimError, printable
+from scanner_sim.foundation.errors import InputError, ScannerSimError, printable
 from scanner_sim.instrument.closed_loop.poses import poses_of
-from scanner_sim.instrument.closed_loop.track import track
-from scanner_sim.instrument.memory import check_memory
+from scanner_sim.instrument.closed_loop.track import check_alike, track_many
 from scanner_sim.instrument.shots import simulate_shots
-from scanner_sim.instrument.simulate import simulate
-from scanner_sim.pose.series import PoseSeries
+from scanner_sim.instrument.simulate import simulate_many
 from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.files.shots_folder import write_shots
 from scanner_sim.products.files.track_folder import write_track
@@ -29,40 +28,62 @@ from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import ShotTable
 from scanner_sim.render.device import activate
 from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.tracking.record import Track
 
 LONGEST_FAULT = 900
 """Letters of a fault in a row."""
 
 
 @dataclass(frozen=True)
+class Job:
+    """A run that is to be done.
+
+    Attributes
+    ----------
+    run
+        Its number.
+    values
+        What it has in the place of the base's values, but for its seed.
+    seed
+        Seed of its random numbers; -1 where the plan has put something else there.
+    kept
+        Folder for the whole result; None where it is not kept.
+    """
+
+    run: int
+    values: Mapping[str, Value]
+    seed: int
+    kept: Path | None
+
+    def failed(self, fault: str, seconds: float = 0.0) -> Row:
+        """Return its row with a fault."""
+        said = printable(" ".join(fault.split()))[:LONGEST_FAULT]
+        return Row(self.run, self.seed, said, seconds, {})
+
+
+@dataclass(frozen=True)
 class Task:
-    """What a worker needs for a run, small enough to be sent ten thousand times.
+    """What a worker needs for a batch of runs, small enough to be sent ten thousand times.
 
     Attributes
     ----------
     base
         The base scenario, pickled: workers keep the last one.
-    changes
-        What the run has in the place of its values.
     folder
-        Where relative paths in them count from.
-    run
-        Number of the run.
+        Where relative paths in the runs' values count from.
+    jobs
+        The runs.
     measures, own
         Measures by name, and that of the user.
-    kept
-        Folder for the whole result; None where it is not kept.
     device, threads
         Where to compute.
     """
 
     base: bytes
-    changes: Mapping[str, Value]
     folder: Path
-    run: int
+    jobs: tuple[Job, ...]
     measures: tuple[str, ...]
     own: OwnMeasure | None
-    kept: Path | None
     device: DeviceChoice
     threads: int | None
 
@@ -77,21 +98,24 @@ class Settings:
     threads: int | None = None
 
 
-def task_of(campaign: Campaign, base: bytes, run: int, settings: Settings) -> Task:
-    """Return the task of a run; ``base`` is the campaign's base scenario, pickled."""
-    keep = campaign.plan.keep.runs
-    kept = keep == "all" or (not isinstance(keep, str) and run in keep)
+def task_of(campaign: Campaign, base: bytes, runs: Sequence[int], settings: Settings) -> Task:
+    """Return the task of a batch of runs; ``base`` is the campaign's base scenario, pickled."""
     return Task(
         base,
-        campaign.changes(run),
         campaign.folder,
-        run,
+        tuple(_job(campaign, run, settings.folder.absolute() / KEPT) for run in runs),
         campaign.plan.measure,
         settings.own,
-        settings.folder.absolute() / KEPT / f"{run:06d}" if kept else None,
         settings.device,
         settings.threads,
     )
+
+
+def _job(campaign: Campaign, run: int, kept: Path) -> Job:
+    values, keep = campaign.values(run), campaign.plan.keep.runs
+    seed = values.get(SEED, campaign.seed(run))
+    keeps = keep == "all" or (not isinstance(keep, str) and run in keep)
+    return Job(run, values, seed if isinstance(seed, int) else -1, kept / f"{run:06d}" if keeps else None)
 
 
 @lru_cache(maxsize=1)
@@ -100,51 +124,129 @@ def _base(content: bytes) -> Scenario:
     return found
 
 
+class _Scenarios:
+    """The scenarios of a task's runs; one that differs from the last in its seed alone is not checked again."""
+
+    def __init__(self, task: Task) -> None:
+        self._task = task
+        self._last: tuple[Mapping[str, Value], Scenario] | None = None
+
+    def of(self, job: Job) -> Scenario:
+        """Return the scenario of a run; faults as of :meth:`Campaign.scenario`."""
+        if self._last is None or self._last[0] != job.values or SEED in job.values:
+            base, folder = _base(self._task.base), self._task.folder
+            self._last = job.values, changed(base, job.values, folder, f"run {job.run}")
+        found = self._last[1]
+        return found if SEED in job.values else found.model_copy(update={SEED: job.seed})
+
+
 @lru_cache(maxsize=1)
 def _ready(device: DeviceChoice, threads: int | None) -> None:
     """Choose the device for all runs of this process, so that none looks for its libraries again."""
     activate(device, threads)
 
 
-def work(task: Task) -> Row:
-    """Simulate and measure a run; whatever goes wrong is the fault of its row."""
-    start, found, fault = time.perf_counter(), dict[str, float](), ""
-    try:
-        _ready(task.device, task.threads)
-        scenario = changed(_base(task.base), task.changes, task.folder, f"run {task.run}")
-        outcome = simulated(scenario, task.device, task.threads)
-        found = measured(tuple(name for name in task.measures if name in MEASURES), outcome)
-        if task.own is not None:
-            found[task.own.column] = task.own.value(outcome)
-        if task.kept is not None:
-            write_outcome(outcome, scenario, task.kept)
-    except ScannerSimError as error:
-        fault = str(error)
-    except MemoryError:
-        fault = "the memory is exhausted."
-    except Exception as error:
-        fault = f"unexpected {type(error).__name__}: {error}"
-    said = printable(" ".join(fault.split()))[:LONGEST_FAULT]
-    seed = task.changes[SEED]
-    return Row(
-        task.run,
-        seed if isinstance(seed, int) else -1,
-        said,
-        time.perf_counter() - start,
-        {} if fault else found,
+def work(task: Task) -> tuple[Row, ...]:
+    """Simulate and measure runs; whatever goes wrong with one is the fault of its row, and of no other."""
+    start = time.perf_counter()
+    found: list[tuple[Job, str, dict[str, float]]] = []
+    possible: list[tuple[Job, Scenario]] = []
+    scenarios = _Scenarios(task)
+    for job in task.jobs:
+        try:
+            _ready(task.device, task.threads)
+            possible.append((job, scenarios.of(job)))
+        except Exception as error:
+            found.append((job, _fault(error), {}))
+    outcomes = _outcomes([scenario for _, scenario in possible], task.device, task.threads)
+    for (job, scenario), outcome in zip(possible, outcomes, strict=True):
+        try:
+            found.append((job, "", _measured(task, job, scenario, outcome)))
+        except Exception as error:
+            found.append((job, _fault(error), {}))
+    # What is done together has no times of its own.
+    seconds = (time.perf_counter() - start) / len(task.jobs)
+    return tuple(
+        job.failed(fault, seconds) if fault else Row(job.run, job.seed, "", seconds, measures)
+        for job, fault, measures in found
     )
 
 
-def simulated(scenario: Scenario, device: DeviceChoice, threads: int | None) -> Outcome:
-    """Simulate a scenario of any kind; faults as of :func:`~scanner_sim.instrument.simulate.simulate`."""
-    check_memory(scenario)
-    if scenario.scan.layout == "image":
-        return Outcome(scan=simulate(scenario, device=device, threads=threads))
-    if scenario.scan.layout == "shots":
-        return Outcome(scan=simulate_shots(scenario, device=device, threads=threads))
-    made = track(scenario, device=device, threads=threads)
-    poses: tuple[PoseSeries, ...] = poses_of(made)
-    return Outcome(track=made, poses=tuple(one for one in poses if not one.relative_to))
+def _measured(task: Task, job: Job, scenario: Scenario, outcome: Outcome | Exception) -> dict[str, float]:
+    """Return the measures of a run, and write its files where it is kept."""
+    if isinstance(outcome, Exception):
+        raise outcome
+    found = measured(tuple(name for name in task.measures if name in MEASURES), outcome)
+    if task.own is not None:
+        found[task.own.column] = task.own.value(outcome)
+    if job.kept is not None:
+        write_outcome(outcome, scenario, job.kept)
+    return found
+
+
+def _fault(error: Exception) -> str:
+    if isinstance(error, ScannerSimError):
+        return str(error)
+    if isinstance(error, MemoryError):
+        return "the memory is exhausted."
+    return f"unexpected {type(error).__name__}: {error}"
+
+
+def _outcomes(
+    scenarios: Sequence[Scenario], device: DeviceChoice, threads: int | None
+) -> Iterator[Outcome | Exception]:
+    """Yield what each scenario gave, or why it gave nothing: from where runs fail together they are made alone."""
+    done = 0
+    try:
+        for outcome in simulated(scenarios, device, threads):
+            yield outcome
+            done += 1
+    except Exception as error:
+        if len(scenarios) == 1:
+            yield error
+            return
+    for scenario in scenarios[done:]:
+        yield from _outcomes([scenario], device, threads)
+
+
+def simulated(scenarios: Sequence[Scenario], device: DeviceChoice, threads: int | None) -> Iterator[Outcome]:
+    """Simulate scenarios of any kind in their order, those together that are alike and next to one another.
+
+    Raises
+    ------
+    ScannerSimError
+        As :func:`~scanner_sim.instrument.simulate.simulate`.
+    """
+    for layout, some in groupby(scenarios, lambda scenario: scenario.scan.layout):
+        if layout == "image":
+            for image in simulate_many(some, device=device, threads=threads):
+                yield outcome_of(image)
+        elif layout == "shots":
+            for scenario in some:
+                yield outcome_of(simulate_shots(scenario, device=device, threads=threads))
+        else:
+            for alike in _side_by_side(some):
+                yield from map(outcome_of, track_many(alike, device=device, threads=threads))
+
+
+def _side_by_side(scenarios: Iterator[Scenario]) -> Iterator[list[Scenario]]:
+    """Yield the scenarios in lists of those that are followed in lock-step."""
+    waiting: list[Scenario] = []
+    for scenario in scenarios:
+        try:
+            check_alike([*waiting[:1], scenario])
+        except InputError:
+            yield waiting
+            waiting = []
+        waiting.append(scenario)
+    yield waiting
+
+
+def outcome_of(made: RangeImage | ShotTable | Track) -> Outcome:
+    """Return a result as measures take it: a track with its poses in the scanner's frame."""
+    if not isinstance(made, Track):
+        return Outcome(scan=made)
+    return Outcome(track=made, poses=tuple(one for one in poses_of(made) if not one.relative_to))
 
 
 def write_outcome(outcome: Outcome, scenario: Scenario, folder: Path) -> tuple[Path, ...]:

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from scanner_sim.cli.call import Call
 from scanner_sim.cli.plan import run_seconds
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.report import warn
+from scanner_sim.cli.running import run_into_folder
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import resolved_yaml, scenario_warnings
 from scanner_sim.config.document import Value
@@ -63,16 +65,19 @@ def run_campaign(
     for sentence in (*scenario_warnings(campaign.base), *impossible_runs(campaign)):
         if not quiet:
             warn(sentence)
-    workers = (os.cpu_count() or 1) if workers is None else workers
     if dry_run:
-        _print_plan(campaign, folder, max(workers, 1))
+        _print_plan(campaign, folder, max(_cores() if workers is None else workers, 1))
         return
     _need_dask(workers, scheduler)
     _work(campaign, folder, own, workers, scheduler, device, quiet)
 
 
-def _need_dask(workers: int, scheduler: str | None) -> None:
-    if (workers or scheduler) and importlib.util.find_spec("distributed") is None:
+def _cores() -> int:
+    return os.cpu_count() or 1
+
+
+def _need_dask(workers: int | None, scheduler: str | None) -> None:
+    if (workers != 0 or scheduler) and importlib.util.find_spec("distributed") is None:
         raise InputError(
             "several workers need Dask, which is not installed.",
             remedy="pip install 'scanner-sim[campaign]', or run in this process with --workers 0.",
@@ -83,7 +88,7 @@ def _work(
     campaign: Campaign,
     folder: Path,
     own: OwnMeasure | None,
-    workers: int,
+    workers: int | None,
     scheduler: str | None,
     device: DeviceChoice,
     quiet: bool,
@@ -93,10 +98,18 @@ def _work(
     from scanner_sim.campaign.store import opened
     from scanner_sim.campaign.work import Settings
     from scanner_sim.render.device import activate
+    from scanner_sim.render.libraries import visible_gpus
 
-    if scheduler is None:
+    gpus: tuple[str, ...] = ()
+    if scheduler is None and activate(device).gpu is not None:
         # A machine on which nothing can compute is one fault, not that of every row.
-        activate(device)
+        gpus = visible_gpus()
+        if workers is not None and workers > len(gpus):
+            raise InputError(
+                f"{workers} workers need a GPU each, and {len(gpus)} can be seen.",
+                remedy=f"Write --workers {len(gpus)}, or --device cpu.",
+            )
+    workers = (len(gpus) or _cores()) if workers is None else workers
     settings = Settings(folder, own, device)
     measures = (*campaign.plan.measure, *([own.column] if own else []))
     with opened(folder, campaign, measures) as store:
@@ -116,7 +129,7 @@ def _work(
             elif left:
                 from scanner_sim.campaign.cluster import client_of, run_on
 
-                with client_of(min(workers, left), scheduler) as client:
+                with client_of(min(workers, left), scheduler, gpus) as client:
                     run_on(client, store, settings, progress)
         store.pack()
         if not quiet:
@@ -143,7 +156,7 @@ def show_run(folder: Path, run: int, *, scenario: bool) -> None:
 
 
 def rerun(folder: Path, run: int, output: Path | None, *, device: DeviceChoice, overwrite: bool) -> None:
-    """Do a run again with its whole result in files, and say whether its measures are the same.
+    """Do a run again as ``run`` does, and say whether its measures are the same.
 
     Raises
     ------
@@ -151,27 +164,22 @@ def rerun(folder: Path, run: int, output: Path | None, *, device: DeviceChoice, 
         If there is no such run, its scenario is impossible, the folder cannot be written to, or the measures differ.
     """
     from scanner_sim.campaign.measures import MEASURES, measured
-    from scanner_sim.campaign.store import reopened
-    from scanner_sim.campaign.work import simulated, write_outcome
-    from scanner_sim.products.files.contents import RUN, SHOTS, TRACK
-    from scanner_sim.products.files.folder import check_target
+    from scanner_sim.campaign.store import BASE, reopened
+    from scanner_sim.campaign.work import outcome_of
 
     store = reopened(folder)
     _check_run(store, run)
-    scenario = store.campaign.scenario(run)
     target = output or folder / "again" / f"{run:06d}"
-    kind = {"image": RUN, "shots": SHOTS, "visits": TRACK}[scenario.scan.layout]
-    check_target(target, overwrite, kind)
-    outcome = simulated(scenario, device, None)
-    paths = write_outcome(outcome, scenario, target)
+    call = Call(folder / BASE, target, (), device, overwrite, quiet=False)
+    made = run_into_folder(store.campaign.scenario(run), call)
     names = tuple(name for name in store.measures if name in MEASURES)
-    again, row = measured(names, outcome), _row_of(store, run)
+    again, row = measured(names, outcome_of(made)), _row_of(store, run)
     rows = {"run": str(run), **_spelled(store, again)}
     compared = row is not None and not row["fault"]
     moved = [name for name in names if compared and row and not _same(float(str(row[name])), again[name])]
     if compared and not moved:
         rows["row"] = "the same numbers"
-    print_table(rows | {"folder": str(target), "files": ", ".join(path.name for path in paths)})
+    print_table(rows)
     if moved:
         raise RunError(
             f"run {run} gives other numbers than before: {', '.join(moved)}.",

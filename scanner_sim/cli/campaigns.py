@@ -53,7 +53,7 @@ def run(
             min=0,
             max=1024,
             help="Processes on this machine; 0 runs in this one, without Dask.",
-            show_default="one per core",
+            show_default="one per core, or one per GPU",
         ),
     ] = None,
     scheduler: Annotated[

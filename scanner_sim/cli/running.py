@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,12 +15,13 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.memory import check_memory
 from scanner_sim.products.files.contents import RUN, SHOTS, TRACK
-from scanner_sim.products.files.folder import check_target
+from scanner_sim.products.files.folder import ResultFolder, check_target
 
 if TYPE_CHECKING:
     from scanner_sim.products.image import RangeImage
     from scanner_sim.products.layers import LayeredResult
     from scanner_sim.products.shots import ShotTable
+    from scanner_sim.tracking.record import Track
 
 
 def run_scenario(call: Call, *, dry_run: bool) -> None:
@@ -31,27 +32,40 @@ def run_scenario(call: Call, *, dry_run: bool) -> None:
     ScannerSimError
         If the scenario, the folder or the device cannot be used, or the disk fails.
     """
-    from scanner_sim.cli.tracking import run_tracking
-
     scenario = call.scenario()
-    kind, work = {"image": (RUN, _run_raster), "shots": (SHOTS, _run_shots), "visits": (TRACK, run_tracking)}[
-        scenario.scan.layout
-    ]
     if dry_run:
-        check_target(call.output, call.overwrite, kind)
+        check_target(call.output, call.overwrite, _kind_and_work(scenario)[0])
         print_table(plan(scenario, call.output))
         return
+    run_into_folder(scenario, call)
+
+
+def run_into_folder(scenario: Scenario, call: Call) -> RangeImage | ShotTable | Track:
+    """Simulate a scenario into the folder of a call, and return what is in it; faults as :func:`run_scenario`."""
+    kind, work = _kind_and_work(scenario)
     check_memory(scenario)
     call.warn(slow(scenario))
     with call.claimed(kind):
-        work(scenario, call)
+        made = work(scenario, call)
     # Afterwards: the scene is loaded, and its files were read under their names.
     from scanner_sim.instrument.scene_warnings import scene_warnings
 
     call.warn(scene_warnings(scenario, device=call.device))
+    return made
 
 
-def _run_raster(scenario: Scenario, call: Call) -> None:
+def _kind_and_work(
+    scenario: Scenario,
+) -> tuple[ResultFolder, Callable[[Scenario, Call], RangeImage | ShotTable | Track]]:
+    """Return what the folder of a scenario's result is, and what fills it."""
+    from scanner_sim.cli.tracking import run_tracking
+
+    if scenario.scan.layout == "visits":
+        return TRACK, run_tracking
+    return (RUN, _run_raster) if scenario.scan.layout == "image" else (SHOTS, _run_shots)
+
+
+def _run_raster(scenario: Scenario, call: Call) -> RangeImage:
     # Loads the renderer: only after everything that can be refused without it.
     from scanner_sim.instrument.simulate import simulate, take_photo
     from scanner_sim.instrument.simulate_signals import signal_parts
@@ -80,9 +94,10 @@ def _run_raster(scenario: Scenario, call: Call) -> None:
     call.warn(image.warnings)
     if not call.quiet:
         print_table(closing(image, paths))
+    return image
 
 
-def _run_shots(scenario: Scenario, call: Call) -> None:
+def _run_shots(scenario: Scenario, call: Call) -> ShotTable:
     from scanner_sim.instrument.shots import simulate_shots
     from scanner_sim.instrument.simulate import take_photo
     from scanner_sim.products.files.shots_folder import write_shots
@@ -98,6 +113,7 @@ def _run_shots(scenario: Scenario, call: Call) -> None:
     call.warn(shots.warnings)
     if not call.quiet:
         print_table(closing_shots(shots, paths))
+    return shots
 
 
 def closing(image: RangeImage, paths: Sequence[Path]) -> dict[str, str]:

@@ -32,8 +32,8 @@ _BACKDROP = 320
 """Voxels along the longer side of the image behind the targets."""
 
 
-def run_tracking(scenario: Scenario, call: Call) -> None:
-    """Follow the targets of a scenario into a folder.
+def run_tracking(scenario: Scenario, call: Call) -> Track:
+    """Follow the targets of a scenario into a folder, and return what is in it.
 
     Raises
     ------
@@ -70,6 +70,7 @@ def run_tracking(scenario: Scenario, call: Call) -> None:
     call.warn(made.warnings)
     if not call.quiet:
         _print_closing(made, poses, paths)
+    return made
 
 
 def show_track(result: Path, output: Path | None, *, device: DeviceChoice, overwrite: bool) -> None:

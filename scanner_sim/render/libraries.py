@@ -206,6 +206,19 @@ def gpu_name() -> str | None:
     return name.value.decode(errors="replace")
 
 
+@functools.cache
+def visible_gpus() -> tuple[str, ...]:
+    """Names of the GPUs that this process may use, as ``CUDA_VISIBLE_DEVICES`` spells them; none without a driver."""
+    if gpu_name() is None:
+        return ()
+    if (chosen := os.environ.get("CUDA_VISIBLE_DEVICES")) is not None:
+        return tuple(name.strip() for name in chosen.split(",") if name.strip())
+    cuda, count = ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"), ctypes.c_int()
+    if cuda.cuDeviceGetCount(ctypes.byref(count)):
+        return ()
+    return tuple(str(number) for number in range(count.value))
+
+
 def main() -> int:
     """Print what the simulator can compute on.
 

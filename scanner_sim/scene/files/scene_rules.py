@@ -14,7 +14,7 @@ from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.foundation.named_files import file_beside
+from scanner_sim.foundation.named_files import file_beside, noted_files
 from scanner_sim.scene.files.scene_xml import Element, only, read_scene, required_attribute
 
 SHAPES = ("sphere", "rectangle", "disk", "cube", "cylinder", "ply", "obj")
@@ -61,6 +61,29 @@ _RANGES = {
     **dict.fromkeys(("radius", "eta", "int_ior", "ext_ior", "alpha", "alpha_u", "alpha_v", "half_width"), _POSITIVE),
     **dict.fromkeys(("k",), _NOT_NEGATIVE),
 }  # fmt: skip
+
+
+def files_of_scene(path: Path) -> set[Path]:
+    """Return the files of an XML scene: those that it includes, and the meshes of its shapes.
+
+    Raises
+    ------
+    InputError
+        If the scene cannot be read, or names files out of its folder.
+    """
+    with noted_files() as read:
+        scene = read_scene(path)
+    return {*read, *_meshes(scene, path.parent.resolve())}
+
+
+def _meshes(element: Element, folder: Path) -> Iterator[Path]:
+    """Yield the files of the meshes within an element."""
+    for inner in element.inside:
+        if inner.tag in LEFT_OUT:
+            continue
+        if element.tag == "shape" and inner.tag == "string" and inner.attributes.get("name") == "filename":
+            yield file_beside(inner.attributes.get("value", ""), folder)
+        yield from _meshes(inner, folder)
 
 
 def renderers_scene(path: Path) -> str:

@@ -1,0 +1,172 @@
+"""What is asked of Dask: workers with GPUs of their own, and runs that kill their workers."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+from typer.testing import CliRunner
+
+from scanner_sim.campaign.reading import read_campaign
+from scanner_sim.campaign.runs import Campaign
+from scanner_sim.campaign.store import Row, opened
+from scanner_sim.campaign.work import Settings, Task
+from scanner_sim.cli import app
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.render import device as device_module
+from scanner_sim.render import libraries
+
+KilledWorker = pytest.importorskip("distributed", reason="the extra campaign is not installed").KilledWorker
+cluster = pytest.importorskip(
+    "scanner_sim.campaign.cluster", reason="the extra campaign is not installed", exc_type=ImportError
+)
+
+
+@pytest.fixture
+def plan(tmp_path: Path, small_scenario: str) -> Path:
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    (tmp_path / "plan.yaml").write_text("schema: 1\nbase: small.yaml\nrepeat: 20\n", encoding="utf-8")
+    return tmp_path / "plan.yaml"
+
+
+@pytest.mark.parametrize(
+    ("workers", "gpus", "seen"),
+    [
+        (2, (), [None, None]),
+        (2, ("0", "1"), ["0", "1"]),
+        (1, ("3", "GPU-5"), ["3"]),
+    ],
+)
+def test_a_worker_sees_the_gpu_of_its_own(
+    workers: int, gpus: tuple[str, ...], seen: list[str | None]
+) -> None:
+    """Claim: a process of one thread for each GPU, and CUDA is shown no other."""
+    specs = cluster.worker_specs(workers, gpus)
+    assert [spec["options"].get("env", {}).get("CUDA_VISIBLE_DEVICES") for spec in specs] == seen
+    assert {spec["options"]["nthreads"] for spec in specs} == {1}
+
+
+@pytest.mark.slow
+def test_dask_shows_its_processes_what_was_asked() -> None:
+    with cluster.client_of(2, None, ("4", "7")) as client:
+        seen = client.run(os.getenv, "CUDA_VISIBLE_DEVICES")
+    assert sorted(seen.values()) == ["4", "7"]
+
+
+class Driver:
+    """A CUDA driver with three GPUs."""
+
+    def cuDeviceGetCount(self, count: object) -> int:
+        ctypes.cast(count, ctypes.POINTER(ctypes.c_int))[0] = 3
+        return 0
+
+
+@pytest.mark.parametrize(
+    ("gpu", "chosen", "seen"),
+    [("H100", None, ("0", "1", "2")), ("H100", "2, GPU-8f", ("2", "GPU-8f")), (None, "0", ())],
+)
+def test_the_gpus_are_those_that_the_user_leaves_visible(
+    monkeypatch: pytest.MonkeyPatch, gpu: str | None, chosen: str | None, seen: tuple[str, ...]
+) -> None:
+    monkeypatch.setattr(libraries, "gpu_name", lambda: gpu)
+    monkeypatch.setattr(ctypes, "CDLL", lambda name: Driver())
+    monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
+    if chosen is not None:
+        monkeypatch.setenv("CUDA_VISIBLE_DEVICES", chosen)
+    assert libraries.visible_gpus.__wrapped__() == seen
+
+
+def test_workers_are_as_many_as_gpus_and_no_more(plan: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: without --workers one for each GPU; more than there are is refused before anything is written."""
+    asked: list[tuple[object, ...]] = []
+
+    @contextlib.contextmanager
+    def client_of(*words: object) -> Iterator[None]:
+        asked.append(words)
+        yield None
+
+    monkeypatch.setattr(device_module, "activate", lambda device: SimpleNamespace(gpu="H100"))
+    monkeypatch.setattr(libraries, "visible_gpus", lambda: ("0", "1", "2"))
+    monkeypatch.setattr(cluster, "client_of", client_of)
+    monkeypatch.setattr(cluster, "run_on", lambda *words: None)
+    words = ["campaign", str(plan), "-o", str(plan.parent / "out"), "--quiet"]
+    refused = CliRunner().invoke(app, [*words, "--workers", "4"])
+    assert (refused.exit_code, "4 workers need a GPU each, and 3 can be seen" in refused.stderr) == (2, True)
+    assert not (plan.parent / "out").exists()
+    assert CliRunner().invoke(app, words).exit_code == 0
+    assert asked == [(3, None, ("0", "1", "2"))]
+
+
+class Ready:
+    """Futures that end in the order in which they were sent."""
+
+    def __init__(self, **_: object) -> None:
+        self.waiting: list[SimpleNamespace] = []
+        self.add = self.waiting.append
+
+    def __iter__(self) -> Iterator[SimpleNamespace]:
+        while self.waiting:
+            yield self.waiting.pop(0)
+
+
+class Client:
+    """Two workers that die of run 2, and take with them all that is on its way to them, as Dask counts it."""
+
+    loop = None
+
+    def __init__(self, campaign: Campaign) -> None:
+        self.campaign, self.sent = campaign, list[list[int]]()
+
+    def nthreads(self) -> dict[str, int]:
+        return {"tcp://a": 1, "tcp://b": 1}
+
+    def wait_for_workers(self, *_: object, **__: object) -> None:
+        pass
+
+    def submit(self, _: object, task: Task, **__: object) -> SimpleNamespace:
+        runs = [job.run for job in task.jobs]
+        self.sent.append(runs)
+        dies = 2 in runs or (len(runs) > 1 and 7 not in runs)
+        rows = tuple(Row(run, self.campaign.seed(run), "", 0.1, {"sigma_range": 0.1}) for run in runs)
+        return SimpleNamespace(
+            key=str(runs),
+            status="error" if dies else "finished",
+            result=lambda: rows,
+            exception=lambda: KilledWorker("task", None, 10),
+            release=lambda: None,
+        )
+
+
+def test_a_run_that_kills_its_worker_is_a_row_and_those_beside_it_have_theirs(
+    plan: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: runs that Dask gives up with others are done again, each with nothing on its way; one has the fault."""
+    monkeypatch.setattr(cluster, "as_completed", Ready)
+    campaign = read_campaign(plan)
+    client, most = Client(campaign), list[int]()
+    with opened(plan.parent / "out", campaign, campaign.plan.measure) as store:
+        cluster.run_on(client, store, Settings(plan.parent / "out"), lambda done, *_: most.append(done))
+        (table,) = store.rows()
+    faults = dict(zip(table["run"].tolist(), table["fault"].tolist(), strict=True))
+    assert faults == {run: "its worker died 11 times." if run == 2 else "" for run in range(20)}
+    together = [runs for runs in client.sent if len(runs) > 1]
+    assert client.sent[: len(together)] == together, "alone means after all others"
+    assert most[-1] == 20
+
+
+def test_workers_of_several_threads_are_refused(plan: Path) -> None:
+    """Claim: the renderer shares its settings among the threads of a process, so such a cluster is no cluster."""
+    fake = SimpleNamespace(
+        nthreads=lambda: {"tcp://a": 1, "tcp://b": 8}, wait_for_workers=lambda *_, **__: None, loop=object()
+    )
+    campaign = read_campaign(plan)
+    with (
+        opened(plan.parent / "out", campaign, campaign.plan.measure) as store,
+        pytest.raises(InputError, match="several threads"),
+    ):
+        cluster.run_on(fake, store, Settings(plan.parent / "out"), lambda *_: None)

@@ -1,0 +1,118 @@
+"""Runs that are made together: a row for each, and a fault for those alone that have one."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Iterable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from scanner_sim.campaign import work as work_module
+from scanner_sim.campaign.reading import read_campaign
+from scanner_sim.campaign.runs import Campaign
+from scanner_sim.campaign.store import Row
+from scanner_sim.campaign.work import Settings, task_of, work
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import RunError
+
+PLAN = """\
+schema: 1
+base: small.yaml
+vary:
+  - keys: {scanner.rate: [1 kHz, 5 kHz]}
+  - keys: {ranging: [triangulation, tof], scanner.lidar.pulse.repetition_rate: [2 kHz, 2 kHz]}
+repeat: 3
+measure: [valid_share]
+"""
+
+
+@pytest.fixture
+def campaign(tmp_path: Path, small_scenario: str) -> Campaign:
+    """Twelve runs, of which the last three are impossible."""
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    (tmp_path / "plan.yaml").write_text(PLAN, encoding="utf-8")
+    return read_campaign(tmp_path / "plan.yaml")
+
+
+def shown(scenario: Scenario) -> SimpleNamespace:
+    """Return what stands for an image: its share of valid voxels tells its seed."""
+    return SimpleNamespace(valid=np.array([scenario.seed % 1000 / 1000.0]))
+
+
+def rows_of(campaign: Campaign, *runs: int) -> dict[int, Row]:
+    task = task_of(campaign, pickle.dumps(campaign.base), runs, Settings(Path("out"), None, "cpu", None))
+    return {row.run: replace(row, seconds=0.0) for row in work(task)}
+
+
+@pytest.mark.usefixtures("device")
+@pytest.mark.parametrize("culprit", [1, 4])
+def test_a_run_that_fails_takes_none_of_its_batch_with_it(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch, culprit: int
+) -> None:
+    """Claim: where a batch fails at one of its runs, that one has the fault, and the others have their numbers."""
+    bad, sizes = campaign.seed(culprit), []
+
+    def many(scenarios: Iterable[Scenario], **_: object) -> Iterator[SimpleNamespace]:
+        together = list(scenarios)
+        sizes.append(len(together))
+        if together[0].seed == campaign.seed(2) and len(together) > 1:
+            raise MemoryError
+        for scenario in together:
+            if scenario.seed == bad:
+                raise RunError("the laser melts.")
+            yield shown(scenario)
+
+    monkeypatch.setattr(work_module, "simulate_many", many)
+    found = rows_of(campaign, *range(6))
+    assert sizes[0] == 6
+    assert sorted(found) == list(range(6))
+    assert {run: row.fault for run, row in found.items() if row.fault} == {culprit: "the laser melts."}
+    whole = [row for run, row in found.items() if run != culprit]
+    assert [row.measures["valid_share"] for row in whole] == [row.seed % 1000 / 1000.0 for row in whole]
+    assert [found[run].seed for run in range(6)] == [campaign.seed(run) for run in range(6)]
+
+
+@pytest.mark.usefixtures("device")
+def test_a_scenario_that_cannot_be_is_not_made_with_the_others(
+    campaign: Campaign, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[Scenario] = []
+
+    def many(scenarios: Iterable[Scenario], **_: object) -> Iterator[SimpleNamespace]:
+        for scenario in scenarios:
+            made.append(scenario)
+            yield shown(scenario)
+
+    monkeypatch.setattr(work_module, "simulate_many", many)
+    found = rows_of(campaign, *range(12))
+    assert [run for run, row in found.items() if "pulses a second" in row.fault] == [9, 10, 11]
+    assert made == [campaign.scenario(run) for run in range(9)], "as each is by itself"
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("device")
+@pytest.mark.parametrize("base", ["small", "spiral", "track"])
+def test_rows_are_the_same_in_any_batch(
+    tmp_path: Path, small_scenario: str, repo_root: Path, base: str
+) -> None:
+    """Claim: each row is, to the last bit, that of the run alone, whatever goes with it; images, shots, and tracks."""
+    (tmp_path / "small.yaml").write_text(small_scenario, encoding="utf-8")
+    start, measure = "base: small.yaml", "[sigma_range, rms_range]"
+    vary = "keys: {scanner.laser.power: [5 mW, 15 mW]}"
+    if base == "spiral":
+        start += "\nset: {scan: {type: spiral, radius: 1 deg, turns: 2, points: 40}}"
+    if base == "track":
+        start = f"base: {repo_root}/configs/track_still.yaml\nset: {{scan.duration: 30 ms}}"
+        measure = "[measured_share, rms_target_range]"
+    text = f"schema: 1\n{start}\nvary: [{{{vary}}}]\nrepeat: 3\nmeasure: {measure}\n"
+    (tmp_path / "plan.yaml").write_text(text, encoding="utf-8")
+    campaign = read_campaign(tmp_path / "plan.yaml")
+    together = rows_of(campaign, *range(6))
+    assert not any(row.fault for row in together.values())
+    assert together == rows_of(campaign, 4, 0, 3) | rows_of(campaign, 5, 2, 1)
+    alone = [rows_of(campaign, run) for run in (0, 4)]
+    assert all(together[run] == row for one in alone for run, row in one.items())
