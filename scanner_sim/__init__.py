@@ -42,6 +42,11 @@ if TYPE_CHECKING:
     from scanner_sim.products.track import read_track as read_track
     from scanner_sim.products.waveforms import WaveformSet as WaveformSet
     from scanner_sim.scan.protocol import Aim as Aim
+    from scanner_sim.signals.line.own_peak import KnownLines as KnownLines
+    from scanner_sim.signals.processing import register_peak as register_peak
+    from scanner_sim.signals.waveform.own_pulse import KnownRecords as KnownRecords
+    from scanner_sim.signals.waveform.settings import register_pulse as register_pulse
+    from scanner_sim.validation.compare.run import compare as compare
 
     __version__: str
 
@@ -49,6 +54,8 @@ __all__ = [
     "Aim",
     "InputError",
     "Instrument",
+    "KnownLines",
+    "KnownRecords",
     "PoseEstimate",
     "PoseFilter",
     "RangeImage",
@@ -61,6 +68,7 @@ __all__ = [
     "Tracker",
     "WaveformSet",
     "__version__",
+    "compare",
     "estimate_pose",
     "load_scenario",
     "open_campaign",
@@ -68,6 +76,8 @@ __all__ = [
     "read_range_image",
     "read_shots",
     "read_track",
+    "register_peak",
+    "register_pulse",
     "simulate",
     "simulate_many",
     "simulate_shots",
@@ -84,6 +94,8 @@ _HOMES = {
     "Aim": "scanner_sim.scan.protocol",
     "InputError": "scanner_sim.foundation.errors",
     "Instrument": "scanner_sim.instrument.instrument",
+    "KnownLines": "scanner_sim.signals.line.own_peak",
+    "KnownRecords": "scanner_sim.signals.waveform.own_pulse",
     "PoseEstimate": "scanner_sim.pose.result",
     "PoseFilter": "scanner_sim.pose.filter",
     "RangeImage": "scanner_sim.products.image",
@@ -95,6 +107,7 @@ _HOMES = {
     "Status": "scanner_sim.foundation.status",
     "Tracker": "scanner_sim.instrument.closed_loop.tracker",
     "WaveformSet": "scanner_sim.products.waveforms",
+    "compare": "scanner_sim.validation.compare.run",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scenario": "scanner_sim.config",
     "open_campaign": "scanner_sim.campaign.result",
@@ -102,6 +115,8 @@ _HOMES = {
     "read_range_image": "scanner_sim.products.files.exr",
     "read_shots": "scanner_sim.products.files.shots_folder",
     "read_track": "scanner_sim.products.track",
+    "register_peak": "scanner_sim.signals.processing",
+    "register_pulse": "scanner_sim.signals.waveform.settings",
     "simulate": "scanner_sim.instrument.simulate",
     "simulate_many": "scanner_sim.instrument.simulate",
     "simulate_shots": "scanner_sim.instrument.shots",

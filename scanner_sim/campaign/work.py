@@ -29,6 +29,7 @@ from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import ShotTable
 from scanner_sim.render.device import activate
 from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.signals.named import NO_ESTIMATORS, NamedEstimators
 
 LONGEST_FAULT = 900
 """Letters of a fault in a row."""
@@ -50,6 +51,8 @@ class Task:
         Number of the run.
     measures, own
         Measures by name, and that of the user.
+    estimators
+        Those of the user.
     kept
         Folder for the whole result; None where it is not kept.
     device, threads
@@ -62,6 +65,7 @@ class Task:
     run: int
     measures: tuple[str, ...]
     own: OwnMeasure | None
+    estimators: NamedEstimators
     kept: Path | None
     device: DeviceChoice
     threads: int | None
@@ -75,6 +79,7 @@ class Settings:
     own: OwnMeasure | None = None
     device: DeviceChoice = "auto"
     threads: int | None = None
+    estimators: NamedEstimators = NO_ESTIMATORS
 
 
 def task_of(campaign: Campaign, base: bytes, run: int, settings: Settings) -> Task:
@@ -88,6 +93,7 @@ def task_of(campaign: Campaign, base: bytes, run: int, settings: Settings) -> Ta
         run,
         campaign.plan.measure,
         settings.own,
+        settings.estimators,
         settings.folder.absolute() / KEPT / f"{run:06d}" if kept else None,
         settings.device,
         settings.threads,
@@ -111,6 +117,7 @@ def work(task: Task) -> Row:
     start, found, fault = time.perf_counter(), dict[str, float](), ""
     try:
         _ready(task.device, task.threads)
+        task.estimators.register()
         scenario = changed(_base(task.base), task.changes, task.folder, f"run {task.run}")
         outcome = simulated(scenario, task.device, task.threads)
         found = measured(tuple(name for name in task.measures if name in MEASURES), outcome)

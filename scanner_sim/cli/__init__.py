@@ -15,8 +15,11 @@ from scanner_sim.cli.options import (
     Device,
     DeviceName,
     Override,
+    Peak,
+    Pulse,
     Seed,
     overrides_of,
+    own_estimators,
     scenario_verb,
 )
 from scanner_sim.cli.report import open_streams, reported
@@ -55,7 +58,13 @@ def run(
 
 
 @app.command()
-def check(config: Config, override: Override = [], seed: Seed = None) -> None:  # noqa: B006 (typer reads the default, nothing changes it)
+def check(
+    config: Config,
+    override: Override = [],  # noqa: B006 (typer reads the default, nothing changes it)
+    seed: Seed = None,
+    peak: Peak = None,
+    pulse: Pulse = None,
+) -> None:
     """Check a scenario: print all of its faults, or the scenario with every default written out.
 
     Example: `scanner-sim check configs/quickstart.yaml > resolved.yaml`
@@ -65,7 +74,7 @@ def check(config: Config, override: Override = [], seed: Seed = None) -> None:  
     with reported():
         from scanner_sim.cli.checking import check_scenario
 
-        check_scenario(config, overrides_of(override, seed))
+        check_scenario(config, overrides_of(override, seed, peak, pulse))
 
 
 @app.command()
@@ -99,6 +108,8 @@ def show(
             "--output", "-o", metavar="DIR", help="Folder of the pictures.", show_default="beside the result"
         ),
     ] = None,
+    peak: Peak = None,
+    pulse: Pulse = None,
     device: Device = DeviceName.auto,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace pictures that are there already in DIR.")
@@ -109,9 +120,11 @@ def show(
     Examples: `scanner-sim show output/quickstart --voxel 128 128`, `scanner-sim show output/track_static --pattern 40`
 
     A voxel is simulated again from the scenario in the file: the light on the sensor's line, the digitised
-    signal, the detected peak and the truth. A pattern is drawn from the voxels that the run has kept.
+    signal, the detected peak and the truth. A pattern is drawn from the voxels that the run has kept. A voxel that a
+    function of your own measured needs `--peak` or `--pulse` again.
     """
     with reported():
+        own_estimators(peak, pulse)
         from scanner_sim.cli.showing import show_result, show_shots, show_voxel
         from scanner_sim.cli.tracking import show_pattern, show_track
         from scanner_sim.products.files.exchange import recover

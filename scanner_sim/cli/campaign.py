@@ -23,9 +23,9 @@ from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.render.libraries import DeviceChoice
 
 if TYPE_CHECKING:
-    from scanner_sim.campaign.own_measure import OwnMeasure
     from scanner_sim.campaign.runs import Campaign
     from scanner_sim.campaign.store import Store
+    from scanner_sim.campaign.work import Settings
 
 SHOWN = 20
 """Runs of a table."""
@@ -42,6 +42,8 @@ def run_campaign(
     workers: int | None,
     scheduler: str | None,
     measure: str | None,
+    peak: str | None,
+    pulse: str | None,
     dry_run: bool,
     device: DeviceChoice,
     quiet: bool,
@@ -55,9 +57,13 @@ def run_campaign(
     """
     from scanner_sim.campaign.own_measure import OwnMeasure
     from scanner_sim.campaign.reading import impossible_runs, read_campaign
+    from scanner_sim.foundation.own_function import OwnFunction
+    from scanner_sim.signals.named import NamedEstimators
 
+    estimators = NamedEstimators.of(peak, pulse)
+    estimators.register()
     campaign = read_campaign(plan)
-    own = None if measure is None else OwnMeasure(measure, os.getcwd())
+    own = None if measure is None else OwnMeasure(OwnFunction(measure, os.getcwd()))
     if own is not None:
         own.load()
     for sentence in (*scenario_warnings(campaign.base), *impossible_runs(campaign)):
@@ -68,7 +74,10 @@ def run_campaign(
         _print_plan(campaign, folder, max(workers, 1))
         return
     _need_dask(workers, scheduler)
-    _work(campaign, folder, own, workers, scheduler, device, quiet)
+    # Loads the renderer: only after everything that can be refused without it.
+    from scanner_sim.campaign.work import Settings
+
+    _work(campaign, Settings(folder, own, device, estimators=estimators), workers, scheduler, quiet)
 
 
 def _need_dask(workers: int, scheduler: str | None) -> None:
@@ -79,27 +88,16 @@ def _need_dask(workers: int, scheduler: str | None) -> None:
         )
 
 
-def _work(
-    campaign: Campaign,
-    folder: Path,
-    own: OwnMeasure | None,
-    workers: int,
-    scheduler: str | None,
-    device: DeviceChoice,
-    quiet: bool,
-) -> None:
-    # Loads the renderer: only after everything that can be refused without it.
+def _work(campaign: Campaign, settings: Settings, workers: int, scheduler: str | None, quiet: bool) -> None:
     from scanner_sim.campaign.serial import run_serially
     from scanner_sim.campaign.store import opened
-    from scanner_sim.campaign.work import Settings
     from scanner_sim.render.device import activate
 
     if scheduler is None:
         # A machine on which nothing can compute is one fault, not that of every row.
-        activate(device)
-    settings = Settings(folder, own, device)
-    measures = (*campaign.plan.measure, *([own.column] if own else []))
-    with opened(folder, campaign, measures) as store:
+        activate(settings.device)
+    measures = (*campaign.plan.measure, *([settings.own.column] if settings.own else []))
+    with opened(settings.folder, campaign, measures) as store:
         left = int((~store.done).sum())
         with progress_bar(f"{left:,} runs", quiet, "runs") as (advance, say):
             failed = store.failed
