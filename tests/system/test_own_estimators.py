@@ -40,6 +40,8 @@ the last place."""
 
 @pytest.fixture(autouse=True)
 def _registered() -> Iterator[None]:
+    PEAKS.clear()
+    PULSES.clear()
     for name in ("gaussian_copy", "centroid", "overconfident", "biased", "blundering"):
         register_peak(name, getattr(own, name))
     for name in ("pulse_vertex", "overconfident_pulse"):

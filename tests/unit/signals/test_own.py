@@ -28,6 +28,8 @@ from scanner_sim.signals.waveform.settings import PULSES
 
 @pytest.fixture(autouse=True)
 def _forgotten() -> Iterator[None]:
+    PEAKS.clear()
+    PULSES.clear()
     yield
     PEAKS.clear()
     PULSES.clear()
