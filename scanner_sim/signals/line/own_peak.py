@@ -21,7 +21,7 @@ from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, sum_signal
 from scanner_sim.signals.line.speckle import ExpectedSpeckle
 from scanner_sim.signals.line.validation import guard_pixels
-from scanner_sim.signals.own import Function, estimated, refuse
+from scanner_sim.signals.own import Function, estimated, refuse, row_sums
 from scanner_sim.signals.processing import Processing
 
 Array = NDArray[np.float64]
@@ -85,7 +85,7 @@ class KnownLines:
         charge
             Charge of each whole spot [electron], shape (n,).
         """
-        variance = np.sum(gradient**2 * self.variance, axis=1)
+        variance = row_sums(gradient**2 * self.variance)
         if self.speckle is not None:
             variance = variance + charge**2 * self._by_speckle(gradient, position)
         return np.asarray(np.sqrt(variance))
@@ -108,7 +108,7 @@ class KnownLines:
         first, last = int(used[0]), int(used[-1])
         edges = np.arange(first, last + 2) - 0.5
         modes = mode_edges([ratio[:, None] for ratio in ratios], (edges - place[:, None]) / sigma[:, None])
-        moved = [np.sum(gradient[:, first : last + 1] * np.diff(mode, axis=1), axis=1) for mode in modes]
+        moved = [row_sums(gradient[:, first : last + 1] * np.diff(mode, axis=1)) for mode in modes]
         return np.where(found, energy * moved[0] ** 2 + others * sum(one**2 for one in moved[1:]), np.nan)
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.photodiode.noise_colour import correlation
 from scanner_sim.foundation.status import Status
-from scanner_sim.signals.own import Function, estimated, refuse
+from scanner_sim.signals.own import Function, estimated, refuse, row_sums
 from scanner_sim.signals.waveform.filter import Noise, SampledPulse
 
 Array = NDArray[np.float64]
@@ -68,10 +68,11 @@ class KnownRecords:
         window = slice(int(used[0]), int(used[-1]) + 1)
         slope, current = gradient[:, window], np.maximum(currents[:, window], 0.0)
         scaled = slope * np.sqrt(self.coloured[:, None] + self.noise.per_current * current)
-        lag = np.arange(slope.shape[1], dtype=np.float64)
-        alike = correlation(lag[:, None] - lag, self.noise.sigma)
-        variance = np.einsum("ni,ij,nj->n", scaled, alike, scaled, optimize=False)
-        return np.asarray(np.sqrt(variance + self.noise.white * np.sum(slope**2, axis=1)))
+        variance = row_sums(scaled**2) + self.noise.white * row_sums(slope**2)
+        alike = correlation(np.arange(slope.shape[1], dtype=np.float64), self.noise.sigma)
+        for lag in range(1, slope.shape[1]):
+            variance = variance + 2.0 * alike[lag] * row_sums(scaled[:, lag:] * scaled[:, :-lag])
+        return np.sqrt(variance)
 
     @property
     def _rate(self) -> float:

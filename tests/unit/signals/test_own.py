@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from typing import Any
 
 import drjit.auto.ad as auto
@@ -188,6 +189,10 @@ def test_sigma_with_speckle_is_that_of_the_programs_estimators(small_scenario: s
     wanted = spot.propagated_variance(slopes, charges, shift).numpy()
     got = known.position_sigma(gradient, position, np.full(3, whole)) ** 2
     np.testing.assert_allclose(got, wanted, rtol=3e-5)
+    few = replace(known, theta=theta[:1], variance=known.variance[:1])
+    assert (
+        few.position_sigma(gradient[:1], position[:1], np.full(1, whole)) ** 2 == got[0]
+    )  # beside any other
 
 
 def test_sigma_of_a_delay_is_that_of_correlated_noise() -> None:
@@ -202,8 +207,11 @@ def test_sigma_of_a_delay_is_that_of_correlated_noise() -> None:
     time, gradient = np.arange(40) / rate, np.zeros((1, 40))
     gradient[0, 11:20] = weights
     known = KnownRecords(time, 1.0, np.zeros(0), np.ones(1), np.array([4.0]), noise, shape)
-    got = known.delay_sigma(gradient, np.ones((1, 40))) ** 2
-    np.testing.assert_allclose(got, wanted, rtol=1e-12)
+    got = known.delay_sigma(gradient, np.ones((1, 40)))
+    np.testing.assert_allclose(got**2, wanted, rtol=1e-12)
+    known = KnownRecords(time, 1.0, np.zeros(0), np.ones(2), np.full(2, 4.0), noise, shape)
+    both = np.concatenate([gradient, np.roll(gradient, 9, axis=1)])
+    assert known.delay_sigma(both, np.ones((2, 40)))[0] == got[0]  # beside any other, to the bit
     assert known.pulse(shape.summit / rate) == pytest.approx(1.0, abs=1e-6)
 
 
