@@ -15,7 +15,7 @@ from rich.table import Table
 
 from scanner_sim import load_scenario
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
-from scanner_sim.validation.compare.run import compare
+from scanner_sim.validation.compare.run import judge_laws
 
 PRESET = Path(__file__).parents[1] / "configs" / "tof_both.yaml"
 
@@ -36,7 +36,9 @@ def main() -> None:
     accused = 0
     for number in range(given.seeds):
         scenario = load_scenario(given.config, [f"seed={1000 * (given.first + number) + 7}"])
-        found = compare(ComparisonSetup(scenario, quick=given.quick, device=given.device), level=given.level)
+        found = judge_laws(
+            ComparisonSetup(scenario, quick=given.quick, device=given.device), level=given.level
+        )
         accused += bool(found.broken)
         for finding in found.findings:
             if not finding.checks:

@@ -47,6 +47,11 @@ if TYPE_CHECKING:
     from scanner_sim.products.waveforms import WaveformSet as WaveformSet
     from scanner_sim.scan.protocol import Aim as Aim
     from scanner_sim.scene.light.draw import draw_lightings as draw_lightings
+    from scanner_sim.signals.line.own_peak import KnownLines as KnownLines
+    from scanner_sim.signals.processing import register_peak as register_peak
+    from scanner_sim.signals.waveform.own_pulse import KnownRecords as KnownRecords
+    from scanner_sim.signals.waveform.settings import register_pulse as register_pulse
+    from scanner_sim.validation.compare.run import compare as compare
 
     __version__: str
 
@@ -54,6 +59,8 @@ __all__ = [
     "Aim",
     "InputError",
     "Instrument",
+    "KnownLines",
+    "KnownRecords",
     "LineSet",
     "PoseEstimate",
     "PoseFilter",
@@ -67,6 +74,7 @@ __all__ = [
     "Tracker",
     "WaveformSet",
     "__version__",
+    "compare",
     "draw_lightings",
     "estimate_pose",
     "load_scanner",
@@ -77,6 +85,8 @@ __all__ = [
     "read_shots",
     "read_signals",
     "read_track",
+    "register_peak",
+    "register_pulse",
     "simulate",
     "simulate_lines",
     "simulate_many",
@@ -94,6 +104,8 @@ _HOMES = {
     "Aim": "scanner_sim.scan.protocol",
     "InputError": "scanner_sim.foundation.errors",
     "Instrument": "scanner_sim.instrument.instrument",
+    "KnownLines": "scanner_sim.signals.line.own_peak",
+    "KnownRecords": "scanner_sim.signals.waveform.own_pulse",
     "LineSet": "scanner_sim.products.lines",
     "PoseEstimate": "scanner_sim.pose.result",
     "PoseFilter": "scanner_sim.pose.filter",
@@ -106,6 +118,7 @@ _HOMES = {
     "Status": "scanner_sim.foundation.status",
     "Tracker": "scanner_sim.instrument.closed_loop.tracker",
     "WaveformSet": "scanner_sim.products.waveforms",
+    "compare": "scanner_sim.validation.compare.run",
     "draw_lightings": "scanner_sim.scene.light.draw",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scanner": "scanner_sim.config",
@@ -116,6 +129,8 @@ _HOMES = {
     "read_shots": "scanner_sim.products.files.shots_folder",
     "read_signals": "scanner_sim.products.files.signal_files",
     "read_track": "scanner_sim.products.track",
+    "register_peak": "scanner_sim.signals.processing",
+    "register_pulse": "scanner_sim.signals.waveform.settings",
     "simulate": "scanner_sim.instrument.simulate",
     "simulate_lines": "scanner_sim.instrument.simulate_signals",
     "simulate_many": "scanner_sim.instrument.simulate",

@@ -32,8 +32,9 @@ from scanner_sim.campaign.inputs import commits_of, digests_of
 from scanner_sim.campaign.measures import MEASURES
 from scanner_sim.campaign.plan import Plan
 from scanner_sim.campaign.runs import Campaign, dimension_of
-from scanner_sim.config import load_scenario, resolved_yaml
+from scanner_sim.config import resolved_yaml
 from scanner_sim.config.document import Value
+from scanner_sim.config.load import load_stored
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import inline_yaml
 from scanner_sim.foundation.errors import InputError, RunError
@@ -314,7 +315,7 @@ def reopened(folder: Path) -> Store:
     except (ValueError, KeyError, TypeError, ValidationError) as error:
         reason = str(error).partition("\n")[0]
         raise InputError(f"{folder / MANIFEST} is damaged: {reason}.") from None
-    return Store(folder, Campaign(plan, load_scenario(folder / BASE), plan_folder), measures)
+    return Store(folder, Campaign(plan, load_stored(folder / BASE), plan_folder), measures)
 
 
 def disk_fault(folder: Path, error: OSError) -> RunError:
@@ -363,7 +364,7 @@ def _check_same(folder: Path, wanted: Mapping[str, object], base: Scenario) -> N
             raise InputError(
                 f"{folder} holds a campaign with another {word}.", remedy="Choose another folder with -o."
             )
-    if load_scenario(folder / BASE) != base:
+    if load_stored(folder / BASE) != base:
         raise InputError(
             f"{folder} holds a campaign of another base scenario.", remedy="Choose another folder with -o."
         )

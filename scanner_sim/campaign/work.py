@@ -28,6 +28,7 @@ from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import ShotTable
 from scanner_sim.render.device import activate
 from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.signals.named import NO_ESTIMATORS, NamedEstimators
 from scanner_sim.tracking.record import Track
 
 LONGEST_FAULT = 900
@@ -75,6 +76,8 @@ class Task:
         The runs.
     measures, own
         Measures by name, and that of the user.
+    estimators
+        Those of the user.
     device, threads
         Where to compute.
     """
@@ -84,6 +87,7 @@ class Task:
     jobs: tuple[Job, ...]
     measures: tuple[str, ...]
     own: OwnMeasure | None
+    estimators: NamedEstimators
     device: DeviceChoice
     threads: int | None
 
@@ -96,6 +100,7 @@ class Settings:
     own: OwnMeasure | None = None
     device: DeviceChoice = "auto"
     threads: int | None = None
+    estimators: NamedEstimators = NO_ESTIMATORS
 
 
 def task_of(campaign: Campaign, base: bytes, runs: Sequence[int], settings: Settings) -> Task:
@@ -106,6 +111,7 @@ def task_of(campaign: Campaign, base: bytes, runs: Sequence[int], settings: Sett
         tuple(_job(campaign, run, settings.folder.absolute() / KEPT) for run in runs),
         campaign.plan.measure,
         settings.own,
+        settings.estimators,
         settings.device,
         settings.threads,
     )
@@ -155,6 +161,7 @@ def work(task: Task) -> tuple[Row, ...]:
     for job in task.jobs:
         try:
             _ready(task.device, task.threads)
+            task.estimators.register()
             possible.append((job, scenarios.of(job)))
         except Exception as error:
             found.append((job, _fault(error), {}))

@@ -16,9 +16,12 @@ from scanner_sim.cli.options import (
     DeviceName,
     Override,
     Overwrite,
+    Peak,
+    Pulse,
     Quiet,
     Seed,
     overrides_of,
+    own_estimators,
     scenario_verb,
 )
 from scanner_sim.cli.report import open_streams, reported
@@ -58,7 +61,13 @@ def run(
 
 
 @app.command()
-def check(config: Config, override: Override = [], seed: Seed = None) -> None:  # noqa: B006 (typer reads the default, nothing changes it)
+def check(
+    config: Config,
+    override: Override = [],  # noqa: B006 (typer reads the default, nothing changes it)
+    seed: Seed = None,
+    peak: Peak = None,
+    pulse: Pulse = None,
+) -> None:
     """Check a scenario: print all of its faults, or the scenario with every default written out.
 
     Example: `scanner-sim check configs/quickstart.yaml > resolved.yaml`
@@ -68,7 +77,7 @@ def check(config: Config, override: Override = [], seed: Seed = None) -> None:  
     with reported():
         from scanner_sim.cli.checking import check_scenario
 
-        check_scenario(config, overrides_of(override, seed))
+        check_scenario(config, overrides_of(override, seed, peak, pulse))
 
 
 @app.command()
@@ -102,6 +111,8 @@ def show(
             "--output", "-o", metavar="DIR", help="Folder of the pictures.", show_default="beside the result"
         ),
     ] = None,
+    peak: Peak = None,
+    pulse: Pulse = None,
     device: Device = DeviceName.auto,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Replace pictures that are there already in DIR.")
@@ -112,9 +123,11 @@ def show(
     Examples: `scanner-sim show output/quickstart --voxel 128 128`, `scanner-sim show output/track_static --pattern 40`
 
     A voxel is simulated again from the scenario in the file: the light on the sensor's line, the digitised
-    signal, the detected peak and the truth. A pattern is drawn from the voxels that the run has kept.
+    signal, the detected peak and the truth. A pattern is drawn from the voxels that the run has kept. A voxel that a
+    function of your own measured needs `--peak` or `--pulse` again.
     """
     with reported():
+        own_estimators(peak, pulse)
         from scanner_sim.cli.showing import show_result, show_shots, show_voxel
         from scanner_sim.cli.tracking import show_pattern, show_track
         from scanner_sim.products.files.exchange import recover
@@ -144,6 +157,8 @@ def reprocess(
     ],
     override: Override = [],  # noqa: B006 (typer reads the default, nothing changes it)
     seed: Seed = None,
+    peak: Peak = None,
+    pulse: Pulse = None,
     output: Annotated[
         Path | None,
         typer.Option(
@@ -168,7 +183,7 @@ def reprocess(
 
         reprocess_signals(
             result,
-            overrides_of(override, seed),
+            overrides_of(override, seed, peak, pulse),
             output,
             device=device.value,
             overwrite=overwrite,

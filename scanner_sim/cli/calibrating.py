@@ -8,6 +8,7 @@ from scanner_sim.cli.call import Call
 from scanner_sim.cli.tables import print_table
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.exchange import check_files, write_files
+from scanner_sim.signals.processing import PEAKS
 
 
 def calibrate_scenario(call: Call) -> None:
@@ -30,6 +31,11 @@ def calibrate_scenario(call: Call) -> None:
     picture = file.with_suffix(".png")
     check_files((file, picture), call.overwrite)
     scenario = call.scenario()
+    if PEAKS.is_own(scenario.processing.peak):
+        raise InputError(
+            f"tables correct the program's estimators, and {scenario.processing.peak} is none of them.",
+            remedy="Its bias is judged by scanner-sim compare.",
+        )
     from scanner_sim.validation.studies.calibrate import measure_bias
 
     with call.work("along the line") as (advance, _):

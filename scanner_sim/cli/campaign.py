@@ -25,9 +25,9 @@ from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.render.libraries import DeviceChoice
 
 if TYPE_CHECKING:
-    from scanner_sim.campaign.own_measure import OwnMeasure
     from scanner_sim.campaign.runs import Campaign
     from scanner_sim.campaign.store import Store
+    from scanner_sim.campaign.work import Settings
 
 SHOWN = 20
 """Runs of a table."""
@@ -44,6 +44,8 @@ def run_campaign(
     workers: int | None,
     scheduler: str | None,
     measure: str | None,
+    peak: str | None,
+    pulse: str | None,
     dry_run: bool,
     device: DeviceChoice,
     quiet: bool,
@@ -57,9 +59,13 @@ def run_campaign(
     """
     from scanner_sim.campaign.own_measure import OwnMeasure
     from scanner_sim.campaign.reading import impossible_runs, read_campaign
+    from scanner_sim.foundation.own_function import OwnFunction
+    from scanner_sim.signals.named import NamedEstimators
 
+    estimators = NamedEstimators.of(peak, pulse)
+    estimators.register()
     campaign = read_campaign(plan)
-    own = None if measure is None else OwnMeasure(measure, os.getcwd())
+    own = None if measure is None else OwnMeasure(OwnFunction(measure, os.getcwd()))
     if own is not None:
         own.load()
     for sentence in (*scenario_warnings(campaign.base), *impossible_runs(campaign)):
@@ -69,7 +75,10 @@ def run_campaign(
         _print_plan(campaign, folder, max(_cores() if workers is None else workers, 1))
         return
     _need_dask(workers, scheduler)
-    _work(campaign, folder, own, workers, scheduler, device, quiet)
+    # Loads the renderer: only after everything that can be refused without it.
+    from scanner_sim.campaign.work import Settings
+
+    _work(campaign, Settings(folder, own, device, estimators=estimators), workers, scheduler, quiet)
 
 
 def _cores() -> int:
@@ -85,23 +94,15 @@ def _need_dask(workers: int | None, scheduler: str | None) -> None:
 
 
 def _work(
-    campaign: Campaign,
-    folder: Path,
-    own: OwnMeasure | None,
-    workers: int | None,
-    scheduler: str | None,
-    device: DeviceChoice,
-    quiet: bool,
+    campaign: Campaign, settings: Settings, workers: int | None, scheduler: str | None, quiet: bool
 ) -> None:
-    # Loads the renderer: only after everything that can be refused without it.
     from scanner_sim.campaign.serial import run_serially
     from scanner_sim.campaign.store import opened
-    from scanner_sim.campaign.work import Settings
     from scanner_sim.render.device import activate
     from scanner_sim.render.libraries import visible_gpus
 
     gpus: tuple[str, ...] = ()
-    if scheduler is None and activate(device).gpu is not None:
+    if scheduler is None and activate(settings.device).gpu is not None:
         # A machine on which nothing can compute is one fault, not that of every row.
         gpus = visible_gpus()
         if workers is not None and workers > len(gpus):
@@ -110,9 +111,8 @@ def _work(
                 remedy=f"Write --workers {len(gpus)}, or --device cpu.",
             )
     workers = (len(gpus) or _cores()) if workers is None else workers
-    settings = Settings(folder, own, device)
-    measures = (*campaign.plan.measure, *([own.column] if own else []))
-    with opened(folder, campaign, measures) as store:
+    measures = (*campaign.plan.measure, *([settings.own.column] if settings.own else []))
+    with opened(settings.folder, campaign, measures) as store:
         left = int((~store.done).sum())
         with progress_bar(f"{left:,} runs", quiet, "runs") as (advance, say):
             failed = store.failed

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from scanner_sim.cli.options import Device, DeviceName, Overwrite, Quiet
+from scanner_sim.cli.options import Device, DeviceName, Overwrite, Peak, Pulse, Quiet, own_estimators
 from scanner_sim.cli.report import reported
 
 
@@ -72,6 +72,8 @@ def run(
             show_default=False,
         ),
     ] = None,
+    peak: Peak = None,
+    pulse: Pulse = None,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Check the plan, print its runs and what they take, and stop.")
     ] = False,
@@ -95,6 +97,8 @@ def run(
             workers=workers,
             scheduler=scheduler,
             measure=measure,
+            peak=peak,
+            pulse=pulse,
             dry_run=dry_run,
             device=device.value,
             quiet=quiet,
@@ -118,6 +122,8 @@ def show(
     folder: Folder,
     run: Run,
     scenario: Annotated[bool, typer.Option("--scenario", help="Print its whole scenario instead.")] = False,
+    peak: Peak = None,
+    pulse: Pulse = None,
 ) -> None:
     """Say what a run had and what it gave.
 
@@ -126,6 +132,7 @@ def show(
     with reported():
         from scanner_sim.cli.campaign import show_run
 
+        own_estimators(peak, pulse)
         show_run(folder, run, scenario=scenario)
 
 
@@ -143,6 +150,8 @@ def rerun(
             show_default="again/ and the number, in the campaign's",
         ),
     ] = None,
+    peak: Peak = None,
+    pulse: Pulse = None,
     device: Device = DeviceName.auto,
     overwrite: Overwrite = False,
 ) -> None:
@@ -153,6 +162,7 @@ def rerun(
     with reported():
         from scanner_sim.cli.campaign import rerun
 
+        own_estimators(peak, pulse)
         rerun(folder, run, output, device=device.value, overwrite=overwrite)
 
 

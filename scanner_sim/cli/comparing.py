@@ -40,14 +40,14 @@ def compare_scenario(
     scenario = call.scenario()
     from scanner_sim.validation.compare.baseline import against, read_baseline
     from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
-    from scanner_sim.validation.compare.run import compare
+    from scanner_sim.validation.compare.run import judge_laws
 
     earlier = None if baseline is None else read_baseline(baseline)
     flat = None if target is None else FlatTarget.parse(target)
     setting = ComparisonSetup(scenario, flat, seeds, quick, call.device)
     with call.claimed(COMPARISON):
         with call.work("law by law", "laws") as (advance, _):
-            found = compare(setting, only=only, level=level, progress=advance)
+            found = judge_laws(setting, only=only, level=level, progress=advance)
         if earlier is not None:
             found = against(found, earlier)
         paths = call.write(
@@ -94,9 +94,12 @@ def _print(found: Comparison) -> None:
         )
     print_rows(rows, left=(0, 1, 3))
     silent = {finding.name: finding.reason for finding in found.findings if not finding.checks}
-    if silent:
+    if silent and not found.unjudging:
         typer.echo("\nDoes not apply:")
         print_table(silent)
+    if found.unjudging:
+        typer.echo(f"\nSay nothing about {' and '.join(found.own_estimators)}:")
+        print_table(found.unjudging)
     if found.baseline:
         typer.echo("\nDifferent from the baseline:")
         rows = [["law", "case", "what", "before", "now", "p"]]

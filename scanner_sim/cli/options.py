@@ -46,6 +46,22 @@ Device = Annotated[
     DeviceName, typer.Option(help="Compute on the processor or on an NVIDIA GPU; auto takes the GPU if any.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing result.")]
+Peak = Annotated[
+    str | None,
+    typer.Option(
+        metavar="MODULE:FUNCTION",
+        help="Find peaks by a function of your own: it becomes `processing.peak`.",
+        show_default=False,
+    ),
+]
+Pulse = Annotated[
+    str | None,
+    typer.Option(
+        metavar="MODULE:FUNCTION",
+        help="Time echoes by a function of your own: it becomes `processing.pulse.timing`.",
+        show_default=False,
+    ),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 
 
@@ -58,8 +74,8 @@ def scenario_verb(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Return what makes a verb of a function of a :class:`~scanner_sim.cli.call.Call` and of options of its own.
 
-    The verb has besides what every verb for a scenario has: CONFIG, -o, --set, --seed, --device, --overwrite and
-    --quiet. Its faults become messages.
+    The verb has besides what every verb for a scenario has: CONFIG, -o, --set, --seed, --peak, --pulse, --device,
+    --overwrite and --quiet. Its faults become messages.
 
     Parameters
     ----------
@@ -81,6 +97,8 @@ def scenario_verb(
         "output": (Annotated[Path | None, output or folder], None),
         "override": (Override, []),
         "seed": (Seed, None),
+        "peak": (Peak, None),
+        "pulse": (Pulse, None),
         "device": (Device, DeviceName.auto),
         "overwrite": (Overwrite, False),
         "quiet": (Quiet, False),
@@ -108,7 +126,7 @@ def scenario_verb(
                     Call(
                         given["config"],
                         given["output"] or (place or default)(given["config"]),
-                        overrides_of(given["override"], given["seed"]),
+                        overrides_of(given["override"], given["seed"], given["peak"], given["pulse"]),
                         given["device"].value,
                         given["overwrite"],
                         given["quiet"],
@@ -123,6 +141,24 @@ def scenario_verb(
     return made
 
 
-def overrides_of(override: list[str], seed: int | None) -> list[str]:
-    """Return the replaced values with that of the seed, where one is given."""
-    return override if seed is None else [*override, f"seed={seed}"]
+def overrides_of(
+    override: list[str], seed: int | None, peak: str | None = None, pulse: str | None = None
+) -> list[str]:
+    """Return the replaced values with that of the seed, where one is given; register the estimators that are named.
+
+    Raises
+    ------
+    InputError
+        If there is no such function, or its name is taken.
+    """
+    taken = own_estimators(peak, pulse)
+    return [*taken, *override] if seed is None else [*taken, *override, f"seed={seed}"]
+
+
+def own_estimators(peak: str | None, pulse: str | None) -> list[str]:
+    """Register the estimators that the command line names; return the overrides by which a scenario takes them."""
+    if peak is None and pulse is None:
+        return []
+    from scanner_sim.signals.named import NamedEstimators
+
+    return NamedEstimators.of(peak, pulse).register()

@@ -82,7 +82,7 @@ def show_voxel(
             f"voxel {row} {column} lies outside of the {image.shape[0]} × {image.shape[1]} raster.",
             remedy="Rows and columns count from 0.",
         )
-    scenario = scenario_from_text(image.scenario_yaml, name=str(path))
+    scenario = scenario_from_text(image.scenario_yaml, name=str(path), stored=True)
     folder = output or path.parent
     write = partial(write_file, overwrite=overwrite or output is None)
     table: dict[str, str] = {}

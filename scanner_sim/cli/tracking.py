@@ -92,7 +92,7 @@ def show_track(result: Path, output: Path | None, *, device: DeviceChoice, overw
         if (result / name).exists()
         for one in read_poses(result / name)
     ]
-    scenario = scenario_from_text(made.scenario_yaml, name=str(result))
+    scenario = scenario_from_text(made.scenario_yaml, name=str(result), stored=True)
     pictures = pictures_of(made, poses, backdrop_of(made, scenario, device), rims_of(made))
     paths = write_files(output or result, pictures, overwrite=overwrite or output is None)
     _print_closing(made, poses, paths)

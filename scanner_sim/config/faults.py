@@ -70,6 +70,9 @@ def _translate(
             kinds = _kinds(context["expected_tags"])
             problem = f"{shown(came['type'])} is not possible here."
             yield RawFault((*location, "type"), problem, choice(came["type"], kinds))
+        case "estimator":
+            remedy = f"{choice(came, context['names'])} {context['remedy']}"
+            yield RawFault(location, f"there is no estimator {shown(came)}.", remedy)
         case "literal_error" if location == ("schema",):
             yield RawFault(
                 location, f"{shown(came)} is no version that this program reads.", "Write 'schema: 1'."

@@ -27,6 +27,7 @@ from scanner_sim.config.wording import shown
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import FROM_FILE
+from scanner_sim.signals.own import STORED
 
 AnyPart = TypeVar("AnyPart", bound=Part)
 
@@ -112,12 +113,21 @@ def read_part(path: Path, kind: type[AnyPart], what: str) -> tuple[AnyPart, Docu
     return found, document
 
 
-def scenario_from_text(text: str, *, name: str, overrides: Sequence[str] = ()) -> Scenario:
+def scenario_from_text(
+    text: str, *, name: str, overrides: Sequence[str] = (), stored: bool = False
+) -> Scenario:
     """Load a scenario from YAML as :func:`load_scenario` does; ``name`` says in messages where it came from.
 
-    Relative paths count from the working folder.
+    Relative paths count from the working folder. One that is ``stored`` with a result may name an estimator that is
+    not registered here: it can be read, and is refused when it is to be simulated again.
     """
-    return _load(read_document(text), name, FROM_FILE, overrides)
+    return _load(read_document(text), name, {**FROM_FILE, **(STORED if stored else {})}, overrides)
+
+
+def load_stored(path: Path) -> Scenario:
+    """Load the scenario of a result from its file, as :func:`scenario_from_text` does."""
+    context = {**FROM_FILE, **STORED, "folder": path.absolute().parent}
+    return _load(read_document(_text(path)), str(path), context, ())
 
 
 def replaced(

@@ -252,7 +252,8 @@ class Scenario(Part):
             )
 
     def _line_contradictions(self) -> Iterator[Fault]:
-        pixels, window = self.scanner.position_sensor.pixels, 2 * MARGIN[self.processing.peak] + 1
+        pixels = self.scanner.position_sensor.pixels
+        window = 2 * MARGIN.get(self.processing.peak, 0) + 1
         if window > pixels:
             yield Fault(
                 "processing.peak",

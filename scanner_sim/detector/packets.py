@@ -7,6 +7,7 @@ of.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import drjit as dr
@@ -64,7 +65,7 @@ def mode_ratios(optics: Optics, ratio: Float) -> list[Float]:
     return [dr.select(modes > order, ratio, 0.0) for order in range(1, rounded)]
 
 
-def mode_edges(ratios: list[Float], distance: Float) -> list[Float]:
+def mode_edges(ratios: Sequence[FloatLike], distance: FloatLike) -> list[FloatLike]:
     """Return the integrals of the modes up to an edge: the share of a pixel is the difference of two.
 
     Parameters
@@ -72,14 +73,17 @@ def mode_edges(ratios: list[Float], distance: Float) -> list[Float]:
     ratios
         r of each mode after the first (:func:`mode_ratios`).
     distance
-        Distance of an edge from the spot's middle over σ, Dr.Jit.
+        Distance of an edge from the spot's middle over σ, NumPy or Dr.Jit.
 
     Notes
     -----
     Φ(x) for n = 0; then −rⁿ He_{n−1}(x) φ(x)/√n!, by the recurrence of normalised Hermite polynomials.
     """
-    found = [0.5 * dr.erf(distance * math.sqrt(0.5))]
-    density = dr.exp(-0.5 * dr.square(distance)) * (1.0 / math.sqrt(2.0 * math.pi))
+    device = dr.is_jit_v(distance)
+    decay: Any = dr.exp if device else exp
+    step: Any = dr.erf if device else erf
+    found = [0.5 * step(distance * math.sqrt(0.5))]
+    density = decay(-0.5 * (distance * distance)) * (1.0 / math.sqrt(2.0 * math.pi))
     power, before, now = -density, 0.0 * distance, 0.0 * distance + 1.0
     for order, ratio in enumerate(ratios, 1):
         power = power * ratio

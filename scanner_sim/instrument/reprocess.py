@@ -123,7 +123,7 @@ class KeptSignals:
             raise InputError(
                 f"{files} in {folder} are of different scenarios.", remedy="Run the scenario again."
             )
-        return cls(folder, scenario_from_text(text, name=str(folder)), about)
+        return cls(folder, scenario_from_text(text, name=str(folder), stored=True), about)
 
     @property
     def whole(self) -> bool:

@@ -48,9 +48,10 @@ from scanner_sim.signals.line.bias import Bias, computed_bias, widths_of
 from scanner_sim.signals.line.bias_table import read_bias
 from scanner_sim.signals.line.dark_line import DarkLine, dark_line
 from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.own_peak import find_own_peaks
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.line.speckle import ExpectedSpeckle
-from scanner_sim.signals.processing import Processing
+from scanner_sim.signals.processing import PEAKS, Processing
 
 Array = NDArray[np.float64]
 
@@ -137,7 +138,7 @@ class Triangulation:
     def dark_line(self) -> DarkLine | None:
         """What exposes and reads lines that nothing but the laser lights; None where all pixels count."""
         scenario, scanner = self.scenario, self.scenario.scanner
-        if not scenario.lighting.sky().dark or scanner.laser_off > 0.0:
+        if not scenario.lighting.sky().dark or scanner.laser_off > 0.0 or self.own_peak:
             return None
         return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
 
@@ -145,6 +146,11 @@ class Triangulation:
         """Return the light of a white surface: see :func:`~scanner_sim.instrument.expected_light.white_light`."""
         seeds = None if shots is None else shots.seeds
         return white_light(self.spot, self.scenario.scanner, self.optics.filter_transmission, theta, seeds)
+
+    @property
+    def own_peak(self) -> bool:
+        """Whether a function of the user's finds the peaks: it reads whole lines, and no kernel holds it."""
+        return PEAKS.is_own(self.scenario.processing.peak)
 
     @cached_property
     def bias(self) -> Bias | None:
@@ -261,10 +267,8 @@ class Triangulation:
         scenario = self.scenario
         seen = self.panorama if background is None else background
         line = LineProjection(self.optics)
-        transport = scenario.transport
-        truth, lights = render_light(
-            self.loaded, line, transport, shots, transport.seed_of_light(scenario.seed)
-        )
+        seed = scenario.transport.seed_of_light(scenario.seed)
+        truth, lights = render_light(self.loaded, line, scenario.transport, shots, seed)
 
         def groups() -> Iterator[ShotGroup]:
             for light in lights:
@@ -430,16 +434,12 @@ class Triangulation:
             Whether the instrument reckons with speckle, where it has any.
         """
         scanner = self.scenario.scanner
-        return find_peaks(
-            signal,
-            scanner.position_sensor if sensor is None else sensor,
-            self.scenario.processing if processing is None else processing,
-            scanner.dwell,
-            self.spot.lit(*self.white(theta, shots)),
-            theta,
-            self.bias,
-            self.expected_speckle(shots) if speckle else None,
-        )
+        sensor, processing = sensor or scanner.position_sensor, processing or self.scenario.processing
+        known = self.expected_speckle(shots) if speckle else None
+        if own := PEAKS.function(processing.peak):
+            return find_own_peaks(own, signal, sensor, processing, scanner.dwell, self.spot, theta, known)
+        spot = self.spot.lit(*self.white(theta, shots))
+        return find_peaks(signal, sensor, processing, scanner.dwell, spot, theta, self.bias, known)
 
     def ranges(
         self, peak: Array, sigma_peak: Array, status: NDArray[np.uint32], deflections: Deflections

@@ -72,8 +72,8 @@ def _among_neighbours(instrument: Instrument, row: int, column: int) -> dict[str
 
 
 def _window(line: NDArray[np.float64], peak: float, method: PeakMethod) -> tuple[int, int] | None:
-    """Return the pixels about a peak that the estimator read; None where there is no peak."""
-    if not np.isfinite(peak):
+    """Return the pixels about a peak that the estimator read; None without a peak, and for a function of the user's."""
+    if not np.isfinite(peak) or method not in MARGIN:
         return None
     near = range(max(round(peak) - 1, 0), min(round(peak) + 2, len(line)))
     brightest, margin = max(near, key=lambda pixel: line[pixel]), MARGIN[method]

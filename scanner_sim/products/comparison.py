@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from pydantic import TypeAdapter
@@ -20,6 +20,15 @@ _BEYOND = 1e75
 Form = Literal["exact", "mean", "spread"]
 """What is compared: a number without noise, a mean, or a standard deviation."""
 Verdict = Literal["holds", "broken", "does not apply"]
+Exercises = Literal["light", "peak", "pulse", "built-in", "targets", ""]
+"""What a law's measurement goes through: light alone, before any estimator; the scenario's estimator of the peak, or of
+the pulse; one of the program's, whatever the scenario's; the tracking of given signals. Empty where nobody has said."""
+
+_BESIDE = {
+    "light": "judges light, before any estimator",
+    "built-in": "judges the built-in estimator only",
+    "targets": "judges the tracking of given signals",
+}
 
 
 @dataclass(frozen=True)
@@ -82,6 +91,7 @@ class Finding:
     scene: str
     reason: str
     checks: tuple[Check, ...]
+    exercises: Exercises = ""
 
     @property
     def verdict(self) -> Verdict:
@@ -124,6 +134,8 @@ class Comparison:
         Of the programs.
     baseline
         Differences from an earlier comparison; None where there was none to compare with.
+    own
+        Names of the scenario's estimators that are the user's own, by ``peak`` and ``pulse``; empty where they are not.
     """
 
     seed: int
@@ -134,6 +146,27 @@ class Comparison:
     findings: tuple[Finding, ...]
     versions: dict[str, str]
     baseline: tuple[Change, ...] | None = None
+    own: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def own_estimators(self) -> tuple[str, ...]:
+        """Names of the scenario's estimators that are the user's own."""
+        return tuple(name for name in self.own.values() if name)
+
+    @property
+    def unjudging(self) -> dict[str, str]:
+        """Which laws say nothing about the user's own estimators, by name, and why; empty where there are none."""
+        if not self.own_estimators:
+            return {}
+        found = {}
+        for finding in self.findings:
+            if not finding.checks:
+                found[finding.name] = f"does not apply: {finding.reason}"
+            elif finding.exercises in _BESIDE:
+                found[finding.name] = _BESIDE[finding.exercises]
+            elif not self.own.get(finding.exercises, ""):
+                found[finding.name] = f"judges the {finding.exercises} estimator, which is the program's"
+        return found
 
     @property
     def broken(self) -> tuple[Finding, ...]:
@@ -169,6 +202,7 @@ def comparison_from_json(text: str) -> Comparison:
         plain = {name: value for name, value in plain.items() if name != "verdict"}
         findings.append(plain | {"checks": [_numbers(check) for check in plain["checks"]]})
     rest = {name: content[name] for name in ("seed", "seeds", "level", "quick", "target", "versions")}
+    rest["own"] = content.get("own", {})
     read = TypeAdapter(Comparison).validate_python({"findings": findings, **rest})
     for check in (check for finding in read.findings for check in finding.checks):
         if check.error < 0.0 or not check.freedom > 0.0 or max(map(abs, _finite_numbers(check))) > _BEYOND:

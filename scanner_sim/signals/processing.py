@@ -14,6 +14,7 @@ from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.parts import InputFile, Number, Part, Switch
 from scanner_sim.foundation.units import Angle, Length
 from scanner_sim.signals.line.bias_table import read_bias
+from scanner_sim.signals.own import Function, OwnEstimators
 from scanner_sim.signals.waveform.settings import PulseDetection
 
 MARGIN: Mapping[str, int] = MappingProxyType(
@@ -30,10 +31,43 @@ MARGIN: Mapping[str, int] = MappingProxyType(
 """The estimators of the peak: how many pixels to each side of the brightest one each needs. ``maximum_likelihood``
 reads four standard deviations of the spot to each side, but takes what the array has of them."""
 
+PEAKS = OwnEstimators("processing.peak", "register_peak", "--peak", MARGIN)
+"""Estimators of the peak beside them that the user has registered."""
+
 if TYPE_CHECKING:
     PeakMethod: TypeAlias = str
 else:
-    PeakMethod = Literal[tuple(MARGIN)]
+    PeakMethod = PEAKS.name_type
+
+
+def register_peak(name: str, function: Function) -> None:
+    """Make a function of your own an estimator of the peak: ``processing.peak: name``.
+
+    Parameters
+    ----------
+    name
+        Letters, digits and _.
+    function
+        Called as ``function(lines, known)`` with some hundreds to thousands of lines at a time: ``lines`` their charges
+        [electron] above the dark level, float64 of shape (n, pixels); ``known`` a
+        :class:`~scanner_sim.signals.line.own_peak.KnownLines`. It returns (position, sigma, status) of each line, each
+        of shape (n,): position [pixel], 0 in the middle of the first one, its standard deviation [pixel], and a code of
+        :class:`~scanner_sim.foundation.status.Status`, which an enumeration or any integers may hold. It must treat
+        each line by itself, and alike whenever it is called.
+
+    Raises
+    ------
+    InputError
+        If the name is none, is taken by the program or by another function, or the function is none.
+
+    Notes
+    -----
+    The function finds the spot, tells what is none, and states σ by itself: ``threshold``, ``ambiguity`` and
+    ``validation`` of ``processing`` do nothing more, but for what neighbours in a raster say. The light of a shot is
+    summed about its position. The name is known in this process alone.
+    """
+    PEAKS.register(name, function)
+
 
 BiasChoice = Annotated[
     Annotated[Literal["none", "computed"], Tag("(word)")]
@@ -91,7 +125,8 @@ class Processing(Part):
 
     peak: PeakMethod = "maximum_likelihood"
     """Estimator of the sub-pixel position. ``maximum_likelihood`` weighs each pixel by its noise and by speckle: it
-    errs about half as much as ``gaussian`` for a twentieth more time."""
+    errs about half as much as ``gaussian`` for a twentieth more time. Or the name of a function of your own, see the
+    guide *Your own estimator*."""
     bias_correction: BiasChoice = "none"
     """Table by which the estimator's systematic error is taken off: ``computed`` from the spot that the instrument
     should make, or a CSV file that ``scanner-sim calibrate`` has measured with this estimator."""
@@ -115,7 +150,13 @@ class Processing(Part):
         """Yield a range gate that does not ascend, and a table of systematic errors that cannot be used."""
         if self.range_gate is not None and not 0.0 <= self.range_gate[0] < self.range_gate[1]:
             yield Fault("range_gate", "the gate must ascend from 0 m or more.", "Write [nearest, farthest].")
-        if isinstance(self.bias_correction, Path):
+        if PEAKS.is_own(self.peak) and self.bias_correction != "none":
+            yield Fault(
+                "bias_correction",
+                f"a systematic error of the program's estimators is corrected, and {self.peak} is none of them.",
+                "Write bias_correction: none, and correct the position in the function.",
+            )
+        elif isinstance(self.bias_correction, Path):
             try:
                 table = read_bias(self.bias_correction)
             except InputError as error:

@@ -37,7 +37,7 @@ from scanner_sim.config import json_schema, load_scenario
 
 scenario = load_scenario(sys.argv[1], ["processing.peak=brightest"])
 assert scenario.processing.peak == "brightest"
-assert "brightest" in json_schema()["$defs"]["Processing"]["properties"]["peak"]["enum"]
+assert "brightest" in json_schema()["$defs"]["Processing"]["properties"]["peak"]["anyOf"][0]["enum"]
 """
 
 

@@ -21,7 +21,7 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
-from scanner_sim.validation.compare.run import compare
+from scanner_sim.validation.compare.run import judge_laws
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -365,9 +365,9 @@ def test_a_planted_fault_is_found(
     quick = (fault, law) not in THOROUGH
     setting = ComparisonSetup(scenario, FlatTarget(0.5, (2.5, 6.0, 15.0)), quick=quick, device="cpu")
     if (law, quick) not in right:
-        right[law, quick] = compare(setting, only=[law], level=LEVEL).findings[0].verdict
+        right[law, quick] = judge_laws(setting, only=[law], level=LEVEL).findings[0].verdict
     fault(monkeypatch)
-    (wrong,) = compare(setting, only=[law], level=LEVEL).findings
+    (wrong,) = judge_laws(setting, only=[law], level=LEVEL).findings
     assert (right[law, quick], wrong.verdict) == ("holds", "broken")
     assert any(abs(check.effect) > check.detects_99 for check in wrong.checks)
 
@@ -399,5 +399,5 @@ def test_a_right_program_is_not_accused(scenario: Scenario) -> None:
             quick=True,
             device="cpu",
         )
-        accused += [seed] if compare(setting, only=laws, level=0.05).broken else []
+        accused += [seed] if judge_laws(setting, only=laws, level=0.05).broken else []
     assert len(accused) <= 4

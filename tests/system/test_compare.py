@@ -19,7 +19,7 @@ from scanner_sim.products.comparison_page import comparison_page
 from scanner_sim.validation.compare.baseline import against, read_baseline
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
 from scanner_sim.validation.compare.laws import LAWS
-from scanner_sim.validation.compare.run import compare
+from scanner_sim.validation.compare.run import judge_laws
 
 WALL = """\
 schema: 1
@@ -100,8 +100,8 @@ def test_a_noisier_run_of_another_seed_is_found(config: Path) -> None:
     directions of four numbers ask for 4.4 standard errors, 7 %. Expected and tolerance: these verdicts.
     """
     setting = ComparisonSetup(load_scenario(config), FlatTarget(0.5, (3.0, 8.0)), device="cpu")
-    before = compare(setting, only=["covariance"])
-    now = compare(
+    before = judge_laws(setting, only=["covariance"])
+    now = judge_laws(
         dataclasses.replace(setting, scenario=load_scenario(config, ["seed=9"])), only=["covariance"]
     )
     assert against(now, before).baseline == ()
@@ -130,7 +130,7 @@ def test_a_broken_law_fails_the_run(config: Path, monkeypatch: pytest.MonkeyPatc
 
 def test_a_comparison_survives_its_file(config: Path) -> None:
     setting = ComparisonSetup(load_scenario(config), quick=True, device="cpu")
-    found = compare(setting, only=["sigma_synchronisation", "tof_bound"])
+    found = judge_laws(setting, only=["sigma_synchronisation", "tof_bound"])
     again = comparison_from_json(comparison_json(found))
     assert again == found
     assert comparison_page(again, "") == comparison_page(found, "")
@@ -149,7 +149,7 @@ def test_what_does_not_apply_says_why(config: Path) -> None:
     }
     for law, (changes, reason) in cases.items():
         setting = ComparisonSetup(load_scenario(config, list(changes)), device="cpu")
-        (finding,) = compare(setting, only=[law]).findings
+        (finding,) = judge_laws(setting, only=[law]).findings
         assert finding.verdict == "does not apply"
         assert reason in finding.reason, finding.reason
 
@@ -173,9 +173,9 @@ def test_laws_hold_for_other_instruments(config: Path) -> None:
     setting = ComparisonSetup(
         load_scenario(config, changes), FlatTarget(0.3, (4.0, 7.0, 14.0)), quick=True, device="cpu"
     )
-    found = compare(setting)
+    found = judge_laws(setting)
     verdicts = {finding.name: finding.verdict for finding in found.findings}
-    silent = {"coverage", "uneven", "tof_range", "tof_bound", "tof_sigma", "tof_walk"}
+    silent = {"coverage", "uneven", "tof_range", "tof_bound", "tof_sigma", "tof_coverage", "tof_walk"}
     assert {name for name, verdict in verdicts.items() if verdict == "does not apply"} == silent
     assert not found.broken, [
         (finding.name, check.case, check.effect)
@@ -225,7 +225,7 @@ def test_laws_have_names_of_their_own() -> None:
 
 def test_a_baseline_without_a_law_leaves_it_out(config: Path) -> None:
     setting = ComparisonSetup(load_scenario(config), quick=True, device="cpu")
-    before = compare(setting, only=["spot_width"])
-    now = compare(setting, only=["spot_width", "saturation"])
+    before = judge_laws(setting, only=["spot_width"])
+    now = judge_laws(setting, only=["spot_width", "saturation"])
     Path("old.json").write_text(comparison_json(before), encoding="utf-8")
     assert against(now, read_baseline("old.json")).baseline == ()

@@ -86,6 +86,8 @@ def test_every_example_runs(page: Path, folder: Path) -> None:
         if example.language == "yaml":
             check_yaml(example, folder)
         elif example.language == "python":
+            if example.title:
+                (folder / example.title).write_text(example.text, encoding="utf-8")
             exec(compile(example.text, str(page), "exec"), names)
         elif example.language == "sh":
             for line in example.text.splitlines():

@@ -55,7 +55,8 @@ class FrozenInstrument:
     Notes
     -----
     Patterns under the Sun, whose windows of the background are each run's own, are launched one after the other. Time
-    of flight, and light of several bounces, are measured by the instrument itself, with the same windows.
+    of flight, and light of several bounces, are measured by the instrument itself, with the same windows. With an
+    estimator of the user's own the same kernels are traced anew for each launch.
     """
 
     def __init__(self, *runs: Instrument) -> None:
@@ -184,7 +185,8 @@ class FrozenInstrument:
             self._steps[key] = Frozen(
                 lambda reads, numbers, integers, seeds, window: self._measure(
                     numbers, integers, seeds, window, shots
-                )
+                ),
+                enabled=not self.instrument.triangulation.own_peak,
             )
         return self._steps[key]
 

@@ -52,7 +52,7 @@ def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSe
     InputError
         If the run's scenario cannot be read, for instance because the file of a motion is gone.
     """
-    scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run")
+    scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run", stored=True)
     chosen = scenario.pose if settings is None else settings
     carriers = carriers_of(track.targets)
     if not (chosen.methods and carriers):
@@ -111,7 +111,7 @@ def rims_of(track: Track) -> Callable[[PatternRecord], Array]:
     InputError
         If the run's scenario cannot be read.
     """
-    scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run")
+    scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run", stored=True)
     items = {item.name: item for item in scenario.scene.objects}
     targets = {target.name: target for target in track.targets}
     separation = scenario.scanner.mirrors.axis_separation

@@ -15,6 +15,8 @@ from scanner_sim.products.pictures.style import FAINT, INK, drawing
 
 HOLDS, BROKEN, NEUTRAL = "#2b6f8f", "#b4331a", "#cfd6db"
 """Colours of what holds, of what is broken, and of the accuracy of a closed form."""
+_OTHERS = "#a8b0b7"
+"""Colour of laws that say nothing about an estimator of the user's own."""
 _POINT = 2.6
 
 
@@ -32,14 +34,18 @@ def draw_comparison(comparison: Comparison, path: str | Path) -> None:
             for number, check in enumerate(finding.checks):
                 spread = 0.5 * (number + 0.5) / len(finding.checks) - 0.25
                 away, low, high = _scaled(check)
-                colour = BROKEN if check.broken else HOLDS
+                colour = _OTHERS if finding.name in comparison.unjudging else HOLDS
+                colour = BROKEN if check.broken else colour
                 if high > low:
                     axes.plot([low, high], [row + spread] * 2, color=colour, lw=0.7)
                 axes.plot(away, row + spread, "o", color=colour, ms=_POINT)
         axes.set_yticks(range(len(judged)), [finding.title for finding in judged])
         axes.set_ylim(len(judged) - 0.4, -0.6)
         axes.set_xlim(-1.04 * _WIDEST, 1.04 * _WIDEST)
-        axes.set_xlabel("deviation over the smallest that is found in 90 % of runs")
+        label = "deviation over the smallest that is found in 90 % of runs"
+        if comparison.unjudging:
+            label += f"\ngrey: laws that say nothing about {' and '.join(comparison.own_estimators)}"
+        axes.set_xlabel(label)
         axes.spines[["top", "right", "left"]].set_visible(False)
         axes.tick_params(axis="y", length=0)
         verdict = "all laws hold" if not comparison.broken else f"{len(comparison.broken)} broken"

@@ -14,6 +14,7 @@ that of the background is the same in both and goes with it (propagation of inde
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,8 +112,15 @@ def measured_lines(
     signal: Signal, calibration: Calibration
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the charges of lines and their standard deviations [electron], NumPy arrays of shape (m, pixels)."""
-    charge = np.asarray(calibration.charge(signal.lines().astype(np.float64)))
-    if signal.exposures == 1:
+    return measured_charges([signal.lines(exposure) for exposure in range(signal.exposures)], calibration)
+
+
+def measured_charges(
+    numbers: Sequence[NDArray[np.float32]], calibration: Calibration
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the same from the digital numbers of one exposure or of both."""
+    charge = np.asarray(calibration.charge(numbers[0].astype(np.float64)))
+    if len(numbers) == 1:
         return charge, np.sqrt(calibration.variance(charge))
-    ambient = calibration.ambient(signal.lines(1).astype(np.float64))
+    ambient = calibration.ambient(numbers[1].astype(np.float64))
     return charge - ambient, np.sqrt(calibration.variance_above(ambient, charge - ambient))

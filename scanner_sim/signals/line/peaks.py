@@ -175,7 +175,7 @@ def find_peaks(
     ):
         status = dr.select(failed, auto.UInt32(int(code)), status)
     valid = status == int(Status.VALID)
-    total, total_variance = _sum_signal(top)
+    total, total_variance = sum_signal(top)
     settled = dr.full(auto.Bool, True, line.shots)
     if noise is not None and limits is not None and spot is not None:
         reach = dr.maximum(guard + SIDE, max(farthest_pixel(spot), *MARGIN.values()))
@@ -214,7 +214,7 @@ class _Fit:
         return cls(nothing, nothing, no, no, no, nothing)
 
 
-def _sum_signal(around: Around) -> tuple[Float, Float]:
+def sum_signal(around: Around) -> tuple[Float, Float]:
     """Return the charge around the brightest pixel, and its variance by noise and by the light beneath it.
 
     An edge of the background beneath or beside the peak bends it away from the straight baseline. The outermost pixels,

@@ -21,12 +21,14 @@ from scanner_sim.detector.photodiode.noise_colour import correlation
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import Waveforms, quantisation_variance
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_numbers import beside
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.pulse import Pulse
+from scanner_sim.signals.own import Function
 from scanner_sim.signals.waveform.calibration import send_all_phases
 from scanner_sim.signals.waveform.edge_timing import EdgeTiming, vertex
 from scanner_sim.signals.waveform.edges import EdgeTable, cross
@@ -40,8 +42,9 @@ from scanner_sim.signals.waveform.filter import (
 )
 from scanner_sim.signals.waveform.fit import PulseFit, TimingFilter, fit_gaussian, fit_weights
 from scanner_sim.signals.waveform.overlap import OverlapTest
+from scanner_sim.signals.waveform.own_pulse import KnownRecords, find_own_delays
 from scanner_sim.signals.waveform.search import FoundEcho, filter_records, find_echoes
-from scanner_sim.signals.waveform.settings import PulseDetection
+from scanner_sim.signals.waveform.settings import PULSES, PulseDetection
 
 _CLIPPED_LEVEL = 0.5
 """Level, over the saturation, at which the edges of clipped pulses are timed."""
@@ -161,6 +164,9 @@ class PulseDetector:
         """
         light = waveforms.background * dr.opaque(auto.Float, self.photodiode.light_variance)
         coloured = light + dr.opaque(auto.Float, self.noise.coloured)
+        own = PULSES.function(self.settings.timing)
+        if own is not None:
+            return self._detect_by(own, waveforms, coloured)
         line = filter_records(waveforms, self.filter.search) if self.matched else waveforms.number
         threshold = self._threshold(coloured)
         found = find_echoes(waveforms, line, threshold, self.half, self.settings.echo)
@@ -204,6 +210,34 @@ class PulseDetector:
             snr=dr.select(some, amplitude * dr.opaque(auto.Float, self.step) / quiet, 0.0),
             echoes=found.count,
             status=status,
+        )
+        dr.eval(delays)
+        return delays
+
+    def _detect_by(self, function: Function, waveforms: Waveforms, coloured: Float) -> Delays:
+        """Return the delays that a function of the user's tells; the echoes are those that it found."""
+        clock, threshold = self.digitiser, self._threshold(coloured) + dr.zeros(auto.Float, waveforms.shots)
+        known = KnownRecords(
+            time=clock.start + np.arange(waveforms.samples) / clock.rate,
+            step=self.step,
+            saturated=np.zeros(0, dtype=bool),
+            threshold=threshold.numpy().astype(np.float64) * self.step,
+            coloured=coloured.numpy().astype(np.float64),
+            noise=self.noise,
+            shape=self.shape,
+        )
+        found = find_own_delays(self.settings.timing, function, waveforms.records(), known, self.full)
+        valid = found.status == Status.VALID
+        samples = np.where(valid, (found.delay - clock.start) * clock.rate, 0.0)
+        quiet = np.sqrt(known.coloured + self.noise.white + _LEAST_WHITE * self.step**2)
+        delays = Delays(
+            sample=auto.Int32(for_device(np.floor(samples), np.int32)),
+            fraction=auto.Float(for_device(np.where(valid, samples - np.floor(samples), np.nan))),
+            sigma=auto.Float(for_device(found.sigma * clock.rate)),
+            signal=auto.Float(for_device(found.height)),
+            snr=auto.Float(for_device(found.height / quiet)),
+            echoes=auto.UInt32(for_device(valid, np.uint32)),
+            status=auto.UInt32(for_device(found.status, np.uint32)),
         )
         dr.eval(delays)
         return delays

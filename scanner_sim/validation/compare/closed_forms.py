@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,8 +17,10 @@ from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.analytic.filter import PassBand
 from scanner_sim.analytic.noise import first_order
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError
 
 Array = NDArray[np.float64]
+FormName: TypeAlias = Literal["position", "sigma"]
 
 LINE = 41
 """Pixels of the judge's line."""
@@ -44,10 +48,56 @@ class ClosedSpot:
 
 
 @dataclass(frozen=True)
+class EstimatorForms:
+    """Closed forms of an estimator of the peak that is the user's own; None where he gives none.
+
+    They are asked about spots without noise or background, of which the line has 41 pixels.
+
+    Attributes
+    ----------
+    position
+        Of the charges of a line [electron], shape (41,), the position [pixel] that the estimator tells, 0 in the middle
+        of the first one.
+    sigma
+        Of such charges and of the variance of each [electron²], both of shape (41,), the estimator's σ [pixel]. By
+        default that of the first order, by differences of ``position``.
+    """
+
+    position: Callable[[Array], float] | None = None
+    sigma: Callable[[Array, Array], float] | None = None
+
+    @classmethod
+    def of(cls, given: Mapping[str, Callable[..., float]]) -> EstimatorForms:
+        """Return those of a mapping.
+
+        Raises
+        ------
+        InputError
+            If it names anything else, or what is no function.
+        """
+        known = [field.name for field in fields(cls)]
+        for name, form in given.items():
+            if name not in known or not callable(form):
+                raise InputError(
+                    f"closed_forms: '{name}' is no closed form of an estimator, or no function.",
+                    remedy=f"Possible: {', '.join(known)}.",
+                )
+        return cls(**given)
+
+    def has(self, name: FormName) -> bool:
+        """Return whether a form is given, or follows from one that is."""
+        return self.position is not None or (name == "sigma" and self.sigma is not None)
+
+
+NO_FORMS = EstimatorForms()
+
+
+@dataclass(frozen=True)
 class ClosedForms:
-    """Closed forms with the numbers of a scenario's instrument."""
+    """Closed forms with the numbers of a scenario's instrument, and those of an estimator that is the user's own."""
 
     scenario: Scenario
+    own: EstimatorForms = NO_FORMS
 
     @cached_property
     def f(self) -> float:
@@ -159,12 +209,19 @@ class ClosedForms:
         chosen = self.scenario.processing
         if chosen.peak == FIT or chosen.bias_correction != "none":
             return 1.0
-        step, estimator = 1e-3, ESTIMATORS[chosen.peak]
+        step = 1e-3
         found = []
         for side in (1.0, -1.0):
             line = seen.charge * spot.pixel_shares(LINE // 2 + seen.phase + side * step, seen.sigma, LINE)
-            found.append(estimator(line.tolist()))
+            found.append(self.estimated(chosen.peak, line))
         return (found[0] - found[1]) / (2.0 * step)
+
+    def estimated(self, estimator: str, line: Array) -> float:
+        """Return the position [pixel] that an estimator tells of a line without noise."""
+        if estimator in ESTIMATORS:
+            return ESTIMATORS[estimator](line.tolist())
+        assert self.own.position is not None
+        return float(self.own.position(np.asarray(line)))
 
     def position(self, R: float, phase: float) -> float:
         """Return the range [m] next to one at which a facing plate's spot lies at a position in its pixel."""
@@ -177,7 +234,9 @@ class ClosedForms:
         """Return σ of the estimate [pixel] for the variances of the judge's pixels: first order, or the bound."""
         if estimator == FIT:
             return bound_of(seen, variance)
-        return first_order(ESTIMATORS[estimator], seen.line, variance)
+        if estimator not in ESTIMATORS and self.own.sigma is not None:
+            return float(self.own.sigma(seen.line, variance))
+        return first_order(lambda line: self.estimated(estimator, np.array(line)), seen.line, variance)
 
 
 def bound_of(seen: ClosedSpot, variance: Array) -> float:

@@ -12,6 +12,9 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.units import Length, Ratio
 from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.signals.processing import PEAKS
+from scanner_sim.signals.waveform.settings import PULSES
+from scanner_sim.validation.compare.closed_forms import NO_FORMS, ClosedForms, EstimatorForms
 
 REFLECTANCE = 0.5
 """Of the flat targets, where none is asked for."""
@@ -80,6 +83,8 @@ class ComparisonSetup:
         Whether to take a quarter of the shots.
     device
         Where to compute.
+    closed_forms
+        Of an estimator of the peak that is the user's own.
     """
 
     scenario: Scenario
@@ -87,6 +92,24 @@ class ComparisonSetup:
     seeds: int = 1
     quick: bool = False
     device: DeviceChoice = "auto"
+    closed_forms: EstimatorForms = NO_FORMS
+
+    @property
+    def closed(self) -> ClosedForms:
+        """The judge's view of the instrument and of its estimator."""
+        return ClosedForms(self.scenario, self.closed_forms)
+
+    @property
+    def own_peak(self) -> str:
+        """Name of the scenario's estimator of the peak where it is the user's own; empty for the program's."""
+        name = self.scenario.processing.peak
+        return name if PEAKS.is_own(name) else ""
+
+    @property
+    def own_pulse(self) -> str:
+        """Name of its timing of echoes likewise."""
+        name = self.scenario.processing.pulse.timing
+        return name if PULSES.is_own(name) else ""
 
     @property
     def flat(self) -> FlatTarget:

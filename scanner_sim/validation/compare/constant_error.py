@@ -45,7 +45,7 @@ def _measure_synchronisation(setting: ComparisonSetup) -> dict[str, Measured]:
 
 
 def _predict_synchronisation(setting: ComparisonSetup) -> dict[str, Predicted]:
-    closed, cases, ranges = ClosedForms(setting.scenario), {}, _synchronised(setting)
+    closed, cases, ranges = setting.closed, {}, _synchronised(setting)
     for R in ranges:
         apart = closed.synchronisation_error(R)
         value = 1e3 * float(geometry.range_error(R, 0.0, closed.f, closed.d, apart))
@@ -65,4 +65,6 @@ SYNCHRONISATION = Law(
     _unsynchronised,
     _measure_synchronisation,
     _predict_synchronisation,
+    exercises="peak",
+    needs=("position",),
 )

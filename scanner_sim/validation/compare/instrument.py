@@ -14,6 +14,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import laser_gain, peak_transmission
 from scanner_sim.products.budget import BudgetRow
+from scanner_sim.signals.processing import PEAKS
 from scanner_sim.validation.studies.budget import HALF, course_time, kelvins_of
 
 
@@ -21,8 +22,11 @@ def closed_budget(scenario: Scenario, reflectance: float, distance: float) -> di
     """Return what each source makes of the range of a facing target at a distance [m] by each way, by closed forms.
 
     The names are those of :func:`scanner_sim.validation.studies.budget.measure_budget`. Time of flight has closed forms
-    for the matched filter on a Gaussian pulse only; with others it and the fused range are left out.
+    for the matched filter on a Gaussian pulse only; with others it and the fused range are left out. There are none
+    with an estimator of the peak that is the user's own.
     """
+    if PEAKS.is_own(scenario.processing.peak):
+        return {}
     triangulation = range_budget(instrument_of(scenario, reflectance, HALF), distance)
     lidar = scenario.scanner.lidar
     if scenario.processing.pulse.timing != "matched_filter" or lidar.pulse.shape != "gaussian":
@@ -61,7 +65,7 @@ def with_closed_forms(
         replace(row, analytic_m=closed[row.range_m].get(row.mode, {}).get(row.source, math.nan))
         for row in rows
     ]
-    if instrument.contrast > 0.0:
+    if instrument.contrast > 0.0 and not PEAKS.is_own(scenario.processing.peak):
         found += _ends_of_speckle(instrument, ranges)
     return tuple(found)
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import kurtosis
 
-from scanner_sim.products.comparison import Form
+from scanner_sim.products.comparison import Exercises, Form
+from scanner_sim.validation.compare.closed_forms import FormName
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 
 Array = NDArray[np.float64]
@@ -90,6 +91,11 @@ class Law:
         Returns what the closed form says of the same cases, from numbers of the scenario alone.
     nothing
         Why the law does not apply where nothing was measured.
+    exercises
+        What of the processing its measurement goes through.
+    needs
+        Closed forms of the scenario's estimator of the peak that the prediction takes, as
+        :class:`~scanner_sim.validation.compare.closed_forms.EstimatorForms` has them.
     """
 
     name: str
@@ -101,6 +107,8 @@ class Law:
     measure: Callable[[ComparisonSetup], Mapping[str, Measured]]
     predict: Callable[[ComparisonSetup], Mapping[str, Predicted]]
     nothing: str = "the scene holds nothing of what it speaks of"
+    exercises: Exercises = field(kw_only=True)
+    needs: tuple[FormName, ...] = field(default=(), kw_only=True)
 
 
 def exact(value: float) -> Measured:

@@ -39,6 +39,7 @@ LAWS: Final[tuple[Law, ...]] = (
     pulses.TOF_RANGE,
     pulses.TOF_BOUND,
     pulses.TOF_SIGMA,
+    coverage.TOF_COVERAGE,
     walk.TOF_WALK,
     targets.CENTROID,
     targets.POSE,

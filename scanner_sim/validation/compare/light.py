@@ -138,6 +138,7 @@ SUNLIGHT = Law(
     _filtered,
     _measure_sun,
     _predict_sun,
+    exercises="light",
 )
 SNR = Law(
     "snr",
@@ -148,6 +149,7 @@ SNR = Law(
     _filtered,
     _measure_ratio,
     _predict_ratio,
+    exercises="light",
 )
 
 
@@ -207,4 +209,5 @@ SATURATION = Law(
     _fills,
     _measure_saturation,
     _predict_saturation,
+    exercises="peak",
 )

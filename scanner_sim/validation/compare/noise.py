@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.signals.processing import PeakMethod
 from scanner_sim.validation.compare import test_bench
@@ -28,7 +29,8 @@ _FIRST_ORDER = 0.05
 _SECOND = 8.0
 """Second order over first order of σ, in units of (σ/width)²."""
 _DISCRETE = 0.01
-"""Closed forms of the bound leave out that width and charge are fitted with the position."""
+"""Closed forms of the bound leave out that width and charge are fitted with the position; those of the user's own may
+leave out as much."""
 SPREAD = 0.05
 """Deflection to each side over which shots do not share speckle [rad]."""
 
@@ -74,18 +76,18 @@ def _both_variances(setting: ComparisonSetup, seen: ClosedSpot) -> Array:
 
 def _sigma(setting: ComparisonSetup, distance: float, variance: Variance, peak: str) -> Predicted:
     """Return the predicted σ of the range [mm] about a distance, root mean square over the positions in a pixel."""
-    closed, squares, slack = ClosedForms(setting.scenario), [], []
+    closed, squares, slack = setting.closed, [], []
     for where, seen in spots(setting, distance):
         sigma = closed.sigma_pixel(seen, peak, variance(setting, seen))
         squares.append((closed.range_per_pixel(where) * sigma) ** 2)
-        slack.append(_SECOND * (sigma / seen.sigma) ** 2 + (_DISCRETE if peak == FIT else 0.0))
+        slack.append(_SECOND * (sigma / seen.sigma) ** 2 + (0.0 if peak in ESTIMATORS else _DISCRETE))
     value = 1e3 * math.sqrt(float(np.mean(squares)))
     return Predicted("σ of R", "mm", value, max(slack) * value)
 
 
 def _usable(setting: ComparisonSetup, variance: Variance, peak: str) -> tuple[float, ...]:
     """Return the ranges at which the spot is on the array and errors are of the first order."""
-    closed, kept = ClosedForms(setting.scenario), []
+    closed, kept = setting.closed, []
     for distance in setting.flat.ranges:
         seen = closed.facing(distance, setting.flat.reflectance)
         if closed.on_array(seen) and closed.passed(math.atan(closed.d / distance)) > 0.5:
@@ -184,6 +186,8 @@ def _alone(
         applies=partial(_has_noise, noise=name, **rest),
         measure=partial(_measure_sigma, number=number, noise=(name,), **rest),
         predict=partial(_predict_sigma, pure=pure, **rest),
+        exercises="peak",
+        needs=("sigma",),
     )
 
 
@@ -218,4 +222,5 @@ BOUND = Law(
     partial(_first_order, **_BOUND),
     partial(_measure_sigma, number=6, noise=("shot", "read", "dark"), **_BOUND),
     partial(_predict_sigma, pure="", **_BOUND),
+    exercises="built-in",
 )

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import geometry
-from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.optics.deflection import ERRORS
 from scanner_sim.validation.compare import test_bench
@@ -116,11 +115,11 @@ def _measure_points(setting: ComparisonSetup) -> dict[str, Measured]:
 
 
 def _predict_points(setting: ComparisonSetup) -> dict[str, Predicted]:
-    closed, chosen, cases = ClosedForms(setting.scenario), setting.scenario.processing, {}
+    closed, chosen, cases = setting.closed, setting.scenario.processing, {}
     for position, seen, names in _point_positions(setting):
         systematic = 0.0
         if chosen.peak != FIT and chosen.bias_correction == "none":
-            systematic = ESTIMATORS[chosen.peak](seen.line.tolist()) - LINE // 2 - seen.phase
+            systematic = closed.estimated(chosen.peak, seen.line) - LINE // 2 - seen.phase
         per_pixel = closed.range_per_pixel(position.distance, position.theta)
         bias = -per_pixel * (systematic + seen.centre - seen.chief)
         p = seen.centre - closed.pixel(0.0)
@@ -177,7 +176,7 @@ def _measure_covariance(setting: ComparisonSetup) -> dict[str, Measured]:
 
 
 def _predict_covariance(setting: ComparisonSetup) -> dict[str, Predicted]:
-    closed, cases = ClosedForms(setting.scenario), {}
+    closed, cases = setting.closed, {}
     angle = closed.angle_sigma
     for position, seen in facing_positions(setting, (setting.middle,)):
         apart = closed.synchronisation_error(position.distance, position.theta) * closed.follows(seen)
@@ -203,6 +202,8 @@ POINTS = Law(
     _bias_uncovered,
     _measure_points,
     _predict_points,
+    exercises="peak",
+    needs=("position",),
 )
 COVARIANCE = Law(
     "covariance",
@@ -214,4 +215,6 @@ COVARIANCE = Law(
     _shaken,
     _measure_covariance,
     _predict_covariance,
+    exercises="peak",
+    needs=("position",),
 )

@@ -229,6 +229,7 @@ TOF_BOUND = Law(
     pulses_uncovered,
     lambda setting: _scatter(setting, 11, "amplifier", "quantisation"),
     _predict_bound,
+    exercises="built-in",
 )
 TOF_RANGE = Law(
     "tof_range",
@@ -239,6 +240,7 @@ TOF_RANGE = Law(
     pulses_uncovered,
     _measure_bias,
     _predict_bias,
+    exercises="built-in",
 )
 TOF_SIGMA = Law(
     "tof_sigma",
@@ -249,4 +251,5 @@ TOF_SIGMA = Law(
     _clocked,
     lambda setting: _scatter(setting, 12, "amplifier", "quantisation", "clock"),
     _predict_floor,
+    exercises="built-in",
 )

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Mapping
 
+from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.comparison import Comparison, Finding
 from scanner_sim.products.provenance import versions
 from scanner_sim.render.guest import guest
-from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, law_name
+from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.validation.compare.closed_forms import EstimatorForms
+from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget, law_name
 from scanner_sim.validation.compare.judge import judge_checks
 from scanner_sim.validation.compare.law import Law
 from scanner_sim.validation.compare.laws import LAWS
@@ -36,8 +39,59 @@ def chosen_laws(names: Collection[str]) -> tuple[Law, ...]:
     return tuple(law for law in LAWS if not wanted or law.name in wanted)
 
 
-@guest()
 def compare(
+    scenario: Scenario,
+    *,
+    target: str | None = None,
+    only: Collection[str] = (),
+    seeds: int = 1,
+    level: float = LEVEL,
+    quick: bool = False,
+    closed_forms: Mapping[str, Callable[..., float]] | None = None,
+    device: DeviceChoice = "auto",
+) -> Comparison:
+    """Judge the simulation of a scenario's instrument by closed forms, law by law, as ``scanner-sim compare`` does.
+
+    Parameters
+    ----------
+    scenario
+        Instrument, processing and scene.
+    target
+        Flat targets instead of the scene, as ``"50 % at 3 m, 10 m"``.
+    only
+        Names of the laws to judge; none for all.
+    seeds
+        Number of consecutive seeds whose samples are pooled.
+    level
+        Probability with which a right program breaks any of them, 0 to 1.
+    quick
+        Whether to take a quarter of the shots.
+    closed_forms
+        Of an estimator of the peak that is your own: functions by the names ``position`` and ``sigma``, see
+        :class:`~scanner_sim.validation.compare.closed_forms.EstimatorForms`. Laws that need what is not given do not
+        apply.
+    device
+        Where to compute.
+
+    Returns
+    -------
+    Comparison
+        Its ``findings`` hold a verdict and checks for each law, ``unjudging`` the laws that say nothing about
+        estimators of your own.
+
+    Raises
+    ------
+    InputError
+        As :func:`judge_laws`; and for a target or a closed form that is none.
+    """
+    flat = None if target is None else FlatTarget.parse(target)
+    forms = EstimatorForms.of(closed_forms or {})
+    setting = ComparisonSetup(scenario, flat, seeds, quick, device, forms)
+    return judge_laws(setting, only=only, level=level)
+
+
+@guest()
+def judge_laws(
     setting: ComparisonSetup,
     *,
     only: Collection[str] = (),
@@ -79,7 +133,7 @@ def compare(
             progress(number, len(laws))
         if say is not None:
             say(law.title)
-        reasons[law.name] = law.applies(setting)
+        reasons[law.name] = _formless(law, setting) or law.applies(setting)
         if not reasons[law.name]:
             measured, predicted = law.measure(setting), law.predict(setting)
             reasons[law.name] = "" if measured else law.nothing
@@ -94,13 +148,29 @@ def compare(
             _scene(law, setting),
             reasons[law.name],
             tuple(check for (name, *_), check in zip(cases, checks, strict=True) if name == law.name),
+            law.exercises,
         )
         for law in laws
     )
     target = f"flat targets of {setting.flat}" if setting.target else "own scene"
     return Comparison(
-        setting.scenario.seed, setting.seeds, level, setting.quick, target, findings, dict(versions())
+        setting.scenario.seed,
+        setting.seeds,
+        level,
+        setting.quick,
+        target,
+        findings,
+        dict(versions()),
+        own={"peak": setting.own_peak, "pulse": setting.own_pulse},
     )
+
+
+def _formless(law: Law, setting: ComparisonSetup) -> str:
+    """Return which closed form of the user's own estimator a law lacks; empty where it lacks none."""
+    missing = [name for name in law.needs if setting.own_peak and not setting.closed_forms.has(name)]
+    if not missing:
+        return ""
+    return f"no closed form is given of {setting.own_peak}'s {missing[0]}: closed_forms={{'{missing[0]}': function}}"
 
 
 def _scene(law: Law, setting: ComparisonSetup) -> str:

@@ -178,6 +178,7 @@ SPOT_POSITION = Law(
     unlit,
     _measure_position,
     _predict_position,
+    exercises="light",
 )
 SPOT_WIDTH = Law(
     "spot_width",
@@ -188,6 +189,7 @@ SPOT_WIDTH = Law(
     unlit,
     _of_lines(_width),
     _predict_width,
+    exercises="light",
 )
 LINK_BUDGET = Law(
     "link_budget",
@@ -198,4 +200,5 @@ LINK_BUDGET = Law(
     unlit,
     _of_lines(lambda line: float(line.sum())),
     _predict_charge,
+    exercises="light",
 )

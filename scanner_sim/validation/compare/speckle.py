@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.analytic.beam import beam_radius
-from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.analytic.speckle import fitted_place
 from scanner_sim.analytic.wave_optics import Lens, defocus, images, on_pixels
 from scanner_sim.validation.compare import test_bench
@@ -121,7 +120,7 @@ def _measure_limit(setting: ComparisonSetup) -> dict[str, Measured]:
 
 
 def _predict_limit(setting: ComparisonSetup) -> dict[str, Predicted]:
-    closed, cases, ranges, peak = ClosedForms(setting.scenario), {}, _ranges(setting), _judged(setting)
+    closed, cases, ranges, peak = setting.closed, {}, _ranges(setting), _judged(setting)
     slack = _MODEL + _CHANCE / math.sqrt(2.0 * _surfaces(setting))
     for R in ranges:
         squares = []
@@ -131,7 +130,7 @@ def _predict_limit(setting: ComparisonSetup) -> dict[str, Predicted]:
                 position = fitted_place(lines, _LINE // 2 + seen.phase, seen.sigma, guard)
             else:
                 padded = np.pad(lines, ((0, 0), (_SIDE, _SIDE)))
-                position = np.array([ESTIMATORS[peak](line.tolist()) for line in padded])
+                position = np.array([closed.estimated(peak, line) for line in padded])
             squares.append((closed.range_per_pixel(where) * float(position.std(ddof=1))) ** 2)
         value = 1e3 * math.sqrt(float(np.mean(squares)))
         cases[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, slack * value)
@@ -164,6 +163,8 @@ LIMIT = Law(
     _coherent,
     _measure_limit,
     _predict_limit,
+    exercises="peak",
+    needs=("position",),
 )
 CONTRAST = Law(
     "speckle_contrast",
@@ -175,4 +176,5 @@ CONTRAST = Law(
     _coherent,
     _measure_contrast,
     _predict_contrast,
+    exercises="peak",
 )

@@ -134,6 +134,7 @@ CENTROID = Law(
     _round,
     _measure_centre,
     _predict_centre,
+    exercises="targets",
 )
 
 _SIDE = 0.1
@@ -172,7 +173,7 @@ def _posed(setting: ComparisonSetup) -> str:
 
 def _sigmas(setting: ComparisonSetup) -> tuple[float, float]:
     """Return σ of an angle [rad] and of the range [m] of a corner, by closed forms."""
-    closed, scanner = ClosedForms(setting.scenario), setting.scenario.scanner
+    closed, scanner = setting.closed, setting.scenario.scanner
     sensor = scanner.position_sensor
     squares = []
     _, (ranges, thetas, phis) = _array(setting)
@@ -268,4 +269,6 @@ POSE = Law(
     _posed,
     _measure_pose,
     _predict_pose,
+    exercises="peak",
+    needs=("position",),
 )

@@ -113,4 +113,5 @@ TOF_WALK = Law(
     _walks,
     _measure_walk,
     _predict_walk,
+    exercises="built-in",
 )

@@ -36,7 +36,8 @@ def _fitting(setting: ComparisonSetup) -> str:
         return "the scenario ranges by time of flight alone"
     if scenario.processing.validation.mixed is None or not scenario.processing.validation.uneven:
         return "processing.validation.mixed or uneven is switched off"
-    if scenario.processing.peak != "maximum_likelihood" and scenario.processing.bias_correction == "none":
+    corrected = scenario.processing.bias_correction != "none" or setting.own_peak
+    if scenario.processing.peak != "maximum_likelihood" and not corrected:
         return f"{scenario.processing.peak} has a systematic error of its own"
     return ""
 
@@ -99,4 +100,5 @@ UNEVEN = Law(
     _fitting,
     _measure,
     _predict,
+    exercises="peak",
 )

@@ -16,7 +16,7 @@ from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.frames import rotation_about
 from scanner_sim.validation.compare import light, noise, pulses
 from scanner_sim.validation.compare import test_bench as stand
-from scanner_sim.validation.compare.closed_forms import ClosedForms
+from scanner_sim.validation.compare.closed_forms import ClosedForms, EstimatorForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
 from scanner_sim.validation.compare.instrument import echo_instrument_of
 
@@ -44,6 +44,27 @@ def test_a_plate_faces_the_beam_where_the_beam_meets_it(theta: float, phi: float
     beam = judge.scanner_axes(theta, phi)[0]
     np.testing.assert_allclose(turned[:, 2], beam, atol=1e-12)
     assert made["material"] == {"reflectance": GREY}
+
+
+def test_the_judge_asks_the_forms_of_an_estimator_that_is_not_his() -> None:
+    """Claim: σ is that of the form where there is one, else of first order by the position; without either none."""
+    moment = EstimatorForms(position=lambda line: float(line @ np.arange(line.size) / line.sum()))
+    stated = EstimatorForms(sigma=lambda line, variance: 0.25)
+    assert [moment.has("position"), moment.has("sigma")] == [True, True]
+    assert [stated.has("position"), stated.has("sigma")] == [False, True]
+    assert not EstimatorForms().has("sigma")
+    seen = ClosedForms(scenario()).facing(R, GREY)
+    variance = np.full(seen.line.size, 4.0)
+    away = np.arange(seen.line.size) - moment.position(seen.line)
+    first = 2.0 * np.sqrt(np.sum(away**2)) / seen.line.sum()
+    assert ClosedForms(scenario(), moment).sigma_pixel(seen, "mine", variance) == pytest.approx(
+        first, rel=1e-6
+    )
+    assert ClosedForms(scenario(), stated).sigma_pixel(seen, "mine", variance) == 0.25
+    theirs = [
+        ClosedForms(scenario(), own).sigma_pixel(seen, "gaussian", variance) for own in (stated, moment)
+    ]
+    assert theirs[0] == theirs[1] != 0.25
 
 
 def test_shots_of_the_stand_wobble_apart() -> None:

@@ -1,0 +1,52 @@
+"""A Python function of the user's own, named on the command line and nowhere else.
+
+No file names one, so that opening a scenario, a plan or a result of somebody else's runs no code.
+"""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from scanner_sim.foundation.errors import InputError
+
+
+@dataclass(frozen=True)
+class OwnFunction:
+    """A function by its name, ``module:function``, and the folder in which the module is looked for first."""
+
+    name: str
+    folder: str
+
+    @property
+    def short(self) -> str:
+        """Name of the function without its module."""
+        return self.name.partition(":")[2]
+
+    def load(self) -> Callable[..., Any]:
+        """Return the function.
+
+        Raises
+        ------
+        InputError
+            If there is no such module or function.
+        """
+        module, _, function = self.name.partition(":")
+        if not module or not function.isidentifier():
+            raise InputError(
+                f"'{self.name}' is not MODULE:FUNCTION.", remedy="Write for example my_module:my_function."
+            )
+        if self.folder not in sys.path:
+            sys.path.insert(0, self.folder)
+        try:
+            found = getattr(importlib.import_module(module), function, None)
+        except ImportError as error:
+            raise InputError(
+                f"the module {module} cannot be imported: {error}.", remedy="Start where it lies."
+            ) from None
+        if not callable(found):
+            raise InputError(f"the module {module} has no function {function}.", remedy="Check its name.")
+        return found  # type: ignore[no-any-return]

@@ -1,0 +1,238 @@
+"""Estimators of the user's own: what is registered, what is refused, and what they are told."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from typing import Any
+
+import drjit.auto.ad as auto
+import numpy as np
+import own_estimators
+import pytest
+from scipy.special import ndtr
+
+from scanner_sim import InputError, ScenarioError, load_scenario, register_peak, register_pulse, simulate
+from scanner_sim.config import resolved_yaml, scenario_from_text
+from scanner_sim.detector.photodiode.pulse_response import PulseResponse
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.optics.pulse import Pulse
+from scanner_sim.signals.line.own_peak import KnownLines
+from scanner_sim.signals.own import estimated
+from scanner_sim.signals.processing import PEAKS
+from scanner_sim.signals.waveform.filter import Noise, SampledPulse, moments_of
+from scanner_sim.signals.waveform.own_pulse import KnownRecords
+from scanner_sim.signals.waveform.settings import PULSES
+
+
+@pytest.fixture(autouse=True)
+def _forgotten() -> Iterator[None]:
+    PEAKS.clear()
+    PULSES.clear()
+    yield
+    PEAKS.clear()
+    PULSES.clear()
+
+
+def _mine(lines: Any, known: Any) -> Any:
+    return np.full(len(lines), 5.0), np.ones(len(lines)), np.zeros(len(lines), dtype=int)
+
+
+def _other(lines: Any, known: Any) -> Any:
+    return _mine(lines, known)
+
+
+@pytest.mark.parametrize(
+    ("register", "taken"), [(register_peak, "gaussian"), (register_pulse, "leading_edge")]
+)
+def test_a_name_belongs_to_one_function(register: Callable[..., None], taken: str) -> None:
+    """Claim: the same call twice does nothing; another function, a name of the program and what is none are refused."""
+    register("mine", _mine)
+    register("mine", _mine)
+    for name, function, word in (
+        ("mine", _other, "another function"),
+        (taken, _mine, "of the program"),
+        ("my peak", _mine, "no name"),
+        ("../x", _mine, "no name"),
+        ("late", 3, "no function"),
+    ):
+        with pytest.raises(InputError, match=word):
+            register(name, function)
+
+
+@pytest.mark.parametrize(
+    ("register", "key", "call"),
+    [
+        (register_peak, "processing.peak", "register_peak"),
+        (register_pulse, "processing.pulse.timing", "register_pulse"),
+    ],
+)
+def test_a_scenario_names_what_is_registered(
+    repo_root: Any, register: Callable[..., None], key: str, call: str
+) -> None:
+    """Claim: an unknown name is one fault with key, names and the call; a scenario that was stored still opens."""
+    path = repo_root / "configs" / "plane.yaml"
+    register("known", _mine)
+    with pytest.raises(ScenarioError) as refused:
+        load_scenario(path, [f"{key}=mine"])
+    (fault,) = refused.value.faults
+    assert fault.location.startswith(key)
+    assert call in fault.remedy
+    assert "MODULE:FUNCTION" in fault.remedy
+    assert "known" in fault.remedy
+    register("mine", _mine)
+    scenario = load_scenario(path, [f"{key}=mine"])
+    assert pickle.loads(pickle.dumps(scenario)) == scenario
+    text = resolved_yaml(scenario)
+    assert scenario_from_text(text, name="it") == scenario
+    PEAKS.clear()
+    PULSES.clear()
+    assert scenario_from_text(text, name="it", stored=True) == scenario
+    with pytest.raises(ScenarioError):
+        scenario_from_text(text, name="it")
+    with pytest.raises(ScenarioError, match="no estimator"):
+        scenario_from_text(text.replace("mine", "m/ne"), name="it", stored=True)
+
+
+def test_a_stored_scenario_is_refused_when_it_is_simulated_again(small_scenario: str) -> None:
+    text = f"{small_scenario}processing: {{peak: mine}}\n"
+    with pytest.raises(InputError, match="no estimator 'mine' is registered"):
+        simulate(scenario_from_text(text, name="it", stored=True), device="cpu")
+
+
+def test_the_programs_correction_is_not_for_others(repo_root: Any) -> None:
+    register_peak("mine", _mine)
+    with pytest.raises(ScenarioError, match="bias_correction: none"):
+        load_scenario(
+            repo_root / "configs/plane.yaml", ["processing.peak=mine", "processing.bias_correction=computed"]
+        )
+
+
+GOOD = np.zeros(3), np.ones(3), np.zeros(3, dtype=int)
+
+
+@pytest.mark.parametrize(
+    ("returned", "word"),
+    [
+        (None, "NoneType, not three"),
+        (GOOD[:2], "tuple, not three"),
+        ((np.zeros(4), *GOOD[1:]), r"\(4,\)"),
+        ((np.zeros((3, 1)), *GOOD[1:]), r"\(3, 1\)"),
+        ((["a", "b", "c"], *GOOD[1:]), "no arrays"),
+        ((*GOOD[:2], np.zeros(3, dtype=bool)), "no code"),
+        ((*GOOD[:2], np.zeros(3)), "no code"),
+        ((*GOOD[:2], np.array([0, 1, 99])), "no code"),
+        ((np.array([0.0, np.nan, np.inf]), *GOOD[1:]), "not finite, 2 of 3"),
+        ((GOOD[0], np.array([1.0, np.nan, 1.0]), GOOD[2]), "σ is no number of 0 or more, 1 of 3"),
+        ((GOOD[0], np.array([1.0, -1.0, 1.0]), GOOD[2]), "σ is no number"),
+    ],
+)
+def test_nonsense_is_one_fault_that_names_the_estimator(returned: Any, word: str) -> None:
+    with pytest.raises(InputError, match=word) as refused:
+        estimated("mine", lambda: returned, 3)
+    assert "'mine'" in str(refused.value)
+    assert refused.value.remedy
+
+
+def test_an_estimator_that_fails_is_one_fault() -> None:
+    def failing() -> None:
+        raise ZeroDivisionError("so it is")
+
+    with pytest.raises(InputError, match="'mine' fails: ZeroDivisionError: so it is"):
+        estimated("mine", failing, 3)
+
+
+def test_what_is_not_valid_has_no_position() -> None:
+    place, sigma, status = estimated(
+        "mine", lambda: ([1, np.nan], [np.nan, -1.0], [Status.AMBIGUOUS, Status.SATURATED]), 2
+    )
+    assert np.isnan(place).all()
+    assert np.isnan(sigma).all()
+    assert status.tolist() == [3, 2]
+
+
+def test_a_position_lies_on_the_line(small_scenario: str) -> None:
+    """Claim: −1/2 to the last pixel's edge, else one fault."""
+    register_peak("mine", lambda lines, known: (np.full(len(lines), 255.6), *_mine(lines, known)[1:]))
+    with pytest.raises(InputError, match="'mine' returns valid positions outside of the line, 0 to 255"):
+        simulate(scenario_from_text(f"{small_scenario}processing: {{peak: mine}}\n", name="it"), device="cpu")
+
+
+def test_a_delay_lies_in_the_record(small_scenario: str) -> None:
+    register_pulse("mine", lambda records, known: (np.ones(len(records)), *_mine(records, known)[1:]))
+    text = f"{small_scenario}ranging: tof\nprocessing: {{pulse: {{timing: mine}}}}\n"
+    with pytest.raises(InputError, match="'mine' returns valid delays outside of the record"):
+        simulate(scenario_from_text(text, name="it"), device="cpu")
+
+
+@pytest.mark.usefixtures("device")
+def test_sigma_with_speckle_is_that_of_the_programs_estimators(small_scenario: str) -> None:
+    """Claim: Σ over the modes of speckle is the one of ``SpotSpeckle`` to single precision, wherever the spot lies."""
+    instrument = Instrument(scenario_from_text(small_scenario, name="it"), device="cpu")
+    line = instrument.triangulation
+    position, theta = np.array([20.3, 57.5, 130.9]), np.array([0.0, 0.1, -0.2])
+    steps, whole = np.arange(-3, 4), 3e6
+    slope = np.cos(steps[:, None] + np.arange(3))
+    gradient, centre = np.zeros((3, 256)), np.rint(position).astype(int)
+    gradient[np.arange(3)[:, None], centre[:, None] + steps] = slope.T
+    speckle = line.expected_speckle()
+    known = KnownLines(1.0, 0.0, 0.0, 1.0, 6.0, theta, np.zeros((3, 256)), np.zeros(0), line.spot, speckle)
+    sine, cosine = (auto.Float(of(theta)) for of in (np.sin, np.cos))
+    spot = speckle.about(line.spot, auto.Int32(centre), sine, cosine)
+    shift, sigma = auto.Float(position - centre), known.spot_sigma(position)
+    # Charges whose sum is the share of the spot that the steps hold.
+    share = ndtr((3.5 - position + centre) / sigma) - ndtr((-3.5 - position + centre) / sigma)
+    charges = {int(step): auto.Float(whole * share / steps.size) for step in steps}
+    slopes = {int(step): auto.Float(row) for step, row in zip(steps, slope, strict=True)}
+    wanted = spot.propagated_variance(slopes, charges, shift).numpy()
+    got = known.position_sigma(gradient, position, np.full(3, whole)) ** 2
+    np.testing.assert_allclose(got, wanted, rtol=3e-5)
+    few = replace(known, theta=theta[:1], variance=known.variance[:1])
+    assert (
+        few.position_sigma(gradient[:1], position[:1], np.full(1, whole)) ** 2 == got[0]
+    )  # beside any other
+
+
+def test_sigma_of_a_delay_is_that_of_correlated_noise() -> None:
+    """Claim: with amplifier and converter noise it is the variance that the matched filter's moments have."""
+    noise, rate = Noise(coloured=4.0, white=1.0, per_current=0.0, sigma=1.3), 2e9
+    shape = SampledPulse(
+        PulseResponse.of(Pulse(shape="gaussian", width=2e-9, peak_power=1e3, repetition_rate=2e4), rate), 1.3
+    )
+    weights = np.cos(np.arange(9.0))[None]
+    moments = moments_of(weights, noise, shape, np.zeros(1))
+    wanted = 4.0 * moments.coloured[0] + moments.white[0]
+    time, gradient = np.arange(40) / rate, np.zeros((1, 40))
+    gradient[0, 11:20] = weights
+    known = KnownRecords(time, 1.0, np.zeros(0), np.ones(1), np.array([4.0]), noise, shape)
+    got = known.delay_sigma(gradient, np.ones((1, 40)))
+    np.testing.assert_allclose(got**2, wanted, rtol=1e-12)
+    known = KnownRecords(time, 1.0, np.zeros(0), np.ones(2), np.full(2, 4.0), noise, shape)
+    both = np.concatenate([gradient, np.roll(gradient, 9, axis=1)])
+    assert known.delay_sigma(both, np.ones((2, 40)))[0] == got[0]  # beside any other, to the bit
+    assert known.pulse(shape.summit / rate) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_the_numbers_given_are_the_instruments(small_scenario: str) -> None:
+    """Claim: lines are charges above the dark level, with the instrument's numbers; no argument holds the truth."""
+    seen: dict[str, Any] = {}
+
+    def spy(lines: Any, known: Any) -> Any:
+        seen.update(lines=lines, known=known)
+        return own_estimators.centroid(lines, known)
+
+    register_peak("spy", spy)
+    scenario = scenario_from_text(f"{small_scenario}processing: {{peak: spy}}\n", name="it")
+    image = simulate(scenario, device="cpu")
+    known, sensor = seen["known"], scenario.scanner.position_sensor
+    assert seen["lines"].shape == known.variance.shape == known.saturated.shape == (48, sensor.pixels)
+    assert seen["lines"].dtype == np.float64
+    assert (known.gain, known.pitch, known.read_noise) == (
+        sensor.electrons_per_number, sensor.pitch, sensor.read_noise,
+    )  # fmt: skip
+    steps = (seen["lines"] + known.dark) / known.gain
+    np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
+    np.testing.assert_allclose(np.sort(image["peak_px"].ravel()), np.sort(
+        own_estimators.centroid(seen["lines"], known)[0]), rtol=2.0**-23)  # fmt: skip
