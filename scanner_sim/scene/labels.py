@@ -30,6 +30,10 @@ class Labels(Part):
     materials: Numbers = Field(default={}, examples=[{"z93_white": 1, "paint": 2}])
     """Numbers of ``truth.material`` by the names of materials: of the library, or ``name`` of one's own."""
 
+    def __hash__(self) -> int:
+        """Return the same for equal labels: scenarios are keys of caches."""
+        return hash((frozenset(self.objects.items()), frozenset(self.materials.items())))
+
     def cross_checks(self) -> Iterator[Fault]:
         """Yield names that no line can hold, and numbers that are given twice."""
         for key, numbers in (("objects", self.objects), ("materials", self.materials)):
