@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scanner_sim.detector.encoders import reading_normals
 from scanner_sim.foundation.device_types import Float, Mask, UInt32, UInt64
 from scanner_sim.foundation.streams import RunSeeds, device_seeds
-from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows
+from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows, seen_by
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.triangulation import LineReadings
@@ -61,8 +61,8 @@ class FrozenInstrument:
 
     Notes
     -----
-    Patterns under the Sun, whose windows of the background are each run's own, are launched one after the other. Time
-    of flight, and light of several bounces, are measured by the instrument itself, with the same windows.
+    Time of flight, and light of several bounces, are measured by the instrument itself, pattern after pattern, with the
+    same windows of the background.
     """
 
     def __init__(self, *runs: Instrument) -> None:
@@ -111,8 +111,7 @@ class FrozenInstrument:
         count, points = len(own), len(aim.shot) // len(own)
         if count == 1:
             return self._measured(aim, own)
-        alone = self.windows or not self.fast
-        most = 1 if alone else max(1, _MOST_SHOTS // points)
+        most = max(1, _MOST_SHOTS // points) if self.fast else 1
         parts = []
         for first in range(0, count, most):
             rows = np.arange(first, min(first + most, count))
@@ -125,12 +124,14 @@ class FrozenInstrument:
 
     def _measured(self, aim: Aim, run: Numbers) -> Samples:
         """Return what is measured of patterns in one launch."""
-        windows, instrument = self._windows[run[0]], self.instrument
-        seen = [own.seen_by(aim) for own in windows]
+        instrument, scanner, count = self.instrument, self.instrument.scenario.scanner, len(aim.shot)
+        aims = [_patterns(aim, len(run), np.array([row])) for row in range(len(run))] if self.windows else []
+        seen = [
+            seen_by([self._windows[own][sensor] for own in run], aims) for sensor in range(len(self.windows))
+        ]
         if not self.fast:
-            lit = [own.panorama(window) for own, window in zip(windows, seen, strict=True)]
+            lit = [own.panorama(parts, count) for own, parts in zip(self.windows, seen, strict=True)]
             return self._runs[int(run[0])].read(aim, lit or None)
-        scanner, count = instrument.scenario.scanner, len(aim.shot)
         mirrors, duty_cycle = scanner.mirrors, scanner.exposure / scanner.dwell
         still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
         packed = packed_shots(aim, still, mirrors, duty_cycle, self._poses(aim, run))
@@ -229,7 +230,8 @@ class FrozenInstrument:
         window: WindowArrays,
     ) -> LineReadings:
         """Return what the line tells of patterns."""
-        panorama = self.windows[0].panorama(window) if self.windows else None
+        patterns = dr.width(seeds)
+        panorama = self.windows[0].panorama(window, shots // patterns) if self.windows else None
         light = Light(dr.arange(mi.UInt32, shots), fired.shots.number, *clusters)
         incident, _, peaks = self.instrument.triangulation.sense(
             light, fired.shots, truth, fired.aimed, panorama, fixed_size=True, seeds=RunSeeds.of(seeds, shots)

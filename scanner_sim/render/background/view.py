@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
 
 import drjit as dr
 import mitsuba as mi
@@ -68,6 +68,7 @@ class PanoramaView:
     bins: int
     time: NDArray[np.float64] | None = None
     between: bool = False
+    start: ClassVar[None] = None
 
     @property
     def rows(self) -> int:
@@ -118,7 +119,9 @@ class Window:
     step, row_step
         Angle of a bin, and between rows [rad].
     heights
-        Quantiles of the height, Dr.Jit: :func:`window_heights`.
+        Quantiles of the height, Dr.Jit: :func:`window_heights`. Only to render it.
+    start
+        Index of the first entry of its layers, Dr.Jit; None for 0.
     """
 
     first: Float
@@ -127,7 +130,8 @@ class Window:
     bins: UInt32
     step: float
     row_step: float
-    heights: Float
+    heights: Float = None
+    start: UInt32 | None = None
     time: None = None
 
     def lattice(self) -> tuple[Float, Float, Float]:
@@ -145,15 +149,31 @@ class Window:
         return dr.clip(at, 0.0, mi.Float(self.rows) - 1.0)
 
 
+@dataclass
+class WindowsBeside:
+    """Windows of patterns, whose layers lie one after the other.
+
+    ``windows`` with a Dr.Jit entry for each pattern, and the number of ``shots`` of each.
+    """
+
+    windows: Window
+    shots: int
+
+    def at(self, index: UInt32) -> Window:
+        """Return the window of each shot, by their indices."""
+        own, pattern = self.windows, index // dr.opaque(mi.UInt32, self.shots)
+        names = ("first", "phi", "rows", "bins", "start")
+        columns = (getattr(own, name) for name in names)
+        taken = {
+            name: dr.gather(type(values), values, pattern)
+            for name, values in zip(names, columns, strict=True)
+        }
+        return replace(own, **taken)
+
+
 def counted(number: int | UInt32, kind: Any = None) -> UInt32:
     """Return a number of rows, bins or samples as a Dr.Jit array: a kernel is then that of any number."""
     return number if dr.is_array_v(number) else dr.opaque(mi.UInt32 if kind is None else kind, number)
-
-
-def window_position(first: float, phi: float, rows: int, bins: int) -> list[Any]:
-    """Return first angle, first φ [rad], rows and bins of a :class:`Window` as opaque Dr.Jit numbers."""
-    angles = (dr.opaque(mi.Float, value) for value in (first, phi))
-    return [*angles, *(dr.opaque(mi.UInt32, value) for value in (rows, bins))]
 
 
 def window_heights(layout: OpticalLayout, row_step: float) -> Float:

@@ -25,9 +25,8 @@ from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import BeamletTables, OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
 
-_FEWEST, _PARTS = 16, 8
-"""Lanes for shots that are traced again are powers of two from the first number on, or eighths of the next one where
-that is no less: few numbers make few recordings."""
+_FEWEST, _PARTS = 16, 4
+"""Lanes for shots that are traced again, at least, and in how many steps their number doubles: few make few recordings."""
 
 
 @dataclass
@@ -75,9 +74,9 @@ def probe_pattern(
 def lanes_again(footprint: NDArray[np.uint32]) -> tuple[UInt32, Mask]:
     """Return the indices of the shots that are traced again, filled up with the first, and which of them there are."""
     uneven = np.flatnonzero(footprint)
-    most = max(_FEWEST, 1 << (len(uneven) - 1).bit_length())
-    part = most if most <= _FEWEST * _PARTS else most // _PARTS
-    lanes = part * max(1, -(-len(uneven) // part))
+    octave = (max(len(uneven), _FEWEST) - 1).bit_length() - 1
+    step = max(_FEWEST, 1 << octave) // _PARTS
+    lanes = max(_FEWEST, step * -(-len(uneven) // step))
     index, real = np.zeros(lanes, dtype=np.uint32), np.arange(lanes) < len(uneven)
     index[: len(uneven)] = uneven
     return mi.UInt32(for_device(index, np.uint32)), mi.Bool(for_device(real, np.bool_))
