@@ -1,7 +1,7 @@
 """The time of a visit where so many runs go side by side: the part of benchmarks/tracking.py that any checkout can run.
 
-Run as ``python benchmarks/turns.py RUNS [--lit] [--threads N]`` with the checkout first on ``PYTHONPATH``. Prints processor time
-and time by the clock of a visit [ms], the least of some turns, as JSON.
+Run as ``python benchmarks/turns.py RUNS [--lit] [--threads N]`` with the checkout first on ``PYTHONPATH``. Prints
+processor time and time by the clock of a visit [ms], the least of some turns, as JSON.
 """
 
 from __future__ import annotations

@@ -32,7 +32,7 @@ from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 Array = NDArray[np.float64]
 
 _DITHER = np.array([-0.5, 0.5]) / np.sqrt(3.0)
-"""Places in ±½ whose mean is that over all to the third order (Gauss): a dwell's way is hardly longer than the beam is wide."""
+"""Places in ±½ whose mean is that over all to the third order (Gauss): ways are hardly longer than the beam is wide."""
 _REACH_RADII = 2.5
 """Radii of the beam beyond which two points have nothing in common, 2e-3."""
 _NEGLIGIBLE_SHARE = 0.01

@@ -90,8 +90,8 @@ class Windows:
     def panorama(self, parts: WindowArrays, shots: int) -> Panorama:
         """Return the panorama of what :func:`seen_by` returned, for patterns of so many shots."""
         first, phi, rows, bins, start, *layers = parts
-        windows = Window(first, phi, rows, bins, self.step, self.row_step, start=start)
-        return Panorama(WindowsBeside(windows, shots), *layers)
+        windows = WindowsBeside(first, phi, rows, bins, self.step, self.row_step, start=start, shots=shots)
+        return Panorama(windows, *layers)
 
     def layers(self, key: Key) -> list[Float]:
         """Return the layers of a window's panorama, rendered when they are first asked for."""
@@ -160,7 +160,7 @@ class Windows:
         poses = loaded.poses_at(middle((slot, halvings))) if loaded.bodies else ()
         scenario = self._instrument.scenario
         seed = device_seeds([scenario.transport.light_seed(scenario.seed)])
-        return self._renderer(rows, bins)(reads, corner, poses, seed)
+        return list(self._renderer(rows, bins)(reads, corner, poses, seed))
 
     def _renderer(self, rows: int, bins: int) -> Frozen:
         """Return the frozen kernels that render windows of a size."""

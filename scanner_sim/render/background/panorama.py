@@ -67,13 +67,13 @@ _TWO = tuple(round(2**32 * 1.324717957244746**-power) for power in (1, 2))
 
 @dataclass
 class Panorama:
-    """Radiance per unit of the Sun's irradiance [1/sr], Dr.Jit arrays: entry row · bins + bin, of windows behind a start.
+    """Radiance per unit of the Sun's irradiance [1/sr], Dr.Jit arrays: entry row · bins + bin behind a view's start.
 
     ``in_band`` and ``out_of_band``; ``error`` and ``error_out`` are the standard errors of their means over a window
     of 200 µm about the bin.
     """
 
-    view: PanoramaView | Window | WindowsBeside
+    view: PanoramaView | Window
     in_band: Float
     out_of_band: Float
     error: Float

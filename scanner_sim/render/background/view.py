@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import drjit as dr
@@ -150,25 +150,21 @@ class Window:
 
 
 @dataclass
-class WindowsBeside:
-    """Windows of patterns, whose layers lie one after the other.
+class WindowsBeside(Window):
+    """Windows of patterns, whose layers lie one after the other: Dr.Jit entries for each pattern.
 
-    ``windows`` with a Dr.Jit entry for each pattern, and the number of ``shots`` of each.
+    ``shots`` is the number of shots of each.
     """
 
-    windows: Window
-    shots: int
+    shots: int = 1
 
     def at(self, index: UInt32) -> Window:
         """Return the window of each shot, by their indices."""
-        own, pattern = self.windows, index // dr.opaque(mi.UInt32, self.shots)
-        names = ("first", "phi", "rows", "bins", "start")
-        columns = (getattr(own, name) for name in names)
-        taken = {
-            name: dr.gather(type(values), values, pattern)
-            for name, values in zip(names, columns, strict=True)
-        }
-        return replace(own, **taken)
+        pattern = index // dr.opaque(mi.UInt32, self.shots)
+        first, phi = (dr.gather(mi.Float, values, pattern) for values in (self.first, self.phi))
+        columns = (self.rows, self.bins, self.start)
+        rows, bins, start = (dr.gather(mi.UInt32, values, pattern) for values in columns)
+        return Window(first, phi, rows, bins, self.step, self.row_step, start=start)
 
 
 def counted(number: int | UInt32, kind: Any = None) -> UInt32:

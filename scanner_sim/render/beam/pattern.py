@@ -1,8 +1,8 @@
 """The laser's light of patterns: shots in kernels that are recorded once, so that no array's size may depend on light.
 
-As in a raster (:mod:`scanner_sim.render.beam.splitter`) a few beamlets probe what each beam meets and carry the light of
-smooth ground; the other shots are traced again with many. How many these are the host must know: between both steps it
-reads what the probes tell, and fills the indices up to one of a few numbers of lanes.
+As in a raster (:mod:`scanner_sim.render.beam.splitter`) a few beamlets probe what each beam meets and carry the light
+of smooth ground; the other shots are traced again with many. How many these are the host must know: between both steps
+it reads what the probes tell, and fills the indices up to one of a few numbers of lanes.
 """
 
 from __future__ import annotations
@@ -26,7 +26,8 @@ from scanner_sim.render.transport import BeamletTables, OpticalLayout
 from scanner_sim.scene.files.loader import LoadedScene
 
 _FEWEST, _PARTS = 16, 4
-"""Lanes for shots that are traced again, at least, and in how many steps their number doubles: few make few recordings."""
+"""Lanes for shots that are traced again, at least, and in how many steps their number doubles: few are few
+recordings."""
 
 
 @dataclass
@@ -67,7 +68,13 @@ def probe_pattern(
     probed = probe_beams(loaded, projection, probe_beamlets(both_ends=True), tables.probe, shots)
     whole = probed.whole_beams(projection, every, shots.number)
     return PatternProbes(
-        probed.truth, probed.footprint, probed.reach, whole.amount, whole.position, whole.sigma, whole.coherence
+        probed.truth,
+        probed.footprint,
+        probed.reach,
+        whole.amount,
+        whole.position,
+        whole.sigma,
+        whole.coherence,
     )
 
 
