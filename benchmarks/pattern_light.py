@@ -1,10 +1,10 @@
 """How far the light of patterns errs: centres of discs against those with 2048 beamlets in every shot.
 
-Run as ``python benchmarks/pattern_light.py [--beamlets K ...] [--distances D ...] [--attitudes PITCH,YAW ...]``. Boards of
-16 discs, each in its own direction, are followed with 2048 beamlets, each with a moment of its own, in every shot; from
-each state of that run the same visit is made again with fewer, and with the same noise. Errors of Θ, φ and range are in
-units of the σ that the visit states: root mean squares and the largest; the last columns are mean z² of both against
-the truth. The table of docs/theory/light.md.
+Run as ``python benchmarks/pattern_light.py [--beamlets K ...] [--distances D ...] [--attitudes PITCH,YAW ...]``.
+Boards of 16 discs, each in its own direction, are followed with 2048 beamlets, each with a moment of its own, in every
+shot; from each state of that run the same visit is made again with fewer, and with the same noise. Errors of Θ, φ and
+range are in units of the σ that the visit states: root mean squares and the largest; the last columns are mean z² of
+both against the truth. The table of docs/theory/light.md.
 """
 
 from __future__ import annotations

@@ -14,8 +14,6 @@ from dataclasses import fields
 from functools import cached_property
 from typing import Any
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,11 +24,12 @@ from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows, se
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.triangulation import LineReadings
-from scanner_sim.render.beam.light import Light, Truth
+from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.beam.pattern import (
     PatternProbes,
     PatternTables,
     lanes_again,
+    light_of,
     pattern_light,
     probe_pattern,
 )
@@ -193,11 +192,11 @@ class FrozenInstrument:
         key = step.__name__, shots, lanes
         if key not in self._steps:
             # What the kernels read comes along as an argument, which they need not name.
-            self._steps[key] = Frozen(lambda reads, *given: step(shots, *given))
+            self._steps[key] = Frozen(lambda reads, *given: step((shots, lanes), *given))
         return self._steps[key]
 
     def _probe(
-        self, shots: int, numbers: Float, integers: UInt32, seeds: UInt64
+        self, size: tuple[int, int], numbers: Float, integers: UInt32, seeds: UInt64
     ) -> tuple[Fired, PatternProbes, list[Float]]:
         """Return the shots of patterns as they are fired, what their beams meet, and angles of shape (shots,).
 
@@ -205,6 +204,7 @@ class FrozenInstrument:
         """
         instrument = self.instrument
         mirrors, bodies = instrument.scenario.scanner.mirrors, len(instrument.loaded.bodies)
+        shots, _ = size
         own = RunSeeds.of(seeds, shots).lanes
         fired = fired_shots(numbers, integers, shots, mirrors, bodies, own)
         normals = reading_normals(fired.shots.number, own)
@@ -212,17 +212,17 @@ class FrozenInstrument:
         return fired, probes, [*fired.error, *fired.seen, *normals]
 
     def _light(
-        self, _: int, fired: Fired, probes: PatternProbes, index: UInt32, real: Mask
+        self, _: tuple[int, int], fired: Fired, probes: PatternProbes, index: UInt32, real: Mask
     ) -> tuple[Float, ...]:
         """Return the clusters of the light of patterns on the line."""
-        instrument, tables = self.instrument, self._beamlets
+        instrument = self.instrument
         return pattern_light(
-            instrument.loaded, instrument.optics, tables, fired.shots, probes, index, real
-        ).clusters
+            instrument.loaded, instrument.optics, self._beamlets, fired.shots, probes, index, real
+        )
 
     def _sense(
         self,
-        shots: int,
+        size: tuple[int, int],
         fired: Fired,
         truth: Truth,
         clusters: tuple[Float, ...],
@@ -230,9 +230,9 @@ class FrozenInstrument:
         window: WindowArrays,
     ) -> LineReadings:
         """Return what the line tells of patterns."""
-        patterns = dr.width(seeds)
+        shots, patterns = size
         panorama = self.windows[0].panorama(window, shots // patterns) if self.windows else None
-        light = Light(dr.arange(mi.UInt32, shots), fired.shots.number, *clusters)
+        light = light_of(fired.shots, clusters)
         incident, _, peaks = self.instrument.triangulation.sense(
             light, fired.shots, truth, fired.aimed, panorama, fixed_size=True, seeds=RunSeeds.of(seeds, shots)
         )

@@ -20,18 +20,22 @@ from collections.abc import Sequence
 from functools import cached_property
 from typing import TypeAlias
 
-import drjit as dr
-import mitsuba as mi
 import numpy as np
 
-from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt64
 from scanner_sim.foundation.streams import device_seeds
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_slots import TimeSlots, middle
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.sky import SkyLight, light_of
-from scanner_sim.render.background.view import Window, WindowsBeside, row_spacing, window_heights
+from scanner_sim.render.background.view import (
+    Window,
+    WindowsBeside,
+    join_windows,
+    row_spacing,
+    window_heights,
+    window_position,
+)
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.render.rays import one_kernel, pose_scene
 from scanner_sim.render.transport import OpticalLayout
@@ -119,18 +123,11 @@ class Windows:
         if company in self._joined:
             self._joined.move_to_end(company)
             return self._joined[company]
-        keys = [key for _, key in company]
-        sizes = np.array([bins * rows for _, bins, _, rows, _, _ in keys])
-        angles = np.array([(key[0] * self.step, key[2] * self.row_step) for key in keys]).T
-        numbers = np.array([(key[3], key[1]) for key in keys]).T
-        position = [mi.Float(for_device(values)) for values in angles]
-        whole = [*numbers, np.cumsum(sizes) - sizes]
-        parts = zip(*(own.layers(key) for own, key in company), strict=True)
-        self._joined[company] = [
-            *position,
-            *(mi.UInt32(for_device(values, np.uint32)) for values in whole),
-            *(_joined(layers) for layers in parts),
+        positions = [
+            (first * self.step, row * self.row_step, rows, bins)
+            for _, (first, bins, row, rows, _, _) in company
         ]
+        self._joined[company] = join_windows(positions, [own.layers(key) for own, key in company])
         if len(self._joined) > _MOST_COMPANIES:
             self._joined.popitem(last=False)
         return self._joined[company]
@@ -156,7 +153,7 @@ class Windows:
             self.first._light,
             self.first._heights,
         ]
-        corner = [dr.opaque(mi.Float, value) for value in (first * self.step, first_row * self.row_step)]
+        corner = window_position(first * self.step, first_row * self.row_step)
         poses = loaded.poses_at(middle((slot, halvings))) if loaded.bodies else ()
         scenario = self._instrument.scenario
         seed = device_seeds([scenario.transport.light_seed(scenario.seed)])
@@ -201,19 +198,6 @@ def seen_by(windows: Sequence[Windows], aims: Sequence[Aim]) -> WindowArrays:
     ``windows`` of one sensor in the run of each pattern, and the ``aims`` of these.
     """
     return windows[0].first.join(tuple((own, own.key(aim)) for own, aim in zip(windows, aims, strict=True)))
-
-
-def _joined(layers: Sequence[Float]) -> Float:
-    """Return arrays one behind the other; ``dr.concat`` would compile a kernel for each size."""
-    if len(layers) == 1:
-        return layers[0]
-    both, start = dr.empty(mi.Float, sum(dr.width(layer) for layer in layers)), 0
-    for layer in layers:
-        at = dr.arange(mi.UInt32, dr.width(layer)) + dr.opaque(mi.UInt32, start)
-        dr.scatter(both, layer, at, mode=dr.ReduceMode.Permute)
-        start += dr.width(layer)
-    dr.eval(both)
-    return both
 
 
 def _span(low: float, high: float, step: float, quantum: int, together: int) -> tuple[int, int]:

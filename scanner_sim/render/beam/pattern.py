@@ -97,7 +97,7 @@ def pattern_light(
     probes: PatternProbes,
     index: UInt32,
     real: Mask,
-) -> Light:
+) -> tuple[Float, ...]:
     """Follow the laser's light of a pattern's shots onto the line.
 
     Parameters
@@ -111,8 +111,8 @@ def pattern_light(
 
     Returns
     -------
-    Light
-        Of all shots, in their order. Light that met several surfaces is not in it.
+    tuple
+        The clusters of all shots, in their order, for :func:`light_of`. Light that met several surfaces is not in it.
     """
     own, projection = shots.take(index), LineProjection(layout)
     dr.eval(own)
@@ -129,4 +129,9 @@ def pattern_light(
         dr.scatter(column, getattr(again, name), to, there, mode=dr.ReduceMode.Permute)
         columns.append(column)
     dr.eval(columns)
-    return Light(shot, shots.number, *columns)
+    return tuple(columns)
+
+
+def light_of(shots: Shots, clusters: tuple[Float, ...]) -> Light:
+    """Return the light of all shots of patterns in clusters."""
+    return Light(dr.arange(mi.UInt32, dr.width(shots.theta)), shots.number, *clusters)

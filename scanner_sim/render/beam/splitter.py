@@ -153,7 +153,7 @@ def probe_beams(
 ) -> Probed:
     """Probe what the beams of shots meet.
 
-    ``probe`` is one of :func:`~scanner_sim.render.beam.beamlets.probe_beamlets`, and ``tables`` are those on the device.
+    ``probe`` is one of :func:`~scanner_sim.render.beam.beamlets.probe_beamlets`, and ``tables`` hold it on the device.
     """
     returns = trace_returns(loaded, projection, tables, shots)
     dr.eval(returns)
