@@ -6,7 +6,8 @@ Run as ``python benchmarks/tracking.py [--only minute|speed|accuracy|cost|runs] 
 errors. "speed": a disc of 100 mm at 10 m accelerates over the field, until it is lost: at what speed, for one target
 and for one of four. "accuracy": error of a single pattern against diameter, range and the pattern's amplitude. "cost":
 processor time of a visit in one thread, with and without the Sun, and of its parts; "runs": that of a visit where 1, 8
-and 64 runs go side by side. With another checkout of the program both in turns, and the ratios.
+and 64 runs go side by side, and how many patterns that makes a second by the clock. With another checkout of the
+program both in turns, and the ratios.
 """
 
 from __future__ import annotations
@@ -33,7 +34,6 @@ from scanner_sim.instrument.closed_loop import target_sensor as sensor_module
 from scanner_sim.instrument.closed_loop import tracker as tracker_module
 from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.closed_loop.records import Recorder
-from scanner_sim.instrument.closed_loop.saved_state import first_state
 from scanner_sim.products.pictures.style import FAINT, house_style, save
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
@@ -43,6 +43,7 @@ Array = NDArray[np.float64]
 
 PICTURE = Path(__file__).resolve().parents[1] / "docs" / "pictures" / "loss_of_track.png"
 COLOURS = ("#0b4f8a", "#b4331a", "#d08a1d")
+TURNS = Path(__file__).with_name("turns.py")
 SUN = {"sun": {"direction": [-0.35, -0.45, -0.8]}, "earth": {"direction": [0.0, 1.0, 0.0]}}
 
 
@@ -254,50 +255,32 @@ def cost(console: Console, against: Path | None = None) -> None:
         console.print(table)
 
 
-def turns_of_runs(count: int, lit: bool, turns: int) -> float:
-    """Return the processor time [ms] of a visit in one thread, where so many runs go side by side: the least."""
-    dr.set_thread_count(1)
-    light = {"lighting": SUN} if lit else {}
-    known = [scenario({"position": [0.0, 0.0, 10.0]}, seed=seed, **light) for seed in range(count)]
-    if count == 1:
-        tracker = Tracker(known[0])
-
-        def turn() -> None:
-            next(tracker)
-    else:
-        module = importlib.import_module("scanner_sim.instrument.closed_loop.visits")
-        visits, runs = module.Visits(known), range(count)
-        states = [first_state(run.targets, run.following.tracker) for run in known]
-
-        def turn() -> None:
-            states[:] = [state for _, state in visits.after(states, runs)]
-
-    taken = []
-    for _ in range(6 + turns):
-        begun = time.process_time()
-        turn()
-        taken.append(time.process_time() - begun)
-    return 1e3 * min(taken[6:]) / count
+def turn_of(side: Path, count: int, lit: bool, threads: int) -> dict[str, float]:
+    """Return times of a visit [ms] in a checkout where so many runs go side by side."""
+    script = [sys.executable, str(TURNS), str(count), f"--threads={threads}", *(["--lit"] if lit else [])]
+    environment = os.environ | {"PYTHONPATH": str(side)}
+    done = subprocess.run(script, env=environment, capture_output=True, text=True, check=True)
+    return dict(json.loads(done.stdout))
 
 
 def runs_together(console: Console, against: Path | None = None) -> None:
     """Time visits of runs side by side, and those of one run in another checkout, in turns: the least of three."""
+    here = Path(__file__).resolve().parents[1]
+    cases = [(here, count) for count in (1, 8, 64)] + ([] if against is None else [(against.resolve(), 1)])
     for lit in (False, True):
-        here = Path(__file__).resolve().parents[1]
-        cases = [(here, count) for count in (1, 8, 64)] + (
-            [] if against is None else [(against.resolve(), 1)]
-        )
-        least = [float("inf")] * len(cases)
+        least = np.full((len(cases), 2), np.inf)
         for _ in range(3):
             for place, (side, count) in enumerate(cases):
-                script = [sys.executable, __file__, "--together", str(count), *(["--lit"] if lit else [])]
-                environment = os.environ | {"PYTHONPATH": str(side)}
-                done = subprocess.run(script, env=environment, capture_output=True, text=True, check=True)
-                least[place] = min(least[place], float(done.stdout))
-        table = Table("Sun and Earth" if lit else "dark", "ms a visit", "visits/s of two cores", "ratio")
-        for (side, count), taken in zip(cases, least, strict=True):
+                taken = turn_of(side, count, lit, 1)["cpu"], turn_of(side, count, lit, 2)["clock"]
+                least[place] = np.minimum(least[place], taken)
+        table = Table(
+            "Sun and Earth" if lit else "dark", "CPU of a visit", "ratio", "patterns/s, two threads", "ratio"
+        )
+        ratios = least[-1] / least
+        for (side, count), taken, ratio in zip(cases, least, ratios, strict=True):
             name = f"{count} together" if side == here else "before, one alone"
-            table.add_row(name, f"{taken:.2f}", f"{2e3 / taken:.0f}", f"{least[-1] / taken:.2f}")
+            cells = f"{taken[0]:.2f} ms", f"{ratio[0]:.2f}", f"{1e3 / taken[1]:.0f}", f"{ratio[1]:.2f}"
+            table.add_row(name, *cells)
         console.print(table)
 
 
@@ -310,12 +293,7 @@ def main() -> None:
         "--against", type=Path, help="another checkout of the program, to which costs are compared"
     )
     parser.add_argument("--parts", choices=["dark", "lit"], help="print the cost of a visit's parts as JSON")
-    parser.add_argument("--together", type=int, help="print the cost of a visit of so many runs side by side")
-    parser.add_argument("--lit", action="store_true", help="under the Sun")
     chosen = parser.parse_args()
-    if chosen.together:
-        print(turns_of_runs(chosen.together, chosen.lit, max(4, 100 // chosen.together)))
-        return
     if chosen.parts:
         print(json.dumps(parts_of_a_visit(chosen.parts == "lit")))
         return

@@ -111,6 +111,7 @@ def field_light(
         return dr.zeros(mi.Float, dr.width(shots.theta))
     weights = [dr.opaque(mi.Float, part / _BINS) for part in collected]
     place_of_all = dr.arange(mi.UInt32, dr.width(shots.theta))
+    panorama = panorama.seen_by(place_of_all)
     row, power = panorama.view.row(shots, place_of_all, columns), mi.Float(0.0)
     for part in range(_BINS):
         position = field.side * ((part + 0.5) / _BINS - 0.5) - field.aside

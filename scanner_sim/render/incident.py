@@ -149,8 +149,12 @@ class Incident:
             return dr.gather(mi.Float, self.known.power, index * pixels + pixel, pixel < pixels)
         if self.panorama is None:
             return dr.zeros(mi.Float, dr.width(pixel))
+        return self._background(self.panorama.seen_by(index), pixel, index)
+
+    def _background(self, panorama: Panorama, pixel: UInt32, index: UInt32) -> Float:
+        """Return the background's power [W] of a panorama as the shots see it."""
         in_band, out_of_band = (
-            self._look_up(layer, pixel, index) for layer in (self.panorama.in_band, self.panorama.out_of_band)
+            self._look_up(panorama, layer, pixel, index) for layer in (panorama.in_band, panorama.out_of_band)
         )
         return in_band * self._at_pixel(self.throughput.in_band, pixel) + out_of_band * self._at_pixel(
             self.throughput.out_of_band, pixel
@@ -200,13 +204,15 @@ class Incident:
         reach = math.ceil(0.5 * self.throughput.window + 1.0)
         (end,) = beside(centre, 0.5 * self.throughput.window + 0.5)
         window, gain, gain_out = mi.Float(0.0), mi.Float(0.0), mi.Float(0.0)
+        panorama = None if self.panorama is None else self.panorama.seen_by(index)
         for step in range(-reach, reach + 1):
             pixel = dr.round(centre) + step
             apart = dr.abs(pixel - centre)
             share = dr.clip(end - apart, 0.0, 1.0)
             inside = (pixel >= 0.0) & (pixel <= last) & (share > 0.0)
             nearest_pixel = mi.UInt32(dr.clip(pixel, 0.0, last))
-            window += dr.select(inside, share * self.background(nearest_pixel, index), 0.0)
+            if panorama is not None:
+                window += dr.select(inside, share * self._background(panorama, nearest_pixel, index), 0.0)
             gain += dr.select(inside, share * self._at_pixel(self.throughput.in_band, nearest_pixel), 0.0)
             gain_out += dr.select(
                 inside, share * self._at_pixel(self.throughput.out_of_band, nearest_pixel), 0.0
@@ -220,28 +226,30 @@ class Incident:
         """Return the standard error [W] of the background in a window about a pixel; both bands err together."""
         if self.panorama is None:
             return dr.zeros(mi.Float, dr.width(index))
-        return gain * self._look_up(self.panorama.error, middle, index) + gain_out * self._look_up(
-            self.panorama.error_out, middle, index
+        panorama = self.panorama.seen_by(index)
+        error, error_out = (
+            self._look_up(panorama, layer, middle, index) for layer in (panorama.error, panorama.error_out)
         )
+        return gain * error + gain_out * error_out
 
     def _background_peak(self, index: UInt32) -> Float:
         if self.panorama is None:
             return dr.zeros(mi.Float, dr.width(index))
+        panorama = self.panorama.seen_by(index)
         return dr.while_loop(
             (mi.UInt32(0), dr.zeros(mi.Float, dr.width(index))),
             lambda pixel, background_peak: pixel < self.throughput.pixels,
             lambda pixel, background_peak: (
                 pixel + 1,
-                dr.maximum(background_peak, self.background(pixel, index)),
+                dr.maximum(background_peak, self._background(panorama, pixel, index)),
             ),
         )[1]
 
-    def _look_up(self, layer: Float, pixel: UInt32, index: UInt32) -> Float:
-        """Return a layer of the panorama where pixels look."""
-        assert self.panorama is not None
-        row = self.panorama.view.row(self.shots, index, self.columns)
+    def _look_up(self, panorama: Panorama, layer: Float, pixel: UInt32, index: UInt32) -> Float:
+        """Return a layer of a panorama, as the shots see it, where pixels look."""
+        row = panorama.view.row(self.shots, index, self.columns)
         angle = dr.gather(mi.Float, self.shots.theta, index) - self._at_pixel(self.throughput.angle, pixel)
-        return self.panorama.look(layer, row, angle)
+        return panorama.look(layer, row, angle)
 
     @staticmethod
     def _at_pixel(table: Float, pixel: UInt32) -> Float:

@@ -31,8 +31,8 @@ from scanner_sim.tracking.samples import PatternSamples, rise_per_point
 
 Array = NDArray[np.float64]
 
-_POINTS_PER_VOXEL = 3
-"""Points of the curve for each voxel: the beam is wider than the way between two of them."""
+_DITHER = np.array([-0.5, 0.5]) / np.sqrt(3.0)
+"""Places in ±½ whose mean is that over all to the third order (Gauss): ways are hardly longer than the beam is wide."""
 _REACH_RADII = 2.5
 """Radii of the beam beyond which two points have nothing in common, 2e-3."""
 _NEGLIGIBLE_SHARE = 0.01
@@ -84,41 +84,44 @@ def surface_covariance(
         Shape (patterns, 3, 3) [rad, rad, m]; at most nine tenths of the variance that the voxels tell.
     """
     result = np.zeros_like(seen.covariance)
-    if seen.sight is None:
+    rows = np.flatnonzero(seen.found & (seen.radius > 0.0))
+    if seen.sight is None or not len(rows):
         return result
     # Nothing is known of patterns that hardly show a target.
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        moved = _range_errors(samples, seen.sight, speckle)
-        for row in np.flatnonzero(seen.found & (seen.radius > 0.0)).tolist():
-            limited = _limit(_surface(seen.sight, speckle, moved, row), seen.covariance[row])
-            if np.isfinite(limited).all():
-                result[row] = limited
+        part = _surface(seen.sight, speckle, _range_errors(samples, seen.sight, speckle), rows)
+        limited = _limit(part, seen.covariance[rows])
+    known = np.isfinite(limited).all(axis=(1, 2))
+    result[rows[known]] = limited[known]
     return result
 
 
 def _limit(part: Array, whole: Array) -> Array:
-    """Return a part of a covariance, of (Θ, φ) and of R, that leaves a tenth of the whole in every direction."""
-    (a, b), (_, c) = whole[:2, :2]
-    (p, q), (_, r) = part[:2, :2]
+    """Return parts of covariances, of (Θ, φ) and of R, that leave a tenth of the whole in every direction."""
+    a, b, c = whole[:, 0, 0], whole[:, 0, 1], whole[:, 1, 1]
+    p, q, r = part[:, 0, 0], part[:, 0, 1], part[:, 1, 1]
     # The larger root λ of det(part − λ whole) = 0.
     area = a * c - b * b
     middle = 0.5 * (a * r + c * p - 2.0 * b * q) / area
     spread = middle**2 - (p * r - q * q) / area
-    largest = np.array([middle + np.sqrt(np.maximum(spread, 0.0)), part[2, 2] / whole[2, 2]])
-    scale = np.minimum(1.0, _LARGEST_SHARE / np.maximum(largest, _LARGEST_SHARE))[[0, 0, 1]]
-    return np.asarray(part * scale)
+    largest = middle + np.sqrt(np.maximum(spread, 0.0)), part[:, 2, 2] / whole[:, 2, 2]
+    angles, distance = (
+        np.minimum(1.0, _LARGEST_SHARE / np.maximum(share, _LARGEST_SHARE)) for share in largest
+    )
+    return np.asarray(part * np.stack([angles, angles, distance], axis=1)[:, None])
 
 
-def _surface(sight: Sight, speckle: SurfaceSpeckle, moved: Array, row: int) -> Array:
-    """Return :func:`surface_covariance` of a pattern as its voxels' gains give it."""
-    result, reach, radius = np.zeros((3, 3)), float(sight.plane.distance[row]), float(speckle.radius[row])
-    position, rise = reach * sight.place[row], reach * rise_per_point(sight.place[row])
+def _surface(sight: Sight, speckle: SurfaceSpeckle, moved: Array, rows: NDArray[np.intp]) -> Array:
+    """Return :func:`surface_covariance` of some patterns as their voxels' gains give it."""
+    result, radius = np.zeros((len(rows), 3, 3)), speckle.radius[rows]
+    position = sight.plane.distance[rows, None, None] * sight.place[rows]
+    rise = rise_per_point(position)
     if sight.light_gains is not None:
-        light = np.sqrt(speckle.light[row]) * sight.light_gains[row]
-        back = sight.plane.back[row]
-        result[:2, :2] = product(back, _common(position, rise, light, radius, 0.0), back.T)
-    kept = _common(position, rise, moved[row, None], radius, float(speckle.on_surface[row]))[0, 0]
-    result[2, 2] = np.maximum(kept, 0.0)
+        light, back = np.sqrt(speckle.light[rows, None]) * sight.light_gains[rows], sight.plane.back[rows]
+        shared = _common(position, rise, light, radius, np.zeros(len(rows)))
+        result[:, :2, :2] = product(back, shared, back.transpose(0, 2, 1))
+    kept = _common(position, rise, moved[rows, None], radius, speckle.on_surface[rows])
+    result[:, 2, 2] = np.maximum(kept[:, 0, 0], 0.0)
     return result
 
 
@@ -128,21 +131,38 @@ def _range_errors(samples: PatternSamples, sight: Sight, speckle: SurfaceSpeckle
     return np.asarray(sight.range_gains * np.sqrt(np.maximum(sigma**2 - noise, 0.0)))
 
 
-def _common(position: Array, rise: Array, errors: Array, radius: float, on_surface: float) -> Array:
-    """Return the covariance (k, k) that sums of voxels' errors (k, n) share with those of another dither."""
-    size = np.abs(errors).max(axis=0)
-    used = size > _NEGLIGIBLE_SHARE * size.max()
-    at, way, along = position[:, used] / radius, rise[:, used] / radius, errors[:, used]
-    reach = 0.5 * (np.hypot(way[0], way[1]) + _REACH_RADII)
+def _common(position: Array, rise: Array, errors: Array, radius: Array, on_surface: Array) -> Array:
+    """Return the covariances (p, k, k) that sums of voxels' errors (p, k, n) share with those of another dither.
+
+    ``position`` and ``rise`` of the voxels on the surfaces, shape (p, 2, n); ``radius`` and ``on_surface`` of
+    :class:`SurfaceSpeckle`, shape (p,).
+    """
+    size = np.abs(errors).max(axis=1)
+    used = size > _NEGLIGIBLE_SHARE * size.max(axis=1, keepdims=True)
+    # Those that count stand first, in their order, and no more of the others than the company needs.
+    order = np.argsort(~used, axis=1, kind="stable")[:, None, : int(used.sum(axis=1).max())]
+    used, along = np.take_along_axis(used, order[:, 0], 1), np.take_along_axis(errors, order, 2)
+    at, way = (np.take_along_axis(values / radius[:, None, None], order, 2) for values in (position, rise))
+    reach = 0.5 * (np.hypot(way[:, 0], way[:, 1]) + _REACH_RADII)
     # Every pair but once.
-    apart = ((at[:, :, None] - at[:, None]) ** 2).sum(axis=0)
-    index = np.arange(len(reach))
-    one, other = np.nonzero((apart < (reach[:, None] + reach) ** 2) & (index[:, None] <= index))
-    steps = (np.arange(_POINTS_PER_VOXEL) + 0.5) / _POINTS_PER_VOXEL - 0.5
-    points = at[:, :, None] + way[:, :, None] * steps
-    across, down = points[:, one, :, None] - points[:, other, None]
+    index = np.arange(reach.shape[1])
+    square = (at[:, 0, :, None] - at[:, 0, None]) ** 2 + (at[:, 1, :, None] - at[:, 1, None]) ** 2
+    near = (square < (reach[:, :, None] + reach[:, None]) ** 2) & (index[:, None] <= index)
+    row, one, other = np.nonzero(near & used[:, :, None] & used[:, None])
+    across, down = (
+        (at[row, axis, one] - at[row, axis, other])
+        + _DITHER[:, None, None] * way[row, axis, one]
+        - _DITHER[:, None] * way[row, axis, other]
+        for axis in (0, 1)
+    )
     decay = exp(-(across**2) - down**2)
-    shared = ((1.0 - 2.0 * on_surface * across**2) * decay).mean(axis=(1, 2))
+    weighed = (1.0 - 2.0 * on_surface[row] * across**2) * decay
+    shared = 0.25 * (weighed[0, 0] + weighed[0, 1] + weighed[1, 0] + weighed[1, 1])
     shared = np.where(one == other, 0.5, 1.0) * shared
-    found = np.einsum("kp,lp->kl", along[:, one] * shared, along[:, other])
-    return np.asarray(found + found.T)
+    patterns, kinds = errors.shape[:2]
+    found = np.empty((patterns, kinds, kinds))
+    for first, second in np.ndindex(kinds, kinds):
+        pairs = along[row, first, one] * shared * along[row, second, other]
+        # Adds up in the order of the pairs, whatever other patterns there are.
+        found[:, first, second] = np.bincount(row, pairs, patterns)
+    return np.asarray(found + found.transpose(0, 2, 1))

@@ -176,13 +176,15 @@ def test_random_numbers_are_those_of_the_instrument(benches: tuple[Instrument, F
         assert np.quantile(apart, 0.9) < 0.4
 
 
-def test_one_recording_serves_all_patterns(benches: tuple[Instrument, FrozenInstrument]) -> None:
-    """Claim: patterns at any place are measured by the kernels of the first."""
+def test_few_recordings_serve_all_patterns(benches: tuple[Instrument, FrozenInstrument]) -> None:
+    """Claim: patterns at any place are measured by the kernels of a few: those that probe and those that read are
+    recorded once, those that trace shots again once for each number of lanes, of which there are thirteen."""
     bench, _ = benches
     fast = FrozenInstrument(bench)
     for number, centre in enumerate((*PLACES, (0.2, -0.1), (-0.25, 0.2))):
         fast.measure(pattern(number, centre))
-    assert fast.recordings == 1
+        fast.measure(pattern(number, centre))
+    assert fast.recordings <= 2 + 5
 
 
 def test_other_lengths_are_other_kernels(benches: tuple[Instrument, FrozenInstrument]) -> None:

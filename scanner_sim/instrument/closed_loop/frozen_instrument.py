@@ -9,27 +9,33 @@ shots' numbers. What differs is how the beam is split (:mod:`scanner_sim.render.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.detector.encoders import reading_normals
-from scanner_sim.foundation.device_types import Float, UInt32, UInt64
+from scanner_sim.foundation.device_types import Float, Mask, UInt32, UInt64
 from scanner_sim.foundation.streams import RunSeeds, device_seeds
-from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows
+from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows, seen_by
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.line_readings import LineReadings
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.render.beam.light import Truth
-from scanner_sim.render.beam.pattern import chief_beamlet, pattern_light
-from scanner_sim.render.beam.pattern_shots import fired_shots, packed_shots
-from scanner_sim.render.beam.swept_beamlets import SweptTables
+from scanner_sim.render.beam.pattern import (
+    PatternProbes,
+    PatternTables,
+    lanes_again,
+    light_of,
+    pattern_light,
+    probe_pattern,
+)
+from scanner_sim.render.beam.pattern_shots import Fired, fired_shots, packed_shots
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.render.shots import Pointing
-from scanner_sim.render.transport import BeamletTables
 from scanner_sim.scan.protocol import Aim
 
 Array = NDArray[np.float64]
@@ -54,15 +60,14 @@ class FrozenInstrument:
 
     Notes
     -----
-    Patterns under the Sun, whose windows of the background are each run's own, are launched one after the other. Time
-    of flight, and light of several bounces, are measured by the instrument itself, with the same windows. With an
-    estimator of the user's own the same kernels are traced anew for each launch.
+    Time of flight, and light of several bounces, are measured by the instrument itself, pattern after pattern, with the
+    same windows of the background. With an estimator of the user's own the kernels are traced anew for each launch.
     """
 
     def __init__(self, *runs: Instrument) -> None:
         self._runs, self.instrument = runs, runs[0]
         self._seeds = np.array([own.scenario.seed for own in runs], dtype=np.uint64)
-        self._steps: dict[tuple[int, int], Frozen] = {}
+        self._steps: dict[tuple[object, ...], Frozen] = {}
         lit = not self.instrument.scenario.lighting.sky().dark
         finders = self.instrument.rangefinders if lit else ()
         self.windows = [Windows(self.instrument, *finder.sight) for finder in finders]
@@ -88,7 +93,7 @@ class FrozenInstrument:
 
     @property
     def recordings(self) -> int:
-        """How often kernels were recorded so far: once for each length and number of patterns."""
+        """How often kernels were recorded so far: for each length and number of patterns, and shots traced again."""
         return sum(step.recordings for step in self._steps.values())
 
     def measure(self, aim: Aim, run: Numbers | None = None) -> Samples:
@@ -105,8 +110,7 @@ class FrozenInstrument:
         count, points = len(own), len(aim.shot) // len(own)
         if count == 1:
             return self._measured(aim, own)
-        alone = self.windows or not self.fast
-        most = 1 if alone else max(1, _MOST_SHOTS // points)
+        most = max(1, _MOST_SHOTS // points) if self.fast else 1
         parts = []
         for first in range(0, count, most):
             rows = np.arange(first, min(first + most, count))
@@ -119,23 +123,29 @@ class FrozenInstrument:
 
     def _measured(self, aim: Aim, run: Numbers) -> Samples:
         """Return what is measured of patterns in one launch."""
-        windows, instrument = self._windows[run[0]], self.instrument
-        seen = [own.seen_by(aim) for own in windows]
+        instrument, scanner, count = self.instrument, self.instrument.scenario.scanner, len(aim.shot)
+        aims = [_patterns(aim, len(run), np.array([row])) for row in range(len(run))] if self.windows else []
+        seen = [
+            seen_by([self._windows[own][sensor] for own in run], aims) for sensor in range(len(self.windows))
+        ]
         if not self.fast:
-            lit = [own.panorama(window) for own, window in zip(windows, seen, strict=True)]
+            lit = [own.panorama(parts, count) for own, parts in zip(self.windows, seen, strict=True)]
             return self._runs[int(run[0])].read(aim, lit or None)
-        scanner, count = instrument.scenario.scanner, len(aim.shot)
         mirrors, duty_cycle = scanner.mirrors, scanner.exposure / scanner.dwell
         still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
         packed = packed_shots(aim, still, mirrors, duty_cycle, self._poses(aim, run))
         seeds = device_seeds(self._seeds[run])
-        truth, told, angles = self._step(count, len(run))(self._reads, *packed, seeds, *(seen or [[]]))
+        fired, probes, angles = self._step(self._probe, count, len(run))(self._reads, *packed, seeds)
+        again = lanes_again(probes.footprint.numpy())
+        light = self._step(self._light, count, len(again[0]))(self._reads, fired, probes, *again)
+        sense = self._step(self._sense, count, len(run))
+        told = sense(self._reads, fired, probes.truth, light, seeds, *(seen or [[]]))
         numbers = [part.numpy() for part in angles]
         error, shaft = ([part.astype(np.float64) for part in both] for both in (numbers[:2], numbers[2:4]))
         pointing = Pointing(error[0] + still[0], error[1] + still[1], shaft[0], shaft[1])
         deflections = instrument.deflections(aim, pointing, numbers[4:])
         line = LineReadings.gathered(count, [(slice(None), told)])
-        reading = instrument.triangulation.reading(truth, line, deflections)
+        reading = instrument.triangulation.reading(probes.truth, line, deflections)
         return instrument.samples(aim, pointing, deflections, [reading])
 
     def _poses(self, aim: Aim, run: Numbers) -> list[Array]:
@@ -154,10 +164,9 @@ class FrozenInstrument:
         ]
 
     @cached_property
-    def _beamlets(self) -> tuple[BeamletTables, SweptTables]:
-        """The chief ray and the beamlets of every shot, on the device."""
-        count = self.instrument.scenario.transport.pattern_beamlets
-        return BeamletTables.of(chief_beamlet()), SweptTables.of(count)
+    def _beamlets(self) -> PatternTables:
+        """The beamlets of every shot, on the device."""
+        return PatternTables.of(self.instrument.scenario.transport.pattern_beamlets)
 
     @cached_property
     def _reads(self) -> list[object]:
@@ -178,36 +187,57 @@ class FrozenInstrument:
             *([] if line.bias is None else [line.bias.values]),
         ]
 
-    def _step(self, shots: int, patterns: int) -> Frozen:
-        """Return the frozen kernels of so many patterns of so many shots together."""
-        key = shots, patterns
+    def _step(self, step: Callable[..., Any], shots: int, lanes: int) -> Frozen:
+        """Return the frozen kernels of a step for so many shots of so many patterns, or with so many traced again."""
+        key = step.__name__, shots, lanes
         if key not in self._steps:
-            self._steps[key] = Frozen(
-                lambda reads, numbers, integers, seeds, window: self._measure(
-                    numbers, integers, seeds, window, shots
-                ),
-                enabled=not self.instrument.triangulation.own_peak,
-            )
+            # What the kernels read comes along as an argument, which they need not name.
+            own = self.instrument.triangulation.own_peak
+            self._steps[key] = Frozen(lambda reads, *given: step((shots, lanes), *given), enabled=not own)
         return self._steps[key]
 
-    def _measure(
-        self, numbers: Float, integers: UInt32, seeds: UInt64, window: WindowArrays, shots: int
-    ) -> tuple[Truth, LineReadings, list[Float]]:
-        """Return truth, what the line tells, and angles of patterns, Dr.Jit arrays of shape (shots,).
+    def _probe(
+        self, size: tuple[int, int], numbers: Float, integers: UInt32, seeds: UInt64
+    ) -> tuple[Fired, PatternProbes, list[Float]]:
+        """Return the shots of patterns as they are fired, what their beams meet, and angles of shape (shots,).
 
         The angles are the mirrors' errors, what of them the encoders see, and the normal numbers of their noise.
         """
         instrument = self.instrument
         mirrors, bodies = instrument.scenario.scanner.mirrors, len(instrument.loaded.bodies)
-        own = RunSeeds.of(seeds, shots)
-        fired = fired_shots(numbers, integers, shots, mirrors, bodies, own.lanes)
-        normals = reading_normals(fired.shots.number, own.lanes)
-        truth, light = pattern_light(instrument.loaded, instrument.optics, *self._beamlets, fired.shots)
-        panorama = self.windows[0].panorama(window) if self.windows else None
-        incident, _, peaks = instrument.triangulation.sense(
-            light, fired.shots, truth, fired.aimed, panorama, fixed_size=True, seeds=own
+        shots, _ = size
+        own = RunSeeds.of(seeds, shots).lanes
+        fired = fired_shots(numbers, integers, shots, mirrors, bodies, own)
+        normals = reading_normals(fired.shots.number, own)
+        probes = probe_pattern(instrument.loaded, instrument.optics, self._beamlets, fired.shots)
+        return fired, probes, [*fired.error, *fired.seen, *normals]
+
+    def _light(
+        self, _: tuple[int, int], fired: Fired, probes: PatternProbes, index: UInt32, real: Mask
+    ) -> tuple[Float, ...]:
+        """Return the clusters of the light of patterns on the line."""
+        instrument = self.instrument
+        return pattern_light(
+            instrument.loaded, instrument.optics, self._beamlets, fired.shots, probes, index, real
         )
-        return truth, LineReadings.of(peaks, incident.link_budget()), [*fired.error, *fired.seen, *normals]
+
+    def _sense(
+        self,
+        size: tuple[int, int],
+        fired: Fired,
+        truth: Truth,
+        clusters: tuple[Float, ...],
+        seeds: UInt64,
+        window: WindowArrays,
+    ) -> LineReadings:
+        """Return what the line tells of patterns."""
+        shots, patterns = size
+        panorama = self.windows[0].panorama(window, shots // patterns) if self.windows else None
+        light = light_of(fired.shots, clusters)
+        incident, _, peaks = self.instrument.triangulation.sense(
+            light, fired.shots, truth, fired.aimed, panorama, fixed_size=True, seeds=RunSeeds.of(seeds, shots)
+        )
+        return LineReadings.of(peaks, incident.link_budget())
 
 
 def _patterns(aim: Aim, count: int, rows: Numbers) -> Aim:

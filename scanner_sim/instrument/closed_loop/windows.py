@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections import OrderedDict
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TypeAlias
 
@@ -27,7 +28,14 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_slots import TimeSlots, middle
 from scanner_sim.render.background.panorama import Panorama, render_panorama
 from scanner_sim.render.background.sky import SkyLight, light_of
-from scanner_sim.render.background.view import Window, row_spacing, window_heights, window_position
+from scanner_sim.render.background.view import (
+    Window,
+    WindowsBeside,
+    join_windows,
+    row_spacing,
+    window_heights,
+    window_position,
+)
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.render.rays import one_kernel, pose_scene
 from scanner_sim.render.transport import OpticalLayout
@@ -46,7 +54,9 @@ _MOST_WINDOWS = 16
 """Windows that are kept."""
 Key = tuple[int, int, int, int, int, int]
 WindowArrays: TypeAlias = list[Float]
-"""What frozen kernels need of a window: its first angles, rows and bins, and the layers of its panorama."""
+"""What kernels need of the windows of patterns: first angles, rows, bins and starts, by pattern, and the layers."""
+_MOST_COMPANIES = 8
+"""Companies of windows that are kept joined."""
 
 
 class Windows:
@@ -74,15 +84,21 @@ class Windows:
         self._instrument, self._optics, self._seen = instrument, optics, seen
         self.step = optics.pitch / optics.receiver.focal_length
         self.row_step = row_spacing(optics)
-        self._kept: OrderedDict[Key, WindowArrays] = OrderedDict()
-        self._first: Windows = self if like is None else like._first
+        self._kept: OrderedDict[Key, list[Float]] = OrderedDict()
+        self._joined: OrderedDict[Company, WindowArrays] = OrderedDict()
+        self.first: Windows = self if like is None else like.first
         self._renderers: dict[tuple[int, int], Frozen] = {} if like is None else like._renderers
         self._slots = TimeSlots(instrument.loaded, self.step)
         self.rendered = 0
 
-    def seen_by(self, aim: Aim) -> WindowArrays:
-        """Return what the frozen measurement of a pattern needs of its window, Dr.Jit arrays for :meth:`panorama`."""
-        key = self._key(aim)
+    def panorama(self, parts: WindowArrays, shots: int) -> Panorama:
+        """Return the panorama of what :func:`seen_by` returned, for patterns of so many shots."""
+        first, phi, rows, bins, start, *layers = parts
+        windows = WindowsBeside(first, phi, rows, bins, self.step, self.row_step, start=start, shots=shots)
+        return Panorama(windows, *layers)
+
+    def layers(self, key: Key) -> list[Float]:
+        """Return the layers of a window's panorama, rendered when they are first asked for."""
         if key in self._kept:
             self._kept.move_to_end(key)
         else:
@@ -92,16 +108,7 @@ class Windows:
                 self._kept.popitem(last=False)
         return self._kept[key]
 
-    def panorama(self, parts: WindowArrays) -> Panorama | None:
-        """Return the panorama of what :meth:`seen_by` returned; None of an empty list."""
-        if not parts:
-            return None
-        first, phi, rows, bins, *layers = parts
-        return Panorama(
-            Window(first, phi, rows, bins, self.step, self.row_step, self._first._heights), *layers
-        )
-
-    def _key(self, aim: Aim) -> Key:
+    def key(self, aim: Aim) -> Key:
         """Return first bin, bins, first row, rows, time slot and its halvings of the window of a pattern."""
         reach = 0.5 * np.abs(aim.travel_theta), 0.5 * np.abs(aim.travel_phi)
         left = float((aim.theta - reach[0]).min()) + self._seen[0]
@@ -110,6 +117,20 @@ class Windows:
         top, bottom = float((aim.phi - reach[1]).min()), float((aim.phi + reach[1]).max())
         first_row, rows = _span(top, bottom, self.row_step, 1, _ROWS_TOGETHER)
         return (first, bins, first_row, rows, *self._slots.at(0.5 * float(aim.time[0] + aim.time[-1])))
+
+    def join(self, company: Company) -> WindowArrays:
+        """Return the windows of patterns side by side, each of this sensor in its own run."""
+        if company in self._joined:
+            self._joined.move_to_end(company)
+            return self._joined[company]
+        positions = [
+            (first * self.step, row * self.row_step, rows, bins)
+            for _, (first, bins, row, rows, _, _) in company
+        ]
+        self._joined[company] = join_windows(positions, [own.layers(key) for own, key in company])
+        if len(self._joined) > _MOST_COMPANIES:
+            self._joined.popitem(last=False)
+        return self._joined[company]
 
     @cached_property
     def _heights(self) -> Float:
@@ -121,7 +142,7 @@ class Windows:
 
     def _render(
         self, first: int, bins: int, first_row: int, rows: int, slot: int, halvings: int
-    ) -> WindowArrays:
+    ) -> list[Float]:
         loaded = self._instrument.loaded
         reads = [
             loaded.mitsuba,
@@ -129,28 +150,28 @@ class Windows:
             loaded.object_of,
             loaded.material_of,
             loaded.out_of_band_ratio,
-            self._first._light,
-            self._first._heights,
+            self.first._light,
+            self.first._heights,
         ]
-        corner = window_position(first * self.step, first_row * self.row_step, rows, bins)
+        corner = window_position(first * self.step, first_row * self.row_step)
         poses = loaded.poses_at(middle((slot, halvings))) if loaded.bodies else ()
         scenario = self._instrument.scenario
         seed = device_seeds([scenario.transport.seed_of_background(scenario.seed)])
-        return [*corner, *self._renderer(rows, bins)(reads, corner[:2], poses, seed)]
+        return list(self._renderer(rows, bins)(reads, corner, poses, seed))
 
     def _renderer(self, rows: int, bins: int) -> Frozen:
         """Return the frozen kernels that render windows of a size."""
         if (rows, bins) not in self._renderers:
             # Loops that a GPU runs turn by turn cannot be recorded.
             self._renderers[rows, bins] = Frozen(
-                lambda reads, corner, poses, seed: self._first._layers(corner, poses, seed, rows, bins),
+                lambda reads, corner, poses, seed: self.first._layers(corner, poses, seed, rows, bins),
                 enabled=one_kernel(self._instrument.loaded),
             )
         return self._renderers[rows, bins]
 
     def _layers(
-        self, corner: WindowArrays, poses: tuple[Pose, ...], seed: UInt64, rows: int, bins: int
-    ) -> WindowArrays:
+        self, corner: list[Float], poses: tuple[Pose, ...], seed: UInt64, rows: int, bins: int
+    ) -> list[Float]:
         """Return the layers of a panorama over a window."""
         scenario, moving = self._instrument.scenario, bool(self._instrument.loaded.bodies)
         settings = scenario.transport
@@ -165,6 +186,18 @@ class Windows:
             sharp_samples=_SHARP_SAMPLES[moving],
         )
         return [found.in_band, found.out_of_band, found.error, found.error_out]
+
+
+Company: TypeAlias = tuple[tuple[Windows, Key], ...]
+"""The window of each pattern of a launch, with the run's windows to which it belongs."""
+
+
+def seen_by(windows: Sequence[Windows], aims: Sequence[Aim]) -> WindowArrays:
+    """Return what kernels need of the windows of patterns, for :meth:`Windows.panorama`.
+
+    ``windows`` of one sensor in the run of each pattern, and the ``aims`` of these.
+    """
+    return windows[0].first.join(tuple((own, own.key(aim)) for own, aim in zip(windows, aims, strict=True)))
 
 
 def _span(low: float, high: float, step: float, quantum: int, together: int) -> tuple[int, int]:

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, replace
 
 import drjit as dr
 import mitsuba as mi
@@ -34,7 +34,14 @@ from scanner_sim.render.background.filtering import Features, convolve_rows, smo
 from scanner_sim.render.background.paths import FirstHit, PathSums, sum_paths
 from scanner_sim.render.background.sharp import contrast, evenly_sharp_light, sharp_light
 from scanner_sim.render.background.sky import SkyLight, light_of
-from scanner_sim.render.background.view import WINDOW, PanoramaView, Window, counted, rays_through
+from scanner_sim.render.background.view import (
+    WINDOW,
+    PanoramaView,
+    Window,
+    WindowsBeside,
+    counted,
+    rays_through,
+)
 from scanner_sim.render.rays import for_rows, pose_scene
 from scanner_sim.render.settings import Transport, times_finer
 from scanner_sim.render.transport import OpticalLayout
@@ -60,7 +67,7 @@ _TWO = tuple(round(2**32 * 1.324717957244746**-power) for power in (1, 2))
 
 @dataclass
 class Panorama:
-    """Radiance per unit of the Sun's irradiance [1/sr], Dr.Jit arrays: entry row · bins + bin.
+    """Radiance per unit of the Sun's irradiance [1/sr], Dr.Jit arrays: entry row · bins + bin behind a view's start.
 
     ``in_band`` and ``out_of_band``; ``error`` and ``error_out`` are the standard errors of their means over a window
     of 200 µm about the bin.
@@ -71,6 +78,10 @@ class Panorama:
     out_of_band: Float
     error: Float
     error_out: Float
+
+    def seen_by(self, index: UInt32) -> Panorama:
+        """Return what shots see of it, by their indices: of windows of several patterns, each its own."""
+        return replace(self, view=self.view.at(index)) if isinstance(self.view, WindowsBeside) else self
 
     def look(self, layer: Float, row: UInt32, angle: Float) -> Float:
         """Return a layer around angles [rad] of some rows, interpolated between bins, and between rows if need be."""
@@ -85,6 +96,8 @@ class Panorama:
         at = (angle - first) / step
         low = dr.floor(at)
         start = row * counted(self.view.bins)
+        if self.view.start is not None:
+            start += self.view.start
         left, right = (start + mi.UInt32(dr.clip(low + side, 0.0, last)) for side in (0.0, 1.0))
         return dr.lerp(dr.gather(mi.Float, layer, left), dr.gather(mi.Float, layer, right), at - low)
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import drjit as dr
 import mitsuba as mi
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
+from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32, Vector3f
 from scanner_sim.render.settings import ROW_SPACING
 from scanner_sim.render.shots import Shots
@@ -68,6 +70,7 @@ class PanoramaView:
     bins: int
     time: NDArray[np.float64] | None = None
     between: bool = False
+    start: ClassVar[None] = None
 
     @property
     def rows(self) -> int:
@@ -118,7 +121,9 @@ class Window:
     step, row_step
         Angle of a bin, and between rows [rad].
     heights
-        Quantiles of the height, Dr.Jit: :func:`window_heights`.
+        Quantiles of the height, Dr.Jit: :func:`window_heights`. Only to render it.
+    start
+        Index of the first entry of its layers, Dr.Jit; None for 0.
     """
 
     first: Float
@@ -127,7 +132,8 @@ class Window:
     bins: UInt32
     step: float
     row_step: float
-    heights: Float
+    heights: Float = None
+    start: UInt32 | None = None
     time: None = None
 
     def lattice(self) -> tuple[Float, Float, Float]:
@@ -145,15 +151,64 @@ class Window:
         return dr.clip(at, 0.0, mi.Float(self.rows) - 1.0)
 
 
+@dataclass
+class WindowsBeside(Window):
+    """Windows of patterns, whose layers lie one after the other: Dr.Jit entries for each pattern.
+
+    ``shots`` is the number of shots of each.
+    """
+
+    shots: int = 1
+
+    def at(self, index: UInt32) -> Window:
+        """Return the window of each shot, by their indices."""
+        pattern = index // dr.opaque(mi.UInt32, self.shots)
+        first, phi = (dr.gather(mi.Float, values, pattern) for values in (self.first, self.phi))
+        columns = (self.rows, self.bins, self.start)
+        rows, bins, start = (dr.gather(mi.UInt32, values, pattern) for values in columns)
+        return Window(first, phi, rows, bins, self.step, self.row_step, start=start)
+
+
 def counted(number: int | UInt32, kind: Any = None) -> UInt32:
     """Return a number of rows, bins or samples as a Dr.Jit array: a kernel is then that of any number."""
     return number if dr.is_array_v(number) else dr.opaque(mi.UInt32 if kind is None else kind, number)
 
 
-def window_position(first: float, phi: float, rows: int, bins: int) -> list[Any]:
-    """Return first angle, first φ [rad], rows and bins of a :class:`Window` as opaque Dr.Jit numbers."""
-    angles = (dr.opaque(mi.Float, value) for value in (first, phi))
-    return [*angles, *(dr.opaque(mi.UInt32, value) for value in (rows, bins))]
+def window_position(first: float, phi: float) -> list[Float]:
+    """Return first angle and first φ [rad] of a :class:`Window` as opaque Dr.Jit numbers."""
+    return [dr.opaque(mi.Float, value) for value in (first, phi)]
+
+
+def join_windows(
+    positions: Sequence[tuple[float, float, int, int]], layers: Sequence[Sequence[Float]]
+) -> list[Any]:
+    """Return windows side by side: first angles and φ [rad], rows, bins and starts by pattern, and the layers, Dr.Jit.
+
+    Parameters
+    ----------
+    positions
+        First angle, first φ [rad], rows and bins of the window of each pattern.
+    layers
+        The layers of its panorama, as many for each.
+    """
+    first, phi, rows, bins = (np.array(column) for column in zip(*positions, strict=True))
+    sizes = rows * bins
+    angles = [mi.Float(for_device(values)) for values in (first, phi)]
+    numbers = [mi.UInt32(for_device(values, np.uint32)) for values in (rows, bins, np.cumsum(sizes) - sizes)]
+    return [*angles, *numbers, *(_joined(parts) for parts in zip(*layers, strict=True))]
+
+
+def _joined(layers: Sequence[Float]) -> Float:
+    """Return arrays one behind the other; ``dr.concat`` would compile a kernel for each size."""
+    if len(layers) == 1:
+        return layers[0]
+    whole, start = dr.empty(mi.Float, sum(dr.width(layer) for layer in layers)), 0
+    for layer in layers:
+        at = dr.arange(mi.UInt32, dr.width(layer)) + dr.opaque(mi.UInt32, start)
+        dr.scatter(whole, layer, at, mode=dr.ReduceMode.Permute)
+        start += dr.width(layer)
+    dr.eval(whole)
+    return whole
 
 
 def window_heights(layout: OpticalLayout, row_step: float) -> Float:

@@ -62,25 +62,28 @@ class Beamlets:
             values.setflags(write=False)
 
 
-@lru_cache(maxsize=1)
-def probe_beamlets() -> Beamlets:
+@lru_cache(maxsize=2)
+def probe_beamlets(*, both_ends: bool = False) -> Beamlets:
     """Return the whole beam, on its axis, and six beamlets of no width about it that probe what else it meets.
 
     The means over all seven of places, times, their squares and products are those of the beam, and as opposite ones
     have opposite times, all third moments are 0: on a smooth surface the mean of any cubic of place and time is
     exact (Stroud, *Approximate calculation of multiple integrals*, 1971, ch. 3, on such rules). While the mirrors
-    sweep, the six reach its ends and lie along both sides of it.
+    sweep, the six reach its ends and lie along both sides of it. With ``both_ends`` there are twelve, the same places
+    at the opposite times too: however the beam moves, no side of its way lies outside of their hull.
     """
-    angle = np.deg2rad(60.0 * np.arange(6))
+    places = np.tile([0.0, 60.0, 120.0], 2 if both_ends else 1)
+    ends = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])[: len(places)]
+    angle, end = np.deg2rad(np.concatenate([places, places + 180.0])), np.concatenate([ends, -ends])
     ring = _PROBE_REACH * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    # Six of a weight ω: 3 ω r² = 1 across the beam, and 6 ω t² = 1/12 along the dwell.
-    weight = 1.0 / (3.0 * _PROBE_REACH**2)
-    times = np.tile([1.0, -1.0], 3) / math.sqrt(72.0 * weight)
+    # k of a weight ω: ½ k ω r² = 1 across the beam, and k ω t² = 1/12 along the dwell.
+    weight = 2.0 / (len(ring) * _PROBE_REACH**2)
+    times = end / math.sqrt(12.0 * len(ring) * weight)
     return Beamlets(
         nodes=np.concatenate([np.zeros((1, 2)), ring]),
-        weights=np.array([1.0 - 6.0 * weight, *[weight] * 6]),
-        variances=np.array([1.0, *[0.0] * 6]),
-        aperture=_disc_points(7),
+        weights=np.array([1.0 - len(ring) * weight, *[weight] * len(ring)]),
+        variances=np.array([1.0, *[0.0] * len(ring)]),
+        aperture=_disc_points(len(ring) + 1),
         times=np.array([0.0, *times]),
     )
 

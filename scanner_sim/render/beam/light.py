@@ -69,7 +69,7 @@ class Light:
         lane, step = dr.arange(mi.UInt32, self.count * some), dr.opaque(mi.UInt32, some)
         at = (lane // step) * dr.opaque(mi.UInt32, self.shots) + dr.gather(mi.UInt32, indices, lane % step)
         amount, position, sigma, coherence = (
-            None if values is None else dr.gather(mi.Float, values, at) for values in self._clusters()
+            None if values is None else dr.gather(mi.Float, values, at) for values in self.clusters
         )
         reference = None if self.reference is None else dr.gather(mi.Float, self.reference, indices)
         index, shot = (dr.gather(mi.UInt32, values, indices) for values in (self.index, self.shot))
@@ -111,11 +111,13 @@ class Light:
         """Return the light of both, which must be of the same shots and references."""
         amount, position, sigma, coherence = (
             None if one is None else _joined(one, two)
-            for one, two in zip(self._clusters(), other._clusters(), strict=True)
+            for one, two in zip(self.clusters, other.clusters, strict=True)
         )
         return Light(self.index, self.shot, amount, position, sigma, coherence, self.reference)
 
-    def _clusters(self) -> tuple[Float, Float, Float, Float | None]:
+    @property
+    def clusters(self) -> tuple[Float, Float, Float, Float | None]:
+        """Amount, position, standard deviation and coherence of the clusters."""
         return self.amount, self.position, self.sigma, self.coherence
 
     def pair(self, pixel: UInt32, index: UInt32) -> tuple[Float, Float]:

@@ -115,7 +115,8 @@ class LineProjection:
         """Return whether the strength bends so much across the beam that the probe's mean is not the light's."""
         chief, *ring = strength
         strongest, kink = chief, mi.Float(0.0)
-        for one, opposite in zip(ring[:3], ring[3:], strict=True):
+        half = len(ring) // 2
+        for one, opposite in zip(ring[:half], ring[half:], strict=True):
             strongest = dr.maximum(strongest, dr.maximum(one, opposite))
             kink = dr.maximum(kink, dr.abs(0.5 * (one + opposite) - chief))
         return kink > _UNEVEN_KINK * strongest

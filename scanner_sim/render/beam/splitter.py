@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import drjit as dr
@@ -27,6 +28,7 @@ from scanner_sim.render.beam.projection import BeamletReturns, Projection, trace
 from scanner_sim.render.beam.swept_beamlets import SweptBeamlets, SweptTables
 from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
+from scanner_sim.render.transport import BeamletTables
 from scanner_sim.scene.files.loader import LoadedScene
 
 CLUSTERS = 16
@@ -71,33 +73,20 @@ def render_light(
     """
     shots = projection.fired(shots)
     probe = probe_beamlets()
-    returns = trace_returns(loaded, projection, probe, shots)
-    dr.eval(returns)
-    chief = dr.arange(mi.UInt32, dr.width(shots.theta)) * len(probe.weights)
-    truth = Truth.of(loaded, returns.distance, returns.shape, chief)
-    footprint = _classify_footprints(loaded, projection, probe, returns, chief)
-    # Sweeps are as long as they are at the surface that counts: the chief ray's, or the nearest where it meets none.
-    nearest = dr.select(dr.isfinite(returns.distance), returns.distance, dr.inf)
-    nearest = dr.block_reduce(dr.ReduceOp.Min, nearest, len(probe.weights))
-    reach = dr.select(dr.isfinite(truth.distance), truth.distance, nearest)
-    dr.eval(truth, footprint, reach)
+    probed = probe_beams(loaded, projection, probe, BeamletTables.of(probe), shots)
+    truth = probed.truth
 
     def direct() -> Iterator[Light]:
-        kinds, finer = footprint.numpy(), []
+        kinds, finer = probed.footprint.numpy(), []
         smooth = _indices(kinds == _SMOOTH)
         if dr.width(smooth):
-            yield _whole_beams(projection, probe, returns, smooth, shots.take(smooth))
+            yield probed.whole_beams(projection, smooth, shots.take(smooth))
         for kind, count in ((_UNEVEN, settings.uneven_beamlets), (_EDGE, settings.edge_beamlets)):
             tables = SweptTables.averaged(count)
             for index in _batches(_indices(kinds == kind), count):
-                own = shots.take(index)
-                split = SweptBeamlets.of(tables, projection.layout, own, dr.gather(mi.Float, reach, index))
-                dr.eval(split.length, split.briefer, split.cosine, split.sine)
-                many = trace_returns(loaded, projection, split, own)
-                dr.eval(many.spots, many.laid.reference)
-                every = dr.arange(mi.UInt32, dr.width(index))
-                found = cluster(many.spots, every, count, CLUSTERS, projection.resolution)
-                finer.append(Light(index, own.number, *found, many.laid.reference))
+                own, reach = shots.take(index), dr.gather(mi.Float, probed.reach, index)
+                found = split_beams(loaded, projection, tables, own, reach)
+                finer.append(dataclasses.replace(found, index=index))
         # Together: what follows is recorded and launched for each group anew.
         if finer:
             yield Light.of_all(finer)
@@ -113,36 +102,86 @@ def render_light(
     return truth, groups()
 
 
-def _whole_beams(
-    projection: Projection, probe: Beamlets, returns: BeamletReturns, index: UInt32, shots: Shots
-) -> Light:
-    """Return the light of beams that meet one smooth surface each, by the indices of their shots.
+@dataclass
+class Probed:
+    """What the beamlets of a ``probe`` tell of n shots, Dr.Jit arrays of shape (n,).
 
-    The chief beamlet's is that of the whole beam on its tangent plane, at rest and cut by the detector's field. The
-    mean of all beamlets' places, weighted by what they return, tells how curvature and a change of strength shift it,
-    and a sweep widens it by its variance over the dwell.
+    ``returns`` of them; ``truth`` of the chief ones; ``footprint`` 0 where a beam meets one smooth surface,
+    which its probes know all about; ``reach`` how far away the surface is that counts [m], the chief ray's or the
+    nearest where it meets none, ∞ for nothing.
     """
-    laid, spots, chief = returns.laid, returns.spots, index * len(probe.weights)
 
-    def beamlet(values: Float, number: int = 0) -> Float:
-        return dr.gather(mi.Float, values, chief + number)
+    probe: Beamlets
+    returns: BeamletReturns
+    truth: Truth
+    footprint: UInt32
+    reach: Float
 
-    middle = beamlet(laid.position) - beamlet(laid.shift)
-    total, moved = float(probe.weights[0]) * beamlet(returns.strength), mi.Float(0.0)
-    for place, weight in enumerate(probe.weights.tolist()[1:], 1):
-        strength = weight * beamlet(returns.strength, place)
-        total += strength
-        moved += dr.select(strength > 0.0, strength * (beamlet(laid.position, place) - middle), 0.0)
-    lit = total > 0.0
-    amount = dr.select(lit, projection.power(shots) * beamlet(laid.kept) * total, 0.0)
-    position = dr.select(lit, beamlet(spots.position) + moved / total, 0.0)
-    variance = dr.square(beamlet(spots.sigma)) + dr.square(beamlet(laid.slope_time)) / 12.0
-    sigma = dr.sqrt(dr.select(lit, variance, projection.resolution.least_variance))
-    coherence = None if spots.coherence is None else beamlet(spots.coherence)
-    reference = laid.reference if laid.reference is None else dr.gather(mi.Float, laid.reference, index)
-    light = Light(index, shots.number, amount, position, sigma, coherence, reference)
-    dr.eval(light)
-    return light
+    def whole_beams(self, projection: Projection, index: UInt32, shots: Shots) -> Light:
+        """Return the light of beams that meet one smooth surface each, by the indices of their shots.
+
+        The chief beamlet's is that of the whole beam on its tangent plane, at rest and cut by the detector's field. The
+        mean of all beamlets' places, weighted by what they return, tells how curvature and a change of strength shift
+        it, and a sweep widens it by its variance over the dwell.
+        """
+        laid, spots, weights = self.returns.laid, self.returns.spots, self.probe.weights.tolist()
+        chief = index * len(weights)
+
+        def beamlet(values: Float, number: int = 0) -> Float:
+            return dr.gather(mi.Float, values, chief + number)
+
+        middle = beamlet(laid.position) - beamlet(laid.shift)
+        total, moved = weights[0] * beamlet(self.returns.strength), mi.Float(0.0)
+        for place, weight in enumerate(weights[1:], 1):
+            strength = weight * beamlet(self.returns.strength, place)
+            total += strength
+            moved += dr.select(strength > 0.0, strength * (beamlet(laid.position, place) - middle), 0.0)
+        lit = total > 0.0
+        amount = dr.select(lit, projection.power(shots) * beamlet(laid.kept) * total, 0.0)
+        position = dr.select(lit, beamlet(spots.position) + moved / total, 0.0)
+        variance = dr.square(beamlet(spots.sigma)) + dr.square(beamlet(laid.slope_time)) / 12.0
+        sigma = dr.sqrt(dr.select(lit, variance, projection.resolution.least_variance))
+        coherence = None if spots.coherence is None else beamlet(spots.coherence)
+        reference = laid.reference if laid.reference is None else dr.gather(mi.Float, laid.reference, index)
+        light = Light(index, shots.number, amount, position, sigma, coherence, reference)
+        dr.eval(light)
+        return light
+
+
+def probe_beams(
+    loaded: LoadedScene, projection: Projection, probe: Beamlets, tables: BeamletTables, shots: Shots
+) -> Probed:
+    """Probe what the beams of shots meet.
+
+    ``probe`` is one of :func:`~scanner_sim.render.beam.beamlets.probe_beamlets`, and ``tables`` hold it on the device.
+    """
+    returns = trace_returns(loaded, projection, tables, shots)
+    dr.eval(returns)
+    chief = dr.arange(mi.UInt32, dr.width(shots.theta)) * tables.count
+    truth = Truth.of(loaded, returns.distance, returns.shape, chief)
+    footprint = _classify_footprints(loaded, projection, probe, returns, chief)
+    # Sweeps are as long as they are at the surface that counts: the chief ray's, or the nearest where it meets none.
+    nearest = dr.select(dr.isfinite(returns.distance), returns.distance, dr.inf)
+    nearest = dr.block_reduce(dr.ReduceOp.Min, nearest, tables.count)
+    reach = dr.select(dr.isfinite(truth.distance), truth.distance, nearest)
+    dr.eval(truth, footprint, reach)
+    return Probed(probe, returns, truth, footprint, reach)
+
+
+def split_beams(
+    loaded: LoadedScene, projection: Projection, tables: SweptTables, shots: Shots, reach: Float
+) -> Light:
+    """Return the light of beams that are split into many beamlets, in clusters.
+
+    ``tables`` of the beamlets; ``reach`` to the surfaces that count (:class:`Probed`).
+    """
+    split = SweptBeamlets.of(tables, projection.layout, shots, reach)
+    dr.eval(split.length, split.briefer, split.cosine, split.sine)
+    many = trace_returns(loaded, projection, split, shots)
+    dr.eval(many.spots, many.laid.reference)
+    every = dr.arange(mi.UInt32, dr.width(shots.theta))
+    found = cluster(many.spots, every, tables.count, CLUSTERS, projection.resolution)
+    return Light(every, shots.number, *found, many.laid.reference)
 
 
 def _indices(where: NDArray[np.bool_]) -> UInt32:

@@ -64,7 +64,7 @@ class SweptTables:
 
     @classmethod
     def of(cls, count: int) -> SweptTables:
-        """Return the tables of ``count`` beamlets with a moment of their own each."""
+        """Return the tables of ``count`` beamlets with a moment of their own each: what others are judged by."""
         width = edge_width(count)
         along, times, across = swept_positions(count, np.sqrt(1.0 - width**2))
         a, b, c, d, e = _uploaded(along, times, across, *aperture_spiral(count).T)

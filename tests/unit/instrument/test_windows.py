@@ -91,9 +91,9 @@ def test_a_span_has_a_step_more_at_each_end_and_little_beyond(low: float, high: 
 def test_a_window_holds_all_that_the_pixels_see(windows: Recorded) -> None:
     """Claim: Θ − atan(p/f) of the first pixel at the leftmost and the last at the rightmost shot, with half a dwell's
     travel, and the same for φ, lie within the first and last bins and rows; 67 bins and 18 rows too many at most."""
-    windows.seen_by(aim())
+    windows.layers(windows.key(aim()))
     (first, top), _ = windows.asked
-    _, bins, _, rows, _, _ = windows._key(aim())
+    _, bins, _, rows, _, _ = windows.key(aim())
     left = 0.10 - 1e-3 - math.atan((OFFSET + PIXELS * PITCH) / FOCAL)
     right = 0.12 + 1e-3 - math.atan(OFFSET / FOCAL)
     step, row = PITCH / FOCAL, 0.5 * HEIGHT / FOCAL
@@ -109,11 +109,11 @@ def test_a_window_holds_all_that_the_pixels_see(windows: Recorded) -> None:
 def test_objects_stand_as_in_the_middle_of_the_slot(windows: Recorded, time: float, middle: float) -> None:
     """Claim: what moves by 3 bins a second has slots of 1/4 s, the longest power of two in which it moves by less than
     a bin, and is where it is in their middles."""
-    windows.seen_by(aim(time))
+    windows.layers(windows.key(aim(time)))
     assert windows.asked[1] == pytest.approx(middle)
 
 
 def test_the_next_pattern_of_a_slot_is_not_rendered_again(windows: Recorded) -> None:
     for time in (0.01, 0.2, 0.26, 0.1):
-        windows.seen_by(aim(time))
+        windows.layers(windows.key(aim(time)))
     assert windows.rendered == 2

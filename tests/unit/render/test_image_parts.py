@@ -85,7 +85,7 @@ def test_between_rows_the_background_is_interpolated(device: Device, row: float,
     from scanner_sim.render.background.panorama import Panorama
 
     mi: Any = mitsuba
-    view: Any = SimpleNamespace(bins=3, rows=3, lattice=lambda: (0.0, 1.0, 2.0))
+    view: Any = SimpleNamespace(start=None, bins=3, rows=3, lattice=lambda: (0.0, 1.0, 2.0))
     layer = mi.Float(np.repeat([10.0, 20.0, 40.0], 3).astype(np.float32))
     panorama = Panorama(view, layer, layer, layer, layer)
     found = panorama.look(layer, mi.Float(row), mi.Float(1.0))

@@ -25,13 +25,26 @@ PLACE = 8e-3 * np.stack([np.cos(TURN), np.sin(TURN)])
 RISE = 8e-3 * 2.0 * np.pi / COUNT * np.stack([-np.sin(TURN), np.cos(TURN)])
 
 
+def common(place: Array, rise: Array, errors: Array, radius: float, on_surface: float) -> Array:
+    one = np.ones(1)
+    return np.asarray(
+        lasting._common(place[None], rise[None], errors[None], radius * one, on_surface * one)[0]
+    )
+
+
 @pytest.mark.parametrize("on_surface", [0.0, 0.6])
 def test_two_dithers_share_what_their_places_on_the_surface_do(on_surface: float) -> None:
-    """Claim: Σ_ij e_i e_j ⟨ρ(r_i + u t_i − r_j − u′ t_j)⟩ over u, u′ at the thirds of a dwell, with exp(−δ²/w²) of the
-    light and (1 − 2δ_x²/w²) exp(−δ²/w²) of its place on the surface: by a plain sum over all pairs."""
+    """Claim: Σ_ij e_i e_j ⟨ρ(r_i + u t_i − r_j − u′ t_j)⟩ over u, u′ all over a dwell, with exp(−δ²/w²) of the
+    light and (1 − 2δ_x²/w²) exp(−δ²/w²) of its place on the surface: by a plain sum over all pairs, each at nine by
+    nine places. A pattern beside it whose voxels count for more or for less changes no bit of it."""
     errors = np.stack([1.0 + 0.3 * np.cos(TURN), np.sin(2.0 * TURN) + 0.5])
-    found = lasting._common(PLACE, RISE, errors, RADIUS, on_surface)
-    steps = np.array([-1.0, 0.0, 1.0]) / 3.0
+    errors[:, 3] *= 1e-3  # counts for nothing
+    found = common(PLACE, RISE, errors, RADIUS, on_surface)
+    for others in (np.eye(2, COUNT), np.ones((2, COUNT))):
+        both = (np.stack(pair) for pair in ((2.0 * PLACE, PLACE), (RISE, RISE), (others, errors)))
+        beside = lasting._common(*both, np.array([2e-3, RADIUS]), np.array([0.3, on_surface]))
+        assert beside[1].tobytes() == found.tobytes()
+    steps = (np.arange(9) + 0.5) / 9.0 - 0.5
     wanted = np.zeros((2, 2))
     for i in range(COUNT):
         for j in range(COUNT):
@@ -49,13 +62,13 @@ def test_a_dither_leaves_nothing_where_it_was() -> None:
     """Claim: at most nine tenths of any variance last: in every direction of (Θ, φ), and of the range."""
     whole = np.array([[4.0, 1.0, 0.0], [1.0, 2.0, 0.0], [0.0, 0.0, 9.0]])
     small = 0.5 * whole
-    np.testing.assert_allclose(lasting._limit(small, whole), small)
+    np.testing.assert_allclose(lasting._limit(small[None], whole[None])[0], small)
     # Angles and range are limited each by itself.
     part = np.diag([1.0, 1.0, 0.0]) @ (2.0 * whole) + np.diag([0.0, 0.0, 4.5])
-    limited = lasting._limit(part, whole)
+    limited = lasting._limit(part[None], whole[None])[0]
     np.testing.assert_allclose(limited[:2, :2], 0.9 * whole[:2, :2], rtol=1e-12)
     assert limited[2, 2] == pytest.approx(4.5)
-    assert lasting._limit(np.diag([0.0, 0.0, 20.0]), whole)[2, 2] == pytest.approx(8.1)
+    assert lasting._limit(np.diag([0.0, 0.0, 20.0])[None], whole[None])[0, 2, 2] == pytest.approx(8.1)
 
 
 DISTANCE, DISC, BEAM = 8.0, 5e-3, 3.2e-3
@@ -123,7 +136,7 @@ def test_the_centre_moves_with_the_light_of_each_voxel() -> None:
         centres.append(disc_fit(moved, response, start, spot=spot).centre)
     errors = 0.2 * (centres[0] - centres[1]).T / (2.0 * step)
     place = DISTANCE * np.concatenate([samples.theta, samples.phi])
-    wanted = lasting._common(place, lasting.rise_per_point(place), errors, BEAM, 0.0)
+    wanted = common(place, lasting.rise_per_point(place), errors, BEAM, 0.0)
     found = surface(0.04)[:2, :2]
     np.testing.assert_allclose(found, wanted, rtol=0.0, atol=0.02 * wanted[0, 0])
 
