@@ -133,6 +133,8 @@ def open_plan(path: Path) -> None:
         workers=0,
         scheduler=None,
         measure=None,
+        peak=None,
+        pulse=None,
         dry_run=True,
         device="cpu",
         quiet=True,
