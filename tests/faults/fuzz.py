@@ -156,7 +156,7 @@ class Fuzzer:
         number = int(address.rpartition("/")[2]) if "/" in address else 1
         job: dict[str, Any] = {
             "kind": next(
-                (kind for kind in ("state", "result", "plan") if address.startswith(kind)), "scenario"
+                (kind for kind in ("state", "result", "plan") if address.startswith(f"{kind}/")), "scenario"
             ),
             # Of scenes all that is to be looked at comes with the simulation.
             "thorough": address.startswith(("mesh", "xml")) or number % self.every == 0,
@@ -250,7 +250,7 @@ def replay(fuzzer: Fuzzer) -> None:
     """Open all of the corpus in one process."""
     worker = Worker()
     for name, mutant in corpus():
-        kind = next((kind for kind in ("state", "plan") if name.startswith(kind)), "")
+        kind = next((kind for kind in ("state", "plan") if name.startswith(f"{kind}-")), "")
         found = fuzzer.open(worker, f"{kind}/0/1" if kind else name, mutant)
         fuzzer.counts[f"corpus: {found['outcome']}"] += 1
         if found["outcome"] == "finding":
@@ -268,7 +268,7 @@ def open_originals(fuzzer: Fuzzer) -> None:
     originals: list[tuple[str, Mutant | Path]] = [
         (config.name, Mutant(config.name, config.read_bytes(), (), ())) for config in CONFIGS
     ]
-    originals.append(("state", Mutant("state", fuzzer.state().encode(), (), ())))
+    originals.append(("state/0", Mutant("state", fuzzer.state().encode(), (), ())))
     originals += [(f"plan/{plan.name}/0", Mutant(plan.name, plan.read_bytes(), (), ())) for plan in PLANS]
     results = list(sound_results(fuzzer.results(), folder))
     # Numbers by which each kind of result is drawn once: images that are packed in four ways hold the same.

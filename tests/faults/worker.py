@@ -67,7 +67,7 @@ def shrunk(scenario: Scenario) -> Scenario:
         }
         changes["scan"] = scan.model_copy(update={"rows": rows, "columns": columns})
         changes["output"] = scenario.output.model_copy(update=kept)
-    else:
+    elif scan.layout == "visits":
         least = max(32, 8 * max(scan.pattern.cycles))
         points = min(scan.pattern.points, least)
         changes["scan"] = scan.model_copy(
@@ -96,9 +96,11 @@ def open_scenario(path: Path, overrides: list[str], *, thorough: bool, pictures:
 def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
     from scanner_sim.cli.plan import sunlit
     from scanner_sim.instrument.closed_loop.poses import poses_of
+    from scanner_sim.instrument.shots import simulate_shots
     from scanner_sim.instrument.simulate import simulate, take_photo
     from scanner_sim.instrument.simulate_signals import signal_parts
     from scanner_sim.products.files.run_folder import write_run
+    from scanner_sim.products.files.shots_folder import write_shots
     from scanner_sim.products.files.track_folder import write_track
 
     output = scenario.output.model_copy(update={"pictures": pictures})
@@ -109,6 +111,9 @@ def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
         if pictures and sunlit(scenario):
             camera = take_photo(scenario, device="cpu")
         write_run(image, folder, output, camera=camera, lines=lines, waveforms=waveforms)
+        return
+    if scenario.scan.layout == "shots":
+        write_shots(simulate_shots(scenario, device="cpu", threads=1), folder, output)
         return
     tracker = Tracker(scenario, device="cpu", threads=1)
     records = tuple(record for record, _ in zip(tracker, range(VISITS), strict=False))
