@@ -286,7 +286,7 @@ def traffic(*_: object) -> Tabulated:
 
 def kills(chosen: argparse.Namespace, say: Callable[[str], None]) -> Tabulated:
     """Kill a campaign at random moments; return the table of how often, and of what became of its rows."""
-    runs, draw = 400, random.Random(chosen.seed)
+    runs, draw = 4000, random.Random(chosen.seed)
     done = {"worker": 0, "master": 0}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -300,7 +300,7 @@ def kills(chosen: argparse.Namespace, say: Callable[[str], None]) -> Tabulated:
             if process.returncode is not None:
                 # A worker was killed before it had begun: the command says so, and is started again.
                 process = started(folder, 2)
-            time.sleep(draw.uniform(0.0, 15.0))
+            time.sleep(draw.uniform(0.0, 10.0))
             say(f"{done}, {rows_done(folder / 'out')} of {runs} rows")
             if draw.random() < 0.4:
                 process.kill()

@@ -7,6 +7,7 @@ import re
 import shlex
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -20,6 +21,8 @@ from scanner_sim.config import load_scanner, load_scenario, scenario_from_text
 from scanner_sim.config.preset import read_preset, shipped_presets
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.products.files import contents
+from scanner_sim.signals.processing import PEAKS
+from scanner_sim.signals.waveform.settings import PULSES
 from scanner_sim.validation.studies.pose_study import StudyPlan
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -60,7 +63,7 @@ def examples(page: Path) -> list[Example]:
 
 
 @pytest.fixture
-def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, repo_root: Path) -> Path:
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, repo_root: Path) -> Iterator[Path]:
     """A folder that looks like the repository's root, in which examples may leave files."""
     # Budgets and studies take fewer places and poses than can be asked for.
     monkeypatch.setattr(importlib.import_module("scanner_sim.validation.studies.budget"), "PIXEL_PHASES", 2)
@@ -73,7 +76,10 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, repo_root: Path) -> 
     for name in ("configs", "scenes"):
         (tmp_path / name).symlink_to(repo_root / name)
     monkeypatch.chdir(tmp_path)
-    return tmp_path
+    yield tmp_path
+    # What an example registers is no estimator of the next test's.
+    PEAKS.clear()
+    PULSES.clear()
 
 
 @pytest.mark.slow
