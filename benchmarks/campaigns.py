@@ -191,7 +191,7 @@ def cost(chosen: argparse.Namespace, say: Callable[[str], None]) -> Tabulated:
 
 def workers(chosen: argparse.Namespace, say: Callable[[str], None]) -> Tabulated:
     """Return the table of one worker and two, in turns."""
-    runs, turns = (80, 1) if chosen.quick else (240, 2)
+    runs, turns = (80, 1) if chosen.quick else (1600, 1)
     found: dict[int, list[dict[str, float]]] = {1: [], 2: []}
     for _ in range(turns):
         for count, own in found.items():
