@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import shutil
+import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
@@ -152,3 +154,30 @@ def test_few_drawn_points_are_drawn_and_said_to_be_few(tmp_path: Path, small_sce
     vary = f"vary:\n  - keys: {{{POWER}: {{uniform: [5 mW, 15 mW]}}}}\n    count: 5\n"
     page = page_of(tmp_path, small_scenario, vary, lambda row: 1e-5 / row[POWER])
     assert verdicts(page, "sigma_range") == {POWER: "too few runs to tell"}
+
+
+def test_a_browser_shows_what_the_parser_reads(store: Store, tmp_path: Path) -> None:
+    """Claim: headings, cells and pictures are those that the page's text has; offline, by a headless Chromium.
+
+    Where there is no Chromium the parser's reading stands alone: a machine that has Python, git and make has none.
+    """
+    page = tmp_path / "report.html"
+    page.write_text(report_page(store), encoding="utf-8")
+    browser = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    shown = page.read_text(encoding="utf-8")
+    if browser is not None:
+        offline = ["--headless", "--no-sandbox", "--disable-gpu", "--host-resolver-rules=MAP * ~NOTFOUND"]
+        command = [browser, *offline, f"--user-data-dir={tmp_path / 'profile'}", "--dump-dom", page.as_uri()]
+        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=300)
+        # A command of that name that opens nothing is no browser.
+        shown = shown if done.returncode else done.stdout
+    wanted, found = (
+        [
+            (element.tag, "".join(element.itertext()).strip(), element.attrib.get("src"))
+            for element in html5lib.parse(text, namespaceHTMLElements=False).iter()
+            if element.tag in ("h1", "h2", "td", "th", "img")
+        ]
+        for text in (page.read_text(encoding="utf-8"), shown)
+    )
+    assert len(wanted) > 20
+    assert found == wanted
