@@ -65,6 +65,13 @@ def test_the_depth_is_that_of_geometry(one: dict[str, Any], other: dict[str, Any
         assert depth * 0.98 - 1e-5 - POINTS_APART**2 <= only.depth <= depth * (1.0 + FAN) + 1e-5
 
 
+def test_the_depth_of_two_that_move_together_is_that_of_both_at_rest() -> None:
+    """Claim: each is seen from the other's frame, wherever both have gone."""
+    moving = {"motion": {"type": "twist", "velocity": (0.4, 0.0, 0.2)}}
+    (seen,) = found(BOX | moving, BALL | moving | {"position": (0, 0, 8.7)}, times=(3.0,))
+    assert seen.depth == pytest.approx(0.2, rel=FAN)
+
+
 @pytest.mark.parametrize(
     "objects",
     [
