@@ -491,11 +491,9 @@ def sampling(quick: bool, progress: Progress) -> tuple[list[str], list[list[str]
 def markdown(name: str, head: list[str], rows: list[list[str]]) -> None:
     """Write a table into the page of the documents, between its marks."""
     sys.path.append(str(ROOT / "docs"))
-    from made_tables import marked, rewrite
+    from made_tables import rewrite_table
 
-    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
-    lines += ["| " + " | ".join(row) + " |" for row in rows]
-    rewrite(PAGE, marked(f"benchmarks/scaling.py --only {name}", ("\n".join(lines),)))
+    rewrite_table(PAGE, f"benchmarks/scaling.py --only {name}", head, rows)
 
 
 def main() -> None:

@@ -18,3 +18,10 @@ def rewrite(page: Path, made: str) -> None:
     text = page.read_text(encoding="utf-8")
     before, rest = text.split(begin)
     page.write_text(before + made + rest.split(end)[1], encoding="utf-8")
+
+
+def rewrite_table(page: Path, maker: str, head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Put a table in the place of the one that a program made before."""
+    lines = ["| " + " | ".join(head) + " |", "|---" * len(head) + "|"]
+    lines += ["| " + " | ".join(row) + " |" for row in rows]
+    rewrite(page, marked(maker, ("\n".join(lines),)))

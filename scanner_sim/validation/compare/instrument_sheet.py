@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.products.budget import Mode
@@ -47,6 +48,8 @@ def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
     }
     brightest = np.array([forms.facing(float(R), REFLECTANCE).line.max() for R in ranges])
     filled = scanner.exposure / scanner.dwell * brightest / sensor.full_well
+    laser = scanner.laser
+    beam = laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared
     recorded = (ranges >= gate[0]) & (ranges <= gate[1])
     return InstrumentSheet(
         baseline=scanner.receiver.baseline,
@@ -61,7 +64,7 @@ def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
         rate=scanner.rate,
         reflectance=REFLECTANCE,
         range_m=ranges,
-        spot_m=2.0 * np.asarray([float(scanner.laser.radius(float(R))) for R in ranges]),
+        spot_m=2.0 * beam_radius(ranges, *beam),
         pixel_m=np.array([forms.range_per_pixel(float(R)) for R in ranges]),
         lateral_m=forms.angle_sigma * ranges,
         filled=filled,
