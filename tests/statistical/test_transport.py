@@ -29,7 +29,7 @@ def wall(distance: float, axis: Any = "y", degrees: float = 0.0, **changes: Any)
     return {"name": "wall", "shape": "rectangle", **place, **changes}
 
 
-def bench(**laser: float) -> Any:
+def bench(height: float = SCANNER.position_sensor.height, **laser: float) -> Any:
     from scanner_sim.render.transport import OpticalLayout
 
     sensor = SCANNER.position_sensor
@@ -39,7 +39,7 @@ def bench(**laser: float) -> Any:
         SCANNER.mirrors.axis_separation,
         1.0,
         sensor.pitch,
-        sensor.height,
+        height,
         sensor.offset,
         sensor.diffusion,
     )
@@ -254,6 +254,26 @@ def test_a_beam_with_its_waist_ahead_has_its_width_everywhere(distance: float) -
     sensor, receiver = SCANNER.position_sensor, SCANNER.receiver
     expected = (image**2 + sensor.diffusion**2 + receiver.aberration**2) / sensor.pitch**2 + 1.0 / 12.0
     assert float(variances(lines)[0]) == pytest.approx(expected, rel=0.02)
+
+
+def test_a_wide_beam_on_a_steep_wall_has_the_width_of_both_its_directions() -> None:
+    """Claim: light that is displaced up or down arrives elsewhere along the line, too, where the wall stands askew.
+
+    Set-up: the beam on a wall at 2 m that recedes upwards by 80°, pixels so high that they cut nothing. Expected:
+    p = f (d − x)/z with z = R + y tan 80°: variance (f w/2R)² (1 + (d tan 80°/R)²), the lens's blur and a pixel's 1/12.
+    Tolerance: 1e-4 for single precision; the beam's depth, σ 3e-3 of R, makes some 1e-5. What the beamlets themselves
+    are wide up and down is 2 % of it.
+    """
+    distance, steep = 2.0, np.deg2rad(80.0)
+    lines, _ = both([wall(distance, "x", 80.0)], np.zeros(1), np.zeros(1), 1, height=0.05)
+    sensor, receiver, laser = SCANNER.position_sensor, SCANNER.receiver, SCANNER.laser
+    w = float(beam.beam_radius(distance, laser.waist_radius, laser.waist_distance, laser.wavelength))
+    image = receiver.focal_length * 0.5 * w / distance
+    both_ways = image**2 * (1.0 + (receiver.baseline * np.tan(steep) / distance) ** 2)
+    blur = sensor.diffusion**2 + receiver.aberration**2
+    assert float(variances(lines)[0]) == pytest.approx(
+        (both_ways + blur) / sensor.pitch**2 + 1.0 / 12.0, rel=1e-4
+    )
 
 
 def variances(lines: np.ndarray) -> np.ndarray:
