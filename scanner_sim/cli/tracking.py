@@ -180,8 +180,8 @@ def _target_rows(track: Track) -> list[list[str]]:
     from scanner_sim.products.track_summary import errors_of
 
     rows = [["target", "state", "measured", "followed"]]
-    for axis in ("σΘ µrad", "σφ µrad", "σR mm"):
-        rows[0] += [axis, "rms", "rms/σ"]
+    for name in ("σΘ µrad", "σφ µrad", "σR mm"):
+        rows[0] += [name, "rms", "rms/σ"]
     for target in track.targets:
         records = track.of(target.name)
         followed = [record for record in records if record.mode is TrackMode.TRACK]
