@@ -63,12 +63,13 @@ def _motions(scenario: Scenario) -> Iterator[str]:
     duration = scan.scan_time(scenario.scan_setup)
     time, lit = np.linspace(0.0, duration, _MOTION_INSTANTS), not scenario.lighting.sky().dark
     for index, item in enumerate(scenario.scene.objects):
-        if item.motion is None:
+        if not item.moves:
             continue
         location = f"scene.objects[{index}].motion: '{item.name}'"
         poses = item.pose_at(time)
-        if not isinstance(item.motion, ConstantTwist) and (item.position != (0.0, 0.0, 0.0) or item.rotation):
-            yield f"{location} is placed by its {item.motion.type}: its position and rotation are not used"
+        placed = item.motion is not None and not isinstance(item.motion, ConstantTwist)
+        if placed and (item.position != (0.0, 0.0, 0.0) or item.rotation):
+            yield f"{location} is placed by its {item.motion.type if item.motion else ''}: its position and rotation are not used"
         if np.ptp(poses, axis=0).max() == 0.0:
             yield f"{location} does not move in the {duration:.3g} s of the scan"
             continue

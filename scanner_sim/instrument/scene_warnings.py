@@ -33,7 +33,8 @@ def scene_warnings(scenario: Scenario, *, device: DeviceChoice = "auto") -> tupl
     activate(device)
     loaded, duration = load_scene(scenario.scene), scenario.scan.scan_time(scenario.scan_setup)
     times = (0.0, 0.5 * duration, duration) if loaded.bodies else (0.0,)
-    return tuple(
+    notes = tuple(f"scene: {note}" for note in loaded.notes)
+    return notes + tuple(
         f"scene: '{one.objects[0]}' and '{one.objects[1]}' stand in one another by about {one.depth:.2g} m"
         + (f" at {one.time:.3g} s" if len(times) > 1 else "")
         + ", as no solid bodies do"

@@ -85,6 +85,8 @@ def interpenetrations(loaded: LoadedScene, times: Sequence[float]) -> tuple[Inte
         bodies = [body.item.pose_at(time)[0] for body in loaded.bodies]
         poses = [np.eye(4) if solid.body is None else bodies[solid.body] for solid in solids]
         for one, other in _near(solids, poses)[:MOST_PAIRS]:
+            if loaded.owners[solids[one].number - 1] == loaded.owners[solids[other].number - 1]:
+                continue
             if time != times[0] and solids[one].body is solids[other].body is None:
                 continue
             depth = max(
