@@ -23,6 +23,7 @@ from scanner_sim.scene.files.foreign_reader import MISSING, SECONDS, UNREADABLE
 from scanner_sim.scene.files.triangles import MeshError, check_triangles
 
 _DECLARED = re.compile(rb"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
+_SURER = "Convert it to GLB, PLY or OBJ, which this program reads itself."
 _PACKAGES = {"collada": "pycollada"}
 
 
@@ -53,9 +54,9 @@ def foreign_mesh(content: bytes, kind: str) -> FileMesh:
             remedy="Install it with: pip install 'scanner-sim[meshes]'; or convert the mesh to GLB, PLY or OBJ.",
         )
     if done.returncode == UNREADABLE:
-        raise MeshError(f"{said[:200]}; GLB, PLY and OBJ are the surer formats")
+        raise MeshError(said[:200], _SURER)
     if done.returncode != 0:
-        raise MeshError("it takes too much memory or time to read")
+        raise MeshError("it takes too much memory or time to read", _SURER)
     return _mesh(done.stdout)
 
 

@@ -21,6 +21,10 @@ MISSING, UNREADABLE = 3, 4
 """Exit statuses: a package is not installed; the file cannot be read."""
 
 
+class _NoTriangles(Exception):
+    """A file that is read and holds none."""
+
+
 def main() -> int:
     """Read a mesh from the standard input, and write it to the standard output as NumPy's archive."""
     _limit()
@@ -33,8 +37,11 @@ def main() -> int:
     except MemoryError:
         sys.stderr.write("it takes too much memory")
         return UNREADABLE
+    except _NoTriangles:
+        sys.stderr.write("its reader, trimesh, finds no triangles in it")
+        return UNREADABLE
     except Exception as error:  # whatever a reader of foreign files may raise
-        sys.stderr.write(f"its reader stopped with {type(error).__name__}")
+        sys.stderr.write(f"its reader, trimesh, stopped with {type(error).__name__}")
         return UNREADABLE
     archive = io.BytesIO()
     np.savez(archive, **found)
@@ -74,7 +81,7 @@ def _arrays(content: bytes, kind: str) -> dict[str, Any]:
         names.append([str(material or ""), str(geometry), str(node)])
         start += len(vertices[-1])
     if not faces:
-        raise ValueError("no triangles")
+        raise _NoTriangles
     try:
         unit = trimesh.units.unit_conversion(scene.units, "meters") if scene.units else 0.0
     except Exception:  # a unit that trimesh does not know

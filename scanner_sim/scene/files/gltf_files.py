@@ -21,7 +21,7 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import LARGEST_MESH, file_beside, read_ordinary
 from scanner_sim.scene.files.file_meshes import MOST_PARTS, Colour, FileMesh, FilePart, counted
 from scanner_sim.scene.files.gltf_geometry import Geometry, joined, triangles_of
-from scanner_sim.scene.files.triangles import MeshError
+from scanner_sim.scene.files.triangles import MAKE_FACES, MeshError
 
 LONGEST_JSON = 1 << 28
 """Characters of the description: buffers in base64 count."""
@@ -78,7 +78,7 @@ def _split(content: bytes) -> tuple[dict[str, Any], bytes | None]:
             raise MeshError("it breaks off in its header")
         _, version, length, size, kind = struct.unpack_from("<5I", content)
         if version != 2:
-            raise MeshError(f"it is glTF {version}, and version 2 is read")
+            raise MeshError(f"it is glTF {version}, and version 2 is read", "Export it as glTF 2.0.")
         if length > len(content) or kind != _JSON or 20 + size > length:
             raise MeshError("its length is not the one that its header announces")
         text = content[20 : 20 + size]
@@ -140,7 +140,9 @@ class _File:
         asset = description.get("asset")
         version = str(asset.get("version", "")) if isinstance(asset, dict) else ""
         if not version.startswith("2."):
-            raise MeshError(f"it is glTF {version[:10] or 'of no version'}, and version 2 is read")
+            raise MeshError(
+                f"it is glTF {version[:10] or 'of no version'}, and version 2 is read", "Export it as glTF 2.0."
+            )
         self._refuse_extensions()
 
     def mesh(self) -> FileMesh:
@@ -157,7 +159,7 @@ class _File:
                     found = self._primitive(primitive, placed.matrix)
                 except MeshError as fault:
                     shown = f"primitive {number} of mesh {placed.mesh}"
-                    raise MeshError(f"{shown}: {fault}") from None
+                    raise MeshError(f"{shown}: {fault}", fault.remedy) from None
                 if found is None:
                     continue
                 material = primitive.get("material")
@@ -169,7 +171,8 @@ class _File:
                 if faces > MOST_FACES or len(parts) > MOST_PARTS:
                     raise MeshError(f"it has more than {MOST_FACES:.0e} triangles or {MOST_PARTS} parts")
         if not pieces:
-            raise MeshError("it has no triangles")
+            left_out = ", ".join(f"{number:,} × {what}" for what, number in self._left_out.items())
+            raise MeshError(f"its scene has no triangles{': ' if left_out else ''}{left_out}", MAKE_FACES)
         return FileMesh(
             joined(pieces),
             np.repeat(np.arange(len(pieces)), [len(piece.faces) for piece in pieces]),
@@ -194,7 +197,10 @@ class _File:
             if name not in _UNDERSTOOD and not name.startswith(("KHR_materials_", "KHR_texture_", "EXT_texture_"))
         ]
         if unknown:
-            raise MeshError(f"it needs {', '.join(unknown)}; export it without compression and extensions")
+            raise MeshError(
+                f"it needs {', '.join(unknown)[:200]}, which is not read",
+                "Export it without compression and extensions.",
+            )
 
     def _notes(self) -> tuple[str, ...]:
         """Return what of the file does not count here."""

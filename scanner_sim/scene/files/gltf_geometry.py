@@ -24,7 +24,8 @@ class Geometry(NamedTuple):
     def moved(self, matrix: Floats) -> Geometry:
         """Return the piece where a matrix puts it; a mirrored one keeps its outside, and one without normals is flat."""
         linear = matrix[:3, :3]
-        vertices = self.vertices @ linear.T + matrix[:3, 3]
+        with np.errstate(invalid="ignore", over="ignore"):  # found afterwards, when the pieces are joined
+            vertices = self.vertices @ linear.T + matrix[:3, 3]
         mirrored = bool(np.linalg.det(linear) < 0.0)
         outwards = -_cofactors(linear) if mirrored else _cofactors(linear)
         normals = None if self.normals is None else _unit(self.normals @ outwards.T)
@@ -33,7 +34,8 @@ class Geometry(NamedTuple):
             return Geometry(vertices, faces, normals, self.texture)
         # Without normals faces are flat (specification, section 3.7.2.1): each gets corners of its own.
         corners = vertices[faces]
-        facing = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        with np.errstate(invalid="ignore", over="ignore"):
+            facing = _unit(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
         texture = None if self.texture is None else self.texture[faces].reshape(-1, 2)
         own = np.arange(3 * len(faces), dtype=np.int64).reshape(-1, 3)
         return Geometry(corners.reshape(-1, 3), own, np.repeat(facing, 3, axis=0), texture)

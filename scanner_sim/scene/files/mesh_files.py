@@ -42,8 +42,10 @@ def read_mesh_file(path: Path) -> FileMesh:
     except MeshError as fault:
         raise InputError(
             f"the mesh {str(path)!r} cannot be used: {fault}.",
-            remedy="Export it again, as triangles with finite coordinates.",
+            remedy=fault.remedy,
         ) from None
+    except InputError as error:
+        raise InputError(f"the mesh {str(path)!r} cannot be used: {error.message}", remedy=error.remedy) from None
     except MemoryError:
         raise InputError(f"the mesh {str(path)!r} does not fit into memory.", remedy="Simplify it.") from None
 

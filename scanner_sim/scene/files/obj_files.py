@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.scene.files.file_meshes import MOST_PARTS, Colour, FileMesh, FilePart, counted
 from scanner_sim.scene.files.obj_materials import colours_of_libraries, files_of_libraries
-from scanner_sim.scene.files.triangles import MeshError, check_triangles
+from scanner_sim.scene.files.triangles import MAKE_FACES, NO_FACES, MeshError, check_triangles
 
 _COLUMNS = {"v": 3, "vt": 2, "vn": 3}
 _ORDER = ("v", "vt", "vn")
@@ -34,7 +34,8 @@ def obj_mesh(content: bytes, path: Path) -> FileMesh:
     """
     reader = _Reader()
     # Names and comments may be in any encoding; Latin-1 knows every byte. A backslash continues a line.
-    text = content.decode("latin-1").replace("\\\r\n", " ").replace("\\\n", " ")
+    encoding = "utf-16" if content[:2] in (b"\xff\xfe", b"\xfe\xff") else "latin-1"
+    text = content.decode(encoding, "replace").replace("\\\r\n", " ").replace("\\\n", " ")
     for line, words in enumerate((entry.split() for entry in text.split("\n")), start=1):
         if not words:
             continue
@@ -43,7 +44,7 @@ def obj_mesh(content: bytes, path: Path) -> FileMesh:
         except ValueError:
             raise MeshError(f"line {line} holds something that is not a number") from None
         except MeshError as fault:
-            raise MeshError(f"line {line}: {fault}") from None
+            raise MeshError(f"line {line}: {fault}", fault.remedy) from None
     return reader.mesh(path)
 
 
@@ -127,7 +128,7 @@ class _Reader:
     def mesh(self, path: Path) -> FileMesh:
         """Return the mesh; normals and texture coordinates only where every corner has sound ones."""
         if not self._faces:
-            raise MeshError("it has no faces, and a point cloud cannot be scanned")
+            raise MeshError(NO_FACES, MAKE_FACES)
         index = np.array(list(self._corners), dtype=np.int64)
         vertices = np.array(self._rows["v"])[index[:, 0]]
         texture, normals = (self._column(kind, index[:, at]) for at, kind in ((1, "vt"), (2, "vn")))

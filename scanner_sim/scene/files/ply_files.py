@@ -12,7 +12,14 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.named_files import LARGEST_MESH
 from scanner_sim.scene.files.file_meshes import FileMesh
-from scanner_sim.scene.files.triangles import MeshError, Triangles, check_triangles, fans
+from scanner_sim.scene.files.triangles import (
+    MAKE_FACES,
+    NO_FACES,
+    MeshError,
+    Triangles,
+    check_triangles,
+    fans,
+)
 
 LONGEST_HEADER = 1 << 20
 """Bytes before the data: comments may be long."""
@@ -98,8 +105,11 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
                 elements[-1].properties.append(_Property(name, _TYPES[kind]))
             case ["property", "list", count, kind, name] if count in _WHOLE and kind in _TYPES and elements:
                 elements[-1].properties.append(_Property(name, _TYPES[kind], _TYPES[count]))
-            case _:
+            case ["format" | "element" | "property", *_]:
                 raise MeshError("a line of its header is not understood")
+            case _:
+                # Some programs write a remark without the word for it.
+                continue
     names = [element.name for element in elements]
     columns = [[column.name for column in element.properties] for element in elements]
     if order is None or len(set(names)) < len(names) or any(len(set(row)) < len(row) for row in columns):
@@ -333,7 +343,7 @@ def _mesh(tables: dict[str, Table]) -> Triangles:
     vertex = tables.get("vertex", {})
     held = [tables[name]["corners"] for name in ("face", "tristrips") if "corners" in tables.get(name, {})]
     if not held:
-        raise MeshError("it has no faces, and a point cloud cannot be scanned")
+        raise MeshError(NO_FACES, MAKE_FACES)
     vertices = _columns(vertex, "x", "y", "z")
     if vertices is None:
         raise MeshError("its vertices have no x, y and z")

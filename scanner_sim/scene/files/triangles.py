@@ -9,9 +9,16 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 
+NO_FACES = "it has no faces, and points or lines cannot be scanned"
+MAKE_FACES = "Make a surface of it first, as MeshLab and Open3D do by Poisson's method."
+
 
 class MeshError(Exception):
-    """What is wrong with the content of a mesh file, in words that end its message."""
+    """What is wrong with the content of a mesh file, in words that end its message; and what helps."""
+
+    def __init__(self, problem: str, remedy: str = "Export it again, as triangles with finite coordinates.") -> None:
+        super().__init__(problem)
+        self.remedy = remedy
 
 
 class Triangles(NamedTuple):
@@ -41,7 +48,7 @@ def check_triangles(
         If there is no face or no area, an index is out of range, or a number is not finite in single precision.
     """
     if len(faces) == 0:
-        raise MeshError("it has no faces, and a point cloud cannot be scanned")
+        raise MeshError(NO_FACES, MAKE_FACES)
     low, high = faces.min(), faces.max()
     if not low >= 0 or not high < len(vertices):
         wrong = low if not low >= 0 else high
