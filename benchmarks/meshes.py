@@ -58,7 +58,9 @@ def main() -> None:
     parser.add_argument("-o", "--output", type=Path, help="CSV with a row for each file")
     asked = parser.parse_args()
     endings = {f".{kind}" for kind in KINDS}
-    files = sorted(path for path in asked.folder.rglob("*") if path.suffix.lower() in endings and path.is_file())
+    files = sorted(
+        path for path in asked.folder.rglob("*") if path.suffix.lower() in endings and path.is_file()
+    )
     rows = [opened(path, asked.folder) for path in files]
     print(f"{'kind':8}{'files':>7}{'loaded':>8}{'refused':>9}{'triangles':>12}{'CPU s':>8}")
     for kind in (*sorted({row.kind for row in rows}), "all"):
@@ -68,7 +70,11 @@ def main() -> None:
         print(f"{kind:8}{len(own):7}{loaded:8}{len(own) - loaded:9}{triangles:12,}{seconds:8.1f}")
     reasons = Counter(re.sub(r"'[^']*'|\d[\d,]*", "…", row.said) for row in rows if not row.loaded)
     for reason, count in reasons.most_common():
-        example = next(row.file for row in rows if not row.loaded and re.sub(r"'[^']*'|\d[\d,]*", "…", row.said) == reason)
+        example = next(
+            row.file
+            for row in rows
+            if not row.loaded and re.sub(r"'[^']*'|\d[\d,]*", "…", row.said) == reason
+        )
         print(f"{count:4} × {reason}\n       {example}")
     if asked.output is not None:
         with asked.output.open("w", newline="", encoding="utf-8") as stream:

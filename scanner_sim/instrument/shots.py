@@ -62,5 +62,5 @@ def simulate_shots(
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
         poses=true_poses(scenario),
-        warnings=result_warnings(layers),
+        warnings=(*mesh_warnings(scenario, loaded), *result_warnings(layers)),
     )

@@ -46,7 +46,8 @@ def _common(scenario: Scenario) -> Scenario:
     if not scenario.lighting.sky().dark:
         return common
     objects = tuple(
-        item.in_own_frame().changed(motion=_UNMOVED) if item.moves else item for item in scenario.scene.objects
+        item.in_own_frame().changed(motion=_UNMOVED) if item.moves else item
+        for item in scenario.scene.objects
     )
     return common.changed(scene={"objects": objects})
 

@@ -14,6 +14,7 @@ import numpy as np
 from scanner_sim.foundation.device_types import Float, MitsubaScene, Shape, UInt32
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.named_files import LARGEST_MESH, are_as_noted, noted_files
+from scanner_sim.scene.files.file_meshes import MeshExtent
 from scanner_sim.scene.files.plugins import installed_plugins_only
 from scanner_sim.scene.files.shapes import Surfaces, shapes_of
 from scanner_sim.scene.objects import Mesh, Posed
@@ -41,7 +42,8 @@ class BuiltScene:
 
     ``resting`` holds what does not move, ``bodies`` each object that does; ``known_as`` has the names by which results
     know the materials, several of which may be equal; ``notes`` says what was left out of files, and mended;
-    ``owners`` are the objects of the scenario to which ``objects`` belong, which may be parts of one; ``kept`` is a shelf for what others
+    ``owners`` are the objects of the scenario to which ``objects`` belong, which may be parts of one; ``extents`` are of meshes
+    in their files, by the names of objects; ``kept`` is a shelf for what others
     computed of the scene, which goes with it; the rest is as in
     :class:`~scanner_sim.scene.files.loader.LoadedScene`.
     """
@@ -57,6 +59,7 @@ class BuiltScene:
     coherence: Float
     notes: tuple[str, ...]
     owners: tuple[str, ...]
+    extents: Mapping[str, MeshExtent]
     kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
@@ -176,6 +179,7 @@ def _build(objects: Sequence[Named]) -> BuiltScene:
         mi.Float([0.5, *(surfaces.coherence(name) for name in materials)]),
         surfaces.notes,
         tuple(dict(zip((name for name, _, _ in rows), owners, strict=True))[name] for name in names),
+        surfaces.extents,
     )
 
 

@@ -74,6 +74,21 @@ class FileMesh(NamedTuple):
         return cls(triangles, part_of, (FilePart((name,)),), **settings)  # type: ignore[arg-type]
 
 
+class MeshExtent(NamedTuple):
+    """How large a mesh is in its file: ``unit`` of the file [m], ``diagonal`` and ``middle`` (3,) of its box in units."""
+
+    unit: float
+    diagonal: float
+    middle: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, triangles: Triangles, unit: float) -> MeshExtent:
+        """Return the extent of the vertices that have faces."""
+        own = triangles.vertices[np.unique(triangles.faces)].astype(np.float64)
+        low, high = own.min(axis=0), own.max(axis=0)
+        return cls(unit, float(np.linalg.norm(high - low)), 0.5 * (low + high))
+
+
 def counted(number: int, thing: str, things: str = "") -> str:
     """Return a number with its noun, ``1 face`` or ``12 faces``."""
     return f"{number:,} {thing if number == 1 else things or thing + 's'}"

@@ -97,8 +97,17 @@ def _check_archive(content: bytes) -> None:
 
 def _check_xml(content: bytes) -> None:
     """Refuse XML that declares a document type or entities, or is in an encoding in which they could hide."""
-    if b"\0" in content[:1000] or content[:2] in (b"\xff\xfe", b"\xfe\xff") or b"encoding" in content[:200] and not (
-        re.search(rb"encoding\s*=\s*[\"'](utf-8|us-ascii|ascii|iso-8859-1|windows-1252)[\"']", content[:200], re.I)
+    if (
+        b"\0" in content[:1000]
+        or content[:2] in (b"\xff\xfe", b"\xfe\xff")
+        or b"encoding" in content[:200]
+        and not (
+            re.search(
+                rb"encoding\s*=\s*[\"'](utf-8|us-ascii|ascii|iso-8859-1|windows-1252)[\"']",
+                content[:200],
+                re.I,
+            )
+        )
     ):
         raise MeshError("its XML is not in UTF-8")
     if _DECLARED.search(content):

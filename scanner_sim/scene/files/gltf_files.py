@@ -141,7 +141,8 @@ class _File:
         version = str(asset.get("version", "")) if isinstance(asset, dict) else ""
         if not version.startswith("2."):
             raise MeshError(
-                f"it is glTF {version[:10] or 'of no version'}, and version 2 is read", "Export it as glTF 2.0."
+                f"it is glTF {version[:10] or 'of no version'}, and version 2 is read",
+                "Export it as glTF 2.0.",
             )
         self._refuse_extensions()
 
@@ -194,7 +195,8 @@ class _File:
         unknown = [
             name
             for name in names
-            if name not in _UNDERSTOOD and not name.startswith(("KHR_materials_", "KHR_texture_", "EXT_texture_"))
+            if name not in _UNDERSTOOD
+            and not name.startswith(("KHR_materials_", "KHR_texture_", "EXT_texture_"))
         ]
         if unknown:
             raise MeshError(

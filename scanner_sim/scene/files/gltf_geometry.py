@@ -48,7 +48,9 @@ def triangles_of(index: Index, kind: str) -> Index:
     count = max(len(index) - 2, 0)
     number = np.arange(count)
     if kind == "fan":
-        return np.stack([np.full(count, index[0] if count else 0), index[1:][:count], index[2:][:count]], axis=1)
+        return np.stack(
+            [np.full(count, index[0] if count else 0), index[1:][:count], index[2:][:count]], axis=1
+        )
     odd = number % 2
     return np.stack([index[number], index[number + 1 + odd], index[number + 2 - odd]], axis=1)
 

@@ -7,6 +7,7 @@ reported together. Whoever asks for the same scene again gets the same Mitsuba s
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +20,7 @@ from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Matrix3f, MitsubaScene, Shape, UInt32, Vector3f
 from scanner_sim.foundation.errors import printable
 from scanner_sim.scene.files.built_scene import Named, SceneKeeper
+from scanner_sim.scene.files.file_meshes import MeshExtent
 from scanner_sim.scene.labels import LabelTable
 from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
 
@@ -82,6 +84,8 @@ class LoadedScene:
         Sentences on the files of its objects: what was left out, mended and assumed.
     owners
         For each of ``objects`` the object of the scenario to which it belongs: itself, or the mesh whose part it is.
+    extents
+        How large meshes are in their files, by the names of objects.
     """
 
     mitsuba: MitsubaScene
@@ -99,6 +103,7 @@ class LoadedScene:
     kept: dict[Any, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     owners: tuple[str, ...] = ()
+    extents: Mapping[str, MeshExtent] = field(default_factory=dict)
 
     def numbers_of(self, name: str) -> tuple[int, int]:
         """Return the first and the last number of an object of the scenario, whose parts may be labelled apart."""
@@ -194,6 +199,7 @@ def load_scene(scene: Scene) -> LoadedScene:
         built.kept,
         built.notes,
         built.owners,
+        built.extents,
     )
 
 

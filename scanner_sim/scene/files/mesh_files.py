@@ -32,7 +32,8 @@ def read_mesh_file(path: Path) -> FileMesh:
     kind = path.suffix.lower()[1:]
     if kind not in _READERS:
         raise InputError(
-            f"{path.name!r} is none of the kinds that are read: {', '.join(_READERS)}.", remedy="Convert the mesh."
+            f"{path.name!r} is none of the kinds that are read: {', '.join(_READERS)}.",
+            remedy="Convert the mesh.",
         )
     content = read_ordinary(path, LARGEST_MESH)
     try:
@@ -45,7 +46,9 @@ def read_mesh_file(path: Path) -> FileMesh:
             remedy=fault.remedy,
         ) from None
     except InputError as error:
-        raise InputError(f"the mesh {str(path)!r} cannot be used: {error.message}", remedy=error.remedy) from None
+        raise InputError(
+            f"the mesh {str(path)!r} cannot be used: {error.message}", remedy=error.remedy
+        ) from None
     except MemoryError:
         raise InputError(f"the mesh {str(path)!r} does not fit into memory.", remedy="Simplify it.") from None
 

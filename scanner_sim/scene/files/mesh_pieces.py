@@ -127,7 +127,9 @@ def _choices(item: Mesh, parts: Sequence[FilePart]) -> tuple[list[Choice], list[
             remedy=f"Add patterns that fit them, or 'default'; {_nearest(set(patterns) - used, known)}",
         )
     return choices, [
-        f"the pattern {printable(one)!r} fits no part; {_nearest({one}, known)}" for one in patterns if one not in used
+        f"the pattern {printable(one)!r} fits no part; {_nearest({one}, known)}"
+        for one in patterns
+        if one not in used
     ]
 
 

@@ -9,7 +9,16 @@ from scanner_sim.foundation.named_files import LARGEST_MESH, LARGEST_TEXT, file_
 from scanner_sim.scene.files.file_meshes import Colour
 from scanner_sim.scene.files.triangles import MeshError
 
-_OPTIONS = {"-blendu": 1, "-blendv": 1, "-boost": 1, "-cc": 1, "-clamp": 1, "-imfchan": 1, "-mm": 2, "-texres": 1}
+_OPTIONS = {
+    "-blendu": 1,
+    "-blendv": 1,
+    "-boost": 1,
+    "-cc": 1,
+    "-clamp": 1,
+    "-imfchan": 1,
+    "-mm": 2,
+    "-texres": 1,
+}
 _MOVED = {"-o", "-s", "-t"}
 
 
@@ -26,7 +35,9 @@ def colours_of_libraries(names: tuple[str, ...], folder: Path) -> dict[str, Colo
     found: dict[str, Colour] = {}
     for name in names:
         path = file_beside(_plain(name), folder)
-        for material, colour in _colours(read_ordinary(path, LARGEST_TEXT).decode("latin-1"), path.parent, folder):
+        for material, colour in _colours(
+            read_ordinary(path, LARGEST_TEXT).decode("latin-1"), path.parent, folder
+        ):
             found.setdefault(material, colour)
     return found
 
@@ -66,7 +77,9 @@ def _colours(text: str, beside: Path, folder: Path) -> list[tuple[str, Colour]]:
             try:
                 red, green, blue = (float(word) for word in words[1:4])
             except ValueError:
-                raise MeshError(f"line {line} of its material library is no colour of three numbers") from None
+                raise MeshError(
+                    f"line {line} of its material library is no colour of three numbers"
+                ) from None
             if not all(0.0 <= value <= 1.0 for value in (red, green, blue)):
                 raise MeshError(f"line {line} of its material library has a colour that is not from 0 to 1")
             found[-1] = found[-1][0], found[-1][1]._replace(factor=(red, green, blue))

@@ -334,7 +334,9 @@ def _strips(lists: list[NDArray[np.generic]]) -> NDArray[np.generic]:
             corners = run[run >= 0.0]
             number = np.arange(max(len(corners) - 2, 0))
             odd = number % 2
-            found.append(np.stack([corners[number], corners[number + 1 + odd], corners[number + 2 - odd]], axis=1))
+            found.append(
+                np.stack([corners[number], corners[number + 1 + odd], corners[number + 2 - odd]], axis=1)
+            )
     return np.concatenate(found)
 
 

@@ -21,6 +21,7 @@ from scanner_sim.foundation.device_types import BSDF, Shape
 from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.foundation.frames import pose_matrix, rotation_about
 from scanner_sim.scene import materials
+from scanner_sim.scene.files.file_meshes import MeshExtent
 from scanner_sim.scene.files.mesh_files import read_mesh, read_mesh_file
 from scanner_sim.scene.files.mesh_pieces import pieces_of, unit_of
 from scanner_sim.scene.files.plugins import (
@@ -76,9 +77,11 @@ class Surfaces:
         self._described: dict[str, materials.Material] = dict(materials.MATERIALS)
         self._known_as: dict[str, str] = {}
         self._notes: dict[str, None] = {}
+        self.extents: dict[str, MeshExtent] = {}
 
-    def note(self, name: str, sentences: Iterable[str]) -> None:
-        """Keep what is to be said of the file of an object."""
+    def note(self, name: str, sentences: Iterable[str], extent: MeshExtent) -> None:
+        """Keep what is to be said of the file of an object, and how large its mesh is."""
+        self.extents[name] = extent
         self._notes.update(dict.fromkeys(f"'{name}': {sentence}" for sentence in sentences))
 
     @property
@@ -204,8 +207,8 @@ def _cylinder(item: Cylinder, bsdfs: Surfaces) -> list[Shape]:
 def _mesh_file(item: Mesh, bsdfs: Surfaces) -> list[Shape]:
     mesh = read_mesh_file(item.mesh)
     pieces, notes = pieces_of(item, mesh)
-    bsdfs.note(item.name, notes)
     unit = unit_of(item, mesh)
+    bsdfs.note(item.name, notes, MeshExtent.of(mesh.triangles, unit))
     matrix = item.scanner_from_object() @ _scaling(unit, unit, unit)
     settings = {"face_normals": True} if mesh.flat else {}
     shapes = []

@@ -16,7 +16,9 @@ MAKE_FACES = "Make a surface of it first, as MeshLab and Open3D do by Poisson's 
 class MeshError(Exception):
     """What is wrong with the content of a mesh file, in words that end its message; and what helps."""
 
-    def __init__(self, problem: str, remedy: str = "Export it again, as triangles with finite coordinates.") -> None:
+    def __init__(
+        self, problem: str, remedy: str = "Export it again, as triangles with finite coordinates."
+    ) -> None:
         super().__init__(problem)
         self.remedy = remedy
 
