@@ -2,7 +2,8 @@
 
     python benchmarks/meshes.py FOLDER [-o table.csv]
 
-Meshes of public packages serve: Debian's assimp-testmodels, the wheels of pyvista, vedo, dm_control, gymnasium-robotics.
+Meshes of public packages serve: Debian's assimp-testmodels, and the wheels of pyvista, vedo, dm_control and
+gymnasium-robotics, unpacked.
 Every file with an ending that is read is opened, each as a scene of its own, but not rendered.
 """
 

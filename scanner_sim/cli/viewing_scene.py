@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 
 import typer
@@ -36,7 +37,7 @@ def show_scene(call: Call) -> None:
         print_rows(list(_table(view)), left=(0, 1, 5, 6))
         typer.echo("")
     field = view.field
-    ends = [f"{57.29577951308232 * end:.4g}" for end in (*field.horizontal, *field.vertical)]
+    ends = [f"{math.degrees(end):.4g}" for end in (*field.horizontal, *field.vertical)]
     print_table(
         {
             "field of view": f"Θ {ends[0]} to {ends[1]} deg, φ {ends[2]} to {ends[3]} deg",
@@ -48,7 +49,9 @@ def show_scene(call: Call) -> None:
 
 def _table(view: SceneView) -> list[tuple[str, ...]]:
     """Return the objects of a scene as rows of a table."""
-    rows = [("object", "kind", "size x × y × z [m]", "distance [m]", "triangles", "materials", "seen")]
+    rows: list[tuple[str, ...]] = [
+        ("object", "kind", "size x × y × z [m]", "distance [m]", "triangles", "materials", "seen")
+    ]
     for one in view.objects:
         size = " × ".join(f"{extent:.3g}" for extent in one.size)
         kind = f"{one.kind}, moves" if one.moves else one.kind

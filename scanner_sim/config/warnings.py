@@ -12,8 +12,9 @@ from scanner_sim.optics.filter import filter_warnings
 from scanner_sim.scene.light.lighting import lighting_warnings
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.motion import ConstantTwist
-from scanner_sim.scene.objects import Retroreflector, materials_of
+from scanner_sim.scene.objects import materials_of
 from scanner_sim.scene.retroreflectors import RetroLobe
+from scanner_sim.scene.surfaces import Retroreflector
 from scanner_sim.signals.processing import MARGIN
 from scanner_sim.tracking.warnings import track_warnings
 
@@ -67,9 +68,9 @@ def _motions(scenario: Scenario) -> Iterator[str]:
             continue
         location = f"scene.objects[{index}].motion: '{item.name}'"
         poses = item.pose_at(time)
-        placed = item.motion is not None and not isinstance(item.motion, ConstantTwist)
-        if placed and (item.position != (0.0, 0.0, 0.0) or item.rotation):
-            yield f"{location} is placed by its {item.motion.type if item.motion else ''}: its position and rotation are not used"
+        placed = None if isinstance(item.motion, ConstantTwist) else item.motion
+        if placed is not None and (item.position != (0.0, 0.0, 0.0) or item.rotation):
+            yield f"{location} is placed by its {placed.type}: its position and rotation are not used"
         if np.ptp(poses, axis=0).max() == 0.0:
             yield f"{location} does not move in the {duration:.3g} s of the scan"
             continue

@@ -16,12 +16,12 @@ from scanner_sim.scene.objects import Mesh
 
 UNITS = {"1 mm": 1e-3, "1 cm": 1e-2, "1 inch": 0.0254, "1 foot": 0.3048, "1 m": 1.0}
 """Units in which meshes are drawn [m]."""
-TOO_LARGE = 10.0
+TOO_LARGE = 4.0
 """Diagonal of a mesh over the field of view at its distance, and over that distance, beyond which it is doubted."""
 TOO_SMALL = 1e-3
 """Diagonal over the field of view below which it is."""
 SURER = 10.0
-"""By how much more of both, where a scenario says the unit."""
+"""By how much larger it must be to be doubted where a scenario says the unit."""
 FITTING = (0.02, 2.0)
 """Diagonals over the field of view that another unit must bring."""
 
@@ -47,7 +47,7 @@ def _size_warnings(scenario: Scenario, loaded: LoadedScene) -> Iterator[str]:
         width = max(distance * widest, 1e-9)
         factor = SURER if item.length_unit is not None else 1.0
         large = size > factor * TOO_LARGE * max(width, distance)
-        small = size < TOO_SMALL * width / factor
+        small = size < TOO_SMALL * width
         better = _fitting_unit(extent.diagonal, width) if large or small else None
         if better is not None and not math.isclose(UNITS[better], extent.unit, rel_tol=1e-6):
             yield (
@@ -65,6 +65,6 @@ def _distance(item: Mesh, extent: MeshExtent) -> float:
 
 
 def _fitting_unit(size: float, width: float) -> str | None:
-    """Return the unit that brings a size in units of the file nearest to a fifth of the field of view, if any fits."""
-    best = min(UNITS, key=lambda name: abs(math.log(5.0 * size * UNITS[name] / width)))
+    """Return the unit that brings a size in units of the file nearest to half of the field of view, if any fits."""
+    best = min(UNITS, key=lambda name: abs(math.log(2.0 * size * UNITS[name] / width)))
     return best if FITTING[0] <= size * UNITS[best] / width <= FITTING[1] else None

@@ -15,7 +15,8 @@ from scanner_sim.scene.files.loader import load_scene
 def scene_warnings(scenario: Scenario, *, device: DeviceChoice = "auto") -> tuple[str, ...]:
     """Return what is to be said of a scenario's meshes, and a sentence for each two objects that stand in one another.
 
-    Of meshes: what of their files was left out, mended or assumed, and sizes that hint at another unit of length. What moves is looked at when the scan begins, in its middle and at its end. Objects that touch are no doubt.
+    Of meshes: what of their files was left out, mended or assumed, and sizes that hint at another unit of length.
+    What moves is looked at when the scan begins, in its middle and at its end. Objects that touch are no doubt.
 
     Parameters
     ----------

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.products.scene_view import Field, SceneView, ViewedObject
@@ -72,7 +73,7 @@ def view_scene(scenario: Scenario, *, device: DeviceChoice = "auto") -> SceneVie
                 one.materials,
                 one.triangles,
                 one.points,
-                float((seen.index.reshape(rows, columns)[inside] == index).mean()),
+                float((seen.number.reshape(rows, columns)[inside] == index).mean()),
                 item is not None and item.moves,
             )
         )
@@ -81,7 +82,7 @@ def view_scene(scenario: Scenario, *, device: DeviceChoice = "auto") -> SceneVie
         tuple(objects),
         field,
         window,
-        1 + seen.index.reshape(shape),
+        1 + seen.number.reshape(shape),
         seen.cosine.reshape(shape),
         seen.distance.reshape(shape),
     )
@@ -103,5 +104,5 @@ def _dots(window: tuple[tuple[float, float], tuple[float, float]]) -> tuple[int,
     return max(round(scale * high), 32), max(round(scale * wide), 32)
 
 
-def _middles(ends: tuple[float, float], count: int) -> np.ndarray:
+def _middles(ends: tuple[float, float], count: int) -> NDArray[np.float64]:
     return ends[0] + (np.arange(count) + 0.5) * (ends[1] - ends[0]) / count

@@ -75,7 +75,8 @@ class SceneView:
     window
         Ends of Θ and of φ of the picture [rad], a little more than the field of view.
     number
-        Which object is seen in each dot, from 1, 0 for nothing, shape (rows, columns); top row first, left column first.
+        Which object is seen in each dot, from 1, 0 for nothing, shape (rows, columns); the top row is the
+        first, and the left column.
     shade
         Cosine of the angle between the line of sight and the surface, shape (rows, columns).
     distance

@@ -111,6 +111,7 @@ def _solids(loaded: LoadedScene) -> Iterator[_Solid]:
 
 
 def shape_index(shape: Shape) -> int:
+    """Return the index of a shape in the renderer's registry."""
     index: UInt32 = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
     return int(index[0])
 

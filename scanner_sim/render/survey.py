@@ -1,4 +1,4 @@
-"""A look at a scene as it stands when a scan begins: where its objects are, and which of them are seen in a direction."""
+"""A look at a scene as it stands at an instant: where its objects are, and which of them are seen in a direction."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_memory import for_device
-from scanner_sim.foundation.device_types import MitsubaScene, Shape
+from scanner_sim.foundation.device_types import MitsubaScene, Shape, UInt32
 from scanner_sim.render.interpenetration import shape_index, surface_points
 from scanner_sim.render.rays import at_time, intersect
 from scanner_sim.scene.files.loader import LoadedScene
@@ -29,9 +29,9 @@ class Surveyed(NamedTuple):
 
 
 class Seen(NamedTuple):
-    """What rays meet: the index of the object in a survey, −1 for nothing, cosine to the surface, and distance [m]."""
+    """What rays meet: the object's number in a survey from 0, −1 for nothing; cosine to the surface; distance [m]."""
 
-    index: NDArray[np.int64]
+    number: NDArray[np.int64]
     cosine: Array
     distance: Array
 
@@ -68,7 +68,7 @@ def look(loaded: LoadedScene, direction: Array, time: float = 0.0) -> Seen:
     rays = mi.Ray3f(mi.Point3f(0.0), mi.Vector3f(*(for_device(axis) for axis in unit.T)))
     si = intersect(at_time(loaded, time), rays)
     hit = si.is_valid()
-    index = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), 0)
+    index: UInt32 = dr.select(hit, dr.reinterpret_array(mi.UInt32, si.shape), mi.UInt32(0))
     number = dr.gather(mi.UInt32, loaded.object_of, index, hit).numpy().astype(np.intp)
     order = {name: at for at, name in enumerate(dict.fromkeys(loaded.owners))}
     owners = np.array([-1, *(order[name] for name in loaded.owners)])

@@ -1,7 +1,7 @@
 """Reading orbit and attitude files of the CCSDS: OEM (CCSDS 502.0-B) and AEM (CCSDS 504.0-B), as keywords and values.
 
-Read are versions 1 to 3 of OEM and 1 and 2 of AEM in KVN (text); XML is not. Of an OEM: metadata, epochs, positions [km]
-and velocities [km/s]; accelerations and covariances are passed over. Of an AEM: quaternions, with or without their
+Read are versions 1 to 3 of OEM and 1 and 2 of AEM in KVN (text); XML is not. Of an OEM: metadata, epochs, positions
+[km] and velocities [km/s]; accelerations and covariances are passed over. Of an AEM: quaternions, with or without their
 derivatives, which are passed over. Epochs are calendar dates or days of the year; seconds of UTC are counted through
 leap seconds.
 """
@@ -11,7 +11,7 @@ from __future__ import annotations
 import datetime
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
@@ -130,8 +130,8 @@ class _Lines:
         self._lines = read_text_file(file, _LARGEST).splitlines()
 
     def __iter__(self) -> Iterator[list[str]]:
-        for self._number, line in enumerate(self._lines, start=1):
-            words = line.split()
+        for number, line in enumerate(self._lines, start=1):
+            self._number, words = number, line.split()
             if words and words[0] != "COMMENT":
                 yield words
 
@@ -140,17 +140,23 @@ class _Lines:
         return InputError(f"line {self._number} of {self.file.name}: {problem}", remedy=remedy)
 
 
+_RowReader = Callable[[_Lines, list[float], dict[str, str]], list[float]]
+"""What makes a row of the numbers of a line, by the metadata."""
+_Open = tuple[dict[str, str], list[Epoch], list[list[float]]]
+"""A segment while it is read: metadata, epochs, rows."""
+
+
 def _keyword(words: list[str]) -> tuple[str, str] | None:
     """Return keyword and value of ``KEY = VALUE``."""
     key, equals, value = " ".join(words).partition("=")
     return (key.strip(), value.strip()) if equals else None
 
 
-def _read(file: Path, version: str, needed: tuple[str, ...], row_of: object) -> CcsdsFile:
+def _read(file: Path, version: str, needed: tuple[str, ...], row_of: _RowReader) -> CcsdsFile:
     lines = _Lines(file)
     meta: dict[str, str] | None = None
     known: dict[str, str] = {}
-    segments: list[tuple[dict[str, str], list[Epoch], list[list[float]]]] = []
+    segments: list[_Open] = []
     skipped = ""
     for count, words in enumerate(lines):
         if count == 0:
@@ -173,7 +179,8 @@ def _read(file: Path, version: str, needed: tuple[str, ...], row_of: object) -> 
                 raise lines.fault(f"the metadata lack {', '.join(missing)}.")
             if meta["TIME_SYSTEM"] not in TIME_SYSTEMS:
                 raise lines.fault(
-                    f"the time system {meta['TIME_SYSTEM'][:20]!r} is not known.", f"Possible: {', '.join(TIME_SYSTEMS)}."
+                    f"the time system {meta['TIME_SYSTEM'][:20]!r} is not known.",
+                    f"Possible: {', '.join(TIME_SYSTEMS)}.",
                 )
             segments.append((meta, [], []))
             known, meta = meta, None
@@ -191,13 +198,15 @@ def _read(file: Path, version: str, needed: tuple[str, ...], row_of: object) -> 
     return _checked(file, segments)
 
 
-def _take(lines: _Lines, words: list[str], meta: dict[str, str], segment: tuple, row_of: object) -> None:  # type: ignore[type-arg]
+def _take(lines: _Lines, words: list[str], meta: dict[str, str], segment: _Open, row_of: _RowReader) -> None:
     """Take a line of data into a segment."""
     _, epochs, rows = segment
     try:
         epoch = parse_epoch(words[0], meta["TIME_SYSTEM"])
     except ValueError:
-        raise lines.fault(f"{words[0][:40]!r} is no epoch.", "Write for example 2026-03-20T12:00:00.000.") from None
+        raise lines.fault(
+            f"{words[0][:40]!r} is no epoch.", "Write for example 2026-03-20T12:00:00.000."
+        ) from None
     try:
         numbers = [float(word) for word in words[1:]]
     except ValueError:
@@ -209,12 +218,14 @@ def _take(lines: _Lines, words: list[str], meta: dict[str, str], segment: tuple,
     if len(epochs) >= MOST_ROWS:
         raise lines.fault(f"there are more than {MOST_ROWS} epochs.", "Keep fewer of them.")
     epochs.append(epoch)
-    rows.append(row_of(lines, numbers, meta))  # type: ignore[operator]
+    rows.append(row_of(lines, numbers, meta))
 
 
-def _orbit_row(lines: _Lines, numbers: list[float], meta: dict[str, str]) -> list[float]:
+def _orbit_row(lines: _Lines, numbers: list[float], _: dict[str, str]) -> list[float]:
     if len(numbers) not in (6, 9):
-        raise lines.fault(f"it has {len(numbers)} numbers; an orbit has three of position and three of velocity.")
+        raise lines.fault(
+            f"it has {len(numbers)} numbers; an orbit has three of position and three of velocity."
+        )
     if max(map(abs, numbers[:3])) > FARTHEST_KM:
         raise lines.fault(f"a coordinate is beyond {FARTHEST_KM:g} km.")
     return [1e3 * value for value in numbers[:6]]
@@ -237,7 +248,7 @@ def _attitude_row(lines: _Lines, numbers: list[float], meta: dict[str, str]) -> 
     return quaternion
 
 
-def _checked(file: Path, segments: list[tuple[dict[str, str], list[Epoch], list[list[float]]]]) -> CcsdsFile:
+def _checked(file: Path, segments: list[_Open]) -> CcsdsFile:
     """Return segments that follow one another, of one frame and one time system."""
     if not segments:
         raise InputError(f"{file.name} holds no segment.", remedy="It needs META_START, META_STOP and data.")

@@ -1,4 +1,4 @@
-"""Motion by files of flight dynamics: orbits and attitudes of the scanned object and of the spacecraft with the scanner."""
+"""Motion by files of flight dynamics: orbits and attitudes of an object and of the spacecraft with the scanner."""
 
 from __future__ import annotations
 
@@ -25,8 +25,10 @@ Array = NDArray[np.float64]
 OrbitFile = Annotated[Path, InputFile((".oem", ".kvn", ".txt")), Field(examples=["orbits/target.oem"])]
 AttitudeFile = Annotated[Path, InputFile((".aem", ".kvn", ".txt")), Field(examples=["orbits/target.aem"])]
 
-BODIES = ("EARTH", "SUN", "MOON", "MARS", "VENUS", "MERCURY", "JUPITER", "SATURN", "URANUS", "NEPTUNE", "EARTH BARYCENTER",
-          "SOLAR SYSTEM BARYCENTER", "EARTH-MOON BARYCENTER")  # fmt: skip
+BODIES = (
+    "EARTH", "SUN", "MOON", "MARS", "VENUS", "MERCURY", "JUPITER", "SATURN", "URANUS", "NEPTUNE", "EARTH BARYCENTER",
+    "SOLAR SYSTEM BARYCENTER", "EARTH-MOON BARYCENTER",
+)  # fmt: skip
 """Centres about which only spacecraft move, not what stands before a scanner."""
 DEFAULT_DEGREE = 7
 """Of Hermite's interpolation where an orbit file names none: positions and velocities of four epochs."""
@@ -288,21 +290,29 @@ class _Attitude:
                 found[which] = Slerp(epochs, Turning.from_quat(quaternions))(inside).as_quat()
             else:
                 middle, span = 0.5 * (epochs[0] + epochs[-1]), 0.5 * (epochs[-1] - epochs[0])
-                found[which] = KroghInterpolator((epochs - middle) / span, quaternions)((inside - middle) / span)
+                found[which] = KroghInterpolator((epochs - middle) / span, quaternions)(
+                    (inside - middle) / span
+                )
         turns = Turning.from_quat(found)
-        return (turns.inv() if self._inverse else turns).as_matrix()
+        matrices: Array = (turns.inv() if self._inverse else turns).as_matrix()
+        return matrices
 
 
 def _same_signs(quaternions: Array) -> Array:
     """Return quaternions without jumps of sign from one to the next."""
     turned = np.cumprod(np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0.0, -1.0, 1.0))
-    return quaternions * np.concatenate([[1.0], turned])[:, None]
+    even: Array = quaternions * np.concatenate([[1.0], turned])[:, None]
+    return even
 
 
 def _interpolation(meta: dict[str, str], key: str, default: str, degree: int) -> tuple[str, int]:
     method = meta.get(key, default).upper()
-    if method not in ("HERMITE", "LAGRANGE", "LINEAR") or (key == "INTERPOLATION_METHOD" and method == "HERMITE"):
-        raise InputError(f"the interpolation {method[:30]!r} is not known.", remedy="Use LAGRANGE, LINEAR or HERMITE.")
+    if method not in ("HERMITE", "LAGRANGE", "LINEAR") or (
+        key == "INTERPOLATION_METHOD" and method == "HERMITE"
+    ):
+        raise InputError(
+            f"the interpolation {method[:30]!r} is not known.", remedy="Use LAGRANGE, LINEAR or HERMITE."
+        )
     if method == "LINEAR":
         return "LINEAR", 1
     try:

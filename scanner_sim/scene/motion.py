@@ -1,4 +1,4 @@
-"""How rigid objects move: a pose at any time, by a constant twist, by waypoints, by a file of poses or by those of flight dynamics.
+"""How rigid objects move: a pose at any time, by a twist, waypoints, a file of poses or those of flight dynamics.
 
 A motion replaces an object's pose where it names one; a twist starts from the object's own. All give
 ``scanner_from_object`` as 4 × 4 matrices, for arrays of times.

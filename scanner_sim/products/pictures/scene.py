@@ -1,10 +1,10 @@
-"""A picture of what stands before a scanner: as it is seen, from the side and from above to scale, with names and sizes."""
+"""A picture of what stands before a scanner: as it is seen, and to scale from the side and from above."""
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import matplotlib
 import numpy as np
@@ -31,7 +31,8 @@ def draw_scene(view: SceneView, title: str, path: str | Path | BinaryIO) -> None
     colours = _colours(len(view.objects))
     with drawing(path, (11.0, 7.2), layout="constrained") as figure:
         figure.suptitle(plot_label(title), fontsize=10)
-        left, right = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
+        halves: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
+        left, right = halves
         _draw_seen(left.subplots(), view, colours)
         _list_sizes(left, view, colours)
         side, top = right.subplots(2, 1)
@@ -111,9 +112,9 @@ def _name(axes: Axes, x: float, y: float, one: ViewedObject, *, inside: bool) ->
 def _draw_plan(
     axes: Axes, view: SceneView, colours: list[tuple[float, float, float]], axis: int, label: str
 ) -> None:
-    """Draw a projection along one of the scanner's axes, to scale: objects, field of view, nearest and farthest range."""
+    """Draw a projection along an axis, to scale: objects, field of view, nearest and farthest range."""
     reach = _reach(view)
-    # What is seen first from this side lies above: the smallest values of the axis that is looked along, or the largest.
+    # What is seen first from this side lies above the others.
     other = 1 - axis
     order = sorted(
         range(len(view.objects)), key=lambda number: -float(view.objects[number].points[:, other].mean())

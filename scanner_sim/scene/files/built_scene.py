@@ -42,9 +42,9 @@ class BuiltScene:
 
     ``resting`` holds what does not move, ``bodies`` each object that does; ``known_as`` has the names by which results
     know the materials, several of which may be equal; ``notes`` says what was left out of files, and mended;
-    ``owners`` are the objects of the scenario to which ``objects`` belong, which may be parts of one; ``extents`` are of meshes
-    in their files, by the names of objects; ``kept`` is a shelf for what others
-    computed of the scene, which goes with it; the rest is as in
+    ``owners`` are the scenario's objects to which ``objects`` belong, which may be parts of one; ``extents`` are
+    of meshes in their files by the objects' names; ``kept`` is a shelf for what others computed of the scene, which
+    goes with it; the rest is as in
     :class:`~scanner_sim.scene.files.loader.LoadedScene`.
     """
 
@@ -155,9 +155,10 @@ def _build(objects: Sequence[Named]) -> BuiltScene:
             faults.append(Fault(f"{one.key} ({one.name})", error.message, error.remedy))
     if faults:
         raise ScenarioError(faults, source="scene")
+    # Before the shapes go into scenes, which give them other names.
+    rows = [(_label(one, shape), shape, shape.bsdf().id()) for one, shapes in parts for shape in shapes]
     resting = _scene([shape for one, shapes in parts if not one.item.moves for shape in shapes])
     bodies = tuple(_scene(shapes) for one, shapes in parts if one.item.moves)
-    rows = [(_label(one, shape), shape, shape.bsdf().id()) for one, shapes in parts for shape in shapes]
     owners = [one.name for one, shapes in parts for _ in shapes]
     names = tuple(dict.fromkeys(name for name, _, _ in rows))
     materials = tuple(dict.fromkeys(material for _, _, material in rows))

@@ -75,7 +75,7 @@ class FileMesh(NamedTuple):
 
 
 class MeshExtent(NamedTuple):
-    """How large a mesh is in its file: ``unit`` of the file [m], ``diagonal`` and ``middle`` (3,) of its box in units."""
+    """How large a mesh is: ``unit`` of its file [m], ``diagonal`` and ``middle`` (3,) of its box in that unit."""
 
     unit: float
     diagonal: float

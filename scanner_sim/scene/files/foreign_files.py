@@ -1,8 +1,8 @@
 """Meshes that trimesh reads: OFF, 3MF and COLLADA.
 
-trimesh is a well-kept library of many readers, which trust their files more than this program does. It runs in a process
-of its own (:mod:`scanner_sim.scene.files.foreign_reader`) with bounded memory and time, and gets the bytes of the file
-alone: no name of it, no folder, no way to other files.
+trimesh is a well-kept library of many readers, which trust their files more than this program does. It runs in a
+process of its own (:mod:`scanner_sim.scene.files.foreign_reader`) with bounded memory and time, and gets the bytes of
+the file alone: no name of it, no folder, no way to other files.
 """
 
 from __future__ import annotations
@@ -13,15 +13,23 @@ import re
 import subprocess
 import sys
 import zipfile
+from importlib.util import find_spec
 
 import numpy as np
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.named_files import LARGEST_MESH
 from scanner_sim.scene.files.file_meshes import MOST_PARTS, FileMesh, FilePart
-from scanner_sim.scene.files.foreign_reader import MISSING, SECONDS, UNREADABLE
 from scanner_sim.scene.files.triangles import MeshError, check_triangles
 
+MEMORY = 6 << 30
+"""Bytes of address space of the process that reads."""
+SECONDS = 120
+"""Its processor time [s]."""
+UNREADABLE = 4
+"""Its exit status where a file cannot be read."""
+_NEEDED = {"off": ("trimesh",), "3mf": ("trimesh", "lxml", "networkx"), "dae": ("trimesh", "collada")}
+"""Packages for each kind."""
 _DECLARED = re.compile(rb"<!(DOCTYPE|ENTITY)", re.IGNORECASE)
 _SURER = "Convert it to GLB, PLY or OBJ, which this program reads itself."
 _PACKAGES = {"collada": "pycollada"}
@@ -37,6 +45,13 @@ def foreign_mesh(content: bytes, kind: str) -> FileMesh:
     InputError
         If trimesh, or the package that it needs for the kind, is not installed.
     """
+    missing = [package for package in _NEEDED[kind] if find_spec(package) is None]
+    if missing:
+        names = ", ".join(_PACKAGES.get(package, package) for package in missing)
+        raise InputError(
+            f"meshes of the kind .{kind} are read with {names}, which is not installed.",
+            remedy="Install it with: pip install 'scanner-sim[meshes]'; or convert the mesh to GLB, PLY or OBJ.",
+        )
     if kind == "3mf":
         _check_archive(content)
     elif kind == "dae":
@@ -47,12 +62,6 @@ def foreign_mesh(content: bytes, kind: str) -> FileMesh:
     except subprocess.TimeoutExpired:
         raise MeshError("reading it takes too long") from None
     said = done.stderr.decode("utf-8", "replace").strip()
-    if done.returncode == MISSING:
-        package = _PACKAGES.get(said, said)[:60]
-        raise InputError(
-            f"meshes of the kind .{kind} need the package {package}, which is not installed.",
-            remedy="Install it with: pip install 'scanner-sim[meshes]'; or convert the mesh to GLB, PLY or OBJ.",
-        )
     if done.returncode == UNREADABLE:
         raise MeshError(said[:200], _SURER)
     if done.returncode != 0:
@@ -100,12 +109,14 @@ def _check_xml(content: bytes) -> None:
     if (
         b"\0" in content[:1000]
         or content[:2] in (b"\xff\xfe", b"\xfe\xff")
-        or b"encoding" in content[:200]
-        and not (
-            re.search(
-                rb"encoding\s*=\s*[\"'](utf-8|us-ascii|ascii|iso-8859-1|windows-1252)[\"']",
-                content[:200],
-                re.I,
+        or (
+            b"encoding" in content[:200]
+            and not (
+                re.search(
+                    rb"encoding\s*=\s*[\"'](utf-8|us-ascii|ascii|iso-8859-1|windows-1252)[\"']",
+                    content[:200],
+                    re.I,
+                )
             )
         )
     ):

@@ -12,32 +12,31 @@ import sys
 from typing import Any
 
 import numpy as np
+import trimesh
 
-MEMORY = 6 << 30
-"""Bytes of address space."""
-SECONDS = 120
-"""Processor time [s]."""
-MISSING, UNREADABLE = 3, 4
-"""Exit statuses: a package is not installed; the file cannot be read."""
+from scanner_sim.scene.files.foreign_files import MEMORY, SECONDS, UNREADABLE
+
+try:
+    import resource
+except ImportError:  # Windows has no such limits
+    resource = None  # type: ignore[assignment]
 
 
-class _NoTriangles(Exception):
+class _NoTrianglesError(Exception):
     """A file that is read and holds none."""
 
 
 def main() -> int:
     """Read a mesh from the standard input, and write it to the standard output as NumPy's archive."""
-    _limit()
-    content = sys.stdin.buffer.read()
+    if resource is not None:
+        resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+        resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
     try:
-        found = _arrays(content, sys.argv[1])
-    except ImportError as error:
-        sys.stderr.write(str(error.name or "trimesh"))
-        return MISSING
+        found = _arrays(sys.stdin.buffer.read(), sys.argv[1])
     except MemoryError:
         sys.stderr.write("it takes too much memory")
         return UNREADABLE
-    except _NoTriangles:
+    except _NoTrianglesError:
         sys.stderr.write("its reader, trimesh, finds no triangles in it")
         return UNREADABLE
     except Exception as error:  # whatever a reader of foreign files may raise
@@ -49,24 +48,12 @@ def main() -> int:
     return 0
 
 
-def _limit() -> None:
-    """Keep memory and time within bounds, where the system can."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return
-    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
-    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
-
-
 def _arrays(content: bytes, kind: str) -> dict[str, Any]:
-    import trimesh
-
-    needed = {"3mf": ("lxml", "networkx"), "dae": ("collada",), "off": ()}[kind]
-    for package in needed:
-        __import__(package)
+    """Return vertices, faces, the part of each face, the names of the parts, and the unit [m], 0 for none."""
     scene = trimesh.load_scene(io.BytesIO(content), file_type=kind, process=False)
-    vertices, faces, part_of, names, start = [], [], [], [], 0
+    vertices, faces, part_of = [], [], []
+    names: list[list[str]] = []
+    start = 0
     for node in scene.graph.nodes_geometry:
         matrix, geometry = scene.graph[node]
         mesh = scene.geometry[geometry]
@@ -81,18 +68,24 @@ def _arrays(content: bytes, kind: str) -> dict[str, Any]:
         names.append([str(material or ""), str(geometry), str(node)])
         start += len(vertices[-1])
     if not faces:
-        raise _NoTriangles
-    try:
-        unit = trimesh.units.unit_conversion(scene.units, "meters") if scene.units else 0.0
-    except Exception:  # a unit that trimesh does not know
-        unit = 0.0
+        raise _NoTrianglesError
     return {
         "vertices": np.concatenate(vertices),
         "faces": np.concatenate(faces),
         "part_of": np.concatenate(part_of),
         "names": np.frombuffer(json.dumps(names).encode(), np.uint8),
-        "unit": np.float64(unit),
+        "unit": np.float64(_unit(scene.units)),
     }
+
+
+def _unit(name: str | None) -> float:
+    """Return the length of a unit by its name in trimesh [m]; 0 for none, and for one that is not known."""
+    if not name:
+        return 0.0
+    try:
+        return float(trimesh.units.unit_conversion(name, "meters"))
+    except (KeyError, ValueError, TypeError):
+        return 0.0
 
 
 if __name__ == "__main__":

@@ -109,9 +109,9 @@ def _list(holder: dict[str, Any], key: str) -> list[dict[str, Any]]:
 
 
 def _entry(entries: list[dict[str, Any]], index: object, what: str) -> dict[str, Any]:
-    if not _is_index(index) or not index < len(entries):  # type: ignore[operator]
+    if not isinstance(index, int) or not _is_index(index) or index >= len(entries):
         raise MeshError(f"it names a {what} that is not there")
-    return entries[index]  # type: ignore[index]
+    return entries[index]
 
 
 def _is_index(value: object) -> bool:

@@ -22,7 +22,7 @@ class Geometry(NamedTuple):
     texture: Floats | None
 
     def moved(self, matrix: Floats) -> Geometry:
-        """Return the piece where a matrix puts it; a mirrored one keeps its outside, and one without normals is flat."""
+        """Return the piece where a matrix puts it; mirrored it keeps its outside, without normals it is flat."""
         linear = matrix[:3, :3]
         with np.errstate(invalid="ignore", over="ignore"):  # found afterwards, when the pieces are joined
             vertices = self.vertices @ linear.T + matrix[:3, 3]

@@ -1,4 +1,4 @@
-"""One clean-up of meshes on their way in: faces without area, vertices that stand twice, faces that look the other way."""
+"""One clean-up of meshes on their way in: faces without area, vertices that stand twice, faces turned round."""
 
 from __future__ import annotations
 
@@ -35,8 +35,10 @@ def cleaned(mesh: FileMesh) -> FileMesh:
 
 def _without_slivers(mesh: FileMesh, notes: list[str]) -> FileMesh:
     """Leave out faces whose area is none."""
-    kept = np.concatenate([_areas(mesh.triangles, block) for block in _blocks(len(mesh.triangles.faces))])
-    if kept.all():
+    kept: NDArray[np.bool_] = np.concatenate(
+        [_areas(mesh.triangles, block) for block in _blocks(len(mesh.triangles.faces))]
+    )
+    if bool(kept.all()):
         return mesh
     notes.append(f"{counted(int((~kept).sum()), 'face')} without area left out")
     return mesh._replace(
@@ -52,8 +54,7 @@ def _areas(mesh: Triangles, which: slice) -> NDArray[np.bool_]:
     """Return which of some faces have an area."""
     corners = mesh.faces[which]
     a, b, c = (mesh.vertices[corners[:, corner]].astype(np.float64) for corner in range(3))
-    found: NDArray[np.bool_] = np.cross(b - a, c - a).any(axis=1)
-    return found
+    return np.asarray(np.cross(b - a, c - a).any(axis=1), dtype=np.bool_)
 
 
 def _merged(mesh: FileMesh, notes: list[str]) -> FileMesh:

@@ -6,6 +6,7 @@ checked here, and the renderer only sees what :func:`scanner_sim.scene.files.tri
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 from scanner_sim.foundation.errors import InputError
@@ -70,7 +71,7 @@ def files_of_mesh(path: Path) -> set[Path]:
         return set()
 
 
-_READERS = {
+_READERS: dict[str, Callable[[bytes, Path], FileMesh]] = {
     "ply": lambda content, _: ply_mesh(content),
     "obj": obj_mesh,
     "stl": lambda content, _: stl_mesh(content),

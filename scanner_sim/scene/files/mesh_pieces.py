@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError, printable
-from scanner_sim.scene.files.file_meshes import FileMesh, FilePart
+from scanner_sim.scene.files.file_meshes import Colour, FileMesh, FilePart
 from scanner_sim.scene.files.reflectance_maps import mean_reflectance, reflectance_map
 from scanner_sim.scene.files.triangles import MeshError, Triangles
-from scanner_sim.scene.objects import FileColours, MaterialChoice, Mesh, Surface
+from scanner_sim.scene.objects import Mesh
+from scanner_sim.scene.surfaces import FileColours, MaterialChoice, Surface
 
 DEFAULT = "default"
 """Pattern of the parts that no other one fits."""
@@ -87,7 +88,7 @@ def _assumption(choices: Sequence[Choice]) -> tuple[str, ...]:
     )
 
 
-def _colours(item: Mesh, mesh: FileMesh, choices: Sequence[Choice]) -> tuple[object, ...]:
+def _colours(item: Mesh, mesh: FileMesh, choices: Sequence[Choice]) -> tuple[Colour | None, ...]:
     if not any(isinstance(choice, FileColours) for choice in choices):
         return ()
     if mesh.colours is None:

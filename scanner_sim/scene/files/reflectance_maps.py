@@ -29,8 +29,8 @@ def reflectance_map(colour: Colour, scale: float, source: Path) -> NDArray[np.fl
 
     Notes
     -----
-    ρ = scale · (0.2126 R + 0.7152 G + 0.0722 B) of linear red, green and blue, which are decoded from sRGB: c/12.92 up to
-    c = 0.04045, else ((c + 0.055)/1.055)^2.4 (IEC 61966-2-1). Transparency is not used.
+    ρ = scale · (0.2126 R + 0.7152 G + 0.0722 B) of linear red, green and blue, which are decoded from sRGB: c/12.92 up
+    to c = 0.04045, else ((c + 0.055)/1.055)^2.4 (IEC 61966-2-1). Transparency is not used.
 
     Raises
     ------

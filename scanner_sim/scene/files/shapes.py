@@ -32,21 +32,10 @@ from scanner_sim.scene.files.plugins import (
 )
 from scanner_sim.scene.files.scene_rules import MESHES, renderers_scene
 from scanner_sim.scene.files.triangles import Triangles, canonical_ply
-from scanner_sim.scene.objects import (
-    Box,
-    Cylinder,
-    Disc,
-    MaterialChoice,
-    Mesh,
-    MitsubaFile,
-    Rectangle,
-    Retroreflector,
-    Sphere,
-    Surface,
-    TargetArray,
-)
+from scanner_sim.scene.objects import Box, Cylinder, Disc, Mesh, MitsubaFile, Rectangle, Sphere, TargetArray
 from scanner_sim.scene.polarisation import speckle_contrast
 from scanner_sim.scene.poses import FARTHEST
+from scanner_sim.scene.surfaces import MaterialChoice, Retroreflector, Surface
 from scanner_sim.scene.targets import target_array, target_positions
 
 _FACING = pose_matrix(rotation_about((1.0, 0.0, 0.0), np.pi), (0.0, 0.0, 0.0))
