@@ -31,6 +31,8 @@ _LARGEST = 1 << 28
 """Bytes of a file."""
 FARTHEST_KM = 1e7
 """Largest coordinate in an orbit file [km]: beyond a million kilometres doubles lose the micrometre."""
+FIRST_YEAR, LAST_YEAR = 1972, 2100
+"""Years of epochs: UTC has counted leap seconds since 1972."""
 TIME_SYSTEMS = ("UTC", "TAI", "TT", "GPS", "TDB", "TCB", "UT1")
 _EPOCH = re.compile(r"(\d{4})-(?:(\d{2})-(\d{2})|(\d{3}))T(\d{2}):(\d{2}):(\d{2}(?:\.\d{0,15})?)Z?")
 _ORBIT_KEYS = ("CENTER_NAME", "REF_FRAME", "TIME_SYSTEM")
@@ -101,6 +103,8 @@ def parse_epoch(text: str, time_system: str) -> Epoch:
     if match is None:
         raise ValueError("no epoch")
     year, month, day, day_of_year, hour, minute, second = match.groups()
+    if not FIRST_YEAR <= int(year) <= LAST_YEAR:
+        raise ValueError("no epoch")
     if day_of_year is None:
         date = datetime.date(int(year), int(month), int(day))
     else:
@@ -117,8 +121,6 @@ def parse_epoch(text: str, time_system: str) -> Epoch:
 @lru_cache(maxsize=4096)
 def _leap_seconds(date: datetime.date) -> float:
     """Return TAI − UTC on a day [s] (IERS, as the ERFA library has it)."""
-    if not 1972 <= date.year <= 2100:
-        raise ValueError("no epoch")
     return float(erfa.dat(date.year, date.month, date.day, 0.0))
 
 

@@ -125,6 +125,12 @@ def _whole(holder: dict[str, Any], key: str, default: int | None = None) -> int:
     return value  # type: ignore[return-value]
 
 
+def _kind(holder: dict[str, Any]) -> str | None:
+    """Return NumPy's name of the numbers that an accessor counts in; None for none."""
+    code = holder.get("componentType")
+    return _KINDS.get(code) if isinstance(code, int) else None
+
+
 def _name(entry: dict[str, Any]) -> str:
     name = entry.get("name", "")
     return name if isinstance(name, str) else ""
@@ -248,7 +254,7 @@ class _File:
     def _primitive(self, primitive: dict[str, Any], matrix: Floats) -> Geometry | None:
         """Return the triangles of a primitive where they stand, or None if it is made of points or lines."""
         mode = primitive.get("mode", 4)
-        if mode not in _MODES:
+        if not isinstance(mode, int) or mode not in _MODES:
             self._skip("points or lines")
             return None
         if primitive.get("targets"):
@@ -279,7 +285,7 @@ class _File:
     def _accessor(self, index: object, columns: int) -> Floats:
         """Return the numbers of an accessor, shape (n, columns)."""
         accessor = _entry(_list(self._all, "accessors"), index, "accessor")
-        kind, count = _KINDS.get(accessor.get("componentType", 0)), _whole(accessor, "count")
+        kind, count = _kind(accessor), _whole(accessor, "count")
         if kind is None or _COLUMNS.get(str(accessor.get("type"))) != columns:
             raise MeshError("an accessor is not of the kind that belongs there")
         if "bufferView" in accessor:
@@ -300,7 +306,7 @@ class _File:
         where, what = (sparse.get(key) if isinstance(sparse, dict) else None for key in ("indices", "values"))
         if not isinstance(where, dict) or not isinstance(what, dict):
             raise MeshError("a sparse accessor has no indices or no values")
-        count, index_kind = _whole(sparse, "count"), _KINDS.get(where.get("componentType", 0))
+        count, index_kind = _whole(sparse, "count"), _kind(where)
         if index_kind not in ("u1", "<u2", "<u4"):
             raise MeshError("a sparse accessor counts by no whole numbers")
         places = where.get("bufferView"), _whole(where, "byteOffset", 0)
