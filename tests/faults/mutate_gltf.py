@@ -48,10 +48,10 @@ BASE: dict[str, Any] = {
     "buffers": [{"byteLength": len(_DATA)}],
 }  # fmt: skip
 _VALUES: tuple[Any, ...] = (
-    -1, 0, 1, 2, 3, 5, 7, 255, 65535, 2**31, 2**32, 2**63, 10**30, 0.5, 1e300, -1e39, None, True, "", "x", [], {}, [0], [-1],
-    ["a"], {"a": 1}, "VEC4", "MAT4", "SCALAR", 5120, 5121, 5125, 5126, "../a.bin", "/dev/zero", "file:///etc/passwd",
-    "http://example.org/a", "data:;base64,AAAA", "data:;base64,*", "data:,x", "part.gltf", "\x00", [1e300] * 16, [0] * 16,
-    [float("nan")] * 3, "KHR_draco_mesh_compression", ["KHR_draco_mesh_compression"], "a" * 5000, "\x1b[31m",
+    -1, 0, 1, 2, 3, 5, 7, 255, 65535, 2**31, 2**32, 2**63, 10**30, 0.5, 1e300, -1e39, None, True, "", "x", [], {}, [0],
+    [-1], ["a"], {"a": 1}, "VEC4", "MAT4", "SCALAR", 5120, 5121, 5125, 5126, "../a.bin", "/dev/zero", "file:///etc/passwd",
+    "http://example.org/a", "data:;base64,AAAA", "data:;base64,*", "data:,x", "part.gltf", "\x00", [1e300] * 16,
+    [0] * 16, [float("nan")] * 3, "KHR_draco_mesh_compression", ["KHR_draco_mesh_compression"], "a" * 5000, "\x1b[31m",
 )  # fmt: skip
 
 
@@ -105,8 +105,8 @@ def orbit(rng: random.Random) -> bytes:
     extra = (
         "META_START", "META_STOP", "COVARIANCE_START", "COMMENT x", "INTERPOLATION = LAGRANGE", "TIME_SYSTEM = X",
         "INTERPOLATION_DEGREE = 99999", "INTERPOLATION_DEGREE = x", "2026-13-40T99:00:00 0 0 0 0 0 0", "=", "= x",
-        "2026-03-20T12:00:09 0 0 1e300 0 0 0", "2026-03-20T12:00:09 nan 0 0 0 0 0", "2026-03-20T12:00:09 0 0", "x " * 5000,
-        "9999-366T23:59:60 0 0 0 0 0 0", "0000-001T00:00:00 0 0 0 0 0 0", "CENTER_NAME = EARTH", "\x1b[31m = \x00",
+        "2026-03-20T12:00:09 0 0 1e300 0 0 0", "2026-03-20T12:00:09 nan 0 0 0 0 0", "2026-03-20T12:00:09 0 0",
+        "x " * 5000, "9999-366T23:59:60 0 0 0 0 0 0", "0000-001T00:00:00 0 0 0 0 0 0", "CENTER_NAME = EARTH", "\x1b[31m = \x00",
     )  # fmt: skip
     for _ in range(rng.choice((0, 1, 1, 2, 4))):
         at = rng.randrange(len(lines))

@@ -298,7 +298,8 @@ def obj(rng: random.Random) -> bytes:
     corner = rng.choice(["{}", "{}/1", "{}//1", "{}/2/1", "{}/1/", "{}/"])
     lines += ["f " + " ".join(corner.format(index + 1) for index in face) for face in FACES]
     extra = [
-        "mtllib /dev/zero", "mtllib part.mtl", "usemtl panel", "usemtl é", "o \xff", "g a b", "s off", "f", "f 1", "f 1 2", "f 1 2 3 4 5", "f -1 -2 -3",
+        "mtllib /dev/zero", "mtllib part.mtl", "usemtl panel",
+        "usemtl é", "o \xff", "g a b", "s off", "f", "f 1", "f 1 2", "f 1 2 3 4 5", "f -1 -2 -3",
         "f 1/1/1/1 2 3", "v", "v 1", "v 1 2 3 4", "v nan 0 0", "v 1e39 0 0", "vn 0 0 0", "vn nan 0 0", "vt", "vt 1",
         "vt inf 0", "l 1 2", "p 1", "# " + "x" * 3000, "call /etc/passwd", "\\", "f 1 2 \\", "curv 0 1 2",
     ]  # fmt: skip

@@ -114,12 +114,10 @@ def _draw_plan(
 ) -> None:
     """Draw a projection along an axis, to scale: objects, field of view, nearest and farthest range."""
     reach = _reach(view)
-    # What is seen first from this side lies above the others.
-    other = 1 - axis
-    order = sorted(
-        range(len(view.objects)), key=lambda number: -float(view.objects[number].points[:, other].mean())
-    )
-    for number in order:
+    # From the side one looks along −x, from above along y: what lies nearer is drawn over what lies behind it.
+    other, sign = (1, -1.0) if axis == 0 else (0, 1.0)
+    means = [sign * float(one.points[:, other].mean()) for one in view.objects]
+    for number in np.argsort(means, kind="stable"):
         points = view.objects[number].points
         axes.plot(points[:, 2], points[:, axis], ".", ms=1.2, color=colours[number], alpha=0.5)
     _draw_field(axes, view.field, reach, (view.field.vertical, view.field.horizontal)[1 - axis])

@@ -52,6 +52,8 @@ class FileMesh(NamedTuple):
         Length of a unit of the file [m], or None where it tells none.
     flat
         Whether its faces are flat: normals are not interpolated between their corners.
+    split
+        Whether the reader gave faces corners of their own, so that equal ones are nothing of the file's.
     rows_from_below
         Whether textures are counted from their lowest row.
     colours
@@ -64,6 +66,7 @@ class FileMesh(NamedTuple):
     notes: tuple[str, ...] = ()
     unit: float | None = None
     flat: bool = False
+    split: bool = False
     rows_from_below: bool = False
     colours: Callable[[], tuple[Colour | None, ...]] | None = None
 

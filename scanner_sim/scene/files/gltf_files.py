@@ -143,6 +143,7 @@ class _File:
         self._all, self._chunk, self._folder = description, chunk, folder
         self._buffers: dict[int, bytes] = {}
         self._left_out: dict[str, int] = {}
+        self._split = False
         asset = description.get("asset")
         version = str(asset.get("version", "")) if isinstance(asset, dict) else ""
         if not version.startswith("2."):
@@ -186,6 +187,7 @@ class _File:
             tuple(parts),
             self._notes(),
             unit=1.0,
+            split=self._split,
             colours=lambda: tuple(map(self._colour, materials)),
         )
 
@@ -280,6 +282,7 @@ class _File:
         if not len(faces):
             self._skip("primitive without a face")
             return None
+        self._split |= others[0] is None
         return Geometry(vertices, faces, others[0], others[1]).moved(matrix)
 
     def _accessor(self, index: object, columns: int) -> Floats:

@@ -67,7 +67,8 @@ def _merged(mesh: FileMesh, notes: list[str]) -> FileMesh:
     double = len(own.vertices) - len(first)
     if not double:
         return mesh
-    notes.append(f"{counted(double, 'vertex', 'vertices')} that stood twice merged")
+    if not mesh.split:
+        notes.append(f"{counted(double, 'vertex', 'vertices')} that stood twice merged")
     merged = Triangles(
         own.vertices[first],
         same[own.faces].astype(np.uint32),

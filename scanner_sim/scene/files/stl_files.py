@@ -35,7 +35,9 @@ def stl_mesh(content: bytes) -> FileMesh:
         raise MeshError("it is no STL file, or its length is not that of the triangles that it announces")
     triangles = check_triangles(corners, np.arange(len(corners)).reshape(-1, 3))
     part_of = np.searchsorted(np.array(starts), np.arange(len(triangles.faces)), side="right") - 1
-    return FileMesh(triangles, part_of, tuple(FilePart((name,)) for name in names), notes, flat=True)
+    return FileMesh(
+        triangles, part_of, tuple(FilePart((name,)) for name in names), notes, flat=True, split=True
+    )
 
 
 def _text(content: bytes) -> tuple[NDArray[np.float64], list[int], list[str]]:
