@@ -106,7 +106,8 @@ def orbit(rng: random.Random) -> bytes:
         "META_START", "META_STOP", "COVARIANCE_START", "COMMENT x", "INTERPOLATION = LAGRANGE", "TIME_SYSTEM = X",
         "INTERPOLATION_DEGREE = 99999", "INTERPOLATION_DEGREE = x", "2026-13-40T99:00:00 0 0 0 0 0 0", "=", "= x",
         "2026-03-20T12:00:09 0 0 1e300 0 0 0", "2026-03-20T12:00:09 nan 0 0 0 0 0", "2026-03-20T12:00:09 0 0",
-        "x " * 5000, "9999-366T23:59:60 0 0 0 0 0 0", "0000-001T00:00:00 0 0 0 0 0 0", "CENTER_NAME = EARTH", "\x1b[31m = \x00",
+        "x " * 5000, "9999-366T23:59:60 0 0 0 0 0 0", "0000-001T00:00:00 0 0 0 0 0 0", "CENTER_NAME = EARTH",
+        "\x1b[31m = \x00",
     )  # fmt: skip
     for _ in range(rng.choice((0, 1, 1, 2, 4))):
         at = rng.randrange(len(lines))
