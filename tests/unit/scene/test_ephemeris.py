@@ -62,13 +62,15 @@ def attitude_file(
     frames: str = "EME2000 SC_BODY_1",
     direction: str = "A2B",
     first: bool = False,
+    more: tuple[str, ...] = (),
 ) -> Path:
     a, b = frames.split()
     lines = [
         "CCSDS_AEM_VERS = 1.0", "CREATION_DATE = 2026-01-01T00:00:00", "ORIGINATOR = TEST", "META_START",
         "OBJECT_NAME = A", "OBJECT_ID = 2026-001A", f"REF_FRAME_A = {a}", f"REF_FRAME_B = {b}",
         f"ATTITUDE_DIR = {direction}", "TIME_SYSTEM = UTC", "START_TIME = x", "STOP_TIME = x",
-        "ATTITUDE_TYPE = QUATERNION", f"QUATERNION_TYPE = {'FIRST' if first else 'LAST'}", "META_STOP", "DATA_START",
+        "ATTITUDE_TYPE = QUATERNION", f"QUATERNION_TYPE = {'FIRST' if first else 'LAST'}", *more,
+        "META_STOP", "DATA_START",
     ]  # fmt: skip
     for second in range(0, 1201, 5):
         # Which of a body's two quaternions stands there is chance: every other one has the other sign.
@@ -85,7 +87,7 @@ def attitude_file(
 @pytest.mark.parametrize(
     "spelling",
     [{}, {"direction": "B2A"}, {"frames": "SC_BODY_1 EME2000"}, {"frames": "SC_BODY_1 EME2000", "direction": "B2A"},
-     {"first": True}],
+     {"first": True}, {"more": ("INTERPOLATION_METHOD = LAGRANGE", "INTERPOLATION_DEGREE = 7")}],
 )  # fmt: skip
 def test_the_relative_pose_is_that_of_the_orbits(spelling: dict, tmp_path: Path) -> None:
     """Claim: the target is where two closed forms put it, within what Hermite's polynomials and the digits leave.

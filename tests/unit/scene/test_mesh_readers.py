@@ -16,6 +16,7 @@ import trimesh
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.scene.files.file_meshes import FileMesh
+from scanner_sim.scene.files.gltf_geometry import triangles_of
 from scanner_sim.scene.files.mesh_cleaning import cleaned
 from scanner_sim.scene.files.mesh_files import files_of_mesh, read_mesh_file
 from scanner_sim.scene.files.triangles import Triangles
@@ -50,7 +51,7 @@ def test_gltf_is_what_trimesh_makes_of_it(kind: str, tmp_path: Path) -> None:
     """Claim: every triangle stands where a reader written elsewhere puts it, and looks the same way."""
     scene = scene_of_two()
     if kind == "glb":
-        path = written(tmp_path, "a.glb", scene.export(file_type="glb"))
+        path = written(tmp_path, "a.glb", scene.export(file_type="glb", include_normals=True))
     else:
         for name, content in scene.export(file_type="gltf").items():
             written(tmp_path, name, content)
@@ -116,6 +117,8 @@ def test_strips_and_fans(
     mesh = read_mesh_file(written(tmp_path, "a.gltf", json.dumps(description)))
     place = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
     own = {tuple(sorted(map(tuple, one))) for one in corners(mesh).tolist()}
+    kind = {4: "triangles", 5: "strip", 6: "fan"}[mode]
+    assert sorted(map(tuple, triangles_of(np.array(index), kind).tolist())) == sorted(triangles)
     assert own == {tuple(sorted(map(tuple, place[list(one)].tolist()))) for one in triangles}
 
 
