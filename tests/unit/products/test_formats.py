@@ -261,19 +261,23 @@ class TestE57:
             np.testing.assert_array_equal(header.translation, np.zeros(3))
             limits = header["intensityLimits"]
             assert limits["intensityMaximum"].value() == image["Y"].max()
-            state = file.read_scan_raw(0, ignore_unsupported_fields=True)["cartesianInvalidState"]
+            state = read_fields(file, ["cartesianInvalidState"])["cartesianInvalidState"]
             np.testing.assert_array_equal(state, np.where(image.valid.ravel(), 0, 2))
             assert json.loads(header["sim:legends"].value())["object"] == {"1": "node", "2": "handrail 2"}
 
 
 def read_own(file: Any) -> dict[str, NDArray[np.float64]]:
-    """Read the fields of the extension by the library itself: pye57's readers pass them over."""
+    """Read the fields of the extension, which pye57's own readers pass over."""
+    names = [name for name in file.get_header(0).point_fields if name.startswith("sim:")]
+    return {name.removeprefix("sim:"): values for name, values in read_fields(file, names).items()}
+
+
+def read_fields(file: Any, names: list[str]) -> dict[str, NDArray[np.float64]]:
+    """Read fields by the library itself."""
     header, lib = file.get_header(0), pye57.libe57
-    names = [name for name in header.point_fields if name.startswith("sim:")]
-    arrays, buffers = {}, lib.VectorSourceDestBuffer()
-    for name in names:
-        arrays[name.removeprefix("sim:")] = np.empty(header.point_count)
-        values = arrays[name.removeprefix("sim:")]
+    arrays = {name: np.empty(header.point_count) for name in names}
+    buffers = lib.VectorSourceDestBuffer()
+    for name, values in arrays.items():
         buffers.append(lib.SourceDestBuffer(file.image_file, name, values, len(values), True, True))
     header.points.reader(buffers).read()
     return arrays
