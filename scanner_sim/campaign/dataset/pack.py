@@ -169,7 +169,8 @@ def _exchanged(folder: Path, writers: dict[str, Callable[[Path], None]], overwri
             there = {path.name for path in folder.iterdir()}
             if DESCRIPTION in there and not overwrite:
                 raise InputError(
-                    f"{folder} already holds a data set.", remedy="Choose another folder with -o, or add --overwrite."
+                    f"{folder} already holds a data set.",
+                    remedy="Choose another folder with -o, or add --overwrite.",
                 )
             ours = [name for name in there if name in (DESCRIPTION, INDEX, PAGE) or _OURS.fullmatch(name)]
             if DESCRIPTION not in there and ours:
@@ -201,7 +202,12 @@ def _index(views: Sequence[View], splits: Splits) -> str:
     for view, split in zip(views, splits.of_view, strict=True):
         own = [one for one in view.objects if one.name not in splits.backdrop]
         table.writerow(
-            (view.run, split or "left out", " ".join(one.shape for one in own), " ".join(one.pose for one in own))
+            (
+                view.run,
+                split or "left out",
+                " ".join(one.shape for one in own),
+                " ".join(one.pose for one in own),
+            )
         )
     return text.getvalue()
 

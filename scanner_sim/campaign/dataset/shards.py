@@ -74,10 +74,16 @@ def fields_of(views: Sequence[View], layers: Sequence[str]) -> tuple[Field, ...]
         Field("scenario", "1", "the resolved scenario, YAML", "string"),
         Field("theta_rad", "rad", "deflection to the right of each column", "float64", (shape[1],)),
         Field("phi_rad", "rad", "deflection downwards of each row", "float64", (shape[0],)),
-        Field("object_names", "1", "objects of the scene in the order of the following columns", "string", (-1,)),
-        Field("object_numbers", "1", "number of each in truth.object; 0 where it is not seen", "int32", (-1,)),
+        Field(
+            "object_names", "1", "objects of the scene in the order of the following columns", "string", (-1,)
+        ),
+        Field(
+            "object_numbers", "1", "number of each in truth.object; 0 where it is not seen", "int32", (-1,)
+        ),
         Field("object_shapes", "1", "what tells shapes apart, whatever they are made of", "string", (-1,)),
-        Field("object_files", "1", "file of each shape; empty where the scenario describes it", "string", (-1,)),
+        Field(
+            "object_files", "1", "file of each shape; empty where the scenario describes it", "string", (-1,)
+        ),
         Field(
             "object_poses",
             "1",
@@ -85,10 +91,7 @@ def fields_of(views: Sequence[View], layers: Sequence[str]) -> tuple[Field, ...]
             "float64",
             (-1, 2, 4, 4),
         ),
-        *(
-            Field(name, CHANNEL[name].unit, CHANNEL[name].meaning, _kind(name), shape)
-            for name in names
-        ),
+        *(Field(name, CHANNEL[name].unit, CHANNEL[name].meaning, _kind(name), shape) for name in names),
     )
 
 
@@ -108,7 +111,11 @@ def shard_bytes(views: Sequence[View], split: str, fields: Sequence[Field]) -> b
     """
     schema = pyarrow.schema(
         [
-            pyarrow.field(one.name, one.arrow, metadata={"unit": one.unit, "meaning": one.meaning, "shape": str(one.shape)})
+            pyarrow.field(
+                one.name,
+                one.arrow,
+                metadata={"unit": one.unit, "meaning": one.meaning, "shape": ",".join(map(str, one.shape))},
+            )
             for one in fields
         ]
     )
@@ -167,7 +174,9 @@ def _row(view: View, split: str, fields: Sequence[Field]) -> dict[str, Any]:
 
 def _plain(values: NDArray[np.float32], kind: str) -> NDArray[Any]:
     # One NaN for all: its sign depends on the processor.
-    return np.where(np.isnan(values), np.float32(np.nan), values) if kind == "float32" else values.astype(kind)
+    return (
+        np.where(np.isnan(values), np.float32(np.nan), values) if kind == "float32" else values.astype(kind)
+    )
 
 
 def _image(view: View) -> RangeImage:

@@ -40,9 +40,7 @@ class Splits:
         return self.of_view.count(split)
 
 
-def split_views(
-    views: Sequence[View], shares: Sequence[float], apart: Sequence[str], seed: int
-) -> Splits:
+def split_views(views: Sequence[View], shares: Sequence[float], apart: Sequence[str], seed: int) -> Splits:
     """Divide views among the splits.
 
     Shapes are divided first: those that are seen together stay together. Then poses are: one that only shapes of one

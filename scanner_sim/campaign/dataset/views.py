@@ -118,7 +118,10 @@ def _view(store: Store, run: int, shapes: _Shapes) -> View:
     if scenario.scene.file is not None:
         still = np.tile(np.eye(4), (2, 1, 1))
         found.insert(
-            0, ViewedObject(scenario.scene.file.stem, shapes.of_file(scenario.scene.file), scenario.scene.file, still)
+            0,
+            ViewedObject(
+                scenario.scene.file.stem, shapes.of_file(scenario.scene.file), scenario.scene.file, still
+            ),
         )
     return View(run, folder, scenario, tuple(found))
 
@@ -132,10 +135,9 @@ class _Shapes:
     def of(self, item: Any) -> tuple[str, Path | None]:
         """Return what tells the shape of an object of a scenario, and its file."""
         plain = item.model_dump(mode="json", by_alias=True, exclude=_PLACED | _PAINTED)
-        file = getattr(item, "mesh", None) or getattr(item, "file", None)
-        for key in ("mesh", "file"):
-            if key in plain:
-                plain[key] = self.of_file(file)
+        file: Path | None = getattr(item, "mesh", None) or getattr(item, "file", None)
+        if file is not None:
+            plain |= {key: self.of_file(file) for key in ("mesh", "file") if key in plain}
         text = json.dumps(plain, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()[:16], file
 

@@ -47,11 +47,11 @@ def write_las(path: Path, cloud: Cloud, *, compressed: bool) -> None:
     header = laspy.LasHeader(point_format=POINT_FORMAT, version="1.4")
     if cloud.epoch is not None:
         header.creation_date = date(cloud.epoch.year, cloud.epoch.month, cloud.epoch.day)
+        header.global_encoding.gps_time_type = laspy.header.GpsTimeType.STANDARD
     header.generating_software = cloud.software.partition(",")[0][:32]
     header.system_identifier = "SIMULATION"
     header.uuid = uuid.UUID(cloud.digest[:32])
     header.global_encoding.wkt = True
-    header.global_encoding.gps_time_type = laspy.header.GpsTimeType(int(cloud.epoch is not None))
     header.scales, header.offsets = np.full(3, scale), offset
     header.add_extra_dims(
         [
