@@ -193,6 +193,13 @@ _LAYERS = (
     ("cov_yz", "cov_yz_m2", "m2", "covariance of y and z"),
 )
 """Columns of the layers that every rangefinder has: name, layer, unit and a short meaning."""
+_SURFACE = (
+    ("normal_x", "truth.normal.X", "1", "truth: normal of the surface"),
+    ("normal_y", "truth.normal.Y", "1", "truth: normal of the surface"),
+    ("normal_z", "truth.normal.Z", "1", "truth: normal of the surface"),
+    ("incidence", "truth.incidence_rad", "rad", "truth: incidence"),
+)
+"""The same of truth that a scenario may ask for."""
 _TRUTH = (
     ("object", "truth.object", "truth: object, 0 for none"),
     ("material", "truth.material", "truth: material, 0 for none"),
@@ -234,6 +241,11 @@ def cloud_of_scan(result: LayeredResult, by: str = "") -> Cloud:
         Column(name, unit, meaning, layer[prefix + source])
         for name, source, unit, meaning in _LAYERS
         if prefix + source in layer
+    ]
+    columns += [
+        Column(name, unit, meaning, layer[source])
+        for name, source, unit, meaning in _SURFACE
+        if source in layer
     ]
     signal = layer.get("tof.Y" if by == "tof" else "Y", np.zeros(len(status), dtype=np.float32))
     columns.append(Column("signal", "electron", "charge of the signal", signal))

@@ -86,6 +86,8 @@ def make_image(ranging: str = "both", echo: str = "last", **more: Any) -> RangeI
         name: layer if "status" in name else np.where(valid, layer, np.nan) for name, layer in layers.items()
     }
     layers |= {"Y": random.uniform(1e3, 1e6, shape), "tof.Y": random.uniform(1e2, 1e4, shape)}
+    layers |= {f"truth.normal.{axis}": random.uniform(-1.0, 1.0, shape) for axis in "XYZ"}
+    layers["truth.incidence_rad"] = random.uniform(0.0, 1.5, shape)
     layers["tof.echoes"] = random.integers(1, 4, shape)
     layers["truth.object"] = random.integers(0, 3, shape)
     layers["truth.material"] = random.integers(0, 2, shape)
@@ -133,6 +135,8 @@ def wanted(image: RangeImage) -> dict[str, NDArray[Any]]:
         "echoes": "tof.echoes",
         "object": "truth.object",
         "material": "truth.material",
+        "incidence": "truth.incidence_rad",
+        **{f"normal_{axis}": f"truth.normal.{axis.upper()}" for axis in "xyz"},
         **{f"sigma_{axis}": f"sigma_{axis}_m" for axis in ("range", "x", "y", "z")},
         **{f"cov_{pair}": f"cov_{pair}_m2" for pair in ("xy", "xz", "yz")},
     }
