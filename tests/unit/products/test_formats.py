@@ -191,22 +191,27 @@ class TestLas:
         assert least / 100.0 < scale <= least / 10.0
         assert math.log10(scale) == pytest.approx(round(math.log10(scale)))
 
-    def test_far_points_get_the_finest_step_that_reaches_them(
-        self, image: RangeImage, tmp_path: Path
-    ) -> None:
-        """32 bits: 2³¹ steps to either side of the offset. Coarser than σ is refused, by the verb alone."""
+    @pytest.mark.parametrize("far", [1.0, 1e3, 1.5e4, 1.6e4, 1e5, 1e6])
+    def test_far_points_get_the_finest_step_that_reaches_them(self, image: RangeImage, far: float) -> None:
+        """32 bits with a sign: 2³¹ − 1 steps to either side of the offset, and none below a tenth of σ."""
         cloud = cloud_of_scan(image)
-        far = replace(cloud, points=cloud.points * np.array([1e4, 1, 1], np.float32))
-        scale, offset, _ = scale_of(far)
-        reach = np.abs(far.points[far.valid].astype(np.float64) - offset).max()
-        assert reach / scale < 2**31 <= reach / (0.1 * scale)
+        cloud = replace(cloud, points=cloud.points * np.array([far, 1, 1], np.float32))
+        scale, offset, least = scale_of(cloud)
+        reach = np.abs(cloud.points[cloud.valid].astype(np.float64) - offset).max()
+        possible = [10.0**power for power in range(-5, 3) if reach / 10.0**power <= 2**31 - 1]
+        assert 1e-5 <= least / 10.0 < 1e-4
+        assert scale == pytest.approx(possible[0])
+
+    def test_steps_coarser_than_sigma_are_refused(self, image: RangeImage, tmp_path: Path) -> None:
         lost = {
-            name: layer * 1e5 if name.startswith("P.") else layer for name, layer in image.channels.items()
+            name: layer * np.float32(1e5) if name.startswith("P.") else layer
+            for name, layer in image.channels.items()
         }
         lost |= {f"sigma_{axis}_m": image[f"sigma_{axis}_m"] * np.float32(1e-2) for axis in "xyz"}
         with pytest.raises(InputError, match="32 bits") as fault:
             convert(replace(image, channels=lost), tmp_path / "far.las")
         assert "e57" in fault.value.remedy
+        convert(replace(image, channels=lost), tmp_path / "far.e57")
 
     @pytest.mark.parametrize(("echo", "which"), [("first", 1), ("last", None), ("strongest", 1)])
     def test_returns_are_counted_where_the_instrument_knows_them(
