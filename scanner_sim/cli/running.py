@@ -35,6 +35,7 @@ def run_scenario(call: Call, *, dry_run: bool) -> None:
     """
     scenario = call.scenario()
     if dry_run:
+        check_formats(scenario.output.formats)
         check_target(call.output, call.overwrite, _kind_and_work(scenario)[0])
         print_table(plan(scenario, call.output))
         return

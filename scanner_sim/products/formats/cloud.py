@@ -14,7 +14,7 @@ import yaml
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
-from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.errors import InputError, printable
 from scanner_sim.foundation.status import legend
 from scanner_sim.foundation.units import FROM_FILE, Frequency, Length
 from scanner_sim.products.image import RangeImage
@@ -271,7 +271,7 @@ def cloud_of_scan(result: LayeredResult, by: str = "") -> Cloud:
         legends={
             "status": legend(),
             **{
-                name: {str(number): word for number, word in numbered(names).items()}
+                name: {str(number): printable(word) for number, word in numbered(names).items()}
                 for name, names in (("object", result.objects), ("material", result.materials))
             },
         },
@@ -367,7 +367,7 @@ def cloud_of_track(track: Track) -> Cloud:
         epoch=known.epoch,
         legends={
             "status": legend(),
-            "target": {str(number): name for name, number in order.items()},
+            "target": {str(number): printable(name) for name, number in order.items()},
         },
         software=track.made_by,
         seed=track.seed,

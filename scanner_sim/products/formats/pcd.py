@@ -5,7 +5,6 @@ What has no range stays as NaN, with its status, so that rows and columns keep t
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import Any
 
@@ -81,17 +80,6 @@ def packed(cloud: Cloud) -> NDArray[np.void]:
 
 
 def _lines(table: NDArray[np.void]) -> str:
-    text = io.StringIO()
-    columns = [
-        [_spelled(value, kind) for value in table[name]]
-        for name, (kind, *_) in (table.dtype.fields or {}).items()
-    ]
-    for line in zip(*columns, strict=True):
-        text.write(" ".join(line) + "\n")
-    return text.getvalue()
-
-
-def _spelled(value: np.generic, kind: np.dtype[np.generic]) -> str:
-    if kind.kind != "f":
-        return str(value)
-    return "nan" if np.isnan(value) else np.format_float_scientific(value, unique=True)  # type: ignore[arg-type]
+    """Return a line for each shot; NumPy spells a number with as many digits as its type needs."""
+    columns = [table[name].astype("U32").tolist() for name in table.dtype.names or ()]
+    return "".join(" ".join(line) + "\n" for line in zip(*columns, strict=True))

@@ -170,6 +170,8 @@ class TestLas:
         assert (str(header.version), header.point_format.id) == ("1.4", 6)
         assert header.global_encoding.wkt
         assert header.global_encoding.gps_time_type == laspy.header.GpsTimeType.WEEK_TIME
+        # Table 3 of the format: day and year of creation, which nobody may take from the clock.
+        assert (written / "points.las").read_bytes()[90:94] == bytes(4)
         coordinate_system = next(one for one in header.vlrs if one.record_id == 2112)
         assert coordinate_system.string.startswith("LOCAL_CS[")
         text = next(one for one in header.vlrs if one.record_id == 3).record_data.decode()
