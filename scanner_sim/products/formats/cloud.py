@@ -10,13 +10,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
-from pydantic import BaseModel, ValidationError
 
 from scanner_sim.foundation.errors import InputError, printable
 from scanner_sim.foundation.status import legend
-from scanner_sim.foundation.units import FROM_FILE, Frequency, Length
+from scanner_sim.products.formats.known import Known, known_of
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.layers import LayeredResult, numbered
 from scanner_sim.products.provenance import software
@@ -133,53 +131,6 @@ class Cloud:
             returns=(self.returns[0][which], self.returns[1][which]),
             columns=tuple(replace(column, values=column.values[which]) for column in self.columns),
         )
-
-
-class _Mirrors(BaseModel):
-    axis_separation: Length
-
-
-class _Scanner(BaseModel):
-    rate: Frequency
-    mirrors: _Mirrors
-
-
-class _Elements(BaseModel):
-    time: datetime
-
-
-class _Lighting(BaseModel):
-    tle: _Elements | None = None
-
-
-class _Pulse(BaseModel):
-    echo: str
-
-
-class _Processing(BaseModel):
-    pulse: _Pulse
-
-
-class Known(BaseModel):
-    """What formats need of the scenario that a result carries in its text."""
-
-    ranging: str
-    scanner: _Scanner
-    lighting: _Lighting
-    processing: _Processing
-
-    @property
-    def epoch(self) -> datetime | None:
-        """When the scan starts, in UTC."""
-        return None if self.lighting.tle is None else self.lighting.tle.time
-
-
-def known_of(scenario_yaml: str) -> Known | None:
-    """Return what formats need of a resolved scenario; None where a result was made without one."""
-    try:
-        return Known.model_validate(yaml.load(scenario_yaml, yaml.CSafeLoader), context=FROM_FILE)
-    except (yaml.YAMLError, ValidationError, RecursionError):
-        return None
 
 
 _LAYERS = (

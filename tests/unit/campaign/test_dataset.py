@@ -179,10 +179,11 @@ class TestSplits:
             assert not found.count("")
         assert found == split_views(views, (70.0, 15.0, 15.0), apart, seed)
 
-    def test_shapes_that_are_seen_together_stay_together(self) -> None:
+    @pytest.mark.parametrize("seed", range(10))
+    def test_shapes_that_are_seen_together_stay_together(self, seed: int) -> None:
         pairs = [("a", "b"), ("b", "c"), ("d",), ("e",), ("d", "e"), ("f",)]
         views = [view(run, [(name, float(run)) for name in names]) for run, names in enumerate(pairs)]
-        found = split_views(views, (1.0, 1.0, 1.0), ("object",), 0)
+        found = split_views(views, (1.0, 1.0, 1.0), ("object",), seed)
         assert not found.count("")
         assert found.of_view[0] == found.of_view[1]
         assert found.of_view[2] == found.of_view[3] == found.of_view[4]
