@@ -159,6 +159,12 @@ class TestSplits:
         assert made.counts["train"] >= 3
         assert min(made.counts.values()) >= 1
 
+    @pytest.mark.parametrize("seed", range(3))
+    def test_single_views_are_divided_to_the_view(self, seed: int) -> None:
+        views = [view(run, [(f"shape{run}", float(run))]) for run in range(60)]
+        found = split_views(views, (80.0, 10.0, 10.0), ("object", "pose"), seed)
+        assert [found.count(name) for name in SPLITS] == [48, 6, 6]
+
     @given(
         shapes=st.integers(3, 12),
         poses=st.integers(3, 12),
