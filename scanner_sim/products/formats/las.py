@@ -23,6 +23,8 @@ POINT_FORMAT = 6
 _INTENSITY = 65_535.0
 _ANGLE_STEP = 0.006
 """Unit of the scan angle [degrees]."""
+_LONGEST = 65_000
+"""Bytes of a text record; it can hold 65 535."""
 _DATE = slice(90, 94)
 """Bytes of the header that hold the day of creation and its year."""
 _LOCAL = (
@@ -101,6 +103,8 @@ def _text(cloud: Cloud) -> str:
         "shots without a range are left out",
         cloud.software,
         f"seed {cloud.seed}",
-        json.dumps(cloud.legends),
     ]
+    legends = json.dumps(cloud.legends)
+    left = _LONGEST - len("\n".join(lines).encode("ascii", "backslashreplace"))
+    lines.append(legends if len(legends) < left else "names behind numbers: too many for this record")
     return "\n".join(lines).encode("ascii", "backslashreplace").decode()

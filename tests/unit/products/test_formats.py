@@ -194,6 +194,16 @@ class TestLas:
         assert least / 100.0 < scale <= least / 10.0
         assert math.log10(scale) == pytest.approx(round(math.log10(scale)))
 
+    def test_more_names_than_a_record_holds_are_left_out(self, image: RangeImage, tmp_path: Path) -> None:
+        many = replace(
+            image, objects=(*image.objects, *(f"object number {number}" for number in range(9000)))
+        )
+        convert(many, tmp_path / "x.laz")
+        found = laspy.read(tmp_path / "x.laz")
+        text = next(one for one in found.header.vlrs if one.record_id == 3).record_data.decode()
+        assert "too many for this record" in text
+        assert len(found.points) == np.count_nonzero(image.valid)
+
     @pytest.mark.parametrize("far", [1.0, 1e3, 1.5e4, 1.6e4, 1e5, 1e6])
     def test_far_points_get_the_finest_step_that_reaches_them(self, image: RangeImage, far: float) -> None:
         """32 bits with a sign: 2³¹ − 1 steps to either side of the offset, and none below a tenth of σ."""
