@@ -62,6 +62,7 @@ AFTER_LIGHT = (
     "processing",
     "output.pictures",
     "output.points",
+    "output.formats",
     "output.compression",
     "scanner.laser.speckle",
     "scanner.mirrors.readout_noise",
