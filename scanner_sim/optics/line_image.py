@@ -2,9 +2,9 @@
 
 In the plane of triangulation the lens's node is the origin. A point seen at the tangent t = tanα to the lens's axis, at
 the depth L along it, has its image at the height v t and the depth v = f L/(L − f) behind the lens (lens equation;
-Hecht, *Optics*, 5th ed., 2017, sec 5.2). The array is a straight line behind the lens, from the image of infinity at the
-depth v₀ outwards, tilted by τ against the lens: its positions s stand at the heights s cosτ and depths v₀ + s sinτ. The
-ray through the node meets it where s cosτ = t (v₀ + s sinτ), so that with g = tanτ and h = v₀/cosτ
+Hecht, *Optics*, 5th ed., 2017, sec 5.2). The array is a straight line behind the lens, from the image of infinity at
+the depth v₀ outwards, tilted by τ against the lens: its positions s stand at the heights s cosτ and depths
+v₀ + s sinτ. The ray through the node meets it where s cosτ = t (v₀ + s sinτ), so that with g = tanτ and h = v₀/cosτ
 
     s = h t/(1 − g t)            t = s/(h + g s)            ds/dt = h/(1 − g t)²
 
