@@ -38,7 +38,8 @@ def _coherent(setting: ComparisonSetup) -> str:
     if max(ClosedForms(setting.scenario).facing(R, 1.0).sigma for R in _ranges(setting)) > 2.0:
         return "the spot is wider than the line over which wave optics integrates it"
     receiver = setting.scenario.scanner.receiver
-    if receiver.aberration > 4.0 * setting.scenario.scanner.position_sensor.pitch:
+    blur = max(setting.closed.array.blur(R).along for R in _ranges(setting))
+    if math.hypot(receiver.aberration, blur) > 4.0 * setting.scenario.scanner.position_sensor.pitch:
         return "the lens's aberration is wider than that line"
     return ""
 
@@ -82,9 +83,12 @@ def _seen(setting: ComparisonSetup, R: float) -> Array:
     scanner = setting.scenario.scanner
     laser, receiver, sensor = scanner.laser, scanner.receiver, scanner.position_sensor
     radius = beam_radius(R, laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared)
-    image = 0.5 * float(radius) * receiver.focal_length / R
-    lens = laser.wavelength, receiver.focal_length / receiver.aperture
-    return _lines(lens, (receiver.aberration, sensor.diffusion), sensor.pitch, image, _surfaces(setting))
+    # Along the array all of the image is stretched alike, grains and aberration with it.
+    along, across = (float(one) for one in setting.closed.array.scale(R))
+    image = 0.5 * float(radius) * along / R
+    lens = laser.wavelength, along / receiver.aperture
+    aberration = math.hypot(receiver.aberration * along / across, setting.closed.array.blur(R).along)
+    return _lines(lens, (aberration, sensor.diffusion), sensor.pitch, image, _surfaces(setting))
 
 
 def _separate(setting: ComparisonSetup, R: float) -> float:
