@@ -23,6 +23,8 @@ _MODEL = 0.04
 """What the packets' sizes leave: the pupil's edge, a Gaussian for what lies under it, the modes that are left out."""
 _LINE = 25
 """Pixels of the judge's line."""
+_WIDEST = 2.0
+"""Standard deviation of a spot [pixel] that this line holds."""
 _SIDE = 8
 """Pixels of a line of zeros beside it, for estimators that look beyond the spot."""
 _SURFACES = 1000
@@ -34,21 +36,15 @@ def _coherent(setting: ComparisonSetup) -> str:
     if not setting.scenario.scanner.laser.speckle:
         return "the scenario's laser makes no speckle"
     if not _ranges(setting):
-        return "the array sees no spot at these ranges"
-    if max(ClosedForms(setting.scenario).facing(R, 1.0).sigma for R in _ranges(setting)) > 2.0:
-        return "the spot is wider than the line over which wave optics integrates it"
-    receiver = setting.scenario.scanner.receiver
-    blur = max(setting.closed.array.blur(R).along for R in _ranges(setting))
-    if math.hypot(receiver.aberration, blur) > 4.0 * setting.scenario.scanner.position_sensor.pitch:
-        return "the lens's aberration is wider than that line"
+        return "the array sees no spot at these ranges that wave optics could integrate on its line"
     return ""
 
 
 def _ranges(setting: ComparisonSetup) -> tuple[float, ...]:
+    """Return the ranges at which the array sees a spot that is no wider than the line of wave optics."""
     closed = ClosedForms(setting.scenario)
-    return tuple(
-        R for R in setting.flat.ranges if closed.on_array(closed.facing(R, setting.flat.reflectance))
-    )
+    seen = {R: closed.facing(R, setting.flat.reflectance) for R in setting.flat.ranges}
+    return tuple(R for R, one in seen.items() if closed.on_array(one) and one.sigma <= _WIDEST)
 
 
 def _judged(setting: ComparisonSetup) -> str:
