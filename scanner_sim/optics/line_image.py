@@ -22,7 +22,7 @@ so that a pupil of diameter A, evenly lit, blurs a point by a disc whose standar
 the line, and 1/(cosτ (1 − g t)) of that along it. The simulator takes a Gaussian of the same variance.
 
 Not modelled: terms of higher order in ξ, by which the blur on a tilted array is lopsided: its centroid is off by up to
-3 % of its standard deviation, always to the same side, which a calibration takes for the array's scale; thickness,
+4 % of its standard deviation, always to the same side, which a calibration takes for the array's scale; thickness,
 distortion and field curvature of the lens; the pupil's foreshortening; that the blur of the Sun's and the Earth's light
 is another than that of the beam's.
 """
