@@ -160,6 +160,7 @@ def geometry_of(scanner: Scanner) -> Geometry:
         offset=sensor.offset,
         synchronisation=mirrors.synchronisation,
         slope=receiver.line_image.slope,
+        focus=None if receiver.array_tilt == "ideal" else receiver.line_image,
     )
 
 

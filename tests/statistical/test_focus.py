@@ -11,7 +11,7 @@ from scanner_sim.analytic.speckle import pixel_shares
 from scanner_sim.analytic.wave_optics import Lens, defocus, images, on_pixels
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.device import Device
-from scanner_sim.validation.compare.closed_forms import ClosedForms
+from scanner_sim.validation.compare.run import compare
 
 DEFOCUSED = {"array_tilt": 0.0, "focus_distance": 0.45, "aperture": 3e-3}
 TILTED = {"array_tilt": 0.35, "focus_distance": 0.45, "aperture": 6e-3}
@@ -60,32 +60,15 @@ def test_sigma_is_that_of_the_errors_at_close_range(device: Device, distance: fl
 
 
 @pytest.mark.parametrize("receiver", [DEFOCUSED, TILTED], ids=["out of focus", "tilted"])
-def test_the_spot_is_where_and_as_wide_as_the_judge_says(device: Device, receiver: dict[str, float]) -> None:
-    """Claim: peak and width of the fit are those of the judge's rays and collineation, without any noise.
+def test_spots_are_where_and_as_wide_as_the_judge_says(device: Device, receiver: dict[str, float]) -> None:
+    """Claim: place and width of spots over the field are those of the judge's collineation and rays; no range errs.
 
-    Its σ of the position holds the spot's width: it grows by the blur. Pixels of σ 1 to 3 are interpolated to 1e-3.
+    It can fail: without the blur the spot at 0.29 m is 1.6 instead of 3.2 pixels wide.
     """
-    quiet = dict.fromkeys(("shot", "read", "dark", "quantisation", "prnu"), False)
-    still = dict.fromkeys(("jitter", "wobble", "readout_noise", "readout_step", "synchronisation"), 0.0)
-    made = scenario(
-        0.55,
-        side=2,
-        receiver=receiver,
-        mirrors=still,
-        laser={"speckle": False, "power": 1e-4},
-        position_sensor={"noise": quiet},
-    )
-    image = simulate(made, device="cpu")
-    forms = ClosedForms(made)
-    assert image.valid.all()
-    for row in range(2):
-        for column in range(2):
-            theta, phi = float(image.theta[column]), float(image.phi[row])
-            seen = forms.spot(theta, phi, np.array([0.0, 0.0, 0.55]), np.array([0.0, 0.0, -1.0]), 0.5)
-            assert image["peak_px"][row, column] == pytest.approx(seen.centre, abs=3e-3)
-            assert image["range_m"][row, column] == pytest.approx(
-                image["truth.range_m"][row, column], abs=1e-5
-            )
+    made = scenario(0.55, receiver=receiver, laser={"power": 1e-4})
+    found = compare(made, only=("spot_position", "spot_width", "points"), quick=True, device="cpu")
+    assert not found.broken
+    assert max(check.detects_99 for finding in found.findings for check in finding.checks) < 0.005
 
 
 def test_a_gaussian_stands_for_the_disc_of_a_lens_out_of_focus() -> None:
