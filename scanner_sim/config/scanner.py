@@ -218,6 +218,12 @@ class Scanner(Part):
         start = self.position_sensor.offset
         return self.receiver.focal_length * self.receiver.baseline / start if start > 0.0 else float("inf")
 
+    def seen_by(self, rangefinder: RangefinderName) -> tuple[float, float]:
+        """Return the nearest and farthest range [m] that a rangefinder sees on the axis: its array, or its gate."""
+        if rangefinder == "tof":
+            return self.lidar.digitiser.gate
+        return self.nearest_range, self.farthest_range
+
 
 def geometry_of(scanner: Scanner) -> Geometry:
     """Return the calibration of an instrument; pitch and offset are NaN without a position sensor."""

@@ -288,4 +288,5 @@ TOF_COVERAGE = Law(
     _predict,
     _FEW,
     exercises="pulse",
+    rangefinder="tof",
 )
