@@ -53,8 +53,8 @@ _STEADY_CLOCK: dict[str, Any] = {
 _CLIPPED = 0.95
 """Height of an echo, over the amplifier's saturation, from which it may be clipped."""
 _CAUTIOUS = ("leading_edge", "constant_fraction")
-_HALF = 0.03
-"""Deflections to each side of a plane's middle [rad]."""
+_HALF, _ASIDE = 0.03, 0.3
+"""Deflections to each side of a plane's middle, and of that middle itself [rad], where the mirrors reach them."""
 
 
 def _honest(setting: ComparisonSetup) -> str:
@@ -168,11 +168,14 @@ def _on_planes(
     """Yield the layers of a small scan of a plane drawn at random for each seed; all its voxels count."""
     scenario, closed = setting.scenario, ClosedForms(setting.scenario)
     ranges, side = setting.flat.ranges, math.isqrt(_VOXELS)
+    limit = scenario.scanner.mirrors.max_deflection
+    half = min(_HALF, 0.5 * limit)
+    aside = min(_ASIDE, limit - half)
     for seed in seeds:
         random = np.random.default_rng(seed)
         distance = float(np.exp(random.uniform(math.log(ranges[0]), math.log(ranges[-1]))))
-        tilt, theta, phi = (random.uniform(-1.0, 1.0, 3) * [math.radians(50.0), 0.3, 0.3]).tolist()
-        size = 2.6 * distance * math.tan(_HALF) / math.cos(abs(tilt) + _HALF)
+        tilt, theta, phi = (random.uniform(-1.0, 1.0, 3) * [math.radians(50.0), aside, aside]).tolist()
+        size = 2.6 * distance * math.tan(half) / math.cos(abs(tilt) + half)
         plane = test_bench.plate(
             distance,
             setting.flat.reflectance,
@@ -186,8 +189,8 @@ def _on_planes(
         scan = RasterScan(
             rows=side,
             columns=side,
-            horizontal=(theta - _HALF, theta + _HALF),
-            vertical=(phi - _HALF, phi + _HALF),
+            horizontal=(theta - half, theta + half),
+            vertical=(phi - half, phi + half),
         )
         made = scenario.changed(
             seed=seed,
