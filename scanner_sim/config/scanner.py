@@ -144,7 +144,9 @@ class Scanner(Part):
         passed = laser_gain(self.filter, nominal, response, incidence if by_line else np.zeros(1))
         if passed.max() < _LEAST_PASSED:
             problem = f"its band misses the laser's {line} at all ranges, so nothing is ever seen."
-            return Fault("filter", problem, "Change filter.centre or filter.bandwidth, or write 'filter: none'.")
+            return Fault(
+                "filter", problem, "Change filter.centre or filter.bandwidth, or write 'filter: none'."
+            )
         return None
 
     @property

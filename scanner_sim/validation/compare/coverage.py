@@ -230,11 +230,11 @@ def _pulls(setting: ComparisonSetup, ranging: RangefinderName) -> Iterator[tuple
             covariance[:, i, i] = some[f"sigma_{one}_m"] ** 2
             for j in range(i):
                 covariance[:, i, j] = covariance[:, j, i] = some[f"cov_{'xyz'[j]}{one}_m2"]
-        solved = np.linalg.solve(covariance, error[..., None])[..., 0]
-        yield (
-            (some["range_m"] - some["truth.range_m"]) / some["sigma_range_m"],
-            np.sum(error * solved, axis=1),
-        )
+        pull = (some["range_m"] - some["truth.range_m"]) / some["sigma_range_m"]
+        # Without errors of the angles points err along the beam alone, and their covariance has no inverse.
+        spread = ClosedForms(setting.scenario).angle_sigma > 0.0
+        solved = np.linalg.solve(covariance, error[..., None])[..., 0] if spread else error
+        yield pull, np.sum(error * solved, axis=1)
 
 
 _CASES = ("mean", "mean square", "share within 1.96 σ", "point: χ² of three, over three")
@@ -249,7 +249,8 @@ def _measure(setting: ComparisonSetup, *, ranging: RangefinderName) -> dict[str,
     )
     if len(rows) < _FEWEST_RUNS:
         return {}
-    return {case: mean_of(rows[:, column]) for column, case in enumerate(_CASES)}
+    cases = _CASES if ClosedForms(setting.scenario).angle_sigma > 0.0 else _CASES[:-1]
+    return {case: mean_of(rows[:, column]) for column, case in enumerate(cases)}
 
 
 def _predict(setting: ComparisonSetup) -> dict[str, Predicted]:  # noqa: ARG001 (σ is true of every instrument)

@@ -41,7 +41,9 @@ def pulses_uncovered(setting: ComparisonSetup) -> str:
     if setting.scenario.scanner.lidar.photodiode.place != "coaxial":
         return "the diode does not look along the laser"
     if _rounds_coarsely(setting):
-        return "the converter's step is more than twice the noise on it, so that its rounding is no white noise"
+        return (
+            "the converter's step is more than twice the noise on it, so that its rounding is no white noise"
+        )
     return (
         "" if _echoes(setting) else "no plate within the digitiser's gate gives the echoes that are asked for"
     )
@@ -162,9 +164,7 @@ def plate_errors(
             size=0.02 * where + 16.0 * setting.scenario.scanner.laser.radius(where),
             name=f"target_{number}",
         )
-        for number, (where, grey, angle) in enumerate(
-            zip(ranges, reflectances, theta.tolist(), strict=True)
-        )
+        for number, (where, grey, angle) in enumerate(zip(ranges, reflectances, theta.tolist(), strict=True))
     ]
     scenario: Scenario = test_bench.on_test_bench(setting, *plates, seed=seed, **made)
     aim = test_bench.directions(np.repeat(theta, shots), 0.0, scenario.scanner.mirrors, 0.0)
