@@ -78,7 +78,7 @@ def test_rounding_of_a_silent_signal_is_no_white_noise() -> None:
 
 
 def test_laws_stay_within_the_mirrors() -> None:
-    """Claim: of a gauge that tilts by 2°, speckle is sought in as many directions as fit two radii apart, in more runs."""
+    """Claim: of a gauge that tilts by 2°, speckle is sought in as many directions as fit two radii apart, and runs."""
     gauge = setup("point_gauge")
     limit = gauge.scenario.scanner.mirrors.max_deflection
     R = gauge.flat.ranges[0]
