@@ -34,7 +34,7 @@ def list_instruments() -> None:
     rows = []
     for name in names:
         scanner = load_scanner(name)
-        seen = ", ".join(_seen(scanner, way) for way in scanner.rangefinders)
+        seen = ", ".join(_seen(scanner, way) for way in scanner.seeing)
         field = f"±{math.degrees(scanner.mirrors.max_deflection):.3g}°"
         rows.append((name, seen, field, f"{scanner.rate:.6g} /s"))
     print_rows([("instrument", "ranges", "field", "rate"), *rows], left=(0, 1, 2, 3))
@@ -121,18 +121,17 @@ def _stated(preset: Preset, at: Location, value: object) -> str:
 def instrument_properties(scanner: Scanner, sheet: InstrumentSheet) -> dict[str, str]:
     """Return what follows from an instrument's values, as pairs of a word and a phrase."""
     laser = scanner.laser
-    # What the unit records counts where it sees the laser.
-    ways = [name for name in scanner.rangefinders if scanner.blindness((name,)) is None]
-    base = "" if sheet.array is None else f"base {1e3 * sheet.baseline:.4g} mm, "
+    base = "" if sheet.line is None else f"base {1e3 * sheet.baseline:.4g} mm, "
     return {
-        "ranges on the axis": "; ".join(_seen(scanner, name) for name in ways),
+        "ranges on the axis": "; ".join(_seen(scanner, name) for name in scanner.seeing),
         "field of view": f"±{math.degrees(sheet.half_field):.3g}° on both axes",
         "rate": f"{sheet.rate:.6g} voxels/s",
         "beam": f"{_light(scanner)} at {1e6 * laser.wavelength:.4g} µm, "
         f"waist of {2e3 * laser.waist_radius:.4g} mm (1/e²) at {laser.waist_distance:.4g} m, "
         f"full divergence {2e3 * laser.divergence:.3g} mrad",
         "receiver": f"{base}f = {1e3 * sheet.focal_length:.4g} mm, "
-        f"f/{sheet.focal_length / sheet.aperture:.3g}",
+        f"f/{sheet.focal_length / sheet.aperture:.3g}"
+        + ("" if sheet.line is None else f"; {_array(scanner)}"),
     }
 
 
@@ -152,15 +151,28 @@ def _light(scanner: Scanner) -> str:
     return f"pulses of {1e6 * pulse.pulse_energy:.4g} µJ and {1e9 * FWHM * pulse.sigma:.4g} ns"
 
 
+def _array(scanner: Scanner) -> str:
+    """Return a phrase for the array's tilt and focus."""
+    receiver = scanner.receiver
+    if receiver.array_tilt == "ideal":
+        return "array sharp at every range"
+    tilt = math.degrees(math.atan(receiver.line_image.slope))
+    if receiver.array_tilt == "scheimpflug":
+        return f"array tilted by {tilt:.3g}°, Scheimpflug's condition"
+    focus = "infinity" if receiver.focus_distance == "infinity" else f"{receiver.focus_distance:.4g} m"
+    return f"array tilted by {tilt:.3g}°, in focus at {focus}"
+
+
 def _table(sheet: InstrumentSheet) -> Iterator[tuple[str, ...]]:
     """Yield the lines of a table of lengths [mm] over range."""
     columns = {"beam [mm]": 1e3 * sheet.spot_m}
-    if sheet.pixel_m is not None:
-        columns["pixel [mm]"] = 1e3 * sheet.pixel_m
+    if sheet.line is not None:
+        columns["pixel [mm]"] = 1e3 * sheet.line.pixel_m
     if sheet.lateral_m.any():
         columns["σ across [mm]"] = 1e3 * sheet.lateral_m
-    if sheet.filled is not None:
-        columns["% of full well"] = 100.0 * sheet.filled
+    if sheet.line is not None:
+        columns["spot σ [pixel]"] = sheet.line.image_px
+        columns["% of full well"] = 100.0 * sheet.line.filled
     columns |= {f"σ {_WAYS[way]} [mm]": 1e3 * values for way, values in sheet.sigma_m.items()}
     yield ("range [m]", *columns)
     last = len(sheet.range_m) - 1

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import (
     Discriminator,
     Field,
@@ -20,6 +21,7 @@ from pydantic import (
 from scanner_sim.config.preset import DEFAULT, fill, preset_of
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
+from scanner_sim.foundation.device_types import FloatLike
 from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Frequency, Ratio
@@ -27,15 +29,22 @@ from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.filter import FilterChoice, laser_gain
 from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.optics.laser import Laser
+from scanner_sim.optics.line_image import ArrayPlace
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Geometry
 
+_SPOTS = 8
+"""Places of the line at which the modes of speckle are counted."""
+_LEAST_STRETCH = 0.2
+"""Least distance of the array from the lens, of that where it sees infinity."""
 FILLED = {"scanner": "filled"}
 """Validation context where the scanner's block already has what its preset says."""
 
 RangefinderName: TypeAlias = Literal["triangulation", "tof"]
+_INCIDENCES = 65
+"""Positions along the array at which its filter is looked at."""
 _LEAST_PASSED = 1e-2
 """Share of the laser's light below which a filter misses it."""
 
@@ -121,7 +130,22 @@ class Scanner(Part):
             yield from self._line_contradictions()
 
     def _line_contradictions(self) -> Iterator[Fault]:
-        if self.nearest_range <= self.receiver.baseline:
+        image, sensor = self.receiver.line_image, self.position_sensor
+        if self.point_spread < 1e-8:
+            yield Fault(
+                "receiver.aberration",
+                "neither the lens nor the sensor blurs the image: a point of light would fall between two pixels.",
+                "Write 10 nm or more for receiver.aberration or position_sensor.diffusion.",
+            )
+        if image.depth <= 0.0:
+            return  # The receiver has told it.
+        if 1.0 + image.skew * (sensor.offset + sensor.length) < _LEAST_STRETCH:
+            yield Fault(
+                "receiver.array_tilt",
+                "the far end of the array leans towards the lens so much that no light reaches it.",
+                "Tilt it the other way, or reduce the tilt, position_sensor.pixels, pitch or offset.",
+            )
+        elif self.nearest_range <= self.receiver.baseline:
             end = self.position_sensor.offset + self.position_sensor.length
             yield Fault(
                 "position_sensor.pixels",
@@ -129,12 +153,6 @@ class Scanner(Part):
                 "nearer than the base of "
                 f"{self.receiver.baseline:g} m: such rays do not pass the lens.",
                 "Reduce pixels, pitch or offset, or raise receiver.focal_length.",
-            )
-        if self.point_spread < 1e-8:
-            yield Fault(
-                "receiver.aberration",
-                "neither the lens nor the sensor blurs the image: a point of light would fall between two pixels.",
-                "Write 10 nm or more for receiver.aberration or position_sensor.diffusion.",
             )
 
     def blindness(self, rangefinders: tuple[RangefinderName, ...]) -> Fault | None:
@@ -154,8 +172,8 @@ class Scanner(Part):
         if not response[0] <= nominal.line <= response[1]:
             problem = f"it does not reach the laser's {line}, so nothing is ever seen."
             return Fault(f"{key}.response", problem, "Change it, or laser.wavelength.")
-        incidence = np.arctan(np.linspace(*self._seen_positions, 257) / self.receiver.focal_length)
-        passed = laser_gain(self.filter, nominal, response, incidence if by_line else np.zeros(1))
+        incidence = self._incidences if by_line else np.zeros(1)
+        passed = laser_gain(self.filter, nominal, response, incidence)
         if passed.max() < _LEAST_PASSED:
             problem = f"its band misses the laser's {line} at all ranges, so nothing is ever seen."
             return Fault(
@@ -164,16 +182,22 @@ class Scanner(Part):
         return None
 
     @property
-    def _seen_positions(self) -> tuple[float, float]:
-        """Positions p of the ends of the array [m]; both 0 without one."""
-        sensor = self.line_choice
-        return (0.0, 0.0) if sensor == "none" else (sensor.offset, sensor.offset + sensor.length)
+    def _incidences(self) -> NDArray[np.float64]:
+        """Incidences on the filter of light that images along the array [rad]."""
+        sensor = self.position_sensor
+        positions = np.linspace(sensor.offset, sensor.offset + sensor.length, _INCIDENCES)
+        return np.arctan([self.receiver.line_image.tangent(float(p)) for p in positions])
 
     @property
     def rangefinders(self) -> tuple[RangefinderName, ...]:
         """What the instrument can measure ranges with."""
         parts: dict[RangefinderName, object] = {"triangulation": self.line_choice, "tof": self.lidar_choice}
         return tuple(name for name, part in parts.items() if part != "none")
+
+    @property
+    def seeing(self) -> tuple[RangefinderName, ...]:
+        """Those of them that see the laser."""
+        return tuple(name for name in self.rangefinders if self._blindness(name) is None)
 
     @property
     def position_sensor(self) -> PositionSensor:
@@ -224,15 +248,28 @@ class Scanner(Part):
 
     @property
     def nearest_range(self) -> float:
-        """Nearest range that the array sees on the axis [m]: f d / p_max (eq 1 at Θ = 0)."""
-        end = self.position_sensor.offset + self.position_sensor.length
-        return self.receiver.focal_length * self.receiver.baseline / end
+        """Nearest range that the array sees on the axis [m] (eq 1 at Θ = 0)."""
+        return self._range_at(self.position_sensor.offset + self.position_sensor.length)
 
     @property
     def farthest_range(self) -> float:
         """Farthest range that the array sees on the axis [m]; infinite where it starts at p = 0."""
         start = self.position_sensor.offset
-        return self.receiver.focal_length * self.receiver.baseline / start if start > 0.0 else float("inf")
+        return self._range_at(start) if start > 0.0 else float("inf")
+
+    def seen_at(self, distance: FloatLike) -> ArrayPlace:
+        """Return how the line sees the beam, not deflected, at ranges [m]; lengths in pixels."""
+        image, d = self.receiver.line_image, self.receiver.baseline
+        return image.at(image.position(d / distance), d, self.position_sensor.pitch)
+
+    def places(self, positions: Iterable[float]) -> Iterator[tuple[float, float]]:
+        """Yield positions on the line [m] with the ranges [m] that are seen there, the beam not deflected."""
+        for position in positions:
+            yield float(position), self._range_at(float(position))
+
+    def _range_at(self, position: float) -> float:
+        image, d = self.receiver.line_image, self.receiver.baseline
+        return image.scale * d / position + image.slope * d
 
     def seen_by(self, rangefinder: RangefinderName) -> tuple[float, float]:
         """Return the nearest and farthest range [m] that a rangefinder sees on the axis: its array, or its gate."""
@@ -245,12 +282,14 @@ def geometry_of(scanner: Scanner) -> Geometry:
     """Return the calibration of an instrument; pitch and offset are NaN without a position sensor."""
     receiver, sensor, mirrors = scanner.receiver, scanner.line_choice, scanner.mirrors
     return Geometry(
-        focal_length=receiver.focal_length,
+        scale=receiver.line_image.scale,
         baseline=receiver.baseline,
         axis_separation=mirrors.axis_separation,
         pitch=math.nan if sensor == "none" else sensor.pitch,
         offset=math.nan if sensor == "none" else sensor.offset,
         synchronisation=mirrors.synchronisation,
+        slope=receiver.line_image.slope,
+        focus=None if receiver.array_tilt == "ideal" else receiver.line_image,
     )
 
 
@@ -258,6 +297,12 @@ def speckle_optics(scanner: Scanner) -> Optics:
     """Return what the laser's speckle depends on, on the line of an instrument."""
     receiver, sensor, laser = scanner.receiver, scanner.position_sensor, scanner.laser
     cell = laser.wavelength * receiver.focal_length / receiver.aperture
-    near = scanner.nearest_range
-    widest = 0.5 * float(laser.radius(near)) * receiver.focal_length / near
-    return Optics.of(cell, receiver.aberration, sensor.diffusion, sensor.pitch, widest)
+    steps = (np.arange(_SPOTS) + 1.0) / _SPOTS
+    images = (
+        (
+            0.5 * laser.radius(distance) * receiver.focal_length / distance,
+            receiver.line_image.at(position, receiver.baseline, sensor.pitch),
+        )
+        for position, distance in scanner.places(sensor.offset + steps * sensor.length)
+    )
+    return Optics.of(cell, receiver.aberration, sensor.diffusion, sensor.pitch, images)

@@ -14,6 +14,32 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
+class LineSheet:
+    """The line sensor of an instrument; lengths in metres, arrays over the deflections and ranges of its sheet.
+
+    Attributes
+    ----------
+    ends
+        Where its ends are (x, z) from the lens's node, z behind it negative: the far end first.
+    nearest, farthest
+        Ranges that its ends see over the deflections, each of shape (k,); infinite where it sees infinity.
+    pixel_m
+        Change of the range by a pixel, shape (n,).
+    image_px
+        Standard deviation of the spot on the array [pixel], shape (n,).
+    filled
+        Charge of the brightest pixel over the full well, shape (n,): from 1 on it is saturated.
+    """
+
+    ends: tuple[tuple[float, float], tuple[float, float]]
+    nearest: Array
+    farthest: Array
+    pixel_m: Array
+    image_px: Array
+    filled: Array
+
+
+@dataclass(frozen=True, eq=False)
 class InstrumentSheet:
     """Geometry of an instrument, and closed forms of its errors on a facing target; lengths in metres.
 
@@ -21,15 +47,15 @@ class InstrumentSheet:
     ----------
     baseline, focal_length, aperture
         Of the receiver.
-    array
-        Positions p of the ends of the line sensor; None without one.
+    line
+        The line sensor; None without one.
     diode_field
         Full angle that the photodiode sees [rad]; None without a time-of-flight unit.
     seen
         Nearest and farthest range on the axis by each way of ranging: what the array sees, infinite where it sees
         infinity, and what the time-of-flight unit records.
-    half_field
-        Largest deflection to each side [rad].
+    theta
+        Deflections from one end of the field to the other [rad], shape (k,).
     rate
         Voxels per second.
     reflectance
@@ -38,9 +64,6 @@ class InstrumentSheet:
         Ranges, shape (n,), within what is seen.
     spot_m, lateral_m
         Diameter of the laser's beam (1/e²), standard deviation across the beam by the angles; each of shape (n,).
-    pixel_m, filled
-        Change of the range by a pixel; charge of the brightest pixel over the full well, from 1 on it is saturated;
-        each of shape (n,), None without an array.
     sigma_m
         Standard deviation of the range for each way of ranging that has closed forms and sees the laser, shape (n,);
         NaN where the line is saturated or beyond the gate.
@@ -49,20 +72,23 @@ class InstrumentSheet:
     baseline: float
     focal_length: float
     aperture: float
-    array: tuple[float, float] | None
+    line: LineSheet | None
     diode_field: float | None
     seen: Mapping[Mode, tuple[float, float]]
-    half_field: float
+    theta: Array
     rate: float
     reflectance: float
     range_m: Array
     spot_m: Array
     lateral_m: Array
-    pixel_m: Array | None
-    filled: Array | None
     sigma_m: Mapping[Mode, Array]
 
     @property
     def depth(self) -> tuple[float, float]:
         """Nearest and farthest range on the axis of the line sensor, or of time of flight without one."""
         return next(iter(self.seen.values()))
+
+    @property
+    def half_field(self) -> float:
+        """Largest deflection to each side [rad]."""
+        return float(self.theta[-1])

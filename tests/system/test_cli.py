@@ -200,8 +200,8 @@ def test_every_shipped_instrument_is_explained_and_drawn(name: str, tmp_path: Pa
     """Claim: the columns are those of what it has; no cell of a way of ranging is empty at all ranges."""
     told = invoke("instruments", name, "--picture", str(tmp_path / "head.png")).stdout
     scanner = load_scanner(name)
-    assert ("[mm]  pixel [mm]" in told) is ("triangulation" in scanner.rangefinders)
-    assert ("σ time of flight [mm]" in told) is ("tof" in scanner.rangefinders)
+    assert ("[mm]  pixel [mm]" in told) is ("triangulation" in scanner.seeing)
+    assert ("σ time of flight [mm]" in told) is ("tof" in scanner.seeing)
     rows = [line.split() for line in told.split("range [m]")[1].split("\n\n")[0].splitlines()[1:]]
     assert len(rows) == 8
     assert all(any(cell != "–" for cell in column) for column in zip(*rows, strict=True))

@@ -10,45 +10,43 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from scanner_sim.products.instrument_sheet import InstrumentSheet
+from scanner_sim.products.instrument_sheet import InstrumentSheet, LineSheet
 from scanner_sim.products.pictures.budget import CURVES
 from scanner_sim.products.pictures.style import FAINT, INK, drawing, over_range, plot_label
 
 _LASER, _LENS, _SEEN = "#b4331a", "#0b4f8a", "#dfe9f1"
-
-Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 def draw_instrument(sheet: InstrumentSheet, name: str, path: str | Path | BinaryIO) -> None:
     """Draw an instrument's sheet as PNG; ``name`` stands above it."""
     with drawing(path, (9.0, 7.8), layout="constrained") as figure:
         head, field, spot, sigma = figure.subplots(2, 2, gridspec_kw={"hspace": 0.06, "wspace": 0.05}).ravel()
-        if sheet.array is None:
+        if sheet.line is None:
             _draw_coaxial_head(head, sheet)
         else:
-            _draw_head(head, sheet, sheet.array)
+            _draw_head(head, sheet, sheet.line)
         _draw_field(field, sheet)
         _draw_lateral(spot, sheet)
         _draw_sigma(sigma, sheet)
         figure.suptitle(plot_label(name), x=0.01, ha="left", weight="bold", size=11)
 
 
-def _draw_head(axes: Axes, sheet: InstrumentSheet, array: tuple[float, float]) -> None:
+def _draw_head(axes: Axes, sheet: InstrumentSheet, line: LineSheet) -> None:
     """Draw laser, lens and array in the plane of triangulation at Θ = 0, to scale [mm]."""
     base, f = 1e3 * sheet.baseline, 1e3 * sheet.focal_length
-    half, ends = 0.5e3 * sheet.aperture, [1e3 * p for p in array]
+    half, ends = 0.5e3 * sheet.aperture, [(1e3 * x, 1e3 * z) for x, z in line.ends]
     top = 0.9 * max(f, base)
     _draw_beam(axes, sheet, 0.0, top)
-    for p in ends:
+    for x, z in ends:
         # The ray through the middle of the lens that falls on this end of the array.
-        axes.plot([base - p * top / f, base + p], [top, -f], color=_LENS, lw=0.7)
-    axes.plot([base, base], [-f, top], color=FAINT, lw=0.6, ls="--")
+        axes.plot([base + x * top / z, base + x], [top, z], color=_LENS, lw=0.7)
+    axes.plot([base, base], [min(-f, *(z for _, z in ends)), top], color=FAINT, lw=0.6, ls="--")
     axes.plot([base - half, base + half], [0.0, 0.0], color=_LENS, lw=3.5, solid_capstyle="butt")
-    axes.plot([base + p for p in ends], [-f, -f], color=INK, lw=3.5, solid_capstyle="butt")
+    axes.plot([base + x for x, _ in ends], [z for _, z in ends], color=INK, lw=3.5, solid_capstyle="butt")
     axes.plot(0.0, 0.0, "o", ms=4, color=_LASER)
     axes.annotate(" laser", (0.0, 0.0), color=_LASER, va="top")
     axes.annotate("lens  ", (base - half, 0.0), color=_LENS, ha="right", va="center")
-    axes.annotate("array  ", (base + min(ends), -f), color=INK, ha="right", va="center")
+    axes.annotate("array  ", (base + ends[0][0], ends[0][1]), color=INK, ha="right", va="center")
     _scaled(axes)
     _heading(axes, "The head, to scale", "rays through the lens to both ends of the array")
 
@@ -85,12 +83,17 @@ def _scaled(axes: Axes) -> None:
 
 def _draw_field(axes: Axes, sheet: InstrumentSheet) -> None:
     """Draw the ranges that are seen over Θ, to scale [m]: by an array eq 1, by time of flight an even depth."""
-    theta = np.linspace(-sheet.half_field, sheet.half_field, 181)
     farthest = float(sheet.range_m[-1])
-    far, near = _borders(sheet, theta, farthest)
-    axes.fill(
-        *(np.concatenate([one, other[::-1]]) for one, other in zip(far, near, strict=True)), color=_SEEN, lw=0
-    )
+    line, even = sheet.line, np.ones_like(sheet.theta)
+
+    def border(seen: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        seen = np.minimum(seen, farthest)
+        return seen * np.sin(sheet.theta), seen * np.cos(sheet.theta)
+
+    near = border(even * sheet.depth[0] if line is None else line.nearest)
+    far = border(even * sheet.depth[1] if line is None else line.farthest)
+    outline = [np.concatenate([one, other[::-1]]) for one, other in zip(far, near, strict=True)]
+    axes.fill(*outline, color=_SEEN, lw=0)
     axes.plot(*near, color=_LENS, lw=1.0, label=f"nearest: {sheet.depth[0]:.3g} m on the axis")
     ends = (
         f"{sheet.depth[1]:.3g} m on the axis"
@@ -105,28 +108,8 @@ def _draw_field(axes: Axes, sheet: InstrumentSheet) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x [m]", ylabel="z [m]")
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.34))
-    what = "the digitiser records" if sheet.array is None else "the array sees"
+    what = "the digitiser records" if line is None else "the array sees"
     _heading(axes, f"What {what}, to scale", f"deflections of ±{math.degrees(sheet.half_field):.3g}°")
-
-
-def _borders(sheet: InstrumentSheet, theta: NDArray[np.float64], farthest: float) -> tuple[Curve, Curve]:
-    """Return the farthest and the nearest points that are seen over Θ, each as x and z [m]."""
-
-    def border(seen: NDArray[np.float64]) -> Curve:
-        seen = np.minimum(seen, farthest)
-        return seen * np.sin(theta), seen * np.cos(theta)
-
-    if sheet.array is None:
-        nearest, last = sheet.depth
-        return border(np.full_like(theta, last)), border(np.full_like(theta, nearest))
-    base, f = sheet.baseline, sheet.focal_length
-    far, near = (
-        border(
-            f * base * np.cos(theta) / p + base * np.sin(theta) if p > 0.0 else np.full_like(theta, np.inf)
-        )
-        for p in sheet.array
-    )
-    return far, near
 
 
 def _draw_lateral(axes: Axes, sheet: InstrumentSheet) -> None:
@@ -134,7 +117,15 @@ def _draw_lateral(axes: Axes, sheet: InstrumentSheet) -> None:
     if sheet.lateral_m.any():
         axes.plot(sheet.range_m, 1e3 * sheet.lateral_m, color=INK, label="σ across, by the angles")
     over_range(axes, "[mm]")
-    axes.legend(loc="best")
+    lines = axes.get_lines()
+    if sheet.line is not None:
+        pixels, label = axes.twinx(), "its image on the array, σ (right)"
+        pixels.plot(sheet.range_m, sheet.line.image_px, color=_LENS, ls="--", label=label)
+        pixels.set(ylabel="[pixel]", ylim=(0.0, None))
+        pixels.grid(visible=False)
+        lines = [*lines, *pixels.get_lines()]
+    labels = [str(line.get_label()) for line in lines]
+    axes.legend(lines, labels, loc="lower center", bbox_to_anchor=(0.5, -0.5))
     _heading(axes, "Across the beam", "")
 
 
@@ -142,8 +133,8 @@ def _draw_sigma(axes: Axes, sheet: InstrumentSheet) -> None:
     for mode, values in sheet.sigma_m.items():
         colour, label = CURVES[mode]
         axes.plot(sheet.range_m, 1e3 * values, color=colour, label=label, lw=2.4 if mode == "fused" else 1.2)
-    if sheet.pixel_m is not None:
-        pixel = 1e3 * sheet.pixel_m
+    if sheet.line is not None:
+        pixel = 1e3 * sheet.line.pixel_m
         axes.plot(sheet.range_m, pixel, color=FAINT, lw=0.9, ls=":", label="one pixel of the array")
     over_range(axes, "[mm]")
     axes.legend(loc="upper left")

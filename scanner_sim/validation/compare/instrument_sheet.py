@@ -12,7 +12,7 @@ from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.config.scanner import RangefinderName, Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.products.budget import Mode
-from scanner_sim.products.instrument_sheet import InstrumentSheet
+from scanner_sim.products.instrument_sheet import InstrumentSheet, LineSheet
 from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.compare.instrument import closed_budget
 
@@ -24,6 +24,7 @@ _NEAREST = 0.1
 """Nearest range where a gate begins at the scanner [m]."""
 _DEEPEST = 20.0
 """Farthest range over the nearest one for an array that sees infinity, without a gate."""
+_DEFLECTIONS = 181
 _MODES: tuple[Mode, ...] = ("triangulation", "tof", "fused")
 
 
@@ -46,32 +47,31 @@ def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
     """
     scenario = alone(scanner)
     seen = {name: scanner.seen_by(name) for name in scanner.rangefinders}
-    ranges = _ranges(seen, count)
+    ranges, half = _ranges(seen, count), scanner.mirrors.max_deflection
+    theta = np.linspace(-half, half, _DEFLECTIONS)
+    line = _line(scenario, ranges, theta) if "triangulation" in seen else None
     found = [closed_budget(scenario, REFLECTANCE, float(R)) for R in ranges]
-    limits = _limits(scenario, ranges, seen)
+    limits = _limits(ranges, line, seen.get("tof"))
     sigma = {
         mode: np.where(limits[mode], np.array([one[mode]["all"] for one in found]), math.nan)
         for mode in _MODES
         if all(mode in one for one in found)
     }
-    laser, lidar, sensor = scanner.laser, scanner.lidar_choice, scanner.line_choice
+    laser, lidar = scanner.laser, scanner.lidar_choice
     beam = laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared
-    forms, by_line = ClosedForms(scenario), "triangulation" in seen
     return InstrumentSheet(
         baseline=scanner.receiver.baseline,
         focal_length=scanner.receiver.focal_length,
         aperture=scanner.receiver.aperture,
-        array=None if sensor == "none" else (sensor.offset, sensor.offset + sensor.length),
+        line=line,
         diode_field=None if lidar == "none" else lidar.photodiode.field_of_view,
         seen={mode: seen[mode] for mode in seen},
-        half_field=scanner.mirrors.max_deflection,
+        theta=theta,
         rate=scanner.rate,
         reflectance=REFLECTANCE,
         range_m=ranges,
         spot_m=2.0 * beam_radius(ranges, *beam),
-        lateral_m=forms.angle_sigma * ranges,
-        pixel_m=np.array([forms.range_per_pixel(float(R)) for R in ranges]) if by_line else None,
-        filled=_filled(scenario, ranges) if by_line else None,
+        lateral_m=ClosedForms(scenario).angle_sigma * ranges,
         sigma_m={mode: values for mode, values in sigma.items() if np.isfinite(values).any()},
     )
 
@@ -83,18 +83,37 @@ def _ranges(seen: Mapping[RangefinderName, tuple[float, float]], count: int) -> 
     return np.geomspace(near or _NEAREST, min(far, max(end, 2.0 * near)), count)
 
 
-def _filled(scenario: Scenario, ranges: Array) -> Array:
-    """Return the charge of the brightest pixel over the full well at some ranges."""
+def _line(scenario: Scenario, ranges: Array, theta: Array) -> LineSheet:
+    """Return the sheet of the line sensor, over ranges [m] and deflections [rad]."""
     scanner, forms = scenario.scanner, ClosedForms(scenario)
-    brightest = np.array([forms.facing(float(R), REFLECTANCE).line.max() for R in ranges])
-    return np.asarray(scanner.exposure / scanner.dwell * brightest / scanner.position_sensor.full_well)
+    sensor = scanner.position_sensor
+    ends = sensor.offset, sensor.offset + sensor.length
+    spots = [forms.facing(float(R), REFLECTANCE) for R in ranges]
+    brightest = np.array([seen.line.max() for seen in spots])
+    return LineSheet(
+        ends=(_behind_lens(forms, ends[0]), _behind_lens(forms, ends[1])),
+        nearest=forms.array.range(ends[1], theta),
+        farthest=forms.array.range(ends[0], theta) if ends[0] > 0.0 else np.full_like(theta, math.inf),
+        pixel_m=np.array([forms.range_per_pixel(float(R)) for R in ranges]),
+        image_px=np.array([seen.sigma for seen in spots]),
+        filled=scanner.exposure / scanner.dwell * brightest / sensor.full_well,
+    )
+
+
+def _behind_lens(forms: ClosedForms, position: float) -> tuple[float, float]:
+    """Return where a position on the array is, (x, z) from the lens's node [m]."""
+    x, depth = forms.array.origin + position * forms.array.direction
+    return float(x), -float(depth)
 
 
 def _limits(
-    scenario: Scenario, ranges: Array, seen: Mapping[RangefinderName, tuple[float, float]]
+    ranges: Array, line: LineSheet | None, gate: tuple[float, float] | None
 ) -> dict[Mode, NDArray[np.bool_]]:
     """Return at which ranges each way of ranging measures: where no pixel is full, and within the gate."""
-    low, high = seen.get("tof", (0.0, math.inf))
+    low, high = (0.0, math.inf) if gate is None else gate
     recorded = (ranges >= low) & (ranges <= high)
-    lit = _filled(scenario, ranges) < 1.0 if "triangulation" in seen else recorded
-    return {"triangulation": lit, "tof": recorded, "fused": recorded}
+    return {
+        "triangulation": recorded if line is None else line.filled < 1.0,
+        "tof": recorded,
+        "fused": recorded,
+    }

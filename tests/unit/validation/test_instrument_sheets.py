@@ -31,11 +31,15 @@ def test_a_sheet_has_what_the_instrument_has(preset: str) -> None:
     """Claim: columns of an array where there is one, σ of each way of ranging, ranges over what is seen."""
     scanner = load_scanner(preset)
     sheet = instrument_sheet(scanner, 12)
-    by_line = "triangulation" in scanner.rangefinders
-    assert (sheet.array is not None, sheet.pixel_m is not None, sheet.filled is not None) == (by_line,) * 3
+    assert (sheet.line is not None) is ("triangulation" in scanner.rangefinders)
+    if sheet.line is not None:
+        middle = len(sheet.theta) // 2
+        assert sheet.line.nearest[middle] == pytest.approx(sheet.depth[0])
+        assert sheet.line.farthest[middle] == pytest.approx(sheet.depth[1])
+        assert ((sheet.line.image_px > 0.3) & (sheet.line.image_px < 8.0)).all()
     assert (sheet.diode_field is not None) is ("tof" in scanner.rangefinders)
-    assert set(sheet.sigma_m) - {"fused"} == set(scanner.rangefinders)
-    assert ("fused" in sheet.sigma_m) is (len(scanner.rangefinders) == 2)
+    assert set(sheet.sigma_m) - {"fused"} == set(scanner.seeing)
+    assert ("fused" in sheet.sigma_m) is (len(scanner.seeing) == 2)
     assert sheet.range_m[0] == pytest.approx(sheet.depth[0])
     assert sheet.range_m[-1] <= sheet.depth[1] * (1.0 + 1e-12)
     for values in sheet.sigma_m.values():
