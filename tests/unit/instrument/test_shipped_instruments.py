@@ -119,7 +119,7 @@ def test_valid_is_a_number_from_a_decimetre_to_half_a_kilometre(preset: str, num
     assert not list(not_numbers(shots))
     if number == 0:
         valid = shots["status"] == Status.VALID
-        assert valid.sum() >= 5
+        assert valid.any()
         pull = (shots["range_m"] - shots["truth.range_m"])[valid] / shots["sigma_range_m"][valid]
         assert np.abs(pull).max() < 8.0
 
