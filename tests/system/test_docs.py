@@ -133,8 +133,9 @@ def run_line(line: str) -> None:
 
 
 def small_plan(path: Path) -> Path:
-    """Write a plan with two points where it has more, beside the scenario that it is made from."""
-    text = re.sub(r"count: \d+", "count: 2", path.read_text(encoding="utf-8"))
+    """Write a plan with two points where it has more, or six for three splits, beside the scenario of its base."""
+    text = path.read_text(encoding="utf-8")
+    text = re.sub(r"count: \d+", "count: 6" if "keep:" in text else "count: 2", text)
     small = Path(f"small_{path.name}").absolute()
     small.write_text(text.replace("base: ../", f"base: {path.parents[1].resolve()}/"), encoding="utf-8")
     return small
