@@ -147,7 +147,9 @@ def fill(block: Mapping[str, Any], preset: Preset | None) -> dict[str, Any]:
 
 
 def _whole(block: object, wanted: object) -> bool:
-    """Return whether a block leaves out nothing of another."""
+    """Return whether a block leaves out nothing of another; the word for a part that is not there says all."""
+    if block == "none":
+        return True
     if not isinstance(block, Mapping) or not isinstance(wanted, Mapping):
         return block is not None
     given = any(block.get(key) is not None for key in ONE_OF)

@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import Field, ValidationInfo, model_validator
+import numpy as np
+from pydantic import Discriminator, Field, Tag, ValidationInfo, model_validator
 
 from scanner_sim.config.preset import DEFAULT, fill, preset_of
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
-from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Frequency, Ratio
 from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.optics.filter import FilterChoice
+from scanner_sim.optics.filter import FilterChoice, laser_gain
 from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.pulse import Pulse
@@ -25,6 +26,10 @@ from scanner_sim.ranging.ranges import Geometry
 
 FILLED = {"scanner": "filled"}
 """Validation context where the scanner's block already has what its preset says."""
+
+RangefinderName: TypeAlias = Literal["triangulation", "tof"]
+_LEAST_PASSED = 1e-2
+"""Share of the laser's light below which a filter misses it."""
 
 
 class Lidar(Part):
@@ -36,6 +41,20 @@ class Lidar(Part):
     """The avalanche photodiode and its amplifier; its ``place`` says whether it looks along the laser."""
     digitiser: Digitiser
     """The converter that records the waveform, and its clock."""
+
+
+PositionSensorChoice = Annotated[
+    Annotated[Literal["none"], Tag("(word)")] | Annotated[PositionSensor, Tag("(sensor)")],
+    Discriminator(lambda value: "(word)" if isinstance(value, str) else "(sensor)"),
+    Field(examples=["none"]),
+]
+"""A line sensor, or ``none``: an instrument that does not triangulate."""
+LidarChoice = Annotated[
+    Annotated[Literal["none"], Tag("(word)")] | Annotated[Lidar, Tag("(unit)")],
+    Discriminator(lambda value: "(word)" if isinstance(value, str) else "(unit)"),
+    Field(examples=["none"]),
+]
+"""A time-of-flight unit, or ``none``."""
 
 
 class Scanner(Part):
@@ -56,10 +75,10 @@ class Scanner(Part):
     """The receiving lens."""
     filter: FilterChoice
     """The interference filter, or ``none``."""
-    position_sensor: PositionSensor
-    """The line sensor of the triangulation."""
-    lidar: Lidar
-    """The time-of-flight unit, where ``ranging`` asks for it."""
+    line_choice: PositionSensorChoice = Field(alias="position_sensor")
+    """The line sensor of the triangulation, or ``none``."""
+    lidar_choice: LidarChoice = Field(alias="lidar")
+    """The time-of-flight unit, where ``ranging`` asks for it, or ``none``."""
     rate: Frequency = Field(ge=1e-3, le=1e9)
     """Voxels per second; its inverse is the dwell."""
     laser_off: Ratio = Field(ge=0.0, le=0.9)
@@ -75,7 +94,19 @@ class Scanner(Part):
         return fill(data, preset_of(data, context.get("folder", "")))
 
     def cross_checks(self) -> Iterator[Fault]:
-        """Yield an array that reaches into the near range, where the equations no longer hold."""
+        """Yield an instrument that measures nothing, one that sees nothing, and an array in the near range."""
+        if not self.rangefinders:
+            yield Fault(
+                "position_sensor",
+                "the instrument has neither a position sensor nor a time-of-flight unit, so it measures nothing.",
+                "Describe one of position_sensor and lidar.",
+            )
+        if (blind := self.blindness(self.rangefinders)) is not None:
+            yield blind
+        if "triangulation" in self.rangefinders:
+            yield from self._line_contradictions()
+
+    def _line_contradictions(self) -> Iterator[Fault]:
         if self.nearest_range <= self.receiver.baseline:
             end = self.position_sensor.offset + self.position_sensor.length
             yield Fault(
@@ -91,6 +122,74 @@ class Scanner(Part):
                 "neither the lens nor the sensor blurs the image: a point of light would fall between two pixels.",
                 "Write 10 nm or more for receiver.aberration or position_sensor.diffusion.",
             )
+
+    def blindness(self, rangefinders: tuple[RangefinderName, ...]) -> Fault | None:
+        """Return why none of some rangefinders sees the laser's nominal line at any range; None where one does."""
+        found = [self._blindness(name) for name in rangefinders]
+        return found[0] if found and None not in found else None
+
+    def _blindness(self, name: RangefinderName) -> Fault | None:
+        """Return why a rangefinder does not see the laser's nominal line at any range; None where it does.
+
+        A laser that drifts out of the band is possible, and warned of.
+        """
+        by_line = name == "triangulation"
+        key = "position_sensor" if by_line else "lidar.photodiode"
+        response = self.position_sensor.response if by_line else self.lidar.photodiode.response
+        nominal, line = self.laser.changed(drift=0.0), f"{1e9 * self.laser.wavelength:.6g} nm"
+        if not response[0] <= nominal.line <= response[1]:
+            problem = f"it does not reach the laser's {line}, so nothing is ever seen."
+            return Fault(f"{key}.response", problem, "Change it, or laser.wavelength.")
+        incidence = np.arctan(np.linspace(*self._seen_positions, 257) / self.receiver.focal_length)
+        passed = laser_gain(self.filter, nominal, response, incidence if by_line else np.zeros(1))
+        if passed.max() < _LEAST_PASSED:
+            problem = f"its band misses the laser's {line} at all ranges, so nothing is ever seen."
+            return Fault("filter", problem, "Change filter.centre or filter.bandwidth, or write 'filter: none'.")
+        return None
+
+    @property
+    def _seen_positions(self) -> tuple[float, float]:
+        """Positions p of the ends of the array [m]; both 0 without one."""
+        sensor = self.line_choice
+        return (0.0, 0.0) if sensor == "none" else (sensor.offset, sensor.offset + sensor.length)
+
+    @property
+    def rangefinders(self) -> tuple[RangefinderName, ...]:
+        """What the instrument can measure ranges with."""
+        parts: dict[RangefinderName, object] = {"triangulation": self.line_choice, "tof": self.lidar_choice}
+        return tuple(name for name, part in parts.items() if part != "none")
+
+    @property
+    def position_sensor(self) -> PositionSensor:
+        """The line sensor.
+
+        Raises
+        ------
+        InputError
+            If the instrument has none.
+        """
+        if self.line_choice == "none":
+            raise InputError(
+                "this needs triangulation, and the instrument has no position sensor.",
+                remedy="Choose an instrument that has one: scanner-sim instruments lists those that are shipped.",
+            )
+        return self.line_choice
+
+    @property
+    def lidar(self) -> Lidar:
+        """The time-of-flight unit.
+
+        Raises
+        ------
+        InputError
+            If the instrument has none.
+        """
+        if self.lidar_choice == "none":
+            raise InputError(
+                "this needs time of flight, and the instrument has no unit for it.",
+                remedy="Choose an instrument that has one: scanner-sim instruments lists those that are shipped.",
+            )
+        return self.lidar_choice
 
     @property
     def dwell(self) -> float:
@@ -121,14 +220,14 @@ class Scanner(Part):
 
 
 def geometry_of(scanner: Scanner) -> Geometry:
-    """Return the calibration of an instrument's triangulation."""
-    receiver, sensor, mirrors = scanner.receiver, scanner.position_sensor, scanner.mirrors
+    """Return the calibration of an instrument; pitch and offset are NaN without a position sensor."""
+    receiver, sensor, mirrors = scanner.receiver, scanner.line_choice, scanner.mirrors
     return Geometry(
         focal_length=receiver.focal_length,
         baseline=receiver.baseline,
         axis_separation=mirrors.axis_separation,
-        pitch=sensor.pitch,
-        offset=sensor.offset,
+        pitch=math.nan if sensor == "none" else sensor.pitch,
+        offset=math.nan if sensor == "none" else sensor.offset,
         synchronisation=mirrors.synchronisation,
     )
 

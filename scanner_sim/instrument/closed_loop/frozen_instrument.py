@@ -87,9 +87,8 @@ class FrozenInstrument:
     @property
     def fast(self) -> bool:
         """Whether the scenario is one that frozen kernels measure."""
-        instrument = self.instrument
-        alone = instrument.rangefinders == (instrument.triangulation,)
-        return alone and instrument.scenario.transport.bounces == 1
+        scenario = self.instrument.scenario
+        return scenario.rangefinders == ("triangulation",) and scenario.transport.bounces == 1
 
     @property
     def recordings(self) -> int:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.analytic import geometry
 from scanner_sim.analytic.beam import beam_radius
-from scanner_sim.config.scenario import RangefinderName
+from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.ranging.ranges import Columns

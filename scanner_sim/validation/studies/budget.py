@@ -69,8 +69,10 @@ _LIFT = 32.0
 
 
 def modes_of(scenario: Scenario) -> tuple[Mode, ...]:
-    """Return the ways of ranging in a scenario's budget: with time of flight both, and their fusion."""
-    return ("triangulation", "tof", "fused") if "tof" in scenario.rangefinders else ("triangulation",)
+    """Return the ways of ranging in a scenario's budget: with time of flight all that the instrument has, and fused."""
+    if "tof" not in scenario.rangefinders:
+        return ("triangulation",)
+    return ("triangulation", "tof", "fused") if len(scenario.scanner.rangefinders) == 2 else ("tof",)
 
 
 def sources_of(scenario: Scenario, mode: Mode = "triangulation") -> tuple[str, ...]:
