@@ -112,11 +112,15 @@ def read_entries(path: Path = FILE) -> dict[str, Entry]:
 
 
 def is_held_out(key: str, fact: Fact, entries: Mapping[str, Entry]) -> bool:
-    """Return whether a fact set no default, and its instrument has not changed since it was entered."""
-    entry = entries.get(fact.instrument)
-    if fact.use == "used" or (entry is not None and key in entry.spent):
+    """Return whether a fact set no default, and its instruments have not changed since it was entered."""
+    if fact.use == "used":
         return False
-    return entry is None or fact.instrument not in shipped_presets() or not entry.changes(values_of(fact.instrument))
+    own = {name: entries[name] for name in fact.instruments if name in entries}
+    shipped = shipped_presets()
+    return not any(
+        key in entry.spent or (name in shipped and entry.changes(values_of(name)))
+        for name, entry in own.items()
+    )
 
 
 def enter(
@@ -135,7 +139,7 @@ def enter(
         if name in entries:
             changes, spent = entries[name].changes(now), dict(entries[name].spent)
             for key, fact in facts.items():
-                if changes and fact.instrument == name and fact.use == "held out":
+                if changes and name in fact.instruments and fact.use == "held out":
                     spent.setdefault(key, f"{day}: {'; '.join(changes)}")
         made[name] = Entry(entered=day, digest=digest_of(now), values=now, spent=spent)
     return made

@@ -80,8 +80,8 @@ class Fact(Part):
     """Whether it set a default of an instrument, or none."""
     entered: date = Field(examples=["2026-11-23"])
     """Day on which it was entered."""
-    instrument: str = Field(default="", examples=["nrc_2000"])
-    """The shipped instrument that is held to it."""
+    instruments: tuple[Words, ...] = Field(default=(), examples=[["nrc_2000"]])
+    """The shipped instruments that are held to it."""
     quantity: Words = Field(examples=["narrowest crack that is seen at 4 m"])
     """What is compared."""
     published: Published

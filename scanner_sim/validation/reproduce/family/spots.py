@@ -50,32 +50,73 @@ def at_ten(task: Task, instrument: str) -> Measured:
     )
 
 
-def meeting(task: Task, instrument: str) -> Measured:
-    """Find the range at which triangulation and time of flight err alike."""
+def close_depth(task: Task, instrument: str) -> Measured:
+    """Measure the scatter of close ranges; its least is judged [µm]."""
+    distances, side = np.linspace(0.35, 0.95, task.choose(7, 4)), task.choose(32, 16)
+    sigma = np.array(
+        [
+            scatter(layers_of(bench(task, [plate(R, _HALF)], {"preset": instrument}, step=step), aim(*grid(_HALF, side), _APART)))
+            for step, R in enumerate(distances.tolist())
+        ]
+    )
+    best = float(sigma.min())
+
+    def draw(axes: Sequence[Axes]) -> None:
+        axes[0].axhline(10.0, color=RED, lw=0.9, label="as published")
+        axes[0].plot(distances, 1e6 * sigma, "o-", ms=4, lw=0.9, color=BLUE, label="simulated, rms")
+        axes[0].set(xlabel="range [m]", ylabel="error of the range [µm]", ylim=(0.0, None))
+        axes[0].legend()
+
+    about = f"facing plates of reflectance 0.5, {side**2} voxels each, every source of error, mirrors at rest"
+    return Measured(
+        Finding(1e6 * best, 1e6 * best / math.sqrt(2.0 * side**2)),
+        draw=lambda path: sheet(path, "Range error of a close-range scanner", about, draw),
+    )
+
+
+def meeting(task: Task, instrument: str, other: str) -> Measured:
+    """Find the range at which triangulation errs as much as the time of flight of another instrument."""
     distances, side = np.geomspace(2.0, 20.0, task.choose(9, 6)), task.choose(32, 16)
-    scanner = {"preset": instrument, "lidar": {"digitiser": {"gate": (0.5, 60.0)}}}
     sigma = np.empty((2, len(distances)))
     for step, R in enumerate(distances.tolist()):
-        layers = layers_of(
-            bench(task, [plate(R, _HALF)], scanner, ranging="both", step=step), aim(*grid(_HALF, side), _APART)
-        )
-        sigma[:, step] = scatter(layers), scatter(layers, "tof.")
-    crossing, error = crossing_of(distances, sigma[0] / sigma[1], math.sqrt(1.0 / side**2))
+        shots, target = aim(*grid(_HALF, side), _APART), [plate(R, _HALF)]
+        for row, (name, ranging) in enumerate(((instrument, "triangulation"), (other, "tof"))):
+            made = bench(task, target, {"preset": name}, ranging=ranging, step=step)
+            sigma[row, step] = scatter(layers_of(made, shots))
+    crossing, error = crossing_of(distances, sigma[0] / sigma[1], 1.0 / side)
 
     def draw(axes: Sequence[Axes]) -> None:
         axes[0].axvspan(2.5, 7.5, color=RED, alpha=0.12, lw=0, label="equal, as published")
-        for values, colour, label in zip(sigma, (BLUE, OCHRE), ("triangulation", "time of flight"), strict=True):
+        for values, colour, label in zip(
+            sigma, (BLUE, OCHRE), (f"triangulation, {instrument}", f"time of flight, {other}"), strict=True
+        ):
             axes[0].errorbar(
-                distances, 1e3 * values, 3e3 * values / math.sqrt(2.0 * side**2),
-                fmt="o-", ms=4, lw=0.9, color=colour, label=label,
+                distances,
+                1e3 * values,
+                3e3 * values / math.sqrt(2.0 * side**2),
+                fmt="o-",
+                ms=4,
+                lw=0.9,
+                color=colour,
+                label=label,
             )
         axes[0].set(yscale="log", ylabel="σ of the range [mm]")
         ranges(axes[0])
         axes[0].legend()
 
     about = f"facing plates of reflectance 0.5, {side**2} voxels each, every source of error, mirrors at rest"
+    ratio = np.interp([2.5, 5.0, 7.5, 10.0], distances, sigma[0] / sigma[1])
     return Measured(
         Finding(crossing, error),
+        rows=(
+            row_of_claim(
+                "σ of triangulation over that of time of flight at 2.5, 5, 7.5 and 10 m",
+                "as good up to 5 m, worse from 5 to 10 m",
+                "",
+                ", ".join(f"{value:.2f}" for value in ratio),
+                bool((ratio[:2] < 1.2).all() and (ratio[2:] > 1.0).all()),
+            ),
+        ),
         draw=lambda path: sheet(path, "Triangulation against time of flight", about, draw),
     )
 
@@ -175,16 +216,29 @@ def speckle_limit(task: Task, instrument: str) -> Measured:
 
 
 def speckle_share(task: Task, instrument: str) -> Measured:
-    """Tell which share of the variance of near ranges speckle has."""
-    side, distance = task.choose(40, 20), 4.0
-    sigma = []
-    for step, speckle in enumerate((True, False)):
-        made = bench(
-            task, [plate(distance, _HALF)], {"preset": instrument, "laser": {"speckle": speckle}}, step=step
-        )
-        sigma.append(scatter(layers_of(made, aim(*grid(_HALF, side), _APART))))
-    left = (sigma[1] / sigma[0]) ** 2
-    return Measured(Finding(1.0 - left, left * 2.0 * math.sqrt(2.0) / math.sqrt(2.0 * side**2)))
+    """Tell which share of the variance of ranges speckle has; the least between 2 and 10 m is judged."""
+    distances, side = np.linspace(2.0, 10.0, task.choose(5, 3)), task.choose(40, 20)
+    left = np.empty(len(distances))
+    for number, distance in enumerate(distances.tolist()):
+        sigma = []
+        for speckle in (True, False):
+            scanner = {"preset": instrument, "laser": {"speckle": speckle}}
+            made = bench(task, [plate(distance, _HALF)], scanner, step=2 * number + speckle)
+            sigma.append(scatter(layers_of(made, aim(*grid(_HALF, side), _APART))))
+        left[number] = (sigma[1] / sigma[0]) ** 2
+    worst = int(left.argmax())
+    error = 2.0 * left / side
+
+    def draw(axes: Sequence[Axes]) -> None:
+        axes[0].errorbar(distances, 1.0 - left, 3.0 * error, fmt="o-", ms=4, lw=0.9, color=BLUE)
+        axes[0].axhline(0.5, color="black", lw=0.8)
+        axes[0].set(xlabel="range [m]", ylabel="share of speckle in the variance", ylim=(0.0, 1.02))
+
+    about = f"facing plates of reflectance 0.5, {side**2} voxels each, with speckle and without; three standard errors"
+    return Measured(
+        Finding(float(1.0 - left[worst]), float(error[worst])),
+        draw=lambda path: sheet(path, "Speckle among the errors of the range", about, draw),
+    )
 
 
 def tilt(task: Task, instrument: str) -> Measured:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -137,28 +138,28 @@ def _narrowest(widths: Array, seen: Array) -> float:
     return float(np.exp(np.interp(np.log(_ROSE), np.log(seen[pair]), np.log(widths[pair]))))
 
 
-def edge_response(task: Task, instrument: str, distance: float, step: int) -> tuple[Array, Array, Array]:
-    """Return the width of the line spread of each block of rows [m], and the mean profile: place [m] and signal."""
-    view = _View(distance, 0.1e-3, 2.5e-3, 16 * task.choose(10, 3), 101)
-    half = 0.2
+def _edge_widths(task: Task, instrument: str, distance: float, ideal: float, step: int) -> Array:
+    """Return the width of the line spread of each block of rows [m]; ``ideal`` is about what it is."""
+    view = _View(distance, ideal / 18.0, 2.0 * ideal, 16 * task.choose(10, 3), 101)
+    half = 0.5 * view.rows * view.apart + 10.0 * ideal
     objects = [
         {
             "name": name,
             "shape": "rectangle",
-            "size": (2.0 * half, 4.0 * half),
+            "size": (2.0 * half, 2.0 * half),
             "position": (side * half, 0.0, distance),
             "material": {"reflectance": reflectance},
         }
         for name, side, reflectance in (("dark", -1.0, 0.05), ("bright", 1.0, 0.8))
     ]
     image = view.layers(task, objects, instrument, step)["Y"]
-    place = (np.arange(view.columns) - view.columns // 2) * view.pitch
+    place = (np.arange(view.columns) - view.columns // 2) * view.pitch / ideal
     found = []
     for block in image.reshape(-1, 16, view.columns).mean(axis=1):
-        start = (float(block[:10].mean()), float(block[-10:].mean()), 0.0, 0.5e-3)
+        start = (float(block[:10].mean()), float(block[-10:].mean()), 0.0, 1.0 / _WIDTH)
         (*_, sigma), _ = curve_fit(_edge, place, block, start)
-        found.append(_WIDTH * abs(float(sigma)))
-    return np.array(found), place, image.mean(axis=0)
+        found.append(_WIDTH * abs(float(sigma)) * ideal)
+    return np.array(found)
 
 
 def _edge(place: Array, low: float, high: float, middle: float, sigma: float) -> Array:
@@ -168,66 +169,79 @@ def _edge(place: Array, low: float, high: float, middle: float, sigma: float) ->
 
 def _widths(task: Task, instrument: str, distances: Array) -> tuple[Array, Array, Array]:
     """Return width, standard error, and the width of the ideal beam at distances [m]."""
-    found, error = np.empty(len(distances)), np.empty(len(distances))
-    for number, distance in enumerate(distances.tolist()):
-        widths, _, _ = edge_response(task, instrument, distance, number)
-        found[number] = widths.mean()
-        error[number] = widths.std(ddof=1) / np.sqrt(len(widths))
     laser = load_scanner(instrument).laser
     radius = [
         float(beam_radius(R, laser.waist_radius, laser.waist_distance, laser.wavelength, 1.0))
         for R in distances.tolist()
     ]
-    return found, error, 0.5 * _WIDTH * np.array(radius)
+    ideal = 0.5 * _WIDTH * np.array(radius)
+    found, error = np.empty(len(distances)), np.empty(len(distances))
+    for number, (distance, width) in enumerate(zip(distances.tolist(), ideal.tolist(), strict=True)):
+        widths = _edge_widths(task, instrument, distance, width, number)
+        found[number] = widths.mean()
+        error[number] = widths.std(ddof=1) / np.sqrt(len(widths))
+    return found, error, ideal
 
 
-def _spread_picture(distances: Array, found: Array, error: Array, ideal: Array, band: bool) -> object:
+def _draw_widths(
+    axes: Axes, distances: Array, found: Array, error: Array, ideal: Array, printed: tuple[float, float] | None
+) -> None:
+    if printed is not None:
+        axes.axhspan(*printed, color=RED, alpha=0.15, lw=0, label="as published")
+    axes.plot(distances, 1e3 * ideal, color=GREEN, lw=1.2, label="Gaussian beam, M² = 1")
+    axes.errorbar(distances, 1e3 * found, 3e3 * error, fmt="o", ms=4, lw=0.9, color=BLUE, label="simulated")
+    axes.set(xlabel="range [m]", ylabel="full width of the line spread [mm]", ylim=(0.0, None))
+    axes.legend()
+
+
+def _resolved(
+    task: Task, instrument: str, distances: Array, printed: tuple[float, float] | None
+) -> tuple[Array, Array, Array, Measured]:
+    """Return what :func:`_widths` does, and the least width with its picture; ``printed`` is a band [mm]."""
+    found, error, ideal = _widths(task, instrument, distances)
+    best = int(found.argmin())
+    about = "an edge from reflectance 0.05 to 0.8, mirrors at rest; three standard errors"
+
     def draw(axes: Sequence[Axes]) -> None:
-        if band:
-            axes[0].axhspan(0.35, 0.5, color=RED, alpha=0.15, lw=0, label="as published")
-        axes[0].plot(distances, 1e3 * ideal, color=GREEN, lw=1.2, label="Gaussian beam, M² = 1")
-        axes[0].errorbar(distances, 1e3 * found, 3e3 * error, fmt="o", ms=4, lw=0.9, color=BLUE, label="simulated")
-        axes[0].set(xlabel="range [m]", ylabel="full width of the line spread [mm]", ylim=(0.0, None))
-        axes[0].legend()
+        _draw_widths(axes[0], distances, found, error, ideal, printed)
 
-    return draw
+    over = row_of_claim(
+        f"the same from {distances[0]:.3g} to {distances[-1]:.3g} m",
+        "",
+        f"{1e3 * ideal.min():.3g} to {1e3 * ideal.max():.3g} mm",
+        f"{1e3 * found.min():.3g} to {1e3 * found.max():.3g} mm",
+        bool((np.abs(found - ideal) < 4.0 * error + 0.02 * ideal).all()),
+    )
+    return (
+        found,
+        error,
+        ideal,
+        Measured(
+            Finding(1e3 * float(found[best]), 1e3 * float(error[best])),
+            expected=f"{1e3 * ideal.min():.3g} mm for the instrument's beam",
+            rows=(over,),
+            draw=lambda path: sheet(path, "Response to an edge", about, draw),
+        ),
+    )
 
 
 def lateral(task: Task, instrument: str) -> Measured:
     """Measure the line spread of edges over the inspection's ranges; its least is judged."""
-    distances = np.linspace(1.6, _FAR, task.choose(7, 4))
-    found, error, ideal = _widths(task, instrument, distances)
-    best = int(found.argmin())
-    draw = _spread_picture(distances, found, error, ideal, True)
-    about = "an edge from reflectance 0.05 to 0.8, voxels 0.1 mm apart, mirrors at rest; three standard errors"
-    return Measured(
-        Finding(1e3 * float(found[best]), 1e3 * float(error[best])),
-        expected=f"{1e3 * ideal.min():.2f} mm for the instrument's beam",
-        rows=(
-            row_of_claim(
-                f"the same from {distances[0]:g} to {distances[-1]:g} m",
-                "",
-                f"{1e3 * ideal.min():.2f} to {1e3 * ideal.max():.2f} mm",
-                f"{1e3 * found.min():.2f} to {1e3 * found.max():.2f} mm",
-                bool((np.abs(found - ideal) < 4.0 * error + 0.02 * ideal).all()),
-            ),
-        ),
-        draw=lambda path: sheet(path, "Response to an edge", about, draw),  # type: ignore[arg-type]
-    )
+    return _resolved(task, instrument, np.linspace(1.6, _FAR, task.choose(7, 4)), (0.35, 0.5))[-1]
+
+
+def close_lateral(task: Task, instrument: str) -> Measured:
+    """Measure the same before a close-range instrument; its least is judged [µm]."""
+    made = _resolved(task, instrument, np.linspace(0.35, 0.95, task.choose(7, 4)), (0.055, 0.065))[-1]
+    return replace(made, finding=Finding(1e3 * made.finding.value, 1e3 * made.finding.error))
 
 
 def diffraction(task: Task, instrument: str) -> Measured:
     """Hold the line spread of edges against that of a beam which only diffraction widens."""
-    distances = np.geomspace(2.0, 10.0, task.choose(6, 3))
-    found, error, ideal = _widths(task, instrument, distances)
-    ratio, standard = found / ideal, error / ideal
-    draw = _spread_picture(distances, found, error, ideal, False)
-    about = "an edge from reflectance 0.05 to 0.8, voxels 0.1 mm apart, mirrors at rest; three standard errors"
-    return Measured(
-        Finding(float(ratio.mean()), float(np.sqrt((standard**2).sum())) / len(ratio)),
-        expected="1: a Gaussian beam of M² = 1",
-        draw=lambda path: sheet(path, "Lateral resolution against diffraction", about, draw),  # type: ignore[arg-type]
-    )
+    found, error, ideal, made = _resolved(task, instrument, np.geomspace(2.0, 10.0, task.choose(6, 3)), None)
+    standard = float(np.sqrt(np.sum((error / ideal) ** 2))) / len(ideal)
+    ratio = Finding(float(np.mean(found / ideal)), standard)
+    return replace(made, finding=ratio, expected="1: a Gaussian beam of M² = 1")
 
 
 def dent(task: Task, instrument: str) -> Measured:
