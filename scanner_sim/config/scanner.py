@@ -144,7 +144,9 @@ class Scanner(Part):
         passed = laser_gain(self.filter, nominal, response, incidence if by_line else np.zeros(1))
         if passed.max() < _LEAST_PASSED:
             problem = f"its band misses the laser's {line} at all ranges, so nothing is ever seen."
-            return Fault("filter", problem, "Change filter.centre or filter.bandwidth, or write 'filter: none'.")
+            return Fault(
+                "filter", problem, "Change filter.centre or filter.bandwidth, or write 'filter: none'."
+            )
         return None
 
     @property
@@ -217,6 +219,12 @@ class Scanner(Part):
         """Farthest range that the array sees on the axis [m]; infinite where it starts at p = 0."""
         start = self.position_sensor.offset
         return self.receiver.focal_length * self.receiver.baseline / start if start > 0.0 else float("inf")
+
+    def seen_by(self, rangefinder: RangefinderName) -> tuple[float, float]:
+        """Return the nearest and farthest range [m] that a rangefinder sees on the axis: its array, or its gate."""
+        if rangefinder == "tof":
+            return self.lidar.digitiser.gate
+        return self.nearest_range, self.farthest_range
 
 
 def geometry_of(scanner: Scanner) -> Geometry:

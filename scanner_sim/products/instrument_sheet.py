@@ -19,14 +19,15 @@ class InstrumentSheet:
 
     Attributes
     ----------
-    baseline, focal_length, aperture, axis_separation
-        Of the triangulation and the mirrors.
+    baseline, focal_length, aperture
+        Of the receiver.
     array
-        Positions p of the ends of the line sensor.
-    near, far
-        Ranges that the array sees on the axis; ``far`` is infinite where it sees infinity.
-    gate
-        Ranges that the time-of-flight unit records.
+        Positions p of the ends of the line sensor; None without one.
+    diode_field
+        Full angle that the photodiode sees [rad]; None without a time-of-flight unit.
+    seen
+        Nearest and farthest range on the axis by each way of ranging: what the array sees, infinite where it sees
+        infinity, and what the time-of-flight unit records.
     half_field
         Largest deflection to each side [rad].
     rate
@@ -34,12 +35,12 @@ class InstrumentSheet:
     reflectance
         Of the target that the errors are of.
     range_m
-        Ranges, shape (n,), within what the array sees and at most the end of the gate.
-    spot_m, pixel_m, lateral_m
-        Diameter of the laser's beam (1/e²), change of the range by a pixel, standard deviation across the beam by
-        the angles; each of shape (n,).
-    filled
-        Charge of the brightest pixel over the full well, shape (n,): from 1 on it is saturated.
+        Ranges, shape (n,), within what is seen.
+    spot_m, lateral_m
+        Diameter of the laser's beam (1/e²), standard deviation across the beam by the angles; each of shape (n,).
+    pixel_m, filled
+        Change of the range by a pixel; charge of the brightest pixel over the full well, from 1 on it is saturated;
+        each of shape (n,), None without an array.
     sigma_m
         Standard deviation of the range for each way of ranging that has closed forms and sees the laser, shape (n,);
         NaN where the line is saturated or beyond the gate.
@@ -48,17 +49,20 @@ class InstrumentSheet:
     baseline: float
     focal_length: float
     aperture: float
-    axis_separation: float
-    array: tuple[float, float]
-    near: float
-    far: float
-    gate: tuple[float, float]
+    array: tuple[float, float] | None
+    diode_field: float | None
+    seen: Mapping[Mode, tuple[float, float]]
     half_field: float
     rate: float
     reflectance: float
     range_m: Array
     spot_m: Array
-    pixel_m: Array
     lateral_m: Array
-    filled: Array
+    pixel_m: Array | None
+    filled: Array | None
     sigma_m: Mapping[Mode, Array]
+
+    @property
+    def depth(self) -> tuple[float, float]:
+        """Nearest and farthest range on the axis of the line sensor, or of time of flight without one."""
+        return next(iter(self.seen.values()))

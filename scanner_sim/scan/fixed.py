@@ -60,7 +60,7 @@ class FixedScan(Part):
     def aims(self, setup: ScanSetup, batch: int) -> Iterator[Aim]:
         """Yield the shots in the order of time."""
         shot = np.arange(self.points, dtype=np.uint32)
-        time = shot * self._step(setup) + 0.5 * setup.dwell
+        time = shot.astype(np.float64) * self._step(setup) + 0.5 * setup.dwell
         (theta, phi), rest = (np.full(self.points, angle) for angle in self.direction), np.zeros(self.points)
         return Aim(shot, theta, phi, time, rest, rest).batches(batch)
 

@@ -8,6 +8,7 @@ from typing import BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
+from numpy.typing import NDArray
 
 from scanner_sim.products.instrument_sheet import InstrumentSheet
 from scanner_sim.products.pictures.budget import CURVES
@@ -15,26 +16,29 @@ from scanner_sim.products.pictures.style import FAINT, INK, drawing, over_range,
 
 _LASER, _LENS, _SEEN = "#b4331a", "#0b4f8a", "#dfe9f1"
 
+Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
+
 
 def draw_instrument(sheet: InstrumentSheet, name: str, path: str | Path | BinaryIO) -> None:
     """Draw an instrument's sheet as PNG; ``name`` stands above it."""
     with drawing(path, (9.0, 7.8), layout="constrained") as figure:
         head, field, spot, sigma = figure.subplots(2, 2, gridspec_kw={"hspace": 0.06, "wspace": 0.05}).ravel()
-        _draw_head(head, sheet)
+        if sheet.array is None:
+            _draw_coaxial_head(head, sheet)
+        else:
+            _draw_head(head, sheet, sheet.array)
         _draw_field(field, sheet)
         _draw_lateral(spot, sheet)
         _draw_sigma(sigma, sheet)
         figure.suptitle(plot_label(name), x=0.01, ha="left", weight="bold", size=11)
 
 
-def _draw_head(axes: Axes, sheet: InstrumentSheet) -> None:
+def _draw_head(axes: Axes, sheet: InstrumentSheet, array: tuple[float, float]) -> None:
     """Draw laser, lens and array in the plane of triangulation at Θ = 0, to scale [mm]."""
     base, f = 1e3 * sheet.baseline, 1e3 * sheet.focal_length
-    half, ends = 0.5e3 * sheet.aperture, [1e3 * p for p in sheet.array]
+    half, ends = 0.5e3 * sheet.aperture, [1e3 * p for p in array]
     top = 0.9 * max(f, base)
-    beam = 0.5e3 * float(sheet.spot_m[0])
-    axes.fill_betweenx([0.0, top], -beam, beam, color=_LASER, alpha=0.35, lw=0)
-    axes.plot([0.0, 0.0], [0.0, top], color=_LASER, lw=0.8)
+    _draw_beam(axes, sheet, 0.0, top)
     for p in ends:
         # The ray through the middle of the lens that falls on this end of the array.
         axes.plot([base - p * top / f, base + p], [top, -f], color=_LENS, lw=0.7)
@@ -45,31 +49,53 @@ def _draw_head(axes: Axes, sheet: InstrumentSheet) -> None:
     axes.annotate(" laser", (0.0, 0.0), color=_LASER, va="top")
     axes.annotate("lens  ", (base - half, 0.0), color=_LENS, ha="right", va="center")
     axes.annotate("array  ", (base + min(ends), -f), color=INK, ha="right", va="center")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.set(xlabel="x [mm]", ylabel="z [mm]")
+    _scaled(axes)
     _heading(axes, "The head, to scale", "rays through the lens to both ends of the array")
 
 
+def _draw_coaxial_head(axes: Axes, sheet: InstrumentSheet) -> None:
+    """Draw beam, lens and photodiode of a head that does not triangulate, to scale [mm]."""
+    f, half = 1e3 * sheet.focal_length, 0.5e3 * sheet.aperture
+    angle = 0.0 if sheet.diode_field is None else 0.5 * sheet.diode_field
+    top, edge = 1.2 * f, f * math.tan(angle)
+    _draw_beam(axes, sheet, -0.6 * f, top)
+    for side in (-1.0, 1.0):
+        # Through the rim of the lens to the middle of the diode, from infinity; and the edge of the field.
+        axes.plot([side * half, side * half, 0.0], [top, 0.0, -f], color=_LENS, lw=0.7)
+        axes.plot([side * top * math.tan(angle), -side * edge], [top, -f], color=FAINT, lw=0.6, ls="--")
+    axes.plot([-half, half], [0.0, 0.0], color=_LENS, lw=3.5, solid_capstyle="butt")
+    axes.plot([-edge, edge], [-f, -f], color=INK, lw=3.5, solid_capstyle="butt")
+    axes.annotate("lens  ", (-half, 0.0), color=_LENS, ha="right", va="center")
+    axes.annotate("photodiode  ", (-edge, -f), color=INK, ha="right", va="center")
+    axes.annotate("  laser, on the lens's axis", (0.0, 0.9 * top), color=_LASER, va="center")
+    _scaled(axes)
+    _heading(axes, "The head, to scale", f"the diode sees {2e3 * angle:.3g} mrad through the lens (dashed)")
+
+
+def _draw_beam(axes: Axes, sheet: InstrumentSheet, bottom: float, top: float) -> None:
+    beam = 0.5e3 * float(sheet.spot_m[0])
+    axes.fill_betweenx([bottom, top], -beam, beam, color=_LASER, alpha=0.35, lw=0)
+    axes.plot([0.0, 0.0], [bottom, top], color=_LASER, lw=0.8)
+
+
+def _scaled(axes: Axes) -> None:
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set(xlabel="x [mm]", ylabel="z [mm]")
+
+
 def _draw_field(axes: Axes, sheet: InstrumentSheet) -> None:
-    """Draw the ranges that the array sees over Θ, to scale [m] (eq 1)."""
+    """Draw the ranges that are seen over Θ, to scale [m]: by an array eq 1, by time of flight an even depth."""
     theta = np.linspace(-sheet.half_field, sheet.half_field, 181)
     farthest = float(sheet.range_m[-1])
-
-    def border(p: float) -> tuple[np.ndarray, np.ndarray]:
-        seen = np.full_like(theta, np.inf)
-        if p > 0.0:
-            seen = sheet.focal_length * sheet.baseline * np.cos(theta) / p + sheet.baseline * np.sin(theta)
-        seen = np.minimum(seen, farthest)
-        return seen * np.sin(theta), seen * np.cos(theta)
-
-    far, near = border(sheet.array[0]), border(sheet.array[1])
-    outline = [np.concatenate([one, other[::-1]]) for one, other in zip(far, near, strict=True)]
-    axes.fill(*outline, color=_SEEN, lw=0)
-    axes.plot(*near, color=_LENS, lw=1.0, label=f"nearest: {sheet.near:.3g} m on the axis")
+    far, near = _borders(sheet, theta, farthest)
+    axes.fill(
+        *(np.concatenate([one, other[::-1]]) for one, other in zip(far, near, strict=True)), color=_SEEN, lw=0
+    )
+    axes.plot(*near, color=_LENS, lw=1.0, label=f"nearest: {sheet.depth[0]:.3g} m on the axis")
     ends = (
-        f"{sheet.far:.3g} m on the axis"
-        if math.isfinite(sheet.far)
-        else "infinity; drawn to the end of the gate"
+        f"{sheet.depth[1]:.3g} m on the axis"
+        if math.isfinite(sheet.depth[1])
+        else f"infinity; drawn to {farthest:.3g} m"
     )
     axes.plot(*far, color=INK, lw=1.0, label=f"farthest: {ends}")
     for side in (-1.0, 1.0):
@@ -79,12 +105,34 @@ def _draw_field(axes: Axes, sheet: InstrumentSheet) -> None:
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x [m]", ylabel="z [m]")
     axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.34))
-    _heading(axes, "What the array sees, to scale", f"deflections of ±{math.degrees(sheet.half_field):.3g}°")
+    what = "the digitiser records" if sheet.array is None else "the array sees"
+    _heading(axes, f"What {what}, to scale", f"deflections of ±{math.degrees(sheet.half_field):.3g}°")
+
+
+def _borders(sheet: InstrumentSheet, theta: NDArray[np.float64], farthest: float) -> tuple[Curve, Curve]:
+    """Return the farthest and the nearest points that are seen over Θ, each as x and z [m]."""
+
+    def border(seen: NDArray[np.float64]) -> Curve:
+        seen = np.minimum(seen, farthest)
+        return seen * np.sin(theta), seen * np.cos(theta)
+
+    if sheet.array is None:
+        nearest, last = sheet.depth
+        return border(np.full_like(theta, last)), border(np.full_like(theta, nearest))
+    base, f = sheet.baseline, sheet.focal_length
+    far, near = (
+        border(
+            f * base * np.cos(theta) / p + base * np.sin(theta) if p > 0.0 else np.full_like(theta, np.inf)
+        )
+        for p in sheet.array
+    )
+    return far, near
 
 
 def _draw_lateral(axes: Axes, sheet: InstrumentSheet) -> None:
     axes.plot(sheet.range_m, 1e3 * sheet.spot_m, color=_LASER, label="diameter of the beam (1/e²)")
-    axes.plot(sheet.range_m, 1e3 * sheet.lateral_m, color=INK, label="σ across, by the angles")
+    if sheet.lateral_m.any():
+        axes.plot(sheet.range_m, 1e3 * sheet.lateral_m, color=INK, label="σ across, by the angles")
     over_range(axes, "[mm]")
     axes.legend(loc="best")
     _heading(axes, "Across the beam", "")
@@ -94,7 +142,9 @@ def _draw_sigma(axes: Axes, sheet: InstrumentSheet) -> None:
     for mode, values in sheet.sigma_m.items():
         colour, label = CURVES[mode]
         axes.plot(sheet.range_m, 1e3 * values, color=colour, label=label, lw=2.4 if mode == "fused" else 1.2)
-    axes.plot(sheet.range_m, 1e3 * sheet.pixel_m, color=FAINT, lw=0.9, ls=":", label="one pixel of the array")
+    if sheet.pixel_m is not None:
+        pixel = 1e3 * sheet.pixel_m
+        axes.plot(sheet.range_m, pixel, color=FAINT, lw=0.9, ls=":", label="one pixel of the array")
     over_range(axes, "[mm]")
     axes.legend(loc="upper left")
     _heading(

@@ -3,19 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from scanner_sim.analytic.beam import beam_radius
-from scanner_sim.config.scanner import Scanner
+from scanner_sim.config.scanner import RangefinderName, Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.products.budget import Mode
 from scanner_sim.products.instrument_sheet import InstrumentSheet
 from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.compare.instrument import closed_budget
 
+Array = NDArray[np.float64]
+
 REFLECTANCE = 0.5
 """Of the target that the errors are of: Lambertian, facing."""
+_NEAREST = 0.1
+"""Nearest range where a gate begins at the scanner [m]."""
+_DEEPEST = 20.0
+"""Farthest range over the nearest one for an array that sees infinity, without a gate."""
 _MODES: tuple[Mode, ...] = ("triangulation", "tof", "fused")
 
 
@@ -33,44 +41,60 @@ def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
     scanner
         The instrument.
     count
-        Ranges, evenly spaced in logarithms from the array's near end to its far one or the end of the gate.
+        Ranges, evenly spaced in logarithms over what it sees; an array that sees infinity is followed to the end of the
+        gate, or without time of flight to 20 times its nearest range.
     """
     scenario = alone(scanner)
-    forms = ClosedForms(scenario)
-    gate, sensor = scanner.lidar.digitiser.gate, scanner.position_sensor
-    near, far = scanner.nearest_range, scanner.farthest_range
-    ranges = np.geomspace(near, min(far, max(gate[1], 2.0 * near)), count)
+    seen = {name: scanner.seen_by(name) for name in scanner.rangefinders}
+    ranges = _ranges(seen, count)
     found = [closed_budget(scenario, REFLECTANCE, float(R)) for R in ranges]
+    limits = _limits(scenario, ranges, seen)
     sigma = {
-        mode: np.array([one[mode]["all"] for one in found])
+        mode: np.where(limits[mode], np.array([one[mode]["all"] for one in found]), math.nan)
         for mode in _MODES
         if all(mode in one for one in found)
     }
-    brightest = np.array([forms.facing(float(R), REFLECTANCE).line.max() for R in ranges])
-    filled = scanner.exposure / scanner.dwell * brightest / sensor.full_well
-    laser = scanner.laser
+    laser, lidar, sensor = scanner.laser, scanner.lidar_choice, scanner.line_choice
     beam = laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared
-    recorded = (ranges >= gate[0]) & (ranges <= gate[1])
+    forms, by_line = ClosedForms(scenario), "triangulation" in seen
     return InstrumentSheet(
         baseline=scanner.receiver.baseline,
         focal_length=scanner.receiver.focal_length,
         aperture=scanner.receiver.aperture,
-        axis_separation=scanner.mirrors.axis_separation,
-        array=(sensor.offset, sensor.offset + sensor.length),
-        near=near,
-        far=far,
-        gate=gate,
+        array=None if sensor == "none" else (sensor.offset, sensor.offset + sensor.length),
+        diode_field=None if lidar == "none" else lidar.photodiode.field_of_view,
+        seen={mode: seen[mode] for mode in seen},
         half_field=scanner.mirrors.max_deflection,
         rate=scanner.rate,
         reflectance=REFLECTANCE,
         range_m=ranges,
         spot_m=2.0 * beam_radius(ranges, *beam),
-        pixel_m=np.array([forms.range_per_pixel(float(R)) for R in ranges]),
         lateral_m=forms.angle_sigma * ranges,
-        filled=filled,
-        sigma_m={
-            mode: np.where(filled < 1.0 if mode == "triangulation" else recorded, values, math.nan)
-            for mode, values in sigma.items()
-            if np.isfinite(values).any()
-        },
+        pixel_m=np.array([forms.range_per_pixel(float(R)) for R in ranges]) if by_line else None,
+        filled=_filled(scenario, ranges) if by_line else None,
+        sigma_m={mode: values for mode, values in sigma.items() if np.isfinite(values).any()},
     )
+
+
+def _ranges(seen: Mapping[RangefinderName, tuple[float, float]], count: int) -> Array:
+    """Return ranges over what an instrument sees [m]."""
+    near, far = next(iter(seen.values()))
+    end = seen["tof"][1] if "tof" in seen else _DEEPEST * near
+    return np.geomspace(near or _NEAREST, min(far, max(end, 2.0 * near)), count)
+
+
+def _filled(scenario: Scenario, ranges: Array) -> Array:
+    """Return the charge of the brightest pixel over the full well at some ranges."""
+    scanner, forms = scenario.scanner, ClosedForms(scenario)
+    brightest = np.array([forms.facing(float(R), REFLECTANCE).line.max() for R in ranges])
+    return np.asarray(scanner.exposure / scanner.dwell * brightest / scanner.position_sensor.full_well)
+
+
+def _limits(
+    scenario: Scenario, ranges: Array, seen: Mapping[RangefinderName, tuple[float, float]]
+) -> dict[Mode, NDArray[np.bool_]]:
+    """Return at which ranges each way of ranging measures: where no pixel is full, and within the gate."""
+    low, high = seen.get("tof", (0.0, math.inf))
+    recorded = (ranges >= low) & (ranges <= high)
+    lit = _filled(scenario, ranges) < 1.0 if "triangulation" in seen else recorded
+    return {"triangulation": lit, "tof": recorded, "fused": recorded}
