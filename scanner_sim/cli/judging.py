@@ -65,7 +65,8 @@ def reproduce(
     family: Annotated[
         bool,
         typer.Option(
-            "--family", help="Make the ledger of published facts instead: each instrument against what is printed of it."
+            "--family",
+            help="Make the ledger of published facts instead: each instrument against what is printed of it.",
         ),
     ] = False,
     output: Annotated[

@@ -20,7 +20,6 @@ from scanner_sim.products.provenance import versions
 from scanner_sim.validation.reproduce.item import Item, Outcome, Row, Task, Verdict
 
 
-
 @dataclass(frozen=True)
 class Result:
     """A finished item: its comparisons, and what they were made with."""

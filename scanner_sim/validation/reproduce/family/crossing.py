@@ -39,7 +39,7 @@ _PALE = LinearSegmentedColormap.from_list("pale", ["#7f8fc4", "#8fc9c4", "#d8eeb
 
 
 class _Axis(NamedTuple):
-    """One of the unknowns of triangulation: its name, unit and size, the values of the map, and the changes they are."""
+    """An unknown of triangulation: its name, the size of its unit, the values of the map, and the shipped one."""
 
     label: str
     scale: float
@@ -99,7 +99,9 @@ def _map(task: Task, axis: _Axis, times: Array, distances: Array) -> Array:
     return found
 
 
-def _simulated(task: Task, axis: _Axis, value: float, sigma: float, near: float, step: int) -> tuple[float, float]:
+def _simulated(
+    task: Task, axis: _Axis, value: float, sigma: float, near: float, step: int
+) -> tuple[float, float]:
     """Return the crossing of simulated ranges and its standard error [m]; ``near`` is about where it lies [m]."""
     side = task.choose(40, 16)
     distances = near * np.array([0.7, 0.85, 1.0, 1.18, 1.4])
@@ -190,15 +192,18 @@ def make_map(task: Task) -> Outcome:
             _draw_map(panel, axis, times, found, some)
 
     about = (
-        "lines and colours: where both err alike, by closed forms; dots in the same colours, with the range in metres and "
-        "three\nstandard errors: simulated; hatched: the paper's 5 to 10 m; star: nrc_2000 as shipped; mirrors at rest"
+        "lines and colours: where both err alike, by closed forms; dots in the same colours, with the range in metres "
+        "and three\nstandard errors: simulated; hatched: the paper's 5 to 10 m; star: nrc_2000 as shipped; mirrors at "
+        "rest"
     )
-    return Outcome(rows, lambda path: sheet(path, "Where both curves of Figure 12 cross", about, draw, 2, height=4.6))
+    return Outcome(
+        rows, lambda path: sheet(path, "Where both curves of Figure 12 cross", about, draw, 2, height=4.6)
+    )
 
 
 def _told(what: str, paper: str, found: str) -> Row:
     """Return a row that tells what follows from closed forms and judges nothing."""
-    return Row(what, paper, found, "closed forms", Verdict.NOT_JUDGED)
+    return Row(what, paper, found, "not simulated", Verdict.NOT_JUDGED)
 
 
 def _draw_map(panel: Axes, axis: _Axis, times: Array, found: Array, points: Sequence[_Point]) -> None:
@@ -214,11 +219,20 @@ def _draw_map(panel: Axes, axis: _Axis, times: Array, found: Array, points: Sequ
     for point in points:
         last = point.value == axis.values[-1]
         panel.scatter(
-            axis.scale * point.value, 1e3 * point.sigma, c=[point.found], norm=norm, cmap=_PALE, s=26,
-            edgecolors="black", linewidths=0.8, zorder=4, clip_on=False,
+            axis.scale * point.value,
+            1e3 * point.sigma,
+            c=[point.found],
+            norm=norm,
+            cmap=_PALE,
+            s=26,
+            edgecolors="black",
+            linewidths=0.8,
+            zorder=4,
+            clip_on=False,
         )
         panel.annotate(
-            f"{point.found:.1f} ± {3.0 * point.error:.1f}", (axis.scale * point.value, 1e3 * point.sigma),
+            f"{point.found:.1f} ± {3.0 * point.error:.1f}",
+            (axis.scale * point.value, 1e3 * point.sigma),
             xytext=(-3 if last else 3, 6),
             textcoords="offset points",
             fontsize=6,
@@ -234,31 +248,31 @@ def _draw_map(panel: Axes, axis: _Axis, times: Array, found: Array, points: Sequ
 
 _REASONING = """\
 The paper gives triangulation the "short to medium range" of 5 to 10 m and leaves the rest to time of flight; its Figure
-12 has no numbers. With speckle as waves give it (the centroid's variance by what the pupil passes, the aberration's by
-the slopes it adds), the shipped instrument errs alike by both ways at about 12 m, a fifth beyond the band. Two numbers
-that nobody has printed decide where the curves meet, and the map shows both rather than choose them.
+12 has no numbers. With speckle as waves give it, the shipped instrument errs alike by both ways at about 12 m, a fifth
+beyond the band. Two numbers that nobody has printed decide where the curves meet, and the map shows both rather than
+choose them.
 
-*Triangulation.* Below 20 m speckle makes nearly all of its error, so that σ ≈ R² Δp/(f d) with Δp fixed by the lens: C
+*Triangulation.* Below 20 m speckle makes nearly all of its error, σ ≈ R² Δp/(f d), with Δp fixed by the lens: C
 λN/(π√2) without aberration, more in proportion to what aberration adds to the spot, less in proportion to the aperture.
-Base and focal length enter as R²/(f d) and could be a third axis: a base of 0.1 m for 0.2 m brings each crossing nearer
-by √2.
+The base could be a third axis: half of it brings each crossing nearer by √2.
 
 *Time of flight.* Its curve is nearly flat, and σ of the unit is the whole of it. A crossing at 5 to 10 m with the
-shipped lens asks for a unit of 1.4 to 6.8 mm a shot. Single shots of a few millimetres were the aim of the best laboratory
-instruments of those years (Kilpelä 2004); 10 mm, the shipped assumption, is what a good ranging unit of 2000 had by
-order of magnitude, and no print says which of them the prototype carried.
+shipped lens asks for the σ of a shot that stands in the table. Millimetres from a single shot were still the aim of a
+thesis in 2004 (Kilpelä, see [walk](#walk)); the 10 mm of the shipped unit are an assumption, and no print says what the
+prototype carried.
 
-*Hence* the paper's words ask for one of three: a time-of-flight unit of 2 to 7 mm; a lens whose aberration makes 20 to 40
-µm of the spot's 40 µm; or an aperture near f/8. The flight successor's maker (equal up to 5 m) asks for more of the same.
-Mirrors that sweep average speckle while a voxel is measured, and move every crossing farther. Nothing was tuned:
-aberration, aperture and σ of the unit are as they were before this map was made."""
+*Hence* the paper's words ask for one of three, or a part of each: a time-of-flight unit of a few millimetres a shot, a
+lens whose aberration makes more than half of the spot's 40 µm, or an aperture of half the size. The statement of the
+flight successor's maker ([equal up to 5 m](#equal_to_5_m)) asks for more of the same. Mirrors that sweep average
+speckle while a voxel is measured and move every crossing farther. Nothing was tuned: aberration, aperture and σ of the
+unit are as they were before this map was made."""
 
 ITEM = Item(
     "crossing_map",
     "The 5 to 10 m of Figure 12 as a map",
     "Triangulation is for short to medium range, 5 to 10 m, time of flight beyond; the numbers of neither are printed.",
-    "σ of both ways by closed forms over a grid of the unknowns; over it simulated ranges of plates, each crossing from five "
-    "ranges about it.",
+    "σ of both ways by closed forms over a grid of the unknowns; over it simulated ranges of plates, each crossing "
+    "from five ranges about it.",
     _REASONING,
     make_map,
     options=OPTIONS,

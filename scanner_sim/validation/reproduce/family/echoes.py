@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.validation.reproduce.bench import Array, aim, bench, grid, layers_of, plate, slope
-from scanner_sim.validation.reproduce.drawing import BLUE, COLOURS, GREEN, RED, sheet
+from scanner_sim.validation.reproduce.drawing import BLUE, COLOURS, GREEN, RED, logarithms, sheet
 from scanner_sim.validation.reproduce.family.judging import Finding, Measured
 from scanner_sim.validation.reproduce.item import Task, row_of_claim
 
@@ -64,8 +64,8 @@ def _shots(
 ) -> _Shots:
     """Return shots at a plate, turned about the vertical by a tilt [rad], with changes to the instrument."""
     target = plate(distance, _HALF, reflectance)
-    width, height = target["size"]  # type: ignore[misc]
-    target["size"] = (width / math.cos(tilt) + 0.5, height)
+    height = 2.4 * math.tan(_HALF) * distance + 0.2
+    target["size"] = (height / math.cos(tilt) + 0.5, height)
     target["rotation"] = [{"axis": "y", "angle": tilt}]
     scanner = {"preset": instrument, **(changes or {})}
     pulse = {"pulse": dict(processing or {})}
@@ -91,7 +91,11 @@ def walk(task: Task, instrument: str) -> Measured:
         middle = 0.5 * (mean.max() + mean.min())
         axes[0].axhspan(-1.0, 1.0, color=RED, alpha=0.12, lw=0, label="as published")
         axes[0].errorbar(amplitude, 1e3 * (mean - middle), 3e3 * error, fmt="o", ms=4, lw=0.9, color=BLUE)
-        axes[0].set(xscale="log", xlabel="height of the echo over the noise", ylabel="mean range less their middle [mm]")
+        axes[0].set(
+            xlabel="height of the echo over the noise",
+            ylabel="mean range less their middle [mm]",
+        )
+        logarithms(axes[0], "x")
         axes[0].legend()
 
     about = f"a plate at {distance:g} m, reflectance 0.09 to 0.9, {side**2} shots each; constant fraction of a half"
@@ -100,7 +104,10 @@ def walk(task: Task, instrument: str) -> Measured:
         expected="0: a fraction of the peak belongs to one time",
         rows=(
             row_of_claim(
-                "amplitudes, largest over smallest", "", "10", f"{amplitude.max() / amplitude.min():.1f}",
+                "amplitudes, largest over smallest",
+                "",
+                "10",
+                f"{amplitude.max() / amplitude.min():.1f}",
                 amplitude.max() / amplitude.min() > 9.0,
             ),
         ),
@@ -166,7 +173,9 @@ def reflectance_bias(task: Task, instrument: str) -> Measured:
         for row, (distance, colour) in enumerate(zip(places, COLOURS, strict=False)):
             label = f"{distance:g} m"
             shown = 1e3 * (mean[row] - mean[row].mean())
-            axes[0].errorbar(reflectances, shown, 3e3 * error[row], fmt="o-", ms=4, lw=0.9, color=colour, label=label)
+            axes[0].errorbar(
+                reflectances, shown, 3e3 * error[row], fmt="o-", ms=4, lw=0.9, color=colour, label=label
+            )
         axes[0].set(xlabel="reflectance", ylabel="mean range less that of all [mm]")
         axes[0].legend()
 
@@ -183,7 +192,10 @@ def incidence(task: Task, instrument: str) -> Measured:
     side = task.choose(48, 20)
     steps = task.choose([0, 15, 30, 40, 50, 55, 60, 65, 70, 75, 80], [0, 30, 50, 60, 70, 80])
     degrees = np.array(steps, dtype=np.float64)
-    cases = {"as it is, 20 m": (20.0, None), "clock without jitter, 100 m": (100.0, {"lidar": {"digitiser": {"jitter": 0.0}}})}
+    cases = {
+        "as it is, 20 m": (20.0, None),
+        "clock without jitter, 100 m": (100.0, {"lidar": {"digitiser": {"jitter": 0.0}}}),
+    }
     sigma = np.empty((len(cases), len(degrees)))
     for row, (distance, changes) in enumerate(cases.values()):
         for column, angle in enumerate(degrees.tolist()):
@@ -207,8 +219,11 @@ def incidence(task: Task, instrument: str) -> Measured:
         axes[1].axhline(0.5, color="black", lw=0.8)
         for name, colour, *curve in zip(cases, (BLUE, GREEN), sigma, share, error, strict=True):
             axes[0].plot(degrees, 1e3 * curve[0], "o-", ms=4, lw=0.9, color=colour)
-            axes[1].errorbar(degrees, curve[1], 3.0 * curve[2], fmt="o-", ms=4, lw=0.9, color=colour, label=name)
-        axes[0].set(xlabel="incidence [°]", ylabel="σ of the range [mm]", yscale="log")
+            axes[1].errorbar(
+                degrees, curve[1], 3.0 * curve[2], fmt="o-", ms=4, lw=0.9, color=colour, label=name
+            )
+        axes[0].set(xlabel="incidence [°]", ylabel="σ of the range [mm]")
+        logarithms(axes[0], "y")
         axes[1].set(xlabel="incidence [°]", ylabel="share of the variance")
         axes[1].legend()
 
@@ -256,7 +271,9 @@ def intensity(task: Task, instrument: str) -> Measured:
     fall = 1e3 * sigma.mean(axis=1)
 
     def draw(axes: Sequence[Axes]) -> None:
-        for column, ((distance, reflectance), colour) in enumerate(zip(cases, (BLUE, RED, GREEN), strict=True)):
+        for column, ((distance, reflectance), colour) in enumerate(
+            zip(cases, (BLUE, RED, GREEN), strict=True)
+        ):
             axes[0].errorbar(
                 signal[:, column],
                 1e3 * sigma[:, column],
@@ -267,7 +284,8 @@ def intensity(task: Task, instrument: str) -> Measured:
                 color=colour,
                 label=f"{distance:g} m, reflectance up to {reflectance:g}",
             )
-        axes[0].set(xscale="log", yscale="log", xlabel="signal [electron]", ylabel="σ of the range [mm]")
+        axes[0].set(xlabel="signal [electron]", ylabel="σ of the range [mm]")
+        logarithms(axes[0])
         axes[0].legend()
 
     about = f"facing plates whose light is alike at three ranges, {side**2} shots each; three standard errors"

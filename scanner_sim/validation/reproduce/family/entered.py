@@ -17,7 +17,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter
+from pydantic import Field, TypeAdapter
 
 from scanner_sim.config.preset import read_preset, shipped_presets
 from scanner_sim.foundation.errors import InputError, RunError
@@ -46,7 +46,7 @@ class Entry(Part):
     """SHA-256 of its values."""
     values: dict[str, Any]
     """Each value by its key, as its file spells it."""
-    spent: dict[str, str] = {}
+    spent: dict[str, str] = Field(default={})
     """Facts that a later change has turned into used ones: when and by which change."""
 
     def changes(self, now: Values) -> tuple[str, ...]:
@@ -169,7 +169,7 @@ def main(names: Sequence[str]) -> None:
     for name, entry in after.items():
         spent = [key for key in entry.spent if key not in (before[name].spent if name in before else {})]
         told = f"; now used: {', '.join(spent)}" if spent else ""
-        print(f"{name}: {entry.digest[:12]}, entered {entry.entered}{told}")
+        sys.stdout.write(f"{name}: {entry.digest[:12]}, entered {entry.entered}{told}\n")
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
-from scanner_sim.validation.reproduce.family import echoes, spots, tiles
+from scanner_sim.validation.reproduce.family import echoes, edges, spots, tiles
 from scanner_sim.validation.reproduce.family.judging import Measured
 
 Experiment = Callable[..., Measured]
@@ -16,12 +16,12 @@ EXPERIMENTS: Mapping[str, Experiment] = MappingProxyType(
         "few_millimetres": spots.at_ten,
         "equal_to_5_m": spots.meeting,
         "crack": tiles.crack,
-        "lateral": tiles.lateral,
+        "lateral": edges.lateral,
         "dent": tiles.dent,
-        "diffraction": tiles.diffraction,
+        "diffraction": edges.diffraction,
         "speckle_share": spots.speckle_share,
         "speckle_limit": spots.speckle_limit,
-        "close_lateral": tiles.close_lateral,
+        "close_lateral": edges.close_lateral,
         "close_depth": spots.close_depth,
         "walk": echoes.walk,
         "edge_noise": echoes.edge_noise,

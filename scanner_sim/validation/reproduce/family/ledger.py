@@ -114,10 +114,10 @@ def read_ledger(text: str, source: str = FILE) -> Mapping[str, Fact]:
         If the text has faults; all of them are told, with lines.
     """
     document = read_document(text)
-    faults, found = list(document.faults), Ledger.model_construct(facts={})
+    faults, facts = list(document.faults), dict[str, Fact]()
     if document.readable:
         try:
-            found = Ledger.model_validate(document.data)
+            facts = Ledger.model_validate(document.data).facts
         except ValidationError as error:
             faults += [
                 Fault(spell(one.location), one.problem, one.remedy, document.line(one.location))
@@ -125,7 +125,7 @@ def read_ledger(text: str, source: str = FILE) -> Mapping[str, Fact]:
             ]
     if faults:
         raise ScenarioError(faults, source=source)
-    return found.facts
+    return facts
 
 
 @cache

@@ -19,7 +19,8 @@ OPTIONS = "--family "
 """By which the verb makes it."""
 
 HEADING = (
-    "# Validation: the ledger of published facts\n\nWritten by `scanner-sim reproduce --family` from simulated data."
+    "# Validation: the ledger of published facts\n\n"
+    "Written by `scanner-sim reproduce --family` from simulated data."
 )
 """How it begins: by this it is known."""
 
@@ -32,7 +33,7 @@ Simulated numbers come from rendered scenes, detectors and estimators, closed fo
 | verdict | means |
 |---|---|
 | agrees | the interval of the simulated number meets the published one and is not wider |
-| differs | the intervals do not meet, be the simulation worse or better than a published number; the reason stands below |
+| differs | the intervals do not meet, be the simulation worse or better; the reason stands below |
 | alike in kind | print has words only; what was found keeps a bound of our own |
 | by construction | the fact was used: it cannot bear anything out |
 | not judged | nothing of the kind is simulated, or the sample is too small to tell |
@@ -45,7 +46,10 @@ with how it follows from print; where print has a bound, the other side is open.
 
 
 def page(
-    items: Sequence[Item], results: Mapping[str, Result], facts: Mapping[str, Fact], entries: Mapping[str, Entry]
+    items: Sequence[Item],
+    results: Mapping[str, Result],
+    facts: Mapping[str, Fact],
+    entries: Mapping[str, Entry],
 ) -> str:
     """Return the page of the ledger in Markdown; items without a result say how to make them."""
     lines = [_INTRODUCTION]
@@ -57,7 +61,9 @@ def page(
     return "\n".join(lines) + "\n"
 
 
-def _overview(results: Mapping[str, Result], facts: Mapping[str, Fact], entries: Mapping[str, Entry]) -> list[str]:
+def _overview(
+    results: Mapping[str, Result], facts: Mapping[str, Fact], entries: Mapping[str, Entry]
+) -> list[str]:
     """Return how many facts stand how, and each in a row."""
     first = {key: results[key].rows[0] for key in facts if key in results and results[key].rows}
     held = {key for key, fact in facts.items() if is_held_out(key, fact, entries)}

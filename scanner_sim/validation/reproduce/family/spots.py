@@ -1,4 +1,4 @@
-"""Experiments on triangulation: its error at 10 m, where it meets time of flight, speckle, and the tilt of a surface."""
+"""Experiments on triangulation: its error, where it meets time of flight, speckle, and the tilt of a surface."""
 
 from __future__ import annotations
 
@@ -11,8 +11,20 @@ from matplotlib.axes import Axes
 from scanner_sim.analytic.speckle import centroid_limit, published_range_limit
 from scanner_sim.analytic.wave_optics import Lens, centroid, images
 from scanner_sim.config import load_scanner
-from scanner_sim.validation.reproduce.bench import FIT, QUIET, SILENT, STILL, Array, aim, bench, grid, layers_of, plate, slope
-from scanner_sim.validation.reproduce.drawing import BLUE, GREEN, OCHRE, RED, ranges, sheet
+from scanner_sim.validation.reproduce.bench import (
+    FIT,
+    QUIET,
+    SILENT,
+    STILL,
+    Array,
+    aim,
+    bench,
+    grid,
+    layers_of,
+    plate,
+    slope,
+)
+from scanner_sim.validation.reproduce.drawing import BLUE, GREEN, OCHRE, RED, logarithms, ranges, sheet
 from scanner_sim.validation.reproduce.family.judging import Finding, Measured
 from scanner_sim.validation.reproduce.item import Task, row_of_claim
 
@@ -32,7 +44,12 @@ def at_ten(task: Task, instrument: str) -> Measured:
     distances, side = np.linspace(2.0, 10.0, task.choose(5, 3)), task.choose(32, 16)
     sigma = np.array(
         [
-            scatter(layers_of(bench(task, [plate(R, _HALF)], {"preset": instrument}, step=step), aim(*grid(_HALF, side), _APART)))
+            scatter(
+                layers_of(
+                    bench(task, [plate(R, _HALF)], {"preset": instrument}, step=step),
+                    aim(*grid(_HALF, side), _APART),
+                )
+            )
             for step, R in enumerate(distances.tolist())
         ]
     )
@@ -55,7 +72,12 @@ def close_depth(task: Task, instrument: str) -> Measured:
     distances, side = np.linspace(0.35, 0.95, task.choose(7, 4)), task.choose(32, 16)
     sigma = np.array(
         [
-            scatter(layers_of(bench(task, [plate(R, _HALF)], {"preset": instrument}, step=step), aim(*grid(_HALF, side), _APART)))
+            scatter(
+                layers_of(
+                    bench(task, [plate(R, _HALF)], {"preset": instrument}, step=step),
+                    aim(*grid(_HALF, side), _APART),
+                )
+            )
             for step, R in enumerate(distances.tolist())
         ]
     )
@@ -100,7 +122,8 @@ def meeting(task: Task, instrument: str, other: str) -> Measured:
                 color=colour,
                 label=label,
             )
-        axes[0].set(yscale="log", ylabel="σ of the range [mm]")
+        axes[0].set_ylabel("σ of the range [mm]")
+        logarithms(axes[0], "y")
         ranges(axes[0])
         axes[0].legend()
 
@@ -171,7 +194,9 @@ def _speckled(task: Task, instrument: str) -> tuple[Array, Array, Array]:
         sigma[step] = scatter(layers)
     limit = np.array(
         [
-            published_range_limit(1.0, scanner.laser.wavelength, distance, aperture, scanner.receiver.baseline)
+            published_range_limit(
+                1.0, scanner.laser.wavelength, distance, aperture, scanner.receiver.baseline
+            )
             for aperture in apertures.tolist()
         ]
     )
@@ -194,9 +219,17 @@ def speckle_limit(task: Task, instrument: str) -> Measured:
         axes[0].plot(1e3 * apertures, 1e3 * limit, color=RED, lw=1.2, label="C λ/(2π sin u sin θ)")
         axes[0].plot(1e3 * apertures, 1e3 * limit / math.sqrt(2.0), color=GREEN, lw=1.2, label="over √2")
         axes[0].errorbar(
-            1e3 * apertures, 1e3 * sigma, 3e3 * share * sigma, fmt="o", ms=4, lw=0.9, color=BLUE, label="simulated"
+            1e3 * apertures,
+            1e3 * sigma,
+            3e3 * share * sigma,
+            fmt="o",
+            ms=4,
+            lw=0.9,
+            color=BLUE,
+            label="simulated",
         )
-        axes[0].set(xscale="log", yscale="log", xlabel="aperture [mm]", ylabel="σ of the range [mm]")
+        axes[0].set(xlabel="aperture [mm]", ylabel="σ of the range [mm]")
+        logarithms(axes[0])
         axes[0].legend()
 
     about = "speckle of contrast 1 alone, a plate at 5 m, no aberration; three standard errors"
@@ -208,7 +241,11 @@ def speckle_limit(task: Task, instrument: str) -> Measured:
         ),
         rows=(
             row_of_claim(
-                "exponent of σ in the aperture", "−1", "−1", f"{exponent:.3f} ± {slack:.3f}", abs(exponent + 1.0) < slack + 0.02
+                "exponent of σ in the aperture",
+                "−1",
+                "−1",
+                f"{exponent:.3f} ± {slack:.3f}",
+                abs(exponent + 1.0) < slack + 0.02,
             ),
         ),
         draw=lambda path: sheet(path, "Speckle against the published limit", about, draw),
@@ -252,7 +289,9 @@ def tilt(task: Task, instrument: str) -> Measured:
         for number, angle in enumerate(degrees.tolist()):
             target = plate(distance, 0.2, 0.5)
             target["rotation"] = [{"axis": axis, "angle": math.radians(angle)}]
-            made = bench(task, [target], {**QUIET, "mirrors": dict(STILL), "preset": instrument}, processing=FIT)
+            made = bench(
+                task, [target], {**QUIET, "mirrors": dict(STILL), "preset": instrument}, processing=FIT
+            )
             layers = layers_of(made, aim([0.0], [0.0]))
             values[number] = float((layers["range_m"] - layers["truth.range_m"])[0])
         values -= values[degrees == 0.0]

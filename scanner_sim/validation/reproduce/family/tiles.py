@@ -1,22 +1,18 @@
-"""Experiments on tiles: the narrowest crack, the response to an edge, the depth of a dent."""
+"""Experiments on tiles: the narrowest crack, and the depth of a dent."""
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from scipy.optimize import curve_fit, least_squares
-from scipy.special import erf
+from scipy.optimize import least_squares
 
-from scanner_sim.analytic.beam import beam_radius
-from scanner_sim.config import load_scanner
 from scanner_sim.validation.reproduce.bench import Array, aim, bench, layers_of
-from scanner_sim.validation.reproduce.drawing import BLUE, COLOURS, GREEN, RED, sheet
+from scanner_sim.validation.reproduce.drawing import BLUE, COLOURS, RED, logarithms, sheet
 from scanner_sim.validation.reproduce.family.judging import Finding, Measured
 from scanner_sim.validation.reproduce.item import Task, row_of_claim
 
@@ -24,7 +20,7 @@ _TILE = 0.5
 """Reflectance of tiles; that of real ones at this wavelength is not printed."""
 _STEP = 0.35e-3
 """Distance of the voxels on a tile [m]: the finer of the printed resolutions."""
-_FAR = 4.0
+FAR = 4.0
 """The far end of the inspection [m]."""
 
 _DEEP = 10e-3
@@ -38,14 +34,11 @@ _AWAY = 16
 _BOX = 3
 """Columns that are averaged."""
 
-_WIDTH = 2.0 * np.sqrt(2.0 * np.log(2.0))
-"""Full width at half maximum of a Gaussian over its standard deviation."""
-
 _DENT, _DEPTH = 76e-3, 5e-3
 """Diameter and depth of the dent [m]."""
 
 
-class _View(NamedTuple):
+class View(NamedTuple):
     """A small raster on a tile: its range, the distances of voxels and of rows on it [m], rows and columns."""
 
     distance: float
@@ -72,9 +65,9 @@ def crack(task: Task, instrument: str) -> Measured:
     """Find the width at which a crack in a tile at 4 m reaches the criterion."""
     widths = np.geomspace(0.08e-3, 0.8e-3, task.choose(7, 4))
     runs = task.choose(6, 3)
-    view = _View(_FAR, _STEP, _STEP, task.choose(_ROWS, 40), 161)
+    view = View(FAR, _STEP, _STEP, task.choose(_ROWS, 40), 161)
     seen = np.empty((runs, len(widths)))
-    profile: dict[str, Array] = {}
+    profile: Mapping[str, Array] = {}
     for run in range(runs):
         for number, width in enumerate(widths.tolist()):
             layers = view.layers(task, _cracked(width), instrument, run * len(widths) + number)
@@ -87,13 +80,14 @@ def crack(task: Task, instrument: str) -> Measured:
         axes[0].plot(1e3 * widths, seen.T, "o", color=BLUE, ms=3)
         axes[0].axhline(_ROSE, color="black", lw=0.8)
         axes[0].axvline(0.5, color=RED, lw=0.8)
-        axes[0].set(xscale="log", yscale="log", xlabel="width of the crack [mm]", ylabel="signal over noise")
+        axes[0].set(xlabel="width of the crack [mm]", ylabel="signal over noise")
+        logarithms(axes[0])
         shown = axes[1].imshow(profile["Y"], cmap="gray", aspect="auto")
         axes[1].set(xlabel="column", ylabel="row")
         axes[1].figure.colorbar(shown, ax=axes[1], label="signal [electron]")
 
     about = (
-        f"a groove {1e3 * _DEEP:g} mm deep in a tile at {_FAR:g} m, {view.rows} rows averaged, {runs} runs; black: the "
+        f"a groove {1e3 * _DEEP:g} mm deep in a tile at {FAR:g} m, {view.rows} rows averaged, {runs} runs; black: the "
         f"criterion; red: as published; right: the widest, {1e3 * widths[-1]:.2g} mm"
     )
     return Measured(finding, draw=lambda path: sheet(path, "The narrowest crack", about, draw, 2))
@@ -103,12 +97,12 @@ def _cracked(width: float) -> list[dict[str, object]]:
     """Return a tile of two halves with a gap, and what closes the gap below."""
     half, tile = 0.2, {"reflectance": _TILE}
     box = {"shape": "box", "size": (2.0 * half, 2.0 * half, _DEEP), "material": tile}
-    away, middle = half + 0.5 * width, _FAR + 0.5 * _DEEP
+    away, middle = half + 0.5 * width, FAR + 0.5 * _DEEP
     floor = {"shape": "rectangle", "size": (half, 2.0 * half), "material": tile}
     return [
         {"name": "left", "position": (-away, 0.0, middle), **box},
         {"name": "right", "position": (away, 0.0, middle), **box},
-        {"name": "floor", "position": (0.0, 0.0, _FAR + _DEEP), **floor},
+        {"name": "floor", "position": (0.0, 0.0, FAR + _DEEP), **floor},
     ]
 
 
@@ -138,123 +132,22 @@ def _narrowest(widths: Array, seen: Array) -> float:
     return float(np.exp(np.interp(np.log(_ROSE), np.log(seen[pair]), np.log(widths[pair]))))
 
 
-def _edge_widths(task: Task, instrument: str, distance: float, ideal: float, step: int) -> Array:
-    """Return the width of the line spread of each block of rows [m]; ``ideal`` is about what it is."""
-    view = _View(distance, ideal / 18.0, 2.0 * ideal, 16 * task.choose(10, 3), 101)
-    half = 0.5 * view.rows * view.apart + 10.0 * ideal
-    objects = [
-        {
-            "name": name,
-            "shape": "rectangle",
-            "size": (2.0 * half, 2.0 * half),
-            "position": (side * half, 0.0, distance),
-            "material": {"reflectance": reflectance},
-        }
-        for name, side, reflectance in (("dark", -1.0, 0.05), ("bright", 1.0, 0.8))
-    ]
-    image = view.layers(task, objects, instrument, step)["Y"]
-    place = (np.arange(view.columns) - view.columns // 2) * view.pitch / ideal
-    found = []
-    for block in image.reshape(-1, 16, view.columns).mean(axis=1):
-        start = (float(block[:10].mean()), float(block[-10:].mean()), 0.0, 1.0 / _WIDTH)
-        (*_, sigma), _ = curve_fit(_edge, place, block, start)
-        found.append(_WIDTH * abs(float(sigma)) * ideal)
-    return np.array(found)
-
-
-def _edge(place: Array, low: float, high: float, middle: float, sigma: float) -> Array:
-    """Return the response to an edge of a Gaussian line spread."""
-    return low + 0.5 * (high - low) * (1.0 + erf((place - middle) / (np.sqrt(2.0) * sigma)))
-
-
-def _widths(task: Task, instrument: str, distances: Array) -> tuple[Array, Array, Array]:
-    """Return width, standard error, and the width of the ideal beam at distances [m]."""
-    laser = load_scanner(instrument).laser
-    radius = [
-        float(beam_radius(R, laser.waist_radius, laser.waist_distance, laser.wavelength, 1.0))
-        for R in distances.tolist()
-    ]
-    ideal = 0.5 * _WIDTH * np.array(radius)
-    found, error = np.empty(len(distances)), np.empty(len(distances))
-    for number, (distance, width) in enumerate(zip(distances.tolist(), ideal.tolist(), strict=True)):
-        widths = _edge_widths(task, instrument, distance, width, number)
-        found[number] = widths.mean()
-        error[number] = widths.std(ddof=1) / np.sqrt(len(widths))
-    return found, error, ideal
-
-
-def _draw_widths(
-    axes: Axes, distances: Array, found: Array, error: Array, ideal: Array, printed: tuple[float, float] | None
-) -> None:
-    if printed is not None:
-        axes.axhspan(*printed, color=RED, alpha=0.15, lw=0, label="as published")
-    axes.plot(distances, 1e3 * ideal, color=GREEN, lw=1.2, label="Gaussian beam, M² = 1")
-    axes.errorbar(distances, 1e3 * found, 3e3 * error, fmt="o", ms=4, lw=0.9, color=BLUE, label="simulated")
-    axes.set(xlabel="range [m]", ylabel="full width of the line spread [mm]", ylim=(0.0, None))
-    axes.legend()
-
-
-def _resolved(
-    task: Task, instrument: str, distances: Array, printed: tuple[float, float] | None
-) -> tuple[Array, Array, Array, Measured]:
-    """Return what :func:`_widths` does, and the least width with its picture; ``printed`` is a band [mm]."""
-    found, error, ideal = _widths(task, instrument, distances)
-    best = int(found.argmin())
-    about = "an edge from reflectance 0.05 to 0.8, mirrors at rest; three standard errors"
-
-    def draw(axes: Sequence[Axes]) -> None:
-        _draw_widths(axes[0], distances, found, error, ideal, printed)
-
-    over = row_of_claim(
-        f"the same from {distances[0]:.3g} to {distances[-1]:.3g} m",
-        "",
-        f"{1e3 * ideal.min():.3g} to {1e3 * ideal.max():.3g} mm",
-        f"{1e3 * found.min():.3g} to {1e3 * found.max():.3g} mm",
-        bool((np.abs(found - ideal) < 4.0 * error + 0.02 * ideal).all()),
-    )
-    return (
-        found,
-        error,
-        ideal,
-        Measured(
-            Finding(1e3 * float(found[best]), 1e3 * float(error[best])),
-            expected=f"{1e3 * ideal.min():.3g} mm for the instrument's beam",
-            rows=(over,),
-            draw=lambda path: sheet(path, "Response to an edge", about, draw),
-        ),
-    )
-
-
-def lateral(task: Task, instrument: str) -> Measured:
-    """Measure the line spread of edges over the inspection's ranges; its least is judged."""
-    return _resolved(task, instrument, np.linspace(1.6, _FAR, task.choose(7, 4)), (0.35, 0.5))[-1]
-
-
-def close_lateral(task: Task, instrument: str) -> Measured:
-    """Measure the same before a close-range instrument; its least is judged [µm]."""
-    made = _resolved(task, instrument, np.linspace(0.35, 0.95, task.choose(7, 4)), (0.055, 0.065))[-1]
-    return replace(made, finding=Finding(1e3 * made.finding.value, 1e3 * made.finding.error))
-
-
-def diffraction(task: Task, instrument: str) -> Measured:
-    """Hold the line spread of edges against that of a beam which only diffraction widens."""
-    found, error, ideal, made = _resolved(task, instrument, np.geomspace(2.0, 10.0, task.choose(6, 3)), None)
-    standard = float(np.sqrt(np.sum((error / ideal) ** 2))) / len(ideal)
-    ratio = Finding(float(np.mean(found / ideal)), standard)
-    return replace(made, finding=ratio, expected="1: a Gaussian beam of M² = 1")
-
-
 def dent(task: Task, instrument: str) -> Measured:
     """Fit a spherical dent in a tile at 4 m, run after run."""
     runs = task.choose(10, 4)
     pitch = task.choose(1.5e-3, 3e-3)
     side = round(0.12 / pitch)
-    view = _View(_FAR, pitch, pitch, side, side)
+    view = View(FAR, pitch, pitch, side, side)
     depth, shown = np.empty(runs), np.empty((side, side))
     with tempfile.TemporaryDirectory() as folder:
         mesh = Path(folder, "dent.ply")
         mesh.write_text(_dented(), encoding="ascii")
-        tile = {"name": "tile", "mesh": mesh, "position": (0.0, 0.0, _FAR), "material": {"reflectance": _TILE}}
+        tile = {
+            "name": "tile",
+            "mesh": mesh,
+            "position": (0.0, 0.0, FAR),
+            "material": {"reflectance": _TILE},
+        }
         for run in range(runs):
             layers = view.layers(task, [tile], instrument, run)
             x, y, z = (layers[f"P.{axis}"] for axis in "XYZ")
@@ -265,13 +158,16 @@ def dent(task: Task, instrument: str) -> Measured:
     standard = float(depth.std(ddof=1) / np.sqrt(runs))
 
     def draw(axes: Sequence[Axes]) -> None:
-        picture = axes[0].imshow(1e3 * (shown - _FAR), cmap="viridis", vmin=-1.0, vmax=1e3 * _DEPTH)
+        picture = axes[0].imshow(1e3 * (shown - FAR), cmap="viridis", vmin=-1.0, vmax=1e3 * _DEPTH)
         axes[0].figure.colorbar(picture, ax=axes[0], label="z − 4 m [mm]")
         axes[1].plot(np.arange(runs) + 1, 1e3 * depth, "o", color=COLOURS[0], ms=4)
         axes[1].axhline(1e3 * _DEPTH, color="black", lw=0.8)
         axes[1].set(xlabel="run", ylabel="fitted depth [mm]")
 
-    about = f"a dent of {1e3 * _DENT:g} mm, {1e3 * _DEPTH:g} mm deep, in a tile at {_FAR:g} m; voxels {1e3 * pitch:g} mm apart"
+    about = (
+        f"a dent of {1e3 * _DENT:g} mm, {1e3 * _DEPTH:g} mm deep, in a tile at {FAR:g} m; voxels {1e3 * pitch:g} mm "
+        "apart"
+    )
     return Measured(
         Finding(1e3 * size, 1e3 * size / np.sqrt(2.0 * runs)),
         rows=(
@@ -316,7 +212,7 @@ def _dented(points: int = 241) -> str:
 
 
 def _fitted_depth(x: Array, y: Array, z: Array) -> float:
-    """Return the depth of the spherical dent in a plane that fits points best: plane, centre, rim and depth are free."""
+    """Return the depth of the spherical dent in a plane that fits points best; plane, centre and rim are free too."""
     seen = np.isfinite(z)
     x, y, z = x[seen], y[seen], z[seen] - np.nanmedian(z)
 
@@ -327,4 +223,8 @@ def _fitted_depth(x: Array, y: Array, z: Array) -> float:
     start = [0.0, 0.0, 0.0, 0.0, 0.0, 3e-3, 35e-3]
     low = [-1.0, -1.0, -1.0, -0.02, -0.02, 1e-5, 0.02]
     high = [1.0, 1.0, 1.0, 0.02, 0.02, 0.02, 0.055]
-    return float(least_squares(residual, start, bounds=(low, high), x_scale=[1e-3, 0.01, 0.01, 1e-3, 1e-3, 1e-3, 1e-2]).x[5])
+    return float(
+        least_squares(
+            residual, start, bounds=(low, high), x_scale=[1e-3, 0.01, 0.01, 1e-3, 1e-3, 1e-3, 1e-2]
+        ).x[5]
+    )
