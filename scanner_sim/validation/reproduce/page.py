@@ -23,7 +23,8 @@ _INTRODUCTION = f"""\
 {HEADING} For each equation, table and figure of F. Blais, J.-A. Beraldin,
 S. F. El-Hakim, *Range Error Analysis of an Integrated Time-of-Flight, Triangulation, and Photogrammetric 3D Laser
 Scanning System*, 2000: what the paper says, what was found, and where they differ and why. *Expected* is the equation
-as it is meant, or a closed form of `scanner_sim/analytic`, which shares no physics code with the simulator.
+as it is meant, or a closed form of `scanner_sim/analytic`, which shares no physics code with the simulator. What others
+have published of such instruments stands in the [ledger of published facts](family.md).
 
 | verdict | means |
 |---|---|

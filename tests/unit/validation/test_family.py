@@ -185,8 +185,10 @@ def test_a_changed_instrument_spends_its_facts(monkeypatch: pytest.MonkeyPatch) 
     after = enter(["nrc_2000"], before, facts, "2026-12-01")["nrc_2000"]
     assert after.digest != before["nrc_2000"].digest
     assert after.spent == {"crack": "2026-12-01: receiver.aperture was 25 mm, is 99 mm"}
+    kept = enter(["nrc_2000"], {"nrc_2000": after}, facts, "2026-12-02")["nrc_2000"]
+    assert kept.spent == after.spent
     monkeypatch.setattr(entered, "values_of", true)
-    again = enter(["nrc_2000"], {"nrc_2000": after}, facts, "2026-12-02")
+    again = enter(["nrc_2000"], {"nrc_2000": after}, facts, "2026-12-03")
     assert not is_held_out("crack", facts["crack"], again)
     with pytest.raises(InputError, match="no preset 'nrc_1900'"):
         enter(["nrc_1900"], {}, facts, "2026-11-23")
