@@ -71,7 +71,7 @@ def print_instrument(name: str, picture: Path | None, *, overwrite: bool) -> Non
         if sentence.startswith("scanner."):
             warn(sentence)
     sheet = instrument_sheet(scanner)
-    table = {"instrument": preset.about, **_properties(scanner, sheet)}
+    table = {"instrument": preset.about, **instrument_properties(scanner, sheet)}
     if picture is not None:
         write = partial(draw_instrument, sheet, f"{name}, the instrument")
         table["picture"] = str(write_file(picture, write, overwrite=overwrite))
@@ -98,7 +98,7 @@ def print_differences(name: str, other: str) -> None:
 
     pair = (name, other)
     scanners, presets = [load_scanner(one) for one in pair], [read_preset(one) for one in pair]
-    sheets = [_properties(scanner, instrument_sheet(scanner)) for scanner in scanners]
+    sheets = [instrument_properties(scanner, instrument_sheet(scanner)) for scanner in scanners]
     unlike = [
         (word, sheets[0][word], sheets[1][word]) for word in sheets[0] if sheets[0][word] != sheets[1][word]
     ]
@@ -118,7 +118,7 @@ def _stated(preset: Preset, at: Location, value: object) -> str:
     return f"{inline_yaml(value)} ({preset.stated[at].mark})" if at in preset.stated else "–"
 
 
-def _properties(scanner: Scanner, sheet: InstrumentSheet) -> dict[str, str]:
+def instrument_properties(scanner: Scanner, sheet: InstrumentSheet) -> dict[str, str]:
     """Return what follows from an instrument's values, as pairs of a word and a phrase."""
     laser = scanner.laser
     # What the unit records counts where it sees the laser.
@@ -166,10 +166,10 @@ def _table(sheet: InstrumentSheet) -> Iterator[tuple[str, ...]]:
     last = len(sheet.range_m) - 1
     for line in range(_LINES):
         at = round(line * last / (_LINES - 1))
-        cells = (_rounded(float(values[at])) for values in columns.values())
+        cells = (rounded(float(values[at])) for values in columns.values())
         yield (f"{sheet.range_m[at]:.3g}", *cells)
 
 
-def _rounded(number: float) -> str:
+def rounded(number: float) -> str:
     """Return three digits of a number, without an exponent where that is no longer."""
     return f"{float(f'{number:.3g}'):g}" if math.isfinite(number) else "–"

@@ -7,7 +7,15 @@ from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag, ValidationInfo, model_validator
+from pydantic import (
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    ValidationInfo,
+    model_serializer,
+    model_validator,
+)
 
 from scanner_sim.config.preset import DEFAULT, fill, preset_of
 from scanner_sim.detector.line.position_sensor import PositionSensor
@@ -92,6 +100,12 @@ class Scanner(Part):
         if not isinstance(data, Mapping) or FILLED.items() <= context.items():
             return data
         return fill(data, preset_of(data, context.get("folder", "")))
+
+    @model_serializer(mode="wrap")
+    def _as_in_files(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Return the keys of files, so that what is written can be read again."""
+        keys = {name: field.alias or name for name, field in type(self).model_fields.items()}
+        return {keys.get(name, name): value for name, value in written(self).items()}
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield an instrument that measures nothing, one that sees nothing, and an array in the near range."""

@@ -155,7 +155,7 @@ def square(half: float, shots: int) -> tuple[Array, Array]:
 def measure(
     setting: ComparisonSetup, scenario: Scenario, aim: Aim, seeds: Sequence[int] | None = None
 ) -> dict[str, Array]:
-    """Return all layers of shots as float64, NaN where a shot has no range; of several ``seeds`` one after the other."""
+    """Return all layers of shots as float64, NaN where a shot has no range; those of ``seeds`` one by one."""
     layers = Instrument(scenario, device=setting.device).measure(aim, seeds=seeds)
     return {name: values.astype(np.float64) for name, values in layers.items()}
 

@@ -265,7 +265,7 @@ def _enough(errors: list[Array]) -> bool:
 
 
 def _pixel_phases(assumed: Instrument, distance: float) -> Iterator[float]:
-    """Yield distances about one, at which the spot lies at evenly spaced positions in its pixel, or the echo likewise."""
+    """Yield distances about one, at which the spot lies at even positions in its pixel, or the echo likewise."""
     scanner = assumed.scenario.scanner
     if "triangulation" not in scanner.rangefinders:
         step = 0.5 * SPEED_OF_LIGHT / scanner.lidar.digitiser.rate
