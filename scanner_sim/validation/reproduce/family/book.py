@@ -26,10 +26,12 @@ def family() -> Book:
 
 
 def item_of(key: str, fact: Fact, *, used: bool) -> Item:
-    """Return a fact as an item; it is made again where the fact or one of its instruments has changed."""
+    """Return a fact as an item; it is made again where its number, its use or one of its instruments has changed."""
     shipped = shipped_presets()
     inputs = {name: digest_of(values_of(name))[:12] for name in fact.instruments if name in shipped}
-    inputs["fact"] = hashlib.sha256(fact.model_dump_json().encode()).hexdigest()[:12]
+    # What is said of a fact may be worded anew without another experiment.
+    judged_by = fact.model_dump_json(include={"quantity", "published", "elsewhere", "not_judged"})
+    inputs["fact"] = hashlib.sha256(judged_by.encode()).hexdigest()[:12]
     inputs["use"] = "used" if used else "held out"
     return Item(
         key,
