@@ -1,4 +1,4 @@
-"""Show the shipped instruments side by side: ``python docs/instruments.py`` rewrites ``instruments.md``, pictures too."""
+"""Show the shipped instruments side by side: ``python docs/instruments.py`` rewrites ``instruments.md``."""
 
 from __future__ import annotations
 

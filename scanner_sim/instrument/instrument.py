@@ -250,8 +250,8 @@ class Instrument:
         """
         ranges = [reading.ranges for reading in found]
         measured: Layers = {}
-        if len(ranges) == 2:
-            triangulated, echo = ranges  # The two that there are, in this order.
+        if [type(one) for one in self.rangefinders] == [Triangulation, TimeOfFlight]:
+            triangulated, echo = ranges
             fused, *ranges = fuse_points(triangulated, echo, deflections, self.geometry)
             measured |= layers_of(fused, "fused.")
         for rangefinder, reading, own in zip(self.rangefinders, found, ranges, strict=True):

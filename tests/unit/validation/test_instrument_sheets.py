@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import math
 from pathlib import Path
 
@@ -78,7 +79,7 @@ def test_rounding_of_a_silent_signal_is_no_white_noise() -> None:
 
 
 def test_laws_stay_within_the_mirrors() -> None:
-    """Claim: of a gauge that tilts by 2°, speckle is sought in as many directions as fit two radii apart, in more runs."""
+    """Claim: of a gauge that tilts by 2°, speckle is sought in as many directions as fit two radii apart, and runs."""
     gauge = setup("point_gauge")
     limit = gauge.scenario.scanner.mirrors.max_deflection
     R = gauge.flat.ranges[0]
@@ -95,8 +96,7 @@ def test_the_page_of_shipped_instruments_is_what_its_program_makes(
 ) -> None:
     """Where this fails: python docs/instruments.py."""
     monkeypatch.syspath_prepend(str(repo_root / "docs"))
-    import instruments
-
+    instruments = importlib.import_module("instruments")
     own = instruments.sheets()
     assert instruments.made(own) in instruments.PAGE.read_text(encoding="utf-8")
     for name in own:
