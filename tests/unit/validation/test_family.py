@@ -190,7 +190,7 @@ def test_a_changed_instrument_spends_its_facts(monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr(entered, "values_of", true)
     again = enter(["nrc_2000"], {"nrc_2000": after}, facts, "2026-12-03")
     assert not is_held_out("crack", facts["crack"], again)
-    with pytest.raises(InputError, match="no preset 'nrc_1900'"):
+    with pytest.raises(InputError, match="no shipped instrument 'nrc_1900'"):
         enter(["nrc_1900"], {}, facts, "2026-11-23")
 
 

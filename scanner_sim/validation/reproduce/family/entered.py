@@ -20,7 +20,8 @@ from typing import Any
 from pydantic import Field, TypeAdapter
 
 from scanner_sim.config.preset import read_preset, shipped_presets
-from scanner_sim.foundation.errors import InputError, RunError
+from scanner_sim.config.wording import choice, shown
+from scanner_sim.foundation.errors import InputError, RunError, ScannerSimError
 from scanner_sim.foundation.named_files import LARGEST_TEXT, read_ordinary
 from scanner_sim.foundation.parts import Part
 from scanner_sim.products.files.exchange import exchange
@@ -135,6 +136,10 @@ def enter(
     """
     made = dict(entries)
     for name in names:
+        if name not in shipped_presets():
+            raise InputError(
+                f"there is no shipped instrument {shown(name)}.", remedy=choice(name, shipped_presets())
+            )
         now, spent = values_of(name), {}
         if name in entries:
             changes, spent = entries[name].changes(now), dict(entries[name].spent)
@@ -175,5 +180,6 @@ def main(names: Sequence[str]) -> None:
 if __name__ == "__main__":
     try:
         main(sys.argv[1:])
-    except (InputError, RunError) as error:
-        sys.exit(f"{error.message} {error.remedy}".strip())
+    except ScannerSimError as error:
+        sys.stderr.write(f"error: {error}\n")
+        sys.exit(error.exit_status)
