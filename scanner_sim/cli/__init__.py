@@ -81,6 +81,29 @@ def check(
 
 
 @app.command()
+@scenario_verb(
+    output=typer.Option(
+        "--output",
+        "-o",
+        metavar="PNG",
+        help="The picture.",
+        show_default="output/ and CONFIG's name with _scene.png",
+    ),
+    place=lambda config: Path("output", f"{config.stem}_scene.png"),
+)
+def scene(call: Call) -> None:
+    """Show what stands before the scanner: a table of the objects, and a picture with sizes, names and field of view.
+
+    Example: `scanner-sim scene configs/quickstart.yaml -o scene.png`
+
+    Nothing is simulated: it takes seconds, whatever the scan. What moves stands where it does when the scan begins.
+    """
+    from scanner_sim.cli.viewing_scene import show_scene
+
+    show_scene(call)
+
+
+@app.command()
 def show(
     result: Annotated[
         Path,

@@ -50,7 +50,8 @@ def run_into_folder(scenario: Scenario, call: Call) -> RangeImage | ShotTable | 
     # Afterwards: the scene is loaded, and its files were read under their names.
     from scanner_sim.instrument.scene_warnings import scene_warnings
 
-    call.warn(scene_warnings(scenario, device=call.device))
+    said = getattr(made, "warnings", ())
+    call.warn([one for one in scene_warnings(scenario, device=call.device) if one not in said])
     return made
 
 
