@@ -53,8 +53,8 @@ class Sighted:
         """Second mirror, a turn about −x by φ, shape (n, 3, 3)."""
         zero, one = np.zeros_like(self.phi), np.ones_like(self.phi)
         c, s = np.cos(self.phi), np.sin(self.phi)
-        rows = ((one, zero, zero), (zero, c, s), (zero, -s, c))
-        return np.moveaxis(np.array(rows), -1, 0)
+        rows = [[one, zero, zero], [zero, c, s], [zero, -s, c]]
+        return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
     @property
     def beyond(self) -> Array:

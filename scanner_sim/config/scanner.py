@@ -14,6 +14,7 @@ from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Frequency, Ratio
+from scanner_sim.optics.as_built import AsBuilt
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.filter import FilterChoice
 from scanner_sim.optics.galvanometer import Galvanometers
@@ -65,6 +66,8 @@ class Scanner(Part):
     laser_off: Ratio = Field(ge=0.0, le=0.9)
     """Share of the dwell in which the laser is off: the line then sees the background alone, which is subtracted. 0 is
     a laser that always shines."""
+    as_built: AsBuilt | None = None
+    """How the instrument that measures departs from all this, which it believes; by default it does not."""
 
     @model_validator(mode="before")
     @classmethod

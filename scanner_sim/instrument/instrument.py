@@ -13,6 +13,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from scanner_sim.config.built import instrument_as_built, scanner_as_built
 from scanner_sim.config.scanner import geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import read_encoders, readings
@@ -22,13 +23,13 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.foundation.streams import RunSeeds, device_seeds
 from scanner_sim.instrument.background_rows import rows_about
 from scanner_sim.instrument.line_readings import ShotGroup
+from scanner_sim.instrument.optics_as_built import optics_as_built
 from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.instrument.together import lanes_of, takes_seeds
 from scanner_sim.instrument.triangulation import Triangulation
-from scanner_sim.optics.filter import peak_transmission
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import Columns, Deflections, Layers, layers_of
 from scanner_sim.render.background.panorama import Panorama
@@ -38,7 +39,6 @@ from scanner_sim.render.device import activate
 from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.render.shots import Pointing, Shots, true_shots
-from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene, Pose, load_scene
 
@@ -60,6 +60,9 @@ class Instrument:
     ----------
     rangefinders
         What measures each shot, as ``ranging`` says. Columns without a prefix are of the first.
+    built, true_scanner
+        The instrument as built, None where it is as designed, and the design with its true lengths: light and detectors
+        follow them, and no estimator knows them.
 
     Raises
     ------
@@ -77,25 +80,16 @@ class Instrument:
         threads: int | None = None,
         reuse: Instrument | None = None,
     ) -> None:
-        scanner = scenario.scanner
-        sensor = scanner.position_sensor
+        self.built = instrument_as_built(scenario)
+        self.true_scanner = scanner_as_built(scenario.scanner, self.built)
         self.scenario = scenario
         self.reuse = reuse
         with guest():
             activate(device, threads)
             self._stay = Stay()
             self.loaded: LoadedScene = load_scene(scenario.scene) if reuse is None else reuse.loaded
-        self.optics = OpticalLayout(
-            laser=scanner.laser,
-            receiver=scanner.receiver,
-            axis_separation=scanner.mirrors.axis_separation,
-            filter_transmission=peak_transmission(scanner.filter),
-            pitch=sensor.pitch,
-            height=sensor.height,
-            offset=sensor.offset,
-            diffusion=sensor.diffusion,
-        )
-        self.geometry = geometry_of(scanner)
+        self.optics = optics_as_built(self.true_scanner, self.built)
+        self.geometry = geometry_of(scenario.scanner)
         ways: dict[str, Rangefinder] = {"triangulation": self.triangulation, "tof": self.time_of_flight}
         self.rangefinders: tuple[Rangefinder, ...] = tuple(ways[name] for name in scenario.rangefinders)
 
@@ -103,13 +97,13 @@ class Instrument:
     def triangulation(self) -> Triangulation:
         """The line sensor's half, whether the scenario ranges by it or not."""
         reuse = None if self.reuse is None else self.reuse.triangulation
-        return Triangulation(self.scenario, self.loaded, self.optics, reuse)
+        return Triangulation(self.scenario, self.loaded, self.optics, reuse, self.true_scanner)
 
     @cached_property
     def time_of_flight(self) -> TimeOfFlight:
         """The photodiode's half, whether the scenario ranges by it or not."""
         reuse = None if self.reuse is None else self.reuse.time_of_flight
-        return TimeOfFlight(self.scenario, self.loaded, self.optics, reuse)
+        return TimeOfFlight(self.scenario, self.loaded, self.optics, reuse, self.built)
 
     def aim(
         self,
@@ -237,10 +231,11 @@ class Instrument:
     def _surfaces(self, shots: Shots) -> Layers:
         """Return the truth of the surfaces that shots meet, as far as the scenario asks for it."""
         asked = set(self.scenario.output.truth)
-        if asked.isdisjoint(("normal", "incidence")):
+        if asked.isdisjoint(("point", "normal", "incidence")):
             return {}
-        normal, incidence = chief_surface(self.loaded, self.optics, shots)
-        layers = {f"normal.{axis}": part for axis, part in zip("XYZ", normal, strict=True)}
+        point, normal, incidence = chief_surface(self.loaded, self.optics, shots)
+        layers = {f"point.{axis}": part for axis, part in zip("XYZ", point, strict=True)}
+        layers |= {f"normal.{axis}": part for axis, part in zip("XYZ", normal, strict=True)}
         layers["incidence_rad"] = incidence
         return {name: values for name, values in layers.items() if CHANNEL[f"truth.{name}"].asked in asked}
 
@@ -292,7 +287,8 @@ class Instrument:
         scanner, transport = self.scenario.scanner, self.scenario.transport
         seed = transport.seed_of_light(self.scenario.seed) if seeds is None else seeds
         own = self.loaded.poses_at(aim.time) if poses is None else poses
-        return true_shots(aim, scanner.mirrors, seed, scanner.exposure / scanner.dwell, own)
+        share = scanner.exposure / scanner.dwell
+        return true_shots(aim, scanner.mirrors, seed, share, own, self.built)
 
     def deflections(
         self,

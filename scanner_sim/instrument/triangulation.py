@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.config.scanner import geometry_of, speckle_optics
+from scanner_sim.config.scanner import Scanner, geometry_of, speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.line.exposure import (
     Signal,
@@ -70,6 +70,8 @@ class Triangulation:
     reuse
         One before the same scene, with the same optics, under the same light and with the same raster, whose background
         is used again.
+    true_scanner
+        The scanner with its true lengths; by default it is built as designed.
     """
 
     prefix = ""
@@ -81,8 +83,10 @@ class Triangulation:
         loaded: LoadedScene,
         optics: OpticalLayout,
         reuse: Triangulation | None = None,
+        true_scanner: Scanner | None = None,
     ) -> None:
         self.scenario, self.loaded, self.optics, self.reuse = scenario, loaded, optics, reuse
+        self.true_scanner = scenario.scanner if true_scanner is None else true_scanner
         self.geometry = geometry_of(scenario.scanner)
 
     @cached_property
@@ -90,8 +94,9 @@ class Triangulation:
         """What each pixel makes of the laser's and the Sun's light behind the filter."""
         scanner, lighting = self.scenario.scanner, self.scenario.lighting
         sensor = scanner.position_sensor
-        position = self.geometry.position(np.arange(sensor.pixels, dtype=np.float64))
-        angle = incidence(position, scanner.receiver.focal_length)
+        pixel = np.arange(sensor.pixels, dtype=np.float64)
+        position = geometry_of(self.true_scanner).position(pixel)
+        angle = incidence(position, self.true_scanner.receiver.focal_length)
         bands = np.zeros((2, sensor.pixels))
         if lighting.sun != "none":
             bands[:] = band_irradiance(
@@ -170,6 +175,11 @@ class Triangulation:
         scanner = self.scenario.scanner
         return speckle_optics(scanner) if scanner.laser.speckle else None
 
+    @cached_property
+    def true_speckle(self) -> Optics:
+        """What speckle depends on behind the lens as built."""
+        return speckle_optics(self.true_scanner)
+
     @property
     def columns(self) -> int:
         """Voxels of a row, by which a shot's number tells its row; 1 where there are no rows."""
@@ -211,7 +221,7 @@ class Triangulation:
         return line_speckle(
             light,
             surfaces,
-            self.speckle,
+            self.true_speckle,
             self.optics.receiver.focal_length / self.optics.pitch,
             self.travel(shots),
             self.scenario.scanner.position_sensor.pixels,

@@ -75,3 +75,7 @@ NAMES: Final = tuple(parameter.name for parameter in PARAMETERS)
 INDEX: Final = {name: number for number, name in enumerate(NAMES)}
 PERIODIC: Final = ("theta_sine", "theta_cosine", "phi_sine", "phi_cosine")
 """Those that need the period of the encoders."""
+THETA_ERRORS: Final = [INDEX[f"theta_{part}"] for part in ("zero", "scale", "cubic", "sine", "cosine")]
+"""Those of the encoder of Θ, in the order of :mod:`~scanner_sim.optics.encoder_errors`."""
+PHI_ERRORS: Final = [INDEX[f"phi_{part}"] for part in ("zero", "scale", "cubic", "sine", "cosine")]
+"""Those of the encoder of φ."""

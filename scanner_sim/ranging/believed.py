@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.optics.encoder_errors import (
-    EncoderErrors,
     pointing_by_errors,
     pointing_error,
     pointing_slope,
 )
-from scanner_sim.optics.parameters import INDEX, PARAMETERS
+from scanner_sim.optics.parameters import INDEX, PARAMETERS, PHI_ERRORS, THETA_ERRORS
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.departures import (
     axes_shift,
@@ -33,8 +32,6 @@ Array = NDArray[np.float64]
 RangedBy: TypeAlias = Literal["triangulation", "coaxial", "offset"]
 """By the position on the line sensor; by the way of a pulse to a photodiode on the laser's axis, or at the base."""
 
-_THETA = tuple(INDEX[f"theta_{part}"] for part in ("zero", "scale", "cubic", "sine", "cosine"))
-_PHI = tuple(INDEX[f"phi_{part}"] for part in ("zero", "scale", "cubic", "sine", "cosine"))
 _LENS = tuple(INDEX[name] for name in ("array_tilt", "radial_1", "radial_2", "tangential"))
 
 
@@ -123,8 +120,8 @@ def believed_points(
         El-Hakim 2000). Nothing is linearised; the derivatives are those of the whole chain.
     """
     values = np.asarray(parameters, dtype=np.float64)
-    theta = _deflection(readings.theta, values, _THETA, encoder_period)
-    phi = _deflection(readings.phi, values, _PHI, encoder_period)
+    theta = _deflection(readings.theta, values, THETA_ERRORS, encoder_period)
+    phi = _deflection(readings.phi, values, PHI_ERRORS, encoder_period)
     ranged = _RANGED[readings.by](readings, design, values, theta.angle)
     return _points(design, values, theta, phi, ranged)
 
@@ -136,7 +133,7 @@ class _Deflected:
     angle: Array
     by_reading: Array
     by_errors: Array
-    index: tuple[int, ...]
+    index: list[int]
 
 
 @dataclass(frozen=True)
@@ -149,11 +146,11 @@ class _Ranged:
     by_parameter: dict[int, Array]
 
 
-def _deflection(reading: Array, values: Array, index: tuple[int, ...], period: float) -> _Deflected:
-    errors = EncoderErrors(*(values[..., number] for number in index), period=period)
-    angle = reading + pointing_error(reading, errors)
+def _deflection(reading: Array, values: Array, index: list[int], period: float) -> _Deflected:
+    errors = values[..., index]
+    angle = reading + pointing_error(reading, errors, period)
     return _Deflected(
-        angle, 1.0 + pointing_slope(reading, errors), pointing_by_errors(reading, period), index
+        angle, 1.0 + pointing_slope(reading, errors, period), pointing_by_errors(reading, period), index
     )
 
 

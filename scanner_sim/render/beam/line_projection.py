@@ -16,7 +16,7 @@ from scanner_sim.foundation.device_types import Float, Mask, Vector3f
 from scanner_sim.optics.deflection import Frame
 from scanner_sim.render.beam.projection import Hits, Laid, Resolution
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import OpticalLayout
+from scanner_sim.render.transport import OpticalLayout, image_distance
 
 _UNEVEN_KINK = 0.06
 """Departure of two opposite beamlets' mean strength from the chief one's, relative to the strongest, that calls for
@@ -40,8 +40,11 @@ class LineProjection:
     def power(self, shots: Shots) -> Float:
         """Return the power of the laser [W]."""
         if shots.seeds is None or shots.seeds.powers is None:
-            return dr.opaque(mi.Float, self.layout.laser.power)
-        return shots.seeds.spread(shots.seeds.powers)
+            mean = dr.opaque(mi.Float, self.layout.laser.power)
+        else:
+            mean = shots.seeds.spread(shots.seeds.powers)
+        departures = shots.departures
+        return mean if departures is None or departures.power is None else mean * departures.power
 
     def fired(self, shots: Shots) -> Shots:
         """Return the shots as they are: the laser shines while the mirrors move."""
@@ -58,9 +61,9 @@ class LineProjection:
     def lay(self, hits: Hits) -> Laid:
         """Return where beamlets' light lies: the tangent plane and the lens map Gaussians to Gaussians."""
         layout, frame, shots, distance = self.layout, hits.frame, hits.lane.own, hits.si.t
-        p, q, depth = image(layout, frame, hits.si.p)
+        f = image_distance(layout, shots)
+        p, q, depth = image(f, frame, hits.si.p)
         spread = layout.beam_sigma(layout.twist(distance))
-        f = dr.opaque(mi.Float, layout.receiver.focal_length)
 
         def slopes(slide: Vector3f) -> tuple[Float, Float]:
             moved = slide * spread
@@ -86,7 +89,13 @@ class LineProjection:
         var_p = residual * (dr.square(pa) + dr.square(pb)) + variance * dr.square(turn_p) + blur
         var_q = residual * (dr.square(qa) + dr.square(qb)) + variance * dr.square(turn_q) + blur
         covariance = residual * (pa * qa + pb * qb) + variance * turn_p * turn_q
-        p = synchronisation_shift(layout, p, shots.synchronisation)
+        p = synchronisation_shift(f, p, shots.synchronisation)
+        if layout.lens is not None:
+            spread_by_field = layout.lens.variance(p)
+            p, q, stretch = layout.lens.image(p, q, f)
+            pa, pb, pt = pa * stretch, pb * stretch, pt * stretch
+            var_p, var_q = (var_p + spread_by_field) * dr.square(stretch), var_q + spread_by_field
+            covariance = covariance * stretch
         height, pitch = dr.opaque(mi.Float, layout.height), dr.opaque(mi.Float, layout.pitch)
         inside, cut, var_p = cut_by_height(p, q, var_p, var_q, covariance, height)
         slopes_in_pixels = (slope / pitch for slope in (pa, pb, pt))
@@ -103,9 +112,13 @@ class LineProjection:
     ) -> tuple[Float, Float, Float]:
         """Return position and standard deviation [pixel] and share of the light of points, by the point spread."""
         layout = self.layout
-        p, q, depth = image(layout, frame, point)
-        p = synchronisation_shift(layout, p, shots.synchronisation)
+        f = image_distance(layout, shots)
+        p, q, depth = image(f, frame, point)
+        p = synchronisation_shift(f, p, shots.synchronisation)
         blur = dr.opaque(mi.Float, layout.point_spread**2)
+        if layout.lens is not None:
+            blur = blur + layout.lens.variance(p)
+            p, q, _ = layout.lens.image(p, q, f)
         height = dr.opaque(mi.Float, layout.height)
         inside, p, variance = cut_by_height(p, q, blur, blur, mi.Float(0.0), height)
         sigma = dr.sqrt(variance) / dr.opaque(mi.Float, layout.pitch)
@@ -122,21 +135,20 @@ class LineProjection:
         return kink > _UNEVEN_KINK * strongest
 
 
-def image(layout: OpticalLayout, frame: Frame, point: Vector3f) -> tuple[Float, Float, Float]:
-    """Return where the lens images points: p along the line, q across it (eq 1, exactly), and their depth [m]."""
+def image(f: Float, frame: Frame, point: Vector3f) -> tuple[Float, Float, Float]:
+    """Return where a lens images points at its distance f: p along the line, q across it (eq 1), and their depth."""
     offset = mi.Vector3f(point - frame.lens)
     depth = dr.dot(offset, frame.along)
-    scale = dr.opaque(mi.Float, layout.receiver.focal_length) / depth
+    scale = f / depth
     return -scale * dr.dot(offset, frame.across), scale * dr.dot(offset, frame.normal), depth
 
 
-def synchronisation_shift(layout: OpticalLayout, p: Float, synchronisation: Float) -> Float:
+def synchronisation_shift(f: Float, p: Float, synchronisation: Float) -> Float:
     """Return where on the line light lands [m] whose receiver looks past the laser by an angle [rad].
 
     p = f tanα becomes f tan(α + e), to first order p + e (f + p²/f); the position across the line changes by e p/f of
     itself, which is left out.
     """
-    f = dr.opaque(mi.Float, layout.receiver.focal_length)
     return p + synchronisation * (f + dr.square(p) / f)
 
 

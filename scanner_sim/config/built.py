@@ -1,0 +1,56 @@
+"""The three instruments of a scenario: as designed, as built, and as believed."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.optics.built_instrument import BuiltInstrument
+from scanner_sim.optics.parameters import NAMES, PARAMETERS
+
+
+def instrument_as_built(scenario: Scenario) -> BuiltInstrument | None:
+    """Return the true instrument of a scenario; None where it is built as designed."""
+    own, scanner = scenario.scanner.as_built, scenario.scanner
+    if own is None:
+        return None
+    seed = scenario.transport.seed_of_light(scenario.seed)
+    parameters = own.parameters(seed)
+    base = scanner.receiver.baseline + float(parameters[NAMES.index("base")])
+    return BuiltInstrument(own, parameters, scanner.mirrors, base, seed)
+
+
+def scanner_as_built(scanner: Scanner, built: BuiltInstrument | None) -> Scanner:
+    """Return a scanner with the true lengths of an instrument, for light and detectors alone."""
+    if built is None:
+        return scanner
+    receiver, sensor, scale = scanner.receiver, scanner.position_sensor, 1.0 + built.value("array_scale")
+    return scanner.changed(
+        receiver={
+            "baseline": receiver.baseline + built.value("base"),
+            "focal_length": receiver.focal_length + built.value("focal_length"),
+        },
+        mirrors={"axis_separation": scanner.mirrors.axis_separation + built.value("axis_separation")},
+        position_sensor={
+            "pitch": sensor.pitch * scale,
+            "offset": sensor.offset * scale + built.value("array_offset"),
+        },
+    )
+
+
+def drawn_departures(scenario: Scenario) -> dict[str, str]:
+    """Return what was drawn of the instrument as built, as a file would spell it; empty where nothing was.
+
+    It is the truth, which no estimator knows.
+    """
+    built, own = instrument_as_built(scenario), scenario.scanner.as_built
+    if built is None or own is None:
+        return {}
+    return {
+        parameter.name: str(
+            parameter.dimension.format(float(np.format_float_positional(value, 6, False, False)))
+        )
+        for parameter, value in zip(PARAMETERS, built.parameters.tolist(), strict=True)
+        if not isinstance(getattr(own, parameter.name), float)
+    }

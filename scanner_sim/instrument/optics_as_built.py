@@ -1,0 +1,43 @@
+"""The optics that light meets, of an instrument as it was built."""
+
+from __future__ import annotations
+
+import math
+
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.optics.built_instrument import BuiltInstrument
+from scanner_sim.optics.filter import peak_transmission
+from scanner_sim.optics.lens_errors import LensErrors
+from scanner_sim.render.transport import OpticalLayout
+
+_LENS = ("radial_1", "radial_2", "tangential", "array_tilt")
+
+
+def optics_as_built(scanner: Scanner, built: BuiltInstrument | None) -> OpticalLayout:
+    """Return the optics of a scanner with its true lengths, and how they depart from the design otherwise."""
+    sensor = scanner.position_sensor
+    return OpticalLayout(
+        laser=scanner.laser,
+        receiver=scanner.receiver,
+        axis_separation=scanner.mirrors.axis_separation,
+        filter_transmission=peak_transmission(scanner.filter),
+        pitch=sensor.pitch,
+        height=sensor.height,
+        offset=sensor.offset,
+        diffusion=sensor.diffusion,
+        axes=None if built is None else _axes(built),
+        lens=None if built is None else _lens(built, sensor.offset + sensor.length),
+    )
+
+
+def _axes(built: BuiltInstrument) -> tuple[float, float] | None:
+    axes = built.value("axis_offset"), built.value("axis_skew")
+    return axes if any(axes) else None
+
+
+def _lens(built: BuiltInstrument, end: float) -> LensErrors | None:
+    radial_1, radial_2, along, tilt = (built.value(name) for name in _LENS)
+    across, blur = built.own.tangential_across, built.own.field_blur
+    if not any((radial_1, radial_2, along, tilt, across, blur)):
+        return None
+    return LensErrors(radial_1, radial_2, across, along, math.sin(tilt), math.cos(tilt), blur, end)
