@@ -66,12 +66,12 @@ class Sighted:
     def along(self) -> Array:
         """Direction of the beam, shape (n, 3)."""
         plane = np.stack([np.sin(self.theta), 0.0 * self.theta, np.cos(self.theta)], axis=1)
-        return np.einsum("nij,nj->ni", self.turned, plane)
+        return np.asarray(np.einsum("nij,nj->ni", self.turned, plane))
 
 
 def _along_beam(range_error: Callable[[Sighted], Array]) -> Callable[[Sighted], Array]:
     """Return the point's error of an error of the range alone."""
-    return lambda seen: range_error(seen)[:, None] * seen.along
+    return lambda seen: np.asarray(range_error(seen)[:, None] * seen.along)
 
 
 def _lateral(seen: Sighted) -> Array:

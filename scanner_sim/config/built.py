@@ -6,7 +6,9 @@ import numpy as np
 
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.parts import Part
 from scanner_sim.optics.built_instrument import BuiltInstrument
+from scanner_sim.optics.built_receiver import BuiltReceiver
 from scanner_sim.optics.parameters import NAMES, PARAMETERS
 
 
@@ -27,10 +29,9 @@ def scanner_as_built(scanner: Scanner, built: BuiltInstrument | None) -> Scanner
         return scanner
     receiver, sensor, scale = scanner.receiver, scanner.position_sensor, 1.0 + built.value("array_scale")
     return scanner.changed(
-        receiver={
-            "baseline": receiver.baseline + built.value("base"),
-            "focal_length": receiver.focal_length + built.value("focal_length"),
-        },
+        receiver=BuiltReceiver.of(
+            receiver, built.value("base"), built.value("focal_length"), built.value("array_tilt")
+        ),
         mirrors={"axis_separation": scanner.mirrors.axis_separation + built.value("axis_separation")},
         position_sensor={
             "pitch": sensor.pitch * scale,
@@ -52,5 +53,5 @@ def drawn_departures(scenario: Scenario) -> dict[str, str]:
             parameter.dimension.format(float(np.format_float_positional(value, 6, False, False)))
         )
         for parameter, value in zip(PARAMETERS, built.parameters.tolist(), strict=True)
-        if not isinstance(getattr(own, parameter.name), float)
+        if isinstance(getattr(own, parameter.name), Part)
     }

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.optics.built_instrument import BuiltInstrument
 from scanner_sim.optics.filter import peak_transmission
 from scanner_sim.optics.lens_errors import LensErrors
 from scanner_sim.render.transport import OpticalLayout
 
-_LENS = ("radial_1", "radial_2", "tangential", "array_tilt")
+_LENS = ("radial_1", "radial_2", "tangential")
 
 
 def optics_as_built(scanner: Scanner, built: BuiltInstrument | None) -> OpticalLayout:
@@ -36,8 +34,8 @@ def _axes(built: BuiltInstrument) -> tuple[float, float] | None:
 
 
 def _lens(built: BuiltInstrument, end: float) -> LensErrors | None:
-    radial_1, radial_2, along, tilt = (built.value(name) for name in _LENS)
-    across, blur = built.own.tangential_across, built.own.field_blur
-    if not any((radial_1, radial_2, along, tilt, across, blur)):
+    radial_1, radial_2, along = (built.value(name) for name in _LENS)
+    across, blur = built.own.tangential_across or 0.0, built.own.field_blur or 0.0
+    if not any((radial_1, radial_2, along, across, blur)):
         return None
-    return LensErrors(radial_1, radial_2, across, along, math.sin(tilt), math.cos(tilt), blur, end)
+    return LensErrors(radial_1, radial_2, across, along, blur, end)

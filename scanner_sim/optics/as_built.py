@@ -93,75 +93,75 @@ class AsBuilt(Part):
     seed: Count | None = Field(default=None, ge=0, lt=2**63)
     """Serial number of the instrument: seed of what is drawn. By default the scenario's, or
     ``transport.light_seed``."""
-    base: LengthDeparture = 0.0
+    base: LengthDeparture | None = None
     """The lens's node is farther from the laser's axis."""
-    focal_length: LengthDeparture = 0.0
+    focal_length: LengthDeparture | None = None
     """The image distance is longer."""
-    axis_separation: LengthDeparture = 0.0
+    axis_separation: LengthDeparture | None = None
     """The second axis is farther from the first one."""
-    axis_offset: LengthDeparture = 0.0
+    axis_offset: LengthDeparture | None = None
     """The second axis passes below the beam, towards +y."""
-    axis_skew: AngleDeparture = 0.0
+    axis_skew: AngleDeparture | None = None
     """The second axis is turned about z, from +x towards +y: it is not square to the first."""
-    theta_zero: AngleDeparture = 0.0
+    theta_zero: AngleDeparture | None = None
     """The beam points further along Θ than the encoder reads."""
-    phi_zero: AngleDeparture = 0.0
+    phi_zero: AngleDeparture | None = None
     """The beam points further along φ than the encoder reads."""
-    theta_scale: RatioDeparture = 0.0
+    theta_scale: RatioDeparture | None = None
     """The same, growing with Θ."""
-    phi_scale: RatioDeparture = 0.0
+    phi_scale: RatioDeparture | None = None
     """The same, growing with φ."""
-    theta_cubic: CubicDeparture = 0.0
+    theta_cubic: CubicDeparture | None = None
     """The same, growing with Θ³."""
-    phi_cubic: CubicDeparture = 0.0
+    phi_cubic: CubicDeparture | None = None
     """The same, growing with φ³."""
     encoder_period: Angle | None = Field(default=None, gt=1e-6, le=7.0, examples=["30 mrad"])
     """Period of the encoders' periodic errors, which need it."""
-    theta_sine: AngleDeparture = 0.0
+    theta_sine: AngleDeparture | None = None
     """The same, as sin(2π Θ/encoder_period)."""
-    theta_cosine: AngleDeparture = 0.0
+    theta_cosine: AngleDeparture | None = None
     """The same, as cos(2π Θ/encoder_period)."""
-    phi_sine: AngleDeparture = 0.0
+    phi_sine: AngleDeparture | None = None
     """The same, as sin(2π φ/encoder_period)."""
-    phi_cosine: AngleDeparture = 0.0
+    phi_cosine: AngleDeparture | None = None
     """The same, as cos(2π φ/encoder_period)."""
-    array_offset: LengthDeparture = 0.0
+    array_offset: LengthDeparture | None = None
     """The array is shifted towards nearer ranges, +p."""
-    array_scale: RatioDeparture = 0.0
+    array_scale: RatioDeparture | None = None
     """The pixels are wider apart, relative to their pitch."""
-    array_tilt: AngleDeparture = 0.0
+    array_tilt: AngleDeparture | None = None
     """The array's near end (+p) leans away from the lens."""
-    radial_1: RatioDeparture = 0.0
+    radial_1: RatioDeparture | None = None
     """Radial distortion k₁ of the lens, of the third power of p/f."""
-    radial_2: RatioDeparture = 0.0
+    radial_2: RatioDeparture | None = None
     """Radial distortion k₂ of the lens, of the fifth power of p/f."""
-    tangential: RatioDeparture = 0.0
+    tangential: RatioDeparture | None = None
     """Tangential distortion p₂ of the lens, along the line."""
-    tangential_across: Ratio = Field(default=0.0, ge=-1.0, le=1.0)
+    tangential_across: Ratio | None = Field(default=None, ge=-1.0, le=1.0)
     """Tangential distortion p₁ of the lens: it moves the spot across the line, and no range."""
-    tof_zero: LengthDeparture = 0.0
+    tof_zero: LengthDeparture | None = None
     """Time of flight reads this much too far."""
-    tof_scale: RatioDeparture = 0.0
+    tof_scale: RatioDeparture | None = None
     """Delays of time of flight read too long, relative to themselves."""
-    field_blur: Length = Field(default=0.0, ge=0.0, le=1e-2)
+    field_blur: Length | None = Field(default=None, ge=0.0, le=1e-2)
     """Standard deviation by which the lens spreads the light at the array's near end, beside ``receiver.aberration``;
     it grows from the image of infinity with p²."""
-    base_expansion: RatioPerKelvin = Field(default=0.0, ge=-1e-2, le=1e-2)
+    base_expansion: RatioPerKelvin | None = Field(default=None, ge=-1e-2, le=1e-2)
     """By how much the base grows with ``mirrors.temperature``."""
-    focal_expansion: RatioPerKelvin = Field(default=0.0, ge=-1e-2, le=1e-2)
+    focal_expansion: RatioPerKelvin | None = Field(default=None, ge=-1e-2, le=1e-2)
     """By how much the image distance grows with it. The zeros' coefficient is ``mirrors.drift_zero``."""
-    power_noise: Ratio = Field(default=0.0, ge=0.0, le=0.3)
+    power_noise: Ratio | None = Field(default=None, ge=0.0, le=0.3)
     """Standard deviation of the laser's power from shot to shot, relative."""
-    pulse_noise: Ratio = Field(default=0.0, ge=0.0, le=0.3)
+    pulse_noise: Ratio | None = Field(default=None, ge=0.0, le=0.3)
     """The same of the pulses' energy."""
-    stray_light: Ratio = Field(default=0.0, ge=0.0, le=0.5)
+    stray_light: Ratio | None = Field(default=None, ge=0.0, le=0.5)
     """Share of the light in the line's field that is scattered evenly over all pixels (veiling glare, ISO 9358)."""
     vibration: Vibration | None = None
     """The platform shakes the whole scanner."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield periodic errors without a period, and departures of another instrument."""
-        if self.encoder_period is None and any(getattr(self, name) != 0.0 for name in PERIODIC):
+        if self.encoder_period is None and any(getattr(self, name) for name in PERIODIC):
             yield Fault(
                 "encoder_period",
                 "the encoders have periodic errors, and their period is not given.",
@@ -187,7 +187,7 @@ class AsBuilt(Part):
         return np.array([_value(getattr(self, name), own, number) for number, name in enumerate(NAMES)])
 
 
-def _value(given: float | Tolerance, seed: int, number: int) -> float:
-    if isinstance(given, float):
-        return given
+def _value(given: float | Tolerance | None, seed: int, number: int) -> float:
+    if given is None or isinstance(given, float):
+        return given or 0.0
     return given.tolerance * float(host_generator(seed, Stream.AS_BUILT, number).standard_normal())

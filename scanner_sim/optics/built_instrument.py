@@ -76,15 +76,15 @@ class BuiltInstrument:
     def is_steady(self) -> bool:
         """Whether base, focus and pose are those of every shot."""
         own = self.own
-        return own.vibration is None and own.base_expansion == 0.0 and own.focal_expansion == 0.0
+        return own.vibration is None and not own.base_expansion and not own.focal_expansion
 
     def unsteadiness(self, time: Array) -> Unsteadiness:
         """Return what differs from shot to shot at times since the first one [s], shape (n,)."""
         own, warmer = self.own, self.mirrors.temperature.difference(time)
         moved = np.zeros((*time.shape, 6)) if own.vibration is None else own.vibration.motion(time, self.seed)
         return Unsteadiness(
-            self.baseline * own.base_expansion * warmer,
-            own.focal_expansion * warmer,
+            self.baseline * (own.base_expansion or 0.0) * warmer,
+            (own.focal_expansion or 0.0) * warmer,
             moved[..., :3].T,
             moved[..., 3:].T,
         )

@@ -1,4 +1,4 @@
-"""What a real lens and an array out of place do to an image: distortion, tilt, blur that grows with the field."""
+"""What a real lens does to an image: distortion, and blur that grows with the field."""
 
 from __future__ import annotations
 
@@ -18,8 +18,6 @@ class LensErrors:
         k₁ and k₂ of Brown's distortion.
     across, along
         Its tangential p₁ and p₂.
-    tilt_sine, tilt_cosine
-        Of the angle τ by which the array's near end leans away from the lens.
     blur
         Standard deviation of the light's spread at ``end`` [m], growing with p².
     end
@@ -30,8 +28,6 @@ class LensErrors:
     radial_2: float
     across: float
     along: float
-    tilt_sine: float
-    tilt_cosine: float
     blur: float
     end: float
 
@@ -43,18 +39,16 @@ class LensErrors:
         p, q
             Along the line and across it [m].
         f
-            Image distance [m].
+            Focal length [m].
 
         Returns
         -------
         tuple
-            s along the array and q across it [m], and ds/dp. With x = p/f, y = q/f, ρ² = x² + y²:
+            p' along the line and q' across it [m] in the focal plane, and ∂p'/∂p. With x = p/f, y = q/f, ρ² = x² + y²:
             x' = x (1 + k₁ρ² + k₂ρ⁴) + 2 p₁ x y + p₂ (ρ² + 2x²), y' likewise with p₁ (ρ² + 2y²) + 2 p₂ x y (Brown,
-            *Photogramm. Eng.* 37, 1971, 855-866; signs as in OpenCV); then s = f x'/(cosτ − x' sinτ).
+            *Photogramm. Eng.* 37, 1971, 855-866; signs as in OpenCV's ``projectPoints``).
         """
-        k1, k2, p1, p2, sine, cosine = beside(
-            p, self.radial_1, self.radial_2, self.across, self.along, self.tilt_sine, self.tilt_cosine
-        )
+        k1, k2, p1, p2 = beside(p, self.radial_1, self.radial_2, self.across, self.along)
         x, y = p / f, q / f
         xx, yy = x * x, y * y
         radius = xx + yy
@@ -62,8 +56,7 @@ class LensErrors:
         moved = x * radial + 2.0 * p1 * x * y + p2 * (radius + 2.0 * xx)
         aside = y * radial + 2.0 * p2 * x * y + p1 * (radius + 2.0 * yy)
         slope = radial + xx * (2.0 * k1 + 4.0 * k2 * radius) + 2.0 * p1 * y + 6.0 * p2 * x
-        below = cosine - moved * sine
-        return f * moved / below, f * aside / below, slope * cosine / (below * below)
+        return f * moved, f * aside, slope
 
     def variance(self, p: FloatLike) -> FloatLike:
         """Return the variance [m²] of the light's spread that the field adds at p [m]."""

@@ -33,7 +33,8 @@ class Output(Part):
         default=(), examples=[["normal", "incidence"]]
     )
     """Truth beside that which every image or table of shots has: the ``point`` that the beam meets, ``normal`` of the
-    surface there and ``incidence`` of the beam as layers, ``pose`` of every object at the begin and at the end of the scan."""
+    surface there and ``incidence`` of the beam as layers, ``pose`` of every object at the begin and at the end of the
+    scan."""
     lines: VoxelChoice = "none"
     """Voxels, as [row, column], whose lines of the position sensor go into lines.parquet, with the light before noise:
     ``scanner-sim reprocess`` makes other noise and ranges of it."""

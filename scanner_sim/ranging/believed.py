@@ -22,9 +22,9 @@ from scanner_sim.optics.parameters import INDEX, PARAMETERS, PHI_ERRORS, THETA_E
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.departures import (
     axes_shift,
-    ideal_tangent_derivatives,
     ideal_way,
     point_derivatives,
+    tangent_derivatives,
 )
 
 Array = NDArray[np.float64]
@@ -32,16 +32,27 @@ Array = NDArray[np.float64]
 RangedBy: TypeAlias = Literal["triangulation", "coaxial", "offset"]
 """By the position on the line sensor; by the way of a pulse to a photodiode on the laser's axis, or at the base."""
 
-_LENS = tuple(INDEX[name] for name in ("array_tilt", "radial_1", "radial_2", "tangential"))
+_LENS = tuple(INDEX[name] for name in ("radial_1", "radial_2", "tangential"))
 
 
 @dataclass(frozen=True)
 class Design:
-    """The lengths of an instrument as it was designed [m], to which parameters are deviations."""
+    """An instrument as it was designed, to which parameters are deviations.
 
-    focal_length: float
+    Attributes
+    ----------
+    image_distance
+        Of the array behind the lens, where the image of infinity falls [m]; f of an upright array in the focal plane.
+    baseline, axis_separation
+        d and D_g [m].
+    array_tilt
+        Of the array against the lens [rad], positive where its near end (+p) leans away.
+    """
+
+    image_distance: float
     baseline: float
     axis_separation: float
+    array_tilt: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -115,9 +126,10 @@ def believed_points(
     -------
     BelievedPoints
         The encoders' errors give Θ and φ (:func:`~scanner_sim.optics.encoder_errors.pointing_error`); tilt, shift and
-        scale of the array and the lens's distortion give x = p/f and R = d (cosΘ/x + sinΘ), eq 1, or the pulse's zero
-        and scale give R by eq 2; offset and skew of the second axis and D_g give the point, eq 3 (Blais, Beraldin,
-        El-Hakim 2000). Nothing is linearised; the derivatives are those of the whole chain.
+        scale of the array and the lens's distortion give the tangent x of the angle of sight and
+        R = d (cosΘ/x + sinΘ), eq 1, or the pulse's zero and scale give R by eq 2; offset and skew of the second axis
+        and D_g give the point, eq 3 (Blais, Beraldin, El-Hakim 2000). Nothing is linearised; the derivatives are those
+        of the whole chain.
     """
     values = np.asarray(parameters, dtype=np.float64)
     theta = _deflection(readings.theta, values, THETA_ERRORS, encoder_period)
@@ -155,23 +167,24 @@ def _deflection(reading: Array, values: Array, index: list[int], period: float) 
 
 
 def _of_position(readings: VoxelReadings, design: Design, values: Array, theta: Array) -> _Ranged:
-    """Return ranges by eq 1 with x = p/f: R = d (cosΘ/x + sinΘ)."""
-    f, d = (
-        design.focal_length + values[..., INDEX["focal_length"]],
-        design.baseline + values[..., INDEX["base"]],
-    )
-    scale = values[..., INDEX["array_scale"]]
+    """Return ranges by eq 1, with the tangent x of the angle of sight: R = d (cosΘ/x + sinΘ)."""
+    d = design.baseline + values[..., INDEX["base"]]
+    tilt = design.array_tilt + values[..., INDEX["array_tilt"]]
+    slope, secant = np.sin(tilt) / np.cos(tilt), 1.0 / np.cos(tilt)
+    scale = (design.image_distance + values[..., INDEX["focal_length"]]) * secant
+    wider = 1.0 + values[..., INDEX["array_scale"]]
     p = np.asarray(readings.measured)
-    position = p * (1.0 + scale) + values[..., INDEX["array_offset"]]
-    x, by_position, by_focal, by_lens = ideal_tangent_derivatives(
-        position, f, *(values[..., number] for number in _LENS)
+    position = p * wider + values[..., INDEX["array_offset"]]
+    x, by_position, by_scale, by_slope, by_lens = tangent_derivatives(
+        position, scale, slope, *(values[..., number] for number in _LENS)
     )
     sine, cosine = np.sin(theta), np.cos(theta)
     per_base = cosine / x + sine
     by_x = -d * cosine / (x * x)
     by = {
         INDEX["base"]: per_base,
-        INDEX["focal_length"]: by_x * by_focal,
+        INDEX["focal_length"]: by_x * by_scale * secant,
+        INDEX["array_tilt"]: by_x * (by_scale * scale * slope + by_slope * secant * secant),
         INDEX["array_offset"]: by_x * by_position,
         INDEX["array_scale"]: by_x * by_position * p,
     }
@@ -179,7 +192,7 @@ def _of_position(readings: VoxelReadings, design: Design, values: Array, theta: 
     return _Ranged(
         np.asarray(d * per_base),
         np.asarray(d * (cosine - sine / x)),
-        np.asarray(by_x * by_position * (1.0 + scale)),
+        np.asarray(by_x * by_position * wider),
         by,
     )
 

@@ -15,59 +15,60 @@ _STEPS = 6
 """Newton steps of the distortion's inverse: from 10 % of distortion on, three reach the last bit."""
 
 
-def ideal_position(
+def undistorted_position(
     position: ArrayLike,
-    f: ArrayLike,
-    tilt: ArrayLike = 0.0,
+    scale: ArrayLike,
+    slope: ArrayLike,
     radial_1: ArrayLike = 0.0,
     radial_2: ArrayLike = 0.0,
     tangential: ArrayLike = 0.0,
 ) -> Array:
-    """Return where a lens without distortion images on an array that stands square: p [m].
+    """Return where a lens without distortion would image on the array [m].
 
     Parameters
     ----------
     position
-        s, along the array as it stands, from the image of infinity [m].
-    f
-        Image distance [m].
-    tilt
-        τ by which the near end (+p) leans away from the lens [rad]: p = s cosτ/(1 + (s/f) sinτ).
+        s, from the image of infinity [m].
+    scale, slope
+        Scale h [m] and slope g of the array: s = h x/(1 − g x), x the tangent of the angle of sight
+        (:mod:`scanner_sim.optics.line_image`).
     radial_1, radial_2, tangential
-        k₁, k₂ and p₂ of x' = x (1 + k₁ x² + k₂ x⁴) + 3 p₂ x², x = p/f on the line (Brown, *Photogramm. Eng.* 37, 1971,
-        855-866; signs as in OpenCV's ``projectPoints``).
+        k₁, k₂ and p₂ of x' = x (1 + k₁ x² + k₂ x⁴) + 3 p₂ x² on the line (Brown, *Photogramm. Eng.* 37, 1971, 855-866;
+        signs as in OpenCV's ``projectPoints``).
     """
-    s, f = np.asarray(position, dtype=np.float64), np.asarray(f, dtype=np.float64)
-    square = s * np.cos(tilt) / (1.0 + s / f * np.sin(tilt))
-    x = _undistorted(square / f, radial_1, radial_2, tangential)
-    return np.asarray(square - f * _distortion(x, radial_1, radial_2, tangential))
+    s, h, g = (np.asarray(value, dtype=np.float64) for value in (position, scale, slope))
+    seen = s / (h + g * s)
+    x = _undistorted(seen, radial_1, radial_2, tangential)
+    # The way from the one to the other: without distortion it is 0, and s stays what it is.
+    return np.asarray(
+        s - h * _distortion(x, radial_1, radial_2, tangential) / ((1.0 - g * seen) * (1.0 - g * x))
+    )
 
 
-def ideal_tangent_derivatives(
+def tangent_derivatives(
     position: ArrayLike,
-    f: ArrayLike,
-    tilt: ArrayLike,
+    scale: ArrayLike,
+    slope: ArrayLike,
     radial_1: ArrayLike,
     radial_2: ArrayLike,
     tangential: ArrayLike,
-) -> tuple[Array, Array, Array, Array]:
-    """Return x = p/f of :func:`ideal_position`, and its derivatives.
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Return the tangent x of the angle at which a position on the array looks, and its derivatives.
 
     Returns
     -------
     tuple
-        x; ∂x/∂s [1/m]; ∂x/∂f [1/m]; and ∂x/∂(τ, k₁, k₂, p₂), shape (..., 4).
+        x; ∂x/∂s [1/m]; ∂x/∂h [1/m]; ∂x/∂g; and ∂x/∂(k₁, k₂, p₂), shape (..., 3). Arguments as those of
+        :func:`undistorted_position`.
     """
-    s, f = np.asarray(position, dtype=np.float64), np.asarray(f, dtype=np.float64)
-    v, sine, cosine = s / f, np.sin(tilt), np.cos(tilt)
-    below = 1.0 + v * sine
-    x = _undistorted(v * cosine / below, radial_1, radial_2, tangential)
+    s, h, g = (np.asarray(value, dtype=np.float64) for value in (position, scale, slope))
+    along = h + g * s
+    x = _undistorted(s / along, radial_1, radial_2, tangential)
     shrink = 1.0 / (1.0 + _distortion_slope(x, radial_1, radial_2, tangential))
-    by_v = cosine / (below * below) * shrink
-    by_tilt = -v * (sine + v) / (below * below) * shrink
+    by_seen = shrink / (along * along)
     x2 = x * x
-    others = np.broadcast_arrays(by_tilt, -x2 * x * shrink, -x2 * x2 * x * shrink, -3.0 * x2 * shrink)
-    return x, by_v / f, -by_v * v / f, np.stack(others, axis=-1)
+    lens = np.broadcast_arrays(-x2 * x * shrink, -x2 * x2 * x * shrink, -3.0 * x2 * shrink)
+    return x, h * by_seen, -s * by_seen, -s * s * by_seen, np.stack(lens, axis=-1)
 
 
 def _distortion(x: Array, radial_1: ArrayLike, radial_2: ArrayLike, tangential: ArrayLike) -> Array:

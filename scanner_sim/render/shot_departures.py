@@ -51,7 +51,7 @@ class ShotDepartures:
 
     def with_noise(self, built: BuiltInstrument, number: UInt32, seed: Seed) -> ShotDepartures:
         """Return the same with the noise of the laser's power, drawn for shots by number."""
-        noise = built.own.power_noise, built.own.pulse_noise
+        noise = built.own.power_noise or 0.0, built.own.pulse_noise or 0.0
         if noise == (0.0, 0.0):
             return self
         normal = generator(seed, Stream.LASER_POWER, number, mi.UInt32(0)).next_float32x4_normal()

@@ -12,6 +12,7 @@ surface on the axis), averaged over points of the aperture, each with its own li
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -23,6 +24,7 @@ from scanner_sim.foundation.device_types import Float, Mask, SurfaceInteraction3
 from scanner_sim.optics.deflection import Frame, deflected_frame, turned_axis_frame
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.lens_errors import LensErrors
+from scanner_sim.optics.line_image import ArrayPlace
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.render.beam.beamlets import Beamlets
 from scanner_sim.render.rays import intersect, is_occluded
@@ -54,8 +56,18 @@ class OpticalLayout:
 
     @property
     def point_spread(self) -> float:
-        """Standard deviation of the image of a point on the line [m], per axis."""
+        """Standard deviation of the image of a point on an upright line in focus [m], per axis."""
         return math.hypot(self.receiver.aberration, self.diffusion)
+
+    def seen_at(self, cosine: Float) -> Callable[[Float], ArrayPlace]:
+        """Return how the line sees beams, deflected by Θ of a cosine, at positions [pixel]; lengths in pixels."""
+        shift = dr.opaque(mi.Float, self.receiver.baseline) * cosine
+
+        def seen(pixel: Float) -> ArrayPlace:
+            offset, pitch = dr.opaque(mi.Float, self.offset), dr.opaque(mi.Float, self.pitch)
+            return self.receiver.line_image.at(offset + (pixel + 0.5) * pitch, shift, self.pitch)
+
+        return seen
 
     def twist(self, distance: Float) -> Float:
         """Return (z − z₀)/z_R at distances z [m] along the beam: its ruled lines turn about its axis by atan of it."""
@@ -196,13 +208,6 @@ def device_frame(
         parts = turned_axis_frame(*turns, separation, baseline, *axis)
     frame = Frame(*(mi.Vector3f(*part) for part in parts))
     return frame if departures is None else departures.moved(frame)
-
-
-def image_distance(layout: OpticalLayout, shots: Shots) -> Float:
-    """Return the distance of the array from the lens's node [m]: one number, or one for each shot."""
-    f = dr.opaque(mi.Float, layout.receiver.focal_length)
-    departures = shots.departures
-    return f if departures is None or departures.focus is None else f * (1.0 + departures.focus)
 
 
 @dataclass

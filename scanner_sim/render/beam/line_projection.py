@@ -16,7 +16,7 @@ from scanner_sim.foundation.device_types import Float, Mask, Vector3f
 from scanner_sim.optics.deflection import Frame
 from scanner_sim.render.beam.projection import Hits, Laid, Resolution
 from scanner_sim.render.shots import Shots
-from scanner_sim.render.transport import OpticalLayout, image_distance
+from scanner_sim.render.transport import OpticalLayout
 
 _UNEVEN_KINK = 0.06
 """Departure of two opposite beamlets' mean strength from the chief one's, relative to the strongest, that calls for
@@ -61,8 +61,8 @@ class LineProjection:
     def lay(self, hits: Hits) -> Laid:
         """Return where beamlets' light lies: the tangent plane and the lens map Gaussians to Gaussians."""
         layout, frame, shots, distance = self.layout, hits.frame, hits.lane.own, hits.si.t
-        f = image_distance(layout, shots)
-        p, q, depth = image(f, frame, hits.si.p)
+        p, q, depth = image(layout, frame, hits.si.p)
+        f = dr.opaque(mi.Float, layout.receiver.focal_length)
         spread = layout.beam_sigma(layout.twist(distance))
 
         def slopes(slide: Vector3f) -> tuple[Float, Float]:
@@ -73,6 +73,7 @@ class LineProjection:
                 (f * dr.dot(moved, frame.normal) - q * deeper) / depth,
             )
 
+        # On an upright array in the focal plane; what a tilted one makes of it follows with `at`.
         (pa, qa), (pb, qb) = (slopes(slide) for slide in hits.slides())
         # The same for the sweep. The first mirror turns the beam about the laser, and the lens's axis turns with it;
         # the second carries beam and lens round its axis together, and only the slide along the beam is seen.
@@ -81,26 +82,28 @@ class LineProjection:
             pb * reach / spread
         )
         residual = hits.lane.variance
-        blur = dr.opaque(mi.Float, layout.point_spread**2)
         # A surface point that is lit for a while moves on the line, as the receiver turns meanwhile.
         variance = hits.lane.time_variance
         turn_p = shots.travel_theta * (f + dr.square(p) / f)
         turn_q = -shots.travel_phi * reach * f / depth
-        var_p = residual * (dr.square(pa) + dr.square(pb)) + variance * dr.square(turn_p) + blur
-        var_q = residual * (dr.square(qa) + dr.square(qb)) + variance * dr.square(turn_q) + blur
+        at = on_array(layout, p, q, depth, shots)
+        (pa, qa), (pb, qb), (turn_p, turn_q) = (
+            at.slopes(*both) for both in ((pa, qa), (pb, qb), (turn_p, turn_q))
+        )
+        pt *= at.along
+        var_p = residual * (dr.square(pa) + dr.square(pb)) + variance * dr.square(turn_p) + at.blur_p
+        var_q = residual * (dr.square(qa) + dr.square(qb)) + variance * dr.square(turn_q) + at.blur_q
         covariance = residual * (pa * qa + pb * qb) + variance * turn_p * turn_q
-        p = synchronisation_shift(f, p, shots.synchronisation)
-        if layout.lens is not None:
-            spread_by_field = layout.lens.variance(p)
-            p, q, stretch = layout.lens.image(p, q, f)
-            pa, pb, pt = pa * stretch, pb * stretch, pt * stretch
-            var_p, var_q = (var_p + spread_by_field) * dr.square(stretch), var_q + spread_by_field
-            covariance = covariance * stretch
+        p = array_position(layout, synchronisation_shift(layout, p, shots.synchronisation), q, shots)
         height, pitch = dr.opaque(mi.Float, layout.height), dr.opaque(mi.Float, layout.pitch)
-        inside, cut, var_p = cut_by_height(p, q, var_p, var_q, covariance, height)
+        inside, cut, var_p = cut_by_height(p, at.q, var_p, var_q, covariance, height)
         slopes_in_pixels = (slope / pitch for slope in (pa, pb, pt))
         return Laid(
-            to_pixels(layout, cut), dr.sqrt(var_p) / pitch, inside, (cut - p) / pitch, *slopes_in_pixels
+            to_pixels(layout, cut),
+            dr.sqrt(var_p) / pitch,
+            dr.select(at.behind, inside, 0.0),
+            (cut - p) / pitch,
+            *slopes_in_pixels,
         )
 
     def lay_point(
@@ -112,17 +115,13 @@ class LineProjection:
     ) -> tuple[Float, Float, Float]:
         """Return position and standard deviation [pixel] and share of the light of points, by the point spread."""
         layout = self.layout
-        f = image_distance(layout, shots)
-        p, q, depth = image(f, frame, point)
-        p = synchronisation_shift(f, p, shots.synchronisation)
-        blur = dr.opaque(mi.Float, layout.point_spread**2)
-        if layout.lens is not None:
-            blur = blur + layout.lens.variance(p)
-            p, q, _ = layout.lens.image(p, q, f)
+        p, q, depth = image(layout, frame, point)
+        at = on_array(layout, p, q, depth, shots)
+        p = array_position(layout, synchronisation_shift(layout, p, shots.synchronisation), q, shots)
         height = dr.opaque(mi.Float, layout.height)
-        inside, p, variance = cut_by_height(p, q, blur, blur, mi.Float(0.0), height)
+        inside, p, variance = cut_by_height(p, at.q, at.blur_p, at.blur_q, mi.Float(0.0), height)
         sigma = dr.sqrt(variance) / dr.opaque(mi.Float, layout.pitch)
-        return to_pixels(layout, p), sigma, dr.select(depth > 0.0, inside, 0.0)
+        return to_pixels(layout, p), sigma, dr.select((depth > 0.0) & at.behind, inside, 0.0)
 
     def is_unequal(self, strength: list[Float]) -> Mask:
         """Return whether the strength bends so much across the beam that the probe's mean is not the light's."""
@@ -135,20 +134,95 @@ class LineProjection:
         return kink > _UNEVEN_KINK * strongest
 
 
-def image(f: Float, frame: Frame, point: Vector3f) -> tuple[Float, Float, Float]:
-    """Return where a lens images points at its distance f: p along the line, q across it (eq 1), and their depth."""
+def image(layout: OpticalLayout, frame: Frame, point: Vector3f) -> tuple[Float, Float, Float]:
+    """Return where the lens images points in its focal plane: p along the line, q across it (eq 1); and depth [m]."""
     offset = mi.Vector3f(point - frame.lens)
     depth = dr.dot(offset, frame.along)
-    scale = f / depth
+    scale = dr.opaque(mi.Float, layout.receiver.focal_length) / depth
     return -scale * dr.dot(offset, frame.across), scale * dr.dot(offset, frame.normal), depth
 
 
-def synchronisation_shift(f: Float, p: Float, synchronisation: Float) -> Float:
-    """Return where on the line light lands [m] whose receiver looks past the laser by an angle [rad].
+@dataclass
+class OnArray:
+    """The array where rays meet it, Dr.Jit arrays of one shape (:mod:`scanner_sim.optics.line_image`).
+
+    ``q`` across the line [m]; ``along`` and ``across`` by how much more the image moves than in the focal plane, and
+    ``shear`` by how much across it while it moves by one along it there; ``blur_p`` and ``blur_q`` variances of the
+    image of a point [m²]; ``behind`` whether the rays meet the array at all.
+    """
+
+    q: Float
+    along: Float
+    across: Float
+    shear: Float
+    blur_p: Float
+    blur_q: Float
+    behind: Mask
+
+    def slopes(self, p: Float, q: Float) -> tuple[Float, Float]:
+        """Return how an image moves along the array and across it that moves so in the focal plane."""
+        return p * self.along, q * self.across + p * self.shear
+
+
+def on_array(layout: OpticalLayout, p: Float, q: Float, depth: Float, shots: Shots) -> OnArray:
+    """Return the array where the rays to images in the focal plane (p, q) [m] of points at depths [m] meet it."""
+    receiver = layout.receiver
+    line = receiver.line_image
+    f, slope, ratio, secant = (
+        dr.opaque(mi.Float, value)
+        for value in (line.focal_length, line.slope, line.depth / line.focal_length, line.secant)
+    )
+    bent, spread_by_field = None, None
+    if layout.lens is not None:
+        p, q, bent = layout.lens.image(p, q, f)
+        spread_by_field = layout.lens.variance(p)
+    if shots.departures is not None and shots.departures.focus is not None:
+        ratio = ratio * (1.0 + shots.departures.focus)
+    left = 1.0 - slope * p / f
+    stretch = 1.0 / left
+    across = ratio * stretch
+    skewed = secant * stretch
+    aberration, spread = (
+        dr.opaque(mi.Float, value) for value in (receiver.aberration**2, layout.point_spread**2)
+    )
+    defocus = dr.square(line.blur_at(stretch, depth))
+    found = OnArray(
+        q=q * across,
+        along=across * skewed,
+        across=across,
+        shear=q * slope / f * across * stretch,
+        blur_p=spread + ((aberration + defocus) * dr.square(skewed) - aberration),
+        blur_q=spread + defocus,
+        behind=left > 0.0,
+    )
+    if bent is not None and spread_by_field is not None:
+        found.along, found.shear = found.along * bent, found.shear * bent
+        found.blur_p += spread_by_field * dr.square(skewed)
+        found.blur_q += spread_by_field
+    return found
+
+
+def array_position(layout: OpticalLayout, p: Float, q: Float, shots: Shots) -> Float:
+    """Return positions on the array [m] of images at (p, q) [m] in the focal plane, as the lens distorts them."""
+    line = layout.receiver.line_image
+    f, slope, scale = (
+        dr.opaque(mi.Float, value)
+        for value in (line.focal_length, line.slope, line.scale / line.focal_length)
+    )
+    if layout.lens is not None:
+        p, _, _ = layout.lens.image(p, q, f)
+    if shots.departures is not None and shots.departures.focus is not None:
+        scale = scale * (1.0 + shots.departures.focus)
+    return p * scale / (1.0 - slope * p / f)
+
+
+def synchronisation_shift(layout: OpticalLayout, p: Float, synchronisation: Float) -> Float:
+    """Return where in the focal plane light lands [m] whose receiver looks past the laser by an angle [rad].
 
     p = f tanα becomes f tan(α + e), to first order p + e (f + p²/f); the position across the line changes by e p/f of
     itself, which is left out.
     """
+    f = dr.opaque(mi.Float, layout.receiver.focal_length)
     return p + synchronisation * (f + dr.square(p) / f)
 
 

@@ -1,4 +1,4 @@
-"""The instrument as built: each departure moves the measured point as the judge's closed form has it, and 0 changes nothing."""
+"""The instrument as built: each departure moves the point as the judge's closed form has it, and 0 moves nothing."""
 
 from __future__ import annotations
 
@@ -10,13 +10,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from scanner_sim import Instrument, Scenario, load_scenario, simulate, track
+from scanner_sim import Instrument, Scenario, load_scenario
 from scanner_sim.analytic.instrument_errors import EFFECTS, Sighted
-from scanner_sim.config import resolved_yaml, scenario_from_text
-from scanner_sim.config.built import drawn_departures, instrument_as_built
-from scanner_sim.foundation.errors import ScenarioError
-from scanner_sim.optics.parameters import INDEX, NAMES
-from scanner_sim.optics.vibration import Vibration
 
 Array = NDArray[np.float64]
 
@@ -73,13 +68,18 @@ def scenario(ranging: str = "triangulation", **as_built: Any) -> Scenario:
 def errors_of(found: Scenario) -> tuple[Array, Sighted]:
     """Return measured less true points of beams that stand still, and the true points as the judge wants them."""
     bench = Instrument(found)
-    theta, phi = (angles.ravel() for angles in np.meshgrid(np.linspace(-0.35, 0.35, 5), np.linspace(-0.33, 0.36, 5)))
+    theta, phi = (
+        angles.ravel() for angles in np.meshgrid(np.linspace(-0.35, 0.35, 5), np.linspace(-0.33, 0.36, 5))
+    )
     samples = bench.measure(bench.aim(theta, phi))
     assert not samples["status"].any()
     measured, true = (
-        np.stack([samples[f"{of}.{axis}"] for axis in "XYZ"], axis=1).astype(np.float64) for of in ("P", "truth.point")
+        np.stack([samples[f"{of}.{axis}"] for axis in "XYZ"], axis=1).astype(np.float64)
+        for of in ("P", "truth.point")
     )
-    r, theta, phi = (samples[f"truth.{name}"].astype(np.float64) for name in ("range_m", "theta_rad", "phi_rad"))
+    r, theta, phi = (
+        samples[f"truth.{name}"].astype(np.float64) for name in ("range_m", "theta_rad", "phi_rad")
+    )
     return measured - true, Sighted(r, theta, phi, F, BASE, D, PERIOD)
 
 
@@ -98,7 +98,9 @@ def test_each_departure_moves_the_point_as_the_judge_says(ranging: str, name: st
     """
     value = VALUES[name]
     period = {"encoder_period": PERIOD} if "sine" in name else {}
-    (above, _), (below, _) = (errors_of(scenario(ranging, **{name: sign * value}, **period)) for sign in (1.0, -1.0))
+    (above, _), (below, _) = (
+        errors_of(scenario(ranging, **{name: sign * value}, **period)) for sign in (1.0, -1.0)
+    )
     _, seen = as_designed(ranging)
     wanted = EFFECTS[ranging][name](seen) * value
     np.testing.assert_allclose(

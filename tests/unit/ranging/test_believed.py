@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 import pytest
 
@@ -11,11 +9,11 @@ from scanner_sim.analytic.instrument_errors import EFFECTS, Sighted
 from scanner_sim.optics.parameters import INDEX, NAMES
 from scanner_sim.ranging.believed import BelievedPoints, Design, RangedBy, VoxelReadings, believed_points
 from scanner_sim.ranging.coordinates import coordinates
-from scanner_sim.ranging.departures import ideal_position
+from scanner_sim.ranging.departures import undistorted_position
 from scanner_sim.ranging.time_of_flight import range_from_delay
 from scanner_sim.ranging.triangulation import position_from_range, range_from_position
 
-DESIGN = Design(focal_length=0.1, baseline=0.2, axis_separation=0.05)
+DESIGN = Design(image_distance=0.1, baseline=0.2, axis_separation=0.05)
 PERIOD = 0.03
 SIZES = dict.fromkeys(NAMES, 1e-4) | {
     "radial_1": 1e-2, "radial_2": 1e-1, "tangential": 1e-3, "array_tilt": 1e-2, "axis_skew": 1e-3,
@@ -45,17 +43,22 @@ def difference(above: np.ndarray, below: np.ndarray, step: float) -> np.ndarray:
     return (above - below) / (2.0 * step)
 
 
+TILTED = Design(image_distance=0.102, baseline=0.2, axis_separation=0.05, array_tilt=0.46)
+"""Scheimpflug's array."""
+
+
+@pytest.mark.parametrize("design", [DESIGN, TILTED], ids=["upright", "tilted"])
 @pytest.mark.parametrize("by", WAYS)
 @pytest.mark.parametrize("name", NAMES)
-def test_derivatives_by_parameters_are_differences_of_points(by: RangedBy, name: str) -> None:
+def test_derivatives_by_parameters_are_differences_of_points(by: RangedBy, name: str, design: Design) -> None:
     """Claim: by_parameters and range_by_parameters are central differences of the point, to rounding over the step."""
     readings, step = readings_by(by), 3e-7
-    here = believed_points(readings, DESIGN, parameters(**SIZES), PERIOD)
+    here = believed_points(readings, design, parameters(**SIZES), PERIOD)
     either: list[BelievedPoints] = []
     for sign in (1.0, -1.0):
         moved = parameters(**SIZES)
         moved[INDEX[name]] += sign * step
-        either.append(believed_points(readings, DESIGN, moved, PERIOD))
+        either.append(believed_points(readings, design, moved, PERIOD))
     points = difference(either[0].point, either[1].point, step)
     ranges = difference(either[0].range, either[1].range, step)
     # Rounding of a point over 2·step, and the third derivative times step²/6, of which the periods' is the largest.
@@ -83,7 +86,7 @@ def test_without_departures_the_equations_of_the_paper_are_left() -> None:
     """Eqs 1, 2 and 3, to rounding."""
     lines = readings_by("triangulation")
     found = believed_points(lines, DESIGN, parameters())
-    r = range_from_position(lines.measured, lines.theta, DESIGN.focal_length, DESIGN.baseline)
+    r = range_from_position(lines.measured, lines.theta, DESIGN.image_distance, DESIGN.baseline)
     np.testing.assert_allclose(found.range, r, rtol=1e-14)
     wanted = np.stack(coordinates(r, lines.theta, lines.phi, DESIGN.axis_separation), axis=-1)
     np.testing.assert_allclose(found.point, wanted, atol=1e-13)
@@ -115,23 +118,22 @@ def test_the_judge_knows_each_effect(way: str, name: str) -> None:
     )
     r = np.linspace(2.0, 12.0, theta.size)
     by: RangedBy = "triangulation" if way == "triangulation" else "coaxial"
-    measured = position_from_range(r, theta, DESIGN.focal_length, DESIGN.baseline) if by == way else 2.0 * r
+    measured = position_from_range(r, theta, DESIGN.image_distance, DESIGN.baseline) if by == way else 2.0 * r
     found = believed_points(VoxelReadings(theta, phi, measured, by), DESIGN, parameters(), PERIOD)
-    seen = Sighted(r, theta, phi, DESIGN.focal_length, DESIGN.baseline, DESIGN.axis_separation, PERIOD)
+    seen = Sighted(r, theta, phi, DESIGN.image_distance, DESIGN.baseline, DESIGN.axis_separation, PERIOD)
     effect = EFFECTS[way].get(name, lambda _: np.zeros((theta.size, 3)))(seen)
     np.testing.assert_allclose(found.by_parameters[..., INDEX[name]], -effect, rtol=1e-9, atol=1e-10)
 
 
 def test_distortion_is_undone_exactly() -> None:
-    """A distorted position, by the forward form of Brown's law, comes back to the last digits."""
-    f, x = 0.1, np.linspace(0.0, 0.13, 50)
+    """A position distorted by the forward form of Brown's law comes back to the last digits, on a tilted array too."""
+    scale, slope, x = 0.1, 0.4, np.linspace(0.0, 0.13, 50)
     forward = x * (1.0 + 0.3 * x**2 - 2.0 * x**4) + 3.0 * 0.01 * x**2
-    slope = math.tan(0.02)
-    tilted = forward * f / (math.cos(0.02) * (1.0 - forward * slope))
-    found = ideal_position(tilted, f, 0.02, 0.3, -2.0, 0.01)
-    np.testing.assert_allclose(found, f * x, atol=1e-16)
+    landed = scale * forward / (1.0 - slope * forward)
+    found = undistorted_position(landed, scale, slope, 0.3, -2.0, 0.01)
+    np.testing.assert_allclose(found, scale * x / (1.0 - slope * x), atol=1e-16)
 
 
 def test_what_is_zero_changes_no_bit() -> None:
     position = np.linspace(1e-4, 0.0128, 999)
-    np.testing.assert_array_equal(ideal_position(position, 0.1), position)
+    np.testing.assert_array_equal(undistorted_position(position, 0.1, 0.5), position)

@@ -21,6 +21,7 @@ from scanner_sim.detector.line.speckle import line_speckle
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import arrive, record
 from scanner_sim.instrument.time_of_flight import EchoDelays, TimeOfFlight
+from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.render.beam.surface_positions import SurfacePositions
@@ -264,7 +265,9 @@ def test_speckle_on_the_line_has_the_variances_of_its_packets(travel: float) -> 
     places = SurfacePositions(
         point, axes[2], axes[0], axes[1], dr.full(auto.UInt32, 1, shots), 1e-3 + 0.0 * far, far
     )
-    found = line_speckle(light, places, optics, 1.0, (travel * 1e-3 / distance, 0.0), PIXELS, 3)
+    found = line_speckle(
+        light, places, optics, 1.0, lambda _: SHARP, (travel * 1e-3 / distance, 0.0), PIXELS, 3
+    )
     shot = dr.arange(auto.UInt32, shots)
     factors = np.stack(
         [found(dr.full(auto.UInt32, pixel, shots), shot).numpy() for pixel in range(PIXELS)], axis=1
