@@ -152,6 +152,7 @@ def geometry_of(scanner: Scanner) -> Geometry:
         offset=sensor.offset,
         synchronisation=mirrors.synchronisation,
         slope=receiver.line_image.slope,
+        pulse_by="offset" if scanner.lidar.photodiode.place == "offset" else "coaxial",
     )
 
 

@@ -69,7 +69,8 @@ class Channel:
     pictures
         How a run draws it.
     asked
-        Word of ``output.truth`` that asks for it; empty for what every result has.
+        Word of ``output.truth`` that asks for it, or ``calibration`` where that of a calibration with errors does; empty
+        for what every result has.
     """
 
     name: str
@@ -118,6 +119,8 @@ _POINT = (
             pictures=(_RANGE, _SHADED)),
     Channel("sigma_range_m", "m", "standard deviation of range_m that the instrument states", "sigma",
             vertex="sigma_range_m"),
+    Channel("sigma_common_m", "m", "part of sigma_range_m that all voxels have in common: the errors of the "
+            "calibration, which no mean makes smaller", "sigma", asked="calibration"),
     Channel("P.X", "m", "measured point, to the right of the scanner", "point", vertex="x"),
     Channel("P.Y", "m", "measured point, downwards", "point", vertex="y"),
     Channel("P.Z", "m", "measured point, away from the scanner", "point", vertex="z"),

@@ -57,7 +57,7 @@ class Stadia:
         truth: Any = SimpleNamespace(
             distance=held(8.0 * one), object=held(aim.shot % 2), material=held((aim.shot + 1) % 2)
         )
-        ranges: Ranges = ranges_with_points(r, 0.1 * r, status, 0.1 * one, 0.0 * one, deflections, 0.05)
+        ranges: Ranges = ranges_with_points(r, 0.1 * r, status, 0.1 * one, 0.0 * one, deflections, GEOMETRY)
         return Reading(
             truth, ranges, {"stadia.Y": 3.0 * one, "stadia.sigma_Y": 0.5 * one, "stadia.hairs": 2 * status}
         )
