@@ -69,8 +69,8 @@ class Channel:
     pictures
         How a run draws it.
     asked
-        Word of ``output.truth`` that asks for it, or ``calibration`` where that of a calibration with errors does; empty
-        for what every result has.
+        Word of ``output.truth`` that asks for it, or ``calibration`` where a calibration with errors does; empty for
+        what every result has.
     """
 
     name: str
@@ -138,7 +138,10 @@ _POINT = (
 def _point_by(
     prefix: str, way: str, rangefinders: tuple[str, ...], *pictures: Picture
 ) -> tuple[Channel, ...]:
-    """Return the layers of another rangefinder, or of several; the pictures are of its range."""
+    """Return the layers of another rangefinder, or of several; the pictures are of its range.
+
+    Combined ranges say in their σ alone what is common: a layer more would have too long a name for a file.
+    """
     status = Channel("status", "1", "as status", "status")
     return tuple(
         replace(
@@ -151,6 +154,7 @@ def _point_by(
             pictures=pictures if channel.name == "range_m" else (),
         )
         for channel in (*_POINT, status)
+        if prefix != "fused." or not channel.asked
     )
 
 

@@ -32,12 +32,12 @@ class Vibration(Part):
     first and the last there is none.
     """
 
-    turn: tuple[tuple[Frequency, AngleSpectrum], ...] = Field(
-        default=(), max_length=1000, examples=[[["5 Hz", "1e-10 rad^2/Hz"], ["500 Hz", "1e-14 rad^2/Hz"]]]
+    turn: tuple[tuple[Frequency, AngleSpectrum], ...] | None = Field(
+        default=None, max_length=1000, examples=[[["5 Hz", "1e-10 rad^2/Hz"], ["500 Hz", "1e-14 rad^2/Hz"]]]
     )
     """Points (frequency, density) of the turns about x, y and z through the scanner's origin."""
-    shift: tuple[tuple[Frequency, LengthSpectrum], ...] = Field(
-        default=(), max_length=1000, examples=[[["5 Hz", "1e-12 m^2/Hz"], ["500 Hz", "1e-16 m^2/Hz"]]]
+    shift: tuple[tuple[Frequency, LengthSpectrum], ...] | None = Field(
+        default=None, max_length=1000, examples=[[["5 Hz", "1e-12 m^2/Hz"], ["500 Hz", "1e-16 m^2/Hz"]]]
     )
     """Points (frequency, density) of the shifts along x, y and z."""
 
@@ -45,10 +45,10 @@ class Vibration(Part):
         """Yield spectra that are no spectra."""
         for key in ("turn", "shift"):
             points = getattr(self, key)
+            if points is None:
+                continue
             frequencies = [frequency for frequency, _ in points]
-            if len(points) == 1 or any(
-                b <= a for a, b in zip([0.0, *frequencies], frequencies, strict=False)
-            ):
+            if len(points) < 2 or any(b <= a for a, b in zip([0.0, *frequencies], frequencies, strict=False)):
                 yield Fault(
                     key,
                     "the frequencies of a spectrum must be two or more, above 0 and ascending.",
@@ -77,7 +77,7 @@ class Vibration(Part):
         return _rms(self.turn), _rms(self.shift)
 
 
-def _rms(points: tuple[tuple[float, float], ...]) -> float:
+def _rms(points: tuple[tuple[float, float], ...] | None) -> float:
     return math.sqrt(_cumulative(np.array(points), np.array([points[-1][0]]))[0]) if points else 0.0
 
 

@@ -278,7 +278,7 @@ class TargetSensor:
 
 
 def range_noise(layers: Columns) -> RangeNoise:
-    """Return what noise the ranges of patterns have by either rangefinder: the median of their voxels, ∞ without any."""
+    """Return the noise of the ranges of patterns by either rangefinder: the median of their voxels, ∞ without any."""
 
     def median(name: str) -> Array:
         values = np.asarray(layers[name], dtype=np.float64) if name in layers else np.full((1, 1), np.inf)
