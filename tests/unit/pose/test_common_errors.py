@@ -52,8 +52,8 @@ def poses(method: Any, given: Array, **more: Any) -> Any:
 def test_errors_over_sigma_with_what_targets_share(method: str) -> None:
     """Claim: eᵀ C⁻¹ e over runs, each with common errors of its own, has the mean of its six degrees of freedom.
 
-    Slack 1 %: the first order of errors of 3e-5 rad over targets of 0.1 rad. Taken as independent, the same errors would
-    be told by a mean square that is larger by half or more.
+    Slack 1 %: the first order of errors of 3e-5 rad over targets of 0.1 rad. Taken as independent, the same errors have
+    a mean square that is larger by half or more.
     """
     given = measured(np.random.default_rng(8), RUNS)
     found, alone = poses(method, given, common=shared()), poses(method, given)
