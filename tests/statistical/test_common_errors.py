@@ -13,6 +13,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+from claims import mean_square, share
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
@@ -21,7 +22,6 @@ from scanner_sim.config.calibration import calibration_text, design_of
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.optics.parameters import INDEX, NAMES
 from scanner_sim.ranging.calibration import Calibration, errors_in_common
-from tests.claims import mean_square, share
 
 Array = NDArray[np.float64]
 
@@ -110,9 +110,7 @@ def stated(samples: Samples, prefix: str) -> tuple[Array, ...]:
     """Return errors of points, their covariances, errors of ranges, σ and its common part of one run."""
     columns = {name: np.asarray(samples[name], dtype=np.float64) for name in samples}
     assert not columns[f"{prefix}status"].any()
-    error = np.stack(
-        [columns[f"{prefix}P.{axis}"] - columns[f"truth.point.{axis}"] for axis in "XYZ"], axis=1
-    )
+    error = np.stack([columns[f"{prefix}P.{axis}"] - columns[f"truth.P.{axis}"] for axis in "XYZ"], axis=1)
     matrix = np.zeros((len(error), 3, 3))
     for number, axis in enumerate("xyz"):
         matrix[:, number, number] = columns[f"{prefix}sigma_{axis}_m"] ** 2

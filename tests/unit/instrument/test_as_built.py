@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from claims import mean, mean_square
 from numpy.typing import NDArray
 
 from scanner_sim import Instrument, Scenario, load_scenario, simulate, simulate_many, track, track_many
@@ -25,7 +26,6 @@ from scanner_sim.optics.parameters import INDEX, NAMES
 from scanner_sim.optics.vibration import Vibration
 from scanner_sim.ranging.calibration import Calibration
 from scanner_sim.tracking.record import TrackStatus
-from tests.claims import mean, mean_square
 
 Array = NDArray[np.float64]
 
@@ -89,7 +89,7 @@ def errors_of(found: Scenario) -> tuple[Array, Sighted]:
     assert not samples["status"].any()
     measured, true = (
         np.stack([samples[f"{of}.{axis}"] for axis in "XYZ"], axis=1).astype(np.float64)
-        for of in ("P", "truth.point")
+        for of in ("P", "truth.P")
     )
     r, theta, phi = (
         samples[f"truth.{name}"].astype(np.float64) for name in ("range_m", "theta_rad", "phi_rad")
@@ -306,7 +306,7 @@ def test_vibration_moves_the_scanner_and_no_reading() -> None:
     turn = own.vibration.motion(still.aim(theta, theta).time, 0)
     # The wall stands across z: only turns about x and y that are not about the beam's own foot move its range, by
     # the second order; the truth says where the beam went.
-    beam = np.stack([other[f"truth.point.{axis}"] for axis in "XY"], axis=1)
+    beam = np.stack([other[f"truth.P.{axis}"] for axis in "XY"], axis=1)
     np.testing.assert_allclose(beam, 2.5 * np.stack([turn[:, 1], -turn[:, 0]], axis=1), atol=5e-6)
     np.testing.assert_allclose(other["P.X"], one["P.X"], atol=2e-5)
     assert np.abs(turn[:, :2]).max() > 1e-4

@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from claims import mean_square
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.pose.estimate import estimate_pose
 from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.ranging.coordinates import angles_and_range
-from tests.claims import mean_square
 
 Array = NDArray[np.float64]
 
