@@ -245,7 +245,7 @@ def turns(axes: Axes) -> None:
 
 def departures_above(axes: Axes) -> None:
     """Draw the signs of what departs in the plane of triangulation, at Θ = 0, seen along +y."""
-    node, behind, lean = np.array([BASE, 0.0]), -FOCAL, np.deg2rad(14.0)
+    behind, lean = -FOCAL, np.deg2rad(14.0)
     axes.plot([0.0, 0.0], [0.0, 2.2], color=GREY, lw=0.9, ls=":")
     turned = 2.2 * np.array([np.sin(np.deg2rad(9.0)), np.cos(np.deg2rad(9.0))])
     axes.plot([0.0, turned[0]], [0.0, turned[1]], color=LASER, lw=2)
