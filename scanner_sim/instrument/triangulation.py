@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from functools import cached_property
 
-import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
@@ -213,7 +212,7 @@ class Triangulation:
             surfaces,
             speckle_optics(self.true_scanner),
             self.optics.receiver.focal_length / self.optics.pitch,
-            self.optics.seen_at(dr.cos(shots.theta)),
+            self.optics.seen_at(shots.theta),
             self.travel(shots),
             self.scenario.scanner.position_sensor.pixels,
             seed,
