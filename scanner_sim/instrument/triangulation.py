@@ -132,12 +132,8 @@ class Triangulation:
     def dark_line(self) -> DarkLine | None:
         """What exposes and reads lines that nothing but the laser lights; None where all pixels count."""
         scenario, scanner = self.scenario, self.scenario.scanner
-        if (
-            not scenario.lighting.sky().dark
-            or scanner.laser_off > 0.0
-            or self.own_peak
-            or self.throughput.stray
-        ):
+        lit = not scenario.lighting.sky().dark or self.throughput.stray > 0.0
+        if lit or scanner.laser_off > 0.0 or self.own_peak:
             return None
         return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
 
