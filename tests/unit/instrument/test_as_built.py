@@ -14,7 +14,16 @@ import pytest
 from claims import mean, mean_square
 from numpy.typing import NDArray
 
-from scanner_sim import Instrument, Scenario, load_scenario, simulate, simulate_many, track, track_many
+from scanner_sim import (
+    Instrument,
+    Scenario,
+    load_scenario,
+    parameter_jacobian,
+    simulate,
+    simulate_many,
+    track,
+    track_many,
+)
 from scanner_sim.analytic.instrument_errors import EFFECTS, Sighted
 from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.config.built import drawn_departures, instrument_as_built
@@ -364,6 +373,14 @@ def test_the_closed_loop_follows_the_true_instrument_and_believes_its_calibratio
     assert (np.diagonal(last.covariance) > sigma**2).all()
 
 
+def test_an_instrument_that_cannot_be_made_is_refused() -> None:
+    drawn = scenario(base={"tolerance": "1 m"})
+    draws = [drawn.replace({"scanner.as_built.seed": seed}) for seed in range(8)]
+    lengths = [one.scanner.as_built.parameters(0)[INDEX["base"]] for one in draws]  # type: ignore[union-attr]
+    with pytest.raises(InputError, match="the instrument as built has a base of -"):
+        Instrument(draws[int(np.argmin(lengths))])
+
+
 def test_runs_side_by_side_have_one_instrument() -> None:
     drawn = tracking(base={"tolerance": "1 mm"})
     with pytest.raises(InputError, match="each seed draws another instrument"):
@@ -398,3 +415,24 @@ def test_faults_of_the_block_have_their_place_and_remedy(
         scenario(**block)
     told = [f"{fault.problem} {fault.remedy}" for fault in caught.value.faults if place in fault.location]
     assert any(said in sentence for sentence in told), str(caught.value)
+
+
+def test_derivatives_on_request_are_those_of_the_error_model(tmp_path: Path) -> None:
+    """Claim: their sum with the calibration's covariance is the common part, and names are checked."""
+    spread = np.diag(
+        [VALUES[name] ** 2 if name in ("base", "phi_zero", "tof_zero") else 0.0 for name in NAMES]
+    )
+    image = simulate(calibrated(noisy(), tmp_path, {}, spread))
+    effects = parameter_jacobian(image)
+    assert list(effects.parameter.values) == ["base", "phi_zero", "tof_zero"]
+    by_range = effects.range.values
+    variance = np.einsum("rcp,pq,rcq->rc", by_range, effects.covariance.values, by_range)
+    np.testing.assert_allclose(np.sqrt(variance), image.channels["sigma_common_m"], rtol=1e-5)
+    pulses = parameter_jacobian(image, ["tof_zero", "base"], prefix="tof.")
+    np.testing.assert_allclose(pulses.range.values[..., 0], -1.0)
+    np.testing.assert_allclose(pulses.point.values[..., 1], 0.0)
+    assert parameter_jacobian(simulate(noisy())).sizes["parameter"] == len(NAMES)
+    with pytest.raises(InputError, match="no parameter 'bas'"):
+        parameter_jacobian(image, ["bas"])
+    with pytest.raises(InputError, match="no points of one rangefinder"):
+        parameter_jacobian(image, prefix="fused.")
