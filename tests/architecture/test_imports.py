@@ -54,8 +54,9 @@ DEVICE_FILES = {
 NUMPY_ROOMS = {"ranging", "tracking", "pose"}
 FORBIDDEN_AFTER_SIGNALS = {"mitsuba", "drjit", "torch", "jax"}
 
-# Beside the verbs of the command line and the package's own file: an image and indices load pyplot when they are drawn.
-LOADS_LATE = {"products/image.py", "campaign/result.py"}
+# Beside the verbs of the command line and the package's own file: an image and indices load pyplot when they are drawn,
+# and formats of other programs are libraries that few have.
+LOADS_LATE = {"products/image.py", "campaign/result.py", "products/formats/writers.py"}
 # They take longer to load than the rest of a simulation together, and most simulations never call them.
 LATE_LIBRARIES = {"colour", "scipy.signal", "xarray"}
 

@@ -40,6 +40,7 @@ def test_the_public_names_are_these() -> None:
         "WaveformSet",
         "__version__",
         "compare",
+        "convert",
         "draw_lightings",
         "estimate_pose",
         "load_scanner",
