@@ -25,6 +25,7 @@ from scanner_sim.foundation.device_types import FloatLike
 from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Frequency, Ratio
+from scanner_sim.optics.as_built import AsBuilt
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.filter import FilterChoice, laser_gain
 from scanner_sim.optics.galvanometer import Galvanometers
@@ -101,6 +102,8 @@ class Scanner(Part):
     laser_off: Ratio = Field(ge=0.0, le=0.9)
     """Share of the dwell in which the laser is off: the line then sees the background alone, which is subtracted. 0 is
     a laser that always shines."""
+    as_built: AsBuilt | None = None
+    """How the instrument that measures departs from all this, which it believes; by default it does not."""
 
     @model_validator(mode="before")
     @classmethod
@@ -289,6 +292,7 @@ def geometry_of(scanner: Scanner) -> Geometry:
         offset=math.nan if sensor == "none" else sensor.offset,
         synchronisation=mirrors.synchronisation,
         slope=receiver.line_image.slope,
+        pulse_by="coaxial" if scanner.lidar_choice == "none" else scanner.lidar.photodiode.place,
         focus=None if receiver.array_tilt == "ideal" else receiver.line_image,
     )
 

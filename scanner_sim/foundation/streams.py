@@ -43,6 +43,9 @@ class Stream(IntEnum):
     CLOCK = 11
     READOUT = 13
     WOBBLE = 14
+    BUILT = 20
+    VIBRATION = 21
+    POWER = 22
     POSES = 40
 
 

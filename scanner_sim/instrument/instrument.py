@@ -13,7 +13,8 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.config.scanner import Scanner, geometry_of
+from scanner_sim.config.built import instrument_as_built, scanner_as_built
+from scanner_sim.config.calibration import believed_instrument, geometry_believed
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import read_encoders, readings
 from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
@@ -21,14 +22,15 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.foundation.streams import RunSeeds, device_seeds
 from scanner_sim.instrument.background_rows import rows_about
+from scanner_sim.instrument.common_errors import add_common_errors
 from scanner_sim.instrument.line_readings import ShotGroup
+from scanner_sim.instrument.optics_as_built import optics_as_built
 from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
 from scanner_sim.instrument.rangefinder import LIGHT, SIGMA_Y, Rangefinder, Reading
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.time_of_flight import TimeOfFlight
 from scanner_sim.instrument.together import lanes_of, takes_seeds
 from scanner_sim.instrument.triangulation import Triangulation
-from scanner_sim.optics.filter import peak_transmission
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.ranges import Columns, Deflections, Layers, layers_of
 from scanner_sim.render.background.panorama import Panorama
@@ -38,7 +40,6 @@ from scanner_sim.render.device import activate
 from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.render.shots import Pointing, Shots, true_shots
-from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene, Pose, load_scene
 
@@ -60,6 +61,9 @@ class Instrument:
     ----------
     rangefinders
         What measures each shot, as ``ranging`` says. Columns without a prefix are of the first.
+    built, true_scanner
+        The instrument as built, None where it is as designed, and the design with its true lengths: light and detectors
+        follow them, and no estimator knows them.
 
     Raises
     ------
@@ -77,15 +81,16 @@ class Instrument:
         threads: int | None = None,
         reuse: Instrument | None = None,
     ) -> None:
-        scanner = scenario.scanner
+        self.built = instrument_as_built(scenario)
+        self.true_scanner = scanner_as_built(scenario.scanner, self.built)
         self.scenario = scenario
         self.reuse = reuse
         with guest():
             activate(device, threads)
             self._stay = Stay()
             self.loaded: LoadedScene = load_scene(scenario.scene) if reuse is None else reuse.loaded
-        self.optics = _optics_of(scanner)
-        self.geometry = geometry_of(scanner)
+        self.optics = optics_as_built(self.true_scanner, self.built)
+        self.geometry = geometry_believed(scenario.scanner, believed_instrument(scenario))
         ways = {"triangulation": "triangulation", "tof": "time_of_flight"}
         self.rangefinders: tuple[Rangefinder, ...] = tuple(
             getattr(self, ways[name]) for name in scenario.rangefinders
@@ -95,13 +100,13 @@ class Instrument:
     def triangulation(self) -> Triangulation:
         """The line sensor's half, whether the scenario ranges by it or not."""
         reuse = None if self.reuse is None else self.reuse.triangulation
-        return Triangulation(self.scenario, self.loaded, self.optics, reuse)
+        return Triangulation(self.scenario, self.loaded, self.optics, reuse, self.true_scanner, self.geometry)
 
     @cached_property
     def time_of_flight(self) -> TimeOfFlight:
         """The photodiode's half, whether the scenario ranges by it or not."""
         reuse = None if self.reuse is None else self.reuse.time_of_flight
-        return TimeOfFlight(self.scenario, self.loaded, self.optics, reuse)
+        return TimeOfFlight(self.scenario, self.loaded, self.optics, reuse, self.built, self.geometry)
 
     def aim(
         self,
@@ -125,6 +130,7 @@ class Instrument:
         *,
         backgrounds: Sequence[Panorama | None] | None = None,
         seeds: Sequence[int] | None = None,
+        noise_alone: bool = False,
     ) -> Samples:
         """Return what is measured of the shots of an aim.
 
@@ -139,6 +145,8 @@ class Instrument:
             Of runs that differ in nothing else, all of which measure the aim: their samples stand one run after the
             other, and each run's are those that it has alone. By default the scenario's. Several are possible where
             :attr:`takes_seeds` says so.
+        noise_alone
+            Leave the errors of the calibration out of σ, for what compares voxels.
 
         Raises
         ------
@@ -160,9 +168,10 @@ class Instrument:
             if backgrounds is None and not is_of_scan(aim, self.scenario):
                 backgrounds = self.backgrounds(aim)
             if seeds is None:
-                return self.read(aim, backgrounds)
+                return self._stated(self.read(aim, backgrounds), noise_alone)
             each, own = aim.repeated(len(seeds)), device_seeds(np.array(seeds, dtype=np.uint64))
-            return self.read(each, backgrounds, RunSeeds.of(own, len(each.shot)))
+            samples = self.read(each, backgrounds, RunSeeds.of(own, len(each.shot)))
+            return self._stated(samples, noise_alone)
 
     def measure_together(
         self,
@@ -180,11 +189,17 @@ class Instrument:
         scenarios
             The instrument's own among them.
         backgrounds
-            As of :meth:`measure`.
+            As of :meth:`measure`; σ are of noise alone.
         """
         with self._stay.resume():
             each, seeds, poses = lanes_of(scenarios, self.loaded, aim)
             return self.read(each, backgrounds, seeds, poses)
+
+    def _stated(self, samples: Samples, noise_alone: bool) -> Samples:
+        """Return samples with the errors of the calibration in their σ, unless these are to be of noise alone."""
+        if not noise_alone:
+            add_common_errors(samples.measured, self.scenario.rangefinders, self.geometry)
+        return samples
 
     @property
     def takes_seeds(self) -> bool:
@@ -229,10 +244,11 @@ class Instrument:
     def _surfaces(self, shots: Shots) -> Layers:
         """Return the truth of the surfaces that shots meet, as far as the scenario asks for it."""
         asked = set(self.scenario.output.truth)
-        if asked.isdisjoint(("normal", "incidence")):
+        if asked.isdisjoint(("point", "normal", "incidence")):
             return {}
-        normal, incidence = chief_surface(self.loaded, self.optics, shots)
-        layers = {f"normal.{axis}": part for axis, part in zip("XYZ", normal, strict=True)}
+        point, normal, incidence = chief_surface(self.loaded, self.optics, shots)
+        layers = {f"P.{axis}": part for axis, part in zip("XYZ", point, strict=True)}
+        layers |= {f"normal.{axis}": part for axis, part in zip("XYZ", normal, strict=True)}
         layers["incidence_rad"] = incidence
         return {name: values for name, values in layers.items() if CHANNEL[f"truth.{name}"].asked in asked}
 
@@ -284,7 +300,8 @@ class Instrument:
         scanner, transport = self.scenario.scanner, self.scenario.transport
         seed = transport.seed_of_light(self.scenario.seed) if seeds is None else seeds
         own = self.loaded.poses_at(aim.time) if poses is None else poses
-        return true_shots(aim, scanner.mirrors, seed, scanner.exposure / scanner.dwell, own)
+        share = scanner.exposure / scanner.dwell
+        return true_shots(aim, scanner.mirrors, seed, share, own, self.built)
 
     def deflections(
         self,
@@ -308,19 +325,8 @@ class Instrument:
             theta, phi = read_encoders(aim.shot, *shaft, mirrors, own)
         else:
             theta, phi = readings(*shaft, normals[0], normals[1], mirrors)
+        if self.geometry.calibration is not None:
+            theta, phi = self.geometry.calibration.deflections(theta, phi)
         return Deflections(
             theta, phi, mirrors.reading_sigma(theta, aim.time), mirrors.reading_sigma(phi, aim.time)
         )
-
-
-def _optics_of(scanner: Scanner) -> OpticalLayout:
-    """Return the optics of an instrument; the lengths of its line are 0 where it has none."""
-    sensor = scanner.line_choice
-    line = ("pitch", "height", "offset", "diffusion")
-    return OpticalLayout(
-        laser=scanner.laser,
-        receiver=scanner.receiver,
-        axis_separation=scanner.mirrors.axis_separation,
-        filter_transmission=peak_transmission(scanner.filter),
-        **{name: 0.0 if sensor == "none" else getattr(sensor, name) for name in line},
-    )

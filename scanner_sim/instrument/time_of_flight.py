@@ -15,7 +15,7 @@ from functools import cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.config.scanner import Lidar
+from scanner_sim.config.scanner import Lidar, geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.photodiode.echo_speckle import echo_speckle
 from scanner_sim.detector.photodiode.photodiode import (
@@ -25,7 +25,7 @@ from scanner_sim.detector.photodiode.photodiode import (
     background_power,
 )
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
-from scanner_sim.detector.photodiode.waveform import Waveforms, record
+from scanner_sim.detector.photodiode.waveform import ClockErrors, Waveforms, record
 from scanner_sim.foundation.channels import Channel
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.device_types import Float
@@ -33,9 +33,11 @@ from scanner_sim.foundation.streams import RunSeeds, Seed
 from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.rangefinder import Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
+from scanner_sim.optics.built_instrument import BuiltInstrument
 from scanner_sim.optics.filter import laser_gain
 from scanner_sim.products.waveforms import WaveformSet
-from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_with_points
+from scanner_sim.ranging.departures import ideal_way
+from scanner_sim.ranging.ranges import Deflections, Geometry, Layers, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.view import Rows
@@ -116,6 +118,10 @@ class TimeOfFlight:
         The triangulation's optics; laser, lens and filter are shared.
     reuse
         A unit before the same scene, under the same light and with the same raster, whose background is used again.
+    built
+        The instrument as built; None is built as designed.
+    geometry
+        As it believes itself to be; by default as designed.
     """
 
     prefix = "tof."
@@ -134,13 +140,19 @@ class TimeOfFlight:
         loaded: LoadedScene,
         optics: OpticalLayout,
         reuse: TimeOfFlight | None = None,
+        built: BuiltInstrument | None = None,
+        geometry: Geometry | None = None,
     ) -> None:
         scanner = scenario.scanner
+        self.clock = (
+            ClockErrors() if built is None else ClockErrors(built.value("tof_zero"), built.value("tof_scale"))
+        )
         self.reuse = reuse
         self.scenario, self.loaded, self.unit = scenario, loaded, scanner.lidar
         passed = float(laser_gain(scanner.filter, scanner.laser, self.unit.photodiode.response))
         self.bare = optics
         self.optics = dataclasses.replace(optics, filter_transmission=optics.filter_transmission * passed)
+        self.geometry = geometry_of(scanner) if geometry is None else geometry
         self.baseline = scanner.receiver.baseline if self.unit.photodiode.place == "offset" else 0.0
 
     @property
@@ -290,7 +302,9 @@ class TimeOfFlight:
         none = on_device(np.zeros(len(kept.clusters), dtype=np.float32))
         echoes = (group.light for group in kept.groups(shots.number.numpy()))
         for part, _ in batches_of_echoes(echoes, none, self._together):
-            waveforms = record(part, part.shot, unit.pulse, diode, unit.digitiser, self.scenario.seed)
+            waveforms = record(
+                part, part.shot, unit.pulse, diode, unit.digitiser, self.scenario.seed, clock=self.clock
+            )
             found[part.index.numpy()] = waveforms.records() * step
         return found
 
@@ -314,7 +328,8 @@ class TimeOfFlight:
         unit = self.unit
         for part, own in batches_of_echoes(echoes, light, self._together):
             seed = self.scenario.seed if seeds is None else seeds.take(part.index).lanes
-            waveforms = record(part, part.shot, unit.pulse, unit.photodiode, unit.digitiser, seed, own)
+            settings = unit.pulse, unit.photodiode, unit.digitiser
+            waveforms = record(part, part.shot, *settings, seed, own, self.clock)
             yield EchoGroup(part.index.numpy(), waveforms, detector.detect(waveforms))
 
     def measure(
@@ -345,10 +360,20 @@ class TimeOfFlight:
         }
         return Reading(truth, self.ranges(delays, deflections), layers)
 
+    def _delay(self, delay: Array) -> Array:
+        """Return delays [s] less what the instrument believes of its zero and scale."""
+        known = self.geometry.calibration
+        if known is None:
+            return delay
+        return (
+            ideal_way(SPEED_OF_LIGHT * delay, known.value("tof_zero"), known.value("tof_scale"))
+            / SPEED_OF_LIGHT
+        )
+
     def ranges(self, delays: EchoDelays, deflections: Deflections) -> Ranges:
         """Return the ranges of n shots from the delays of their echoes, along measured deflections."""
-        theta, d = deflections.theta, self.baseline
-        delay = delays.delay
+        theta, d = deflections.theta, self.geometry.baseline if self.baseline else 0.0
+        delay = self._delay(delays.delay)
         clock = self.unit.digitiser.jitter if self.unit.photodiode.noise.clock else 0.0
         alone = ranges_from_delays(delay, delays.sigma, delays.status, theta, clock, self.gate, d)
         # ∂R/∂Θ at a known delay: 0 on the laser's own axis.
@@ -360,7 +385,7 @@ class TimeOfFlight:
             alone.sigma,
             by_theta,
             deflections,
-            self.optics.axis_separation,
+            self.geometry,
         )
 
 

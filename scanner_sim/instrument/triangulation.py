@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.config.scanner import geometry_of, speckle_optics
+from scanner_sim.config.scanner import Scanner, geometry_of, speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.line.exposure import (
     Signal,
@@ -27,11 +27,10 @@ from scanner_sim.foundation.streams import RunSeeds, Seed
 from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.expected_light import expected_spot, white_light
 from scanner_sim.instrument.line_readings import LineReadings, ShotGroup
+from scanner_sim.instrument.optics_as_built import line_throughput
 from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
-from scanner_sim.optics.band_irradiance import band_irradiance
-from scanner_sim.optics.filter import laser_gain
 from scanner_sim.optics.speckle import Optics
-from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_from_peaks
+from scanner_sim.ranging.ranges import Deflections, Geometry, Layers, Ranges, ranges_from_peaks
 from scanner_sim.render.background.panorama import Panorama, known_panorama
 from scanner_sim.render.background.view import Rows, panorama_view
 from scanner_sim.render.beam.kept_light import KeptLight, on_device
@@ -70,6 +69,8 @@ class Triangulation:
     reuse
         One before the same scene, with the same optics, under the same light and with the same raster, whose background
         is used again.
+    true_scanner, geometry
+        The scanner with its true lengths, and as it believes itself to be; by default both are as designed.
     """
 
     prefix = ""
@@ -81,24 +82,17 @@ class Triangulation:
         loaded: LoadedScene,
         optics: OpticalLayout,
         reuse: Triangulation | None = None,
+        true_scanner: Scanner | None = None,
+        geometry: Geometry | None = None,
     ) -> None:
         self.scenario, self.loaded, self.optics, self.reuse = scenario, loaded, optics, reuse
-        self.geometry = geometry_of(scenario.scanner)
+        self.true_scanner = scenario.scanner if true_scanner is None else true_scanner
+        self.geometry = geometry_of(scenario.scanner) if geometry is None else geometry
 
     @cached_property
     def throughput(self) -> Throughput:
         """What each pixel makes of the laser's and the Sun's light behind the filter."""
-        scanner, lighting = self.scenario.scanner, self.scenario.lighting
-        sensor = scanner.position_sensor
-        position = self.geometry.position(np.arange(sensor.pixels, dtype=np.float64))
-        angle = np.arctan(scanner.receiver.line_image.tangent(position))
-        bands = np.zeros((2, sensor.pixels))
-        if lighting.sun != "none":
-            bands[:] = band_irradiance(
-                lighting.sun, scanner.filter, sensor.response, scanner.laser.wavelength, angle
-            )
-        laser = laser_gain(scanner.filter, scanner.laser, sensor.response, angle)
-        return Throughput(self.optics, sensor.pixels, laser, *bands)
+        return line_throughput(self.scenario, self.true_scanner, self.optics)
 
     @cached_property
     def panorama(self) -> Panorama | None:
@@ -138,7 +132,8 @@ class Triangulation:
     def dark_line(self) -> DarkLine | None:
         """What exposes and reads lines that nothing but the laser lights; None where all pixels count."""
         scenario, scanner = self.scenario, self.scenario.scanner
-        if not scenario.lighting.sky().dark or scanner.laser_off > 0.0 or self.own_peak:
+        lit = not scenario.lighting.sky().dark or self.throughput.stray > 0.0
+        if lit or scanner.laser_off > 0.0 or self.own_peak:
             return None
         return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
 
@@ -211,7 +206,7 @@ class Triangulation:
         return line_speckle(
             light,
             surfaces,
-            self.speckle,
+            speckle_optics(self.true_scanner),
             self.optics.receiver.focal_length / self.optics.pitch,
             self.optics.seen_at(shots.theta),
             self.travel(shots),

@@ -210,3 +210,54 @@ def deflected_frame(
         laser=(zero, y, z),
         lens=(zero + baseline, y, z),
     )
+
+
+def turned_axis_frame(
+    sin_theta: FloatLike,
+    cos_theta: FloatLike,
+    sin_phi: FloatLike,
+    cos_phi: FloatLike,
+    axis_separation: FloatLike,
+    baseline: FloatLike,
+    offset: FloatLike,
+    skew: FloatLike,
+) -> Frame:
+    """Return the deflected optics of an instrument whose second axis is not where it should be.
+
+    Parameters
+    ----------
+    sin_theta, cos_theta, sin_phi, cos_phi, axis_separation, baseline
+        As of :func:`deflected_frame`.
+    offset, skew
+        The axis passes through (0, e, D_g) along (cos s, sin s, 0): e [m] and s [rad], small.
+
+    Returns
+    -------
+    Frame
+        The plane of triangulation and its optics, turned about that axis by φ (Rodrigues): with an offset and a skew of
+        0 that is :func:`deflected_frame`.
+    """
+    across = skew * (1.0 - skew * skew / 6.0)
+    along = 1.0 - 0.5 * skew * skew * (1.0 - skew * skew / 12.0)
+    versed = 1.0 - cos_phi
+
+    def turned(x: FloatLike, y: FloatLike, z: FloatLike) -> tuple[FloatLike, FloatLike, FloatLike]:
+        on_axis = along * x + across * y
+        return (
+            cos_phi * x - sin_phi * across * z + versed * along * on_axis,
+            cos_phi * y + sin_phi * along * z + versed * across * on_axis,
+            cos_phi * z + sin_phi * (across * x - along * y),
+        )
+
+    def placed(x: FloatLike) -> tuple[FloatLike, FloatLike, FloatLike]:
+        moved = turned(x, zero - offset, zero - axis_separation)
+        return moved[0], moved[1] + offset, moved[2] + axis_separation
+
+    zero = 0.0 * sin_phi
+    return Frame(
+        along=turned(sin_theta, zero, cos_theta),
+        across=turned(cos_theta, zero, -sin_theta),
+        normal=turned(zero, zero + 1.0, zero),
+        laser=placed(zero),
+        lens=placed(zero + baseline),
+    )

@@ -35,11 +35,12 @@ class Output(Part):
     compression: Literal["none", "rle", "zips", "zip", "piz"] = "rle"
     """Lossless compression of range.exr: ``rle`` is written four times as fast as ``zip``, whose files have two thirds
     of the size."""
-    truth: tuple[Literal["normal", "incidence", "pose"], ...] = Field(
+    truth: tuple[Literal["point", "normal", "incidence", "pose"], ...] = Field(
         default=(), examples=[["normal", "incidence"]]
     )
-    """Truth beside that which every image or table of shots has: ``normal`` of the surface and ``incidence`` of the
-    beam as layers, ``pose`` of every object at the begin and at the end of the scan."""
+    """Truth beside that which every image or table of shots has: the ``point`` that the beam meets, ``normal`` of the
+    surface there and ``incidence`` of the beam as layers, ``pose`` of every object at the begin and at the end of the
+    scan."""
     lines: VoxelChoice = "none"
     """Voxels, as [row, column], whose lines of the position sensor go into lines.parquet, with the light before noise:
     ``scanner-sim reprocess`` makes other noise and ranges of it."""

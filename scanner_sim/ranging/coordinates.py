@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 def coordinates(
-    r: ArrayLike, theta: ArrayLike, phi: ArrayLike, axis_separation: float
+    r: ArrayLike, theta: ArrayLike, phi: ArrayLike, axis_separation: float | Array
 ) -> tuple[Array, Array, Array]:
     """Return the point (x, y, z) [m] at range R [m] and deflections Θ, φ [rad].
 

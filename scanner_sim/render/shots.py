@@ -19,8 +19,10 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.streams import RunSeeds, Seed, Stream, generator
+from scanner_sim.optics.built_instrument import BuiltInstrument, still_errors
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.render.rays import take_poses
+from scanner_sim.render.shot_departures import ShotDepartures
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import Pose
 
@@ -37,7 +39,8 @@ class Shots:
     the middle of the dwell; None leaves them where the loaded scene has them. ``even_travel`` is by how much Θ is
     commanded to change in a dwell, φ at rest, where it is the same for all shots [rad]; else None. ``seeds`` of the
     runs that the shots belong to; None where all belong to one. ``commanded`` deflection Θ [rad], which is no part of
-    the light's way; None where nobody asks for it.
+    the light's way; None where nobody asks for it. ``departures`` of the instrument as built that differ from shot to
+    shot; None where none do.
     """
 
     number: UInt32
@@ -50,6 +53,7 @@ class Shots:
     even_travel: float | None = None
     seeds: RunSeeds | None = None
     commanded: Float | None = None
+    departures: ShotDepartures | None = None
 
     def __post_init__(self) -> None:
         """Put zeros where nothing was given."""
@@ -72,7 +76,10 @@ class Shots:
         poses = None if self.poses is None else take_poses(self.poses, index)
         even, seeds = self.even_travel, None if self.seeds is None else self.seeds.take(index)
         told = None if self.commanded is None else dr.gather(mi.Float, self.commanded, index)
-        return Shots(number, theta, phi, travel_theta, travel_phi, synchronisation, poses, even, seeds, told)
+        departed = None if self.departures is None else self.departures.take(index)
+        return Shots(
+            number, theta, phi, travel_theta, travel_phi, synchronisation, poses, even, seeds, told, departed
+        )
 
 
 @dataclass(frozen=True)
@@ -94,6 +101,7 @@ def true_shots(
     seed: int | RunSeeds,
     duty_cycle: float = 1.0,
     poses: tuple[Pose, ...] | None = None,
+    built: BuiltInstrument | None = None,
 ) -> tuple[Shots, Pointing]:
     """Return the shots of an aim as they are fired.
 
@@ -110,19 +118,21 @@ def true_shots(
     poses
         Of the moving objects at the aim's times, from
         :meth:`~scanner_sim.scene.files.loader.LoadedScene.poses_at`.
+    built
+        The instrument as built; None is built as designed.
 
     Returns
     -------
     Shots, Pointing
         The shots, and their errors. Jitter and synchronisation error are independent normal numbers for each axis and
-        shot; wobble is :func:`wobble`; drift is :meth:`~scanner_sim.optics.deflection.Mirrors.drift`.
+        shot; wobble is :func:`wobble`; the rest is :func:`~scanner_sim.optics.built_instrument.still_errors`.
     """
     number = mi.UInt32(for_device(aim.shot, np.uint32))
     lattices, seeds = lattices_of(aim, mirrors), seed if isinstance(seed, RunSeeds) else None
     own = seed if seeds is None else seeds.lanes
     random, shaft, synchronisation = draw_errors(number, lattices, mirrors, own)
     dr.eval(number, random, shaft, synchronisation)
-    still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
+    still = still_errors(mirrors, built, aim.theta, aim.phi, aim.time)
     errors = [np.asarray(random[axis].numpy(), dtype=np.float64) + still[axis] for axis in (0, 1)]
     shots = Shots(
         number,
@@ -135,9 +145,16 @@ def true_shots(
         float(aim.travel_theta[0]) if not np.ptp(aim.travel_theta) and not aim.travel_phi.any() else None,
         seeds,
         _to_float(aim.theta),
+        None if built is None else departures_of(built, aim, number, own),
     )
     encoders = [np.asarray(part.numpy(), dtype=np.float64) for part in shaft]
     return shots, Pointing(errors[0], errors[1], encoders[0], encoders[1])
+
+
+def departures_of(built: BuiltInstrument, aim: Aim, number: UInt32, seed: Seed) -> ShotDepartures:
+    """Return what of an instrument as built differs between the shots of an aim."""
+    known = None if built.is_steady else built.unsteadiness(aim.time)
+    return ShotDepartures.made(known, built, number, seed)
 
 
 def draw_errors(

@@ -21,12 +21,14 @@ import mitsuba as mi
 
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Mask, SurfaceInteraction3f, UInt32, Vector3f
-from scanner_sim.optics.deflection import Frame, deflected_frame
+from scanner_sim.optics.deflection import Frame, deflected_frame, turned_axis_frame
 from scanner_sim.optics.laser import Laser
+from scanner_sim.optics.lens_errors import LensErrors
 from scanner_sim.optics.line_image import ArrayPlace
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.render.beam.beamlets import Beamlets
 from scanner_sim.render.rays import intersect, is_occluded
+from scanner_sim.render.shot_departures import ShotDepartures
 from scanner_sim.render.shots import Shots
 from scanner_sim.scene.files.loader import LoadedScene
 
@@ -35,7 +37,11 @@ _NONZERO = 1e-30
 
 @dataclass(frozen=True)
 class OpticalLayout:
-    """The numbers of the optical bench that the light meets, SI."""
+    """The numbers of the optical bench that the light meets, SI.
+
+    ``axes`` are offset [m] and skew [rad] of the second axis, and ``lens`` what lens and array do to an image; None
+    where they are as designed.
+    """
 
     laser: Laser
     receiver: Receiver
@@ -45,6 +51,8 @@ class OpticalLayout:
     height: float
     offset: float
     diffusion: float
+    axes: tuple[float, float] | None = None
+    lens: LensErrors | None = None
 
     @property
     def point_spread(self) -> float:
@@ -174,17 +182,32 @@ def lanes(beamlets: Beamlets | Split, shots: Shots) -> Lanes:
 
 def frame_at(layout: OpticalLayout, shots: Shots, time: Float) -> Frame:
     """Return the deflected optics of shots at moments of their dwell, in units of it about its middle."""
-    return device_frame(layout, shots.theta + time * shots.travel_theta, shots.phi + time * shots.travel_phi)
+    return device_frame(
+        layout,
+        shots.theta + time * shots.travel_theta,
+        shots.phi + time * shots.travel_phi,
+        shots.departures,
+    )
 
 
-def device_frame(layout: OpticalLayout, theta: Float, phi: Float) -> Frame:
-    """Return the deflected optics with Dr.Jit vectors."""
+def device_frame(
+    layout: OpticalLayout, theta: Float, phi: Float, departures: ShotDepartures | None = None
+) -> Frame:
+    """Return the deflected optics with Dr.Jit vectors, with what of them differs from shot to shot."""
     sin_theta, cos_theta = dr.sincos(theta)
     sin_phi, cos_phi = dr.sincos(phi)
     separation = dr.opaque(mi.Float, layout.axis_separation)
     baseline = dr.opaque(mi.Float, layout.receiver.baseline)
-    parts = deflected_frame(sin_theta, cos_theta, sin_phi, cos_phi, separation, baseline)
-    return Frame(*(mi.Vector3f(*part) for part in parts))
+    if departures is not None and departures.base is not None:
+        baseline = baseline + departures.base
+    turns = sin_theta, cos_theta, sin_phi, cos_phi
+    if layout.axes is None:
+        parts = deflected_frame(*turns, separation, baseline)
+    else:
+        axis = (dr.opaque(mi.Float, value) for value in layout.axes)
+        parts = turned_axis_frame(*turns, separation, baseline, *axis)
+    frame = Frame(*(mi.Vector3f(*part) for part in parts))
+    return frame if departures is None else departures.moved(frame)
 
 
 @dataclass

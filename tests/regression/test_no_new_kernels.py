@@ -104,3 +104,25 @@ def test_no_kernel_is_compiled_for_another_focus(device: Device, repo_root: Path
     )
     known = set.union(*(kernels(load_scenario(config, first)) for _ in range(2)))
     assert [len(kernels(load_scenario(config, other)) - known) for other in others] == [0, 0, 0]
+
+
+def test_no_kernel_is_compiled_for_another_instrument_as_built(device: Device, repo_root: Path) -> None:
+    """Claim: departures are numbers, whatever they are; only whether there are any is known to a kernel.
+
+    It can fail: one coefficient of the lens as a literal is found.
+    """
+    small = ["scan.rows=12", "scan.columns=40", "ranging=both"]
+    config, own = repo_root / "configs" / "quickstart.yaml", "scanner.as_built"
+    shaken = "{turn: [[5 Hz, %s rad^2/Hz], [50 Hz, 1e-12 rad^2/Hz]]}"
+    keys = {
+        "base": ("1 mm", "2 mm"), "axis_skew": ("1 mrad", "2 mrad"), "theta_zero": ("1 mrad", "3 mrad"),
+        "array_tilt": ("1 mrad", "2 mrad"), "radial_1": ("0.1", "0.2"), "tangential": ("0.01", "0.02"),
+        "tof_zero": ("1 mm", "2 mm"), "field_blur": ("2 um", "3 um"), "base_expansion": ("10 ppm/K", "20 ppm/K"),
+        "power_noise": ("0.01", "0.02"), "pulse_noise": ("0.01", "0.02"), "stray_light": ("0.02", "0.01"),
+        "vibration": (shaken % "1e-10", shaken % "2e-10"),
+    }  # fmt: skip
+    first, second = (
+        [*small, *(f"{own}.{key}={values[number]}" for key, values in keys.items())] for number in (0, 1)
+    )
+    known = set.union(*(kernels(load_scenario(config, first)) for _ in range(2)))
+    assert not kernels(load_scenario(config, second)) - known

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import drjit as dr
 import drjit.auto.ad as auto
@@ -79,6 +79,16 @@ class Waveforms:
         return np.ascontiguousarray(records)
 
 
+class ClockErrors(NamedTuple):
+    """How a clock departs from its design: ``zero``, by which ranges read too far [m], and ``scale`` of delays."""
+
+    zero: float = 0.0
+    scale: float = 0.0
+
+
+EXACT_CLOCK = ClockErrors()
+
+
 @dataclass
 class Arrivals:
     """Echoes in the clock's own time: sample ``first`` + ``position`` [sample], ``variance`` [sample²], ``power`` [W].
@@ -131,6 +141,7 @@ def record(
     digitiser: Digitiser,
     seed: Seed,
     background: Float = 0.0,
+    clock: ClockErrors = EXACT_CLOCK,
 ) -> Waveforms:
     """Record the waveforms of m shots.
 
@@ -147,6 +158,8 @@ def record(
     background
         Light of Sun and Earth on the photodiode [W], shape (m,) or one number: shot noise, since AC coupling takes
         the direct current off.
+    clock
+        How the clock departs from its design.
 
     Returns
     -------
@@ -154,7 +167,7 @@ def record(
     """
     m, n = dr.width(shot), digitiser.samples
     background = auto.Float(background) + dr.zeros(auto.Float, m)
-    arrivals = arrive(echoes, shot, pulse, photodiode, digitiser, seed)
+    arrivals = arrive(echoes, shot, pulse, photodiode, digitiser, seed, clock)
     sigma = photodiode.response_sigma * digitiser.rate
     response = PulseResponse.of(pulse, digitiser.rate)
     electrical = response.on_device(sigma**2)
@@ -199,6 +212,7 @@ def arrive(
     photodiode: Photodiode,
     digitiser: Digitiser,
     seed: Seed,
+    clock: ClockErrors = EXACT_CLOCK,
 ) -> Arrivals:
     """Return when echoes arrive by the digitiser's clock; what comes after the next pulse folds back.
 
@@ -206,10 +220,11 @@ def arrive(
     """
     m, count = dr.width(shot), dr.width(echoes.amount) // dr.width(shot)
     drift, jitter = (digitiser.drift, digitiser.jitter) if photodiode.noise.clock else (0.0, 0.0)
-    rate = digitiser.rate * (1.0 + drift)
+    rate = digitiser.rate * (1.0 + drift + clock.scale)
     per_metre = dr.opaque(auto.Float64, rate / SPEED_OF_LIGHT)
     period = dr.opaque(auto.Float64, digitiser.rate / pulse.repetition_rate)
-    when = auto.Float64(echoes.reference) * per_metre
+    shift = dr.opaque(auto.Float64, 2.0 * clock.zero * rate / SPEED_OF_LIGHT)
+    when = auto.Float64(echoes.reference) * per_metre + shift
     when = when - period * dr.floor(when / period) - dr.opaque(auto.Float64, digitiser.start * digitiser.rate)
     normal = generator(seed, Stream.CLOCK, shot, auto.UInt32(0)).next_float32x4_normal()[0]
     when = when + auto.Float64(normal * dr.opaque(auto.Float, jitter * digitiser.rate))

@@ -25,6 +25,7 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.line_readings import LineReadings
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.triangulation import Triangulation
+from scanner_sim.optics.built_instrument import still_errors
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.beam.pattern import (
     PatternProbes,
@@ -132,9 +133,9 @@ class FrozenInstrument:
         if not self.fast:
             lit = [own.panorama(parts, count) for own, parts in zip(self.windows, seen, strict=True)]
             return self._runs[int(run[0])].read(aim, lit or None)
-        mirrors, duty_cycle = scanner.mirrors, scanner.exposure / scanner.dwell
-        still = [mirrors.drift(angle, aim.time) for angle in (aim.theta, aim.phi)]
-        packed = packed_shots(aim, still, mirrors, duty_cycle, self._poses(aim, run))
+        mirrors, duty_cycle, built = scanner.mirrors, scanner.exposure / scanner.dwell, instrument.built
+        still = still_errors(mirrors, built, aim.theta, aim.phi, aim.time)
+        packed = packed_shots(aim, still, mirrors, duty_cycle, self._poses(aim, run), built)
         seeds = device_seeds(self._seeds[run])
         fired, probes, angles = self._step(self._probe, count, len(run))(self._reads, *packed, seeds)
         again = lanes_again(probes.footprint.numpy())
@@ -208,7 +209,7 @@ class FrozenInstrument:
         mirrors, bodies = instrument.scenario.scanner.mirrors, len(instrument.loaded.bodies)
         shots, _ = size
         own = RunSeeds.of(seeds, shots).lanes
-        fired = fired_shots(numbers, integers, shots, mirrors, bodies, own)
+        fired = fired_shots(numbers, integers, shots, mirrors, bodies, own, instrument.built)
         normals = reading_normals(fired.shots.number, own)
         probes = probe_pattern(instrument.loaded, instrument.optics, self._beamlets, fired.shots)
         return fired, probes, [*fired.error, *fired.seen, *normals]

@@ -158,7 +158,7 @@ def _land(
     laser, receiver = layout.laser, layout.receiver
     random = generator(seed, Stream.REFERENCE, mi.UInt32(shot), number)
     beam, blur, stop = random.next_float32x4_normal(), random.next_float32x4_normal(), random.next_float32x4()
-    along, across, normal, origin, lens = device_frame(layout, *map(mi.Float, aim))
+    along, across, normal, origin, lens = device_frame(layout, mi.Float(aim[0]), mi.Float(aim[1]))
 
     sigma = 0.5 * laser.waist_radius
     slope_a, slope_b = beam[2] * sigma / laser.rayleigh_length, beam[3] * sigma / laser.rayleigh_length

@@ -15,15 +15,15 @@ from scanner_sim.scene.files.loader import LoadedScene
 Array = NDArray[np.float64]
 
 
-def chief_surface(loaded: LoadedScene, layout: OpticalLayout, shots: Shots) -> tuple[Array, Array]:
-    """Return how the surfaces are turned that the chief rays of n shots meet in the middle of the dwell.
+def chief_surface(loaded: LoadedScene, layout: OpticalLayout, shots: Shots) -> tuple[Array, Array, Array]:
+    """Return where the chief rays of n shots meet surfaces in the middle of the dwell, and how these are turned.
 
     Returns
     -------
     tuple
-        Unit normals in the scanner's frame on the side from which the beam comes, shape (3, n), and angles between the
-        normal and the way back [rad], shape (n,); NaN where nothing is met. The normal is that of the surface itself:
-        a mesh has those of its triangles, whatever its file says of vertices.
+        Points [m] and unit normals in the scanner's frame, the latter on the side from which the beam comes, shape
+        (3, n), and angles between the normal and the way back [rad], shape (n,); NaN where nothing is met. The normal
+        is that of the surface itself: a mesh has those of its triangles, whatever its file says of vertices.
     """
     frame = frame_at(layout, shots, mi.Float(0.0))
     beam = launch(layout, frame, [mi.Float(0.0), mi.Float(0.0)])
@@ -31,8 +31,11 @@ def chief_surface(loaded: LoadedScene, layout: OpticalLayout, shots: Shots) -> t
     met = si.is_valid()
     facing = dr.select(met, mi.Vector3f(si.n), dr.nan)
     facing = dr.select(dr.dot(facing, beam.direction) > 0.0, -facing, facing)
-    dr.eval(facing, beam.direction)
-    normal, back = (np.asarray(way.numpy(), dtype=np.float64) for way in (facing, -beam.direction))
+    point = dr.select(met, mi.Vector3f(si.p), dr.nan)
+    dr.eval(facing, beam.direction, point)
+    normal, back, place = (
+        np.asarray(way.numpy(), dtype=np.float64) for way in (facing, -beam.direction, point)
+    )
     # Of the sine and the cosine: the latter alone is blind to small angles.
     across = np.linalg.norm(np.cross(normal, back, axis=0), axis=0)
-    return normal, np.arctan2(across, (normal * back).sum(axis=0))
+    return place, normal, np.arctan2(across, (normal * back).sum(axis=0))

@@ -40,8 +40,11 @@ class LineProjection:
     def power(self, shots: Shots) -> Float:
         """Return the power of the laser [W]."""
         if shots.seeds is None or shots.seeds.powers is None:
-            return dr.opaque(mi.Float, self.layout.laser.power)
-        return shots.seeds.spread(shots.seeds.powers)
+            mean = dr.opaque(mi.Float, self.layout.laser.power)
+        else:
+            mean = shots.seeds.spread(shots.seeds.powers)
+        departures = shots.departures
+        return mean if departures is None or departures.power is None else mean * departures.power
 
     def fired(self, shots: Shots) -> Shots:
         """Return the shots as they are: the laser shines while the mirrors move."""
@@ -59,8 +62,8 @@ class LineProjection:
         """Return where beamlets' light lies: the tangent plane and the lens map Gaussians to Gaussians."""
         layout, frame, shots, distance = self.layout, hits.frame, hits.lane.own, hits.si.t
         p, q, depth = image(layout, frame, hits.si.p)
-        spread = layout.beam_sigma(layout.twist(distance))
         f = dr.opaque(mi.Float, layout.receiver.focal_length)
+        spread = layout.beam_sigma(layout.twist(distance))
 
         def slopes(slide: Vector3f) -> tuple[Float, Float]:
             moved = slide * spread
@@ -83,7 +86,7 @@ class LineProjection:
         variance = hits.lane.time_variance
         turn_p = shots.travel_theta * (f + dr.square(p) / f)
         turn_q = -shots.travel_phi * reach * f / depth
-        at = on_array(layout, p, q, depth)
+        at = on_array(layout, p, q, depth, shots)
         (pa, qa), (pb, qb), (turn_p, turn_q) = (
             at.slopes(*both) for both in ((pa, qa), (pb, qb), (turn_p, turn_q))
         )
@@ -91,7 +94,8 @@ class LineProjection:
         var_p = residual * (dr.square(pa) + dr.square(pb)) + variance * dr.square(turn_p) + at.blur_p
         var_q = residual * (dr.square(qa) + dr.square(qb)) + variance * dr.square(turn_q) + at.blur_q
         covariance = residual * (pa * qa + pb * qb) + variance * turn_p * turn_q
-        p = array_position(layout, synchronisation_shift(layout, p, shots.synchronisation)) + at.shift
+        place = synchronisation_shift(layout, p, shots.synchronisation)
+        p = array_position(layout, place, q, shots) + at.shift
         height, pitch = dr.opaque(mi.Float, layout.height), dr.opaque(mi.Float, layout.pitch)
         inside, cut, var_p = cut_by_height(p, at.q, var_p, var_q, covariance, height)
         slopes_in_pixels = (slope / pitch for slope in (pa, pb, pt))
@@ -113,8 +117,9 @@ class LineProjection:
         """Return position and standard deviation [pixel] and share of the light of points, by the point spread."""
         layout = self.layout
         p, q, depth = image(layout, frame, point)
-        at = on_array(layout, p, q, depth)
-        p = array_position(layout, synchronisation_shift(layout, p, shots.synchronisation)) + at.shift
+        at = on_array(layout, p, q, depth, shots)
+        place = synchronisation_shift(layout, p, shots.synchronisation)
+        p = array_position(layout, place, q, shots) + at.shift
         height = dr.opaque(mi.Float, layout.height)
         inside, p, variance = cut_by_height(p, at.q, at.blur_p, at.blur_q, mi.Float(0.0), height)
         sigma = dr.sqrt(variance) / dr.opaque(mi.Float, layout.pitch)
@@ -162,7 +167,7 @@ class OnArray:
         return p * self.along, q * self.across + p * self.shear
 
 
-def on_array(layout: OpticalLayout, p: Float, q: Float, depth: Float) -> OnArray:
+def on_array(layout: OpticalLayout, p: Float, q: Float, depth: Float, shots: Shots) -> OnArray:
     """Return the array where the rays to images in the focal plane (p, q) [m] of points at depths [m] meet it."""
     receiver = layout.receiver
     line = receiver.line_image
@@ -170,6 +175,12 @@ def on_array(layout: OpticalLayout, p: Float, q: Float, depth: Float) -> OnArray
         dr.opaque(mi.Float, value)
         for value in (line.focal_length, line.slope, line.depth / line.focal_length, line.secant)
     )
+    bent, spread_by_field = None, None
+    if layout.lens is not None:
+        p, q, bent = layout.lens.image(p, q, f)
+        spread_by_field = layout.lens.variance(p)
+    if shots.departures is not None and shots.departures.focus is not None:
+        ratio = ratio * (1.0 + shots.departures.focus)
     left = 1.0 - slope * p / f
     stretch = 1.0 / left
     across = ratio * stretch
@@ -179,7 +190,7 @@ def on_array(layout: OpticalLayout, p: Float, q: Float, depth: Float) -> OnArray
     )
     blur = line.blur_at(stretch, depth)
     defocus = dr.square(blur)
-    return OnArray(
+    found = OnArray(
         q=q * across,
         along=across * skewed,
         across=across,
@@ -189,15 +200,24 @@ def on_array(layout: OpticalLayout, p: Float, q: Float, depth: Float) -> OnArray
         shift=line.lopsided(blur, dr.opaque(mi.Float, line.pupil), skewed, stretch),
         behind=left > 0.0,
     )
+    if bent is not None and spread_by_field is not None:
+        found.along, found.shear = found.along * bent, found.shear * bent
+        found.blur_p += spread_by_field * dr.square(skewed)
+        found.blur_q += spread_by_field
+    return found
 
 
-def array_position(layout: OpticalLayout, p: Float) -> Float:
-    """Return positions on the array [m] of images at p [m] in the focal plane."""
+def array_position(layout: OpticalLayout, p: Float, q: Float, shots: Shots) -> Float:
+    """Return positions on the array [m] of images at (p, q) [m] in the focal plane, as the lens distorts them."""
     line = layout.receiver.line_image
     f, slope, scale = (
         dr.opaque(mi.Float, value)
         for value in (line.focal_length, line.slope, line.scale / line.focal_length)
     )
+    if layout.lens is not None:
+        p, _, _ = layout.lens.image(p, q, f)
+    if shots.departures is not None and shots.departures.focus is not None:
+        scale = scale * (1.0 + shots.departures.focus)
     return p * scale / (1.0 - slope * p / f)
 
 

@@ -59,9 +59,12 @@ class PathProjection:
         keeps_coherence=False,
     )
 
-    def power(self, shots: Shots) -> Float:  # noqa: ARG002 (a share of the pulse's in all)
-        """Return 1."""
-        return dr.opaque(mi.Float, 1.0)
+    def power(self, shots: Shots) -> Float:
+        """Return 1, or what the noise of the pulses' energy makes of it."""
+        departures = shots.departures
+        return (
+            dr.opaque(mi.Float, 1.0) if departures is None or departures.pulse is None else departures.pulse
+        )
 
     def fired(self, shots: Shots) -> Shots:
         """Return the shots at rest in the middle of their dwell."""

@@ -17,7 +17,9 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_types import Float, UInt32
 from scanner_sim.foundation.streams import Seed
+from scanner_sim.optics.built_instrument import BuiltInstrument
 from scanner_sim.optics.deflection import Mirrors
+from scanner_sim.render.shot_departures import COLUMNS, ShotDepartures
 from scanner_sim.render.shots import Lattice, Shots, draw_errors, lattice_position
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import packed_poses, unpacked_poses
@@ -45,7 +47,12 @@ class Fired:
 
 
 def packed_shots(
-    aim: Aim, still: Sequence[Array], mirrors: Mirrors, duty_cycle: float, poses: Sequence[Array]
+    aim: Aim,
+    still: Sequence[Array],
+    mirrors: Mirrors,
+    duty_cycle: float,
+    poses: Sequence[Array],
+    built: BuiltInstrument | None = None,
 ) -> tuple[Float, UInt32]:
     """Return the shots of an aim as two Dr.Jit arrays, column after column, for :func:`fired_shots`.
 
@@ -54,11 +61,13 @@ def packed_shots(
     aim
         The commanded shots.
     still
-        Errors of Θ and φ that are known beforehand [rad], each of shape (points,): the drift.
+        Errors of Θ and φ that are known beforehand [rad], each of shape (points,): drift, and what encoders read wrong.
     mirrors, duty_cycle
         The mirrors, and the share of the dwell in which the laser shines.
     poses
         Of the objects that move, at the shots' times, each of shape (points, 4, 4).
+    built
+        The instrument as built; None is built as designed.
     """
     numbers: list[NDArray[Any]] = [
         aim.theta,
@@ -74,13 +83,21 @@ def packed_shots(
             for cell, part in (lattice_position(angle, mirrors.wobble_angle), moment):
                 integers.append(cell)
                 numbers.append(part)
+    if built is not None and not built.is_steady:
+        numbers += built.unsteadiness(aim.time).columns
     if poses:
         numbers.append(packed_poses(list(poses)))
     return mi.Float(_join_columns(numbers, np.float32)), mi.UInt32(_join_columns(integers, np.uint32))
 
 
 def fired_shots(
-    numbers: Float, integers: UInt32, points: int, mirrors: Mirrors, bodies: int, seed: Seed
+    numbers: Float,
+    integers: UInt32,
+    points: int,
+    mirrors: Mirrors,
+    bodies: int,
+    seed: Seed,
+    built: BuiltInstrument | None = None,
 ) -> Fired:
     """Return the shots that :func:`packed_shots` packed, with the mirrors' random errors of their numbers.
 
@@ -88,8 +105,8 @@ def fired_shots(
     ----------
     numbers, integers, points
         The packed arrays, and the number of shots.
-    mirrors, bodies, seed
-        The mirrors, number of moving objects, and seed of the errors.
+    mirrors, bodies, seed, built
+        The mirrors, number of moving objects, seed of the errors, and the instrument as built.
     """
     lane = dr.arange(mi.UInt32, points)
 
@@ -105,9 +122,16 @@ def fired_shots(
         cells = columns(mi.UInt32, integers, 1 + 2 * mirror, 2)
         lattices.append(Lattice(cells[0], parts[0], cells[1], parts[1]))
     error, seen, synchronisation = draw_errors(number, lattices, mirrors, seed)
-    first = points * (_ANGLES + 2 * len(lattices))
-    poses = unpacked_poses(numbers, bodies, points, first) if bodies else None
-    shots = Shots(number, theta + error[0], phi + error[1], travel_theta, travel_phi, synchronisation, poses)
+    first = _ANGLES + 2 * len(lattices)
+    departures = None if built is None else ShotDepartures()
+    if built is not None and not built.is_steady:
+        departures = ShotDepartures.of(columns(mi.Float, numbers, first, COLUMNS))
+        first += COLUMNS
+    if built is not None and departures is not None:
+        departures = departures.with_noise(built, number, seed)
+    poses = unpacked_poses(numbers, bodies, points, points * first) if bodies else None
+    own = theta + error[0], phi + error[1]
+    shots = Shots(number, *own, travel_theta, travel_phi, synchronisation, poses, departures=departures)
     fired = Fired(shots, aimed, error, seen)
     dr.eval(fired)
     return fired

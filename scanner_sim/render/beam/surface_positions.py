@@ -41,7 +41,7 @@ def surface_positions(
     """
     laser = layout.laser
     rayleigh = dr.opaque(mi.Float, laser.rayleigh_length)
-    frame = device_frame(layout, shots.theta, shots.phi)
+    frame = device_frame(layout, shots.theta, shots.phi, shots.departures)
     distance = dr.select(dr.isfinite(truth.distance), truth.distance, rayleigh)
     radius = dr.opaque(mi.Float, laser.waist_radius) * dr.sqrt(1.0 + dr.square(layout.twist(distance)))
     point = mi.Vector3f(frame.laser) + frame.along * distance

@@ -120,11 +120,18 @@ def judge_laws(
     Raises
     ------
     InputError
-        For a name that no law has, a level that is none, or targets that the instrument cannot see.
+        For a name that no law has, a level that is none, an instrument that is not as designed, or targets that it
+        cannot see.
     """
     if not 0.0 < level < 1.0:
         raise InputError(
             f"a level of {level:g} is not between 0 and 1.", remedy="Write for example --level 0.001."
+        )
+    own = setting.scenario
+    if own.scanner.as_built is not None or own.processing.calibration is not None:
+        raise InputError(
+            "the closed forms are of an instrument as designed, and the scenario's is built or believed otherwise.",
+            remedy="Leave scanner.as_built and processing.calibration out.",
         )
     laws = chosen_laws(only)
     cases, reasons = [], {}

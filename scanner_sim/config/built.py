@@ -1,0 +1,67 @@
+"""The three instruments of a scenario: as designed, as built, and as believed."""
+
+from __future__ import annotations
+
+from scanner_sim.config.scanner import Scanner
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.parts import Part
+from scanner_sim.optics.built_instrument import BuiltInstrument
+from scanner_sim.optics.built_receiver import BuiltReceiver
+from scanner_sim.optics.parameters import INDEX, PARAMETERS
+
+
+def instrument_as_built(scenario: Scenario) -> BuiltInstrument | None:
+    """Return the true instrument of a scenario; None where it is built as designed.
+
+    Raises
+    ------
+    InputError
+        If its base or its image distance is not positive.
+    """
+    own, scanner = scenario.scanner.as_built, scenario.scanner
+    if own is None:
+        return None
+    seed = scenario.transport.seed_of_light(scenario.seed)
+    parameters = own.parameters(seed)
+    base = scanner.receiver.baseline + float(parameters[INDEX["base"]])
+    behind = scanner.receiver.line_image.depth + float(parameters[INDEX["focal_length"]])
+    if base <= 0.0 or behind <= 0.0:
+        name, found = ("base", base) if base <= 0.0 else ("focal_length", behind)
+        raise InputError(
+            f"the instrument as built has a {name} of {found:.4g} m: none can be made.",
+            remedy=f"Reduce scanner.as_built.{name}.",
+        )
+    return BuiltInstrument(own, parameters, scanner.mirrors, base, seed if own.seed is None else own.seed)
+
+
+def scanner_as_built(scanner: Scanner, built: BuiltInstrument | None) -> Scanner:
+    """Return a scanner with the true lengths of an instrument, for light and detectors alone."""
+    if built is None:
+        return scanner
+    sensor, scale = scanner.line_choice, 1.0 + built.value("array_scale")
+    line: dict[str, float] = {}
+    if sensor != "none":
+        line = {"pitch": sensor.pitch * scale, "offset": sensor.offset * scale + built.value("array_offset")}
+    return scanner.changed(
+        receiver=BuiltReceiver.of(
+            scanner.receiver, built.value("base"), built.value("focal_length"), built.value("array_tilt")
+        ),
+        mirrors={"axis_separation": scanner.mirrors.axis_separation + built.value("axis_separation")},
+        position_sensor=line,
+    )
+
+
+def drawn_departures(scenario: Scenario) -> dict[str, str]:
+    """Return what was drawn of the instrument as built, as a file would spell it; empty where nothing was.
+
+    It is the truth, which no estimator knows.
+    """
+    built, own = instrument_as_built(scenario), scenario.scanner.as_built
+    if built is None or own is None:
+        return {}
+    return {
+        parameter.name: str(parameter.dimension.format(float(f"{value:.6g}")))
+        for parameter, value in zip(PARAMETERS, built.parameters.tolist(), strict=True)
+        if isinstance(getattr(own, parameter.name), Part)
+    }
