@@ -146,6 +146,59 @@ def show(
 
 
 @app.command()
+def view(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR_OR_EXR", help="Folder of a result, or its range.exr.", show_default=False
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="HTML", help="The page.", show_default="view.html beside the result"
+        ),
+    ] = None,
+    lines: Annotated[
+        bool,
+        typer.Option("--lines/--no-lines", help="Keep the line and the waveform of each voxel in the page."),
+    ] = True,
+    size: Annotated[
+        float,
+        typer.Option(
+            metavar="MB", min=2.0, help="Size of the page beyond which lines, then voxels are thinned out."
+        ),
+    ] = 60.0,
+    peak: Peak = None,
+    pulse: Pulse = None,
+    device: Device = DeviceName.auto,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a page that is there.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write a result as one page for a browser: turn the points, colour them, click at a voxel and see its line.
+
+    Examples: `scanner-sim view output/quickstart`, `scanner-sim view output/track_static -o track.html`
+
+    The page holds everything: it opens from the disk, without a server and without a network. Lines and waveforms are
+    those that the run has kept, or are simulated again from the scenario in the result. Of a tracking run it shows
+    targets, patterns and poses over time.
+    """
+    with reported():
+        own_estimators(peak, pulse)
+        from scanner_sim.cli.viewing import view_result
+
+        view_result(
+            result,
+            output,
+            lines=lines,
+            largest_mb=size,
+            device=device.value,
+            overwrite=overwrite,
+            quiet=quiet,
+        )
+
+
+@app.command()
 def reprocess(
     result: Annotated[
         Path,
