@@ -199,6 +199,41 @@ def view(
 
 
 @app.command()
+def difference(
+    first: Annotated[
+        Path,
+        typer.Argument(metavar="FIRST", help="Folder of a result, or its range.exr.", show_default=False),
+    ],
+    second: Annotated[
+        Path, typer.Argument(metavar="SECOND", help="Another result of the same scan.", show_default=False)
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder of the comparison.",
+            show_default="output/ and SECOND_less_FIRST",
+        ),
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Compare two results of one scan: difference in range over σ as a map and a histogram, and changes of status.
+
+    Example: `scanner-sim difference output/quickstart output/quickstart_gaussian`
+
+    The rasters, or the shots, must point alike; scanner, scene, processing and seed may differ. σ is that of both
+    together, as of independent errors: compare runs with different seeds.
+    """
+    with reported():
+        from scanner_sim.cli.differing import compare_results
+
+        compare_results(first, second, output, overwrite=overwrite, quiet=quiet)
+
+
+@app.command()
 def reprocess(
     result: Annotated[
         Path,

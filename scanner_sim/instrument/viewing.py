@@ -48,10 +48,11 @@ LARGEST_MB = 60.0
 """Size of a page beyond which lines, then voxels are thinned out [MB]."""
 _PAGE_BYTES = 0.7e6
 """Of a page without data: most of it is three.js."""
-_BYTES_OF_VOXEL = 2.6
-"""Of a layer in a page, for each voxel: four, compressed and in base64; seen in the shipped scenarios."""
-_BYTES_OF_SAMPLE = {"line": 3.4, "waveform": 3.4}
-"""Of a pixel or sample in a page: its number and what is expected there."""
+_BYTES_OF_VOXEL, _BYTES_OF_SAMPLE = 1.8, 1.6
+"""Of a layer in a page, for each voxel, and of a pixel or sample with what is expected there: compressed, in base64; the
+shipped scenarios take 1.3 to 1.7 and 1.1 to 1.3."""
+_WITH_OFF = 2.2
+"""Times as much where an exposure without the laser is subtracted; seen: 3.3 bytes."""
 
 
 @dataclass(frozen=True)
@@ -103,8 +104,8 @@ def view(
     poses
         Of a tracking run; by default they are estimated.
     largest_mb
-        Size of the page [MB] beyond which every second, third … row and column of lines, then of voxels is left out, with
-        a note in the page.
+        Size of the page [MB] beyond which only every second, third … row and column of lines, then of voxels is kept,
+        with a note in the page.
     device
         Where lines are simulated.
     progress
@@ -120,8 +121,8 @@ def view(
     Raises
     ------
     InputError
-        If there is such a file already or it cannot be written, layers that the page needs were taken out of the result,
-        or its scene can no longer be loaded.
+        If there is such a file already or it cannot be written, layers that the page needs were taken out of the
+        result, or its scene can no longer be loaded.
     """
     path = Path(path)
     title = title or path.stem
@@ -133,7 +134,8 @@ def view(
     else:
         if missing := [name for name in ("range_m", "P.X", "P.Y", "P.Z") if name not in result]:
             raise InputError(
-                f"the result has no layer {missing[0]}.", remedy="Run its scenario again: layers were taken out."
+                f"the result has no layer {missing[0]}.",
+                remedy="Run its scenario again: layers were taken out.",
             )
         step, line_step, notes = _fitting(result, scenario, lines, largest_mb)
         signals: list[SignalWindows] = []
@@ -175,26 +177,32 @@ def _fitting(
     """Return every which row and column of voxels and of lines makes the page no larger than it may be, and notes."""
     room, count = 1e6 * largest_mb - _PAGE_BYTES, int(np.prod(result.shape))
     axes = len(result.shape)
-    layers = sum(name in result for name in (*LAYERS, *CODES)) + 3
+    layers = sum(name in result for name in (*LAYERS, *CODES)) + (3 if axes == 2 else 6)
     voxel = count * layers * _BYTES_OF_VOXEL
     line = 0.0
     if lines and axes == 2:
+        samples = {"line": _WITH_OFF if scenario.scanner.laser_off > 0.0 else 1.0, "waveform": 1.0}
         kinds = [one.word for one in _SOURCES if one.rangefinder in scenario.rangefinders]
-        line = count * sum(WINDOW[kind] * _BYTES_OF_SAMPLE[kind] for kind in kinds)
+        line = count * _BYTES_OF_SAMPLE * sum(WINDOW[kind] * samples[kind] for kind in kinds)
     step = _step(voxel, room, axes)
     line_step = step * _step(line / step**2, room - voxel / step**axes, 2)
     notes = []
     if step > 1:
         what = "row and column" if axes == 2 else "shot"
-        notes.append(f"Every {_th(step)} {what} of voxels is shown, to keep the page below {largest_mb:g} MB.")
+        notes.append(
+            f"Every {_th(step)} {what} of voxels is shown, to keep the page below {largest_mb:g} MB."
+        )
     if line and line_step > step:
-        notes.append(f"Every {_th(line_step)} row and column has its lines, to keep the page below {largest_mb:g} MB.")
+        notes.append(
+            f"Every {_th(line_step)} row and column has its lines, to keep the page below {largest_mb:g} MB."
+        )
     return step, line_step, notes
 
 
 def _step(size: float, room: float, axes: int) -> int:
     """Return every which row and column of something of a size leaves it within a room; at least a hundredth of it."""
-    return max(math.ceil((size / max(room, 0.01 * size, 1.0)) ** (1.0 / axes)), 1)
+    crowd = size / max(room, 0.01 * size, 1.0)
+    return max(math.ceil(crowd if axes == 1 else math.sqrt(crowd)), 1)
 
 
 def _th(step: int) -> str:
@@ -209,7 +217,9 @@ def _signals(
     for source in _SOURCES:
         if source.rangefinder not in scenario.rangefinders:
             continue
-        chosen = {"triangulation": scenario.output.lines, "tof": scenario.output.waveforms}[source.rangefinder]
+        chosen = {"triangulation": scenario.output.lines, "tof": scenario.output.waveforms}[
+            source.rangefinder
+        ]
         kept = None if folder is None else Path(folder) / source.file
         parts: Iterator[Columns]
         if chosen == "all" and kept is not None and kept.exists():

@@ -40,6 +40,7 @@ def test_the_public_names_are_these() -> None:
         "WaveformSet",
         "__version__",
         "compare",
+        "difference_of",
         "draw_lightings",
         "estimate_pose",
         "load_scanner",
@@ -61,6 +62,7 @@ def test_the_public_names_are_these() -> None:
         "take_photo",
         "track",
         "track_many",
+        "view",
         "write_run",
         "write_shots",
     }

@@ -114,7 +114,7 @@ function tools(shading, cloud, frame, changed) {
   function limits() {
     const { shade } = shading;
     const texts = [el("span"), el("span")];
-    const say = () => texts.forEach((text, i) => (text.textContent = `${digits([shading.low, shading.high][i], 3)} ${shade.unit}`));
+    const say = () => texts.forEach((text, i) => (text.textContent = digits([shading.low, shading.high][i], 3)));
     const slider = (end) => {
       const value = Math.round(1000 * shading.place(shading[end], shading.least, shading.most));
       const label = end === "low" ? "Colours begin at" : "Colours end at";
@@ -132,7 +132,7 @@ function tools(shading, cloud, frame, changed) {
     for (let i = 0; i < 256; i++) dots.data.set([map[3 * i], map[3 * i + 1], map[3 * i + 2], 255], 4 * i);
     bar.getContext("2d").putImageData(dots, 0, 0);
     say();
-    return [bar, el("div", { className: "ends" }, ...texts), slider("low"), slider("high"), shade.scale === "logarithmic" ? el("p", { className: "aside" }, "logarithmic") : ""];
+    return [bar, el("div", { className: "ends" }, texts[0], el("span", { className: "aside" }, `${shade.unit}${shade.scale === "logarithmic" ? ", logarithmic" : ""}`), texts[1]), slider("low"), slider("high")];
   }
 
   function kinds() {

@@ -22,9 +22,9 @@ _SCRIPTS_OF = {"scan": ("cloud.js", "voxel.js", "scan.js"), "track": ("track.js"
 def page_of(data: dict[str, Any]) -> str:
     """Return the page of what :mod:`~scanner_sim.products.view.scan` or ``track`` made of a result.
 
-    Data stand in it as JSON that no parser of HTML takes for anything else, and texts reach the page as texts alone. Its
-    policy (Content Security Policy, level 3) lets these scripts run, which it knows by their hashes, and nothing else,
-    and fetches nothing.
+    Data stand in it as JSON that no parser of HTML takes for anything else, and texts reach the page as texts alone.
+    Its policy (Content Security Policy, level 3) lets these scripts run, which it knows by their hashes, and nothing
+    else, and fetches nothing.
     """
     scripts = [_read("three/three.min.js"), "\n".join(_read(name) for name in _names(data["kind"]))]
     hashes = " ".join(f"'sha256-{_hash(script)}'" for script in scripts)

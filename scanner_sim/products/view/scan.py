@@ -30,7 +30,13 @@ LAYERS = {
     **dict.fromkeys(("range_m", "truth.range_m", "tof.range_m", "fused.range_m", "peak_px"), _FINE),
     **dict.fromkeys(
         (
-            *("sigma_range_m", "tof.sigma_range_m", "fused.sigma_range_m", "sigma_texture_m", "sigma_peak_px"),
+            *(
+                "sigma_range_m",
+                "tof.sigma_range_m",
+                "fused.sigma_range_m",
+                "sigma_texture_m",
+                "sigma_peak_px",
+            ),
             *("Y", "tof.Y", "snr", "snr_detection", "tof.snr_detection", "background", "truth.incidence_rad"),
         ),
         _COARSE,
@@ -49,7 +55,18 @@ _VALID_COLOUR = "#2b6f8f"
 _ON_DARK = {Status.VALID: "#4a94b5", Status.BELOW_THRESHOLD: "#343a40"}
 """Colours of statuses that would glare, or be lost, on dark ground."""
 PALETTE = (
-    *("#3f7fb5", "#d08a3c", "#4f9d69", "#b5534f", "#8a6fb0", "#8c6d4f", "#c678a8", "#7f8a94", "#a3a63f", "#4aa3ad"),
+    *(
+        "#3f7fb5",
+        "#d08a3c",
+        "#4f9d69",
+        "#b5534f",
+        "#8a6fb0",
+        "#8c6d4f",
+        "#c678a8",
+        "#7f8a94",
+        "#a3a63f",
+        "#4aa3ad",
+    ),
 )
 """Colours of objects, in turn."""
 
@@ -109,7 +126,9 @@ def scan_data(
         "theta": packed(theta.ravel()),
         "phi": packed(phi.ravel()),
         "time": packed(result.time[thin]) if isinstance(result, ShotTable) else None,
-        "position": packed(_positions(layers, result, thin, theta, phi, surroundings.axis_separation), _POINT),
+        "position": packed(
+            _positions(layers, result, thin, theta, phi, surroundings.axis_separation), _POINT
+        ),
         "layers": {name: _layer(name, values) for name, values in layers.items()},
         "shades": shades(result),
         "maps": colour_maps(),
@@ -137,7 +156,7 @@ def shades(result: LayeredResult) -> list[dict[str, Any]]:
             error = {"minus": "truth.range_m", "scale": "both"}
             found.append(_shade(f"error{by}", f"{prefix}range_m", "mm", "error", **error))
             over = error | {"over": f"{prefix}sigma_range_m", "unit": "σ"}
-            found.append(_shade(f"error over σ{by}", f"{prefix}range_m", map="error", **over))
+            found.append(_shade(f"error over σ{by}", f"{prefix}range_m", colours="error", **over))
     found.append(_shade("object", "truth.object", "", "", scale="object"))
     if "sigma_texture_m" in result:
         found.append(_shade("σ by uneven light", "sigma_texture_m", "mm", "sigma", scale="logarithmic"))
@@ -149,14 +168,14 @@ def shades(result: LayeredResult) -> list[dict[str, Any]]:
 
 
 def _shade(
-    name: str, layer: str, unit: str, map: str, scale: str = "linear", minus: str = "", over: str = ""
+    name: str, layer: str, unit: str, colours: str, scale: str = "linear", minus: str = "", over: str = ""
 ) -> dict[str, Any]:
     factor = {"mm": 1e3, "°": math.degrees(1.0)}.get(unit, 1.0)
     return {
         "name": name,
         "layer": layer,
         "unit": unit,
-        "map": map,
+        "map": colours,
         "scale": scale,
         "minus": minus,
         "over": over,
@@ -171,7 +190,10 @@ def colour_maps() -> dict[str, dict[str, str]]:
         colours = np.rint(255.0 * colormaps[name](np.linspace(0.0, 1.0, 256))[:, :3]).astype(np.uint8)
         return base64.b64encode(colours.tobytes()).decode("ascii")
 
-    return {key: {"dark": bytes_of(name), "light": bytes_of(_ON_WHITE.get(key, name))} for key, name in _MAPS.items()}
+    return {
+        key: {"dark": bytes_of(name), "light": bytes_of(_ON_WHITE.get(key, name))}
+        for key, name in _MAPS.items()
+    }
 
 
 def _about(result: LayeredResult) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -17,7 +17,16 @@ Columns = Mapping[str, NDArray[Any]]
 
 WINDOW = {"line": 25, "waveform": 48}
 """Pixels of a line, and samples of a waveform, that are kept about a peak."""
-LINE_COLUMNS = ("row", "column", "number", "number_off", "peak_px", "laser_w", "background_w", "truth.peak_px")
+LINE_COLUMNS = (
+    "row",
+    "column",
+    "number",
+    "number_off",
+    "peak_px",
+    "laser_w",
+    "background_w",
+    "truth.peak_px",
+)
 WAVEFORM_COLUMNS = ("row", "column", "number", "expected_a", "delay_s", "sigma_delay_s", "echoes")
 _EXPECTED_LEVELS = 65535
 
@@ -42,8 +51,8 @@ class SignalWindows:
         Digital number above which the threshold stands, shape (n, window), where an exposure without the laser is
         subtracted; None where it is the same for all.
     place
-        Of a line: the pixel on which the point that the beam's axis meets would fall; of a waveform: the sample at which
-        the echo was timed; shape (n,), NaN without one.
+        Of a line: the pixel on which the point that the beam's axis meets would fall; of a waveform: the sample at
+        which the echo was timed; shape (n,), NaN without one.
     numbers
         What the page needs to draw them: see :func:`packed_windows`.
     """
@@ -154,10 +163,17 @@ def _joined(parts: list[SignalWindows]) -> SignalWindows:
     def together(name: str) -> NDArray[Any]:
         return np.concatenate([getattr(part, name) for part in parts])
 
-    first = parts[0]
-    names = ("row", "column", "first", "number", "expected", "place")
-    beneath = None if first.beneath is None else together("beneath")
-    return replace(first, beneath=beneath, **{name: together(name) for name in names})
+    return SignalWindows(
+        kind=parts[0].kind,
+        row=together("row"),
+        column=together("column"),
+        first=together("first"),
+        number=together("number"),
+        expected=together("expected"),
+        beneath=None if parts[0].beneath is None else together("beneath"),
+        place=together("place"),
+        numbers=parts[0].numbers,
+    )
 
 
 def _kept(part: Columns, step: int) -> NDArray[np.intp]:
@@ -169,7 +185,8 @@ def _first(number: NDArray[Any], peak: NDArray[Any], window: int) -> NDArray[np.
     """Return where a window about each peak begins; without a peak, about the largest number."""
     samples = number.shape[1]
     middle = np.where(np.isfinite(peak), np.nan_to_num(peak), np.argmax(number, axis=1))
-    return np.clip(np.rint(middle) - window // 2, 0, max(samples - window, 0)).astype(np.int32)
+    begin = np.clip(np.rint(middle) - window // 2, 0, max(samples - window, 0))
+    return np.asarray(begin, dtype=np.int32)
 
 
 def _windows(values: NDArray[Any], first: NDArray[np.int32], window: int) -> NDArray[Any]:

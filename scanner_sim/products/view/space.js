@@ -40,6 +40,7 @@ class Space {
     this.share = 1; // of the points, while the camera moves
     this.middle = new THREE.Vector3(0, 0, 1);
     this.extent = 1;
+    this.radius = 1;
     try {
       this.renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
     } catch {
@@ -146,7 +147,7 @@ class Space {
     const now = performance.now(), took = now - (this.last ?? now);
     this.last = now;
     if (this.moving && took < 1000) {
-      if (took > SLOW_MS) this.share = Math.max(0.02, this.share * Math.max(0.3, SLOW_MS / took));
+      if (took > SLOW_MS) this.share = Math.max(0.06, this.share * Math.max(0.3, SLOW_MS / took));
       else if (took < 0.6 * SLOW_MS) this.share = Math.min(1, 1.1 * this.share);
     }
     for (const { geometry } of this.clouds) geometry.setDrawRange(0, this.moving ? Math.ceil(this.share * geometry.index.count) : Infinity);
@@ -186,6 +187,7 @@ class Space {
     if (!axes[0].length) return;
     const ends = axes.map((values) => values.sort((a, b) => a - b)).map((values) => [values[Math.floor(0.02 * values.length)], values[Math.floor(0.98 * (values.length - 1))]]);
     this.middle.set(...ends.map(([low, high]) => 0.5 * (low + high)));
+    this.radius = 0.5 * Math.hypot(...ends.map(([low, high]) => high - low)) || 0.05 * this.middle.length();
     this.extent = Math.max(0.05 * this.middle.length(), ...ends.map(([low, high]) => high - low));
   }
 
@@ -193,7 +195,7 @@ class Space {
   look(from) {
     const { camera, controls, middle } = this;
     if (!controls) return;
-    const away = (1.15 * this.extent) / Math.tan((0.5 * camera.fov * Math.PI) / 180) / 2 * Math.max(1, 1 / camera.aspect) + 0.5 * this.extent;
+    const away = (0.9 * this.radius) / Math.sin((0.5 * 35 * Math.PI) / 180) / Math.min(1, camera.aspect);
     const ways = { top: [0, -1, -0.001], side: [1, 0, 0], all: [0.62, -0.42, -0.66] };
     camera.near = 1e-3 * Math.max(this.extent, 0.05 * middle.length());
     camera.far = 50 * (this.extent + middle.length());

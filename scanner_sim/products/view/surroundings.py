@@ -81,7 +81,9 @@ class Surroundings:
         for name, end in zip(("near", "far"), self.ends(theta), strict=True):
             r = np.minimum(end, farthest)
             edges = [self._line(r, theta, np.full_like(theta, side)) for side in self.vertical]
-            edges += [self._line(np.full_like(phi, r[at]), np.full_like(phi, theta[at]), phi) for at in (0, -1)]
+            edges += [
+                self._line(np.full_like(phi, r[at]), np.full_like(phi, theta[at]), phi) for at in (0, -1)
+            ]
             outlines += [{"name": name, "points": packed(edge)} for edge in edges]
         reach = np.minimum(self.ends(theta)[1], farthest)
         for at in (0, -1):
@@ -99,4 +101,6 @@ class Surroundings:
 
     def _line(self, r: Array, theta: Array, phi: Array) -> Array:
         """Return points at ranges and deflections, shape (n, 3) [m]; what would lie behind the mirrors is at them."""
-        return np.stack(coordinates(np.maximum(r, self.axis_separation), theta, phi, self.axis_separation), axis=-1)
+        return np.stack(
+            coordinates(np.maximum(r, self.axis_separation), theta, phi, self.axis_separation), axis=-1
+        )
