@@ -1,12 +1,12 @@
-"""What a frame of the page of a result costs: JavaScript, calls of WebGL, and the whole frame of this machine's Chromium.
+"""What a frame of the page of a result costs: JavaScript, calls of WebGL, the whole frame of this machine's Chromium.
 
     pip install playwright
     scanner-sim run configs/quickstart.yaml --set scan.rows=512 --set scan.columns=512 -o output/large
     scanner-sim view output/large
     python benchmarks/view_page.py output/large/view.html
 
-Playwright drives the Chromium that is installed; it is no dependency of the program. Without a graphics card Chromium draws
-on the processor, and the time of a whole frame is that of this.
+Playwright drives the Chromium that is installed; it is no dependency of the program. Without a graphics card Chromium
+draws on the processor, and the time of a whole frame is that of this.
 """
 
 from __future__ import annotations

@@ -42,6 +42,7 @@ def measure(
     from scanner_sim.config.scanner import Scanner
     from scanner_sim.detector.line.exposure import electrons_per_watt, expose
     from scanner_sim.detector.line.noise import NoiseSwitches
+    from scanner_sim.optics.line_image import sharp_everywhere
     from scanner_sim.signals.line.bias import Bias, computed_bias
     from scanner_sim.signals.line.expected import ExpectedSpot
     from scanner_sim.signals.line.peaks import find_peaks
@@ -64,7 +65,9 @@ def measure(
         7,
     )
     bare = Validation(background=False, shape=False, misfit=0.0, max_reflectance=None)
-    known = ExpectedSpot(0.1, 0.2, 1e-9, 0.0, 1e3, sigma * 50e-6, 50e-6, 0.0, PIXELS, 1e12)
+    known = ExpectedSpot(
+        sharp_everywhere(0.1), 0.2, 1e-9, 0.0, 1e3, sigma * 50e-6, 0.0, 50e-6, 0.0, PIXELS, 1e12
+    )
     bias = Bias(computed_bias(method, 0.45, 3.6)) if corrected else None
     processing = Processing(peak=method, threshold=2.0, ambiguity=1.0, validation=bare)
     peaks = find_peaks(signal, line, processing, 50e-6, known, 0.0, bias)

@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from scanner_sim.products.files.shots_folder import read_shots as read_shots
     from scanner_sim.products.files.shots_folder import write_shots as write_shots
     from scanner_sim.products.files.signal_files import read_signals as read_signals
+    from scanner_sim.products.formats.convert import convert as convert
     from scanner_sim.products.image import RangeImage as RangeImage
     from scanner_sim.products.lines import LineSet as LineSet
     from scanner_sim.products.shots import ShotTable as ShotTable
@@ -77,6 +78,7 @@ __all__ = [
     "WaveformSet",
     "__version__",
     "compare",
+    "convert",
     "difference_of",
     "draw_lightings",
     "estimate_pose",
@@ -123,6 +125,7 @@ _HOMES = {
     "Tracker": "scanner_sim.instrument.closed_loop.tracker",
     "WaveformSet": "scanner_sim.products.waveforms",
     "compare": "scanner_sim.validation.compare.run",
+    "convert": "scanner_sim.products.formats.convert",
     "difference_of": "scanner_sim.products.difference",
     "draw_lightings": "scanner_sim.scene.light.draw",
     "estimate_pose": "scanner_sim.pose.estimate",

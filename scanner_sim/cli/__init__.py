@@ -10,6 +10,7 @@ import typer
 
 from scanner_sim.cli.campaigns import campaign
 from scanner_sim.cli.judging import compare, reproduce
+from scanner_sim.cli.looking import difference, view
 from scanner_sim.cli.options import (
     Config,
     Device,
@@ -81,6 +82,29 @@ def check(
 
 
 @app.command()
+@scenario_verb(
+    output=typer.Option(
+        "--output",
+        "-o",
+        metavar="PNG",
+        help="The picture.",
+        show_default="output/ and CONFIG's name with _scene.png",
+    ),
+    place=lambda config: Path("output", f"{config.stem}_scene.png"),
+)
+def scene(call: Call) -> None:
+    """Show what stands before the scanner: a table of the objects, and a picture with sizes, names and field of view.
+
+    Example: `scanner-sim scene configs/quickstart.yaml -o scene.png`
+
+    Nothing is simulated: it takes seconds, whatever the scan. What moves stands where it does when the scan begins.
+    """
+    from scanner_sim.cli.viewing_scene import show_scene
+
+    show_scene(call)
+
+
+@app.command()
 def show(
     result: Annotated[
         Path,
@@ -146,91 +170,49 @@ def show(
 
 
 @app.command()
-def view(
+def convert(
     result: Annotated[
         Path,
-        typer.Argument(
-            metavar="DIR_OR_EXR", help="Folder of a result, or its range.exr.", show_default=False
+        typer.Argument(metavar="RESULT", help="Folder of a run, or its range.exr.", show_default=False),
+    ],
+    to: Annotated[
+        list[str],
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            help="laz, las, e57, pcd, pcd_ascii or rosbag2. May be repeated.",
+            show_default=False,
         ),
     ],
     output: Annotated[
         Path | None,
         typer.Option(
-            "--output", "-o", metavar="HTML", help="The page.", show_default="view.html beside the result"
+            "--output", "-o", metavar="DIR", help="Folder of the files.", show_default="beside the result"
         ),
     ] = None,
-    lines: Annotated[
-        bool,
-        typer.Option("--lines/--no-lines", help="Keep the line and the waveform of each voxel in the page."),
-    ] = True,
-    size: Annotated[
-        float,
+    by: Annotated[
+        str,
         typer.Option(
-            metavar="MB", min=2.0, help="Size of the page beyond which lines, then voxels are thinned out."
+            metavar="RANGEFINDER",
+            help="Whose points, where both measured: triangulation, tof or fused.",
+            show_default="triangulation, or tof where it is alone",
         ),
-    ] = 60.0,
-    peak: Peak = None,
-    pulse: Pulse = None,
-    device: Device = DeviceName.auto,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace a page that is there.")] = False,
+    ] = "",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Write a result as one page for a browser: turn the points, colour them, click at a voxel and see its line.
+    """Write the points of a result for other programs: LAS 1.4, E57, PCD, a bag of ROS 2.
 
-    Examples: `scanner-sim view output/quickstart`, `scanner-sim view output/track_static -o track.html`
+    Example: `scanner-sim convert output/quickstart --to laz --to e57 -o output/exchange`
 
-    The page holds everything: it opens from the disk, without a server and without a network. Lines and waveforms are
-    those that the run has kept, or are simulated again from the scenario in the result. Of a tracking run it shows
-    targets, patterns and poses over time.
+    The files are points.laz, points.las, points.e57, points.pcd, points_ascii.pcd; with rosbag2 DIR becomes a bag
+    (metadata.yaml, points.mcap), with targets and poses of a track. The guide *Results in other programs* says what
+    each keeps. `output.formats` makes runs write the same.
     """
     with reported():
-        own_estimators(peak, pulse)
-        from scanner_sim.cli.viewing import view_result
+        from scanner_sim.cli.converting import convert_result
 
-        view_result(
-            result,
-            output,
-            lines=lines,
-            largest_mb=size,
-            device=device.value,
-            overwrite=overwrite,
-            quiet=quiet,
-        )
-
-
-@app.command()
-def difference(
-    first: Annotated[
-        Path,
-        typer.Argument(metavar="FIRST", help="Folder of a result, or its range.exr.", show_default=False),
-    ],
-    second: Annotated[
-        Path, typer.Argument(metavar="SECOND", help="Another result of the same scan.", show_default=False)
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--output",
-            "-o",
-            metavar="DIR",
-            help="Folder of the comparison.",
-            show_default="output/ and SECOND_less_FIRST",
-        ),
-    ] = None,
-    overwrite: Overwrite = False,
-    quiet: Quiet = False,
-) -> None:
-    """Compare two results of one scan: difference in range over σ as a map and a histogram, and changes of status.
-
-    Example: `scanner-sim difference output/quickstart output/quickstart_gaussian`
-
-    The rasters, or the shots, must point alike; scanner, scene, processing and seed may differ. σ is that of both
-    together, as of independent errors: compare runs with different seeds.
-    """
-    with reported():
-        from scanner_sim.cli.differing import compare_results
-
-        compare_results(first, second, output, overwrite=overwrite, quiet=quiet)
+        convert_result(result, to, output, by=by, overwrite=overwrite, quiet=quiet)
 
 
 @app.command()
@@ -279,7 +261,7 @@ def reprocess(
         )
 
 
-for verb in (orbit, calibrate, budget, pose_study, compare, reproduce):
+for verb in (view, difference, orbit, calibrate, budget, pose_study, compare, reproduce):
     app.command()(verb)
 app.add_typer(campaign, name="campaign")
 

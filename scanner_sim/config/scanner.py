@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
+import numpy as np
 from pydantic import Field, ValidationInfo, model_validator
 
 from scanner_sim.config.preset import DEFAULT, fill, preset_of
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
+from scanner_sim.foundation.device_types import FloatLike
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Frequency, Ratio
@@ -18,11 +20,16 @@ from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.filter import FilterChoice
 from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.optics.laser import Laser
+from scanner_sim.optics.line_image import ArrayPlace
 from scanner_sim.optics.pulse import Pulse
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Geometry
 
+_SPOTS = 8
+"""Places of the line at which the modes of speckle are counted."""
+_LEAST_STRETCH = 0.2
+"""Least distance of the array from the lens, of that where it sees infinity."""
 FILLED = {"scanner": "filled"}
 """Validation context where the scanner's block already has what its preset says."""
 
@@ -75,8 +82,23 @@ class Scanner(Part):
         return fill(data, preset_of(data, context.get("folder", "")))
 
     def cross_checks(self) -> Iterator[Fault]:
-        """Yield an array that reaches into the near range, where the equations no longer hold."""
-        if self.nearest_range <= self.receiver.baseline:
+        """Yield an array that sees nothing, or reaches into the near range, where the equations no longer hold."""
+        image, sensor = self.receiver.line_image, self.position_sensor
+        if self.point_spread < 1e-8:
+            yield Fault(
+                "receiver.aberration",
+                "neither the lens nor the sensor blurs the image: a point of light would fall between two pixels.",
+                "Write 10 nm or more for receiver.aberration or position_sensor.diffusion.",
+            )
+        if image.depth <= 0.0:
+            return  # The receiver has told it.
+        if 1.0 + image.skew * (sensor.offset + sensor.length) < _LEAST_STRETCH:
+            yield Fault(
+                "receiver.array_tilt",
+                "the far end of the array leans towards the lens so much that no light reaches it.",
+                "Tilt it the other way, or reduce the tilt, position_sensor.pixels, pitch or offset.",
+            )
+        elif self.nearest_range <= self.receiver.baseline:
             end = self.position_sensor.offset + self.position_sensor.length
             yield Fault(
                 "position_sensor.pixels",
@@ -84,12 +106,6 @@ class Scanner(Part):
                 "nearer than the base of "
                 f"{self.receiver.baseline:g} m: such rays do not pass the lens.",
                 "Reduce pixels, pitch or offset, or raise receiver.focal_length.",
-            )
-        if self.point_spread < 1e-8:
-            yield Fault(
-                "receiver.aberration",
-                "neither the lens nor the sensor blurs the image: a point of light would fall between two pixels.",
-                "Write 10 nm or more for receiver.aberration or position_sensor.diffusion.",
             )
 
     @property
@@ -109,27 +125,42 @@ class Scanner(Part):
 
     @property
     def nearest_range(self) -> float:
-        """Nearest range that the array sees on the axis [m]: f d / p_max (eq 1 at Θ = 0)."""
-        end = self.position_sensor.offset + self.position_sensor.length
-        return self.receiver.focal_length * self.receiver.baseline / end
+        """Nearest range that the array sees on the axis [m] (eq 1 at Θ = 0)."""
+        return self._range_at(self.position_sensor.offset + self.position_sensor.length)
 
     @property
     def farthest_range(self) -> float:
         """Farthest range that the array sees on the axis [m]; infinite where it starts at p = 0."""
         start = self.position_sensor.offset
-        return self.receiver.focal_length * self.receiver.baseline / start if start > 0.0 else float("inf")
+        return self._range_at(start) if start > 0.0 else float("inf")
+
+    def seen_at(self, distance: FloatLike) -> ArrayPlace:
+        """Return how the line sees the beam, not deflected, at ranges [m]; lengths in pixels."""
+        image, d = self.receiver.line_image, self.receiver.baseline
+        return image.at(image.position(d / distance), d, self.position_sensor.pitch)
+
+    def places(self, positions: Iterable[float]) -> Iterator[tuple[float, float]]:
+        """Yield positions on the line [m] with the ranges [m] that are seen there, the beam not deflected."""
+        for position in positions:
+            yield float(position), self._range_at(float(position))
+
+    def _range_at(self, position: float) -> float:
+        image, d = self.receiver.line_image, self.receiver.baseline
+        return image.scale * d / position + image.slope * d
 
 
 def geometry_of(scanner: Scanner) -> Geometry:
     """Return the calibration of an instrument's triangulation."""
     receiver, sensor, mirrors = scanner.receiver, scanner.position_sensor, scanner.mirrors
     return Geometry(
-        focal_length=receiver.focal_length,
+        scale=receiver.line_image.scale,
         baseline=receiver.baseline,
         axis_separation=mirrors.axis_separation,
         pitch=sensor.pitch,
         offset=sensor.offset,
         synchronisation=mirrors.synchronisation,
+        slope=receiver.line_image.slope,
+        focus=None if receiver.array_tilt == "ideal" else receiver.line_image,
     )
 
 
@@ -137,6 +168,12 @@ def speckle_optics(scanner: Scanner) -> Optics:
     """Return what the laser's speckle depends on, on the line of an instrument."""
     receiver, sensor, laser = scanner.receiver, scanner.position_sensor, scanner.laser
     cell = laser.wavelength * receiver.focal_length / receiver.aperture
-    near = scanner.nearest_range
-    widest = 0.5 * float(laser.radius(near)) * receiver.focal_length / near
-    return Optics.of(cell, receiver.aberration, sensor.diffusion, sensor.pitch, widest)
+    steps = (np.arange(_SPOTS) + 1.0) / _SPOTS
+    images = (
+        (
+            0.5 * laser.radius(distance) * receiver.focal_length / distance,
+            receiver.line_image.at(position, receiver.baseline, sensor.pitch),
+        )
+        for position, distance in scanner.places(sensor.offset + steps * sensor.length)
+    )
+    return Optics.of(cell, receiver.aberration, sensor.diffusion, sensor.pitch, images)

@@ -127,7 +127,11 @@ class InputFile:
         return {**handler(schema), "pattern": rf"\.({endings})$"}
 
 
-MeshFile = Annotated[Path, InputFile((".ply", ".obj", ".stl")), Field(examples=["meshes/part.ply"])]
+MeshFile = Annotated[
+    Path,
+    InputFile((".ply", ".obj", ".stl", ".glb", ".gltf", ".off", ".3mf", ".dae")),
+    Field(examples=["meshes/part.ply"]),
+]
 XmlFile = Annotated[Path, InputFile((".xml",)), Field(examples=["scenes/module.xml"])]
 
 

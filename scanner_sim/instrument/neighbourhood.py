@@ -147,11 +147,9 @@ def _range_noise(scenario: Scenario, range_m: Array, sigma: Array, raster: Raste
     """Return the variance of the ranges: speckle's, which moves the centroid, is shared, and the rest is not."""
     scanner = scenario.scanner
     packets, (energy, position) = _packets(scenario, range_m, raster)
-    pixel = (
-        range_m**2
-        * scanner.position_sensor.pitch
-        / (scanner.receiver.focal_length * scanner.receiver.baseline)
-    )
+    line, baseline = scanner.receiver.line_image, scanner.receiver.baseline
+    depth = range_m - line.slope * baseline
+    pixel = depth**2 * scanner.position_sensor.pitch / (line.scale * baseline)
     variance = (_contrast(scenario) * pixel * packets.ratio * packets.sigma) ** 2 * packets.energy
     even, moved = variance * (1.0 - packets.on_surface) * energy, variance * packets.on_surface * position
     least = np.fmin(1.0, sigma**2 / np.fmax(even + moved, 1e-30))
@@ -167,7 +165,8 @@ def _packets(scenario: Scenario, range_m: Array, raster: Raster) -> tuple[Packet
     sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
     image = np.square(raster.spot * focal / (range_m * sensor.pitch))
     left = dwell_average(raster.travel, 0.0 * raster.travel, 2.0 * raster.spot)
-    return packets_of(speckle_optics(scenario.scanner), image, image), left
+    seen = scenario.scanner.seen_at(range_m)
+    return packets_of(speckle_optics(scenario.scanner), image, image, seen), left
 
 
 def _shared(raster: Raster, own: Array, energy: Array, position: Array) -> SharedNoise:

@@ -8,6 +8,7 @@ light. With another seed the scenario therefore has ``transport.light_seed``, th
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.photodiode.photodiode import Photodiode
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
+from scanner_sim.foundation.named_files import read_text_file
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.signal_records import RECORDERS, SignalRecorder, about_of, drawn
 from scanner_sim.instrument.simulate import Progress, image_of
@@ -60,6 +62,7 @@ AFTER_LIGHT = (
     "processing",
     "output.pictures",
     "output.points",
+    "output.formats",
     "output.compression",
     "scanner.laser.speckle",
     "scanner.mirrors.readout_noise",
@@ -124,6 +127,16 @@ class KeptSignals:
                 f"{files} in {folder} are of different scenarios.", remedy="Run the scenario again."
             )
         return cls(folder, scenario_from_text(text, name=str(folder), stored=True), about)
+
+    def scene_warnings(self) -> tuple[str, ...]:
+        """Return what the run said of its scene; nothing where its summary is gone."""
+        try:
+            said = json.loads(read_text_file(self.folder / "summary.json"))["warnings"]
+        except (InputError, ValueError, KeyError, TypeError, RecursionError):
+            return ()
+        return (
+            tuple(one for one in said if isinstance(one, str) and one.startswith("scene: ")) if said else ()
+        )
 
     @property
     def whole(self) -> bool:
@@ -278,7 +291,8 @@ class Reprocessing:
                 if progress is not None:
                     progress(int(numbers[-1]) + 1, shots)
             about = next(iter(self.kept.about.values()))
-            return image_of(scenario, layers, about.objects, about.materials)
+            said = self.kept.scene_warnings()
+            return image_of(scenario, layers, about.objects, about.materials, said=said)
 
     def parts(self, name: str) -> Iterator[SignalSet] | None:
         """Return the lines or waveforms of a rangefinder with other noise, part by part; None where none are wanted."""

@@ -27,7 +27,6 @@ from scanner_sim.products.provenance import versions
 from scanner_sim.products.signal_set import SignalAbout, SignalSet, number_kind
 from scanner_sim.products.waveforms import WAVEFORM_LIGHT, WaveformSet
 from scanner_sim.ranging.ranges import Deflections
-from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.render.beam.kept_light import KeptLight
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.incident import LinkBudget
@@ -143,12 +142,9 @@ class LineRecorder:
                 if values is not None:
                     whole = found.setdefault(name, np.empty((n, self.samples), dtype=np.float32))
                     whole[index] = values
-        geometry = self._way.geometry
         with np.errstate(invalid="ignore", divide="ignore"):
-            position = position_from_range(
-                found["truth.range_m"].astype(np.float64), aim.theta, geometry.focal_length, geometry.baseline
-            )
-        return found | _labelled(kept, self._loaded) | {"truth.peak_px": np.asarray(geometry.pixel(position))}
+            peak = self._way.geometry.pixel_of_range(found["truth.range_m"].astype(np.float64), aim.theta)
+        return found | _labelled(kept, self._loaded) | {"truth.peak_px": peak}
 
     def signals(self, light: Columns, shots: Shots) -> dict[str, NDArray[Any]]:
         """Return the columns that noise and processing make of light, without the scene."""

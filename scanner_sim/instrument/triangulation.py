@@ -29,7 +29,7 @@ from scanner_sim.instrument.expected_light import expected_spot, white_light
 from scanner_sim.instrument.line_readings import LineReadings, ShotGroup
 from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
-from scanner_sim.optics.filter import incidence, laser_gain
+from scanner_sim.optics.filter import laser_gain
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_from_peaks
 from scanner_sim.render.background.panorama import Panorama, known_panorama
@@ -91,7 +91,7 @@ class Triangulation:
         scanner, lighting = self.scenario.scanner, self.scenario.lighting
         sensor = scanner.position_sensor
         position = self.geometry.position(np.arange(sensor.pixels, dtype=np.float64))
-        angle = incidence(position, scanner.receiver.focal_length)
+        angle = np.arctan(scanner.receiver.line_image.tangent(position))
         bands = np.zeros((2, sensor.pixels))
         if lighting.sun != "none":
             bands[:] = band_irradiance(
@@ -123,10 +123,10 @@ class Triangulation:
 
     @property
     def sight(self) -> tuple[OpticalLayout, tuple[float, float]]:
-        """The line itself, a pixel of which at p looks along Θ − atan(p/f), and the angles of its ends [rad]."""
+        """The line itself, a pixel of which sees a tangent t along Θ − atan(t), and the angles of its ends [rad]."""
         optics, pixels = self.optics, self.scenario.scanner.position_sensor.pixels
         ends = optics.offset + pixels * optics.pitch, optics.offset
-        left, right = (-math.atan(end / optics.receiver.focal_length) for end in ends)
+        left, right = (-math.atan(optics.receiver.line_image.tangent(end)) for end in ends)
         return optics, (left, right)
 
     @cached_property
@@ -213,6 +213,7 @@ class Triangulation:
             surfaces,
             self.speckle,
             self.optics.receiver.focal_length / self.optics.pitch,
+            self.optics.seen_at(shots.theta),
             self.travel(shots),
             self.scenario.scanner.position_sensor.pixels,
             seed,

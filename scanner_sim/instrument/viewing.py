@@ -49,8 +49,8 @@ LARGEST_MB = 60.0
 _PAGE_BYTES = 0.7e6
 """Of a page without data: most of it is three.js."""
 _BYTES_OF_VOXEL, _BYTES_OF_SAMPLE = 1.8, 1.6
-"""Of a layer in a page, for each voxel, and of a pixel or sample with what is expected there: compressed, in base64; the
-shipped scenarios take 1.3 to 1.7 and 1.1 to 1.3."""
+"""Of a layer in a page, for each voxel, and of a pixel or sample with what is expected there: compressed, in base64.
+The shipped scenarios take 1.3 to 1.7 and 1.1 to 1.3."""
 _WITH_OFF = 2.2
 """Times as much where an exposure without the laser is subtracted; seen: 3.3 bytes."""
 

@@ -10,7 +10,6 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.neighbourhood import judge_neighbours, reach
 from scanner_sim.products.voxel import VoxelRecord
-from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.raster import raster_aim
 from scanner_sim.signals.line.calibration import Calibration, measured_lines
 from scanner_sim.signals.line.peaks import MARGIN
@@ -31,9 +30,6 @@ def voxel_record(instrument: Instrument, row: int, column: int) -> VoxelRecord:
     (measured,), (noise,) = measured_lines(group.signal, calibration)
     expected = group.light.line(0, background=scanner.laser_off == 0.0)
     expected *= electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)
-    true_position = position_from_range(
-        values["truth.range_m"], aim.theta[0], instrument.geometry.focal_length, instrument.geometry.baseline
-    )
     return VoxelRecord(
         row=row,
         column=column,
@@ -50,7 +46,7 @@ def voxel_record(instrument: Instrument, row: int, column: int) -> VoxelRecord:
         range_m=values["range_m"],
         sigma_range_m=values["sigma_range_m"],
         sigma_texture_m=values["sigma_texture_m"],
-        truth_peak_px=float(instrument.geometry.pixel(true_position)),
+        truth_peak_px=float(instrument.geometry.pixel_of_range(values["truth.range_m"], aim.theta[0])),
         truth_range_m=values["truth.range_m"],
         method=processing.peak,
         window=_window(measured, values["peak_px"], processing.peak),

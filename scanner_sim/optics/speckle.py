@@ -36,10 +36,12 @@ changes within a packet: they act as diffusion does.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from scanner_sim.foundation.device_numbers import beside, over
 from scanner_sim.foundation.device_types import FloatLike
+from scanner_sim.optics.line_image import ArrayPlace
 
 _LEFT_OUT = 0.01
 """Share of the variance of a point of the image that the modes may leave out."""
@@ -79,9 +81,9 @@ class Optics:
     Attributes
     ----------
     cell
-        λN.
+        λN in the focal plane.
     aberration, diffusion
-        Standard deviations σ_a of the lens's rays and σ_d of the sensor's blur.
+        Standard deviations σ_a of the lens's rays, square to its axis, and σ_d of the sensor's blur.
     modes
         Number of modes of the line that fluctuate (:class:`Packets`).
     """
@@ -92,11 +94,21 @@ class Optics:
     modes: int
 
     @classmethod
-    def of(cls, cell: float, aberration: float, diffusion: float, pitch: float, widest: float) -> Optics:
-        """Return the numbers of a lens and a sensor [m]; ``widest`` is the largest σ_x on the line [m]."""
+    def of(
+        cls,
+        cell: float,
+        aberration: float,
+        diffusion: float,
+        pitch: float,
+        images: Iterable[tuple[float, ArrayPlace]],
+    ) -> Optics:
+        """Return the numbers of a lens and a sensor [m].
+
+        ``images`` are σ_x in the focal plane [m] of spots along the line, and how they are seen there.
+        """
         whole = cls(cell / pitch, aberration / pitch, diffusion / pitch, _MOST)
-        variance = (widest / pitch) ** 2
-        ratio = float(packets_of(whole, variance, variance).ratio)
+        found = (packets_of(whole, (one / pitch) ** 2, (one / pitch) ** 2, seen) for one, seen in images)
+        ratio = max(float(packets.ratio) for packets in found)
         needed = math.ceil(math.log(_LEFT_OUT) / (2.0 * math.log(min(ratio, 0.99)))) + 1
         return replace(whole, modes=min(max(needed, _FEWEST), _MOST))
 
@@ -134,14 +146,27 @@ class Packets:
         return energy, self.on_surface * position + (1.0 - self.on_surface) * energy
 
 
-def packets_of(optics: Optics, along: FloatLike, across: FloatLike) -> Packets:
-    """Return the packets of a spot whose geometric image has variances along and across the line [pixel²]."""
+def packets_of(optics: Optics, along: FloatLike, across: FloatLike, seen: ArrayPlace) -> Packets:
+    """Return the packets of a spot.
+
+    Parameters
+    ----------
+    optics
+        Lens and sensor.
+    along, across
+        Variances of the beam's geometric image in the focal plane, along and across the line [pixel²].
+    seen
+        How the array sees that image, which is stretched and out of focus there [pixel]. Defocus is a phase in the
+        pupil as aberration is; what the array stretches, it stretches packets and their sizes alike.
+    """
     squares = optics.aberration**2, optics.diffusion**2, optics.cell**2, (optics.cell / math.pi) ** 2
     aberration, diffusion, cell, grain = beside(along, *squares)
+    aberration = (aberration + seen.defocus * seen.defocus) / (seen.across * seen.across)
+    diffusion = diffusion / (seen.along * seen.along)
     ratio = over((along * across) ** 0.25, optics.cell)
     energy = 1.0 / packets(ratio)
     surface = 0.5 * along
     landing = surface + aberration / (energy * slope_packets(ratio))
     own = grain * (1.0 + aberration / (along + cell))
     whole = landing + diffusion + own
-    return Packets(energy, whole**0.5, (landing / whole) ** 0.5, surface / landing)
+    return Packets(energy, whole**0.5 * seen.along, (landing / whole) ** 0.5, surface / landing)

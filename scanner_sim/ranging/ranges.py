@@ -8,12 +8,18 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.status import Status
+from scanner_sim.optics.line_image import LineImage
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.covariance import PointCovariance, point_covariance
-from scanner_sim.ranging.triangulation import position_sigma, range_from_position, range_jacobian
+from scanner_sim.ranging.triangulation import (
+    position_from_range,
+    position_sigma,
+    range_from_position,
+    range_jacobian,
+)
 
 Array = NDArray[np.float64]
 
@@ -27,16 +33,20 @@ Columns: TypeAlias = Mapping[str, NDArray[Any]]
 class Geometry:
     """The calibration that turns a pixel into a range, SI.
 
-    ``focal_length``, ``baseline``, ``axis_separation`` of the optics; ``pitch`` and ``offset`` of the sensor;
-    ``synchronisation`` the standard deviation of the angle between projection and reception.
+    ``scale`` h and ``slope`` g of the array as the lens images it (:mod:`scanner_sim.optics.line_image`);
+    ``baseline``, ``axis_separation`` of the optics; ``pitch`` and ``offset`` of the sensor; ``synchronisation`` the
+    standard deviation of the angle between projection and reception; ``focus`` of the lens, None for one that is sharp
+    everywhere.
     """
 
-    focal_length: float
+    scale: float
     baseline: float
     axis_separation: float
     pitch: float
     offset: float
     synchronisation: float
+    slope: float = 0.0
+    focus: LineImage | None = None
 
     def position(self, peak: Array) -> Array:
         """Return the position p on the sensor [m] of a fractional pixel."""
@@ -45,6 +55,17 @@ class Geometry:
     def pixel(self, position: Array) -> Array:
         """Return the fractional pixel of a position p [m]."""
         return (position - self.offset) / self.pitch - 0.5
+
+    def blur_shift(self, position: Array, theta: ArrayLike) -> Array | float:
+        """Return how far the centroid of a spot at a position [m] lies from its chief ray, by defocus [m]."""
+        if self.focus is None:
+            return 0.0
+        return np.asarray(self.focus.at(position, self.baseline * np.cos(theta), 1.0).shift)
+
+    def pixel_of_range(self, range_m: ArrayLike, theta: ArrayLike) -> Array:
+        """Return the fractional pixel on which the spot at a range [m] and a deflection [rad] lies."""
+        p = position_from_range(range_m, theta, self.scale, self.baseline, self.slope)
+        return self.pixel(p + self.blur_shift(p, theta))
 
 
 @dataclass(frozen=True)
@@ -103,11 +124,12 @@ def ranges_from_peaks(
         σ is to first order, from independent errors of p, Θ and φ: σ_R² = (∂R/∂p σ_p)² + (∂R/∂Θ σ_Θ)², and
         :func:`~scanner_sim.ranging.covariance.point_covariance` for the point.
     """
-    f, d, theta = geometry.focal_length, geometry.baseline, deflections.theta
+    h, d, g, theta = geometry.scale, geometry.baseline, geometry.slope, deflections.theta
     p = geometry.position(peak)
-    r = range_from_position(p, theta, f, d)
-    by_position, by_theta = range_jacobian(p, theta, f, d)
-    sigma_p = position_sigma(p, sigma_peak, f, geometry.pitch, geometry.synchronisation)
+    p = p - geometry.blur_shift(p, theta)
+    r = range_from_position(p, theta, h, d, g)
+    by_position, by_theta = range_jacobian(p, theta, h, d, g)
+    sigma_p = position_sigma(p, sigma_peak, h, geometry.pitch, geometry.synchronisation, g)
     alone = by_position * sigma_p
     sigma = np.hypot(alone, by_theta * deflections.sigma_theta)
     status = status.copy()

@@ -1,8 +1,9 @@
 """All the light on the line: the laser's through the filter, and the background.
 
-A pixel of area a at a position p of the sensor looks at the angle ψ = atan(p/f) to the lens's axis and collects
-L A a cos⁴ψ / f² of a background of radiance L (Pedrotti, *Introduction to optics*, 3rd ed., ch. 5; on the axis this is
-eq 18). What passes the filter depends on ψ as well.
+A pixel of area a at a position p of the sensor looks at an angle ψ to the lens's axis, atan(p/f) on an upright one in
+the focal plane, and collects L A a cos⁴ψ / f² of a background of radiance L (Pedrotti, *Introduction to optics*, 3rd
+ed., ch. 5; on the axis this is eq 18). A tilted array, or one farther behind the lens, sees less of it where the image
+is larger (:mod:`scanner_sim.optics.line_image`). What passes the filter depends on ψ as well.
 """
 
 from __future__ import annotations
@@ -52,9 +53,11 @@ class Throughput:
     ) -> None:
         receiver = layout.receiver
         self.pixels = pixels
-        tangent = (layout.offset + (np.arange(pixels) + 0.5) * layout.pitch) / receiver.focal_length
+        position = layout.offset + (np.arange(pixels) + 0.5) * layout.pitch
+        tangent, seen = receiver.line_image.tangent(position), receiver.line_image.at(position, 1.0, 1.0)
         gain = receiver.aperture_area * receiver.transmission * layout.filter_transmission
         collected = gain * layout.pitch * layout.height / receiver.focal_length**2 / (1.0 + tangent**2) ** 2
+        collected = collected / (seen.along * seen.across)
         self.window = WINDOW / layout.pitch
         self.laser = _table(laser)
         self.angle = _table(np.arctan(tangent))

@@ -12,6 +12,7 @@ surface on the axis), averaged over points of the aperture, each with its own li
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -22,6 +23,7 @@ from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Mask, SurfaceInteraction3f, UInt32, Vector3f
 from scanner_sim.optics.deflection import Frame, deflected_frame
 from scanner_sim.optics.laser import Laser
+from scanner_sim.optics.line_image import ArrayPlace
 from scanner_sim.optics.receiver import Receiver
 from scanner_sim.render.beam.beamlets import Beamlets
 from scanner_sim.render.rays import intersect, is_occluded
@@ -46,8 +48,18 @@ class OpticalLayout:
 
     @property
     def point_spread(self) -> float:
-        """Standard deviation of the image of a point on the line [m], per axis."""
+        """Standard deviation of the image of a point on an upright line in focus [m], per axis."""
         return math.hypot(self.receiver.aberration, self.diffusion)
+
+    def seen_at(self, theta: Float) -> Callable[[Float], ArrayPlace]:
+        """Return how the line sees beams, deflected by Θ [rad], at positions [pixel]; lengths in pixels."""
+        shift = dr.opaque(mi.Float, self.receiver.baseline) * dr.cos(theta)
+
+        def seen(pixel: Float) -> ArrayPlace:
+            offset, pitch = dr.opaque(mi.Float, self.offset), dr.opaque(mi.Float, self.pitch)
+            return self.receiver.line_image.at(offset + (pixel + 0.5) * pitch, shift, self.pitch)
+
+        return seen
 
     def twist(self, distance: Float) -> Float:
         """Return (z − z₀)/z_R at distances z [m] along the beam: its ruled lines turn about its axis by atan of it."""

@@ -46,7 +46,7 @@ def test_range_falls_with_p() -> None:
 def test_position_of_a_pixel() -> None:
     """Pixel i spans offset + i pitch to offset + (i + 1) pitch: its centre is half a pitch further."""
     geometry = Geometry(
-        focal_length=F, baseline=D, axis_separation=0.05, pitch=50e-6, offset=1e-3, synchronisation=0.0
+        scale=F, baseline=D, axis_separation=0.05, pitch=50e-6, offset=1e-3, synchronisation=0.0
     )
     np.testing.assert_allclose(geometry.position(np.array([0.0, 10.0, 10.5])), [1.025e-3, 1.525e-3, 1.55e-3])
     np.testing.assert_allclose(geometry.pixel(np.array([1.025e-3, 1.55e-3])), [0.0, 10.5], atol=1e-12)

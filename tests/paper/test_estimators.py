@@ -21,6 +21,7 @@ from scanner_sim.analytic import estimators, noise, spot
 from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.status import Status
+from scanner_sim.optics.line_image import sharp_everywhere
 from scanner_sim.signals.line.bias import Bias, computed_bias
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import find_peaks
@@ -68,7 +69,9 @@ pytestmark = pytest.mark.usefixtures("device")
 
 def expected(sigma: float) -> ExpectedSpot:
     """Return an instrument whose spot is the lens's point spread, so that it has one width everywhere."""
-    return ExpectedSpot(0.1, 0.2, 1e-9, 0.0, 1e3, sigma * PITCH, PITCH, 0.0, PIXELS, 1e12)
+    return ExpectedSpot(
+        sharp_everywhere(0.1), 0.2, 1e-9, 0.0, 1e3, sigma * PITCH, 0.0, PITCH, 0.0, PIXELS, 1e12
+    )
 
 
 def sensor(read: float, **changes: Any) -> PositionSensor:

@@ -26,6 +26,7 @@ from scanner_sim.analytic.geometry import range_error
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.detector.packets import gamma_like
 from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import Optics, packets, slope_packets
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.beam.surface_positions import SurfacePositions
@@ -128,7 +129,7 @@ def speckle(
 ) -> LineSpeckle:
     """Return the speckle of spots whose beam's image [pixel] is as wide across the line as along it."""
     distance = 0.5 * 1e-3 / image  # f is one pixel
-    return line_speckle(light, at(*places, distance), optics, 1.0, (travel, 0.0), PIXELS, 3)
+    return line_speckle(light, at(*places, distance), optics, 1.0, lambda _: SHARP, (travel, 0.0), PIXELS, 3)
 
 
 def lines(light: Light, found: LineSpeckle) -> Array:
@@ -149,7 +150,7 @@ def lines(light: Light, found: LineSpeckle) -> Array:
 
 def optics_of(f_number: float, aberration: float, diffusion: float, image: float) -> Optics:
     """Return optics of a lens and a sensor [m] for a beam's image [m]."""
-    return Optics.of(WAVELENGTH * f_number, aberration, diffusion, PITCH, image)
+    return Optics.of(WAVELENGTH * f_number, aberration, diffusion, PITCH, [(image, SHARP)])
 
 
 @pytest.mark.slow

@@ -91,7 +91,9 @@ def surfaces(
     """Return the laser's spots on facing Lambertian surfaces at random ranges and angles, and reflectances."""
     theta, distance = rng.uniform(-0.5, 0.5, count), rng.uniform(near, far, count)
     reflectance = rng.uniform(darkest, 0.9, count)
-    position = SPOT.focal_length * SPOT.baseline * np.cos(theta) / (distance - SPOT.baseline * np.sin(theta))
+    position = (
+        SPOT.image.focal_length * SPOT.baseline * np.cos(theta) / (distance - SPOT.baseline * np.sin(theta))
+    )
     centre = position / SPOT.pitch - 0.5
     beam, spread = SPOT.variances(centre, np.sin(theta), np.cos(theta))
     charge = reflectance * SPOT.white / distance**2

@@ -108,7 +108,7 @@ def tracked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def parsed(page: Path) -> Element:
-    """Return the page as browsers read it; it has no fault, asks for nothing, and runs nothing but its own two scripts."""
+    """Return the page as browsers read it: without a fault, it asks for nothing and runs its own two scripts alone."""
     text = page.read_text(encoding="utf-8")
     tree = html5lib.HTMLParser(strict=True, namespaceHTMLElements=False).parse(text)
     found: Element = tree

@@ -16,6 +16,7 @@ Not modelled: what consecutive dwells of a continuous sweep have in common beyon
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -26,12 +27,13 @@ from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges, 
 from scanner_sim.detector.surface_noise import LatticePositions, SurfacePoints, coarse_numbers, fine_numbers
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
 from scanner_sim.foundation.streams import Seed
+from scanner_sim.optics.line_image import ArrayPlace
 from scanner_sim.optics.speckle import Optics, Packets, packets_of
 
 _SPOT_SIGMAS = 4.0
 """Standard deviations of a spot within which its speckle is followed: beyond lies 6e-5 of its light."""
 _LEAST_GAP = 3.0
-"""Gap between the light of two spots, in standard deviations of the beam's image."""
+"""Gap between the light of two spots, in standard deviations of the beam's image in the focal plane."""
 _LEAST_IMAGE_VARIANCE = 1e-3
 """Least variance of a geometric image, of the beam's."""
 _LEAST_SHARE = 1e-5
@@ -94,6 +96,7 @@ def line_speckle(
     positions: SurfacePoints,
     optics: Optics,
     focal_length: float,
+    seen_at: Callable[[Float], ArrayPlace],
     travel: tuple[Float, Float],
     pixels: int,
     seed: Seed,
@@ -112,6 +115,8 @@ def line_speckle(
         The optics.
     focal_length
         Of the lens, in pixels.
+    seen_at
+        How the array sees the beam of the shots at positions [pixel], shape (m,); lengths in pixels.
     travel
         Angles by which the beam moves in the dwell along the line's direction and across it [rad], numbers or Dr.Jit
         arrays of shape (m,).
@@ -134,9 +139,12 @@ def line_speckle(
     left = dwell_average(along, across, positions.radius)
     lattice = LatticePositions.of(positions)
     blur = dr.opaque(auto.Float, optics.aberration**2 + optics.diffusion**2)
+    aberration = dr.opaque(auto.Float, optics.aberration**2)
     parts = []
     for number, spot in enumerate(spots):
-        own = packets_of(optics, dr.maximum(spot.variance - blur, _LEAST_IMAGE_VARIANCE * beam), beam)
+        seen = seen_at(spot.position)
+        image = (spot.variance - seen.spread(blur, aberration)) / dr.square(seen.along)
+        own = packets_of(optics, dr.maximum(image, _LEAST_IMAGE_VARIANCE * beam), beam, seen)
         ratios = mode_ratios(optics, own.ratio)
         parts.append((spot, own, ratios, _amplitudes(spot, own, left, lattice, len(ratios), number, seed)))
     first, count = _pixels_lit(spots, pixels)

@@ -160,7 +160,7 @@ class SignalNoise:
         along, across = way * motion.travel_theta, way * np.cos(motion.true_theta) * motion.travel_phi
         left = dwell_average(along, across, radius[:, None])
         image = 0.5 * radius * scanner.receiver.focal_length / (distance * scanner.position_sensor.pitch)
-        light = spot_packets(scanner, image**2)
+        light = spot_packets(scanner, image**2, distance)
         _, others = replace(light, on_surface=light.on_surface[:, None]).moving(*left)
         contrast = self._scenario.processing.speckle_contrast**2
         energy = contrast * light.energy

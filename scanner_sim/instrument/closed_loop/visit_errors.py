@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from scanner_sim.config.scanner import Scanner, speckle_optics
+from scanner_sim.config.scanner import Scanner, geometry_of, speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.arithmetic import exp
 from scanner_sim.optics.speckle import Packets, packets_of
+from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.errors import ErrorParts, mean_pixel_correlation
 from scanner_sim.tracking.lasting import SurfaceSpeckle, surface_covariance
@@ -67,8 +68,8 @@ def error_parts(
         range_noise = noise if by_line else np.full(len(noise), math.inf)
         speckle = SurfaceSpeckle(beam, light, _on_surface(scanner, distance), range_noise)
         surface = surface_covariance(samples, seen, speckle)
-    reach = distance - scanner.receiver.baseline * np.sin(theta)
-    image = scanner.receiver.focal_length * scanner.receiver.baseline * np.cos(theta) / reach
+    line = geometry_of(scanner)
+    image = position_from_range(distance, theta, line.scale, line.baseline, line.slope)
     none = np.zeros(len(known))
     return replace(
         white,
@@ -107,7 +108,7 @@ def range_variances(
     grain
         V, () or (n,); 0 for light without speckle.
     """
-    sensor, receiver = scanner.position_sensor, scanner.receiver
+    sensor = scanner.position_sensor
     lit = np.asarray(signal > 0.0)
     charges = np.where(lit, signal, 1.0)[:, None]
     spread = sensor.prnu if sensor.noise.prnu else 0.0
@@ -118,7 +119,9 @@ def range_variances(
     random = sensor.read_noise**2 + charge
     variance = random + (spread * charge) ** 2 + np.reshape(grain, (-1, 1)) * charges * charge
     weight = slope / variance / (slope**2 / variance).sum(axis=1, keepdims=True)
-    by_pixel = distance**2 * sensor.pitch / (receiver.focal_length * receiver.baseline)
+    line = scanner.receiver.line_image
+    depth = distance - line.slope * scanner.receiver.baseline
+    by_pixel = depth**2 * sensor.pitch / (line.scale * scanner.receiver.baseline)
     moved = ((weight**2 * random).sum(axis=1), ((weight * spread * charge) ** 2).sum(axis=1))
     return np.where(lit, moved[0] * by_pixel**2, 0.0), np.where(lit, moved[1] * by_pixel**2, 0.0)
 
@@ -131,11 +134,11 @@ def alike(scanner: Scanner, samples: PatternSamples, expected: Array) -> Array:
     q over white ε; the mean over all pairs of voxels, each weighed by 1/σ_R². Image positions by eq 1; the ranges that
     are ``expected`` of voxels without one, shape (n,), count for nothing.
     """
-    receiver, valid = scanner.receiver, samples.valid
+    line, valid = geometry_of(scanner), samples.valid
     weight = np.where(valid, 1.0 / np.maximum(samples.sigma_range, 1e-9) ** 2, 0.0)
-    base = receiver.focal_length * receiver.baseline / scanner.position_sensor.pitch
-    theta, reach = samples.theta, np.where(valid, samples.range, expected[:, None])
-    pixel = base * np.cos(theta) / (reach - receiver.baseline * np.sin(theta))
+    reach = np.where(valid, samples.range, expected[:, None])
+    along = np.sin(samples.theta) + line.slope * np.cos(samples.theta)
+    pixel = line.scale * line.baseline / line.pitch * np.cos(samples.theta) / (reach - line.baseline * along)
     width, told = np.sqrt(image_variance(scanner, expected)), np.asarray(valid.any(axis=1))
     weight = np.where(told[:, None], weight, 1.0)
     return np.where(told, mean_pixel_correlation(pixel / width[:, None], weight), 1.0)
@@ -143,16 +146,25 @@ def alike(scanner: Scanner, samples: PatternSamples, expected: Array) -> Array:
 
 def _on_surface(scanner: Scanner, distance: Array) -> Array:
     """Return the share of the variance of the light's position by speckle that its position on the surface makes."""
-    pitch = scanner.position_sensor.pitch
-    variance = image_variance(scanner, distance) - (scanner.point_spread / pitch) ** 2
-    return np.asarray(spot_packets(scanner, variance).on_surface)
+    variance = (
+        _upright_variance(scanner, distance) - (scanner.point_spread / scanner.position_sensor.pitch) ** 2
+    )
+    return np.asarray(spot_packets(scanner, variance, distance).on_surface)
 
 
 def image_variance(scanner: Scanner, distance: Array) -> Array:
     """Return the variances [pixel²] of spots on the line, on surfaces that face the scanner at ranges [m], (n,)."""
-    pitch = scanner.position_sensor.pitch
+    pitch, spread = scanner.position_sensor.pitch, scanner.point_spread
+    upright, seen = _upright_variance(scanner, distance), scanner.seen_at(distance)
+    beam = upright - (spread / pitch) ** 2
+    blur = seen.spread(0.0, (scanner.receiver.aberration / pitch) ** 2)
+    return np.asarray(upright + beam * (seen.along**2 - 1.0) + blur)
+
+
+def _upright_variance(scanner: Scanner, distance: Array) -> Array:
+    """Return those on an upright line that is in focus everywhere."""
     beam = 0.5 * beam_radius(scanner, distance) * scanner.receiver.focal_length / distance
-    return np.asarray((scanner.point_spread**2 + beam**2) / pitch**2)
+    return np.asarray((scanner.point_spread**2 + beam**2) / scanner.position_sensor.pitch**2)
 
 
 def beam_radius(scanner: Scanner, distance: Array) -> Array:
@@ -160,13 +172,18 @@ def beam_radius(scanner: Scanner, distance: Array) -> Array:
     return np.array([scanner.laser.radius(one) for one in distance.tolist()])
 
 
-def spot_packets(scanner: Scanner, variance: Array) -> Packets:
-    """Return the packets of round spots, each field of shape (n,); ``variance`` is their images' [pixel²], (n,).
+def spot_packets(scanner: Scanner, variance: Array, distance: Array) -> Packets:
+    """Return the packets of round spots at ranges [m], each field of shape (n,).
+
+    ``variance`` is that of their images in the focal plane [pixel²], (n,).
 
     One after the other: NumPy's powers of arrays depend on the processor.
     """
     optics = speckle_optics(scanner)
-    found = [packets_of(optics, one, one) for one in variance.tolist()]
+    found = [
+        packets_of(optics, one, one, scanner.seen_at(away))
+        for one, away in zip(variance.tolist(), distance.tolist(), strict=True)
+    ]
     return Packets(*(np.array([getattr(one, field.name) for one in found]) for field in fields(Packets)))
 
 

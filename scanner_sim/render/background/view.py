@@ -239,9 +239,9 @@ def rows_between(
 
 def panorama_view(rows: Rows, layout: OpticalLayout, pixels: int) -> PanoramaView:
     """Return the angles that the pixels of the line see in some rows."""
-    f, step = layout.receiver.focal_length, layout.pitch / layout.receiver.focal_length
-    first = rows.horizontal[0] - math.atan((layout.offset + pixels * layout.pitch) / f) - step
-    last = rows.horizontal[1] - math.atan(layout.offset / f) + step
+    image, step = layout.receiver.line_image, layout.pitch / layout.receiver.focal_length
+    first = rows.horizontal[0] - math.atan(image.tangent(layout.offset + pixels * layout.pitch)) - step
+    last = rows.horizontal[1] - math.atan(image.tangent(layout.offset)) + step
     bins = math.ceil((last - first) / step) + 1
     return PanoramaView(rows.phi, first, step, bins, rows.time, rows.between)
 

@@ -70,6 +70,7 @@ class LineProjection:
                 (f * dr.dot(moved, frame.normal) - q * deeper) / depth,
             )
 
+        # On an upright array in the focal plane; what a tilted one makes of it follows with `at`.
         (pa, qa), (pb, qb) = (slopes(slide) for slide in hits.slides())
         # The same for the sweep. The first mirror turns the beam about the laser, and the lens's axis turns with it;
         # the second carries beam and lens round its axis together, and only the slide along the beam is seen.
@@ -78,20 +79,28 @@ class LineProjection:
             pb * reach / spread
         )
         residual = hits.lane.variance
-        blur = dr.opaque(mi.Float, layout.point_spread**2)
         # A surface point that is lit for a while moves on the line, as the receiver turns meanwhile.
         variance = hits.lane.time_variance
         turn_p = shots.travel_theta * (f + dr.square(p) / f)
         turn_q = -shots.travel_phi * reach * f / depth
-        var_p = residual * (dr.square(pa) + dr.square(pb)) + variance * dr.square(turn_p) + blur
-        var_q = residual * (dr.square(qa) + dr.square(qb)) + variance * dr.square(turn_q) + blur
+        at = on_array(layout, p, q, depth)
+        (pa, qa), (pb, qb), (turn_p, turn_q) = (
+            at.slopes(*both) for both in ((pa, qa), (pb, qb), (turn_p, turn_q))
+        )
+        pt *= at.along
+        var_p = residual * (dr.square(pa) + dr.square(pb)) + variance * dr.square(turn_p) + at.blur_p
+        var_q = residual * (dr.square(qa) + dr.square(qb)) + variance * dr.square(turn_q) + at.blur_q
         covariance = residual * (pa * qa + pb * qb) + variance * turn_p * turn_q
-        p = synchronisation_shift(layout, p, shots.synchronisation)
+        p = array_position(layout, synchronisation_shift(layout, p, shots.synchronisation)) + at.shift
         height, pitch = dr.opaque(mi.Float, layout.height), dr.opaque(mi.Float, layout.pitch)
-        inside, cut, var_p = cut_by_height(p, q, var_p, var_q, covariance, height)
+        inside, cut, var_p = cut_by_height(p, at.q, var_p, var_q, covariance, height)
         slopes_in_pixels = (slope / pitch for slope in (pa, pb, pt))
         return Laid(
-            to_pixels(layout, cut), dr.sqrt(var_p) / pitch, inside, (cut - p) / pitch, *slopes_in_pixels
+            to_pixels(layout, cut),
+            dr.sqrt(var_p) / pitch,
+            dr.select(at.behind, inside, 0.0),
+            (cut - p) / pitch,
+            *slopes_in_pixels,
         )
 
     def lay_point(
@@ -104,12 +113,12 @@ class LineProjection:
         """Return position and standard deviation [pixel] and share of the light of points, by the point spread."""
         layout = self.layout
         p, q, depth = image(layout, frame, point)
-        p = synchronisation_shift(layout, p, shots.synchronisation)
-        blur = dr.opaque(mi.Float, layout.point_spread**2)
+        at = on_array(layout, p, q, depth)
+        p = array_position(layout, synchronisation_shift(layout, p, shots.synchronisation)) + at.shift
         height = dr.opaque(mi.Float, layout.height)
-        inside, p, variance = cut_by_height(p, q, blur, blur, mi.Float(0.0), height)
+        inside, p, variance = cut_by_height(p, at.q, at.blur_p, at.blur_q, mi.Float(0.0), height)
         sigma = dr.sqrt(variance) / dr.opaque(mi.Float, layout.pitch)
-        return to_pixels(layout, p), sigma, dr.select(depth > 0.0, inside, 0.0)
+        return to_pixels(layout, p), sigma, dr.select((depth > 0.0) & at.behind, inside, 0.0)
 
     def is_unequal(self, strength: list[Float]) -> Mask:
         """Return whether the strength bends so much across the beam that the probe's mean is not the light's."""
@@ -123,15 +132,77 @@ class LineProjection:
 
 
 def image(layout: OpticalLayout, frame: Frame, point: Vector3f) -> tuple[Float, Float, Float]:
-    """Return where the lens images points: p along the line, q across it (eq 1, exactly), and their depth [m]."""
+    """Return where the lens images points in its focal plane: p along the line, q across it (eq 1); and depth [m]."""
     offset = mi.Vector3f(point - frame.lens)
     depth = dr.dot(offset, frame.along)
     scale = dr.opaque(mi.Float, layout.receiver.focal_length) / depth
     return -scale * dr.dot(offset, frame.across), scale * dr.dot(offset, frame.normal), depth
 
 
+@dataclass
+class OnArray:
+    """The array where rays meet it, Dr.Jit arrays of one shape (:mod:`scanner_sim.optics.line_image`).
+
+    ``q`` across the line [m]; ``along`` and ``across`` by how much more the image moves than in the focal plane, and
+    ``shear`` by how much across it while it moves by one along it there; ``blur_p`` and ``blur_q`` variances of the
+    image of a point [m²], ``shift`` of its centroid along the line [m]; ``behind`` whether the rays meet the array.
+    """
+
+    q: Float
+    along: Float
+    across: Float
+    shear: Float
+    blur_p: Float
+    blur_q: Float
+    shift: Float
+    behind: Mask
+
+    def slopes(self, p: Float, q: Float) -> tuple[Float, Float]:
+        """Return how an image moves along the array and across it that moves so in the focal plane."""
+        return p * self.along, q * self.across + p * self.shear
+
+
+def on_array(layout: OpticalLayout, p: Float, q: Float, depth: Float) -> OnArray:
+    """Return the array where the rays to images in the focal plane (p, q) [m] of points at depths [m] meet it."""
+    receiver = layout.receiver
+    line = receiver.line_image
+    f, slope, ratio, secant = (
+        dr.opaque(mi.Float, value)
+        for value in (line.focal_length, line.slope, line.depth / line.focal_length, line.secant)
+    )
+    left = 1.0 - slope * p / f
+    stretch = 1.0 / left
+    across = ratio * stretch
+    skewed = secant * stretch
+    aberration, spread = (
+        dr.opaque(mi.Float, value) for value in (receiver.aberration**2, layout.point_spread**2)
+    )
+    blur = line.blur_at(stretch, depth)
+    defocus = dr.square(blur)
+    return OnArray(
+        q=q * across,
+        along=across * skewed,
+        across=across,
+        shear=q * slope / f * across * stretch,
+        blur_p=spread + ((aberration + defocus) * dr.square(skewed) - aberration),
+        blur_q=spread + defocus,
+        shift=line.lopsided(blur, dr.opaque(mi.Float, line.pupil), skewed, stretch),
+        behind=left > 0.0,
+    )
+
+
+def array_position(layout: OpticalLayout, p: Float) -> Float:
+    """Return positions on the array [m] of images at p [m] in the focal plane."""
+    line = layout.receiver.line_image
+    f, slope, scale = (
+        dr.opaque(mi.Float, value)
+        for value in (line.focal_length, line.slope, line.scale / line.focal_length)
+    )
+    return p * scale / (1.0 - slope * p / f)
+
+
 def synchronisation_shift(layout: OpticalLayout, p: Float, synchronisation: Float) -> Float:
-    """Return where on the line light lands [m] whose receiver looks past the laser by an angle [rad].
+    """Return where in the focal plane light lands [m] whose receiver looks past the laser by an angle [rad].
 
     p = f tanα becomes f tan(α + e), to first order p + e (f + p²/f); the position across the line changes by e p/f of
     itself, which is left out.

@@ -141,5 +141,5 @@ def computed_bias(method: PeakMethod, narrowest: float, widest: float) -> BiasTa
 def widths_of(spot: ExpectedSpot) -> tuple[float, float]:
     """Return the least and the largest standard deviation of a spot on facing surfaces [pixel], at any deflection."""
     beam, spread = spot.variances(np.arange(spot.pixels, dtype=np.float64), 0.0, 1.0)
-    least, most = math.sqrt(float(beam.min()) + spread), math.sqrt(float(beam.max()) + spread)
-    return least, _WIDEST_FACTOR * most
+    whole = beam + spread
+    return math.sqrt(float(whole.min())), _WIDEST_FACTOR * math.sqrt(float(whole.max()))

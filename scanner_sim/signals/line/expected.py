@@ -13,6 +13,7 @@ from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.device_numbers import beside, over
 from scanner_sim.foundation.device_types import FloatLike
 from scanner_sim.optics.laser import Laser
+from scanner_sim.optics.line_image import ArrayPlace, LineImage
 from scanner_sim.optics.receiver import Receiver
 
 
@@ -24,12 +25,12 @@ class ExpectedSpot:
 
     Attributes
     ----------
-    focal_length, baseline
-        f and d of eq 1.
+    image, baseline
+        How the lens images the beam on the line, and d of eq 1.
     waist_radius, waist_distance, rayleigh_length
         The beam: 1/e² radius at the waist, distance of the waist, Rayleigh length [m].
-    point_spread
-        Standard deviation of the image of a point on the line [m].
+    aberration, diffusion
+        Standard deviations of the lens's rays, square to its axis, and of the sensor's blur [m].
     pitch, offset
         Pixel i of the line lies at p = offset + (i + 1/2) pitch.
     pixels
@@ -39,12 +40,13 @@ class ExpectedSpot:
         (pixel + 1/2)², at Θ = 0 [electron]. Numbers, or arrays with one for each of m shots.
     """
 
-    focal_length: float
+    image: LineImage
     baseline: float
     waist_radius: float
     waist_distance: float
     rayleigh_length: float
-    point_spread: float
+    aberration: float
+    diffusion: float
     pitch: float
     offset: float
     pixels: int
@@ -54,7 +56,7 @@ class ExpectedSpot:
     def __post_init__(self) -> None:
         """Work out the one light of a white surface from the other where it is not given."""
         if self.white_by_pixel is None:
-            slope = self.focal_length * self.baseline / self.pitch
+            slope = self.image.scale * self.baseline / self.pitch
             object.__setattr__(self, "white_by_pixel", self.white / slope**2)
 
     @classmethod
@@ -67,12 +69,13 @@ class ExpectedSpot:
         """
         watts = laser.power * receiver.transmission * transmission * receiver.aperture_area / math.pi
         return cls(
-            focal_length=receiver.focal_length,
+            image=receiver.line_image,
             baseline=receiver.baseline,
             waist_radius=laser.waist_radius,
             waist_distance=laser.waist_distance,
             rayleigh_length=laser.rayleigh_length,
-            point_spread=math.hypot(receiver.aberration, sensor.diffusion),
+            aberration=receiver.aberration,
+            diffusion=sensor.diffusion,
             pitch=sensor.pitch,
             offset=sensor.offset,
             pixels=sensor.pixels,
@@ -83,29 +86,48 @@ class ExpectedSpot:
         """Return the same spot by other light."""
         return replace(self, white=white, white_by_pixel=white_by_pixel)
 
+    @property
+    def point_spread(self) -> float:
+        """Standard deviation of the image of a point on an upright line in focus [m]."""
+        return math.hypot(self.aberration, self.diffusion)
+
     def range(self, pixel: FloatLike, sine: FloatLike, cosine: FloatLike) -> FloatLike:
         """Return the range [m] of a fractional pixel at a deflection Θ given as sine and cosine (eq 1)."""
-        product, baseline = beside(pixel, self.focal_length * self.baseline, self.baseline)
-        return product * cosine / self._position(pixel) + baseline * sine
+        product, baseline, slope = self._numbers(pixel)
+        return product * cosine / self._position(pixel) + baseline * (sine + slope * cosine)
 
     def pixel(self, range_m: FloatLike, sine: FloatLike, cosine: FloatLike) -> FloatLike:
         """Return the fractional pixel of a range [m] at a deflection Θ: :meth:`range` solved for it."""
-        product, baseline = beside(cosine, self.focal_length * self.baseline, self.baseline)
+        product, baseline, slope = self._numbers(cosine)
         (offset,) = beside(cosine, self.offset)
-        return over(product * cosine / (range_m - baseline * sine) - offset, self.pitch) - 0.5
+        depth = range_m - baseline * (sine + slope * cosine)
+        return over(product * cosine / depth - offset, self.pitch) - 0.5
+
+    def _numbers(self, array: FloatLike) -> tuple[FloatLike, FloatLike, FloatLike]:
+        product, baseline, slope = beside(
+            array, self.image.scale * self.baseline, self.baseline, self.image.slope
+        )
+        return product, baseline, slope
 
     def variances(self, pixel: FloatLike, sine: FloatLike, cosine: FloatLike) -> tuple[FloatLike, FloatLike]:
         """Return the two parts of the spot's variance [pixel²] on a surface that faces the scanner.
 
-        The beam's image, (w(R)/2 · m)² with the magnification m = f/(R − d sinΘ) = p/(d cosΘ) of eq 1, and the
-        point spread. The pixel's own width is not in them.
+        The beam's image, (w(R)/2 · m)² with the magnification m = dp/dt/(R − d sinΘ) = p (v_a/v₀)/(d cosΘ) of
+        :mod:`~scanner_sim.optics.line_image`, and the image of a point. The pixel's own width is not in them.
         """
         baseline, waist, distance = beside(pixel, self.baseline, 0.5 * self.waist_radius, self.waist_distance)
+        seen = self.seen_at(pixel, cosine)
+        (aberration,) = beside(pixel, (self.aberration / self.pitch) ** 2)
         (spread,) = beside(pixel, (self.point_spread / self.pitch) ** 2)
-        magnification = self._position(pixel) / (baseline * cosine)
+        magnification = self._position(pixel) * seen.stretch / (baseline * cosine)
         away = over(self.range(pixel, sine, cosine) - distance, self.rayleigh_length)
         half = over(waist * magnification, self.pitch)
-        return half * half * (1.0 + away * away), spread
+        return half * half * (1.0 + away * away), seen.spread(spread, aberration)
+
+    def seen_at(self, pixel: FloatLike, cosine: FloatLike) -> ArrayPlace:
+        """Return how the lens images the beam on pixels at deflections Θ given as cosine; lengths in pixels."""
+        (baseline,) = beside(pixel, self.baseline)
+        return self.image.at(self._position(pixel), baseline * cosine, self.pitch)
 
     def _position(self, pixel: FloatLike) -> FloatLike:
         """Return where on the line a fractional pixel lies [m]."""
@@ -116,7 +138,7 @@ class ExpectedSpot:
     def largest_sigma(self) -> float:
         """Largest standard deviation that a facing surface gives anywhere on the line, at Θ = 0 [pixel]."""
         beam, spread = self.variances(np.arange(self.pixels), 0.0, 1.0)
-        return float(np.sqrt(np.max(beam) + spread))
+        return float(np.sqrt(np.max(beam + spread)))
 
     def widest(self, factor: float) -> NDArray[np.float64]:
         """Return the variance of a spot [pixel²] whose beam is wider by a factor, for every pixel, at Θ = 0."""

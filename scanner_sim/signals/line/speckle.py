@@ -51,7 +51,9 @@ class ExpectedSpeckle:
         along, across = (
             (dr.opaque(auto.Float, way) if isinstance(way, float) else way) * distance for way in self.travel
         )
-        packets = packets_of(self.optics, beam, beam)
+        seen = spot.seen_at(pixel, cosine)
+        image = beam / dr.square(seen.along)
+        packets = packets_of(self.optics, image, image, seen)
         energy, others = packets.moving(*dwell_average(along, across, radius))
         whole = dr.opaque(auto.Float, self.contrast**2) * packets.energy
         ratios = mode_ratios(self.optics, packets.ratio)

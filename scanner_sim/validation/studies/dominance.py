@@ -66,7 +66,7 @@ def dominating(
     """
     instrument = Instrument(scenario, device=device)
     scan, geometry = scenario.raster, instrument.geometry
-    f, d, mirrors = geometry.focal_length, geometry.baseline, scenario.scanner.mirrors
+    h, d, g, mirrors = geometry.scale, geometry.baseline, geometry.slope, scenario.scanner.mirrors
     names = (*(part.name for part in _PARTS), "synchronisation", "deflection")
     variances = np.full((len(names), scan.shots), np.nan)
     order = tiled_order(scan)
@@ -75,8 +75,8 @@ def dominating(
         aim = raster_aim(scan, shots, scenario.scanner.dwell)
         peak, parts = _peak_parts(instrument, aim)
         position = geometry.position(peak)
-        by_position, by_theta = range_jacobian(position, aim.theta, f, d)
-        apart = position_sigma(position, 0.0, f, geometry.pitch, geometry.synchronisation)
+        by_position, by_theta = range_jacobian(position, aim.theta, h, d, g)
+        apart = position_sigma(position, 0.0, h, geometry.pitch, geometry.synchronisation, g)
         variances[: len(_PARTS), shots] = parts * (by_position * geometry.pitch) ** 2
         variances[-2, shots] = (by_position * apart) ** 2
         variances[-1, shots] = (by_theta * mirrors.reading_sigma(aim.theta, aim.time)) ** 2

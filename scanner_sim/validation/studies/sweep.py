@@ -128,14 +128,17 @@ class _Stage:
     def __init__(self, scenario: Scenario, device: DeviceChoice) -> None:
         instrument = Instrument(scenario, device=device)
         self._instrument, self._scenario, self._seed = instrument, scenario, scenario.seed
-        sensor, focal = scenario.scanner.position_sensor, scenario.scanner.receiver.focal_length
+        sensor = scenario.scanner.position_sensor
         electrons = electrons_per_watt(sensor, scenario.scanner.laser.wavelength, scenario.scanner.exposure)
         through = instrument.triangulation.throughput
         # Any pixel may look at any position: the one that makes most of it counts.
         self._gain = tuple(
             electrons * float(table.numpy().max()) for table in (through.in_band, through.out_of_band)
         )
-        self._reach = (math.atan(sensor.offset / focal), math.atan((sensor.offset + sensor.length) / focal))
+        image = scenario.scanner.receiver.line_image
+        self._reach = tuple(
+            math.atan(image.tangent(end)) for end in (sensor.offset, sensor.offset + sensor.length)
+        )
         self._targets()
         self._grid = self._field_of_view()
 
@@ -165,8 +168,9 @@ class _Stage:
         geometry = self._instrument.geometry
         x, y, z = samples.point.numpy().astype(np.float64)
         r, theta, phi = angles_and_range(x, y, z, geometry.axis_separation)
-        p = position_from_range(r, theta, geometry.focal_length, geometry.baseline)
-        return Sight(theta - np.arctan(p / geometry.focal_length), phi)
+        focal = self._scenario.scanner.receiver.focal_length
+        p = position_from_range(r, theta, focal, geometry.baseline)
+        return Sight(theta - np.arctan(p / focal), phi)
 
     def _field_of_view(self) -> Sight:
         """Return an even grid of all that the pixels see during the scan."""

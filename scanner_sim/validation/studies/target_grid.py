@@ -15,7 +15,8 @@ from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.lissajous import LissajousPattern, frequencies
 from scanner_sim.scan.schedule import Course, PatternMotion, Visiting, mirrors_at, run_visits
 from scanner_sim.scene.light.lighting import Lighting
-from scanner_sim.scene.objects import MaterialChoice, Scene, TargetArray, TargetPattern
+from scanner_sim.scene.objects import Scene, TargetArray, TargetPattern
+from scanner_sim.scene.surfaces import MaterialChoice
 from scanner_sim.tracking.scan import TrackScan
 from scanner_sim.tracking.state import TrackerSettings
 
@@ -84,10 +85,10 @@ def nearest_distance(scenario: Scenario, target: StudyTarget) -> float:
 
 def spread_distances(scenario: Scenario, distance: float, count: int) -> Array:
     """Return distances about one at which the spot lies at evenly spaced positions in its pixel [m]."""
-    f, d = scenario.scanner.receiver.focal_length, scenario.scanner.receiver.baseline
+    image, d = scenario.scanner.receiver.line_image, scenario.scanner.receiver.baseline
     steps = ((np.arange(count) + 0.5) / count - 0.5) * scenario.scanner.position_sensor.pitch
-    middle = position_from_range(distance, 0.0, f, d)
-    return np.asarray(range_from_position(middle + steps, np.zeros(count), f, d))
+    middle = position_from_range(distance, 0.0, image.scale, d, image.slope)
+    return np.asarray(range_from_position(middle + steps, np.zeros(count), image.scale, d, image.slope))
 
 
 def target_grid(

@@ -21,6 +21,7 @@ from scanner_sim.detector.line import exposure
 from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise, pixel_response, poisson
 from scanner_sim.detector.packets import dwell_average, gamma_like, mode_edges, mode_ratios
 from scanner_sim.detector.photodiode import noise_colour, photodiode, waveform
+from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import Optics, packets_of
 from scanner_sim.render.device import Device
 
@@ -276,7 +277,7 @@ def test_packets_fill_the_pupil_and_those_at_its_edge_count_in_part() -> None:
         energy, slope = pupil_averages(ratio)
         optics = Optics(cell=0.5, aberration=0.8, diffusion=0.6, modes=4)
         along = (ratio * 0.5) ** 2
-        found = packets_of(optics, along, along)
+        found = packets_of(optics, along, along, SHARP)
         assert found.energy == pytest.approx(energy, rel=0.02)
         surface, aberrant = 0.5 * along, 0.8**2 * slope / energy
         assert found.on_surface == pytest.approx(surface / (surface + aberrant), rel=0.03)
@@ -287,6 +288,6 @@ def test_packets_fill_the_pupil_and_those_at_its_edge_count_in_part() -> None:
         assert found.moving(0.5, 0.1)[1] == pytest.approx(
             found.on_surface * 0.1 + (1.0 - found.on_surface) * 0.5
         )
-    wide, tall = packets_of(optics, 4.0, 1.0), packets_of(optics, 1.0, 4.0)
+    wide, tall = packets_of(optics, 4.0, 1.0, SHARP), packets_of(optics, 1.0, 4.0, SHARP)
     assert wide.energy == pytest.approx(tall.energy)
     assert wide.sigma > tall.sigma

@@ -21,6 +21,7 @@ from scanner_sim.instrument.closed_loop.visit_errors import (
     image_variance,
     range_variances,
 )
+from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import packets_of
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.lasting import SurfaceSpeckle
@@ -192,6 +193,6 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
     beam = 0.5 * scanner.laser.radius(DISTANCE) * scanner.receiver.focal_length / DISTANCE
     variance = (beam / scanner.position_sensor.pitch) ** 2
     assert speckle.on_surface == pytest.approx(
-        packets_of(speckle_optics(scanner), variance, variance).on_surface
+        packets_of(speckle_optics(scanner), variance, variance, SHARP).on_surface
     )
     assert duty_cycle_of(known) == pytest.approx(1.0)

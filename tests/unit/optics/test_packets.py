@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 
+from scanner_sim.optics.line_image import SHARP
 from scanner_sim.optics.speckle import Optics, Packets, packets, packets_of, slope_packets
 
 ALONG, ACROSS = 9.0, 4.0
@@ -15,7 +16,7 @@ ALONG, ACROSS = 9.0, 4.0
 
 def test_without_aberration_and_diffusion_half_the_image_is_the_packets_places() -> None:
     """Claim: speckles of a Gaussian scatter by σ_x²/2 about it, and each is (λN/π)² wide."""
-    found = packets_of(Optics(1.2, 0.0, 0.0, 8), ALONG, ACROSS)
+    found = packets_of(Optics(1.2, 0.0, 0.0, 8), ALONG, ACROSS, SHARP)
     own = (1.2 / math.pi) ** 2
     assert found.sigma**2 == pytest.approx(0.5 * ALONG + own)
     assert found.ratio**2 == pytest.approx(0.5 * ALONG / (0.5 * ALONG + own))
@@ -26,7 +27,7 @@ def test_without_aberration_and_diffusion_half_the_image_is_the_packets_places()
 
 
 def test_diffusion_widens_packets_and_does_not_move_them() -> None:
-    without, with_it = (packets_of(Optics(1.2, 0.7, d, 8), ALONG, ACROSS) for d in (0.0, 1.5))
+    without, with_it = (packets_of(Optics(1.2, 0.7, d, 8), ALONG, ACROSS, SHARP) for d in (0.0, 1.5))
     assert with_it.sigma**2 - without.sigma**2 == pytest.approx(1.5**2)
     places = [(p.sigma * p.ratio) ** 2 for p in (without, with_it)]
     assert places[0] == pytest.approx(places[1])
@@ -35,7 +36,7 @@ def test_diffusion_widens_packets_and_does_not_move_them() -> None:
 
 def test_aberration_scatters_the_packets_by_the_slope_over_each() -> None:
     """Claim: each packet's place errs by σ_a² M/M_s, and its own width grows as that of the pupil's image."""
-    found = packets_of(Optics(1.2, 0.7, 0.0, 8), ALONG, ACROSS)
+    found = packets_of(Optics(1.2, 0.7, 0.0, 8), ALONG, ACROSS, SHARP)
     x = math.sqrt(6.0) / 1.2
     aberrant = 0.49 * packets(x) / slope_packets(x)
     places = 0.5 * ALONG + aberrant

@@ -15,6 +15,7 @@ from scanner_sim.analytic import spot
 from scanner_sim.detector.line.exposure import electrons_per_watt, expose, pairwise
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.status import Status
+from scanner_sim.optics.line_image import sharp_everywhere
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.processing import Processing, Validation
@@ -38,7 +39,9 @@ def fitted(lines: NDArray[np.float64], sigma: float | None, *switched_on: str) -
     signal = expose(pairwise(power), dr.arange(auto.UInt32, len(lines)), sensor, 1.5e-6, 50e-6, 1)
     known = None
     if sigma is not None:
-        known = ExpectedSpot(0.1, 0.2, 1e-9, 0.0, 1e3, sigma * PITCH, PITCH, 0.0, PIXELS, 1e12)
+        known = ExpectedSpot(
+            sharp_everywhere(0.1), 0.2, 1e-9, 0.0, 1e3, sigma * PITCH, 0.0, PITCH, 0.0, PIXELS, 1e12
+        )
     processing = Processing(peak="maximum_likelihood", ambiguity=1.0, validation=BARE)
     return find_peaks(signal, sensor, processing, 50e-6, known)
 
