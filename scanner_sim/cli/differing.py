@@ -10,7 +10,6 @@ import typer
 
 from scanner_sim.cli.call import files_of
 from scanner_sim.cli.report import warn
-from scanner_sim.cli.results import read_result_of
 from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import scenario_from_text
 from scanner_sim.foundation.errors import InputError
@@ -18,6 +17,7 @@ from scanner_sim.instrument.reprocess import changed_keys
 from scanner_sim.products.difference import BEYOND, Difference, difference_json, difference_of, normal_beyond
 from scanner_sim.products.files.contents import DIFFERENCE
 from scanner_sim.products.files.folder import claim_folder, write_folder, write_text
+from scanner_sim.products.formats.convert import result_in
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.shots import ShotTable
 
@@ -58,7 +58,7 @@ def compare_results(first: Path, second: Path, output: Path | None, *, overwrite
 
 
 def _scan(place: Path) -> RangeImage | ShotTable:
-    value = read_result_of(place).value
+    value, _ = result_in(place)
     if not isinstance(value, RangeImage | ShotTable):
         raise InputError(
             f"{place} is a tracking run, and a difference is that of two scans.",

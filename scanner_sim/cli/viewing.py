@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from scanner_sim.cli.progress import progress_bar
-from scanner_sim.cli.results import read_result_of
 from scanner_sim.cli.tables import print_table
 from scanner_sim.products.files.exchange import check_files
+from scanner_sim.products.formats.convert import result_in
 from scanner_sim.render.libraries import DeviceChoice
 
 
@@ -28,8 +28,9 @@ def view_result(
     InputError
         If there is no result, the page is there already or cannot be written, or the scene can no longer be loaded.
     """
-    found = read_result_of(result)
-    page = output or found.folder / "view.html"
+    folder = result if result.is_dir() else result.parent
+    found, poses = result_in(result)
+    page = output or folder / "view.html"
     # As the pictures of `show`: what stands beside the result is ours to draw anew.
     overwrite = overwrite or output is None
     check_files([page], overwrite)
@@ -37,12 +38,12 @@ def view_result(
 
     with progress_bar("lines", quiet, "voxels") as (advance, _):
         path = view(
-            found.value,
+            found,
             page,
-            title=found.folder.resolve().name,
+            title=folder.resolve().name,
             lines=lines,
-            folder=found.folder,
-            poses=found.poses,
+            folder=folder,
+            poses=poses,
             largest_mb=largest_mb,
             device=device,
             progress=advance,

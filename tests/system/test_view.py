@@ -320,7 +320,7 @@ def test_bad_input_of_view_has_one_message(
 ) -> None:
     (tmp_path / "range.exr").write_bytes(b"nothing")
     for words, said in (
-        ((tmp_path / "none",), "There is no result"),
+        ((tmp_path / "none",), "There is no folder"),
         ((tmp_path,), "range.exr"),
         ((folder, "-o", page), "exists already"),
         ((folder, "-o", tmp_path), "folder"),
@@ -371,7 +371,7 @@ def test_the_difference_of_two_runs_is_told_drawn_and_refused(folder: Path, tmp_
     assert (out / "difference.png").stat().st_size > 10_000
     for words, said in (
         ((folder, other, "-o", out), "already holds a result"),
-        ((folder, tmp_path / "none"), "There is no result"),
+        ((folder, tmp_path / "none"), "There is no folder"),
     ):
         assert said in command("difference", *words, exit_code=2)
     small = run(tmp_path, SCENE.replace("rows: 12", "rows: 6"), "small")
