@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from scanner_sim.campaign.result import open_campaign as open_campaign
     from scanner_sim.config import load_scanner as load_scanner
     from scanner_sim.config import load_scenario as load_scenario
+    from scanner_sim.config.scanner import Scanner as Scanner
     from scanner_sim.config.scenario import Scenario as Scenario
     from scanner_sim.foundation.errors import InputError as InputError
     from scanner_sim.foundation.errors import RunError as RunError
@@ -70,6 +71,7 @@ __all__ = [
     "RangeImage",
     "RunError",
     "Samples",
+    "Scanner",
     "Scenario",
     "ScenarioError",
     "ShotTable",
@@ -118,6 +120,7 @@ _HOMES = {
     "RangeImage": "scanner_sim.products.image",
     "RunError": "scanner_sim.foundation.errors",
     "Samples": "scanner_sim.instrument.samples",
+    "Scanner": "scanner_sim.config.scanner",
     "Scenario": "scanner_sim.config.scenario",
     "ScenarioError": "scanner_sim.foundation.errors",
     "ShotTable": "scanner_sim.products.shots",

@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.config.scanner import geometry_of
+from scanner_sim.config.scanner import Scanner, geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import read_encoders, readings
 from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
@@ -78,26 +78,18 @@ class Instrument:
         reuse: Instrument | None = None,
     ) -> None:
         scanner = scenario.scanner
-        sensor = scanner.position_sensor
         self.scenario = scenario
         self.reuse = reuse
         with guest():
             activate(device, threads)
             self._stay = Stay()
             self.loaded: LoadedScene = load_scene(scenario.scene) if reuse is None else reuse.loaded
-        self.optics = OpticalLayout(
-            laser=scanner.laser,
-            receiver=scanner.receiver,
-            axis_separation=scanner.mirrors.axis_separation,
-            filter_transmission=peak_transmission(scanner.filter),
-            pitch=sensor.pitch,
-            height=sensor.height,
-            offset=sensor.offset,
-            diffusion=sensor.diffusion,
-        )
+        self.optics = _optics_of(scanner)
         self.geometry = geometry_of(scanner)
-        ways: dict[str, Rangefinder] = {"triangulation": self.triangulation, "tof": self.time_of_flight}
-        self.rangefinders: tuple[Rangefinder, ...] = tuple(ways[name] for name in scenario.rangefinders)
+        ways = {"triangulation": "triangulation", "tof": "time_of_flight"}
+        self.rangefinders: tuple[Rangefinder, ...] = tuple(
+            getattr(self, ways[name]) for name in scenario.rangefinders
+        )
 
     @cached_property
     def triangulation(self) -> Triangulation:
@@ -258,7 +250,7 @@ class Instrument:
         """
         ranges = [reading.ranges for reading in found]
         measured: Layers = {}
-        if self.rangefinders == (self.triangulation, self.time_of_flight):
+        if [type(one) for one in self.rangefinders] == [Triangulation, TimeOfFlight]:
             triangulated, echo = ranges
             fused, *ranges = fuse_points(triangulated, echo, deflections, self.geometry)
             measured |= layers_of(fused, "fused.")
@@ -319,3 +311,16 @@ class Instrument:
         return Deflections(
             theta, phi, mirrors.reading_sigma(theta, aim.time), mirrors.reading_sigma(phi, aim.time)
         )
+
+
+def _optics_of(scanner: Scanner) -> OpticalLayout:
+    """Return the optics of an instrument; the lengths of its line are 0 where it has none."""
+    sensor = scanner.line_choice
+    line = ("pitch", "height", "offset", "diffusion")
+    return OpticalLayout(
+        laser=scanner.laser,
+        receiver=scanner.receiver,
+        axis_separation=scanner.mirrors.axis_separation,
+        filter_transmission=peak_transmission(scanner.filter),
+        **{name: 0.0 if sensor == "none" else getattr(sensor, name) for name in line},
+    )

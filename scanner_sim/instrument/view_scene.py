@@ -30,7 +30,8 @@ def field_of_view(scenario: Scenario) -> Field:
         horizontal = vertical = (-limit, limit)
     else:
         horizontal, vertical = scenario.open_scan.horizontal, scenario.open_scan.vertical
-    return Field(_ordered(horizontal), _ordered(vertical), scanner.nearest_range, scanner.farthest_range)
+    nearest, farthest = zip(*map(scanner.seen_by, scenario.rangefinders), strict=True)
+    return Field(_ordered(horizontal), _ordered(vertical), min(nearest), max(farthest))
 
 
 @guest()

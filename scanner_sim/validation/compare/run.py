@@ -133,7 +133,7 @@ def judge_laws(
             progress(number, len(laws))
         if say is not None:
             say(law.title)
-        reasons[law.name] = _formless(law, setting) or law.applies(setting)
+        reasons[law.name] = _without(law, setting) or _formless(law, setting) or law.applies(setting)
         if not reasons[law.name]:
             measured, predicted = law.measure(setting), law.predict(setting)
             reasons[law.name] = "" if measured else law.nothing
@@ -163,6 +163,14 @@ def judge_laws(
         dict(versions()),
         own={"peak": setting.own_peak, "pulse": setting.own_pulse},
     )
+
+
+def _without(law: Law, setting: ComparisonSetup) -> str:
+    """Return which detector a law lacks; empty where it lacks none."""
+    if law.rangefinder is None or law.rangefinder in setting.scenario.scanner.rangefinders:
+        return ""
+    part = "position sensor" if law.rangefinder == "triangulation" else "time-of-flight unit"
+    return f"the instrument has no {part}"
 
 
 def _formless(law: Law, setting: ComparisonSetup) -> str:
