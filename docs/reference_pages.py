@@ -139,6 +139,13 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "scenario.yaml": "the scenario with every default written out",
         },
     ),
+    "difference": (
+        "DIFFERENCE",
+        {
+            "difference.json": "numbers of each range that both results have, changes of status, keys that differ",
+            "difference.png": "difference over σ of both as a map, and its histogram with the normal curve",
+        },
+    ),
 }
 """For each verb that writes a folder: where the names of its files stand, and what each holds."""
 

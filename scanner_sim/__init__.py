@@ -34,9 +34,11 @@ if TYPE_CHECKING:
     from scanner_sim.instrument.simulate import take_photo as take_photo
     from scanner_sim.instrument.simulate_signals import simulate_lines as simulate_lines
     from scanner_sim.instrument.simulate_signals import simulate_waveforms as simulate_waveforms
+    from scanner_sim.instrument.viewing import view as view
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
     from scanner_sim.pose.filter import PoseFilter as PoseFilter
     from scanner_sim.pose.result import PoseEstimate as PoseEstimate
+    from scanner_sim.products.difference import difference_of as difference_of
     from scanner_sim.products.files.exr import read_range_image as read_range_image
     from scanner_sim.products.files.run_folder import write_run as write_run
     from scanner_sim.products.files.shots_folder import read_shots as read_shots
@@ -80,6 +82,7 @@ __all__ = [
     "__version__",
     "compare",
     "convert",
+    "difference_of",
     "draw_lightings",
     "estimate_pose",
     "load_scanner",
@@ -102,6 +105,7 @@ __all__ = [
     "take_photo",
     "track",
     "track_many",
+    "view",
     "write_run",
     "write_shots",
 ]
@@ -127,6 +131,7 @@ _HOMES = {
     "WaveformSet": "scanner_sim.products.waveforms",
     "compare": "scanner_sim.validation.compare.run",
     "convert": "scanner_sim.products.formats.convert",
+    "difference_of": "scanner_sim.products.difference",
     "draw_lightings": "scanner_sim.scene.light.draw",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scanner": "scanner_sim.config",
@@ -149,6 +154,7 @@ _HOMES = {
     "take_photo": "scanner_sim.instrument.simulate",
     "track": "scanner_sim.instrument.closed_loop.track",
     "track_many": "scanner_sim.instrument.closed_loop.track",
+    "view": "scanner_sim.instrument.viewing",
     "write_run": "scanner_sim.products.files.run_folder",
     "write_shots": "scanner_sim.products.files.shots_folder",
 }

@@ -10,6 +10,7 @@ import typer
 
 from scanner_sim.cli.campaigns import campaign
 from scanner_sim.cli.judging import compare, reproduce
+from scanner_sim.cli.looking import difference, view
 from scanner_sim.cli.options import (
     Config,
     Device,
@@ -260,7 +261,7 @@ def reprocess(
         )
 
 
-for verb in (orbit, calibrate, budget, pose_study, compare, reproduce):
+for verb in (view, difference, orbit, calibrate, budget, pose_study, compare, reproduce):
     app.command()(verb)
 app.add_typer(campaign, name="campaign")
 

@@ -165,7 +165,7 @@ class KeptSignals:
         left_out = [
             key for key in _KEEPING if self.whole and getattr(new.output, key.split(".")[1]) == "none"
         ]
-        keys = [key for key in _changed_keys(old, new) if key not in left_out]
+        keys = [key for key in changed_keys(old, new) if key not in left_out]
         faults = [_refusal(key, self.folder) for key in keys if not _acts_after_light(key)]
         for key in ("seed_of_light", "seed_of_background"):
             if getattr(new.transport, key)(new.seed) != getattr(old.transport, key)(old.seed):
@@ -311,7 +311,7 @@ class Reprocessing:
                 yield recorder.kind(columns, about)
 
 
-def _changed_keys(old: Scenario, new: Scenario) -> list[str]:
+def changed_keys(old: Scenario, new: Scenario) -> list[str]:
     """Return the keys whose values differ."""
     before, after = (dict(_leaves(each.model_dump(mode="json", by_alias=True))) for each in (old, new))
     return [key for key in {**before, **after} if before.get(key) != after.get(key)]

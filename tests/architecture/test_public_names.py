@@ -42,6 +42,7 @@ def test_the_public_names_are_these() -> None:
         "__version__",
         "compare",
         "convert",
+        "difference_of",
         "draw_lightings",
         "estimate_pose",
         "load_scanner",
@@ -64,6 +65,7 @@ def test_the_public_names_are_these() -> None:
         "take_photo",
         "track",
         "track_many",
+        "view",
         "write_run",
         "write_shots",
     }

@@ -35,6 +35,7 @@ SMALL = {
     "orbit": ["--steps", "2", "--overwrite"],
     "budget": ["--distances", "2", "--overwrite"],
     "compare": ["--overwrite"],
+    "difference": ["--overwrite"],
     "pose-study": ["--overwrite"],
     "calibrate": ["--overwrite"],
 }

@@ -108,6 +108,9 @@ ORBIT = ResultFolder("orbit.json", ("orbit.json", "orbit.csv", "orbit.png", "sce
 COMPARISON = ResultFolder("compare.json", ("compare.json", "compare.html", "compare.png", "scenario.yaml"))
 """The folder of a comparison."""
 
+DIFFERENCE = ResultFolder("difference.json", ("difference.json", "difference.png"))
+"""The folder of two results compared."""
+
 POSE_STUDY = ResultFolder(
     "pose_study.json",
     (
