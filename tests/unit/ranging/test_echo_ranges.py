@@ -150,7 +150,8 @@ def test_a_detector_blind_to_the_laser_is_told_of() -> None:
         with pytest.raises(ScenarioError, match=f"scanner.{way}.response: it does not reach"):
             load_scenario(half.model_dump(by_alias=True) | {"ranging": alone})
     missed = load_scenario(
-        lit_wall().model_dump(by_alias=True) | {"ranging": "both"}, ["scanner.filter={centre: 1.2 um}"]
+        lit_wall().model_dump(by_alias=True) | {"ranging": "both"},
+        ["scanner.filter={bandwidth: 30 nm}", "scanner.laser.drift=80 nm"],
     )
     assert sum("misses the laser" in words for words in scenario_warnings(missed)) == 1
 
