@@ -8,8 +8,8 @@ observation equations (Mikhail, *Observations and Least Squares*, 1976, ch. 9). 
 and scale bars are observations as well. The field's axes are those of the first board.
 
 Steps are Gauss-Newton's, damped where one fails (Levenberg, *Quart. Appl. Math.* 2, 1944; Marquardt, *SIAM J. Appl.
-Math.* 11, 1963). Doubtful sightings count by Huber's weights (*Ann. Math. Statist.* 35, 1964) of the norm of their three
-readings, which is χ² distributed with three degrees of freedom.
+Math.* 11, 1963). Doubtful sightings count by Huber's weights (*Ann. Math. Statist.* 35, 1964) of the norm of their
+three readings, whose square is χ² distributed with three degrees of freedom.
 """
 
 from __future__ import annotations

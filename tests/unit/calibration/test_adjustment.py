@@ -132,7 +132,7 @@ def test_a_blunder_counts_less_and_is_pointed_at() -> None:
 
 
 def test_a_single_board_leaves_combinations_unobserved() -> None:
-    """Claim: what no field can tell is named: the zero of φ, which is a turn of the station; from one board there is more.
+    """Claim: what no field can tell is named: the zero of φ, which is a turn of the station; from one board more.
 
     With D_g = 50 mm a turn by the zero of φ displaces the second axis by micrometres, which the stations take up.
     """
