@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.analytic.array import SensorArray
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.analytic.estimators import ESTIMATORS
-from scanner_sim.analytic.geometry import range_error
 from scanner_sim.analytic.speckle import SpeckledSpot, averaged, pixel_covariance
 from scanner_sim.analytic.spot import electrons, pixel_shares
 
@@ -38,6 +38,8 @@ class InstrumentNumbers:
     estimator, corrected
         Key of :data:`~scanner_sim.analytic.estimators.ESTIMATORS`, or ``maximum_likelihood``; whether its systematic
         error is taken off.
+    array
+        The array behind the lens.
     transmission
         Of lens and filter together.
     power
@@ -59,7 +61,7 @@ class InstrumentNumbers:
 
     estimator: str
     corrected: bool
-    focal_length: float
+    array: SensorArray
     baseline: float
     aperture: float
     transmission: float
@@ -98,12 +100,13 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
     """Return the standard deviation of the range [m] that each source makes at a distance [m], and ``all`` make.
 
     σ_p of the peak and of the angle between projection and reception, f (1 + p²/f²) σ_e, become R²σ_p/(f d) (eq 4 at
-    Θ = 0). Errors σ_Θ of the deflection become ∂R/∂Θ σ_Θ with ∂R/∂Θ = d − R tanΘ, root mean square over ±half:
-    √(d² + R² half²/3).
+    Θ = 0) on an upright array; on others as :mod:`scanner_sim.analytic.array` has it. Errors σ_Θ of the deflection
+    become ∂R/∂Θ σ_Θ with ∂R/∂Θ = d − R tanΘ, root mean square over ±half: √(d² + R² half²/3).
 
-    Charge of the Sun on a pixel of the area S: E ρ/π · A S T/f² · QE t λ/(h c) (eq 18). Where k times the charge
-    without the laser is subtracted, light counts (1 + k) times in the variance of shot noise, and the converter's and
-    the amplifier's noise (1 + k²) times; fixed patterns of the background go.
+    Charge of the Sun on a pixel of the area S: E ρ/π · A S T/f² · QE t λ/(h c) (eq 18), with the scales along the array
+    and across it for f². Where k times the charge without the laser is subtracted, light counts (1 + k) times in the
+    variance of shot noise, and the converter's and the amplifier's noise (1 + k²) times; fixed patterns of the
+    background go.
 
     Drift turns a mirror by ΔT (zero + scale Θ), and the range by ∂R/∂Θ of it: root mean square over ±half.
 
@@ -115,9 +118,11 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
             distance, numbers.waist_radius, numbers.waist_distance, numbers.wavelength, numbers.m_squared
         )
     )
-    cell = numbers.wavelength * numbers.focal_length / numbers.aperture
-    image = 0.5 * radius * numbers.focal_length / distance
-    grainy = SpeckledSpot(image, cell, numbers.aberration, numbers.diffusion, numbers.pitch)
+    scale, height = (float(one) for one in numbers.array.scale(distance))
+    cell = numbers.wavelength * scale / numbers.aperture
+    image = 0.5 * radius * scale / distance
+    aberration = math.hypot(numbers.aberration * scale / height, numbers.array.blur(distance).along)
+    grainy = SpeckledSpot(image, cell, aberration, numbers.diffusion, numbers.pitch)
     along = grainy.sigma / numbers.pitch
     left = averaged((numbers.sweep * distance, 0.0), radius)
     watts = (
@@ -127,12 +132,7 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
     k = numbers.subtracted
     collected = numbers.transmission * 0.25 * math.pi * numbers.aperture**2
     seen = (
-        numbers.sunlight
-        * numbers.reflectance
-        / math.pi
-        * numbers.pitch
-        * numbers.height
-        / numbers.focal_length**2
+        numbers.sunlight * numbers.reflectance / math.pi * numbers.pitch * numbers.height / (scale * height)
     )
     ambient = float(electrons(seen * collected, numbers.dwell, numbers.wavelength, numbers.efficiency))
     squares: dict[str, list[float]] = {
@@ -162,11 +162,9 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
     peak = {name: math.sqrt(float(np.mean(values))) for name, values in squares.items()}
     peak["speckle"] = math.sqrt(sum(speckle) / _PHASES)
     peak["estimator"] = math.sqrt(float(np.mean(np.square(bias))))
-    per_metre = float(range_error(distance, 0.0, numbers.focal_length, numbers.baseline, 1.0))
+    per_metre = float(numbers.array.range_error(distance))
     found = {name: per_metre * numbers.pitch * value for name, value in peak.items()}
-    p = numbers.focal_length * numbers.baseline / distance
-    apart = numbers.focal_length * (1.0 + (p / numbers.focal_length) ** 2) * numbers.synchronisation
-    found["synchronisation"] = per_metre * apart
+    found["synchronisation"] = per_metre * float(numbers.array.turned(distance)) * numbers.synchronisation
     by_theta = math.hypot(numbers.baseline, distance * numbers.half / math.sqrt(3.0))
     found |= {name: by_theta * getattr(numbers, name) for name in ("jitter", "wobble", "readout")}
     angle = np.linspace(-numbers.half, numbers.half, 201)

@@ -13,8 +13,9 @@ from scanner_sim.campaign.measures import MEASURES
 from scanner_sim.campaign.plan import Plan, Values
 from scanner_sim.campaign.runs import Campaign, changed, dimension_of, ends_of, number_of, spelled
 from scanner_sim.config.document import Document, Location, Value, spell
-from scanner_sim.config.load import load_scenario, read_part
+from scanner_sim.config.load import load_scenario
 from scanner_sim.config.outline import slots_of_key
+from scanner_sim.config.reading import read_part
 from scanner_sim.config.replacing import location_of, steps_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import Fault, ScenarioError

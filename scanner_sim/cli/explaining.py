@@ -126,15 +126,28 @@ def _properties(scanner: Scanner, sheet: InstrumentSheet) -> dict[str, str]:
         f"waist of {2e3 * laser.waist_radius:.4g} mm (1/e²) at {laser.waist_distance:.4g} m, "
         f"full divergence {1e3 * divergence:.3g} mrad",
         "receiver": f"base {1e3 * sheet.baseline:.4g} mm, f = {1e3 * sheet.focal_length:.4g} mm, "
-        f"f/{sheet.focal_length / sheet.aperture:.3g}",
+        f"f/{sheet.focal_length / sheet.aperture:.3g}; {_array(scanner)}",
     }
+
+
+def _array(scanner: Scanner) -> str:
+    """Return a phrase for the array's tilt and focus."""
+    receiver = scanner.receiver
+    if receiver.array_tilt == "ideal":
+        return "array sharp at every range"
+    tilt = math.degrees(math.atan(receiver.line_image.slope))
+    if receiver.array_tilt == "scheimpflug":
+        return f"array tilted by {tilt:.3g}°, Scheimpflug's condition"
+    focus = "infinity" if receiver.focus_distance == "infinity" else f"{receiver.focus_distance:.4g} m"
+    return f"array tilted by {tilt:.3g}°, in focus at {focus}"
 
 
 def _table(sheet: InstrumentSheet) -> Iterator[tuple[str, ...]]:
     """Yield the lines of a table of lengths [mm] over range."""
     ways = list(sheet.sigma_m)
     named = (f"σ {_WAYS[way]} [mm]" for way in ways)
-    yield ("range [m]", "beam [mm]", "pixel [mm]", "σ across [mm]", "of full well", *named)
+    head = ("range [m]", "beam [mm]", "pixel [mm]", "σ across [mm]", "spot σ [pixel]", "of full well")
+    yield (*head, *named)
     last = len(sheet.range_m) - 1
     for line in range(_LINES):
         at = round(line * last / (_LINES - 1))
@@ -143,6 +156,7 @@ def _table(sheet: InstrumentSheet) -> Iterator[tuple[str, ...]]:
         yield (
             f"{sheet.range_m[at]:.3g}",
             *cells[:3],
+            _rounded(float(sheet.image_px[at])),
             f"{_rounded(100.0 * float(sheet.filled[at]))} %",
             *cells[3:],
         )

@@ -29,6 +29,8 @@ from scanner_sim.ranging.ranges import Geometry
 
 _SPOTS = 8
 """Places of the line at which the modes of speckle are counted."""
+_LEAST_STRETCH = 0.2
+"""Least distance of the array from the lens, of that where it sees infinity."""
 FILLED = {"scanner": "filled"}
 """Validation context where the scanner's block already has what its preset says."""
 
@@ -83,8 +85,23 @@ class Scanner(Part):
         return fill(data, preset_of(data, context.get("folder", "")))
 
     def cross_checks(self) -> Iterator[Fault]:
-        """Yield an array that reaches into the near range, where the equations no longer hold."""
-        if self.nearest_range <= self.receiver.baseline:
+        """Yield an array that sees nothing, or reaches into the near range, where the equations no longer hold."""
+        image, sensor = self.receiver.line_image, self.position_sensor
+        if self.point_spread < 1e-8:
+            yield Fault(
+                "receiver.aberration",
+                "neither the lens nor the sensor blurs the image: a point of light would fall between two pixels.",
+                "Write 10 nm or more for receiver.aberration or position_sensor.diffusion.",
+            )
+        if image.depth <= 0.0:
+            return  # The receiver has told it.
+        if 1.0 + image.skew * (sensor.offset + sensor.length) < _LEAST_STRETCH:
+            yield Fault(
+                "receiver.array_tilt",
+                "the far end of the array leans towards the lens so much that no light reaches it.",
+                "Tilt it the other way, or reduce the tilt, position_sensor.pixels, pitch or offset.",
+            )
+        elif self.nearest_range <= self.receiver.baseline:
             end = self.position_sensor.offset + self.position_sensor.length
             yield Fault(
                 "position_sensor.pixels",
@@ -92,12 +109,6 @@ class Scanner(Part):
                 "nearer than the base of "
                 f"{self.receiver.baseline:g} m: such rays do not pass the lens.",
                 "Reduce pixels, pitch or offset, or raise receiver.focal_length.",
-            )
-        if self.point_spread < 1e-8:
-            yield Fault(
-                "receiver.aberration",
-                "neither the lens nor the sensor blurs the image: a point of light would fall between two pixels.",
-                "Write 10 nm or more for receiver.aberration or position_sensor.diffusion.",
             )
 
     @property
@@ -152,6 +163,7 @@ def geometry_of(scanner: Scanner) -> Geometry:
         offset=sensor.offset,
         synchronisation=mirrors.synchronisation,
         slope=receiver.line_image.slope,
+        pulse_by="offset" if scanner.lidar.photodiode.place == "offset" else "coaxial",
     )
 
 

@@ -153,11 +153,16 @@ def _estimator(scenario: Scenario) -> Iterator[str]:
     scanner, peak = scenario.scanner, scenario.processing.peak
     sensor, receiver = scanner.position_sensor, scanner.receiver
     farthest = min(scanner.farthest_range, scanner.nearest_range * sensor.pixels)
+    half = 0.5 * receiver.focal_length / sensor.pitch
 
     def width(distance: float) -> float:
         """Return the standard deviation of the spot [pixel] at a range on the axis."""
-        image = 0.5 * scanner.laser.radius(distance) * receiver.focal_length / distance
-        return math.hypot(image, scanner.point_spread) / sensor.pitch
+        image, seen = scanner.laser.radius(distance) * half / distance, scanner.seen_at(distance)
+        spread = (scanner.point_spread / sensor.pitch) ** 2
+        return math.hypot(
+            seen.along * image,
+            math.sqrt(seen.spread(spread, (receiver.aberration / sensor.pitch) ** 2)),
+        )
 
     for distance in (scanner.nearest_range, farthest):
         if width(distance) < _NARROWEST:
@@ -176,9 +181,13 @@ def _estimator(scenario: Scenario) -> Iterator[str]:
                 f"{width(widest):.2g} pixel (standard deviation) at {widest:.3g} m, which moves it by 0.03 pixel or "
                 "more; set processing.bias_correction: computed, or choose maximum_likelihood"
             )
-    if (widest_spot := width(scanner.nearest_range)) > _WIDEST_FIT:
+    ends = scanner.nearest_range, farthest
+    widest = max(ends, key=width)
+    if (widest_spot := width(widest)) > _WIDEST_FIT:
+        blurred = abs(scanner.seen_at(widest).defocus) > 0.5 * widest_spot
+        key = "receiver.focus_distance" if blurred else "laser.waist_radius"
         yield (
-            f"scanner.laser.waist_radius: at {scanner.nearest_range:.3g} m the spot is {widest_spot:.2g} pixel wide "
+            f"scanner.{key}: at {widest:.3g} m the spot is {widest_spot:.2g} pixel wide "
             f"(standard deviation), and {peak} and the test of shape see its core only"
         )
 
@@ -189,7 +198,7 @@ def _lighting(scenario: Scenario) -> Iterator[str]:
 
 def _line_filter(scenario: Scenario) -> Iterator[str]:
     scanner, sensor = scenario.scanner, scenario.scanner.position_sensor
-    steepest = math.atan((sensor.offset + sensor.length) / scanner.receiver.focal_length)
+    steepest = math.atan(scanner.receiver.line_image.tangent(sensor.offset + sensor.length))
     yield from filter_warnings(scanner.filter, scanner.laser, sensor.response, steepest)
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.config.built import instrument_as_built, scanner_as_built
-from scanner_sim.config.scanner import geometry_of
+from scanner_sim.config.calibration import believed_instrument, geometry_believed
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import read_encoders, readings
 from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
@@ -22,6 +22,7 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
 from scanner_sim.foundation.streams import RunSeeds, device_seeds
 from scanner_sim.instrument.background_rows import rows_about
+from scanner_sim.instrument.common_errors import add_common_errors
 from scanner_sim.instrument.line_readings import ShotGroup
 from scanner_sim.instrument.optics_as_built import optics_as_built
 from scanner_sim.instrument.own_aims import aim_at, check_aim, is_of_scan
@@ -89,7 +90,7 @@ class Instrument:
             self._stay = Stay()
             self.loaded: LoadedScene = load_scene(scenario.scene) if reuse is None else reuse.loaded
         self.optics = optics_as_built(self.true_scanner, self.built)
-        self.geometry = geometry_of(scenario.scanner)
+        self.geometry = geometry_believed(scenario.scanner, believed_instrument(scenario))
         ways: dict[str, Rangefinder] = {"triangulation": self.triangulation, "tof": self.time_of_flight}
         self.rangefinders: tuple[Rangefinder, ...] = tuple(ways[name] for name in scenario.rangefinders)
 
@@ -97,13 +98,13 @@ class Instrument:
     def triangulation(self) -> Triangulation:
         """The line sensor's half, whether the scenario ranges by it or not."""
         reuse = None if self.reuse is None else self.reuse.triangulation
-        return Triangulation(self.scenario, self.loaded, self.optics, reuse, self.true_scanner)
+        return Triangulation(self.scenario, self.loaded, self.optics, reuse, self.true_scanner, self.geometry)
 
     @cached_property
     def time_of_flight(self) -> TimeOfFlight:
         """The photodiode's half, whether the scenario ranges by it or not."""
         reuse = None if self.reuse is None else self.reuse.time_of_flight
-        return TimeOfFlight(self.scenario, self.loaded, self.optics, reuse, self.built)
+        return TimeOfFlight(self.scenario, self.loaded, self.optics, reuse, self.built, self.geometry)
 
     def aim(
         self,
@@ -127,6 +128,7 @@ class Instrument:
         *,
         backgrounds: Sequence[Panorama | None] | None = None,
         seeds: Sequence[int] | None = None,
+        noise_alone: bool = False,
     ) -> Samples:
         """Return what is measured of the shots of an aim.
 
@@ -141,6 +143,8 @@ class Instrument:
             Of runs that differ in nothing else, all of which measure the aim: their samples stand one run after the
             other, and each run's are those that it has alone. By default the scenario's. Several are possible where
             :attr:`takes_seeds` says so.
+        noise_alone
+            Leave the errors of the calibration out of σ, for what compares voxels.
 
         Raises
         ------
@@ -162,9 +166,10 @@ class Instrument:
             if backgrounds is None and not is_of_scan(aim, self.scenario):
                 backgrounds = self.backgrounds(aim)
             if seeds is None:
-                return self.read(aim, backgrounds)
+                return self._stated(self.read(aim, backgrounds), noise_alone)
             each, own = aim.repeated(len(seeds)), device_seeds(np.array(seeds, dtype=np.uint64))
-            return self.read(each, backgrounds, RunSeeds.of(own, len(each.shot)))
+            samples = self.read(each, backgrounds, RunSeeds.of(own, len(each.shot)))
+            return self._stated(samples, noise_alone)
 
     def measure_together(
         self,
@@ -182,11 +187,17 @@ class Instrument:
         scenarios
             The instrument's own among them.
         backgrounds
-            As of :meth:`measure`.
+            As of :meth:`measure`; σ are of noise alone.
         """
         with self._stay.resume():
             each, seeds, poses = lanes_of(scenarios, self.loaded, aim)
             return self.read(each, backgrounds, seeds, poses)
+
+    def _stated(self, samples: Samples, noise_alone: bool) -> Samples:
+        """Return samples with the errors of the calibration in their σ, unless these are to be of noise alone."""
+        if not noise_alone:
+            add_common_errors(samples.measured, self.scenario.rangefinders, self.geometry)
+        return samples
 
     @property
     def takes_seeds(self) -> bool:
@@ -312,6 +323,8 @@ class Instrument:
             theta, phi = read_encoders(aim.shot, *shaft, mirrors, own)
         else:
             theta, phi = readings(*shaft, normals[0], normals[1], mirrors)
+        if self.geometry.calibration is not None:
+            theta, phi = self.geometry.calibration.deflections(theta, phi)
         return Deflections(
             theta, phi, mirrors.reading_sigma(theta, aim.time), mirrors.reading_sigma(phi, aim.time)
         )

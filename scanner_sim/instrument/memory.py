@@ -181,7 +181,8 @@ def _background_step(scenario: Scenario) -> float:
 
 def _layers(scenario: Scenario) -> float:
     judged = len(scenario.rangefinders) * JUDGED_BYTES
-    return (layer_bytes(scenario.rangefinders, scenario.output.truth) + judged) * scenario.open_scan.shots
+    asked = (*scenario.output.truth, *([] if scenario.processing.calibration is None else ["calibration"]))
+    return (layer_bytes(scenario.rangefinders, asked) + judged) * scenario.open_scan.shots
 
 
 def _background(scenario: Scenario) -> float:

@@ -9,13 +9,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.config.scanner import geometry_of, speckle_optics
+from scanner_sim.config.calibration import believed_geometry
+from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.packets import dwell_average
 from scanner_sim.foundation.channels import MEASURED_BY
 from scanner_sim.foundation.status import Status
 from scanner_sim.optics.speckle import Packets, packets_of
-from scanner_sim.ranging.coordinates import angles_and_range, coordinates
+from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.covariance import PointCovariance
 from scanner_sim.ranging.fusion import fuse_points
 from scanner_sim.ranging.mixed_voxels import is_mixed
@@ -75,7 +76,8 @@ def judge_neighbours(
             _refuse(layers, prefix, _mixed(scenario, layers, prefix, settings.mixed), Status.MIXED)
     if "" not in prefixes:
         for name in (*MEASURED_BY["tof.status"], "tof.status"):
-            layers[name.removeprefix("tof.")] = layers[name]
+            if name in layers:
+                layers[name.removeprefix("tof.")] = layers[name]
     if "fused.status" in layers:
         _fuse_again(scenario, layers, rows, columns)
 
@@ -218,15 +220,16 @@ def _fuse_again(
     triangulated, echo = _ranges(layers, ""), _ranges(layers, "tof.")
     known = triangulated.status == Status.VALID
     x, y, z = (np.where(known, getattr(triangulated, axis), getattr(echo, axis)) for axis in "xyz")
-    _, theta, phi = angles_and_range(x, y, z, scanner.mirrors.axis_separation)
+    geometry = believed_geometry(scenario)
+    _, theta, phi = geometry.sight_of(x, y, z)
     shots = (rows[:, None] * scan.columns + columns[None, :]).astype(np.uint32).ravel()
     time, mirrors = raster_aim(scan, shots, scanner.dwell).time, scanner.mirrors
     readings = Deflections(theta, phi, *(mirrors.reading_sigma(angle, time) for angle in (theta, phi)))
-    fused, triangulated, echo = fuse_points(triangulated, echo, readings, geometry_of(scanner))
+    fused, triangulated, echo = fuse_points(triangulated, echo, readings, geometry)
     for ranges, prefix in ((triangulated, ""), (echo, "tof."), (fused, "fused.")):
         for name, values in layers_of(ranges, prefix).items():
             layers[name] = values.reshape(shape).astype(np.float32)
-    for name in MEASURED_BY["status"]:
+    for name in filter(layers.__contains__, MEASURED_BY["status"]):
         layers[name][layers["status"] != Status.VALID] = np.nan
 
 

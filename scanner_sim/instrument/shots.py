@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from scanner_sim.config import resolved_yaml
+from scanner_sim.config.calibration import believed_geometry
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.instrument.common_errors import add_common_errors
 from scanner_sim.instrument.memory import BATCH
 from scanner_sim.instrument.simulate import Progress, measure_scans, result_warnings, true_poses
 from scanner_sim.products.shots import ShotTable
@@ -48,6 +50,7 @@ def simulate_shots(
     (layers,), loaded = measure_scans(
         [scenario], device=device, progress=progress, batch=batch, threads=threads
     )
+    add_common_errors(layers, scenario.rangefinders, believed_geometry(scenario))
     scan, setup = scenario.open_scan, scenario.scan_setup
     columns = np.empty((3, scan.shots))
     for aim in scan.aims(setup, scan.shots):

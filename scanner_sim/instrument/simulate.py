@@ -10,10 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.config import resolved_yaml
+from scanner_sim.config.calibration import believed_geometry
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.common_errors import add_common_errors
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.lit_aims import lit_aims
 from scanner_sim.instrument.memory import BATCH, check_shots
@@ -179,6 +181,7 @@ def image_of(
     theta, phi = scan.angles()
     channels = {name: values.reshape(scan.rows, scan.columns) for name, values in layers.items()}
     judge_neighbours(scenario, channels, np.arange(scan.rows), np.arange(scan.columns))
+    add_common_errors(channels, scenario.rangefinders, believed_geometry(scenario))
     return RangeImage(
         channels=channels,
         theta=theta,
@@ -205,7 +208,7 @@ def measure_scans(
     Returns
     -------
     tuple
-        Layers of each scan, of shape (shots,), and the loaded scene.
+        Layers of each scan, of shape (shots,), whose σ are of noise alone, and the loaded scene.
 
     Notes
     -----
@@ -223,7 +226,7 @@ def measure_scans(
     layers: Layers = {}
     for aim, backgrounds in lit_aims(instrument, max(batch // runs, 1)):
         if runs == 1:
-            samples = instrument.measure(aim, backgrounds=backgrounds)
+            samples = instrument.measure(aim, backgrounds=backgrounds, noise_alone=True)
         else:
             samples = instrument.measure_together(aim, scenarios, backgrounds=backgrounds)
         for name in [name for name in samples if name in CHANNEL]:

@@ -36,7 +36,8 @@ from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.built_instrument import BuiltInstrument
 from scanner_sim.optics.filter import laser_gain
 from scanner_sim.products.waveforms import WaveformSet
-from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_with_points
+from scanner_sim.ranging.departures import ideal_way
+from scanner_sim.ranging.ranges import Deflections, Geometry, Layers, Ranges, ranges_with_points
 from scanner_sim.ranging.time_of_flight import ranges_from_delays
 from scanner_sim.render.background.panorama import Panorama
 from scanner_sim.render.background.view import Rows
@@ -119,6 +120,8 @@ class TimeOfFlight:
         A unit before the same scene, under the same light and with the same raster, whose background is used again.
     built
         The instrument as built; None is built as designed.
+    geometry
+        As it believes itself to be; by default as designed.
     """
 
     prefix = "tof."
@@ -138,6 +141,7 @@ class TimeOfFlight:
         optics: OpticalLayout,
         reuse: TimeOfFlight | None = None,
         built: BuiltInstrument | None = None,
+        geometry: Geometry | None = None,
     ) -> None:
         scanner = scenario.scanner
         self.clock = (
@@ -148,7 +152,7 @@ class TimeOfFlight:
         passed = float(laser_gain(scanner.filter, scanner.laser, self.unit.photodiode.response))
         self.bare = optics
         self.optics = dataclasses.replace(optics, filter_transmission=optics.filter_transmission * passed)
-        self.geometry = geometry_of(scanner)
+        self.geometry = geometry_of(scanner) if geometry is None else geometry
         self.baseline = scanner.receiver.baseline if self.unit.photodiode.place == "offset" else 0.0
 
     @property
@@ -356,10 +360,20 @@ class TimeOfFlight:
         }
         return Reading(truth, self.ranges(delays, deflections), layers)
 
+    def _delay(self, delay: Array) -> Array:
+        """Return delays [s] less what the instrument believes of its zero and scale."""
+        known = self.geometry.calibration
+        if known is None:
+            return delay
+        return (
+            ideal_way(SPEED_OF_LIGHT * delay, known.value("tof_zero"), known.value("tof_scale"))
+            / SPEED_OF_LIGHT
+        )
+
     def ranges(self, delays: EchoDelays, deflections: Deflections) -> Ranges:
         """Return the ranges of n shots from the delays of their echoes, along measured deflections."""
-        theta, d = deflections.theta, self.baseline
-        delay = delays.delay
+        theta, d = deflections.theta, self.geometry.baseline if self.baseline else 0.0
+        delay = self._delay(delays.delay)
         clock = self.unit.digitiser.jitter if self.unit.photodiode.noise.clock else 0.0
         alone = ranges_from_delays(delay, delays.sigma, delays.status, theta, clock, self.gate, d)
         # ∂R/∂Θ at a known delay: 0 on the laser's own axis.
@@ -371,7 +385,7 @@ class TimeOfFlight:
             alone.sigma,
             by_theta,
             deflections,
-            self.geometry.axis_separation,
+            self.geometry,
         )
 
 

@@ -32,7 +32,7 @@ from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
 from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import laser_gain
 from scanner_sim.optics.speckle import Optics
-from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, ranges_from_peaks
+from scanner_sim.ranging.ranges import Deflections, Geometry, Layers, Ranges, ranges_from_peaks
 from scanner_sim.render.background.panorama import Panorama, known_panorama
 from scanner_sim.render.background.view import Rows, panorama_view
 from scanner_sim.render.beam.kept_light import KeptLight, on_device
@@ -73,6 +73,8 @@ class Triangulation:
         is used again.
     true_scanner
         The scanner with its true lengths; by default it is built as designed.
+    geometry
+        The instrument as it believes itself to be; by default as designed.
     """
 
     prefix = ""
@@ -85,10 +87,11 @@ class Triangulation:
         optics: OpticalLayout,
         reuse: Triangulation | None = None,
         true_scanner: Scanner | None = None,
+        geometry: Geometry | None = None,
     ) -> None:
         self.scenario, self.loaded, self.optics, self.reuse = scenario, loaded, optics, reuse
         self.true_scanner = scenario.scanner if true_scanner is None else true_scanner
-        self.geometry = geometry_of(scenario.scanner)
+        self.geometry = geometry_of(scenario.scanner) if geometry is None else geometry
 
     @cached_property
     def throughput(self) -> Throughput:

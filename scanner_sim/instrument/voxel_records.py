@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.line.exposure import electrons_per_watt
 from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.common_errors import add_common_errors
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.neighbourhood import judge_neighbours, reach
 from scanner_sim.products.voxel import VoxelRecord
@@ -59,10 +60,12 @@ def _among_neighbours(instrument: Instrument, row: int, column: int) -> dict[str
     rows = np.arange(max(row - away, 0), min(row + away + 1, scan.rows))
     columns = np.arange(max(column - away, 0), min(column + away + 1, scan.columns))
     shots = (rows[:, None] * scan.columns + columns[None, :]).astype(np.uint32)
-    measured = instrument.measure(raster_aim(scan, shots.ravel(), instrument.scenario.scanner.dwell))
+    aim = raster_aim(scan, shots.ravel(), instrument.scenario.scanner.dwell)
+    measured = instrument.measure(aim, noise_alone=True)
     # Single precision as in an image, so that neighbours are judged by the same numbers.
     layers = {name: values.astype(np.float32).reshape(shots.shape) for name, values in measured.items()}
     judge_neighbours(instrument.scenario, layers, rows, columns)
+    add_common_errors(layers, instrument.scenario.rangefinders, instrument.geometry)
     here = int(np.flatnonzero(rows == row)[0]), int(np.flatnonzero(columns == column)[0])
     return {name: float(values[here]) for name, values in layers.items()}
 

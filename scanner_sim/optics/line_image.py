@@ -10,8 +10,8 @@ v₀ + s sinτ. The ray through the node meets it where s cosτ = t (v₀ + s si
 
 An upright array (g = 0) focused at infinity (v₀ = f) has eq 1's p = f t. The beam runs parallel to the lens's axis at
 the distance d (at Θ = 0), t = d/L; all of it is sharp where the array lies on its image, from (0, f) with the slope
-g = f/d: Scheimpflug's condition (Blais, Rioux, *Signal Processing* 11, 1986; Beraldin, El-Hakim, Blais, *Videometrics
-IV*, SPIE 2598, 1995). Then s = f d/(L − f) · √(1 + (f/d)²). While the beam is deflected its distance from the axis is
+g = f/d: Scheimpflug's condition (Rioux, *Appl. Opt.* 23, 1984, 3837; Blais, Rioux, Beraldin, SPIE 959, 1988, 225).
+Then s = f d/(L − f) · √(1 + (f/d)²). While the beam is deflected its distance from the axis is
 d cosΘ, and one array cannot be in focus at all Θ.
 
 A ray through the point ξ of the pupil passes the array, to first order in ξ, at
@@ -21,8 +21,10 @@ A ray through the point ξ of the pupil passes the array, to first order in ξ, 
 so that a pupil of diameter A, evenly lit, blurs a point by a disc whose standard deviation per axis is (A/4) |k| across
 the line, and 1/(cosτ (1 − g t)) of that along it. The simulator takes a Gaussian of the same variance.
 
-Not modelled: terms of higher order in ξ, by which a blurred spot on a tilted array is a little lopsided; thickness,
-distortion and field curvature of the lens; the pupil's foreshortening.
+Not modelled: terms of higher order in ξ, by which the blur on a tilted array is lopsided: its centroid is off by up to
+3 % of its standard deviation, always to the same side, which a calibration takes for the array's scale; thickness,
+distortion and field curvature of the lens; the pupil's foreshortening; that the blur of the Sun's and the Earth's light
+is another than that of the beam's.
 """
 
 from __future__ import annotations

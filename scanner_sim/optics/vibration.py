@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from scanner_sim.foundation.errors import Fault
-from scanner_sim.foundation.parts import Count, Part
+from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.streams import Stream, host_generator
 from scanner_sim.foundation.units import Dimension, Frequency
 
@@ -21,6 +21,8 @@ AngleSpectrum = Annotated[float, Dimension("rad^2/Hz", ("1e-12 rad^2/Hz",))]
 LengthSpectrum = Annotated[float, Dimension("m^2/Hz", ("1e-12 m^2/Hz",))]
 
 _AXES = 3
+_LINES = 256
+"""Sines of which the motion of an axis is made."""
 
 
 class Vibration(Part):
@@ -30,25 +32,23 @@ class Vibration(Part):
     first and the last there is none.
     """
 
-    turn: tuple[tuple[Frequency, AngleSpectrum], ...] = Field(
-        default=(), max_length=1000, examples=[[["5 Hz", "1e-10 rad^2/Hz"], ["500 Hz", "1e-14 rad^2/Hz"]]]
+    turn: tuple[tuple[Frequency, AngleSpectrum], ...] | None = Field(
+        default=None, max_length=1000, examples=[[["5 Hz", "1e-10 rad^2/Hz"], ["500 Hz", "1e-14 rad^2/Hz"]]]
     )
     """Points (frequency, density) of the turns about x, y and z through the scanner's origin."""
-    shift: tuple[tuple[Frequency, LengthSpectrum], ...] = Field(
-        default=(), max_length=1000, examples=[[["5 Hz", "1e-12 m^2/Hz"], ["500 Hz", "1e-16 m^2/Hz"]]]
+    shift: tuple[tuple[Frequency, LengthSpectrum], ...] | None = Field(
+        default=None, max_length=1000, examples=[[["5 Hz", "1e-12 m^2/Hz"], ["500 Hz", "1e-16 m^2/Hz"]]]
     )
     """Points (frequency, density) of the shifts along x, y and z."""
-    lines: Count = Field(default=256, ge=1, le=4096)
-    """Sines of which the motion of an axis is made."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield spectra that are no spectra."""
         for key in ("turn", "shift"):
             points = getattr(self, key)
+            if points is None:
+                continue
             frequencies = [frequency for frequency, _ in points]
-            if len(points) == 1 or any(
-                b <= a for a, b in zip([0.0, *frequencies], frequencies, strict=False)
-            ):
+            if len(points) < 2 or any(b <= a for a, b in zip([0.0, *frequencies], frequencies, strict=False)):
                 yield Fault(
                     key,
                     "the frequencies of a spectrum must be two or more, above 0 and ascending.",
@@ -60,7 +60,7 @@ class Vibration(Part):
     def motion(self, time: Array, seed: int) -> Array:
         """Return turns (about x, y, z) [rad] and shifts [m] at times [s], shape (..., 6).
 
-        Each axis is a sum of ``lines`` sines, one for each band of the same ratio of frequencies, with the power of
+        Each axis is a sum of 256 sines, one for each band of the same ratio of frequencies, with the power of
         its band, a frequency drawn within it and a phase drawn evenly (Shinozuka, Deodatis, *Appl. Mech. Rev.* 44,
         1991, 191-204): a function of the time alone.
         """
@@ -68,7 +68,7 @@ class Vibration(Part):
         for first, points in ((0, self.turn), (_AXES, self.shift)):
             if points:
                 for axis in range(first, first + _AXES):
-                    found[..., axis] = _sines(np.array(points), self.lines, time, seed, axis)
+                    found[..., axis] = _sines(np.array(points), time, seed, axis)
         return found
 
     @property
@@ -77,7 +77,7 @@ class Vibration(Part):
         return _rms(self.turn), _rms(self.shift)
 
 
-def _rms(points: tuple[tuple[float, float], ...]) -> float:
+def _rms(points: tuple[tuple[float, float], ...] | None) -> float:
     return math.sqrt(_cumulative(np.array(points), np.array([points[-1][0]]))[0]) if points else 0.0
 
 
@@ -95,10 +95,10 @@ def _cumulative(points: Array, frequency: Array) -> Array:
     return np.asarray(total)
 
 
-def _sines(points: Array, lines: int, time: Array, seed: int, axis: int) -> Array:
-    edges = np.geomspace(points[0, 0], points[-1, 0], lines + 1)
+def _sines(points: Array, time: Array, seed: int, axis: int) -> Array:
+    edges = np.geomspace(points[0, 0], points[-1, 0], _LINES + 1)
     power = np.diff(_cumulative(points, edges))
-    drawn = host_generator(seed, Stream.VIBRATION, axis).random((2, lines))
+    drawn = host_generator(seed, Stream.VIBRATION, axis).random((2, _LINES))
     frequency = edges[:-1] * (edges[1:] / edges[:-1]) ** drawn[0]
     found = np.zeros(np.shape(time))
     for amplitude, rate, phase in zip(np.sqrt(2.0 * power), frequency, drawn[1], strict=True):

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.pose.common_errors import common_errors, with_common_errors
 from scanner_sim.pose.inputs import PosePrior, Values, observations_from
 from scanner_sim.pose.observations import Observations, at_least_two, shared
 from scanner_sim.pose.result import PoseEstimate, empty_result, fill_result, joined_results
@@ -45,6 +46,7 @@ def estimate_pose(
     point_weights: PointWeights = "covariance",
     prior: PosePrior | None = None,
     robust: Robust | None = None,
+    common: Values | None = None,
 ) -> PoseEstimate:
     """Return the pose of an object from what the scanner measured of its targets.
 
@@ -79,6 +81,10 @@ def estimate_pose(
         ``huber``: targets beyond two standard deviations count linearly; survives small errors of many targets.
         ``ransac``: the targets that agree on one pose count, others not at all; survives large errors of some. With
         angles alone four must agree, with ranges three.
+    common
+        Errors that all targets share, as those of a calibration: what k independent ones of unit variance do to
+        (Θ, φ, R) of each target [rad, rad, m], shape (n, 3, k) or (..., n, 3, k), or a mapping by name. They enter the
+        covariance (:mod:`scanner_sim.pose.common_errors`), not the weights, and not χ². σ are then of noise alone.
 
     Returns
     -------
@@ -99,8 +105,7 @@ def estimate_pose(
 
     Minimised is Σ eᵀ C⁻¹ e over the six degrees of freedom, e the difference of measured and predicted quantities by
     the exact inverse of eq 3, C their covariance with the share of the surveyed points; the covariance of the pose is
-    the inverse of the normal matrix, first order in the errors. Not modelled: errors common to all targets (a drift
-    of the mirrors moves the pose with the scanner's frame), and a distortion of the scanner's geometry.
+    the inverse of the normal matrix, first order in the errors, with the share of ``common``.
     """
     if method not in get_args(Method):
         raise InputError(f"method is {method!r}.", remedy="Give one of uv, xyz and joint.")
@@ -111,6 +116,10 @@ def estimate_pose(
     if robust is not None and point_weights == "equal":
         raise InputError(
             "Equal weights and a robust method exclude one another.", remedy="Leave one of them out."
+        )
+    if common is not None and point_weights == "equal":
+        raise InputError(
+            "Equal weights and common errors exclude one another.", remedy="Leave one of them out."
         )
     if method != "uv" and (ranges is None or sigma_range is None):
         raise InputError(f"Method {method} needs ranges and sigma_range.", remedy="Give both, or take uv.")
@@ -129,6 +138,7 @@ def estimate_pose(
     )
     if method == "xyz":
         observations = observations.only(observations.ranged)
+    shared_by_all = None if common is None else common_errors(common, object_points, leading)
 
     size = max(min(_POSES_AT_ONCE, -(-observations.count // _cores())), _POSES_AT_LEAST)
 
@@ -153,7 +163,8 @@ def estimate_pose(
             "The measured targets fit the mirror image of object_points, and a reflection is not a rotation.",
             remedy="Check the signs and the order of the axes of the surveyed points.",
         )
-    return joined_results(parts, leading, observations.count)
+    found = joined_results(parts, leading, observations.count)
+    return found if shared_by_all is None else with_common_errors(found, observations, method, shared_by_all)
 
 
 def _cores() -> int:

@@ -45,7 +45,17 @@ def error_columns(parts: ErrorParts) -> Table:
     columns[_SURFACE_CROSS] = parts.surface[:, 0, 1]
     columns |= {name: getattr(parts, field) for field, name in _PART.items()}
     columns |= {name: np.sqrt(getattr(parts, field)) for field, name in _PART_SIGMA.items()}
-    return columns | dict(zip(_DRIFT, parts.drift.T, strict=True))
+    columns |= dict(zip(_DRIFT, parts.drift.T, strict=True))
+    for number in range(parts.common.shape[-1]):
+        columns |= {
+            _common(number, name): parts.common[:, axis, number] for axis, name in enumerate(_ANGULAR)
+        }
+    return columns
+
+
+def _common(number: int, name: str) -> str:
+    """Return the column of what an error of the calibration makes of a coordinate."""
+    return f"common_{number + 1}_{name}"
 
 
 def errors_from(columns: Columns, covariance: Array) -> ErrorParts:
@@ -53,11 +63,17 @@ def errors_from(columns: Columns, covariance: Array) -> ErrorParts:
     surface = np.zeros_like(covariance)
     drift = np.stack([columns[name] for name in _DRIFT], axis=1)
     plain = {field: columns[name] for field, name in _PART.items()}
+    errors = next(number for number in range(len(columns) + 1) if _common(number, _ANGULAR[0]) not in columns)
+    common = np.zeros((len(covariance), 3, errors))
+    for number in range(errors):
+        common[:, :, number] = np.stack([columns[_common(number, name)] for name in _ANGULAR], axis=1)
     # Of what was refused a fit may state any uncertainty.
     with np.errstate(over="ignore", invalid="ignore"):
         for axis, name in enumerate(_SURFACE):
             surface[:, axis, axis] = columns[f"sigma_{name}"] ** 2
         surface[:, 0, 1] = surface[:, 1, 0] = columns[_SURFACE_CROSS]
         squared = {field: columns[name] ** 2 for field, name in _PART_SIGMA.items()}
-        rest = ErrorParts(white=np.zeros_like(surface), surface=surface, drift=drift, **plain, **squared)
+        rest = ErrorParts(
+            white=np.zeros_like(surface), surface=surface, drift=drift, common=common, **plain, **squared
+        )
         return replace(rest, white=covariance - rest.whole)

@@ -23,6 +23,11 @@ class InstrumentSheet:
         Of the triangulation and the mirrors.
     array
         Positions p of the ends of the line sensor.
+    array_ends
+        Where these are (x, z) from the lens's node, z behind it negative.
+    theta, nearest, farthest
+        Deflections [rad], and the ranges that the array's ends see there, each of shape (k,); infinite where the array
+        sees infinity.
     near, far
         Ranges that the array sees on the axis; ``far`` is infinite where it sees infinity.
     gate
@@ -38,6 +43,8 @@ class InstrumentSheet:
     spot_m, pixel_m, lateral_m
         Diameter of the laser's beam (1/e²), change of the range by a pixel, standard deviation across the beam by
         the angles; each of shape (n,).
+    image_px
+        Standard deviation of the spot on the array [pixel], shape (n,).
     filled
         Charge of the brightest pixel over the full well, shape (n,): from 1 on it is saturated.
     sigma_m
@@ -50,6 +57,10 @@ class InstrumentSheet:
     aperture: float
     axis_separation: float
     array: tuple[float, float]
+    array_ends: tuple[tuple[float, float], tuple[float, float]]
+    theta: Array
+    nearest: Array
+    farthest: Array
     near: float
     far: float
     gate: tuple[float, float]
@@ -60,5 +71,6 @@ class InstrumentSheet:
     spot_m: Array
     pixel_m: Array
     lateral_m: Array
+    image_px: Array
     filled: Array
     sigma_m: Mapping[Mode, Array]

@@ -66,8 +66,8 @@ def fuse(
     use1, use2 = first & ~refuse1, second & ~refuse2
     # Shares rather than 1/σ²: a σ of 0 is allowed, and two of them share alike.
     v1, v2 = np.where(use1, s1, np.inf) ** 2, np.where(use2, s2, np.inf) ** 2
+    weight = np.nan_to_num(share_of_pulses(s1, s2, use1, use2))
     with np.errstate(invalid="ignore", divide="ignore"):
-        weight = np.where(use1 & use2, np.where(v1 + v2 > 0.0, v1 / (v1 + v2), 0.5), use2 * 1.0)
         mixed = np.where(use1, (1.0 - weight) * r1, 0.0) + np.where(use2, weight * r2, 0.0)
         variance = np.where(use1 & use2, weight * v2, np.where(use1, v1, v2))
     none = ~use1 & ~use2
@@ -94,10 +94,9 @@ def fuse_points(
         Fused, and both again with ``INCONSISTENT`` where one was refused. With the share w of time of flight the range
         moves with Θ by (1 − w) ∂R/∂Θ of the triangulation, which is −(R − d sinΘ) tanΘ + d cosΘ (eq 1).
     """
-    both = fuse(
-        (triangulated.range, triangulated.sigma, triangulated.status), (echo.range, echo.sigma, echo.status)
-    )
     theta, d = deflections.theta, geometry.baseline
+    sigma1, sigma2 = _with_common(triangulated, echo, deflections, geometry)
+    both = fuse((triangulated.range, sigma1, triangulated.status), (echo.range, sigma2, echo.status))
     share = both.weight
     r = np.nan_to_num(triangulated.range)
     by_theta = d * np.cos(theta) - (r - d * np.sin(theta)) * tan(theta)
@@ -105,14 +104,45 @@ def fuse_points(
     alone = np.sqrt(np.maximum(alone, 0.0))
     fused = ranges_with_points(
         both.range,
-        both.sigma,
+        both.sigma if geometry.calibration is None else _noise_of(both, triangulated, echo),
         both.status,
         np.hypot((1.0 - share) * alone, share * np.nan_to_num(echo.sigma)),
         (1.0 - share) * by_theta,
         deflections,
-        geometry.axis_separation,
+        geometry,
     )
     return fused, with_status(triangulated, both.triangulation), with_status(echo, both.time_of_flight)
+
+
+def _with_common(
+    triangulated: Ranges, echo: Ranges, deflections: Deflections, geometry: Geometry
+) -> tuple[Array, Array]:
+    """Return σ of both ranges with what the calibration's errors make of them: two rangefinders do not share it."""
+    if geometry.calibration is None:
+        return triangulated.sigma, echo.sigma
+    along = deflections.theta, deflections.phi
+    common1 = geometry.range_in_common("triangulation", triangulated.range, *along)
+    common2 = geometry.range_in_common(geometry.pulse_by, echo.range, *along)
+    return np.hypot(triangulated.sigma, common1), np.hypot(echo.sigma, common2)
+
+
+def _noise_of(both: Fused, triangulated: Ranges, echo: Ranges) -> Array:
+    """Return σ of combined ranges by noise alone."""
+    parts = (1.0 - both.weight) * np.nan_to_num(triangulated.sigma), both.weight * np.nan_to_num(echo.sigma)
+    return np.asarray(np.hypot(*parts))
+
+
+def share_of_pulses(
+    sigma1: Array, sigma2: Array, valid1: NDArray[np.bool_], valid2: NDArray[np.bool_]
+) -> Array:
+    """Return the share of time of flight in combined ranges, by σ of both [m] and whether each is valid: see `fuse`.
+
+    NaN where neither is.
+    """
+    v1, v2 = np.where(valid1, sigma1, np.inf) ** 2, np.where(valid2, sigma2, np.inf) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        both = np.where(v1 + v2 > 0.0, v1 / (v1 + v2), 0.5)
+    return np.where(valid1 & valid2, both, np.where(valid1, 0.0, np.where(valid2, 1.0, np.nan)))
 
 
 def crossing_distance(

@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.status import Status
-from scanner_sim.ranging.coordinates import coordinates
+from scanner_sim.ranging.believed import RangedBy
+from scanner_sim.ranging.calibration import Calibration, errors_in_common
+from scanner_sim.ranging.coordinates import angles_and_range, coordinates
 from scanner_sim.ranging.covariance import PointCovariance, point_covariance
+from scanner_sim.ranging.departures import undistorted_position
 from scanner_sim.ranging.triangulation import (
     position_from_range,
     position_sigma,
@@ -34,7 +37,9 @@ class Geometry:
 
     ``scale`` h and ``slope`` g of the array as the lens images it (:mod:`scanner_sim.optics.line_image`);
     ``baseline``, ``axis_separation`` of the optics; ``pitch`` and ``offset`` of the sensor; ``synchronisation`` the
-    standard deviation of the angle between projection and reception.
+    standard deviation of the angle between projection and reception. ``calibration`` has what else is known of the
+    instrument, which is as designed without one; the lengths are those that it believes.
+    ``pulse_by`` says where the photodiode of the time of flight looks.
     """
 
     scale: float
@@ -44,10 +49,35 @@ class Geometry:
     offset: float
     synchronisation: float
     slope: float = 0.0
+    calibration: Calibration | None = None
+    pulse_by: RangedBy = "coaxial"
 
     def position(self, peak: Array) -> Array:
-        """Return the position p on the sensor [m] of a fractional pixel."""
-        return self.offset + (peak + 0.5) * self.pitch
+        """Return the position p on the sensor [m] of a fractional pixel, as a lens without distortion would have it."""
+        position = self.offset + (peak + 0.5) * self.pitch
+        if self.calibration is None:
+            return position
+        lens = (self.calibration.value(name) for name in ("radial_1", "radial_2", "tangential"))
+        return undistorted_position(position, self.scale, self.slope, *lens)
+
+    def point(self, r: Array, theta: Array, phi: Array) -> tuple[Array, Array, Array]:
+        """Return the point (x, y, z) [m] at ranges and deflections."""
+        if self.calibration is None:
+            return coordinates(r, theta, phi, self.axis_separation)
+        return self.calibration.point(r, theta, phi, self.axis_separation)
+
+    def range_in_common(self, by: RangedBy, r: Array, theta: Array, phi: Array) -> Array:
+        """Return σ of ranges by the errors of the calibration [m], of their shape; 0 without one."""
+        if self.calibration is None or not self.calibration.is_uncertain:
+            return np.zeros(np.shape(r))
+        moved, _ = errors_in_common(self.calibration, by, r, theta, phi)
+        return np.asarray(np.linalg.norm(moved, axis=-1))
+
+    def sight_of(self, x: Array, y: Array, z: Array) -> tuple[Array, Array, Array]:
+        """Return (R, Θ, φ) of points: the inverse of :meth:`point`."""
+        if self.calibration is None:
+            return angles_and_range(x, y, z, self.axis_separation)
+        return self.calibration.sight_of(x, y, z, self.axis_separation)
 
     def pixel(self, position: Array) -> Array:
         """Return the fractional pixel of a position p [m]."""
@@ -127,7 +157,7 @@ def ranges_from_peaks(
     invalid = status != Status.VALID
     r[invalid] = np.nan
     sigma[invalid] = np.nan
-    return ranges_with_points(r, sigma, status, alone, by_theta, deflections, geometry.axis_separation)
+    return ranges_with_points(r, sigma, status, alone, by_theta, deflections, geometry)
 
 
 def ranges_with_points(
@@ -137,7 +167,7 @@ def ranges_with_points(
     alone: Array,
     by_theta: Array,
     deflections: Deflections,
-    separation: float,
+    geometry: Geometry,
 ) -> Ranges:
     """Return ranges of n shots with their points and covariances.
 
@@ -151,14 +181,21 @@ def ranges_with_points(
         ∂R/∂Θ [m], shape (n,).
     deflections
         Measured deflections.
-    separation
-        Distance D_g between the two deflection axes [m].
+    geometry
+        The two deflection axes.
     """
     theta, phi = deflections.theta, deflections.phi
     covariance = point_covariance(
-        r, theta, phi, separation, alone, by_theta, deflections.sigma_theta, deflections.sigma_phi
+        r,
+        theta,
+        phi,
+        geometry.axis_separation,
+        alone,
+        by_theta,
+        deflections.sigma_theta,
+        deflections.sigma_phi,
     )
-    return Ranges(r, sigma, *coordinates(r, theta, phi, separation), covariance, status)
+    return Ranges(r, sigma, *geometry.point(r, theta, phi), covariance, status)
 
 
 def with_status(ranges: Ranges, status: NDArray[np.uint32]) -> Ranges:

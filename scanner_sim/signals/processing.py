@@ -78,6 +78,10 @@ BiasChoice = Annotated[
 """A table of systematic errors: none, one that is computed, or a file."""
 
 
+CalibrationPath = Annotated[Path, InputFile((".yaml", ".yml")), Field(examples=["calibration.yaml"])]
+"""A calibration's file."""
+
+
 class Validation(Part):
     """What tells the laser's spot from sunlight: edges, glints and the Sun must not become ranges."""
 
@@ -138,6 +142,9 @@ class Processing(Part):
     depolarise, 1 of those which do not. Without ``scanner.laser.speckle`` it has no effect."""
     ambiguity: Number = Field(default=0.5, gt=0.0, le=1.0)
     """A second, separate peak higher than this share of the first makes the shot ambiguous."""
+    calibration: CalibrationPath | None = None
+    """File of a calibration: what the instrument believes of its departures from its design, with its covariance, which
+    enters σ. By default it believes that it is as designed."""
     range_gate: tuple[Length, Length] | None = Field(default=None, examples=[["2 m", "30 m"]])
     """Nearest and farthest range that is accepted; by default all that the array sees, or the
     digitiser records."""

@@ -1,6 +1,6 @@
 """What the error of a visit is made of, and what it has in common with those of other visits and targets.
 
-A covariance says how large the error of one visit is, but not whether the next visit has another one. Four parts do:
+A covariance says how large the error of one visit is, but not whether the next visit has another one. Five parts do:
 
 ========  ==========================================  ====================================  ======================
 part      from                                        lasts                                 shared by
@@ -14,6 +14,7 @@ pixels    unlike pixels under the spot's image        until the image has moved 
 wobble    the mirrors' bearings                       ``wobble_time``                       targets at the same
                                                                                             φ in Θ, same Θ in φ
 drift     temperature of the encoders                 minutes: for ever                     all
+common    errors of the calibration                   for ever                              all
 ========  ==========================================  ====================================  ======================
 """
 
@@ -25,7 +26,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.foundation.arithmetic import exp
+from scanner_sim.foundation.arithmetic import exp, product
 from scanner_sim.optics.deflection import wobble_correlation
 
 Array = NDArray[np.float64]
@@ -59,6 +60,9 @@ class ErrorParts:
     drift
         Standard deviations of Θ and φ by the encoders' drift, which have the same sign where these have [rad],
         shape (..., 2).
+    common
+        What k errors of the calibration, of unit variance each, make of (Θ, φ, R), shape (..., 3, k); k is 0 without
+        any.
     """
 
     white: Array
@@ -71,16 +75,17 @@ class ErrorParts:
     wobble_time: Array
     wobble_angle: Array
     drift: Array
+    common: Array
 
     @property
     def shared(self) -> Array:
-        """Covariance of what targets share: pixels, wobble and drift, shape (..., 3, 3)."""
+        """Covariance of what targets share: pixels, wobble, drift and calibration, shape (..., 3, 3)."""
         result = np.zeros_like(self.white)
         result[..., 2, 2] = self.pixels
         for axis in (0, 1):
             result[..., axis, axis] = self.wobble
         result[..., :2, :2] += self.drift[..., :, None] * self.drift[..., None, :]
-        return result
+        return result + _products(self.common, self.common) if self.common.shape[-1] else result
 
     @property
     def whole(self) -> Array:
@@ -94,7 +99,8 @@ class ErrorParts:
         none = np.zeros(white.shape[:-2])
         one = none + 1.0
         still = np.zeros((*none.shape, 2))
-        return cls(white, 0.0 * white, one, none, none, one, none, one, one, still)
+        common = np.zeros((*none.shape, 3, 0))
+        return cls(white, 0.0 * white, one, none, none, one, none, one, one, still, common)
 
     @classmethod
     def stack(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
@@ -153,12 +159,19 @@ def common_covariance(
     )
     drift = parts.drift
     result[..., :2, :2] += drift[..., :, None, :, None] * drift[..., None, :, None, :]
+    if parts.common.shape[-1]:
+        result += _products(parts.common[..., :, None, :, :], parts.common[..., None, :, :, :])
     if not lasting:
         together = geometric(parts.wobble) * wobble_correlation(apart(time) / parts.wobble_time[..., None])
         for axis in (0, 1):
             other = apart(position[..., 1 - axis]) / parts.wobble_angle[..., None]
             result[..., axis, axis] += together * wobble_correlation(other)
     return result
+
+
+def _products(one: Array, other: Array) -> Array:
+    """Return A Bᵀ of arrays (..., 3, k)."""
+    return product(one, np.swapaxes(other, -1, -2))
 
 
 def pixel_correlation(apart: ArrayLike) -> Array:

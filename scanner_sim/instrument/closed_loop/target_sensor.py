@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import dwell_average
+from scanner_sim.instrument.closed_loop.believed_positions import BelievedPositions, RangeNoise
 from scanner_sim.instrument.closed_loop.visit_errors import (
     beam_radius,
     duty_cycle_of,
@@ -42,7 +43,7 @@ _LEAST_NOISE_LINE = 5e-3
 the scatter of 128 voxels on discs at 4 to 12 m, tilted by up to 20°: 0.3 to 1 %."""
 _LEAST_NOISE = {"triangulation": _LEAST_NOISE_LINE, "tof": _LEAST_NOISE_PHOTODIODE}
 _RANGED = ("range_m", "sigma_range_m", "status")
-_LAYERS = ("Y", "sigma_Y", *_RANGED, *(f"fused.{name}" for name in _RANGED))
+_LAYERS = ("Y", "sigma_Y", *_RANGED, "tof.sigma_range_m", *(f"fused.{name}" for name in _RANGED))
 """What of the instrument's layers the tracker looks at."""
 _SHOTS_TOGETHER = 8192
 """Shots of a run whose encoder noise is drawn together: it depends on their numbers alone."""
@@ -228,6 +229,7 @@ class TargetSensor:
         scenario = scenarios[0]
         self._scenario, self._instrument = scenario, instrument
         self._encoders, self._noise = Encoders(scenarios), SignalNoise(scenario)
+        self._believed = BelievedPositions(scenario)
         mirrors = scenario.scanner.mirrors
         unseen = (1.0 - mirrors.jitter_seen) * mirrors.jitter**2
         self._pointing = math.sqrt(unseen + mirrors.readout_noise**2 + mirrors.readout_step**2 / 12.0)
@@ -257,7 +259,7 @@ class TargetSensor:
         delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
         light, grain = self._noise.speckle(motion, expected)
         sigma = self._noise.sigma(layers, light)
-        angles = self._encoders.read(motion, visit, run)
+        angles = self._believed.deflections(self._encoders.read(motion, visit, run))
         samples = samples_of(layers, motion, angles, sigma, delay)
         spot = beam_radius(scanner, expected) / (2.0 * expected)
         seen = measure_target(
@@ -270,7 +272,22 @@ class TargetSensor:
             axis_separation=scanner.mirrors.axis_separation,
         )
         parts = error_parts(self._scenario, samples, seen, target.appearance, motion, light, grain)
+        seen = replace(seen, position=self._believed.designed(seen.position))
+        parts = replace(parts, common=self._believed.in_common(seen.position, range_noise(layers)))
         return samples, replace(seen, covariance=parts.whole), parts
+
+
+def range_noise(layers: Columns) -> RangeNoise:
+    """Return the noise of the ranges of patterns by either rangefinder: the median of their voxels, ∞ without any."""
+
+    def median(name: str) -> Array:
+        values = np.asarray(layers[name], dtype=np.float64) if name in layers else np.full((1, 1), np.inf)
+        known = np.isfinite(values)
+        ascending = np.sort(np.where(known, values, np.inf), axis=1)
+        middle = np.maximum(known.sum(axis=1) - 1, 0) // 2
+        return np.asarray(np.take_along_axis(ascending, middle[:, None], axis=1)[:, 0])
+
+    return RangeNoise(median("sigma_range_m"), median("tof.sigma_range_m"))
 
 
 def unevenness(angles: Array) -> Array:

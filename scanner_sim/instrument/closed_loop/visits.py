@@ -12,6 +12,7 @@ import numpy as np
 
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.closed_loop.believed_positions import BelievedPositions
 from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.closed_loop.records import NOTHING, Recorder
 from scanner_sim.instrument.closed_loop.saved_state import TrackerState
@@ -61,6 +62,7 @@ class Visits:
             runs = [Instrument(scenario, device=device, threads=threads) for scenario in scenarios]
             self._sensor = TargetSensor(scenarios, FrozenInstrument(*runs))
             self._stay = Stay()
+        self._believed = BelievedPositions(scenarios[0])
         self._recorders = [Recorder(scenario) for scenario in scenarios]
         self._periods: dict[int, float] = {}
 
@@ -130,7 +132,7 @@ class Visits:
         orders = [turn.order for turn in turns]
         course = Course(
             np.array([order.number for order in orders]),
-            np.array([order.position[:2] for order in orders]),
+            self._believed.commands(np.array([order.position for order in orders])),
             np.array([order.amplitude for order in orders]),
             np.array([turn.start for turn in turns]),
         )

@@ -30,21 +30,21 @@ def draw_instrument(sheet: InstrumentSheet, name: str, path: str | Path | Binary
 def _draw_head(axes: Axes, sheet: InstrumentSheet) -> None:
     """Draw laser, lens and array in the plane of triangulation at Θ = 0, to scale [mm]."""
     base, f = 1e3 * sheet.baseline, 1e3 * sheet.focal_length
-    half, ends = 0.5e3 * sheet.aperture, [1e3 * p for p in sheet.array]
+    half, ends = 0.5e3 * sheet.aperture, [(1e3 * x, 1e3 * z) for x, z in sheet.array_ends]
     top = 0.9 * max(f, base)
     beam = 0.5e3 * float(sheet.spot_m[0])
     axes.fill_betweenx([0.0, top], -beam, beam, color=_LASER, alpha=0.35, lw=0)
     axes.plot([0.0, 0.0], [0.0, top], color=_LASER, lw=0.8)
-    for p in ends:
+    for x, z in ends:
         # The ray through the middle of the lens that falls on this end of the array.
-        axes.plot([base - p * top / f, base + p], [top, -f], color=_LENS, lw=0.7)
-    axes.plot([base, base], [-f, top], color=FAINT, lw=0.6, ls="--")
+        axes.plot([base + x * top / z, base + x], [top, z], color=_LENS, lw=0.7)
+    axes.plot([base, base], [min(-f, *(z for _, z in ends)), top], color=FAINT, lw=0.6, ls="--")
     axes.plot([base - half, base + half], [0.0, 0.0], color=_LENS, lw=3.5, solid_capstyle="butt")
-    axes.plot([base + p for p in ends], [-f, -f], color=INK, lw=3.5, solid_capstyle="butt")
+    axes.plot([base + x for x, _ in ends], [z for _, z in ends], color=INK, lw=3.5, solid_capstyle="butt")
     axes.plot(0.0, 0.0, "o", ms=4, color=_LASER)
     axes.annotate(" laser", (0.0, 0.0), color=_LASER, va="top")
     axes.annotate("lens  ", (base - half, 0.0), color=_LENS, ha="right", va="center")
-    axes.annotate("array  ", (base + min(ends), -f), color=INK, ha="right", va="center")
+    axes.annotate("array  ", (base + ends[0][0], ends[0][1]), color=INK, ha="right", va="center")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x [mm]", ylabel="z [mm]")
     _heading(axes, "The head, to scale", "rays through the lens to both ends of the array")
@@ -52,17 +52,13 @@ def _draw_head(axes: Axes, sheet: InstrumentSheet) -> None:
 
 def _draw_field(axes: Axes, sheet: InstrumentSheet) -> None:
     """Draw the ranges that the array sees over Θ, to scale [m] (eq 1)."""
-    theta = np.linspace(-sheet.half_field, sheet.half_field, 181)
     farthest = float(sheet.range_m[-1])
 
-    def border(p: float) -> tuple[np.ndarray, np.ndarray]:
-        seen = np.full_like(theta, np.inf)
-        if p > 0.0:
-            seen = sheet.focal_length * sheet.baseline * np.cos(theta) / p + sheet.baseline * np.sin(theta)
+    def border(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         seen = np.minimum(seen, farthest)
-        return seen * np.sin(theta), seen * np.cos(theta)
+        return seen * np.sin(sheet.theta), seen * np.cos(sheet.theta)
 
-    far, near = border(sheet.array[0]), border(sheet.array[1])
+    far, near = border(sheet.farthest), border(sheet.nearest)
     outline = [np.concatenate([one, other[::-1]]) for one, other in zip(far, near, strict=True)]
     axes.fill(*outline, color=_SEEN, lw=0)
     axes.plot(*near, color=_LENS, lw=1.0, label=f"nearest: {sheet.near:.3g} m on the axis")
@@ -86,7 +82,14 @@ def _draw_lateral(axes: Axes, sheet: InstrumentSheet) -> None:
     axes.plot(sheet.range_m, 1e3 * sheet.spot_m, color=_LASER, label="diameter of the beam (1/e²)")
     axes.plot(sheet.range_m, 1e3 * sheet.lateral_m, color=INK, label="σ across, by the angles")
     over_range(axes, "[mm]")
-    axes.legend(loc="best")
+    pixels = axes.twinx()
+    pixels.plot(
+        sheet.range_m, sheet.image_px, color=_LENS, ls="--", label="its image on the array, σ (right)"
+    )
+    pixels.set(ylabel="[pixel]", ylim=(0.0, None))
+    pixels.grid(visible=False)
+    lines = [*axes.get_lines(), *pixels.get_lines()]
+    axes.legend(lines, [str(line.get_label()) for line in lines], loc="best")
     _heading(axes, "Across the beam", "")
 
 

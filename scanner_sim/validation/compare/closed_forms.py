@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.analytic import geometry, spot
+from scanner_sim.analytic.array import SensorArray
 from scanner_sim.analytic.beam import beam_radius, spread_rate
 from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.analytic.filter import PassBand
 from scanner_sim.analytic.noise import first_order
+from scanner_sim.analytic.spot import SpotImage
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 
@@ -110,6 +112,13 @@ class ClosedForms:
         return self.scenario.scanner.receiver.baseline
 
     @cached_property
+    def array(self) -> SensorArray:
+        """The array behind the lens."""
+        receiver = self.scenario.scanner.receiver
+        focus = math.inf if receiver.focus_distance == "infinity" else receiver.focus_distance
+        return SensorArray(self.f, self.d, receiver.aperture, receiver.array_tilt, focus)
+
+    @cached_property
     def D(self) -> float:
         """Separation of the axes [m]."""
         return self.scenario.scanner.mirrors.axis_separation
@@ -158,20 +167,43 @@ class ClosedForms:
         laser, receiver, sensor = scanner.laser, scanner.receiver, scanner.position_sensor
         R = float(geometry.range_to_plane(theta, phi, self.D, point, normal))
         beam = laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared
-        image = spot.spot_image(
-            theta, phi, self.f, self.d, self.D, point, normal,
-            0.5 * float(beam_radius(R, *beam)), float(spread_rate(R, *beam)), scanner.point_spread,
+        image = self.array_image(
+            spot.spot_image(
+                theta, phi, self.f, self.d, self.D, point, normal,
+                0.5 * float(beam_radius(R, *beam)), float(spread_rate(R, *beam)), 0.0,
+            ),
+            R,
+            theta,
         )  # fmt: skip
         u = geometry.scanner_axes(theta, phi)[0]
         seen = geometry.laser_origin(phi, self.D) + R * u - geometry.lens_node(phi, self.D, self.d)
         unit = normal / np.linalg.norm(normal)
-        transmission = self.peak_transmission * self.passed(math.atan(image.chief / self.f))
+        transmission = self.peak_transmission * self.passed(math.atan(float(self.array.tangent(image.chief))))
         watts = spot.collected_power(
             laser.power, reflectance, receiver.aperture, transmission, seen, u, unit
         ) * spot.share_within_height(image.sigma_height, sensor.height)
         charge = spot.electrons(watts, 1.0 / scanner.rate, laser.wavelength, sensor.quantum_efficiency)
         return ClosedSpot(
             self.pixel(image.centroid), self.pixel(image.chief), image.sigma / self.pitch, float(charge)
+        )
+
+    def array_image(self, image: SpotImage, R: float, theta: float) -> SpotImage:
+        """Return the image of a spot on the array, blurred, from the one in the focal plane without.
+
+        To second order: a tilted array stretches the spot unevenly, which moves its centroid by ½ d²s/dp² σ².
+        """
+        receiver, diffusion = self.scenario.scanner.receiver, self.scenario.scanner.position_sensor.diffusion
+        step = 1e-4 * self.f
+        places = self.array.position_at((image.chief + step * np.array([-1.0, 0.0, 1.0])) / self.f)
+        along, bend = (places[2] - places[0]) / (2.0 * step), np.diff(places, 2)[0] / step**2
+        across = float(self.array.scale(R, theta)[1]) / self.f
+        blur = self.array.blur(R, theta)
+        lens = math.hypot(receiver.aberration * along / across, blur.along)
+        return SpotImage(
+            float(places[1]),
+            float(places[1] + along * (image.centroid - image.chief) + 0.5 * bend * image.sigma**2),
+            math.sqrt((along * image.sigma) ** 2 + lens**2 + diffusion**2),
+            math.hypot(across * image.sigma_height, receiver.aberration, blur.across, diffusion),
         )
 
     def facing(self, R: float, reflectance: float, theta: float = 0.0, phi: float = 0.0) -> ClosedSpot:
@@ -185,8 +217,8 @@ class ClosedForms:
         return reach < seen.centre < self.scenario.scanner.position_sensor.pixels - 1 - reach
 
     def range_per_pixel(self, R: float, theta: float = 0.0) -> float:
-        """Return |∂R/∂p| times the pitch [m/pixel]: the exact form of eq 4."""
-        return float(geometry.range_error(R, theta, self.f, self.d, self.pitch))
+        """Return |∂R/∂p| times the pitch [m/pixel]: the exact form of eq 4, on the array as it stands."""
+        return self.pitch * float(self.array.range_error(R, theta))
 
     @property
     def angle_sigma(self) -> float:
@@ -200,9 +232,8 @@ class ClosedForms:
         )
 
     def synchronisation_error(self, R: float, theta: float = 0.0) -> float:
-        """Return the error of p [m] from the angle between projection and reception: f (1 + p²/f²) σ."""
-        p = float(geometry.image_position(R, theta, self.f, self.d))
-        return self.f * (1.0 + (p / self.f) ** 2) * self.scenario.scanner.mirrors.synchronisation
+        """Return the error of p [m] from the angle between projection and reception: upright, f (1 + p²/f²) σ."""
+        return float(self.array.turned(R, theta)) * self.scenario.scanner.mirrors.synchronisation
 
     def follows(self, seen: ClosedSpot) -> float:
         """Return by how much the estimate moves with the spot, ∂p̂/∂p: 1 but for the slope of a systematic error."""

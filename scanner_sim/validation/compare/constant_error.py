@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim.analytic import geometry
 from scanner_sim.validation.compare import test_bench
 from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
@@ -48,9 +47,9 @@ def _predict_synchronisation(setting: ComparisonSetup) -> dict[str, Predicted]:
     closed, cases, ranges = setting.closed, {}, _synchronised(setting)
     for R in ranges:
         apart = closed.synchronisation_error(R)
-        value = 1e3 * float(geometry.range_error(R, 0.0, closed.f, closed.d, apart))
+        value = 1e3 * closed.range_per_pixel(R) / closed.pitch * apart
         value *= closed.follows(closed.facing(R, setting.flat.reflectance))
-        p = float(geometry.image_position(R, 0.0, closed.f, closed.d))
+        p = float(closed.array.position(R))
         rounding = 1e3 * closed.range_per_pixel(R) * p / closed.pitch * 2.0**-24
         cases[f"{R:.4g} m"] = Predicted("σ of R", "mm", value, 0.002 * value + rounding**2 / value)
     return cases | slope_expected(ranges, cases, True, "2 for p ≪ f")

@@ -15,6 +15,7 @@ from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.filter import laser_gain, peak_transmission
 from scanner_sim.products.budget import BudgetRow
 from scanner_sim.signals.processing import PEAKS
+from scanner_sim.validation.compare.closed_forms import ClosedForms
 from scanner_sim.validation.studies.budget import HALF, course_time, kelvins_of
 
 
@@ -141,7 +142,7 @@ def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instru
     return InstrumentNumbers(
         estimator=processing.peak,
         corrected=processing.bias_correction != "none",
-        focal_length=receiver.focal_length,
+        array=ClosedForms(scenario).array,
         baseline=receiver.baseline,
         aperture=receiver.aperture,
         transmission=receiver.transmission * passed,

@@ -16,6 +16,7 @@ from scanner_sim.validation.compare.instrument import closed_budget
 
 REFLECTANCE = 0.5
 """Of the target that the errors are of: Lambertian, facing."""
+_DEFLECTIONS = 181
 _MODES: tuple[Mode, ...] = ("triangulation", "tof", "fused")
 
 
@@ -46,17 +47,24 @@ def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
         for mode in _MODES
         if all(mode in one for one in found)
     }
-    brightest = np.array([forms.facing(float(R), REFLECTANCE).line.max() for R in ranges])
+    spots = [forms.facing(float(R), REFLECTANCE) for R in ranges]
+    brightest = np.array([seen.line.max() for seen in spots])
     filled = scanner.exposure / scanner.dwell * brightest / sensor.full_well
     laser = scanner.laser
     beam = laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared
+    ends = sensor.offset, sensor.offset + sensor.length
+    theta = np.linspace(-scanner.mirrors.max_deflection, scanner.mirrors.max_deflection, _DEFLECTIONS)
     recorded = (ranges >= gate[0]) & (ranges <= gate[1])
     return InstrumentSheet(
         baseline=scanner.receiver.baseline,
         focal_length=scanner.receiver.focal_length,
         aperture=scanner.receiver.aperture,
         axis_separation=scanner.mirrors.axis_separation,
-        array=(sensor.offset, sensor.offset + sensor.length),
+        array=ends,
+        array_ends=(_behind_lens(forms, ends[0]), _behind_lens(forms, ends[1])),
+        theta=theta,
+        nearest=forms.array.range(ends[1], theta),
+        farthest=forms.array.range(ends[0], theta) if ends[0] > 0.0 else np.full_like(theta, math.inf),
         near=near,
         far=far,
         gate=gate,
@@ -66,6 +74,7 @@ def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
         range_m=ranges,
         spot_m=2.0 * beam_radius(ranges, *beam),
         pixel_m=np.array([forms.range_per_pixel(float(R)) for R in ranges]),
+        image_px=np.array([seen.sigma for seen in spots]),
         lateral_m=forms.angle_sigma * ranges,
         filled=filled,
         sigma_m={
@@ -74,3 +83,9 @@ def instrument_sheet(scanner: Scanner, count: int = 60) -> InstrumentSheet:
             if np.isfinite(values).any()
         },
     )
+
+
+def _behind_lens(forms: ClosedForms, position: float) -> tuple[float, float]:
+    """Return where a position on the array is, (x, z) from the lens's node [m]."""
+    x, depth = forms.array.origin + position * forms.array.direction
+    return float(x), -float(depth)

@@ -93,7 +93,7 @@ def _sun_charge(setting: ComparisonSetup, R: float) -> float:
     closed, scanner = ClosedForms(setting.scenario), setting.scenario.scanner
     assert closed.band is not None
     seen = closed.facing(R, setting.flat.reflectance)
-    tangent = (seen.centre - closed.pixel(0.0)) * closed.pitch / closed.f
+    tangent = float(closed.array.tangent((seen.centre - closed.pixel(0.0)) * closed.pitch))
     irradiance = _dilution(setting) * closed.band.counted(
         scanner.laser.wavelength,
         scanner.position_sensor.response,
@@ -102,7 +102,8 @@ def _sun_charge(setting: ComparisonSetup, R: float) -> float:
     )
     gain = math.pi / 4.0 * scanner.receiver.aperture**2 * closed.peak_transmission
     area = WINDOW * scanner.position_sensor.height
-    watts = sun.sun_power(setting.flat.reflectance, area, closed.f, gain, irradiance)
+    scale = math.sqrt(math.prod(float(one) for one in closed.array.scale(R)))
+    watts = sun.sun_power(setting.flat.reflectance, area, scale, gain, irradiance)
     watts /= (1.0 + tangent**2) ** 2
     efficiency = scanner.position_sensor.quantum_efficiency
     return float(spot.electrons(watts, 1.0 / scanner.rate, scanner.laser.wavelength, efficiency))

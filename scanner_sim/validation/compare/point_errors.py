@@ -180,6 +180,8 @@ def _predict_covariance(setting: ComparisonSetup) -> dict[str, Predicted]:
     angle = closed.angle_sigma
     for position, seen in facing_positions(setting, (setting.middle,)):
         apart = closed.synchronisation_error(position.distance, position.theta) * closed.follows(seen)
+        # An error on the array is that in the focal plane which turns the line of sight by as much.
+        apart *= closed.f / float(closed.array.scale(position.distance, position.theta)[0])
         errors = geometry.propagated_errors(
             position.distance, position.theta, position.phi, closed.f, closed.d, closed.D, apart, angle, angle
         )

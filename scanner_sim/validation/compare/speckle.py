@@ -23,6 +23,8 @@ _MODEL = 0.04
 """What the packets' sizes leave: the pupil's edge, a Gaussian for what lies under it, the modes that are left out."""
 _LINE = 25
 """Pixels of the judge's line."""
+_WIDEST = 2.0
+"""Standard deviation of a spot [pixel] that this line holds."""
 _SIDE = 8
 """Pixels of a line of zeros beside it, for estimators that look beyond the spot."""
 _SURFACES = 1000
@@ -34,20 +36,15 @@ def _coherent(setting: ComparisonSetup) -> str:
     if not setting.scenario.scanner.laser.speckle:
         return "the scenario's laser makes no speckle"
     if not _ranges(setting):
-        return "the array sees no spot at these ranges"
-    if max(ClosedForms(setting.scenario).facing(R, 1.0).sigma for R in _ranges(setting)) > 2.0:
-        return "the spot is wider than the line over which wave optics integrates it"
-    receiver = setting.scenario.scanner.receiver
-    if receiver.aberration > 4.0 * setting.scenario.scanner.position_sensor.pitch:
-        return "the lens's aberration is wider than that line"
+        return "the array sees no spot at these ranges that wave optics could integrate on its line"
     return ""
 
 
 def _ranges(setting: ComparisonSetup) -> tuple[float, ...]:
+    """Return the ranges at which the array sees a spot that is no wider than the line of wave optics."""
     closed = ClosedForms(setting.scenario)
-    return tuple(
-        R for R in setting.flat.ranges if closed.on_array(closed.facing(R, setting.flat.reflectance))
-    )
+    seen = {R: closed.facing(R, setting.flat.reflectance) for R in setting.flat.ranges}
+    return tuple(R for R, one in seen.items() if closed.on_array(one) and one.sigma <= _WIDEST)
 
 
 def _judged(setting: ComparisonSetup) -> str:
@@ -82,9 +79,12 @@ def _seen(setting: ComparisonSetup, R: float) -> Array:
     scanner = setting.scenario.scanner
     laser, receiver, sensor = scanner.laser, scanner.receiver, scanner.position_sensor
     radius = beam_radius(R, laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared)
-    image = 0.5 * float(radius) * receiver.focal_length / R
-    lens = laser.wavelength, receiver.focal_length / receiver.aperture
-    return _lines(lens, (receiver.aberration, sensor.diffusion), sensor.pitch, image, _surfaces(setting))
+    # Along the array all of the image is stretched alike, grains and aberration with it.
+    along, across = (float(one) for one in setting.closed.array.scale(R))
+    image = 0.5 * float(radius) * along / R
+    lens = laser.wavelength, along / receiver.aperture
+    aberration = math.hypot(receiver.aberration * along / across, setting.closed.array.blur(R).along)
+    return _lines(lens, (aberration, sensor.diffusion), sensor.pitch, image, _surfaces(setting))
 
 
 def _separate(setting: ComparisonSetup, R: float) -> float:

@@ -16,6 +16,9 @@ _SCENES = 12
 """Scenes of each kind."""
 _LEAST_SCENES = 2
 """Scenes of a kind with ranges in them, below which nothing is said of the kind."""
+_LEAST_RANGES = 100
+"""Ranges of a scene below which it tells nothing of shares of a hundredth: the laser is faint beside the Sun."""
+_NOTHING = (math.nan,) * 3
 _SIDE = 64
 _NEAR, _FAR, _END = 1.6, 6.4, 0.9
 """Nearest and farthest middle of a scene over the nearest range on the axis, and the latter over the farthest: 2.5 m to
@@ -69,9 +72,8 @@ def _measure(setting: ComparisonSetup) -> dict[str, Measured]:
     for number, kind in enumerate(_KINDS):
         count = max(2, setting.shots(_SCENES)) * setting.seeds
         first = setting.seed(29, number)[0]
-        rows = np.array(
-            [_scene(setting, kind, (first + 31 * index) % 2**31).shares() for index in range(count)]
-        )
+        scenes = [_scene(setting, kind, (first + 31 * index) % 2**31) for index in range(count)]
+        rows = np.array([one.shares() if one.pulls.size >= _LEAST_RANGES else _NOTHING for one in scenes])
         if np.isfinite(rows).all(axis=1).sum() < _LEAST_SCENES:
             continue
         found |= {f"{kind}: {case}": mean_of(rows[:, column]) for column, case in enumerate(_CASES)}

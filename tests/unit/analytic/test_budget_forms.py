@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from scanner_sim.analytic.array import SensorArray
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.analytic.budget import InstrumentNumbers, range_budget
 from scanner_sim.analytic.echo_budget import EchoInstrument, echo_budget, fused_sigma
@@ -21,7 +22,8 @@ from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 
 R = 9.0
 BENCH = InstrumentNumbers(
-    estimator="maximum_likelihood", corrected=False, focal_length=0.1, baseline=0.2, aperture=0.025, transmission=0.5,
+    estimator="maximum_likelihood", corrected=False, array=SensorArray(0.1, 0.2, 0.025), baseline=0.2,
+    aperture=0.025, transmission=0.5,
     aberration=12e-6, diffusion=38e-6, wavelength=1.5e-6, power=15e-3, waist_radius=2e-3, waist_distance=0.0,
     m_squared=1.0, pitch=50e-6, efficiency=0.8, dwell=50e-6, reflectance=0.5, shot=1.0, read=0.0, dark=0.0, step=0.0,
     response=0.0, contrast=0.0, sweep=0.0, jitter=8e-6, wobble=3e-6, synchronisation=1e-6, readout=2e-6, half=0.05,

@@ -371,7 +371,11 @@ def test_resolved_yaml_is_complete_and_readable() -> None:
     keys = {
         place[-1]
         for place, slot in outline().items()
-        if place and slot.part is None and place[0] == "scanner" and place[-1].isidentifier()
+        if place
+        and slot.part is None
+        and place[0] == "scanner"
+        and place[-1].isidentifier()
+        and place[1:2] != ("as_built",)
     }
     assert all(f"{key}:" in text for key in keys)
 

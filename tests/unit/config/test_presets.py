@@ -48,6 +48,7 @@ def test_a_shipped_preset_gives_every_value_with_mark_and_source(name: str) -> N
         and slot.field is not None
         and slot.field.is_required()
         and place[-1] != "*"
+        and place[:2] != ("scanner", "as_built")
     }
     assert wanted - {("scanner", "filter")} <= preset.stated.keys()
     for stated in preset.stated.values():

@@ -15,7 +15,7 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.rangefinder import Reading
-from scanner_sim.ranging.ranges import Deflections, Ranges, ranges_with_points
+from scanner_sim.ranging.ranges import Deflections, Geometry, Ranges, ranges_with_points
 from scanner_sim.render.device import Device
 from scanner_sim.render.shots import Pointing
 from scanner_sim.scan.protocol import Aim
@@ -27,6 +27,9 @@ COLUMNS, FAR, NEAR = 6, 7.0, 6.0
 
 def held(values: NDArray[Any]) -> Any:
     return SimpleNamespace(numpy=lambda: values)
+
+
+BENCH = Geometry(0.1, 0.2, 0.05, 50e-6, 0.0, 0.0)
 
 
 class Stadia:
@@ -57,7 +60,7 @@ class Stadia:
         truth: Any = SimpleNamespace(
             distance=held(8.0 * one), object=held(aim.shot % 2), material=held((aim.shot + 1) % 2)
         )
-        ranges: Ranges = ranges_with_points(r, 0.1 * r, status, 0.1 * one, 0.0 * one, deflections, 0.05)
+        ranges: Ranges = ranges_with_points(r, 0.1 * r, status, 0.1 * one, 0.0 * one, deflections, BENCH)
         return Reading(
             truth, ranges, {"stadia.Y": 3.0 * one, "stadia.sigma_Y": 0.5 * one, "stadia.hairs": 2 * status}
         )

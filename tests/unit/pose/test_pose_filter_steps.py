@@ -32,7 +32,7 @@ def parts(white: Array) -> ErrorParts:
     return ErrorParts(
         white=white, surface=root @ root.T + np.diag([1e-10, 1e-10, 1e-8]), turn=0.02 * one, pixels=9e-8 * one,
         image=44.0 * one, image_width=0.9 * one, wobble=16e-12 * one, wobble_time=0.05 * one, wobble_angle=0.06 * one,
-        drift=np.array([2e-5, -3e-5]),
+        drift=np.array([2e-5, -3e-5]), common=np.zeros((3, 0)),
     )  # fmt: skip
 
 

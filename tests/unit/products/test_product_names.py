@@ -44,7 +44,7 @@ def record(number: int, **changes: Any) -> PatternRecord:
     errors = ErrorParts(
         white=0.5 * covariance, surface=0.1 * positive(3, 50 + number), turn=0.11 * one, pixels=0.04 * one,
         image=44.0 * one, image_width=0.9 * one, wobble=0.09 * one, wobble_time=0.06 * one, wobble_angle=0.07 * one,
-        drift=np.array([0.2, -0.3]),
+        drift=np.array([0.2, -0.3]), common=np.array([[0.1, 0.02], [0.03, 0.2], [0.3, 0.04]]),
     )  # fmt: skip
     values = np.arange(5.0) + 10.0 * number
     samples = PatternSamples(

@@ -174,7 +174,7 @@ def assert_same(one: object, two: object) -> None:
             # White is what the others leave of the covariance.
             for part in fields(a):
                 first, second = (np.asarray(getattr(errors, part.name)) for errors in (a, b))
-                size = np.nan_to_num(np.abs(first)).max()
+                size = np.nan_to_num(np.abs(first)).max(initial=0.0)
                 np.testing.assert_allclose(first, second, rtol=1e-12, atol=1e-12 * size)
         elif isinstance(a, np.ndarray):
             np.testing.assert_allclose(a, b, rtol=1e-15, atol=0.0)

@@ -96,7 +96,7 @@ def test_the_fused_point_has_the_covariance_of_what_it_is_made_of() -> None:
     )
     echo = ranges_from_delays(delay, sigma[1], status, theta, 0.0, (0.1, 100.0))
     alike = ranges_with_points(
-        echo.range, echo.sigma, echo.status, echo.sigma, np.zeros(n), deflections, geometry.axis_separation
+        echo.range, echo.sigma, echo.status, echo.sigma, np.zeros(n), deflections, geometry
     )
     fused, _, _ = fuse_points(triangulated, alike, deflections, geometry)
     share = fuse((triangulated.range, triangulated.sigma, status), (echo.range, echo.sigma, status)).weight
