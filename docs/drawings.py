@@ -1,4 +1,5 @@
-"""Draw the figures of the documentation: ``python docs/drawings.py`` writes ``conventions.svg`` and ``pose.svg``.
+"""Draw the figures of the documentation: ``python docs/drawings.py`` writes ``conventions.svg``, ``pose.svg``
+and ``departures.svg``.
 
 Nothing is to scale: base, axis separation and sensor are enlarged so that they can be seen.
 """
@@ -242,6 +243,61 @@ def turns(axes: Axes) -> None:
     axes.set(xlim=(-0.6, 4.6), ylim=(-7.9, 1.8), aspect="equal")
 
 
+def departures_above(axes: Axes) -> None:
+    """Draw the signs of what departs in the plane of triangulation, at Θ = 0, seen along +y."""
+    behind, lean = -FOCAL, np.deg2rad(14.0)
+    axes.plot([0.0, 0.0], [0.0, 2.2], color=GREY, lw=0.9, ls=":")
+    turned = 2.2 * np.array([np.sin(np.deg2rad(9.0)), np.cos(np.deg2rad(9.0))])
+    axes.plot([0.0, turned[0]], [0.0, turned[1]], color=LASER, lw=2)
+    axes.plot([BASE - 0.22, BASE + 0.22], [0.0, 0.0], color=LENS, lw=4, solid_capstyle="round")
+    axes.plot([BASE, BASE + 0.42], [behind, behind], color=GREY, lw=2, ls=":")
+    further = behind - 0.16
+    end = np.array([BASE + 0.12, further]) + 0.5 * np.array([np.cos(lean), -np.sin(lean)])
+    axes.plot([BASE + 0.12, end[0]], [further, end[1]], color=INK, lw=3)
+    axes.plot([0.0, BASE], [0.0, 0.0], color=INK, lw=0.8)
+    arrow(axes, np.array([BASE, 0.12]), np.array([BASE + 0.5, 0.12]))
+    label(axes, np.array([BASE + 0.55, 0.12]), "base", ha="left")
+    arrow(axes, np.array([BASE - 0.3, behind]), np.array([BASE - 0.3, further - 0.12]))
+    label(axes, np.array([BASE - 0.35, behind - 0.12]), "focal_length", ha="right")
+    arrow(axes, np.array([BASE, behind + 0.12]), np.array([BASE + 0.2, behind + 0.12]))
+    label(axes, np.array([BASE + 0.25, behind + 0.14]), "array_offset: +p, nearer", ha="left", fontsize=9)
+    label(axes, np.add(end, (0.05, -0.05)), "array_tilt: the near end leans away", ha="left", fontsize=9)
+    arrow(axes, np.array([0.03, 1.75]), np.array([0.25, 1.72]), LASER)
+    label(
+        axes,
+        np.array([0.36, 1.9]),
+        "theta_zero: the beam points further\nthan the encoder reads",
+        LASER,
+        ha="left",
+        fontsize=9,
+    )
+    label(axes, np.array([-0.08, 2.1]), "Θ as read", GREY, ha="right", fontsize=9)
+    compass(axes, np.array([-0.9, 1.0]), "x", "z")
+    axes.set_title("From above, at Θ = 0: dotted as designed, solid as built", fontsize=11)
+    axes.set(xlim=(-1.2, 3.2), ylim=(-1.15, 2.4), aspect="equal")
+
+
+def departures_ahead(axes: Axes) -> None:
+    """Draw the signs of the second axis, seen along the beam (+z)."""
+    axes.invert_yaxis()
+    skew, offset = np.deg2rad(12.0), 0.5
+    along = np.array([np.cos(skew), np.sin(skew)])
+    axes.plot([-2.0, 2.0], [0.0, 0.0], color=GREY, lw=2, ls=":")
+    for end in (-2.0, 2.0):
+        axes.plot([0.0, end * along[0]], [offset, offset + end * along[1]], color=INK, lw=2.5)
+    axes.plot(0.0, 0.0, "o", color=LASER, ms=9)
+    label(axes, np.array([-0.12, -0.2]), "beam at Θ = 0, seen along it", LASER, ha="right", fontsize=9)
+    arrow(axes, np.array([0.0, 0.05]), np.array([0.0, offset]))
+    label(axes, np.array([0.1, 0.28]), "axis_offset", ha="left")
+    axes.add_patch(Arc((0.0, offset), 2.6, 2.6, theta1=0, theta2=np.rad2deg(skew), color=INK))
+    axes.plot([0.0, 1.6], [offset, offset], color=GREY, lw=0.8)
+    label(axes, np.array([1.4, offset + 0.14]), "axis_skew", ha="left")
+    label(axes, np.array([2.05, 0.0]), "second axis\nas designed", GREY, ha="left", fontsize=9)
+    compass(axes, np.array([-2.0, 1.2]), "x", "y (down)")
+    axes.set_title("Along the beam: where the second axis lies", fontsize=11)
+    axes.set(xlim=(-2.6, 3.0), ylim=(2.1, -0.8), aspect="equal")
+
+
 def main(folder: Path) -> None:
     """Write the drawings; the same program writes the same bytes."""
     mpl.rcParams.update({"svg.hashsalt": "scanner-sim", "font.family": "DejaVu Sans"})
@@ -257,6 +313,12 @@ def main(folder: Path) -> None:
         axes.set_axis_off()
         draw(axes)
     figure.savefig(folder / "pose.svg", metadata={"Date": None})
+    figure = Figure(figsize=(12.0, 4.6), layout="constrained")
+    panels = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.25, 1.0]})
+    for draw, axes in zip((departures_above, departures_ahead), panels, strict=True):
+        axes.set_axis_off()
+        draw(axes)
+    figure.savefig(folder / "departures.svg", metadata={"Date": None})
 
 
 if __name__ == "__main__":

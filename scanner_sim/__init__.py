@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from scanner_sim.instrument.closed_loop.track import track_many as track_many
     from scanner_sim.instrument.closed_loop.tracker import Tracker as Tracker
     from scanner_sim.instrument.instrument import Instrument as Instrument
+    from scanner_sim.instrument.parameter_jacobian import parameter_jacobian as parameter_jacobian
     from scanner_sim.instrument.samples import Samples as Samples
     from scanner_sim.instrument.shots import simulate_shots as simulate_shots
     from scanner_sim.instrument.simulate import simulate as simulate
@@ -80,6 +81,7 @@ __all__ = [
     "load_scanner",
     "load_scenario",
     "open_campaign",
+    "parameter_jacobian",
     "poses_of",
     "read_range_image",
     "read_shots",
@@ -124,6 +126,7 @@ _HOMES = {
     "load_scanner": "scanner_sim.config",
     "load_scenario": "scanner_sim.config",
     "open_campaign": "scanner_sim.campaign.result",
+    "parameter_jacobian": "scanner_sim.instrument.parameter_jacobian",
     "poses_of": "scanner_sim.instrument.closed_loop.poses",
     "read_range_image": "scanner_sim.products.files.exr",
     "read_shots": "scanner_sim.products.files.shots_folder",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.parts import Part
@@ -20,7 +18,7 @@ def instrument_as_built(scenario: Scenario) -> BuiltInstrument | None:
     seed = scenario.transport.seed_of_light(scenario.seed)
     parameters = own.parameters(seed)
     base = scanner.receiver.baseline + float(parameters[NAMES.index("base")])
-    return BuiltInstrument(own, parameters, scanner.mirrors, base, seed)
+    return BuiltInstrument(own, parameters, scanner.mirrors, base, seed if own.seed is None else own.seed)
 
 
 def scanner_as_built(scanner: Scanner, built: BuiltInstrument | None) -> Scanner:
@@ -49,9 +47,7 @@ def drawn_departures(scenario: Scenario) -> dict[str, str]:
     if built is None or own is None:
         return {}
     return {
-        parameter.name: str(
-            parameter.dimension.format(float(np.format_float_positional(value, 6, False, False)))
-        )
+        parameter.name: str(parameter.dimension.format(float(f"{value:.6g}")))
         for parameter, value in zip(PARAMETERS, built.parameters.tolist(), strict=True)
         if isinstance(getattr(own, parameter.name), Part)
     }

@@ -7,6 +7,7 @@ from functools import lru_cache
 
 import yaml
 
+from scanner_sim.config.built import drawn_departures
 from scanner_sim.config.document import core_schema
 from scanner_sim.config.scenario import Scenario
 
@@ -37,7 +38,18 @@ def resolved_yaml(scenario: Scenario) -> str:
     the same in any folder.
     """
     data = scenario.model_dump(mode="json", by_alias=True)
-    return HEADING + "".join(_section(json.dumps({key: value})) for key, value in data.items())
+    return (
+        HEADING
+        + _drawn(scenario)
+        + "".join(_section(json.dumps({key: value})) for key, value in data.items())
+    )
+
+
+def _drawn(scenario: Scenario) -> str:
+    """Return what was drawn of the instrument as built, as a comment: a truth, which a program reads past."""
+    found = drawn_departures(scenario)
+    lines = (f"#   {name}: {value}\n" for name, value in found.items())
+    return "# Truth: the instrument as built, drawn from its tolerances:\n" + "".join(lines) if found else ""
 
 
 @lru_cache(maxsize=64)

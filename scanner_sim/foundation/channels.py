@@ -196,10 +196,10 @@ CHANNELS: tuple[Channel, ...] = (
             vertex="truth_object"),
     Channel("truth.material", "1", "number of the material hit by the chief ray, from 1; 0 for nothing", "number",
             vertex="truth_material"),
-    Channel("truth.point.X", "m", "true point where the chief ray meets a surface, whatever the instrument believes of "
+    Channel("truth.P.X", "m", "true point where the chief ray meets a surface, whatever the instrument believes of "
             "itself: to the right", "truth", asked="point"),
-    Channel("truth.point.Y", "m", "the same point: downwards", "truth", asked="point"),
-    Channel("truth.point.Z", "m", "the same point: away from the scanner", "truth", asked="point"),
+    Channel("truth.P.Y", "m", "the same point: downwards", "truth", asked="point"),
+    Channel("truth.P.Z", "m", "the same point: away from the scanner", "truth", asked="point"),
     Channel("truth.normal.X", "1", "unit normal of the surface that the chief ray meets, on the scanner's side: to the "
             "right", "truth", vertex="nx", asked="normal"),
     Channel("truth.normal.Y", "1", "the same normal: downwards", "truth", vertex="ny", asked="normal"),

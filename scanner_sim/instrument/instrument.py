@@ -245,7 +245,7 @@ class Instrument:
         if asked.isdisjoint(("point", "normal", "incidence")):
             return {}
         point, normal, incidence = chief_surface(self.loaded, self.optics, shots)
-        layers = {f"point.{axis}": part for axis, part in zip("XYZ", point, strict=True)}
+        layers = {f"P.{axis}": part for axis, part in zip("XYZ", point, strict=True)}
         layers |= {f"normal.{axis}": part for axis, part in zip("XYZ", normal, strict=True)}
         layers["incidence_rad"] = incidence
         return {name: values for name, values in layers.items() if CHANNEL[f"truth.{name}"].asked in asked}

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
-from scanner_sim.config.scanner import Scanner
+import numpy as np
+
+from scanner_sim.config.scanner import Scanner, geometry_of
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.optics.band_irradiance import band_irradiance
 from scanner_sim.optics.built_instrument import BuiltInstrument
-from scanner_sim.optics.filter import peak_transmission
+from scanner_sim.optics.filter import laser_gain, peak_transmission
 from scanner_sim.optics.lens_errors import LensErrors
+from scanner_sim.render.incident import Throughput
 from scanner_sim.render.transport import OpticalLayout
 
 _LENS = ("radial_1", "radial_2", "tangential")
@@ -26,6 +31,19 @@ def optics_as_built(scanner: Scanner, built: BuiltInstrument | None) -> OpticalL
         axes=None if built is None else _axes(built),
         lens=None if built is None else _lens(built, sensor.offset + sensor.length),
     )
+
+
+def line_throughput(scenario: Scenario, scanner: Scanner, optics: OpticalLayout) -> Throughput:
+    """Return what each pixel makes of the laser's and the Sun's light behind the filter of a scanner as built."""
+    sensor, sun, laser = scanner.position_sensor, scenario.lighting.sun, scanner.laser
+    position = geometry_of(scanner).position(np.arange(sensor.pixels, dtype=np.float64))
+    angle = np.arctan(optics.receiver.line_image.tangent(position))
+    bands = np.zeros((2, sensor.pixels))
+    if sun != "none":
+        bands[:] = band_irradiance(sun, scanner.filter, sensor.response, laser.wavelength, angle)
+    passed = laser_gain(scanner.filter, laser, sensor.response, angle)
+    stray = 0.0 if scanner.as_built is None else scanner.as_built.stray_light or 0.0
+    return Throughput(optics, sensor.pixels, passed, bands[0], bands[1], stray)
 
 
 def _axes(built: BuiltInstrument) -> tuple[float, float] | None:

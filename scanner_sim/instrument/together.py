@@ -20,11 +20,18 @@ def takes_seeds(scenario: Scenario) -> bool:
     """Return whether runs of a scenario that differ in their seeds alone can be measured together.
 
     The light of Sun and Earth is drawn for all shots: its seed must be one that the scenario gives. A seed of the light
-    makes the mirrors err alike in all runs, and lanes draw their own errors.
+    makes the mirrors err alike in all runs, and lanes draw their own errors. They share the instrument, too, so that no
+    seed may draw another one.
     """
     transport = scenario.transport
     known = scenario.lighting.sky().dark or transport.background_seed is not None
-    return known and transport.light_seed is None
+    return known and transport.light_seed is None and not own_instrument(scenario)
+
+
+def own_instrument(scenario: Scenario) -> bool:
+    """Return whether the scenario's seed makes its instrument."""
+    built = scenario.scanner.as_built
+    return built is not None and built.seed is None and (built.is_drawn or built.vibration is not None)
 
 
 def alike(one: Scenario, other: Scenario) -> bool:

@@ -28,9 +28,8 @@ from scanner_sim.foundation.streams import RunSeeds, Seed
 from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.expected_light import expected_spot, white_light
 from scanner_sim.instrument.line_readings import LineReadings, ShotGroup
+from scanner_sim.instrument.optics_as_built import line_throughput
 from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
-from scanner_sim.optics.band_irradiance import band_irradiance
-from scanner_sim.optics.filter import laser_gain
 from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections, Geometry, Layers, Ranges, ranges_from_peaks
 from scanner_sim.render.background.panorama import Panorama, known_panorama
@@ -71,10 +70,8 @@ class Triangulation:
     reuse
         One before the same scene, with the same optics, under the same light and with the same raster, whose background
         is used again.
-    true_scanner
-        The scanner with its true lengths; by default it is built as designed.
-    geometry
-        The instrument as it believes itself to be; by default as designed.
+    true_scanner, geometry
+        The scanner with its true lengths, and as it believes itself to be; by default both are as designed.
     """
 
     prefix = ""
@@ -96,17 +93,7 @@ class Triangulation:
     @cached_property
     def throughput(self) -> Throughput:
         """What each pixel makes of the laser's and the Sun's light behind the filter."""
-        scanner, lighting = self.scenario.scanner, self.scenario.lighting
-        sensor = scanner.position_sensor
-        position = geometry_of(self.true_scanner).position(np.arange(sensor.pixels, dtype=np.float64))
-        angle = np.arctan(self.optics.receiver.line_image.tangent(position))
-        bands = np.zeros((2, sensor.pixels))
-        if lighting.sun != "none":
-            bands[:] = band_irradiance(
-                lighting.sun, scanner.filter, sensor.response, scanner.laser.wavelength, angle
-            )
-        laser = laser_gain(scanner.filter, scanner.laser, sensor.response, angle)
-        return Throughput(self.optics, sensor.pixels, laser, *bands)
+        return line_throughput(self.scenario, self.true_scanner, self.optics)
 
     @cached_property
     def panorama(self) -> Panorama | None:
@@ -146,7 +133,12 @@ class Triangulation:
     def dark_line(self) -> DarkLine | None:
         """What exposes and reads lines that nothing but the laser lights; None where all pixels count."""
         scenario, scanner = self.scenario, self.scenario.scanner
-        if not scenario.lighting.sky().dark or scanner.laser_off > 0.0 or self.own_peak:
+        if (
+            not scenario.lighting.sky().dark
+            or scanner.laser_off > 0.0
+            or self.own_peak
+            or self.throughput.stray
+        ):
             return None
         return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
 
@@ -177,11 +169,6 @@ class Triangulation:
         """What the laser's speckle depends on, on the line; None for light without speckle."""
         scanner = self.scenario.scanner
         return speckle_optics(scanner) if scanner.laser.speckle else None
-
-    @cached_property
-    def true_speckle(self) -> Optics:
-        """What speckle depends on behind the lens as built."""
-        return speckle_optics(self.true_scanner)
 
     @property
     def columns(self) -> int:
@@ -224,7 +211,7 @@ class Triangulation:
         return line_speckle(
             light,
             surfaces,
-            self.true_speckle,
+            speckle_optics(self.true_scanner),
             self.optics.receiver.focal_length / self.optics.pitch,
             self.optics.seen_at(dr.cos(shots.theta)),
             self.travel(shots),

@@ -1,8 +1,8 @@
 """What errors that all targets share do to a pose: they are carried through the estimate, and no weight knows them.
 
 The estimate stays what it is; its covariance is that of an estimate with *considered* parameters (Bierman,
-*Factorization Methods for Discrete Sequential Estimation*, 1977, ch. VIII): C + B Bᵀ, with B = C Σ Jᵢᵀ Wᵢ Kᵢ, the targets' derivatives
-J by the pose, weights W of the estimate, and K what k errors of unit variance do to each target.
+*Factorization Methods for Discrete Sequential Estimation*, 1977, ch. VIII): C + B Bᵀ, with B = C Σ Jᵢᵀ Wᵢ Kᵢ, the
+targets' derivatives J by the pose, weights W of the estimate, and K what k errors of unit variance do to each target.
 """
 
 from __future__ import annotations

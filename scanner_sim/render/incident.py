@@ -41,6 +41,8 @@ class Throughput:
     in_band, out_of_band
         The Sun's irradiance that the detector counts behind the filter at each pixel [W/m²], shape (pixels,), in
         watts that free as many electrons as watts of the laser's wavelength.
+    stray
+        Share of all light that is scattered evenly over the pixels.
     """
 
     def __init__(
@@ -50,9 +52,10 @@ class Throughput:
         laser: NDArray[np.float64],
         in_band: NDArray[np.float64],
         out_of_band: NDArray[np.float64],
+        stray: float = 0.0,
     ) -> None:
         receiver = layout.receiver
-        self.pixels = pixels
+        self.pixels, self.stray = pixels, stray
         position = layout.offset + (np.arange(pixels) + 0.5) * layout.pitch
         tangent, seen = receiver.line_image.tangent(position), receiver.line_image.at(position, 1.0, 1.0)
         gain = receiver.aperture_area * receiver.transmission * layout.filter_transmission
@@ -125,6 +128,7 @@ class Incident:
 
     def __post_init__(self) -> None:
         self.light.extent()  # here, since a loop that is being recorded can evaluate nothing
+        self._veil = self._scattered() if self.throughput.stray > 0.0 else None
 
     @property
     def is_lit(self) -> bool:
@@ -142,8 +146,30 @@ class Incident:
             power = laser * self._at_pixel(self.throughput.laser, at)
             if self.speckle is not None:
                 power *= self.speckle(at, index)
-            found.append(power + self.background(at, index) if self.is_lit else power)
+            power = power + self.background(at, index) if self.is_lit else power
+            if self._veil is not None:
+                kept = dr.opaque(mi.Float, 1.0 - self.throughput.stray)
+                power = kept * power + dr.gather(mi.Float, self._veil, index)
+            found.append(power)
         return found[0], found[1]
+
+    def _scattered(self) -> Float:
+        """Return the power [W] that is scattered onto each pixel of the shots, shape (m,): its share of all light."""
+        index = dr.arange(mi.UInt32, self.light.shots)
+        whole = self.light.extent()[2]
+        if self.is_lit:
+            whole = whole + self._whole_background(index)
+        veil = whole * dr.opaque(mi.Float, self.throughput.stray / self.throughput.pixels)
+        dr.eval(veil)
+        return veil
+
+    def _whole_background(self, index: UInt32) -> Float:
+        """Return the background's power [W] on all pixels together."""
+        return dr.while_loop(
+            (mi.UInt32(0), dr.zeros(mi.Float, dr.width(index))),
+            lambda pixel, _: pixel < self.throughput.pixels,
+            lambda pixel, total: (pixel + 1, total + self.background(pixel, index)),
+        )[1]
 
     def background(self, pixel: UInt32, index: UInt32) -> Float:
         """Return the background's power [W] alone."""

@@ -12,6 +12,7 @@ from scanner_sim.instrument.closed_loop.saved_state import first_state
 from scanner_sim.instrument.closed_loop.tracker import made_by
 from scanner_sim.instrument.closed_loop.visits import Visits
 from scanner_sim.instrument.memory import check_patterns
+from scanner_sim.instrument.together import own_instrument
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
@@ -116,6 +117,11 @@ def check_alike(scenarios: Sequence[Scenario]) -> None:
         raise InputError("there are no scenarios to follow.", remedy="Name at least one.")
     if len(scenarios) == 1:
         return
+    if own_instrument(scenarios[0]) and len({scenario.seed for scenario in scenarios}) > 1:
+        raise InputError(
+            "each seed draws another instrument as built; side by side they need one.",
+            remedy="Write scanner.as_built.seed, or follow them one by one.",
+        )
     first = _shared_part(scenarios[0])
     for number, scenario in enumerate(scenarios[1:], start=2):
         key = _difference(first, _shared_part(scenario))

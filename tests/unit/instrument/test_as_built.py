@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from claims import mean, mean_square
 from numpy.typing import NDArray
 
-from scanner_sim import Instrument, Scenario, load_scenario
+from scanner_sim import Instrument, Scenario, load_scenario, simulate, simulate_many, track, track_many
 from scanner_sim.analytic.instrument_errors import EFFECTS, Sighted
+from scanner_sim.config import resolved_yaml, scenario_from_text
+from scanner_sim.config.built import drawn_departures, instrument_as_built
+from scanner_sim.config.calibration import calibration_text, design_of
+from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.instrument.together import alike, takes_seeds
+from scanner_sim.optics.as_built import AsBuilt
+from scanner_sim.optics.parameters import INDEX, NAMES
+from scanner_sim.optics.vibration import Vibration
+from scanner_sim.ranging.calibration import Calibration
+from scanner_sim.tracking.record import TrackStatus
 
 Array = NDArray[np.float64]
 
@@ -75,7 +89,7 @@ def errors_of(found: Scenario) -> tuple[Array, Sighted]:
     assert not samples["status"].any()
     measured, true = (
         np.stack([samples[f"{of}.{axis}"] for axis in "XYZ"], axis=1).astype(np.float64)
-        for of in ("P", "truth.point")
+        for of in ("P", "truth.P")
     )
     r, theta, phi = (
         samples[f"truth.{name}"].astype(np.float64) for name in ("range_m", "theta_rad", "phi_rad")
@@ -106,3 +120,281 @@ def test_each_departure_moves_the_point_as_the_judge_says(ranging: str, name: st
     np.testing.assert_allclose(
         0.5 * (above - below), wanted, rtol=0.0, atol=0.01 * np.abs(wanted).max() + LEAST
     )
+
+
+KNOWN = {name: 0.3 * value for name, value in VALUES.items()} | {"array_tilt": 5e-3}
+
+
+def calibrated(
+    found: Scenario, folder: Path, values: Mapping[str, float], covariance: Array | None = None
+) -> Scenario:
+    """Return a scenario whose instrument has a calibration with some values."""
+    given = np.array([values.get(name, 0.0) for name in NAMES])
+    spread = np.zeros((len(NAMES), len(NAMES))) if covariance is None else covariance
+    own = Calibration(given, spread, design_of(found.scanner), PERIOD)
+    (folder / "calibration.yaml").write_text(calibration_text(own, found.scanner), encoding="utf-8")
+    return found.replace({"processing.calibration": str(folder / "calibration.yaml")})
+
+
+@pytest.mark.parametrize("ranging", EFFECTS)
+def test_an_instrument_that_knows_itself_measures_as_one_that_is_as_designed(
+    ranging: str, tmp_path: Path
+) -> None:
+    """Claim: of 11 to 24 mm by all parameters at once nothing is left where they are known: 10 µm, by the estimator."""
+    found = scenario(ranging, encoder_period=PERIOD, **KNOWN)
+    blind, _ = errors_of(found)
+    seeing, _ = errors_of(calibrated(found, tmp_path, KNOWN))
+    assert np.abs(blind).max() > 5e-3
+    np.testing.assert_allclose(seeing, as_designed(ranging)[0], atol=1e-5)
+
+
+def test_departures_are_drawn_by_the_seed_of_the_instrument() -> None:
+    """Each parameter has numbers of its own: one more tolerance changes no other, and the seed of the light counts."""
+    drawn = scenario(base={"tolerance": "1 mm"}, theta_zero={"tolerance": "50 urad"}, phi_zero="20 urad")
+
+    def parameters(found: Scenario) -> Array:
+        built = instrument_as_built(found)
+        assert built is not None
+        return built.parameters
+
+    first = parameters(drawn)
+    assert first[INDEX["base"]] not in (0.0, 1e-3)
+    assert first[INDEX["phi_zero"]] == 2e-5
+    assert np.count_nonzero(first) == 3
+    other = parameters(drawn.replace({"seed": 7}))
+    assert other[INDEX["base"]] != first[INDEX["base"]]
+    assert other[INDEX["phi_zero"]] == 2e-5
+    np.testing.assert_array_equal(parameters(drawn.replace({"seed": 7, "scanner.as_built.seed": 0})), first)
+    np.testing.assert_array_equal(parameters(drawn.replace({"seed": 7, "transport.light_seed": 0})), first)
+    more = parameters(drawn.replace({"scanner.as_built.base": "1 mm", "scanner.as_built.tof_zero": "1 mm"}))
+    assert more[INDEX["theta_zero"]] == first[INDEX["theta_zero"]]
+
+
+def test_draws_have_the_tolerance_as_their_standard_deviation() -> None:
+    built = AsBuilt.model_validate({"base": {"tolerance": 1e-3}, "tangential": {"tolerance": 0.2}})
+    values = np.array([built.parameters(seed) for seed in range(2000)])
+    assert mean_square(values[:, INDEX["base"]] / 1e-3)
+    assert mean_square(values[:, INDEX["tangential"]] / 0.2)
+    assert mean(values[:, INDEX["base"]])
+
+
+def test_a_resolved_scenario_says_what_was_drawn_and_reads_as_before() -> None:
+    drawn = scenario(base={"tolerance": "1 mm"}, phi_zero="20 urad")
+    text = resolved_yaml(drawn)
+    built = instrument_as_built(drawn)
+    assert built is not None
+    assert drawn_departures(drawn).keys() == {"base"}
+    assert (
+        f"# Truth: the instrument as built, drawn from its tolerances:\n#   base: {drawn_departures(drawn)['base']}"
+        in text
+    )
+    assert float(drawn_departures(drawn)["base"].split()[0]) == pytest.approx(
+        1e3 * built.value("base"), rel=1e-5
+    )
+    assert scenario_from_text(text, name="again") == drawn
+    assert "# Truth" not in resolved_yaml(scenario(base="1 mm"))
+
+
+def test_seeds_that_draw_other_instruments_do_not_go_together() -> None:
+    """Runs that share a launch share its optics: with an instrument of its own each is measured alone."""
+    drawn = scenario(base={"tolerance": "1 mm"})
+    one, other = (drawn.replace({"seed": seed}) for seed in (1, 2))
+    assert not takes_seeds(drawn)
+    assert not alike(one, other)
+    fixed = drawn.replace({"scanner.as_built.seed": 3})
+    assert takes_seeds(fixed)
+    alone = [simulate(found).channels["range_m"] for found in (one, other)]
+    together = [image.channels["range_m"] for image in simulate_many([one, other])]
+    np.testing.assert_array_equal(alone, together)
+    assert np.nanmax(np.abs(alone[0] - alone[1])) > 1e-3
+
+
+def noisy(**as_built: Any) -> Scenario:
+    """Return a scenario with all the noise of the preset, and both rangefinders."""
+    scanner = {"as_built": as_built} if as_built else {}
+    return load_scenario(
+        {
+            "schema": 1, "ranging": "both", "scanner": scanner,
+            "scene": {"objects": [
+                {"shape": "rectangle", "name": "wall", "material": "grey_reference", "position": [0, 0, 4.0],
+                 "size": [4.0, 4.0]}
+            ]},
+            "scan": {"type": "raster", "rows": 6, "columns": 6, "horizontal": [-0.02, 0.02], "vertical": [-0.02, 0.02]},
+        }
+    )  # fmt: skip
+
+
+def test_nothing_departs_and_no_byte_changes() -> None:
+    """An empty block, and zeros for everything, leave every layer of a noisy raster by both rangefinders as it is."""
+    plain = simulate(noisy()).channels
+    for block in ({"seed": 5}, dict.fromkeys((*NAMES, "power_noise", "stray_light", "field_blur"), 0.0)):
+        found = simulate(noisy(**block)).channels
+        assert found.keys() == plain.keys()
+        for name, layer in plain.items():
+            np.testing.assert_array_equal(found[name], layer, err_msg=name)
+
+
+def test_the_power_of_the_laser_scatters_by_its_noise() -> None:
+    """Claim: over 400 shots at one place the charge scatters by 5 % more than shot noise's 0.1 %."""
+    quiet = scenario().scanner
+    bench = Instrument(scenario(power_noise=0.05))
+    signal = bench.measure(bench.aim(np.zeros(400), np.zeros(400)))["Y"]
+    assert quiet.laser.power > 0.0
+    assert mean_square((signal / signal.mean() - 1.0) / 0.05, freedom=399)
+
+
+def test_stray_light_is_spread_over_all_pixels() -> None:
+    """Claim: a share of 10 % leaves 90 % in the spot and puts 10 %/pixels of the whole on each pixel."""
+    plain, veiled = (Instrument(found) for found in (scenario(), scenario(stray_light=0.1)))
+    lines = []
+    for bench in (plain, veiled):
+        _, groups = bench.expose(bench.aim([0.0], [0.0]))
+        (group,) = groups
+        lines.append(group.light.line(0))
+    whole = lines[0].sum()
+    np.testing.assert_allclose(
+        lines[1], 0.9 * lines[0] + 0.1 * whole / len(lines[0]), rtol=1e-3, atol=1e-6 * whole
+    )
+
+
+def test_base_and_focus_grow_with_the_temperature() -> None:
+    """Claim: after an hour at 10 K/h a base of 100 ppm/K is 0.1 % longer, and ranges read 0.1 % too short."""
+    warm = scenario(base_expansion=1e-4).replace({"scanner.mirrors.temperature.rate": "10 K/h"})
+    focus = scenario(focal_expansion=1e-4).replace({"scanner.mirrors.temperature.rate": "10 K/h"})
+    later = np.array([3600.0])
+    for found, short in ((warm, lambda r: r), (focus, lambda r: r)):
+        bench = Instrument(
+            found.replace(
+                {"scanner.mirrors.drift_zero": "0 urad/K", "scanner.mirrors.drift_scale": "0 ppm/K"}
+            )
+        )
+        cold, hot = (
+            bench.measure(replace(bench.aim([0.0], [0.0]), time=time))["range_m"][0]
+            for time in (0.0 * later, later)
+        )
+        assert hot - cold == pytest.approx(-1e-3 * short(cold), rel=0.01)
+
+
+def test_vibration_has_the_spectrum_that_it_was_given() -> None:
+    """Claim: band by band the mean power of turns and shifts is the integral of their spectra.
+
+    Set-up: 400 instruments, one instant each, of a density that falls as f⁻² and of one that is even. Expected: the
+    variance of each axis is ∫ S df, in closed form. Axes are independent.
+    """
+    shaken = Vibration.model_validate(
+        {"turn": [[10.0, 1e-10], [1000.0, 1e-14]], "shift": [[5.0, 1e-12], [50.0, 1e-12]]}
+    )
+    variances = np.repeat([1e-10 * 10.0 * (1.0 - 0.01), 1e-12 * 45.0], 3)
+    moves = np.array([shaken.motion(np.array([0.37 * seed]), seed)[0] for seed in range(400)])
+    assert mean_square(moves / np.sqrt(variances))
+    np.testing.assert_allclose(shaken.deviations, np.sqrt(variances[[0, 3]]), rtol=1e-12)
+    assert abs(np.corrcoef(moves.T) - np.eye(6)).max() < 5.0 / np.sqrt(400)
+    time = np.arange(4096) / 4096.0
+    power = np.abs(np.fft.rfft(shaken.motion(time, 3)[:, 3])) ** 2
+    assert power[60:].sum() < 0.01 * power[:60].sum()
+
+
+def test_vibration_moves_the_scanner_and_no_reading() -> None:
+    """Claim: a turn of the scanner by ω moves what it measures by −ω × P, to first order, and encoders read nothing."""
+    found = scenario(vibration={"turn": [["20 Hz", "1e-8 rad^2/Hz"], ["40 Hz", "1e-8 rad^2/Hz"]]})
+    own = found.scanner.as_built
+    assert own is not None
+    assert own.vibration is not None
+    still, shaken = (Instrument(one) for one in (scenario(), found))
+    theta = np.zeros(40)
+    one, other = (bench.measure(bench.aim(theta, theta, first=0)) for bench in (still, shaken))
+    turn = own.vibration.motion(still.aim(theta, theta).time, 0)
+    # The wall stands across z: only turns about x and y that are not about the beam's own foot move its range, by
+    # the second order; the truth says where the beam went.
+    beam = np.stack([other[f"truth.P.{axis}"] for axis in "XY"], axis=1)
+    np.testing.assert_allclose(beam, 2.5 * np.stack([turn[:, 1], -turn[:, 0]], axis=1), atol=5e-6)
+    np.testing.assert_allclose(other["P.X"], one["P.X"], atol=2e-5)
+    assert np.abs(turn[:, :2]).max() > 1e-4
+
+
+DEPARTED = {"theta_zero": 3e-4, "phi_zero": -4e-4, "phi_scale": 2e-3, "axis_skew": 1e-3, "base": 2e-4}
+
+
+def tracking(**as_built: Any) -> Scenario:
+    """Return a run of a few visits to the targets of an array, in the noise of the preset."""
+    node = {
+        "name": "node",
+        "position": [0.1, -0.2, 4.0],
+        "array": {"diameter": 0.1, "plate": 0.2, "rows": 2, "columns": 2, "spacing": [0.4, 0.4]},
+    }
+    return load_scenario(
+        {
+            "schema": 1, "seed": 4, "scanner": {"as_built": as_built} if as_built else {},
+            "scene": {"objects": [node]},
+            "scan": {"type": "track", "targets": ["node"], "duration": 0.25},
+        }
+    )  # fmt: skip
+
+
+def target_errors(found: Scenario) -> Array:
+    """Return the errors of the points of followed targets."""
+    records = [record for record in track(found).records if record.status == TrackStatus.MEASURED]
+    assert len(records) > 4
+    return np.array([record.point - record.truth_point for record in records])
+
+
+def test_the_closed_loop_follows_the_true_instrument_and_believes_its_calibration(tmp_path: Path) -> None:
+    """Claim: targets are off by what the departures make of them, and where these are known by noise alone.
+
+    Set-up: 1.7 mm of zeros at 4 m and 4 mm of range by the base, against noise of some tenths and a millimetre. The
+    calibration has σ as large as the departures: the covariance of every visit holds them, and they last.
+    """
+    blind = target_errors(tracking(**DEPARTED))
+    assert np.abs(blind.mean(axis=0)[:2]).min() > 8e-4
+    spread = np.diag([DEPARTED.get(name, 0.0) ** 2 for name in NAMES])
+    seeing = calibrated(tracking(**DEPARTED), tmp_path, DEPARTED, spread)
+    found = track(seeing)
+    errors = np.array(
+        [one.point - one.truth_point for one in found.records if one.status == TrackStatus.MEASURED]
+    )
+    plain = target_errors(tracking())
+    assert np.abs(errors.mean(axis=0)[:2]).max() < 3e-4
+    assert np.abs(errors.mean(axis=0) - plain.mean(axis=0)).max() < 1.5e-3
+    last = [one for one in found.records if one.status == TrackStatus.MEASURED][-1]
+    common = last.errors.common
+    assert common.shape == (3, len(DEPARTED))
+    sigma = np.sqrt((common**2).sum(axis=1))
+    assert sigma[0] == pytest.approx(np.hypot(3e-4, 1e-3 * last.position[1]), rel=0.1)
+    assert sigma[2] == pytest.approx(last.position[2] * 2e-4 / BASE, rel=0.1)
+    assert (np.diagonal(last.covariance) > sigma**2).all()
+
+
+def test_runs_side_by_side_have_one_instrument() -> None:
+    drawn = tracking(base={"tolerance": "1 mm"})
+    with pytest.raises(InputError, match="each seed draws another instrument"):
+        track_many([drawn, drawn.replace({"seed": 5})])
+
+
+@pytest.mark.parametrize(
+    ("block", "place", "said"),
+    [
+        ({"bas": "1 mm"}, "scanner.as_built.bas", "base"),
+        ({"base": "1 urad"}, "scanner.as_built.base", "cannot be converted to m"),
+        ({"base": {"tolerance": "-1 mm"}}, "scanner.as_built.base.tolerance", "0 m"),
+        ({"base": {"tolerance": "1 mm", "mean": "1 mm"}}, "scanner.as_built.base.mean", "tolerance"),
+        ({"base": "2 m"}, "scanner.as_built.base", "more than a departure"),
+        ({"theta_sine": "1 mrad"}, "scanner.as_built.encoder_period", "30 mrad"),
+        (
+            {"vibration": {"turn": [["5 Hz", "1e-12 rad^2/Hz"]]}},
+            "scanner.as_built.vibration.turn",
+            "two or more",
+        ),
+        (
+            {"vibration": {"turn": [["5 Hz", "1e-12 m^2/Hz"], ["6 Hz", "1e-12 m^2/Hz"]]}},
+            "turn[0][1]",
+            "rad^2/Hz",
+        ),
+    ],
+)
+def test_faults_of_the_block_have_their_place_and_remedy(
+    block: dict[str, Any], place: str, said: str
+) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        scenario(**block)
+    told = [f"{fault.problem} {fault.remedy}" for fault in caught.value.faults if place in fault.location]
+    assert any(said in sentence for sentence in told), str(caught.value)

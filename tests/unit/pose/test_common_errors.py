@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from claims import mean_square
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.pose.estimate import estimate_pose
 from scanner_sim.pose.transforms import vector_from_rotation
 from scanner_sim.ranging.coordinates import angles_and_range
-from tests.claims import mean_square
 
 Array = NDArray[np.float64]
 
@@ -52,8 +52,8 @@ def poses(method: Any, given: Array, **more: Any) -> Any:
 def test_errors_over_sigma_with_what_targets_share(method: str) -> None:
     """Claim: eᵀ C⁻¹ e over runs, each with common errors of its own, has the mean of its six degrees of freedom.
 
-    Slack 1 %: the first order of errors of 3e-5 rad over targets of 0.1 rad. Taken as independent, the same errors would
-    be told by a mean square that is larger by half or more.
+    Slack 1 %: the first order of errors of 3e-5 rad over targets of 0.1 rad. Taken as independent, the same errors have
+    a mean square that is larger by half or more.
     """
     given = measured(np.random.default_rng(8), RUNS)
     found, alone = poses(method, given, common=shared()), poses(method, given)

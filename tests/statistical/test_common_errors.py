@@ -1,0 +1,163 @@
+"""Coverage where the instrument is not as its calibration has it: noise of each voxel, and what all of them share.
+
+Each run has an instrument of its own, whose true parameters are drawn from the calibration's covariance, and noise of
+its own. One scene, and one calibration of which every run believes the same.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import pytest
+from claims import mean_square, share
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from scanner_sim import Instrument, Scenario, load_scenario
+from scanner_sim.config.calibration import calibration_text, design_of
+from scanner_sim.instrument.samples import Samples
+from scanner_sim.optics.parameters import INDEX, NAMES
+from scanner_sim.ranging.calibration import Calibration, errors_in_common
+
+Array = NDArray[np.float64]
+
+RUNS, SIDE = 160, 4
+SIGMA = {
+    "base": 2e-4, "focal_length": 6e-5, "axis_separation": 5e-4, "axis_skew": 2e-4, "theta_zero": 1.5e-4,
+    "phi_zero": 2e-4, "theta_scale": 4e-4, "array_offset": 2e-6, "tangential": 1e-3, "tof_zero": 8e-3,
+    "tof_scale": 5e-4,
+}  # fmt: skip
+"""Standard deviations of a calibration that is good to some millimetres at 4 m: as large as the noise."""
+CORRELATED = {
+    ("base", "focal_length"): -0.7,
+    ("theta_zero", "array_offset"): 0.8,
+    ("tof_zero", "tof_scale"): -0.5,
+}
+BELIEVED = {"base": 3e-4, "theta_zero": -2e-4, "tof_zero": 1e-2}
+
+pytestmark = pytest.mark.usefixtures("device")
+
+
+def covariance() -> Array:
+    sigma, correlation = np.array([SIGMA.get(name, 0.0) for name in NAMES]), np.eye(len(NAMES))
+    for (one, other), value in CORRELATED.items():
+        correlation[INDEX[one], INDEX[other]] = correlation[INDEX[other], INDEX[one]] = value
+    return np.asarray(correlation * sigma * sigma[:, None])
+
+
+def values() -> Array:
+    return np.array([BELIEVED.get(name, 0.0) for name in NAMES])
+
+
+def scenario(folder: Path) -> Scenario:
+    found = load_scenario(
+        {
+            "schema": 1, "ranging": "both",
+            "scene": {"objects": [
+                {"shape": "rectangle", "name": "wall", "material": "grey_reference", "position": [0.2, 0.1, 4.0],
+                 "rotation": [{"axis": "y", "angle": 0.2}], "size": [6.0, 6.0]}
+            ]},
+            "scan": {"type": "raster", "rows": 2, "columns": 2, "horizontal": [-0.3, 0.3], "vertical": [-0.3, 0.3]},
+            "output": {"truth": ["point"]},
+        }
+    )  # fmt: skip
+    own = Calibration(values(), covariance(), design_of(found.scanner))
+    (folder / "calibration.yaml").write_text(calibration_text(own, found.scanner), encoding="utf-8")
+    return found.replace({"processing.calibration": str(folder / "calibration.yaml")})
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Errors of points and ranges of one way of ranging, and what was stated of them."""
+
+    error: Array
+    covariance: Array
+    range_error: Array
+    sigma: Array
+    common: Array
+
+
+@cache
+def measured() -> tuple[dict[str, Measured], Array, Calibration]:
+    """Return what RUNS instruments measure by each way of ranging, where, and what they believe."""
+    rows: dict[str, list[tuple[Array, ...]]] = {"": [], "tof.": [], "fused.": []}
+    draws = values() + np.random.default_rng(20).multivariate_normal(np.zeros(len(NAMES)), covariance(), RUNS)
+    theta, phi = (
+        angles.ravel() for angles in np.meshgrid(np.linspace(-0.3, 0.3, SIDE), np.linspace(-0.28, 0.3, SIDE))
+    )
+    with TemporaryDirectory() as folder:
+        base = scenario(Path(folder))
+        for run, draw in enumerate(draws):
+            built = {name: float(value) for name, value in zip(NAMES, draw, strict=True) if value}
+            bench = Instrument(base.replace({"seed": run, "scanner.as_built": built}))
+            samples = bench.measure(bench.aim(theta, phi))
+            for prefix, kept in rows.items():
+                kept.append(stated(samples, prefix))
+    calibration = bench.geometry.calibration
+    assert calibration is not None
+    found = {
+        prefix: Measured(*(np.stack(column) for column in zip(*kept, strict=True)))
+        for prefix, kept in rows.items()
+    }
+    return found, np.stack([theta, phi]), calibration
+
+
+def stated(samples: Samples, prefix: str) -> tuple[Array, ...]:
+    """Return errors of points, their covariances, errors of ranges, σ and its common part of one run."""
+    columns = {name: np.asarray(samples[name], dtype=np.float64) for name in samples}
+    assert not columns[f"{prefix}status"].any()
+    error = np.stack([columns[f"{prefix}P.{axis}"] - columns[f"truth.P.{axis}"] for axis in "XYZ"], axis=1)
+    matrix = np.zeros((len(error), 3, 3))
+    for number, axis in enumerate("xyz"):
+        matrix[:, number, number] = columns[f"{prefix}sigma_{axis}_m"] ** 2
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        matrix[:, one, other] = matrix[:, other, one] = columns[f"{prefix}cov_{'xyz'[one]}{'xyz'[other]}_m2"]
+    sigma = columns[f"{prefix}sigma_range_m"]
+    common = columns.get(f"{prefix}sigma_common_m", 0.0 * sigma)
+    return error, matrix, columns[f"{prefix}range_m"] - columns["truth.range_m"], sigma, common
+
+
+@pytest.mark.parametrize("prefix", ["", "tof.", "fused."])
+def test_points_are_covered_over_instruments(prefix: str) -> None:
+    """Claim: eᵀ C⁻¹ e of one voxel over instruments has the mean of three degrees of freedom, and 95 % lie within.
+
+    Expected: by construction, to first order in the parameters. Slack 2 % of the variance, for the second order and for
+    what the estimators' own σ may err. Every voxel has the same instruments: of one voxel the runs are independent.
+    """
+    found = measured()[0][prefix]
+    for voxel in (0, 6, SIDE * SIDE - 1):
+        root = np.linalg.cholesky(found.covariance[:, voxel])
+        z = np.linalg.solve(root, found.error[:, voxel, :, None])[..., 0]
+        assert mean_square(z, slack=0.02), f"voxel {voxel}"
+        inside = int(((z**2).sum(axis=1) < chi2.ppf(0.95, 3)).sum())
+        assert share(inside, RUNS, 0.95, slack=0.01), f"voxel {voxel}"
+
+
+@pytest.mark.parametrize("prefix", ["", "tof."])
+def test_the_mean_over_voxels_has_the_common_error(prefix: str) -> None:
+    """Claim: the mean range error of a run scatters by the common part, and by the noise over the voxels' number.
+
+    Taken as noise alone, the mean of 16 voxels would be told to be better by far more than it is.
+    """
+    found, aims, calibration = measured()
+    own = found[prefix]
+    r = 4.0 / np.cos(aims[0]) / np.cos(aims[1])
+    mean_r = own.range_error.mean(axis=1)
+    noise = np.sqrt(np.maximum(own.sigma**2 - own.common**2, 0.0))
+    by = "triangulation" if not prefix else "coaxial"
+    moved, _ = errors_in_common(calibration, by, r, *aims)
+    expected = np.sqrt((moved.mean(axis=0) ** 2).sum() + (noise**2).sum(axis=1) / (SIDE * SIDE) ** 2)
+    # The wall is tilted by 0.2 rad, so that r is known to some per cent, and its effect to twice that.
+    assert mean_square(mean_r / expected, slack=0.2)
+    assert np.mean((mean_r / (np.sqrt((noise**2).sum(axis=1)) / (SIDE * SIDE))) ** 2) > 3.0
+
+
+def test_the_common_part_is_part_of_sigma() -> None:
+    for prefix in ("", "tof."):
+        own = measured()[0][prefix]
+        assert (own.common < own.sigma).all()
+        assert (own.common > 0.3 * own.sigma).all()

@@ -1,0 +1,132 @@
+"""Calibrations as files: what is read is what was written, and every fault has its place and remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scanner_sim import load_scenario
+from scanner_sim.config.calibration import (
+    believed_geometry,
+    calibration_text,
+    design_digest,
+    design_of,
+    read_calibration,
+)
+from scanner_sim.config.load import load_scanner
+from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.optics.parameters import INDEX, NAMES
+from scanner_sim.ranging.calibration import Calibration
+
+SCANNER = load_scanner("nrc_2000")
+DIGEST = design_digest(SCANNER)
+GOOD = f"""\
+schema: 1
+about: bench, March
+instrument: '{DIGEST}'
+parameters:
+  base: {{value: 0.12 mm, sigma: 5 um}}
+  theta_zero: {{value: -12 urad, sigma: 3 urad}}
+  tof_zero: {{value: 4 mm}}
+correlation:
+  of: [base, theta_zero]
+  matrix:
+    - [1.0, 0.4]
+    - [0.4, 1.0]
+"""
+
+
+def read(folder: Path, text: str) -> Calibration:
+    (folder / "calibration.yaml").write_text(text, encoding="utf-8")
+    return read_calibration(folder / "calibration.yaml", SCANNER)
+
+
+def test_a_file_gives_values_and_covariance(tmp_path: Path) -> None:
+    found = read(tmp_path, GOOD)
+    assert found.value("base") == 1.2e-4
+    assert found.value("tof_zero") == 4e-3
+    wanted = np.zeros((len(NAMES), len(NAMES)))
+    base, zero = INDEX["base"], INDEX["theta_zero"]
+    wanted[base, base], wanted[zero, zero] = 5e-6**2, 3e-6**2
+    wanted[base, zero] = wanted[zero, base] = 0.4 * 5e-6 * 3e-6
+    np.testing.assert_allclose(found.covariance, wanted, rtol=1e-14)
+    np.testing.assert_allclose(found.root @ found.root.T, wanted, rtol=1e-9, atol=1e-24)
+    assert found.root.shape == (len(NAMES), 2)
+
+
+def test_what_is_written_is_read_back(tmp_path: Path) -> None:
+    random = np.random.default_rng(2)
+    values, root = 1e-4 * random.standard_normal(len(NAMES)), 1e-5 * random.standard_normal((len(NAMES), 4))
+    written = Calibration(values, root @ root.T, design_of(SCANNER), 0.03)
+    found = read(tmp_path, calibration_text(written, SCANNER, "a 'test': all of them"))
+    np.testing.assert_array_equal(found.values, values)
+    np.testing.assert_allclose(found.covariance, written.covariance, rtol=1e-12, atol=1e-24)
+    assert found.encoder_period == 0.03
+    assert found.root.shape == (len(NAMES), 4)
+
+
+def test_the_believed_lengths_are_the_designs_with_their_deviations(tmp_path: Path) -> None:
+    text = f"schema: 1\ninstrument: '{DIGEST}'\nparameters:\n  base: {{value: 1 mm}}\n"
+    text += "  focal_length: {value: 0.1 mm}\n  array_offset: {value: 2 um}\n  array_scale: {value: 0.001}\n"
+    (tmp_path / "calibration.yaml").write_text(text, encoding="utf-8")
+    found = load_scenario(
+        {
+            "schema": 1,
+            "processing": {"calibration": str(tmp_path / "calibration.yaml")},
+            "scan": {"rows": 1, "columns": 1, "horizontal": (0, 0), "vertical": (0, 0)},
+        }
+    )
+    geometry = believed_geometry(found)
+    assert geometry.baseline == pytest.approx(0.201)
+    assert geometry.scale == pytest.approx(0.1001)
+    assert geometry.pitch == pytest.approx(50.05e-6)
+    assert geometry.offset == pytest.approx(2e-6)
+
+
+@pytest.mark.parametrize(
+    ("change", "to", "place", "said"),
+    [
+        ("base:", "bas:", "parameters.bas", "base"),
+        ("0.12 mm", "0.12 urad", "parameters.base.value", "cannot be converted to m"),
+        ("0.12 mm", "0.12", "parameters.base.value", "has no unit"),
+        ("5 um", "-5 um", "parameters.base.sigma", "0 m"),
+        ("0.4", "1.4", "correlation.matrix[0][1]", "1"),
+        ("- [0.4, 1.0]", "- [-0.4, 1.0]", "correlation.matrix", "not symmetric"),
+        ("    - [0.4, 1.0]\n", "", "correlation.matrix", "Write 2 rows of 2 numbers"),
+        ("of: [base, theta_zero]", "of: [base, theta_zer]", "correlation.of[1]", "theta_zero"),
+        ("of: [base, theta_zero]", "of: [base, tof_zero]", "correlation.of[1]", "parameters.tof_zero.sigma"),
+        ("of: [base, theta_zero]", "of: [base, base]", "correlation.of", "twice"),
+        (DIGEST, "0123456789ab", "instrument", f"write 'instrument: {DIGEST}'"),
+        ("tof_zero: {value: 4 mm}", "phi_sine: {value: 4 urad}", "encoder_period", "30 mrad"),
+    ],
+)
+def test_faults_have_their_place_and_remedy(
+    tmp_path: Path, change: str, to: str, place: str, said: str
+) -> None:
+    assert change in GOOD
+    with pytest.raises(ScenarioError) as caught:
+        read(tmp_path, GOOD.replace(change, to))
+    told = [f"{fault.problem} {fault.remedy}" for fault in caught.value.faults if place in fault.location]
+    assert any(said in sentence for sentence in told), str(caught.value)
+
+
+def test_a_covariance_that_is_none_is_refused(tmp_path: Path) -> None:
+    """Three parameters that are all correlated by −0.9 cannot be."""
+    text = GOOD.replace("tof_zero: {value: 4 mm}", "tof_zero: {value: 4 mm, sigma: 1 mm}")
+    text = text.replace("theta_zero]", "theta_zero, tof_zero]").split("    - ")[0]
+    text += "    - [1.0, -0.9, -0.9]\n    - [-0.9, 1.0, -0.9]\n    - [-0.9, -0.9, 1.0]\n"
+    with pytest.raises(ScenarioError, match=r"not positive semi-definite: its least eigenvalue is -0\.8"):
+        read(tmp_path, text)
+
+
+def test_a_scenario_with_a_wrong_calibration_is_refused_when_it_is_read(tmp_path: Path) -> None:
+    (tmp_path / "calibration.yaml").write_text(GOOD, encoding="utf-8")
+    scan = {"rows": 1, "columns": 1, "horizontal": (0, 0), "vertical": (0, 0)}
+    own = {"schema": 1, "scan": scan, "processing": {"calibration": str(tmp_path / "calibration.yaml")}}
+    assert load_scenario(own).processing.calibration == tmp_path / "calibration.yaml"
+    with pytest.raises(ScenarioError, match="belongs to the instrument"):
+        load_scenario({**own, "scanner": {"receiver": {"baseline": 0.3}}})
+    with pytest.raises((InputError, ScenarioError), match="there is no file"):
+        load_scenario({**own, "processing": {"calibration": str(tmp_path / "none.yaml")}})
