@@ -1,5 +1,5 @@
-"""Draw the figures of the documentation: ``python docs/drawings.py`` writes ``conventions.svg``, ``pose.svg``
-and ``departures.svg``.
+"""Draw the figures of the documentation: ``python docs/drawings.py`` writes ``conventions.svg``, ``pose.svg``,
+``departures.svg`` and ``focus.svg``.
 
 Nothing is to scale: base, axis separation and sensor are enlarged so that they can be seen.
 """
@@ -298,6 +298,38 @@ def departures_ahead(axes: Axes) -> None:
     axes.set(xlim=(-2.6, 3.0), ylim=(2.1, -0.8), aspect="equal")
 
 
+def array_in_focus(axes: Axes) -> None:
+    """Draw the lens, the image of the beam, and what of a point on an upright array is blurred."""
+    f, d, half, near, far = 1.0, 1.3, 0.34, 2.6, 6.0
+    beam, node = -d, np.zeros(2)
+    images = [np.array([f * d / (z - f), -f * z / (z - f)]) for z in (near, far)]
+    axes.plot([beam, beam], [-0.25, 3.3], color=LASER, lw=2)
+    axes.plot([0.0, 0.0], [-2.2, 3.3], color=GREY, lw=0.8, ls="--")
+    axes.plot([-half, half], [0.0, 0.0], color=LENS, lw=4, solid_capstyle="round")
+    axes.plot(*zip([0.0, -f], 1.3 * images[0] - 0.3 * np.array([0.0, -f]), strict=True), color=INK, lw=3)
+    spot = np.array([beam, near])
+    for edge in (-half, 0.0, half):
+        axes.plot(*zip(spot, [edge, 0.0], images[0], strict=True), color=LENS, lw=0.7)
+    axes.plot(*zip([beam * 3.3 / far, 3.3], node, images[1], strict=True), color=GREY, lw=0.7)
+    upright = images[1][1]
+    axes.plot([0.0, 1.0], [upright, upright], color=INK, lw=1.2, ls=":")
+    cut = [edge + (images[0][0] - edge) * upright / images[0][1] for edge in (-half, half)]
+    axes.plot(cut, [upright, upright], color=LASER, lw=4, solid_capstyle="butt")
+    axes.plot(*spot, "o", color=LASER, ms=6)
+    axes.plot(*images[0], "o", color=LASER, ms=4)
+    axes.plot(0.0, -f, "o", color=INK, ms=4)
+    label(axes, np.array([beam - 0.08, near]), "spot at z", LASER, ha="right")
+    label(axes, np.array([-half - 0.08, 0.0]), "lens, A", LENS, ha="right")
+    label(axes, np.array([-0.08, -f]), "(0, f): image of infinity", ha="right", fontsize=9)
+    label(axes, images[0] + [0.1, 0.0], "s = f d/(z − f) · √(1 + (f/d)²)", ha="left", fontsize=9)
+    label(axes, images[0] + [0.1, -0.24], "array on the image of the beam: sharp", ha="left", fontsize=9)
+    label(axes, np.array([1.08, upright]), "upright array, focused farther: blurred", ha="left", fontsize=9)
+    label(axes, np.array([0.5 * beam, -0.3]), "d")
+    arrow(axes, np.array([beam, -0.18]), np.array([0.0, -0.18]), style="<|-|>")
+    axes.set_title("The lens and its array, seen along +y", fontsize=11)
+    axes.set(xlim=(-2.4, 3.4), ylim=(-2.3, 3.3), aspect="equal")
+
+
 def main(folder: Path) -> None:
     """Write the drawings; the same program writes the same bytes."""
     mpl.rcParams.update({"svg.hashsalt": "scanner-sim", "font.family": "DejaVu Sans"})
@@ -313,6 +345,11 @@ def main(folder: Path) -> None:
         axes.set_axis_off()
         draw(axes)
     figure.savefig(folder / "pose.svg", metadata={"Date": None})
+    figure = Figure(figsize=(8.6, 7.4), layout="constrained")
+    axes = figure.subplots()
+    axes.set_axis_off()
+    array_in_focus(axes)
+    figure.savefig(folder / "focus.svg", metadata={"Date": None})
     figure = Figure(figsize=(12.0, 4.6), layout="constrained")
     panels = figure.subplots(1, 2, gridspec_kw={"width_ratios": [1.25, 1.0]})
     for draw, axes in zip((departures_above, departures_ahead), panels, strict=True):

@@ -71,7 +71,7 @@ def _gains(axes: Any) -> None:
         box = {"facecolor": "white", "edgecolor": "none", "pad": 1.0}
         axes.annotate(f"{R:g} m", (seen, 6e3), fontsize=8, ha="center", color="#555555", bbox=box)
     axes.axhline(1.0, color="black", lw=0.8, ls=":")
-    axes.set(xlabel="observation angle [deg]", ylabel="gain over white Lambertian", ylim=(0.2, 1e4))
+    axes.set(xlabel="observation angle [°]", ylabel="gain over white Lambertian", ylim=(0.2, 1e4))
     axes.set_title("Gain; dotted: lens at 0.2 m, by range", loc="left", weight="bold")
     _plain(axes)
 

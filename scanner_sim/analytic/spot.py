@@ -1,7 +1,8 @@
 """The image of a Gaussian laser spot on the line sensor in closed form, and its light budget.
 
 The model: a Gaussian beam of standard deviation σ_b = w/2 meets a Lambertian plane; an ideal lens, in focus
-everywhere, images the lit patch through its node; a Gaussian point spread blurs the image; rectangular pixels
+everywhere, images the lit patch through its node into its focal plane (:mod:`scanner_sim.analytic.array` has others);
+a Gaussian point spread blurs the image; rectangular pixels
 of unit fill factor collect it. All of it at one pointing; the dwell is short.
 
 Moments are expansions in the size of the spot: terms beyond the second order in σ_b over the range are left

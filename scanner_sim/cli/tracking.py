@@ -24,6 +24,7 @@ from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
+from scanner_sim.tracking.state import TrackMode
 
 if TYPE_CHECKING:
     from scanner_sim.products.image import RangeImage
@@ -172,27 +173,43 @@ def _print_closing(track: Track, poses: Sequence[PoseSeries], paths: Sequence[Pa
 
 
 def _target_rows(track: Track) -> list[list[str]]:
-    """Return a line for each target: how often it was measured, median σ and rms error."""
+    """Return a line for each target: how often it was measured and, of the visits that followed it, σ and errors.
+
+    A visit that searches has other patterns, and so another σ, than one that follows: the two are not put together.
+    """
     from scanner_sim.products.track_summary import errors_of
 
-    rows = [["target", "state", "measured", "σΘ µrad", "rms", "σφ µrad", "rms", "σR mm", "rms"]]
+    rows = [["target", "state", "measured", "followed"]]
+    for name in ("σΘ µrad", "σφ µrad", "σR mm"):
+        rows[0] += [name, "rms", "rms/σ"]
     for target in track.targets:
         records = track.of(target.name)
-        error, sigma = errors_of(records)
-        row = [target.name, records[-1].after.value if records else "", f"{len(error)}/{len(records)}"]
+        followed = [record for record in records if record.mode is TrackMode.TRACK]
+        error, sigma = errors_of(followed)
+        row = [
+            target.name,
+            records[-1].after.value if records else "",
+            f"{len(errors_of(records)[0])}/{len(records)}",
+        ]
+        row.append(str(len(error)))
         for axis, scale in enumerate((1e6, 1e6, 1e3)):
             if len(error):
-                rms = float(np.sqrt(np.mean(error[:, axis] ** 2)))
-                row += [f"{scale * float(np.median(sigma[:, axis])):.3g}", f"{scale * rms:.3g}"]
+                rms = [
+                    float(np.sqrt(np.mean(one**2)))
+                    for one in (error[:, axis], error[:, axis] / sigma[:, axis])
+                ]
+                row += [
+                    f"{value:.3g}" for value in (scale * np.median(sigma[:, axis]), scale * rms[0], rms[1])
+                ]
             else:
-                row += ["", ""]
+                row += [""] * 3
         rows.append(row)
     return rows
 
 
 def _pose_rows(poses: Sequence[PoseSeries]) -> list[list[str]]:
     """Return a line for each series of poses: number of valid ones and the rms errors of its components."""
-    rows = [["rms error of", "method", "poses", "x mm", "y mm", "z mm", "ωx mrad", "ωy mrad", "ωz mrad"]]
+    rows = [["pose of", "method", "valid", "rms x mm", "y mm", "z mm", "ωx mrad", "ωy mrad", "ωz mrad"]]
     for one in poses:
         good = (one.status == PoseStatus.VALID) & np.isfinite(one.error).all(axis=1)
         valid = f"{np.count_nonzero(one.status == PoseStatus.VALID)}/{len(one.time)}"

@@ -242,6 +242,7 @@ def geometry_believed(scanner: Scanner, calibration: Calibration | None) -> Geom
         design,
         scale=image.scale,
         slope=image.slope,
+        focus=None if design.focus is None else image,
         baseline=design.baseline + known("base"),
         axis_separation=design.axis_separation + known("axis_separation"),
         pitch=design.pitch * wider,

@@ -164,6 +164,7 @@ def geometry_of(scanner: Scanner) -> Geometry:
         synchronisation=mirrors.synchronisation,
         slope=receiver.line_image.slope,
         pulse_by="offset" if scanner.lidar.photodiode.place == "offset" else "coaxial",
+        focus=None if receiver.array_tilt == "ideal" else receiver.line_image,
     )
 
 

@@ -43,9 +43,9 @@ class Stream(IntEnum):
     CLOCK = 11
     READOUT = 13
     WOBBLE = 14
-    AS_BUILT = 20
+    BUILT = 20
     VIBRATION = 21
-    LASER_POWER = 22
+    POWER = 22
     POSES = 40
 
 

@@ -7,7 +7,6 @@ from collections.abc import Iterable, Iterator
 from dataclasses import fields
 from functools import cached_property
 
-import drjit as dr
 import numpy as np
 from numpy.typing import NDArray
 
@@ -133,12 +132,8 @@ class Triangulation:
     def dark_line(self) -> DarkLine | None:
         """What exposes and reads lines that nothing but the laser lights; None where all pixels count."""
         scenario, scanner = self.scenario, self.scenario.scanner
-        if (
-            not scenario.lighting.sky().dark
-            or scanner.laser_off > 0.0
-            or self.own_peak
-            or self.throughput.stray
-        ):
+        lit = not scenario.lighting.sky().dark or self.throughput.stray > 0.0
+        if lit or scanner.laser_off > 0.0 or self.own_peak:
             return None
         return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
 
@@ -213,7 +208,7 @@ class Triangulation:
             surfaces,
             speckle_optics(self.true_scanner),
             self.optics.receiver.focal_length / self.optics.pitch,
-            self.optics.seen_at(dr.cos(shots.theta)),
+            self.optics.seen_at(shots.theta),
             self.travel(shots),
             self.scenario.scanner.position_sensor.pixels,
             seed,

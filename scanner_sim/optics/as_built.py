@@ -190,4 +190,4 @@ class AsBuilt(Part):
 def _value(given: float | Tolerance | None, seed: int, number: int) -> float:
     if given is None or isinstance(given, float):
         return given or 0.0
-    return given.tolerance * float(host_generator(seed, Stream.AS_BUILT, number).standard_normal())
+    return given.tolerance * float(host_generator(seed, Stream.BUILT, number).standard_normal())

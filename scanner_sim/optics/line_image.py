@@ -21,10 +21,12 @@ A ray through the point ξ of the pupil passes the array, to first order in ξ, 
 so that a pupil of diameter A, evenly lit, blurs a point by a disc whose standard deviation per axis is (A/4) |k| across
 the line, and 1/(cosτ (1 − g t)) of that along it. The simulator takes a Gaussian of the same variance.
 
-Not modelled: terms of higher order in ξ, by which the blur on a tilted array is lopsided: its centroid is off by up to
-3 % of its standard deviation, always to the same side, which a calibration takes for the array's scale; thickness,
-distortion and field curvature of the lens; the pupil's foreshortening; that the blur of the Sun's and the Earth's light
-is another than that of the beam's.
+On a tilted array the blur is lopsided: to second order its centroid is off by
+−(A/4)² k (1 − k) sinτ/(cosτ (1 − g t))²/v_a, up to 4 % of its σ. A calibrated instrument knows that, as it knows its
+focus.
+
+Not modelled: higher orders in ξ, and the blur's own shape; thickness, distortion and field curvature of the lens; the
+pupil's foreshortening; that the blur of the Sun's and the Earth's light is another than that of the beam's.
 """
 
 from __future__ import annotations
@@ -50,12 +52,15 @@ class ArrayPlace:
         1/(cosτ (1 − g t)): how much longer along the array than across it the image of a small thing is.
     defocus
         Standard deviation of the image of a point across the line by what the lens is out of focus, with a sign.
+    shift
+        By how much this image's centroid lies from its ray through the node, along the line.
     """
 
     stretch: FloatLike
     across: FloatLike
     skewed: FloatLike
     defocus: FloatLike
+    shift: FloatLike
 
     @property
     def along(self) -> FloatLike:
@@ -71,7 +76,7 @@ class ArrayPlace:
         return whole + ((aberration + self.defocus * self.defocus) * self.skewed * self.skewed - aberration)
 
 
-SHARP = ArrayPlace(1.0, 1.0, 1.0, 0.0)
+SHARP = ArrayPlace(1.0, 1.0, 1.0, 0.0, 0.0)
 """An upright array in the focal plane, in focus."""
 
 
@@ -143,9 +148,21 @@ class LineImage:
         )
         stretch = self.stretch(position)
         across = ratio * stretch
+        skewed = secant * stretch
+        defocus = pupil * (1.0 - across + position / (secant * shift))
         return ArrayPlace(
-            stretch, across, secant * stretch, pupil * (1.0 - across + position / (secant * shift))
+            stretch, across, skewed, defocus, unit * self.lopsided(defocus, pupil, skewed, stretch)
         )
+
+    def lopsided(
+        self, defocus: FloatLike, pupil: FloatLike, skewed: FloatLike, stretch: FloatLike
+    ) -> FloatLike:
+        """Return how far the centroid of a blur lies from the ray through the node, along the line.
+
+        The second order of s(ξ): −(A/4)² k (1 − k) sinτ/(cosτ (1 − g t))²/v_a, with k A/4 as ``defocus``.
+        """
+        (sine,) = beside(stretch, self.slope / self.scale)
+        return -defocus * (pupil - defocus) * skewed * skewed * sine / stretch
 
     def blur_at(self, stretch: FloatLike, depth: FloatLike) -> FloatLike:
         """Return the standard deviation across the line [m] of the image of points at a depth L [m] by defocus.

@@ -51,6 +51,7 @@ def _pages() -> Environment:
         "percent": percent,
         "worst": worst_check,
         "picture": finding_picture,
+        "caption": caption,
     }
     pages.filters.update(filters)
     return pages
@@ -91,6 +92,18 @@ def power_words(comparison: Comparison) -> str:
     return words + ". Smaller deviations pass unseen."
 
 
+def caption(finding: Finding, confidence: float) -> str:
+    """Return in words what the picture of a law shows: only what is drawn there."""
+    dark = "Dark band: how far the closed form itself may be off"
+    if all(check.form == "exact" for check in finding.checks):
+        return f"Points: simulated less predicted, without noise. {dark}; a point beyond it breaks the law."
+    words = [f"Points: simulated less predicted, with {confidence:g} % intervals."]
+    if any(check.accuracy > 0.0 for check in finding.checks):
+        words.append(f"{dark}.")
+    words.append("Light band: the smallest deviation that would have been found in 90 % of runs.")
+    return " ".join(words)
+
+
 def percent(check: Check) -> str:
     """Return a check's relative deviation in words, of one in plain numbers."""
     if check.relative_to == "one":
@@ -100,7 +113,7 @@ def percent(check: Check) -> str:
 
 def share(value: float) -> str:
     """Return a share in per cent."""
-    return f"{100.0 * value:.2g} %"
+    return f"{100.0 * value:.0f} %" if value >= 1.0 else f"{100.0 * value:.2g} %"
 
 
 def short(value: float, digits: int = 4) -> str:

@@ -18,6 +18,18 @@ _BEYOND = (3, 5, 6)
 """Standard deviations beyond which errors are counted."""
 _QUANTILES = {"min": 0.0, "5%": 0.05, "25%": 0.25, "median": 0.5, "75%": 0.75, "95%": 0.95, "max": 1.0}
 
+_MEASURED = (
+    "range_m",
+    "sigma_range_m",
+    "sigma_texture_m",
+    "Y",
+    "snr",
+    "snr_detection",
+    "peak_px",
+    "sigma_peak_px",
+)
+"""Layers of which the summary gives extremes and quantiles."""
+
 
 def summary(image: RangeImage) -> dict[str, object]:
     """Return the summary of an image as plain numbers, texts, lists and dictionaries.
@@ -58,8 +70,9 @@ def _layers(image: LayeredResult, unit: str) -> dict[str, object]:
             for code, number in counts.items()
         ],
     }
-    for name in ("range_m", "sigma_range_m", "sigma_texture_m", "Y", "snr", "peak_px", "sigma_peak_px"):
-        if name in image:
+    for name in _MEASURED:
+        # Without Sun and Earth every voxel's laser light stands over nothing: no quantile says that.
+        if name in image and (np.isfinite(image[name][valid]).any() or not valid.any()):
             result[name] = {"unit": CHANNEL[name].unit, **_quantiles(image[name][valid])}
     for name in ("tof.range_m", "tof.sigma_range_m", "fused.range_m", "fused.sigma_range_m"):
         if name in image:

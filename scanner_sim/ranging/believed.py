@@ -64,7 +64,8 @@ class VoxelReadings:
     theta, phi
         What the encoders read [rad].
     measured
-        In triangulation the position of the spot as the array's design has it, ``offset`` + (pixel + ½) ``pitch`` [m];
+        In triangulation the position of the spot as the array's design has it, ``offset`` + (pixel + ½) ``pitch`` [m],
+        less what a blur out of focus shifts (:meth:`~scanner_sim.ranging.ranges.Geometry.blur_shift`);
         in time of flight the way c τ of the pulse there and back [m].
     by
         Which of them.

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from scanner_sim.foundation.status import Status
+from scanner_sim.optics.line_image import LineImage
 from scanner_sim.ranging.believed import RangedBy
 from scanner_sim.ranging.calibration import Calibration, errors_in_common
 from scanner_sim.ranging.coordinates import angles_and_range, coordinates
@@ -37,9 +38,9 @@ class Geometry:
 
     ``scale`` h and ``slope`` g of the array as the lens images it (:mod:`scanner_sim.optics.line_image`);
     ``baseline``, ``axis_separation`` of the optics; ``pitch`` and ``offset`` of the sensor; ``synchronisation`` the
-    standard deviation of the angle between projection and reception. ``calibration`` has what else is known of the
-    instrument, which is as designed without one; the lengths are those that it believes.
-    ``pulse_by`` says where the photodiode of the time of flight looks.
+    standard deviation of the angle between projection and reception; ``focus`` of the lens, None for one that is sharp
+    everywhere. ``calibration`` has what else is known of the instrument, which is as designed without one; the lengths
+    are those that it believes. ``pulse_by`` says where the photodiode of the time of flight looks.
     """
 
     scale: float
@@ -49,6 +50,7 @@ class Geometry:
     offset: float
     synchronisation: float
     slope: float = 0.0
+    focus: LineImage | None = None
     calibration: Calibration | None = None
     pulse_by: RangedBy = "coaxial"
 
@@ -83,9 +85,16 @@ class Geometry:
         """Return the fractional pixel of a position p [m]."""
         return (position - self.offset) / self.pitch - 0.5
 
+    def blur_shift(self, position: Array, theta: ArrayLike) -> Array | float:
+        """Return how far the centroid of a spot at a position [m] lies from its chief ray, by defocus [m]."""
+        if self.focus is None:
+            return 0.0
+        return np.asarray(self.focus.at(position, self.baseline * np.cos(theta), 1.0).shift)
+
     def pixel_of_range(self, range_m: ArrayLike, theta: ArrayLike) -> Array:
         """Return the fractional pixel on which the spot at a range [m] and a deflection [rad] lies."""
-        return self.pixel(position_from_range(range_m, theta, self.scale, self.baseline, self.slope))
+        p = position_from_range(range_m, theta, self.scale, self.baseline, self.slope)
+        return self.pixel(p + self.blur_shift(p, theta))
 
 
 @dataclass(frozen=True)
@@ -146,6 +155,7 @@ def ranges_from_peaks(
     """
     h, d, g, theta = geometry.scale, geometry.baseline, geometry.slope, deflections.theta
     p = geometry.position(peak)
+    p = p - geometry.blur_shift(p, theta)
     r = range_from_position(p, theta, h, d, g)
     by_position, by_theta = range_jacobian(p, theta, h, d, g)
     sigma_p = position_sigma(p, sigma_peak, h, geometry.pitch, geometry.synchronisation, g)

@@ -54,7 +54,7 @@ class ShotDepartures:
         noise = built.own.power_noise or 0.0, built.own.pulse_noise or 0.0
         if noise == (0.0, 0.0):
             return self
-        normal = generator(seed, Stream.LASER_POWER, number, mi.UInt32(0)).next_float32x4_normal()
+        normal = generator(seed, Stream.POWER, number, mi.UInt32(0)).next_float32x4_normal()
         # A power is not negative: with 30 % of noise one shot in two thousand would be.
         self.power, self.pulse = (
             dr.maximum(1.0 + dr.opaque(mi.Float, sigma) * normal[lane], 0.0)

@@ -59,9 +59,9 @@ class OpticalLayout:
         """Standard deviation of the image of a point on an upright line in focus [m], per axis."""
         return math.hypot(self.receiver.aberration, self.diffusion)
 
-    def seen_at(self, cosine: Float) -> Callable[[Float], ArrayPlace]:
-        """Return how the line sees beams, deflected by Θ of a cosine, at positions [pixel]; lengths in pixels."""
-        shift = dr.opaque(mi.Float, self.receiver.baseline) * cosine
+    def seen_at(self, theta: Float) -> Callable[[Float], ArrayPlace]:
+        """Return how the line sees beams, deflected by Θ [rad], at positions [pixel]; lengths in pixels."""
+        shift = dr.opaque(mi.Float, self.receiver.baseline) * dr.cos(theta)
 
         def seen(pixel: Float) -> ArrayPlace:
             offset, pitch = dr.opaque(mi.Float, self.offset), dr.opaque(mi.Float, self.pitch)

@@ -45,6 +45,7 @@ def test_the_public_names_are_these() -> None:
         "load_scanner",
         "load_scenario",
         "open_campaign",
+        "parameter_jacobian",
         "poses_of",
         "read_range_image",
         "read_shots",

@@ -124,6 +124,8 @@ def run_line(line: str) -> None:
         r"type: (track|spiral|listed)", Path(arguments[0]).read_text(encoding="utf-8")
     ):
         small = ["--overwrite"]
+    if verb == "show" and "--voxel" in arguments:
+        small = ["--voxel", "3", "3"]
     if verb == "campaign" and arguments[0].startswith("configs"):
         arguments[0] = str(small_plan(Path(arguments[0])))
     result = CliRunner().invoke(app, [verb, *arguments, *small])

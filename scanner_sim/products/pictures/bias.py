@@ -59,4 +59,9 @@ def draw_bias(estimator: str, curves: Sequence[BiasCurve], path: str | Path) -> 
         lower.set_ylabel("left by the\ncomputed table")
         lower.set(xlabel="true place of the spot within its brightest pixel [pixel]", xlim=(-0.5, 0.5))
         upper.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
-        upper.set_title(f"Systematic error of {estimator}", loc="left", weight="bold", size=10.5)
+        upper.set_title(
+            f"Systematic error of the estimator {estimator.replace('_', ' ')}",
+            loc="left",
+            weight="bold",
+            size=10.5,
+        )

@@ -159,9 +159,10 @@ def draw_dominance(dominance: Dominance, path: str | Path) -> None:
         step = [0.5 * (a[1] - a[0]) if a.size > 1 else 0.5 for a in (theta, phi)]
         extent = (theta[0] - step[0], theta[-1] + step[0], phi[-1] + step[1], phi[0] - step[1])
         axes.imshow(picture, extent=extent, interpolation="nearest")
-        axes.set(xlabel="Θ [deg]", ylabel="φ [deg]")
+        axes.set(xlabel="Θ [°]", ylabel="φ [°]")
         axes.set_title("The source that makes most of σ", loc="left", weight="bold", size=10.5)
         names = [dominance.sources[number] for number in shown]
         patches = [Patch(color=COLOURS[name], label=f"{name} {100.0 * shares[name]:.3g} %") for name in names]
-        patches.append(Patch(color=_NOWHERE, label="no range"))
+        if (largest < 0).any():
+            patches.append(Patch(color=_NOWHERE, label="no range"))
         axes.legend(handles=patches, loc="upper left", bbox_to_anchor=(1.0, 1.0))

@@ -84,25 +84,32 @@ def finding_picture(finding: Finding) -> str:
         axes = figure.subplots(1, 2, width_ratios=(1.0, 1.6)) if ranged else [figure.subplots()]
         if ranged:
             _draw_ranges(axes[0], ranged)
+        unit, times = _unit(finding)
         for row, check in enumerate(checks):
-            _draw_check(axes[-1], row, check)
+            _draw_check(axes[-1], row, check, times)
         axes[-1].axvline(0.0, color=FAINT, lw=0.6)
         axes[-1].set_yticks(range(len(checks)), [check.case for check in checks])
         axes[-1].set_ylim(len(checks) - 0.4, -0.6)
-        axes[-1].set_xlabel(_axis(finding))
-        axes[-1].ticklabel_format(axis="x", style="sci", scilimits=(-3, 3))
+        axes[-1].set_xlabel(_axis(finding, unit))
+        axes[-1].ticklabel_format(axis="x", style="plain", useOffset=False)
         axes[-1].spines[["top", "right", "left"]].set_visible(False)
         axes[-1].tick_params(axis="y", length=0)
     return "data:image/png;base64," + base64.b64encode(target.getvalue()).decode("ascii")
 
 
-def _axis(finding: Finding) -> str:
+def _unit(finding: Finding) -> tuple[str, float]:
+    """Return the unit of a picture's deviations and how many of it make one: millionths where all are tiny."""
+    widest = max(max(abs(check.effect), check.detects_90) for check in finding.checks)
+    return ("millionths", 1e6) if widest < 1e-4 else ("%", 100.0)
+
+
+def _axis(finding: Finding, unit: str) -> str:
     named = {check.relative_to for check in finding.checks}
     if named == {"prediction"}:
-        return "relative deviation [%]"
+        return f"relative deviation [{unit}]"
     if named <= {"prediction", "one"}:
-        return "relative deviation [%]; of exponents and shares: times 100"
-    return f"deviation over the {' or '.join(sorted(named))} [%]"
+        return f"relative deviation [{unit}]; of exponents and shares: the deviation itself"
+    return f"deviation over the {' or '.join(sorted(named))} [{unit}]"
 
 
 def _ranged(finding: Finding) -> list[tuple[float, Check]]:
@@ -132,11 +139,11 @@ def _draw_ranges(axes: Axes, ranged: list[tuple[float, Check]]) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _draw_check(axes: Axes, row: int, check: Check) -> None:
-    """Draw the accuracy of the prediction, what would be found, and what was, in per cent."""
-    scale = 100.0 / check.scale if check.scale else 100.0
+def _draw_check(axes: Axes, row: int, check: Check, times: float) -> None:
+    """Draw the accuracy of the prediction, what would be found, and what was, in units of which one has ``times``."""
+    scale = times / check.scale if check.scale else times
     colour = BROKEN if check.broken else HOLDS
-    found, accuracy = 100.0 * check.detects_90, check.accuracy * scale
+    found, accuracy = times * check.detects_90, check.accuracy * scale
     axes.barh(row, 2.0 * found, left=-found, height=0.62, color="#f0f2f4", lw=0)
     axes.barh(row, 2.0 * accuracy, left=-accuracy, height=0.62, color=NEUTRAL, lw=0)
     ends = np.array([check.low, check.high]) - check.predicted

@@ -155,7 +155,7 @@ def draw_field(track: Track, path: str | Path, backdrop: RangeImage | None = Non
         for record in last:
             _visit(axes, record, ink)
         axes.set(xlim=np.degrees((left, right)), ylim=np.degrees((lower, upper)), aspect="equal")
-        axes.set(xlabel="Θ [deg]", ylabel="φ [deg]")
+        axes.set(xlabel="Θ [°]", ylabel="φ [°]")
         figure.text(
             0.7 / size[0], 1.0 - 0.26 / size[1], "Targets in the field of view", size=10.5, weight="bold"
         )

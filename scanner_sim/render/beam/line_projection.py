@@ -94,7 +94,8 @@ class LineProjection:
         var_p = residual * (dr.square(pa) + dr.square(pb)) + variance * dr.square(turn_p) + at.blur_p
         var_q = residual * (dr.square(qa) + dr.square(qb)) + variance * dr.square(turn_q) + at.blur_q
         covariance = residual * (pa * qa + pb * qb) + variance * turn_p * turn_q
-        p = array_position(layout, synchronisation_shift(layout, p, shots.synchronisation), q, shots)
+        place = synchronisation_shift(layout, p, shots.synchronisation)
+        p = array_position(layout, place, q, shots) + at.shift
         height, pitch = dr.opaque(mi.Float, layout.height), dr.opaque(mi.Float, layout.pitch)
         inside, cut, var_p = cut_by_height(p, at.q, var_p, var_q, covariance, height)
         slopes_in_pixels = (slope / pitch for slope in (pa, pb, pt))
@@ -117,7 +118,8 @@ class LineProjection:
         layout = self.layout
         p, q, depth = image(layout, frame, point)
         at = on_array(layout, p, q, depth, shots)
-        p = array_position(layout, synchronisation_shift(layout, p, shots.synchronisation), q, shots)
+        place = synchronisation_shift(layout, p, shots.synchronisation)
+        p = array_position(layout, place, q, shots) + at.shift
         height = dr.opaque(mi.Float, layout.height)
         inside, p, variance = cut_by_height(p, at.q, at.blur_p, at.blur_q, mi.Float(0.0), height)
         sigma = dr.sqrt(variance) / dr.opaque(mi.Float, layout.pitch)
@@ -148,7 +150,7 @@ class OnArray:
 
     ``q`` across the line [m]; ``along`` and ``across`` by how much more the image moves than in the focal plane, and
     ``shear`` by how much across it while it moves by one along it there; ``blur_p`` and ``blur_q`` variances of the
-    image of a point [m²]; ``behind`` whether the rays meet the array at all.
+    image of a point [m²], ``shift`` of its centroid along the line [m]; ``behind`` whether the rays meet the array.
     """
 
     q: Float
@@ -157,6 +159,7 @@ class OnArray:
     shear: Float
     blur_p: Float
     blur_q: Float
+    shift: Float
     behind: Mask
 
     def slopes(self, p: Float, q: Float) -> tuple[Float, Float]:
@@ -185,7 +188,8 @@ def on_array(layout: OpticalLayout, p: Float, q: Float, depth: Float, shots: Sho
     aberration, spread = (
         dr.opaque(mi.Float, value) for value in (receiver.aberration**2, layout.point_spread**2)
     )
-    defocus = dr.square(line.blur_at(stretch, depth))
+    blur = line.blur_at(stretch, depth)
+    defocus = dr.square(blur)
     found = OnArray(
         q=q * across,
         along=across * skewed,
@@ -193,6 +197,7 @@ def on_array(layout: OpticalLayout, p: Float, q: Float, depth: Float, shots: Sho
         shear=q * slope / f * across * stretch,
         blur_p=spread + ((aberration + defocus) * dr.square(skewed) - aberration),
         blur_q=spread + defocus,
+        shift=line.lopsided(blur, dr.opaque(mi.Float, line.pupil), skewed, stretch),
         behind=left > 0.0,
     )
     if bent is not None and spread_by_field is not None:

@@ -190,7 +190,8 @@ class ClosedForms:
     def array_image(self, image: SpotImage, R: float, theta: float) -> SpotImage:
         """Return the image of a spot on the array, blurred, from the one in the focal plane without.
 
-        To second order: a tilted array stretches the spot unevenly, which moves its centroid by ½ d²s/dp² σ².
+        To second order: a tilted array stretches the spot unevenly, which moves its centroid by ½ d²s/dp² σ². What
+        defocus moves it by belongs to the place of the chief ray: a calibration knows it.
         """
         receiver, diffusion = self.scenario.scanner.receiver, self.scenario.scanner.position_sensor.diffusion
         step = 1e-4 * self.f
@@ -199,9 +200,10 @@ class ClosedForms:
         across = float(self.array.scale(R, theta)[1]) / self.f
         blur = self.array.blur(R, theta)
         lens = math.hypot(receiver.aberration * along / across, blur.along)
+        chief = float(places[1]) + blur.shift
         return SpotImage(
-            float(places[1]),
-            float(places[1] + along * (image.centroid - image.chief) + 0.5 * bend * image.sigma**2),
+            chief,
+            float(chief + along * (image.centroid - image.chief) + 0.5 * bend * image.sigma**2),
             math.sqrt((along * image.sigma) ** 2 + lens**2 + diffusion**2),
             math.hypot(across * image.sigma_height, receiver.aberration, blur.across, diffusion),
         )

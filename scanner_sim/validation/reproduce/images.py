@@ -218,7 +218,7 @@ def figure_18(task: Task) -> Outcome:
             degrees = np.degrees(image.theta)
             axes[2].plot(degrees, total[row] / 1e6, color=colour, lw=1.0, label=f"{words}: laser and Sun")
             axes[2].plot(degrees, image["background"][row] / 1e6, color=colour, lw=0.8, ls="--")
-        axes[2].set(xlabel="Θ [deg]", ylabel="charge about the spot [10⁶ electrons]", yscale="log")
+        axes[2].set(xlabel="Θ [°]", ylabel="charge about the spot [10⁶ electrons]", yscale="log")
         axes[2].set_ylim(1e-2, 3e2)
         axes[2].legend(fontsize=6.5, loc="upper right")
 

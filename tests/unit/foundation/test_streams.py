@@ -28,9 +28,9 @@ PINNED = {
     "CLOCK": 11,
     "READOUT": 13,
     "WOBBLE": 14,
-    "AS_BUILT": 20,
+    "BUILT": 20,
     "VIBRATION": 21,
-    "LASER_POWER": 22,
+    "POWER": 22,
     "POSES": 40,
 }
 """The numbers of the streams, once more: a change here is a change of all results."""

@@ -12,6 +12,7 @@ import pytest
 from scanner_sim.instrument.closed_loop.windows import Windows, _span
 from scanner_sim.instrument.time_slots import TimeSlots
 from scanner_sim.instrument.triangulation import Triangulation
+from scanner_sim.optics.line_image import sharp_everywhere
 from scanner_sim.render.device import Device
 from scanner_sim.render.settings import Transport
 from scanner_sim.scan.protocol import Aim
@@ -43,8 +44,9 @@ class Recorded(Windows):
 def windows(device: Device) -> Recorded:
     """Those of a line of 400 pixels of 50 µm behind 0.1 m, from 5 mm beside the axis on."""
     optics = SimpleNamespace(
-        pitch=PITCH, height=HEIGHT, offset=OFFSET, receiver=SimpleNamespace(focal_length=FOCAL)
-    )
+        pitch=PITCH, height=HEIGHT, offset=OFFSET,
+        receiver=SimpleNamespace(focal_length=FOCAL, line_image=sharp_everywhere(FOCAL)),
+    )  # fmt: skip
     body = SimpleNamespace(mitsuba=None)
     loaded = SimpleNamespace(
         mitsuba=None,
