@@ -3,8 +3,8 @@
 Each sighting gives three conditions: the point that the instrument believes to have measured,
 :func:`~scanner_sim.ranging.believed.believed_points`, is the target as it stands before the station. Since three
 readings meet three conditions, the point's misfit e is as good as the readings' own, v = J⁻¹ e with J =
-∂point/∂readings, which are independent with known σ: a combined adjustment (Gauss-Helmert) becomes one of ordinary
-observation equations (Mikhail, *Observations and Least Squares*, 1976, ch. 9). Tolerances, the survey of the targets
+∂point/∂readings, whose covariance L Lᵀ is known: a combined adjustment (Gauss-Helmert) becomes one of ordinary
+observation equations for L⁻¹ v (Mikhail, *Observations and Least Squares*, 1976, ch. 9). Tolerances, the survey of the targets
 and scale bars are observations as well. The field's axes are those of the first board.
 
 Steps are Gauss-Newton's, damped where one fails (Levenberg, *Quart. Appl. Math.* 2, 1944; Marquardt, *SIAM J. Appl.
@@ -63,7 +63,7 @@ class Adjusted:
     information
         What the sightings alone say of them, the inverse of a covariance; singular where they say nothing.
     residuals
-        Of the readings over their σ, shape (N, 3).
+        Of the readings, L⁻¹ v with L Lᵀ their covariance, shape (N, 3).
     weights
         Huber's, shape (N,): below 1 where a sighting is doubted.
     freedom
@@ -219,7 +219,7 @@ def _sightings(field: Field, layout: _Layout, at: Unknowns) -> tuple[Array, csr_
     away = turned + at.boards.position[board] - at.stations.position[seen.station]
     back = np.swapaxes(at.stations.rotation[seen.station], 1, 2)
     misfit = believed.point - np.einsum("nij,nj->ni", back, away)
-    whiten = np.linalg.inv(believed.by_readings) / seen.sigma[:, :, None]
+    whiten = np.linalg.inv(believed.by_readings @ seen.root)
     to_field = whiten @ back
     blocks = [
         (whiten @ believed.by_parameters[..., [INDEX[name] for name in field.sought]], 0 * seen.station),

@@ -62,7 +62,7 @@ def _squares(field: Field, parameters: Array) -> tuple[float, int, int]:
     """Return the sum of squares over σ of all views, its degrees of freedom, and the number of views."""
     seen, targets = field.sightings, field.targets
     believed = believed_points(seen.readings, field.design, parameters, field.encoder_period)
-    by_noise = believed.by_readings * seen.sigma[:, None, :]
+    by_noise = believed.by_readings @ seen.root
     covariance = by_noise @ np.swapaxes(by_noise, 1, 2) + targets.sigma**2 * np.eye(3)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
     board = targets.board[seen.target]

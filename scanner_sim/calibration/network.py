@@ -52,14 +52,19 @@ class Sightings:
         Numbers of the station and of the target of each, shape (N,).
     readings
         What was read, each of shape (N,).
-    sigma
-        Standard deviations of (Θ, φ, measured) [rad, rad, m], shape (N, 3).
+    root
+        L with L Lᵀ the covariance of (ϑ, φ, measured) [rad, rad, m], shape (N, 3, 3). Sightings are independent.
     """
 
     station: Indices
     target: Indices
     readings: VoxelReadings
-    sigma: Array
+    root: Array
+
+    @property
+    def sigma(self) -> Array:
+        """Standard deviations of (ϑ, φ, measured) [rad, rad, m], shape (N, 3)."""
+        return np.asarray(np.sqrt(np.einsum("nij,nij->ni", self.root, self.root)))
 
     def __len__(self) -> int:
         return len(self.station)
@@ -68,7 +73,7 @@ class Sightings:
         """Return some of them."""
         one = self.readings
         readings = VoxelReadings(one.theta[chosen], one.phi[chosen], one.measured[chosen], one.by)
-        return Sightings(self.station[chosen], self.target[chosen], readings, self.sigma[chosen])
+        return Sightings(self.station[chosen], self.target[chosen], readings, self.root[chosen])
 
 
 @dataclass(frozen=True)
