@@ -9,8 +9,7 @@ drawn anew for each station.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,15 +37,9 @@ _BEFORE = 3
 """Patterns with which the tracker finds a target, before it follows it."""
 _STILL = {"type": "twist"}
 """Motion of what stands: runs side by side may have it elsewhere."""
-
-
-@dataclass(frozen=True)
-class _View:
-    """What a station sees: its scenario, and the names of targets in the scenario and in the field."""
-
-    station: str
-    scenario: Scenario
-    targets: dict[str, str]
+_BEYOND, _ANY_RANGE = 2.0, 10.0
+"""Angles [rad] between the places of targets that a station does not see, the first one beyond all mirrors; their
+range [m]."""
 
 
 def simulated_sightings(
@@ -73,45 +66,37 @@ def simulated_sightings(
     InputError
         If a station has nothing in its field of view, or a scene cannot be measured.
     """
-    views = [_view(setup, number) for number in range(len(setup.plan.stations))]
-    groups: dict[tuple[str, ...], list[_View]] = {}
-    for view in views:
-        groups.setdefault(tuple(view.targets), []).append(view)
-    durations = [1e3 * view.scenario.following.duration for view in views]
-    before = 0.0
-    tracks: dict[str, Track] = {}
-    for group in groups.values():
+    seen = [_seen(setup, number) for number in range(len(setup.plan.stations))]
+    every = {own: name for one in seen for own, name in one.items()}
+    scenarios = [_scenario(setup, number, every, one) for number, one in enumerate(seen)]
 
-        def advance(done: float, _: float, start: float = before) -> None:
-            if progress is not None:
-                progress(round(start + 1e3 * done), round(sum(durations)))
+    def advance(done: float, whole: float) -> None:
+        if progress is not None:
+            progress(round(1e3 * done), round(1e3 * whole))
 
-        for view, track in zip(group, track_many([one.scenario for one in group], device=device, progress=advance), strict=True):
-            tracks[view.station] = track
-        before += sum(1e3 * view.scenario.following.duration for view in group)
-    return _table(views, tracks)
+    return _table(setup, seen, track_many(scenarios, device=device, progress=advance))
 
 
-def _table(views: Sequence[_View], tracks: dict[str, Track]) -> tuple[SightingTable, tuple[str, ...]]:
+def _table(
+    setup: Setup, seen: Sequence[Mapping[str, str]], tracks: Sequence[Track]
+) -> tuple[SightingTable, tuple[str, ...]]:
     stations, targets, warnings = [], [], []
     positions, covariances = [], []
-    for view in views:
-        unseen = []
-        for own, name in view.targets.items():
-            found = _mean(tracks[view.station], own)
+    for station, own_targets, track in zip(setup.plan.stations, seen, tracks, strict=True):
+        lost = []
+        for own, name in own_targets.items():
+            found = _mean(track, own)
             if found is None:
-                unseen.append(name)
+                lost.append(name)
                 continue
-            stations.append(view.station)
+            stations.append(station.name)
             targets.append(name)
             positions.append(found[0])
             covariances.append(found[1])
-        if unseen:
-            warnings.append(f"station {view.station} did not follow {', '.join(unseen)}, which stand in its view")
-    return (
-        SightingTable(tuple(stations), tuple(targets), np.reshape(positions, (-1, 3)), np.reshape(covariances, (-1, 3, 3))),
-        tuple(warnings),
-    )
+        if lost:
+            warnings.append(f"station {station.name} could not follow {', '.join(lost)}: hidden, too near or too far")
+    position, covariance = np.reshape(positions, (-1, 3)), np.reshape(covariances, (-1, 3, 3))
+    return SightingTable(tuple(stations), tuple(targets), position, covariance), tuple(warnings)
 
 
 def _mean(track: Track, target: str) -> tuple[Array, Array] | None:
@@ -127,16 +112,12 @@ def _mean(track: Track, target: str) -> tuple[Array, Array] | None:
     return position, white + lasting
 
 
-def _view(setup: Setup, number: int) -> _View:
-    """Return what a station sees, as a scenario that follows its targets."""
-    plan, base, station = setup.plan, setup.base, setup.plan.stations[number]
-    here_from_field = np.linalg.inv(station.field_from_here())
-    objects: list[dict[str, object]] = []
+def _seen(setup: Setup, number: int) -> dict[str, str]:
+    """Return the targets that a station has in view: their names in its scenario, and in the field."""
+    station = setup.plan.stations[number]
     targets: dict[str, str] = {}
-    for board in plan.boards:
-        pose = here_from_field @ board.field_from_here()
-        objects += _objects(board, setup, pose)
-        seen = _in_view(board, setup, pose)
+    for board in setup.plan.boards:
+        seen = _in_view(board, setup, _pose(setup, number, board))
         for index, name in enumerate(setup.places[board.name], start=1):
             if seen[index - 1]:
                 targets[_own_name(board, index)] = f"{board.name}/{name}"
@@ -145,23 +126,45 @@ def _view(setup: Setup, number: int) -> _View:
             f"Station {station.name} has no target in its field of view.",
             remedy="Turn it, or move it farther away: the scanner looks along its z.",
         )
-    built = base.scanner.as_built
+    return targets
+
+
+def _pose(setup: Setup, number: int, board: Board) -> Array:
+    """Return the pose of a board before a station."""
+    return np.asarray(np.linalg.inv(setup.plan.stations[number].field_from_here()) @ board.field_from_here())
+
+
+def _scenario(setup: Setup, number: int, every: Iterable[str], seen: Container[str]) -> Scenario:
+    """Return the scenario of a station. All stations have the same targets, so that they go side by side.
+
+    What a station does not see is expected beyond its mirrors' reach, where no pattern is run.
+    """
+    plan, base = setup.plan, setup.base
+    objects = [item for board in plan.boards for item in _objects(board, setup, _pose(setup, number, board))]
+    targets: list[dict[str, object]] = [
+        {"target": name}
+        if name in seen
+        else {"target": name, "expected": (_BEYOND * (index + 1), 0.0, _ANY_RANGE)}
+        for index, name in enumerate(every)
+    ]
     changes: dict[str, object] = {
         "seed": int(host_generator(plan.seed, Stream.SURVEY, STATIONED + number).integers(2**62)),
         "ranging": setup.rangefinder,
         "scene": {"objects": objects},
-        "scan": {"type": "track", "targets": list(targets), "duration": _duration(setup, len(targets))},
+        "scan": {"type": "track", "targets": targets, "duration": _duration(setup, len(targets))},
         "lighting": {},
         "output": {},
         "processing.calibration": None,
         "transport.light_seed": None,
     }
+    built = base.scanner.as_built
     if built is not None and built.seed is None:
         changes["scanner.as_built.seed"] = base.transport.seed_of_light(base.seed)
     try:
-        return _View(station.name, base.replace(changes), targets)
+        return base.replace(changes)
     except ScenarioError as error:
-        raise ScenarioError(error.faults, source=f"the scene before station {station.name}") from None
+        source = f"the scene before station {plan.stations[number].name}"
+        raise ScenarioError(error.faults, source=source) from None
 
 
 def _duration(setup: Setup, targets: int) -> float:
