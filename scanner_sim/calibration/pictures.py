@@ -43,10 +43,14 @@ def draw_field(result: SelfCalibrated, path: str | Path) -> None:
         ):
             colours = _colours(len(boards))
             for (name, places), colour in zip(boards.items(), colours, strict=True):
-                axes.plot(places[:, across], places[:, upward], "o", ms=3.2, color=colour, label=plot_label(name))
+                axes.plot(
+                    places[:, across], places[:, upward], "o", ms=3.2, color=colour, label=plot_label(name)
+                )
             for name, places in held.items():
                 label = f"{plot_label(name)}, held out"
-                axes.plot(places[:, across], places[:, upward], "o", ms=3.4, mfc="none", color=FAINT, label=label)
+                axes.plot(
+                    places[:, across], places[:, upward], "o", ms=3.4, mfc="none", color=FAINT, label=label
+                )
             _stations(axes, result, across, upward)
             axes.set_aspect("equal", adjustable="datalim")
             axes.set(xlabel=f"{'xyz'[across]} [m]", ylabel=f"{'xyz'[upward]} [m]")
@@ -68,7 +72,9 @@ def _stations(axes: Axes, result: SelfCalibrated, across: int, upward: int) -> N
         lines = np.stack([at, ends], axis=1)
         for line in lines:
             axes.plot(line[:, across], line[:, upward], color=_STATION, lw=width)
-    for name, place in zip(result.field.stations, at, strict=True):
+    # From the side they stand one behind the other.
+    named = result.field.stations if across == 0 else ()
+    for name, place in zip(named, at, strict=False):
         offset = (place[across], place[upward])
         axes.annotate(plot_label(name), offset, xytext=(5, 4), textcoords="offset points", color=INK, size=7)
 
@@ -106,7 +112,15 @@ def draw_residuals(result: SelfCalibrated, path: str | Path) -> None:
         for row, (left, right) in enumerate(rows):
             name = ("Θ", "φ", "range reading")[row]
             dots = left.scatter(
-                theta, phi, c=residuals[:, row], s=9, cmap="RdBu_r", vmin=-_CENTRE, vmax=_CENTRE, lw=0.2, ec=FAINT
+                theta,
+                phi,
+                c=residuals[:, row],
+                s=9,
+                cmap="RdBu_r",
+                vmin=-_CENTRE,
+                vmax=_CENTRE,
+                lw=0.2,
+                ec=FAINT,
             )
             left.set(ylabel="φ [°]")
             left.set_aspect("equal", adjustable="datalim")
@@ -130,7 +144,9 @@ def draw_residuals(result: SelfCalibrated, path: str | Path) -> None:
         rows[0, 1].set_title("Residuals against range", loc="left", weight="bold", size=9.5)
         rows[2, 0].set_xlabel("Θ [°]")
         rows[2, 1].set_xlabel("range [m]")
-        figure.colorbar(dots, ax=list(rows[:, 0]), location="left", label="residual / σ", shrink=0.6, pad=0.02)
+        figure.colorbar(
+            dots, ax=list(rows[:, 0]), location="left", label="residual / σ", shrink=0.6, pad=0.02
+        )
         if len(field.targets.boards) <= _MOST_NAMED:
             handles = rows[0, 1].get_legend_handles_labels()
             figure.legend(*handles, loc="outside lower center", ncols=6)
@@ -180,7 +196,9 @@ def _misfits(axes: Axes, result: SelfCalibrated) -> None:
         axes.annotate(f"{value:.3g}", (place, value), ha="center", va="bottom", size=7)
     axes.axhline(1.0, color=FAINT, lw=0.7, ls="--")
     axes.set_xticks(at, [name for name, _ in shown])
-    axes.set(yscale="log", ylabel="rms misfit of the boards / noise", ylim=(0.5, 2.0 * max(*before, *after, 1.0)))
+    axes.set(
+        yscale="log", ylabel="rms misfit of the boards / noise", ylim=(0.5, 2.0 * max(*before, *after, 1.0))
+    )
     axes.legend(loc="lower center", bbox_to_anchor=(0.45, 1.0), ncols=1)
     ruled(axes)
 

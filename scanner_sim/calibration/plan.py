@@ -147,7 +147,7 @@ class SelfCalibration(Part):
     """Period of the encoders' periodic errors, which need it."""
     survey: Length = Field(default=0.0, ge=0.0, le=1.0)
     """Standard deviation to which the targets of a board are surveyed, each axis; 0 takes them to be exact."""
-    boards: tuple[Board, ...] = Field(min_length=1, max_length=1000, examples=[[{"name": "near", "points": "near.csv"}]])
+    boards: tuple[Board, ...] = Field(max_length=1000, examples=[[{"name": "near", "points": "near.csv"}]])
     """The boards; the axes of the first one that is not held out are those of the field that results know."""
     stations: tuple[Station, ...] = Field(default=(), max_length=1000, examples=[[{"name": "s1"}]])
     """The stations. With sightings of your own only those that are held out need to be named."""
@@ -164,10 +164,18 @@ class SelfCalibration(Part):
             names = [one.name for one in listed]
             for number, name in enumerate(names):
                 if name in names[:number]:
-                    yield Fault(f"{kind}.{number}.name", f"'{name}' is there already.", "Give each another name.")
-            if listed and all(one.held_out for one in listed) and (kind == "boards" or self.sightings is None):
+                    yield Fault(
+                        f"{kind}.{number}.name", f"'{name}' is there already.", "Give each another name."
+                    )
+            if (
+                listed
+                and all(one.held_out for one in listed)
+                and (kind == "boards" or self.sightings is None)
+            ):
                 problem = f"all {kind} are held out, and none is left to calibrate with."
                 yield Fault(kind, problem, "Write held_out for some of them only.")
+        if not self.boards:
+            yield Fault("boards", "it is empty.", "Write for example [{name: near, points: near.csv}].")
         if not self.parameters.given:
             yield Fault("parameters", "nothing is looked for.", "Write for example base: 0.1 mm.")
         if self.encoder_period is None and any(name in PERIODIC for name in self.parameters.given):
@@ -183,7 +191,9 @@ class SelfCalibration(Part):
                 board = target.partition("/")[0]
                 if board not in boards:
                     yield Fault(
-                        f"scale_bars.{number}.between.{end}", f"there is no board '{board}'.", choice(board, boards)
+                        f"scale_bars.{number}.between.{end}",
+                        f"there is no board '{board}'.",
+                        choice(board, boards),
                     )
             if bar.between[0] == bar.between[1]:
                 yield Fault(f"scale_bars.{number}.between", "both ends are one target.", "Name two.")

@@ -37,7 +37,9 @@ def report(setup: Setup, result: SelfCalibrated, warnings: tuple[str, ...]) -> d
                 "sigma": sigma,
                 "tolerance": field.tolerance[name],
             }
-            for name, value, sigma in zip(field.sought, result.values.tolist(), result.sigma.tolist(), strict=True)
+            for name, value, sigma in zip(
+                field.sought, result.values.tolist(), result.sigma.tolist(), strict=True
+            )
         },
         "correlation": {"of": list(field.sought), "matrix": result.correlations.tolist()},
         "unobserved": [
@@ -59,8 +61,12 @@ def report(setup: Setup, result: SelfCalibrated, warnings: tuple[str, ...]) -> d
             "fitted": _misfit(result.fitted),
             "held_out": None if result.held_out is None else _misfit(result.held_out),
         },
-        "stations": _poses(field.stations, adjusted.unknowns.stations.position, adjusted.unknowns.stations.rotation),
-        "boards": _poses(field.targets.boards, adjusted.unknowns.boards.position, adjusted.unknowns.boards.rotation),
+        "stations": _poses(
+            field.stations, adjusted.unknowns.stations.position, adjusted.unknowns.stations.rotation
+        ),
+        "boards": _poses(
+            field.targets.boards, adjusted.unknowns.boards.position, adjusted.unknowns.boards.rotation
+        ),
         "warnings": list(warnings),
     }
 

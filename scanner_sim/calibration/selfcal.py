@@ -145,5 +145,5 @@ def _settled(field: Field) -> Adjusted:
     raise InputError(
         f"The adjustment has not settled after {adjusted.steps} steps: its unit weight is {adjusted.unit_weight:.3g}.{told}",
         remedy="Add stations at another distance or turned about their z, or a scale bar; look for fewer parameters; or "
-        "check the names and units of sightings and boards, if the unit weight is far above 1.",
+        "check names and units of sightings, boards and scale bars, if the unit weight is far above 1.",
     )

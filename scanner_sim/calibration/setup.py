@@ -99,8 +99,12 @@ class Setup:
         ends = np.array([[number[end] for end in bar.between] for bar in bars], np.intp).reshape(-1, 2)
         sigma = np.array([bar.sigma for bar in bars])
         apart = np.linalg.norm(self.standing[ends[:, 1]] - self.standing[ends[:, 0]], axis=1)
-        apart = apart + sigma * host_generator(self.plan.seed, Stream.SURVEY, _BARRED).standard_normal(len(bars))
-        given = [own if bar.length is None else bar.length for bar, own in zip(bars, apart.tolist(), strict=True)]
+        apart = apart + sigma * host_generator(self.plan.seed, Stream.SURVEY, _BARRED).standard_normal(
+            len(bars)
+        )
+        given = [
+            own if bar.length is None else bar.length for bar, own in zip(bars, apart.tolist(), strict=True)
+        ]
         return ScaleBars(ends[:, 0], ends[:, 1], np.array(given), sigma)
 
 
@@ -121,7 +125,11 @@ def read_setup(path: Path) -> Setup:
     for number, board in enumerate(plan.boards):
         if len(places[board.name]) > 1000:
             where = ("boards", number)
-            faults.append(Fault(f"boards[{number}]", "it has more than 1000 targets.", "Split it.", document.line(where)))
+            faults.append(
+                Fault(
+                    f"boards[{number}]", "it has more than 1000 targets.", "Split it.", document.line(where)
+                )
+            )
     if faults:
         raise ScenarioError(in_order(faults), source=str(path))
     ranging = plan.ranging or base.rangefinders[0]
@@ -182,7 +190,12 @@ def field_of(setup: Setup, table: SightingTable) -> Field:
     target = np.array([number[name] for name in table.target], np.intp)
     targets = setup.surveyed()
     blind = [f"station {name}" for name in stations if name not in table.station]
-    blind += [f"board {name}" for name in np.array(targets.boards)[np.bincount(targets.board[target], minlength=len(targets.boards)) == 0]]
+    blind += [
+        f"board {name}"
+        for name in np.array(targets.boards)[
+            np.bincount(targets.board[target], minlength=len(targets.boards)) == 0
+        ]
+    ]
     if blind:
         raise InputError(
             f"There are no sightings of {', '.join(blind)}.",

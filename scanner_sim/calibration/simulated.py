@@ -94,7 +94,9 @@ def _table(
             positions.append(found[0])
             covariances.append(found[1])
         if lost:
-            warnings.append(f"station {station.name} could not follow {', '.join(lost)}: hidden, too near or too far")
+            warnings.append(
+                f"station {station.name} could not follow {', '.join(lost)}: hidden, too near or too far"
+            )
     position, covariance = np.reshape(positions, (-1, 3)), np.reshape(covariances, (-1, 3, 3))
     return SightingTable(tuple(stations), tuple(targets), position, covariance), tuple(warnings)
 
@@ -177,7 +179,11 @@ def _duration(setup: Setup, targets: int) -> float:
 def _objects(board: Board, setup: Setup, pose: Array) -> Iterator[dict[str, object]]:
     """Yield the objects of a board whose pose in the scanner frame is given."""
     if board.array is not None:
-        look = {"array": board.array.model_dump(), "disc": _plain(board.disc), "material": _plain(board.material)}
+        look = {
+            "array": board.array.model_dump(),
+            "disc": _plain(board.disc),
+            "material": _plain(board.material),
+        }
         yield {"name": board.name, **look, **_placed(pose)}
         return
     for index, place in enumerate(setup.places[board.name].values(), start=1):

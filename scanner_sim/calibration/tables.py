@@ -73,7 +73,9 @@ def read_points(path: Path, board: str) -> dict[str, tuple[float, float, float]]
         name = row["target"]
         place = tuple(_number(row, key, line, faults, 1e5) for key in POINTS[1:])
         if name in places:
-            faults.append(Fault("target", f"'{name}' is there twice.", "Give each target a name of its own.", line))
+            faults.append(
+                Fault("target", f"'{name}' is there twice.", "Give each target a name of its own.", line)
+            )
         elif place in where:
             problem = f"'{name}' is where '{where[place]}' is."
             faults.append(Fault("target", problem, "Keep one of them, or correct its place.", line))
@@ -122,22 +124,31 @@ def read_sightings(path: Path, digest: str, targets: Sequence[str]) -> SightingT
         if not row["station"]:
             faults.append(Fault("station", "it is empty.", "Name the station.", line))
         if row["target"] not in targets:
-            faults.append(Fault("target", f"there is no target '{row['target']}'.", _near(row["target"], targets), line))
+            faults.append(
+                Fault("target", f"there is no target '{row['target']}'.", _near(row["target"], targets), line)
+            )
         if key in seen:
             problem = f"station {key[0]} has seen '{key[1]}' in line {seen[key]} already."
             faults.append(Fault("target", problem, "Write the mean of both, with its σ.", line))
         seen.setdefault(key, line)
-        position.append([_number(row, name, line, faults, most) for name, most in zip(ANGLES, _FAR, strict=True)])
+        position.append(
+            [_number(row, name, line, faults, most) for name, most in zip(ANGLES, _FAR, strict=True)]
+        )
         covariance.append(_covariance(row, line, faults))
         if not position[-1][2] > 0.0:
             faults.append(Fault("range_m", f"{position[-1][2]:g} m is no range.", "", line))
     if not seen:
-        raise InputError(f"{path} holds no sightings.", remedy="Write a row for each target from each station.")
+        raise InputError(
+            f"{path} holds no sightings.", remedy="Write a row for each target from each station."
+        )
     if faults:
         raise ScenarioError(faults, source=str(path))
     names = tuple(seen)
     return SightingTable(
-        tuple(one for one, _ in names), tuple(one for _, one in names), np.array(position), np.array(covariance)
+        tuple(one for one, _ in names),
+        tuple(one for _, one in names),
+        np.array(position),
+        np.array(covariance),
     )
 
 
@@ -165,7 +176,9 @@ def points_text(boards: Mapping[str, Mapping[str, Sequence[float]]]) -> str:
     return stream.getvalue()
 
 
-def _rows(path: Path, columns: Sequence[str], remedy: str) -> tuple[str, Iterator[tuple[int, dict[str, str]]]]:
+def _rows(
+    path: Path, columns: Sequence[str], remedy: str
+) -> tuple[str, Iterator[tuple[int, dict[str, str]]]]:
     """Return the comment above a table, and its rows by column, each with its line."""
     lines = read_text_file(path).splitlines()
     if len(lines) > _MOST:
@@ -184,7 +197,12 @@ def _rows(path: Path, columns: Sequence[str], remedy: str) -> tuple[str, Iterato
         if not line.strip():
             continue
         if len(cells) != len(heading):
-            fault = Fault("", f"it has {len(cells)} cells, and the heading {len(heading)}.", "Separate them by commas.", number)
+            fault = Fault(
+                "",
+                f"it has {len(cells)} cells, and the heading {len(heading)}.",
+                "Separate them by commas.",
+                number,
+            )
             raise ScenarioError([fault], source=str(path))
         found.append((number, dict(zip(heading, cells, strict=True))))
     return (lines[0] if above else ""), iter(found)
@@ -194,7 +212,9 @@ def _number(row: Mapping[str, str], name: str, line: int, faults: list[Fault], m
     try:
         value = float(row[name])
     except ValueError:
-        faults.append(Fault(name, f"'{row[name]}' is no number.", "Write it in SI units, with a decimal point.", line))
+        faults.append(
+            Fault(name, f"'{row[name]}' is no number.", "Write it in SI units, with a decimal point.", line)
+        )
         return 1.0
     if not abs(value) <= most:
         faults.append(Fault(name, f"{value:g} is not within ±{most:g}.", "Check its unit.", line))
@@ -203,7 +223,9 @@ def _number(row: Mapping[str, str], name: str, line: int, faults: list[Fault], m
 
 
 def _covariance(row: Mapping[str, str], line: int, faults: list[Fault]) -> Array:
-    sigma = np.array([_number(row, name, line, faults, most) for name, most in zip(SIGMAS, _FAR, strict=True)])
+    sigma = np.array(
+        [_number(row, name, line, faults, most) for name, most in zip(SIGMAS, _FAR, strict=True)]
+    )
     if not (sigma > 0.0).all():
         faults.append(Fault(SIGMAS[int(np.argmin(sigma))], "a standard deviation is above 0.", "", line))
         return np.eye(3)

@@ -38,7 +38,9 @@ def self_calibrate_plan(
     from scanner_sim.calibration.simulated import simulated_sightings
 
     if output.suffix.lower() not in (".yaml", ".yml"):
-        raise InputError(f"{output.name} is no name of a calibration.", remedy="Write one that ends in .yaml.")
+        raise InputError(
+            f"{output.name} is no name of a calibration.", remedy="Write one that ends in .yaml."
+        )
     if not output.parent.is_dir():
         raise InputError(f"there is no folder {output.parent}.", remedy="Make it, or name another.")
     endings = (".json", "_sightings.csv", "_targets.csv", "_field.png", "_residuals.png", "_parameters.png")
@@ -93,9 +95,7 @@ def _print(setup: Setup, result: SelfCalibrated, output: Path, names: tuple[str,
         "sightings": f"{len(field.sightings)} of {len(field.targets.names)} targets from {len(field.stations)} stations"
         f", {'simulated' if setup.plan.sightings is None else 'measured'}",
         "unit weight": f"{adjusted.unit_weight:.3f} with {adjusted.freedom} degrees of freedom",
-        "not observed": "; ".join(
-            f"{one.words} (its tolerance stays)" for one in result.unobserved
-        )
+        "not observed": "; ".join(f"{one.words} (its tolerance stays)" for one in result.unobserved)
         or "nothing: the sightings know every combination better than its tolerance",
     }
     if result.doubted:
