@@ -32,7 +32,7 @@ SHOWN = {"guide_mesh_range": "range.png", "guide_mesh_camera": "camera.png"}
 
 
 def guide_pictures() -> None:
-    """Follow the guide up to the mesh in sunlight, and keep two of its pictures."""
+    """Follow the guide up to the mesh in sunlight, and keep three of its pictures."""
     blocks = re.findall(
         r"^```(\w+)(?: title=\"([^\"]+)\")?\n(.*?)^```", GUIDE.read_text(encoding="utf-8"), re.M | re.S
     )
@@ -42,8 +42,11 @@ def guide_pictures() -> None:
                 Path(folder, title).write_text(text, encoding="utf-8")
             elif language == "python" and "export" in text:
                 subprocess.run([sys.executable, "-c", text], cwd=folder, check=True)
-        command = [sys.executable, "-m", "scanner_sim", "run", "my_part_lit.yaml", "-o", "lit", "-q"]
-        subprocess.run(command, cwd=folder, check=True)
+        program = [sys.executable, "-m", "scanner_sim"]
+        run = ["run", "my_part_lit.yaml", "-o", "lit", "-q"]
+        scene = ["scene", "my_part.yaml", "-o", str(PICTURES / "guide_mesh_scene.png"), "--overwrite", "-q"]
+        for command in (run, scene):
+            subprocess.run(program + command, cwd=folder, check=True)
         for name, picture in SHOWN.items():
             shutil.copy(Path(folder, "lit", picture), PICTURES / f"{name}.png")
 

@@ -27,6 +27,17 @@ from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.tracking.record import Track, TrackStatus
 
+CONVERTED = {
+    "points.laz": "with `output.formats`, as the five below, or by `convert`: points as LAS 1.4, compressed",
+    "points.las": "the same, not compressed",
+    "points.e57": "all shots as E57, structured where there are rows",
+    "points.pcd": "all shots as PCD, organised where there are rows",
+    "points_ascii.pcd": "the same as text",
+    "metadata.yaml": "with points.mcap: makes the folder a bag of ROS 2",
+    "points.mcap": "messages of that bag: the cloud, and targets and poses of a track",
+}
+"""What a result holds for other programs."""
+
 FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
     "run, of a raster": (
         "RUN",
@@ -37,6 +48,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             **{picture.file: picture.meaning for channel in CHANNELS for picture in channel.pictures},
             "points.ply": "the points with intensity and σ, binary little-endian PLY",
             "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
+            **CONVERTED,
             "lines.parquet": "lines of the voxels under `output.lines`, and the light before noise; columns below",
             "waveforms.parquet": "the same of the waveforms under `output.waveforms`",
         },
@@ -61,6 +73,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "status.png": "the same in the colours of their status",
             "points.ply": "the points with intensity, σ and number of the shot, binary little-endian PLY",
             "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
+            **CONVERTED,
         },
     ),
     "run, of a track": (
@@ -80,6 +93,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "field.png": "all targets in the field of view",
             "pose.png": "errors of the poses over time with ±2σ",
             "outline.png": "the objects at true and at estimated pose, displacement enlarged",
+            **CONVERTED,
         },
     ),
     "orbit": (
@@ -123,6 +137,13 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "compare.html": "the same as a page with pictures, in one file",
             "compare.png": "deviations of all checks with their intervals",
             "scenario.yaml": "the scenario with every default written out",
+        },
+    ),
+    "difference": (
+        "DIFFERENCE",
+        {
+            "difference.json": "numbers of each range that both results have, changes of status, keys that differ",
+            "difference.png": "difference over σ of both as a map, and its histogram with the normal curve",
         },
     ),
 }

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from scanner_sim.campaign.result import open_campaign as open_campaign
     from scanner_sim.config import load_scanner as load_scanner
     from scanner_sim.config import load_scenario as load_scenario
+    from scanner_sim.config.scanner import Scanner as Scanner
     from scanner_sim.config.scenario import Scenario as Scenario
     from scanner_sim.foundation.errors import InputError as InputError
     from scanner_sim.foundation.errors import RunError as RunError
@@ -33,14 +34,17 @@ if TYPE_CHECKING:
     from scanner_sim.instrument.simulate import take_photo as take_photo
     from scanner_sim.instrument.simulate_signals import simulate_lines as simulate_lines
     from scanner_sim.instrument.simulate_signals import simulate_waveforms as simulate_waveforms
+    from scanner_sim.instrument.viewing import view as view
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
     from scanner_sim.pose.filter import PoseFilter as PoseFilter
     from scanner_sim.pose.result import PoseEstimate as PoseEstimate
+    from scanner_sim.products.difference import difference_of as difference_of
     from scanner_sim.products.files.exr import read_range_image as read_range_image
     from scanner_sim.products.files.run_folder import write_run as write_run
     from scanner_sim.products.files.shots_folder import read_shots as read_shots
     from scanner_sim.products.files.shots_folder import write_shots as write_shots
     from scanner_sim.products.files.signal_files import read_signals as read_signals
+    from scanner_sim.products.formats.convert import convert as convert
     from scanner_sim.products.image import RangeImage as RangeImage
     from scanner_sim.products.lines import LineSet as LineSet
     from scanner_sim.products.shots import ShotTable as ShotTable
@@ -68,6 +72,7 @@ __all__ = [
     "RangeImage",
     "RunError",
     "Samples",
+    "Scanner",
     "Scenario",
     "ScenarioError",
     "ShotTable",
@@ -76,6 +81,8 @@ __all__ = [
     "WaveformSet",
     "__version__",
     "compare",
+    "convert",
+    "difference_of",
     "draw_lightings",
     "estimate_pose",
     "load_scanner",
@@ -98,6 +105,7 @@ __all__ = [
     "take_photo",
     "track",
     "track_many",
+    "view",
     "write_run",
     "write_shots",
 ]
@@ -114,6 +122,7 @@ _HOMES = {
     "RangeImage": "scanner_sim.products.image",
     "RunError": "scanner_sim.foundation.errors",
     "Samples": "scanner_sim.instrument.samples",
+    "Scanner": "scanner_sim.config.scanner",
     "Scenario": "scanner_sim.config.scenario",
     "ScenarioError": "scanner_sim.foundation.errors",
     "ShotTable": "scanner_sim.products.shots",
@@ -121,6 +130,8 @@ _HOMES = {
     "Tracker": "scanner_sim.instrument.closed_loop.tracker",
     "WaveformSet": "scanner_sim.products.waveforms",
     "compare": "scanner_sim.validation.compare.run",
+    "convert": "scanner_sim.products.formats.convert",
+    "difference_of": "scanner_sim.products.difference",
     "draw_lightings": "scanner_sim.scene.light.draw",
     "estimate_pose": "scanner_sim.pose.estimate",
     "load_scanner": "scanner_sim.config",
@@ -143,6 +154,7 @@ _HOMES = {
     "take_photo": "scanner_sim.instrument.simulate",
     "track": "scanner_sim.instrument.closed_loop.track",
     "track_many": "scanner_sim.instrument.closed_loop.track",
+    "view": "scanner_sim.instrument.viewing",
     "write_run": "scanner_sim.products.files.run_folder",
     "write_shots": "scanner_sim.products.files.shots_folder",
 }

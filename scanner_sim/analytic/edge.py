@@ -5,12 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 _PHASES = 64
 
 
-def sampled_crossing(sigma: float, step: float, ratio: float) -> float:
-    """Return by how much before its peak a sampled Gaussian pulse first crosses a level [s], mean over all samplings.
+def sampled_crossings(sigma: float, step: float, ratio: float) -> NDArray[np.float64]:
+    """Return by how much before its peak a sampled Gaussian pulse first crosses a level [s], shape (64,).
+
+    Each for another place of the peak between two samples; the places are even.
 
     Between two samples the pulse is replaced by a straight line. At the foot of the edge, where the pulse is convex,
     the line lies above it and crosses the level earlier. For fine samples the result is σ √(2 ln ratio), on which
@@ -33,4 +36,9 @@ def sampled_crossing(sigma: float, step: float, ratio: float) -> float:
         after = int(np.argmax(pulse > 1.0))
         low, high = pulse[after - 1], pulse[after]
         found.append(time[after - 1] + step * (1.0 - low) / (high - low))
-    return -float(np.mean(found))
+    return -np.array(found)
+
+
+def sampled_crossing(sigma: float, step: float, ratio: float) -> float:
+    """Return the mean of :func:`sampled_crossings` over all places of the peak [s]."""
+    return float(np.mean(sampled_crossings(sigma, step, ratio)))

@@ -4,8 +4,8 @@ Each sighting gives three conditions: the point that the instrument believes to 
 :func:`~scanner_sim.ranging.believed.believed_points`, is the target as it stands before the station. Since three
 readings meet three conditions, the point's misfit e is as good as the readings' own, v = J⁻¹ e with J =
 ∂point/∂readings, whose covariance L Lᵀ is known: a combined adjustment (Gauss-Helmert) becomes one of ordinary
-observation equations for L⁻¹ v (Mikhail, *Observations and Least Squares*, 1976, ch. 9). Tolerances, the survey of the targets
-and scale bars are observations as well. The field's axes are those of the first board.
+observation equations for L⁻¹ v (Mikhail, *Observations and Least Squares*, 1976, ch. 9). Tolerances, the survey of the
+targets and scale bars are observations as well. The field's axes are those of the first board.
 
 Steps are Gauss-Newton's, damped where one fails (Levenberg, *Quart. Appl. Math.* 2, 1944; Marquardt, *SIAM J. Appl.
 Math.* 11, 1963). Doubtful sightings count by Huber's weights (*Ann. Math. Statist.* 35, 1964) of the norm of their

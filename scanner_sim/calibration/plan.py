@@ -135,8 +135,8 @@ class SelfCalibration(Part):
     schema_version: Literal[1] = Field(alias="schema", examples=[1])
     """Version of the plan's form."""
     base: ScenarioFile
-    """The scenario whose ``scanner``, ``ranging`` and ``processing`` are the instrument. Sightings are simulated with its
-    ``as_built``, which the adjustment does not know; it believes in the design."""
+    """The scenario whose ``scanner``, ``ranging`` and ``processing`` are the instrument. Sightings are simulated with
+    its ``as_built``, which the adjustment does not know; it believes in the design."""
     ranging: Literal["triangulation", "tof"] | None = Field(default=None, examples=["triangulation"])
     """What measures the sightings; by default what the scenario has."""
     seed: Count = Field(default=0, ge=0, lt=2**63)
@@ -159,7 +159,7 @@ class SelfCalibration(Part):
     """Patterns over each target that count for a simulated sighting: their mean is taken."""
 
     def cross_checks(self) -> Iterator[Fault]:
-        """Yield names that are there twice or not at all, nothing to be looked for, and a field that is all held out."""
+        """Yield names that are there twice or not at all, nothing to be looked for, and nothing to go by."""
         for kind, listed in (("boards", self.boards), ("stations", self.stations)):
             names = [one.name for one in listed]
             for number, name in enumerate(names):

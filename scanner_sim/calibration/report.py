@@ -17,7 +17,8 @@ def about(result: SelfCalibrated) -> str:
     field, adjusted = result.field, result.adjusted
     return (
         f"self-calibration: {len(field.sightings)} sightings of {len(field.targets.names)} targets on "
-        f"{len(field.targets.boards)} boards from {len(field.stations)} stations, unit weight {adjusted.unit_weight:.3f}"
+        f"{len(field.targets.boards)} boards from {len(field.stations)} stations, "
+        f"unit weight {adjusted.unit_weight:.3f}"
     )
 
 
@@ -45,7 +46,7 @@ def report(setup: Setup, result: SelfCalibrated, warnings: tuple[str, ...]) -> d
         "unobserved": [
             {
                 "combination": one.words,
-                "parts": {name: part for name, part in one.parts},
+                "parts": dict(one.parts),
                 "sigma_over_tolerance": one.sigma,
             }
             for one in result.unobserved

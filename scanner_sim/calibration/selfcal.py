@@ -143,7 +143,8 @@ def _settled(field: Field) -> Adjusted:
     least = unobserved(field, adjusted)[:1]
     told = f" The sightings tell least of {least[0].words}." if least else ""
     raise InputError(
-        f"The adjustment has not settled after {adjusted.steps} steps: its unit weight is {adjusted.unit_weight:.3g}.{told}",
-        remedy="Add stations at another distance or turned about their z, or a scale bar; look for fewer parameters; or "
-        "check names and units of sightings, boards and scale bars, if the unit weight is far above 1.",
+        f"The adjustment has not settled after {adjusted.steps} steps: its unit weight is {adjusted.unit_weight:.3g}."
+        f"{told}",
+        remedy="Add stations at another distance or turned about their z, or a scale bar; look for fewer parameters; "
+        "or check names and units of sightings, boards and scale bars, if the unit weight is far above 1.",
     )

@@ -12,6 +12,7 @@ from scanner_sim.campaign.runs import Campaign, changed, dimension_of
 from scanner_sim.foundation.errors import ScenarioError
 from scanner_sim.foundation.named_files import LARGEST_MESH, digest_of, read_ordinary
 from scanner_sim.foundation.parts import Part
+from scanner_sim.scene.files.mesh_files import files_of_mesh
 from scanner_sim.scene.files.scene_rules import files_of_scene
 
 _OF_ONE_CHECKOUT = ("GIT_DIR", "GIT_WORK_TREE", "GIT_COMMON_DIR")
@@ -70,6 +71,8 @@ def _with_its_own(path: Path) -> Iterator[Path]:
     yield path
     if path.suffix.lower() == ".xml":
         yield from files_of_scene(path)
+    else:
+        yield from files_of_mesh(path)
 
 
 def _commit(folder: Path) -> tuple[str, str] | None:

@@ -10,6 +10,7 @@ import typer
 
 from scanner_sim.cli.campaigns import campaign
 from scanner_sim.cli.judging import compare, reproduce
+from scanner_sim.cli.looking import difference, view
 from scanner_sim.cli.options import (
     Config,
     Device,
@@ -81,6 +82,29 @@ def check(
 
 
 @app.command()
+@scenario_verb(
+    output=typer.Option(
+        "--output",
+        "-o",
+        metavar="PNG",
+        help="The picture.",
+        show_default="output/ and CONFIG's name with _scene.png",
+    ),
+    place=lambda config: Path("output", f"{config.stem}_scene.png"),
+)
+def scene(call: Call) -> None:
+    """Show what stands before the scanner: a table of the objects, and a picture with sizes, names and field of view.
+
+    Example: `scanner-sim scene configs/quickstart.yaml -o scene.png`
+
+    Nothing is simulated: it takes seconds, whatever the scan. What moves stands where it does when the scan begins.
+    """
+    from scanner_sim.cli.viewing_scene import show_scene
+
+    show_scene(call)
+
+
+@app.command()
 def show(
     result: Annotated[
         Path,
@@ -146,6 +170,52 @@ def show(
 
 
 @app.command()
+def convert(
+    result: Annotated[
+        Path,
+        typer.Argument(metavar="RESULT", help="Folder of a run, or its range.exr.", show_default=False),
+    ],
+    to: Annotated[
+        list[str],
+        typer.Option(
+            "--to",
+            metavar="FORMAT",
+            help="laz, las, e57, pcd, pcd_ascii or rosbag2. May be repeated.",
+            show_default=False,
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="DIR", help="Folder of the files.", show_default="beside the result"
+        ),
+    ] = None,
+    by: Annotated[
+        str,
+        typer.Option(
+            metavar="RANGEFINDER",
+            help="Whose points, where both measured: triangulation, tof or fused.",
+            show_default="triangulation, or tof where it is alone",
+        ),
+    ] = "",
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Write the points of a result for other programs: LAS 1.4, E57, PCD, a bag of ROS 2.
+
+    Example: `scanner-sim convert output/quickstart --to laz --to e57 -o output/exchange`
+
+    The files are points.laz, points.las, points.e57, points.pcd, points_ascii.pcd; with rosbag2 DIR becomes a bag
+    (metadata.yaml, points.mcap), with targets and poses of a track. The guide *Results in other programs* says what
+    each keeps. `output.formats` makes runs write the same.
+    """
+    with reported():
+        from scanner_sim.cli.converting import convert_result
+
+        convert_result(result, to, output, by=by, overwrite=overwrite, quiet=quiet)
+
+
+@app.command()
 def reprocess(
     result: Annotated[
         Path,
@@ -191,7 +261,7 @@ def reprocess(
         )
 
 
-for verb in (orbit, calibrate, selfcal, budget, pose_study, compare, reproduce):
+for verb in (view, difference, orbit, calibrate, selfcal, budget, pose_study, compare, reproduce):
     app.command()(verb)
 app.add_typer(campaign, name="campaign")
 

@@ -56,10 +56,10 @@ def budget_scenario(call: Call, *, count: int, reflectance: float, sweep: str | 
         contents: dict[str, str | Callable[[Path], None]] = {
             "budget.json": budget_json(rows, reflectance, dominance, turn, at_rest),
             "budget.csv": records_csv(rows),
-            "budget.png": partial(draw_budget, rows, reflectance, light=light),
+            "budget.png": partial(draw_budget, rows, reflectance, mode=rows[0].mode, light=light),
             "scenario.yaml": resolved_yaml(own),
         }
-        if any(row.mode == "tof" for row in rows):
+        if any(row.mode == "fused" for row in rows):
             contents["budget_tof.png"] = partial(draw_budget, rows, reflectance, mode="tof", light=light)
             contents["curves.png"] = partial(draw_curves, rows, reflectance, light=light)
         if dominance is not None:

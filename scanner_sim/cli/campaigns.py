@@ -166,6 +166,79 @@ def rerun(
         rerun(folder, run, output, device=device.value, overwrite=overwrite)
 
 
+@campaign.command("dataset")
+def dataset(
+    folder: Folder,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output", "-o", metavar="DIR", help="Folder of the data set.", show_default="DIR with _dataset"
+        ),
+    ] = None,
+    shares: Annotated[
+        tuple[float, float, float],
+        typer.Option(metavar="TRAIN VALIDATION TEST", help="Shares of the three splits; 0 for none."),
+    ] = (80.0, 10.0, 10.0),
+    apart: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="WORD",
+            help="What no two splits share: object, pose. May be repeated.",
+            show_default="both",
+        ),
+    ] = None,
+    layer: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Layer of the images that is kept, beside status and truth.object. May be repeated.",
+            show_default="all",
+        ),
+    ] = None,
+    licence: Annotated[
+        str,
+        typer.Option(
+            "--licence",
+            "--license",
+            metavar="SPDX",
+            help="Licence of the data set, as CC-BY-4.0, or its address.",
+            show_default=False,
+        ),
+    ] = "",
+    name: Annotated[
+        str, typer.Option(metavar="NAME", help="Name of the data set.", show_default="its folder's")
+    ] = "",
+    shard_size: Annotated[
+        int, typer.Option(metavar="MB", min=1, help="Size of a shard's layers before compression.")
+    ] = 256,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing data set.")] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make a data set for learning of the runs that a campaign has kept.
+
+    Example: `scanner-sim campaign dataset output/views -o output/views_set --licence CC-BY-4.0`
+
+    The plan needs `keep: {runs: all}`. DIR gets Parquet shards of train, validation and test, which share no object and
+    no pose; croissant.json, which describes them to loaders; and README.md, with the licences of the meshes as
+    FILE.license beside each says (REUSE).
+    """
+    with reported():
+        from scanner_sim.cli.dataset import make_dataset
+
+        make_dataset(
+            folder,
+            output or folder.with_name(f"{folder.absolute().name}_dataset"),
+            shares=shares,
+            apart=tuple(apart or ("object", "pose")),
+            layers=tuple(layer or ()),
+            licence=licence,
+            name=name,
+            shard_bytes=shard_size << 20,
+            overwrite=overwrite,
+            quiet=quiet,
+        )
+
+
 @campaign.command("report")
 def report(folder: Folder) -> None:
     """Write one page about a campaign: distributions, what each key does, the worst runs, and what failed.

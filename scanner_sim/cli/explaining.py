@@ -16,8 +16,9 @@ from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import load_scanner, scenario_warnings
 from scanner_sim.config.document import Location, spell, value_at
 from scanner_sim.config.preset import Preset, preset_text, read_preset, shipped_presets
-from scanner_sim.config.scanner import Scanner
+from scanner_sim.config.scanner import RangefinderName, Scanner
 from scanner_sim.config.wording import inline_yaml
+from scanner_sim.optics.pulse import FWHM
 
 if TYPE_CHECKING:
     from scanner_sim.products.instrument_sheet import InstrumentSheet
@@ -28,8 +29,17 @@ _WAYS = {"triangulation": "triangulation", "tof": "time of flight", "fused": "bo
 
 
 def list_instruments() -> None:
-    """Print the names of the shipped instruments, and what each is."""
-    print_table({one: read_preset(one).about for one in shipped_presets()})
+    """Print the shipped instruments: ranges, field of view and rate, and what each is."""
+    names = shipped_presets()
+    rows = []
+    for name in names:
+        scanner = load_scanner(name)
+        seen = ", ".join(_seen(scanner, way) for way in scanner.seeing)
+        field = f"±{math.degrees(scanner.mirrors.max_deflection):.3g}°"
+        rows.append((name, seen, field, f"{scanner.rate:.6g} /s"))
+    print_rows([("instrument", "ranges", "field", "rate"), *rows], left=(0, 1, 2, 3))
+    typer.echo("")
+    print_table({name: read_preset(name).about for name in names})
 
 
 def print_instrument_file(name: str) -> None:
@@ -61,7 +71,7 @@ def print_instrument(name: str, picture: Path | None, *, overwrite: bool) -> Non
         if sentence.startswith("scanner."):
             warn(sentence)
     sheet = instrument_sheet(scanner)
-    table = {"instrument": preset.about, **_properties(scanner, sheet)}
+    table = {"instrument": preset.about, **instrument_properties(scanner, sheet)}
     if picture is not None:
         write = partial(draw_instrument, sheet, f"{name}, the instrument")
         table["picture"] = str(write_file(picture, write, overwrite=overwrite))
@@ -88,7 +98,7 @@ def print_differences(name: str, other: str) -> None:
 
     pair = (name, other)
     scanners, presets = [load_scanner(one) for one in pair], [read_preset(one) for one in pair]
-    sheets = [_properties(scanner, instrument_sheet(scanner)) for scanner in scanners]
+    sheets = [instrument_properties(scanner, instrument_sheet(scanner)) for scanner in scanners]
     unlike = [
         (word, sheets[0][word], sheets[1][word]) for word in sheets[0] if sheets[0][word] != sheets[1][word]
     ]
@@ -108,26 +118,37 @@ def _stated(preset: Preset, at: Location, value: object) -> str:
     return f"{inline_yaml(value)} ({preset.stated[at].mark})" if at in preset.stated else "–"
 
 
-def _properties(scanner: Scanner, sheet: InstrumentSheet) -> dict[str, str]:
+def instrument_properties(scanner: Scanner, sheet: InstrumentSheet) -> dict[str, str]:
     """Return what follows from an instrument's values, as pairs of a word and a phrase."""
     laser = scanner.laser
-    beyond = f"{sheet.far:.4g} m" if math.isfinite(sheet.far) else "infinity"
-    recorded = (
-        f"; {sheet.gate[0]:.4g} m to {sheet.gate[1]:.4g} m by time of flight"
-        if "tof" in sheet.sigma_m
-        else ""
-    )
-    divergence = 2.0 * laser.waist_radius / laser.rayleigh_length
+    base = "" if sheet.line is None else f"base {1e3 * sheet.baseline:.4g} mm, "
     return {
-        "ranges on the axis": f"{sheet.near:.4g} m to {beyond} on the array" + recorded,
+        "ranges on the axis": "; ".join(_seen(scanner, name) for name in scanner.seeing),
         "field of view": f"±{math.degrees(sheet.half_field):.3g}° on both axes",
         "rate": f"{sheet.rate:.6g} voxels/s",
-        "beam": f"{1e3 * laser.power:.4g} mW at {1e6 * laser.wavelength:.4g} µm, "
+        "beam": f"{_light(scanner)} at {1e6 * laser.wavelength:.4g} µm, "
         f"waist of {2e3 * laser.waist_radius:.4g} mm (1/e²) at {laser.waist_distance:.4g} m, "
-        f"full divergence {1e3 * divergence:.3g} mrad",
-        "receiver": f"base {1e3 * sheet.baseline:.4g} mm, f = {1e3 * sheet.focal_length:.4g} mm, "
-        f"f/{sheet.focal_length / sheet.aperture:.3g}; {_array(scanner)}",
+        f"full divergence {2e3 * laser.divergence:.3g} mrad",
+        "receiver": f"{base}f = {1e3 * sheet.focal_length:.4g} mm, "
+        f"f/{sheet.focal_length / sheet.aperture:.3g}"
+        + ("" if sheet.line is None else f"; {_array(scanner)}"),
     }
+
+
+def _seen(scanner: Scanner, rangefinder: RangefinderName) -> str:
+    """Return the ranges of a rangefinder in words."""
+    near, far = scanner.seen_by(rangefinder)
+    beyond = f"{far:.4g} m" if math.isfinite(far) else "infinity"
+    return f"{near:.4g} m to {beyond} " + ("by time of flight" if rangefinder == "tof" else "on the array")
+
+
+def _light(scanner: Scanner) -> str:
+    """Return the laser's power in words, or the energy of its pulses without an array."""
+    if "triangulation" in scanner.rangefinders:
+        power = scanner.laser.power
+        return f"{1e3 * power:.4g} mW" if power >= 1e-5 else f"{1e6 * power:.4g} µW"
+    pulse = scanner.lidar.pulse
+    return f"pulses of {1e6 * pulse.pulse_energy:.4g} µJ and {1e9 * FWHM * pulse.sigma:.4g} ns"
 
 
 def _array(scanner: Scanner) -> str:
@@ -144,24 +165,23 @@ def _array(scanner: Scanner) -> str:
 
 def _table(sheet: InstrumentSheet) -> Iterator[tuple[str, ...]]:
     """Yield the lines of a table of lengths [mm] over range."""
-    ways = list(sheet.sigma_m)
-    named = (f"σ {_WAYS[way]} [mm]" for way in ways)
-    head = ("range [m]", "beam [mm]", "pixel [mm]", "σ across [mm]", "spot σ [pixel]", "of full well")
-    yield (*head, *named)
+    columns = {"beam [mm]": 1e3 * sheet.spot_m}
+    if sheet.line is not None:
+        columns["pixel [mm]"] = 1e3 * sheet.line.pixel_m
+    if sheet.lateral_m.any():
+        columns["σ across [mm]"] = 1e3 * sheet.lateral_m
+    if sheet.line is not None:
+        columns["spot σ [pixel]"] = sheet.line.image_px
+        columns["% of full well"] = 100.0 * sheet.line.filled
+    columns |= {f"σ {_WAYS[way]} [mm]": 1e3 * values for way, values in sheet.sigma_m.items()}
+    yield ("range [m]", *columns)
     last = len(sheet.range_m) - 1
     for line in range(_LINES):
         at = round(line * last / (_LINES - 1))
-        lengths = (sheet.spot_m, sheet.pixel_m, sheet.lateral_m, *(sheet.sigma_m[way] for way in ways))
-        cells = [_rounded(1e3 * float(values[at])) for values in lengths]
-        yield (
-            f"{sheet.range_m[at]:.3g}",
-            *cells[:3],
-            _rounded(float(sheet.image_px[at])),
-            f"{_rounded(100.0 * float(sheet.filled[at]))} %",
-            *cells[3:],
-        )
+        cells = (rounded(float(values[at])) for values in columns.values())
+        yield (f"{sheet.range_m[at]:.3g}", *cells)
 
 
-def _rounded(number: float) -> str:
+def rounded(number: float) -> str:
     """Return three digits of a number, without an exponent where that is no longer."""
     return f"{float(f'{number:.3g}'):g}" if math.isfinite(number) else "–"

@@ -62,6 +62,13 @@ def reproduce(
             metavar="ITEM", help="Make only this item, as `fig12`; may be repeated.", show_default="all"
         ),
     ] = None,
+    family: Annotated[
+        bool,
+        typer.Option(
+            "--family",
+            help="Make the ledger of published facts instead: each instrument against what is printed of it.",
+        ),
+    ] = False,
     output: Annotated[
         Path, typer.Option("--output", "-o", metavar="DIR", help="Folder of results, pictures and page.")
     ] = Path("output", "paper"),
@@ -73,16 +80,24 @@ def reproduce(
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Make the paper's equations, tables and figures again from simulated data.
+    """Make the paper's equations, tables and figures again from simulated data, or the ledger of published facts.
 
-    Example: `scanner-sim reproduce --only fig12 --only table1 -o output/paper`
+    Examples: `scanner-sim reproduce --only fig12 --only table1 -o output/paper`,
+    `scanner-sim reproduce --family --only crack`
 
     For each: its picture, what the paper says, what was found, and where they differ and why, on one page. What is
     finished is kept: an interrupted run goes on where it was.
     """
     with reported():
-        from scanner_sim.cli.reproducing import reproduce_paper
+        from scanner_sim.cli.reproducing import reproduce_book
 
-        reproduce_paper(
-            output, only or (), quick=quick, seed=seed, device=device.value, overwrite=overwrite, quiet=quiet
+        reproduce_book(
+            output,
+            only or (),
+            family=family,
+            quick=quick,
+            seed=seed,
+            device=device.value,
+            overwrite=overwrite,
+            quiet=quiet,
         )

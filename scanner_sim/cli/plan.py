@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
+from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.poses import carriers_of
 from scanner_sim.instrument.memory import (
@@ -34,11 +35,9 @@ _LONG = 0.5
 
 def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
     """Return what a run would do, as pairs of a word and a phrase."""
-    scanner = scenario.scanner
-    far = "infinity" if math.isinf(scanner.farthest_range) else f"{scanner.farthest_range:.4g} m"
     return {
         **_pointing(scenario),
-        "ranges seen": f"{scanner.nearest_range:.4g} m to {far}",
+        "ranges seen": ", ".join(_seen(scenario, name) for name in scenario.rangefinders),
         "objects": ", ".join(item.name for item in scenario.scene.objects) or "none of their own",
         "memory": f"about {memory(scenario) / 1e9:.1f} GB",
         "time": f"about {START_SECONDS + run_seconds(scenario):.0f} s on two processor cores",
@@ -48,6 +47,12 @@ def plan(scenario: Scenario, folder: Path) -> dict[str, str]:
         "folder": str(folder),
         "files": ", ".join(_files(scenario)),
     }
+
+
+def _seen(scenario: Scenario, rangefinder: RangefinderName) -> str:
+    near, far = scenario.scanner.seen_by(rangefinder)
+    beyond = "infinity" if math.isinf(far) else f"{far:.4g} m"
+    return f"{near:.4g} m to {beyond}" + (" by time of flight" if rangefinder == "tof" else "")
 
 
 def _files(scenario: Scenario) -> tuple[str, ...]:
@@ -106,13 +111,13 @@ def keys() -> list[str]:
     """Return the keys that --set can replace, outside of objects, for completion in a shell."""
     from scanner_sim.config.outline import outline
 
-    return sorted(
-        ".".join(location)
-        for location, slot in outline().items()
-        if location
-        and slot.part is None
-        and not any(step == "*" or step.startswith("(") for step in location)
-    )
+    found = set()
+    for location, slot in outline().items():
+        # Of the kinds of a scan's or an object's keys only one is right; a part of the instrument has one kind.
+        chosen = location[:1] != ("scanner",) and any(step.startswith("(") for step in location)
+        if location and slot.part is None and "*" not in location and not chosen:
+            found.add(".".join(step for step in location if not step.startswith("(")))
+    return sorted(found)
 
 
 def _degrees(ends: tuple[float, float]) -> str:

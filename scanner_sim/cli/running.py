@@ -16,6 +16,7 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.memory import check_memory
 from scanner_sim.products.files.contents import RUN, SHOTS, TRACK
 from scanner_sim.products.files.folder import ResultFolder, check_target
+from scanner_sim.products.formats.writers import check_formats
 
 if TYPE_CHECKING:
     from scanner_sim.products.image import RangeImage
@@ -34,6 +35,7 @@ def run_scenario(call: Call, *, dry_run: bool) -> None:
     """
     scenario = call.scenario()
     if dry_run:
+        check_formats(scenario.output.formats)
         check_target(call.output, call.overwrite, _kind_and_work(scenario)[0])
         print_table(plan(scenario, call.output))
         return
@@ -43,6 +45,7 @@ def run_scenario(call: Call, *, dry_run: bool) -> None:
 def run_into_folder(scenario: Scenario, call: Call) -> RangeImage | ShotTable | Track:
     """Simulate a scenario into the folder of a call, and return what is in it; faults as :func:`run_scenario`."""
     kind, work = _kind_and_work(scenario)
+    check_formats(scenario.output.formats)
     check_memory(scenario)
     call.warn(slow(scenario))
     with call.claimed(kind):
@@ -50,7 +53,8 @@ def run_into_folder(scenario: Scenario, call: Call) -> RangeImage | ShotTable | 
     # Afterwards: the scene is loaded, and its files were read under their names.
     from scanner_sim.instrument.scene_warnings import scene_warnings
 
-    call.warn(scene_warnings(scenario, device=call.device))
+    said = getattr(made, "warnings", ())
+    call.warn([one for one in scene_warnings(scenario, device=call.device) if one not in said])
     return made
 
 

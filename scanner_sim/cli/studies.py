@@ -144,7 +144,8 @@ def selfcal(
 
     Targets on boards or spheres are measured from several stations, simulated with the instrument as built or read from
     a table of your own. A network adjustment finds the instrument's parameters with their covariance, stations and
-    boards together; what was held out tells how well they hold. The file is used by `processing.calibration: calib.yaml`.
+    boards together; what was held out tells how well they hold. The file is used by
+    `processing.calibration: calib.yaml`.
     """
     with reported():
         from scanner_sim.cli.self_calibrating import self_calibrate_plan

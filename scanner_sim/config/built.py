@@ -4,20 +4,34 @@ from __future__ import annotations
 
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.parts import Part
 from scanner_sim.optics.built_instrument import BuiltInstrument
 from scanner_sim.optics.built_receiver import BuiltReceiver
-from scanner_sim.optics.parameters import NAMES, PARAMETERS
+from scanner_sim.optics.parameters import INDEX, PARAMETERS
 
 
 def instrument_as_built(scenario: Scenario) -> BuiltInstrument | None:
-    """Return the true instrument of a scenario; None where it is built as designed."""
+    """Return the true instrument of a scenario; None where it is built as designed.
+
+    Raises
+    ------
+    InputError
+        If its base or its image distance is not positive.
+    """
     own, scanner = scenario.scanner.as_built, scenario.scanner
     if own is None:
         return None
     seed = scenario.transport.seed_of_light(scenario.seed)
     parameters = own.parameters(seed)
-    base = scanner.receiver.baseline + float(parameters[NAMES.index("base")])
+    base = scanner.receiver.baseline + float(parameters[INDEX["base"]])
+    behind = scanner.receiver.line_image.depth + float(parameters[INDEX["focal_length"]])
+    if base <= 0.0 or behind <= 0.0:
+        name, found = ("base", base) if base <= 0.0 else ("focal_length", behind)
+        raise InputError(
+            f"the instrument as built has a {name} of {found:.4g} m: none can be made.",
+            remedy=f"Reduce scanner.as_built.{name}.",
+        )
     return BuiltInstrument(own, parameters, scanner.mirrors, base, seed if own.seed is None else own.seed)
 
 
@@ -25,16 +39,16 @@ def scanner_as_built(scanner: Scanner, built: BuiltInstrument | None) -> Scanner
     """Return a scanner with the true lengths of an instrument, for light and detectors alone."""
     if built is None:
         return scanner
-    receiver, sensor, scale = scanner.receiver, scanner.position_sensor, 1.0 + built.value("array_scale")
+    sensor, scale = scanner.line_choice, 1.0 + built.value("array_scale")
+    line: dict[str, float] = {}
+    if sensor != "none":
+        line = {"pitch": sensor.pitch * scale, "offset": sensor.offset * scale + built.value("array_offset")}
     return scanner.changed(
         receiver=BuiltReceiver.of(
-            receiver, built.value("base"), built.value("focal_length"), built.value("array_tilt")
+            scanner.receiver, built.value("base"), built.value("focal_length"), built.value("array_tilt")
         ),
         mirrors={"axis_separation": scanner.mirrors.axis_separation + built.value("axis_separation")},
-        position_sensor={
-            "pitch": sensor.pitch * scale,
-            "offset": sensor.offset * scale + built.value("array_offset"),
-        },
+        position_sensor=line,
     )
 
 

@@ -189,9 +189,11 @@ def design_of(scanner: Scanner) -> Design:
 
 def design_digest(scanner: Scanner) -> str:
     """Return what tells the design of an instrument from others: of all lengths to which parameters are deviations."""
-    design, sensor = design_of(scanner), scanner.position_sensor
-    numbers = (*vars(design).values(), sensor.pitch, sensor.offset, sensor.pixels)
-    text = json.dumps([f"{value:.9g}" for value in numbers] + [scanner.lidar.photodiode.place])
+    line, lidar = scanner.line_choice, scanner.lidar_choice
+    array = () if line == "none" else (line.pitch, line.offset, line.pixels)
+    numbers = (*vars(design_of(scanner)).values(), *array)
+    place = "none" if lidar == "none" else lidar.photodiode.place
+    text = json.dumps([f"{value:.9g}" for value in numbers] + [place])
     return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 

@@ -147,7 +147,9 @@ def fill(block: Mapping[str, Any], preset: Preset | None) -> dict[str, Any]:
 
 
 def _whole(block: object, wanted: object) -> bool:
-    """Return whether a block leaves out nothing of another."""
+    """Return whether a block leaves out nothing of another; the word for a part that is not there says all."""
+    if block == "none":
+        return True
     if not isinstance(block, Mapping) or not isinstance(wanted, Mapping):
         return block is not None
     given = any(block.get(key) is not None for key in ONE_OF)
@@ -215,11 +217,20 @@ def _extended(preset: Preset, extends: Value, folder: Path, inside: tuple[str, .
         # What is wrong beside it is told, too.
         base = read_preset(DEFAULT)
     kept = {
-        at: one for at, one in base.stated.items() if not any(_replaces(own, at) for own in preset.stated)
+        at: _inherited(base, at) for at in base.stated if not any(_replaces(own, at) for own in preset.stated)
     }
     return preset._replace(
         values=_over(base.values, preset.values), stated={**kept, **preset.stated}, base=base
     )
+
+
+def _inherited(base: Preset, location: Location) -> Stated:
+    """Return a value as what extends its preset has it: printed elsewhere, with the name of who said it."""
+    found = base.stated[location]
+    if base.base is not None and location in base.base.stated and found == _inherited(base.base, location):
+        return found
+    mark = "literature" if found.mark == "printed" else found.mark
+    return found._replace(mark=mark, source=f"{Path(base.name).name}: {found.source}")
 
 
 def _replaces(own: Location, other: Location) -> bool:

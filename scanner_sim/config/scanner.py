@@ -4,21 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from typing import Any
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from pydantic import Field, ValidationInfo, model_validator
+from numpy.typing import NDArray
+from pydantic import (
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    ValidationInfo,
+    model_serializer,
+    model_validator,
+)
 
 from scanner_sim.config.preset import DEFAULT, fill, preset_of
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.foundation.device_types import FloatLike
-from scanner_sim.foundation.errors import Fault
+from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Frequency, Ratio
 from scanner_sim.optics.as_built import AsBuilt
 from scanner_sim.optics.deflection import Mirrors
-from scanner_sim.optics.filter import FilterChoice
+from scanner_sim.optics.filter import FilterChoice, laser_gain
 from scanner_sim.optics.galvanometer import Galvanometers
 from scanner_sim.optics.laser import Laser
 from scanner_sim.optics.line_image import ArrayPlace
@@ -34,6 +43,12 @@ _LEAST_STRETCH = 0.2
 FILLED = {"scanner": "filled"}
 """Validation context where the scanner's block already has what its preset says."""
 
+RangefinderName: TypeAlias = Literal["triangulation", "tof"]
+_INCIDENCES = 65
+"""Positions along the array at which its filter is looked at."""
+_LEAST_PASSED = 1e-2
+"""Share of the laser's light below which a filter misses it."""
+
 
 class Lidar(Part):
     """The time-of-flight unit: one pulse for each voxel, through the beam, mirrors and filter of the triangulation."""
@@ -44,6 +59,20 @@ class Lidar(Part):
     """The avalanche photodiode and its amplifier; its ``place`` says whether it looks along the laser."""
     digitiser: Digitiser
     """The converter that records the waveform, and its clock."""
+
+
+PositionSensorChoice = Annotated[
+    Annotated[Literal["none"], Tag("(word)")] | Annotated[PositionSensor, Tag("(sensor)")],
+    Discriminator(lambda value: "(word)" if isinstance(value, str) else "(sensor)"),
+    Field(examples=["none"]),
+]
+"""A line sensor, or ``none``: an instrument that does not triangulate."""
+LidarChoice = Annotated[
+    Annotated[Literal["none"], Tag("(word)")] | Annotated[Lidar, Tag("(unit)")],
+    Discriminator(lambda value: "(word)" if isinstance(value, str) else "(unit)"),
+    Field(examples=["none"]),
+]
+"""A time-of-flight unit, or ``none``."""
 
 
 class Scanner(Part):
@@ -64,10 +93,10 @@ class Scanner(Part):
     """The receiving lens."""
     filter: FilterChoice
     """The interference filter, or ``none``."""
-    position_sensor: PositionSensor
-    """The line sensor of the triangulation."""
-    lidar: Lidar
-    """The time-of-flight unit, where ``ranging`` asks for it."""
+    line_choice: PositionSensorChoice = Field(alias="position_sensor")
+    """The line sensor of the triangulation, or ``none``."""
+    lidar_choice: LidarChoice = Field(alias="lidar")
+    """The time-of-flight unit, where ``ranging`` asks for it, or ``none``."""
     rate: Frequency = Field(ge=1e-3, le=1e9)
     """Voxels per second; its inverse is the dwell."""
     laser_off: Ratio = Field(ge=0.0, le=0.9)
@@ -84,8 +113,26 @@ class Scanner(Part):
             return data
         return fill(data, preset_of(data, context.get("folder", "")))
 
+    @model_serializer(mode="wrap")
+    def _as_in_files(self, written: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Return the keys of files, so that what is written can be read again."""
+        keys = {name: field.alias or name for name, field in type(self).model_fields.items()}
+        return {keys.get(name, name): value for name, value in written(self).items()}
+
     def cross_checks(self) -> Iterator[Fault]:
-        """Yield an array that sees nothing, or reaches into the near range, where the equations no longer hold."""
+        """Yield an instrument that measures nothing, one that sees nothing, and an array in the near range."""
+        if not self.rangefinders:
+            yield Fault(
+                "position_sensor",
+                "the instrument has neither a position sensor nor a time-of-flight unit, so it measures nothing.",
+                "Describe one of position_sensor and lidar.",
+            )
+        if (blind := self.blindness(self.rangefinders)) is not None:
+            yield blind
+        if "triangulation" in self.rangefinders:
+            yield from self._line_contradictions()
+
+    def _line_contradictions(self) -> Iterator[Fault]:
         image, sensor = self.receiver.line_image, self.position_sensor
         if self.point_spread < 1e-8:
             yield Fault(
@@ -110,6 +157,82 @@ class Scanner(Part):
                 f"{self.receiver.baseline:g} m: such rays do not pass the lens.",
                 "Reduce pixels, pitch or offset, or raise receiver.focal_length.",
             )
+
+    def blindness(self, rangefinders: tuple[RangefinderName, ...]) -> Fault | None:
+        """Return why none of some rangefinders sees the laser's nominal line at any range; None where one does."""
+        found = [self._blindness(name) for name in rangefinders]
+        return found[0] if found and None not in found else None
+
+    def _blindness(self, name: RangefinderName) -> Fault | None:
+        """Return why a rangefinder does not see the laser's nominal line at any range; None where it does.
+
+        A laser that drifts out of the band is possible, and warned of.
+        """
+        by_line = name == "triangulation"
+        key = "position_sensor" if by_line else "lidar.photodiode"
+        response = self.position_sensor.response if by_line else self.lidar.photodiode.response
+        nominal, line = self.laser.changed(drift=0.0), f"{1e9 * self.laser.wavelength:.6g} nm"
+        if not response[0] <= nominal.line <= response[1]:
+            problem = f"it does not reach the laser's {line}, so nothing is ever seen."
+            return Fault(f"{key}.response", problem, "Change it, or laser.wavelength.")
+        incidence = self._incidences if by_line else np.zeros(1)
+        passed = laser_gain(self.filter, nominal, response, incidence)
+        if passed.max() < _LEAST_PASSED:
+            problem = f"its band misses the laser's {line} at all ranges, so nothing is ever seen."
+            return Fault(
+                "filter", problem, "Change filter.centre or filter.bandwidth, or write 'filter: none'."
+            )
+        return None
+
+    @property
+    def _incidences(self) -> NDArray[np.float64]:
+        """Incidences on the filter of light that images along the array [rad]."""
+        sensor = self.position_sensor
+        positions = np.linspace(sensor.offset, sensor.offset + sensor.length, _INCIDENCES)
+        return np.arctan([self.receiver.line_image.tangent(float(p)) for p in positions])
+
+    @property
+    def rangefinders(self) -> tuple[RangefinderName, ...]:
+        """What the instrument can measure ranges with."""
+        parts: dict[RangefinderName, object] = {"triangulation": self.line_choice, "tof": self.lidar_choice}
+        return tuple(name for name, part in parts.items() if part != "none")
+
+    @property
+    def seeing(self) -> tuple[RangefinderName, ...]:
+        """Those of them that see the laser."""
+        return tuple(name for name in self.rangefinders if self._blindness(name) is None)
+
+    @property
+    def position_sensor(self) -> PositionSensor:
+        """The line sensor.
+
+        Raises
+        ------
+        InputError
+            If the instrument has none.
+        """
+        if self.line_choice == "none":
+            raise InputError(
+                "this needs triangulation, and the instrument has no position sensor.",
+                remedy="Choose an instrument that has one: scanner-sim instruments lists those that are shipped.",
+            )
+        return self.line_choice
+
+    @property
+    def lidar(self) -> Lidar:
+        """The time-of-flight unit.
+
+        Raises
+        ------
+        InputError
+            If the instrument has none.
+        """
+        if self.lidar_choice == "none":
+            raise InputError(
+                "this needs time of flight, and the instrument has no unit for it.",
+                remedy="Choose an instrument that has one: scanner-sim instruments lists those that are shipped.",
+            )
+        return self.lidar_choice
 
     @property
     def dwell(self) -> float:
@@ -151,19 +274,25 @@ class Scanner(Part):
         image, d = self.receiver.line_image, self.receiver.baseline
         return image.scale * d / position + image.slope * d
 
+    def seen_by(self, rangefinder: RangefinderName) -> tuple[float, float]:
+        """Return the nearest and farthest range [m] that a rangefinder sees on the axis: its array, or its gate."""
+        if rangefinder == "tof":
+            return self.lidar.digitiser.gate
+        return self.nearest_range, self.farthest_range
+
 
 def geometry_of(scanner: Scanner) -> Geometry:
-    """Return the calibration of an instrument's triangulation."""
-    receiver, sensor, mirrors = scanner.receiver, scanner.position_sensor, scanner.mirrors
+    """Return the calibration of an instrument; pitch and offset are NaN without a position sensor."""
+    receiver, sensor, mirrors = scanner.receiver, scanner.line_choice, scanner.mirrors
     return Geometry(
         scale=receiver.line_image.scale,
         baseline=receiver.baseline,
         axis_separation=mirrors.axis_separation,
-        pitch=sensor.pitch,
-        offset=sensor.offset,
+        pitch=math.nan if sensor == "none" else sensor.pitch,
+        offset=math.nan if sensor == "none" else sensor.offset,
         synchronisation=mirrors.synchronisation,
         slope=receiver.line_image.slope,
-        pulse_by="offset" if scanner.lidar.photodiode.place == "offset" else "coaxial",
+        pulse_by="coaxial" if scanner.lidar_choice == "none" else scanner.lidar.photodiode.place,
         focus=None if receiver.array_tilt == "ideal" else receiver.line_image,
     )
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from typing import Annotated, ClassVar, Literal, TypeAlias
+from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
-from pydantic import Discriminator, Field, Tag
+from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
-from scanner_sim.config.scanner import Scanner
+from scanner_sim.config.scanner import RangefinderName, Scanner
 from scanner_sim.config.wording import inline_yaml
 from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.html_text import html_box, html_folded, html_rows
@@ -18,6 +18,7 @@ from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.products.settings import Output
 from scanner_sim.render.camera_settings import LEAST_FIELD, Camera
 from scanner_sim.render.settings import Transport
+from scanner_sim.scan.fixed import FixedScan
 from scanner_sim.scan.lissajous_scan import LissajousScan
 from scanner_sim.scan.listed import ListedScan
 from scanner_sim.scan.protocol import OpenScan, ScanSetup
@@ -32,7 +33,8 @@ from scanner_sim.tracking.scan import TrackScan, resolve_targets
 _MOST_GREYS = 1 << 27
 """Pixels of the camera's picture: half a gigabyte, and three while it is made."""
 
-RangefinderName: TypeAlias = Literal["triangulation", "tof"]
+_UNSAID: Final = object()
+"""What stands for a way of ranging before the instrument's own is taken."""
 _RANGEFINDERS: dict[str, tuple[RangefinderName, ...]] = {
     "triangulation": ("triangulation",),
     "tof": ("tof",),
@@ -52,6 +54,7 @@ ScanChoice = Annotated[
     | Annotated[LissajousScan, Tag("(lissajous)")]
     | Annotated[SpiralScan, Tag("(spiral)")]
     | Annotated[ListedScan, Tag("(listed)")]
+    | Annotated[FixedScan, Tag("(fixed)")]
     | Annotated[TrackScan, Tag("(track)")],
     Discriminator(_kind_of_scan),
 ]
@@ -87,8 +90,11 @@ class Scenario(Part):
     """Seed of every random number."""
     scanner: Scanner = Field(default_factory=lambda: Scanner.model_validate({}))
     """The instrument."""
-    ranging: Literal["triangulation", "tof", "both"] = "triangulation"
-    """How ranges are measured: by the line sensor, by time of flight (``scanner.lidar``), or both with their fusion."""
+    ranging: Literal["triangulation", "tof", "both"] = Field(
+        default_factory=lambda: _UNSAID, validate_default=True
+    )
+    """How ranges are measured: by the line sensor, by time of flight (``scanner.lidar``), or both with their fusion. By
+    default the line sensor, where the instrument has one."""
     scene: Scene = Scene()
     """What stands before it."""
     lighting: Lighting = Lighting()
@@ -104,7 +110,8 @@ class Scenario(Part):
             }
         ]
     )
-    """Where it points: a raster, a figure, a spiral, angles from a file, or patterns that follow targets."""
+    """Where it points: a raster, a figure, a spiral, angles from a file, one direction, or patterns that follow
+    targets."""
     transport: Transport = Transport()
     """How light is followed."""
     processing: Processing = Processing()
@@ -118,6 +125,14 @@ class Scenario(Part):
 
     replaced_by: ClassVar[Callable[[Scenario, Mapping[str, object]], Scenario]]
     """What :meth:`replace` does: ``config/load.py`` puts it here, whose words for faults need this class first."""
+
+    @field_validator("ranging", mode="before")
+    @classmethod
+    def _instruments_own(cls, value: object, info: ValidationInfo) -> object:
+        if value is not _UNSAID:
+            return value
+        scanner = info.data.get("scanner")
+        return scanner.rangefinders[0] if isinstance(scanner, Scanner) else "triangulation"
 
     def replace(self, changes: Mapping[str, object]) -> Scenario:
         """Return a copy with other values, checked as if they had stood in the file.
@@ -169,8 +184,11 @@ class Scenario(Part):
         for key, rangefinder in (("lines", "triangulation"), ("waveforms", "tof")):
             yield from self._kept_contradictions(key, rangefinder)
         checks = {"triangulation": self._line_contradictions, "tof": self._pulse_contradictions}
+        missing = [name for name in self.rangefinders if name not in self.scanner.rangefinders]
         for rangefinder in self.rangefinders:
-            yield from checks[rangefinder]()
+            yield from [self._missing(rangefinder)] if rangefinder in missing else checks[rangefinder]()
+        if not missing and (blind := self.scanner.blindness(self.rangefinders)) is not None:
+            yield Fault(f"scanner.{blind.location}", blind.problem, blind.remedy)
 
     @property
     def rangefinders(self) -> tuple[RangefinderName, ...]:
@@ -250,6 +268,16 @@ class Scenario(Part):
                 f"pixels; {_MOST_GREYS:.3g} are possible.",
                 "Reduce it, or widen scan.horizontal.",
             )
+
+    def _missing(self, rangefinder: RangefinderName) -> Fault:
+        """Return the fault of a rangefinder that the instrument does not have."""
+        part, other = (
+            ("position sensor", "tof")
+            if rangefinder == "triangulation"
+            else ("time-of-flight unit", "triangulation")
+        )
+        problem = f"{self.scanner.preset} has no {part}, which {self.ranging} asks for."
+        return Fault("ranging", problem, f"Write ranging: {other}, or choose an instrument that has one.")
 
     def _line_contradictions(self) -> Iterator[Fault]:
         pixels = self.scanner.position_sensor.pixels

@@ -12,8 +12,9 @@ from scanner_sim.optics.filter import filter_warnings
 from scanner_sim.scene.light.lighting import lighting_warnings
 from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.motion import ConstantTwist
-from scanner_sim.scene.objects import Retroreflector, materials_of
+from scanner_sim.scene.objects import materials_of
 from scanner_sim.scene.retroreflectors import RetroLobe
+from scanner_sim.scene.surfaces import Retroreflector
 from scanner_sim.signals.processing import MARGIN
 from scanner_sim.tracking.warnings import track_warnings
 
@@ -63,12 +64,13 @@ def _motions(scenario: Scenario) -> Iterator[str]:
     duration = scan.scan_time(scenario.scan_setup)
     time, lit = np.linspace(0.0, duration, _MOTION_INSTANTS), not scenario.lighting.sky().dark
     for index, item in enumerate(scenario.scene.objects):
-        if item.motion is None:
+        if not item.moves:
             continue
         location = f"scene.objects[{index}].motion: '{item.name}'"
         poses = item.pose_at(time)
-        if not isinstance(item.motion, ConstantTwist) and (item.position != (0.0, 0.0, 0.0) or item.rotation):
-            yield f"{location} is placed by its {item.motion.type}: its position and rotation are not used"
+        placed = None if isinstance(item.motion, ConstantTwist) else item.motion
+        if placed is not None and (item.position != (0.0, 0.0, 0.0) or item.rotation):
+            yield f"{location} is placed by its {placed.type}: its position and rotation are not used"
         if np.ptp(poses, axis=0).max() == 0.0:
             yield f"{location} does not move in the {duration:.3g} s of the scan"
             continue

@@ -48,10 +48,16 @@ class Part(BaseModel):
         return iter(())
 
     def changed(self, **changes: Any) -> Self:
-        """Return a copy with other values, which are not checked; a mapping changes values of a part within it."""
+        """Return a copy with other values by their keys in files, which are not checked.
+
+        A mapping changes values of a part within it, and nothing where there is ``none``.
+        """
+        names = {field.alias: name for name, field in type(self).model_fields.items() if field.alias}
         update = {}
-        for name, value in changes.items():
-            own = getattr(self, name)
+        for key, value in changes.items():
+            own = getattr(self, name := names.get(key, key))
+            if isinstance(value, Mapping) and own == "none":
+                continue
             nested = isinstance(own, Part) and isinstance(value, Mapping)
             update[name] = own.changed(**value) if nested else value
         return self.model_copy(update=update)
@@ -127,7 +133,11 @@ class InputFile:
         return {**handler(schema), "pattern": rf"\.({endings})$"}
 
 
-MeshFile = Annotated[Path, InputFile((".ply", ".obj", ".stl")), Field(examples=["meshes/part.ply"])]
+MeshFile = Annotated[
+    Path,
+    InputFile((".ply", ".obj", ".stl", ".glb", ".gltf", ".off", ".3mf", ".dae")),
+    Field(examples=["meshes/part.ply"]),
+]
 XmlFile = Annotated[Path, InputFile((".xml",)), Field(examples=["scenes/module.xml"])]
 
 

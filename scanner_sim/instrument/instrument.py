@@ -91,8 +91,10 @@ class Instrument:
             self.loaded: LoadedScene = load_scene(scenario.scene) if reuse is None else reuse.loaded
         self.optics = optics_as_built(self.true_scanner, self.built)
         self.geometry = geometry_believed(scenario.scanner, believed_instrument(scenario))
-        ways: dict[str, Rangefinder] = {"triangulation": self.triangulation, "tof": self.time_of_flight}
-        self.rangefinders: tuple[Rangefinder, ...] = tuple(ways[name] for name in scenario.rangefinders)
+        ways = {"triangulation": "triangulation", "tof": "time_of_flight"}
+        self.rangefinders: tuple[Rangefinder, ...] = tuple(
+            getattr(self, ways[name]) for name in scenario.rangefinders
+        )
 
     @cached_property
     def triangulation(self) -> Triangulation:
@@ -264,7 +266,7 @@ class Instrument:
         """
         ranges = [reading.ranges for reading in found]
         measured: Layers = {}
-        if self.rangefinders == (self.triangulation, self.time_of_flight):
+        if [type(one) for one in self.rangefinders] == [Triangulation, TimeOfFlight]:
             triangulated, echo = ranges
             fused, *ranges = fuse_points(triangulated, echo, deflections, self.geometry)
             measured |= layers_of(fused, "fused.")

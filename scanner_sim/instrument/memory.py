@@ -87,7 +87,7 @@ def background_paths(scenario: Scenario) -> float:
 def background_times(scenario: Scenario) -> int:
     """Return about how often the background of a scan without rows is rendered: once for each time slot."""
     scan = scenario.scan
-    moving = [item for item in scenario.scene.objects if item.motion is not None]
+    moving = [item for item in scenario.scene.objects if item.moves]
     if scan.layout != "shots" or not moving:
         return 1
     duration, fastest = scan.scan_time(scenario.scan_setup), 0.0

@@ -38,11 +38,8 @@ _NEAREST = 0.1
 
 def reach(scenario: Scenario) -> int:
     """Return how many voxels to each side have a say in a voxel of the scenario's raster."""
-    nearest = {
-        "triangulation": scenario.scanner.nearest_range,
-        "tof": scenario.scanner.lidar.digitiser.gate[0],
-    }
-    distance = max(_NEAREST, min(nearest[name] for name in scenario.rangefinders))
+    nearest = min(scenario.scanner.seen_by(name)[0] for name in scenario.rangefinders)
+    distance = max(_NEAREST, nearest)
     return window(float(_spot(scenario, np.array(distance))) / distance, _pitch(scenario))
 
 

@@ -13,23 +13,25 @@ from scanner_sim.optics.lens_errors import LensErrors
 from scanner_sim.render.incident import Throughput
 from scanner_sim.render.transport import OpticalLayout
 
+_LINE = ("pitch", "height", "offset", "diffusion")
 _LENS = ("radial_1", "radial_2", "tangential")
 
 
 def optics_as_built(scanner: Scanner, built: BuiltInstrument | None) -> OpticalLayout:
-    """Return the optics of a scanner with its true lengths, and how they depart from the design otherwise."""
-    sensor = scanner.position_sensor
+    """Return the optics of a scanner with its true lengths, and how they depart from the design otherwise.
+
+    The lengths of its line are 0 where it has none.
+    """
+    sensor = scanner.line_choice
+    line = {name: 0.0 if sensor == "none" else getattr(sensor, name) for name in _LINE}
     return OpticalLayout(
         laser=scanner.laser,
         receiver=scanner.receiver,
         axis_separation=scanner.mirrors.axis_separation,
         filter_transmission=peak_transmission(scanner.filter),
-        pitch=sensor.pitch,
-        height=sensor.height,
-        offset=sensor.offset,
-        diffusion=sensor.diffusion,
+        **line,
         axes=None if built is None else _axes(built),
-        lens=None if built is None else _lens(built, sensor.offset + sensor.length),
+        lens=None if built is None or sensor == "none" else _lens(built, sensor.offset + sensor.length),
     )
 
 

@@ -8,6 +8,7 @@ light. With another seed the scenario therefore has ``transport.light_seed``, th
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.photodiode.photodiode import Photodiode
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
+from scanner_sim.foundation.named_files import read_text_file
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.signal_records import RECORDERS, SignalRecorder, about_of, drawn
 from scanner_sim.instrument.simulate import Progress, image_of
@@ -60,6 +62,7 @@ AFTER_LIGHT = (
     "processing",
     "output.pictures",
     "output.points",
+    "output.formats",
     "output.compression",
     "scanner.laser.speckle",
     "scanner.mirrors.readout_noise",
@@ -125,6 +128,16 @@ class KeptSignals:
             )
         return cls(folder, scenario_from_text(text, name=str(folder), stored=True), about)
 
+    def scene_warnings(self) -> tuple[str, ...]:
+        """Return what the run said of its scene; nothing where its summary is gone."""
+        try:
+            said = json.loads(read_text_file(self.folder / "summary.json"))["warnings"]
+        except (InputError, ValueError, KeyError, TypeError, RecursionError):
+            return ()
+        return (
+            tuple(one for one in said if isinstance(one, str) and one.startswith("scene: ")) if said else ()
+        )
+
     @property
     def whole(self) -> bool:
         """Whether all voxels of the raster are kept, of every rangefinder: only then neighbours can judge."""
@@ -152,7 +165,7 @@ class KeptSignals:
         left_out = [
             key for key in _KEEPING if self.whole and getattr(new.output, key.split(".")[1]) == "none"
         ]
-        keys = [key for key in _changed_keys(old, new) if key not in left_out]
+        keys = [key for key in changed_keys(old, new) if key not in left_out]
         faults = [_refusal(key, self.folder) for key in keys if not _acts_after_light(key)]
         for key in ("seed_of_light", "seed_of_background"):
             if getattr(new.transport, key)(new.seed) != getattr(old.transport, key)(old.seed):
@@ -278,7 +291,8 @@ class Reprocessing:
                 if progress is not None:
                     progress(int(numbers[-1]) + 1, shots)
             about = next(iter(self.kept.about.values()))
-            return image_of(scenario, layers, about.objects, about.materials)
+            said = self.kept.scene_warnings()
+            return image_of(scenario, layers, about.objects, about.materials, said=said)
 
     def parts(self, name: str) -> Iterator[SignalSet] | None:
         """Return the lines or waveforms of a rangefinder with other noise, part by part; None where none are wanted."""
@@ -297,7 +311,7 @@ class Reprocessing:
                 yield recorder.kind(columns, about)
 
 
-def _changed_keys(old: Scenario, new: Scenario) -> list[str]:
+def changed_keys(old: Scenario, new: Scenario) -> list[str]:
     """Return the keys whose values differ."""
     before, after = (dict(_leaves(each.model_dump(mode="json", by_alias=True))) for each in (old, new))
     return [key for key in {**before, **after} if before.get(key) != after.get(key)]

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import xarray
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL, Channel
 from scanner_sim.ranging.ranges import Layers
+
+if TYPE_CHECKING:
+    import xarray
 
 _TRUTH = "truth."
 
@@ -64,6 +66,8 @@ class Samples(Mapping[str, NDArray[Any]]):
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the columns as an xarray dataset over ``shot``, with ``units`` and ``long_name``."""
+        import xarray
+
         about = {name: self.channel(name) for name in self}
         return xarray.Dataset(
             {

@@ -9,6 +9,7 @@ from scanner_sim.config.calibration import believed_geometry
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.common_errors import add_common_errors
 from scanner_sim.instrument.memory import BATCH
+from scanner_sim.instrument.mesh_sizes import mesh_warnings
 from scanner_sim.instrument.simulate import Progress, measure_scans, result_warnings, true_poses
 from scanner_sim.products.shots import ShotTable
 from scanner_sim.render.guest import guest
@@ -65,5 +66,5 @@ def simulate_shots(
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
         poses=true_poses(scenario),
-        warnings=result_warnings(layers),
+        warnings=(*mesh_warnings(scenario, loaded), *result_warnings(layers)),
     )

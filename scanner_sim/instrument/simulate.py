@@ -19,6 +19,7 @@ from scanner_sim.instrument.common_errors import add_common_errors
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.lit_aims import lit_aims
 from scanner_sim.instrument.memory import BATCH, check_shots
+from scanner_sim.instrument.mesh_sizes import mesh_warnings
 from scanner_sim.instrument.neighbourhood import judge_neighbours
 from scanner_sim.instrument.simulate_signals import voxel_shots
 from scanner_sim.instrument.together import alike
@@ -78,7 +79,8 @@ def simulate(
     (layers,), loaded = measure_scans(
         [scenario], device=device, progress=progress, batch=batch, threads=threads
     )
-    return image_of(scenario, layers, loaded.object_labels.names, loaded.material_labels.names)
+    names = loaded.object_labels.names, loaded.material_labels.names
+    return image_of(scenario, layers, *names, said=mesh_warnings(scenario, loaded))
 
 
 def simulate_many(
@@ -170,13 +172,23 @@ def _simulate_alike(
     """Return the images of scenarios that are alike."""
     found, loaded = measure_scans(scenarios, device=device, progress=None, batch=batch, threads=threads)
     names = loaded.object_labels.names, loaded.material_labels.names
-    return [image_of(scenario, layers, *names) for scenario, layers in zip(scenarios, found, strict=True)]
+    return [
+        image_of(scenario, layers, *names, said=mesh_warnings(scenario, loaded))
+        for scenario, layers in zip(scenarios, found, strict=True)
+    ]
 
 
 def image_of(
-    scenario: Scenario, layers: Layers, objects: tuple[str, ...], materials: tuple[str, ...]
+    scenario: Scenario,
+    layers: Layers,
+    objects: tuple[str, ...],
+    materials: tuple[str, ...],
+    said: tuple[str, ...] = (),
 ) -> RangeImage:
-    """Return the image of a scenario's raster from the layers of its shots, with the names of what stands there."""
+    """Return the image of a scenario's raster from the layers of its shots, with the names of what stands there.
+
+    ``said`` are warnings about the scene.
+    """
     scan = scenario.raster
     theta, phi = scan.angles()
     channels = {name: values.reshape(scan.rows, scan.columns) for name, values in layers.items()}
@@ -191,7 +203,7 @@ def image_of(
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
         poses=true_poses(scenario),
-        warnings=result_warnings(channels),
+        warnings=(*said, *result_warnings(channels)),
     )
 
 

@@ -52,8 +52,10 @@ def _common(scenario: Scenario) -> Scenario:
     )
     if not scenario.lighting.sky().dark:
         return common
-    still = {"position": (0.0, 0.0, 0.0), "rotation": (), "motion": _UNMOVED}
-    objects = tuple(item if item.motion is None else item.changed(**still) for item in scenario.scene.objects)
+    objects = tuple(
+        item.in_own_frame().changed(motion=_UNMOVED) if item.moves else item
+        for item in scenario.scene.objects
+    )
     return common.changed(scene={"objects": objects})
 
 
@@ -65,7 +67,7 @@ def lanes_of(
     powers = tuple(scenario.scanner.laser.power for scenario in scenarios)
     own = device_seeds(np.array([scenario.seed for scenario in scenarios], dtype=np.uint64))
     seeds = RunSeeds.of(own, len(each.shot), powers if len(set(powers)) > 1 else None)
-    moving = [[item for item in scenario.scene.objects if item.motion is not None] for scenario in scenarios]
+    moving = [[item for item in scenario.scene.objects if item.moves] for scenario in scenarios]
     if not loaded.bodies:
         return each, seeds, ()
     poses = [

@@ -15,7 +15,6 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydantic import Field
-from scipy.signal import lfilter
 
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Angle, Dimension, Frequency, Ratio, Time
@@ -164,6 +163,8 @@ def _linear(
     command runs straight. With the pole s = −ζω + iω√(1 − ζ²) and z = d′ − s* d it turns by exp(s step) per update, and
     jumps by (s* − s_0) where the command's slope changes, s_0 = 2ζ/ω being the lag.
     """
+    from scipy.signal import lfilter
+
     zeta, omega = galvanometers.damping, galvanometers.omega
     pole = complex(-zeta * omega, omega * math.sqrt(1.0 - zeta**2))
     slope = (wanted - before) / step

@@ -29,7 +29,7 @@ TiltChoice = Annotated[
     Annotated[Literal["ideal", "scheimpflug"], Tag("(word)")]
     | Annotated[Angle, Field(ge=-1.4, le=1.4), Tag("(quantity)")],
     _WORD_OR_QUANTITY,
-    Field(examples=["scheimpflug", "30 deg"]),
+    Field(examples=["30 deg", "scheimpflug"]),
 ]
 """How the array is tilted."""
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-import xarray
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.html_text import html_picture
@@ -14,6 +13,7 @@ from scanner_sim.products.grey import thumbnail
 from scanner_sim.products.layers import LayeredResult, attributes, closed, layer_variables
 
 if TYPE_CHECKING:
+    import xarray
     from matplotlib.axes import Axes
 
 
@@ -84,6 +84,8 @@ class RangeImage(LayeredResult):
             status and truth numbers are int32 with CF ``flag_values`` and ``flag_meanings``. Seed,
             scenario, versions and warnings are attributes of the dataset.
         """
+        import xarray
+
         variables = layer_variables(self, ("phi", "theta"))
         coordinates = {
             "phi": ("phi", self.phi, {"units": "rad", "long_name": "deflection downwards, per row"}),

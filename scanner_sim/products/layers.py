@@ -7,10 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
 from types import MappingProxyType
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
-import xarray
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
@@ -19,6 +18,9 @@ from scanner_sim.foundation.html_text import html_box, html_folded, html_rows
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.provenance import in_order, versions
 from scanner_sim.products.true_poses import TruePoses
+
+if TYPE_CHECKING:
+    import xarray
 
 
 @dataclass(frozen=True, eq=False, repr=False)

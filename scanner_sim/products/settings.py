@@ -26,6 +26,12 @@ class Output(Part):
     and field.png, with poses pose.png and outline.png."""
     points: Switch = True
     """Write points.ply."""
+    formats: tuple[Literal["laz", "las", "e57", "pcd", "pcd_ascii", "rosbag2"], ...] = Field(
+        default=(), examples=[["laz", "e57"]]
+    )
+    """Write the points for other programs, too: ``laz`` and ``las`` (points.laz, points.las), ``e57`` (points.e57),
+    ``pcd`` and ``pcd_ascii`` (points.pcd, points_ascii.pcd), and ``rosbag2``, which makes the folder a bag of ROS 2
+    (metadata.yaml, points.mcap). ``scanner-sim convert`` writes the same files of a result that is there."""
     compression: Literal["none", "rle", "zips", "zip", "piz"] = "rle"
     """Lossless compression of range.exr: ``rle`` is written four times as fast as ``zip``, whose files have two thirds
     of the size."""

@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL, Channel
 from scanner_sim.products.layers import LayeredResult, attributes, closed, layer_variables
+
+if TYPE_CHECKING:
+    import xarray
 
 Array = NDArray[np.float64]
 
@@ -95,6 +97,8 @@ class ShotTable(LayeredResult):
 
     def to_xarray(self) -> xarray.Dataset:
         """Return the table as an xarray dataset over ``shot``, with units, meanings and names of the codes."""
+        import xarray
+
         coordinates = {
             channel.name: ("shot", values, {"units": channel.unit, "long_name": channel.meaning})
             for channel, values in zip(AIMED, list(self.columns.values())[: len(AIMED)], strict=True)

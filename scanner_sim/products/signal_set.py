@@ -9,15 +9,17 @@ from abc import ABC
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
-from typing import Any, ClassVar, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
-import xarray
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.channels import CHANNEL
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.layers import closed
+
+if TYPE_CHECKING:
+    import xarray
 
 Array = NDArray[np.float64]
 
@@ -221,6 +223,8 @@ class SignalSet(ABC, Mapping[str, NDArray[Any]]):
 
         Clusters are a contiguous ragged array (CF conventions, sec. 9.3.3), which ``clusters`` counts.
         """
+        import xarray
+
         sizes = {"one": (), "samples": (self.SAMPLE,), "vector": ("axis",)}
         about = {column.name: column for column in self.COLUMNS}
         variables = {}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from scanner_sim.foundation.arithmetic import tan
 from scanner_sim.foundation.status import Status
@@ -56,7 +56,7 @@ def fuse(
     """
     (r1, s1, status1), (r2, s2, status2) = triangulation, time_of_flight
     first, second = status1 == Status.VALID, status2 == Status.VALID
-    limit = float(norm.isf(0.5 * chance))
+    limit = float(-ndtri(0.5 * chance))
     both = first & second
     with np.errstate(invalid="ignore"):
         apart = both & (np.abs(r1 - r2) > limit * np.hypot(s1, s2))

@@ -15,7 +15,6 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import fftconvolve
 
 from scanner_sim.render.camera_settings import LEAST_FIELD, Camera
 from scanner_sim.render.plugins.sky_emitter import register_orbit_sky
@@ -114,6 +113,8 @@ def develop(camera: Camera, linear: NDArray[np.float32]) -> NDArray[np.uint8]:
     ndarray
         Grey levels 0 to 255, uint8.
     """
+    from scipy.signal import fftconvolve
+
     exposed = camera.exposure * linear.astype(np.float64)
     if camera.glare > 0.0:
         strewn = fftconvolve(exposed, _glare_kernel(*exposed.shape), mode="same")

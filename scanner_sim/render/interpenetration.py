@@ -72,7 +72,7 @@ class _Solid:
     @cached_property
     def points(self) -> Array:
         """Points on its surface, shape (n, 3)."""
-        return _surface_points(self.shapes)
+        return surface_points(self.shapes)
 
 
 def interpenetrations(loaded: LoadedScene, times: Sequence[float]) -> tuple[Interpenetration, ...]:
@@ -85,6 +85,8 @@ def interpenetrations(loaded: LoadedScene, times: Sequence[float]) -> tuple[Inte
         bodies = [body.item.pose_at(time)[0] for body in loaded.bodies]
         poses = [np.eye(4) if solid.body is None else bodies[solid.body] for solid in solids]
         for one, other in _near(solids, poses)[:MOST_PAIRS]:
+            if loaded.owners[solids[one].number - 1] == loaded.owners[solids[other].number - 1]:
+                continue
             if time != times[0] and solids[one].body is solids[other].body is None:
                 continue
             depth = max(
@@ -103,23 +105,24 @@ def _solids(loaded: LoadedScene) -> Iterator[_Solid]:
     for body, scene in enumerate((loaded.mitsuba, *(body.mitsuba for body in loaded.bodies)), start=-1):
         shapes: dict[int, list[Shape]] = {}
         for shape in scene.shapes():
-            shapes.setdefault(int(numbers[_index_of(shape)]), []).append(shape)
+            shapes.setdefault(int(numbers[shape_index(shape)]), []).append(shape)
         for number, own in shapes.items():
             yield _Solid(number, scene, None if body < 0 else body, tuple(own))
 
 
-def _index_of(shape: Shape) -> int:
+def shape_index(shape: Shape) -> int:
+    """Return the index of a shape in the renderer's registry."""
     index: UInt32 = dr.reinterpret_array(mi.UInt32, mi.ShapePtr(shape))
     return int(index[0])
 
 
-def _surface_points(shapes: Sequence[Shape]) -> Array:
+def surface_points(shapes: Sequence[Shape]) -> Array:
     """Return points on shapes, shape (n, 3): evenly by area, and corners of meshes."""
     area = np.array([float(np.asarray(shape.surface_area()).sum()) for shape in shapes])
     share = np.cumsum(area) / area.sum()
     number = np.arange(_POINTS)
     which = np.minimum(np.searchsorted(share, (number + 0.5) / _POINTS), len(shapes) - 1)
-    index = mi.UInt32(for_device(np.array([_index_of(shape) for shape in shapes])[which], np.uint32))
+    index = mi.UInt32(for_device(np.array([shape_index(shape) for shape in shapes])[which], np.uint32))
     spread = [mi.Float(for_device(number * step % 1.0)) for step in _PLASTIC]
     owner: Shape = dr.reinterpret_array(mi.ShapePtr, index)
     sampled = owner.sample_position(mi.Float(0.0), mi.Point2f(*spread))

@@ -1,4 +1,4 @@
-"""How rigid objects move: a pose at any time, by a constant twist, by waypoints or by a file of poses.
+"""How rigid objects move: a pose at any time, by a twist, waypoints, a file of poses or those of flight dynamics.
 
 A motion replaces an object's pose where it names one; a twist starts from the object's own. All give
 ``scanner_from_object`` as 4 × 4 matrices, for arrays of times.
@@ -26,6 +26,7 @@ from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.named_files import read_text_file
 from scanner_sim.foundation.parts import InputFile, Part
 from scanner_sim.foundation.units import Dimension, Time
+from scanner_sim.scene.ephemeris import EphemerisMotion
 from scanner_sim.scene.poses import FARTHEST, Position, Turns, placement_matrix
 
 Array = NDArray[np.float64]
@@ -154,7 +155,8 @@ def _kind(value: object) -> str:
 RigidMotion = Annotated[
     Annotated[ConstantTwist, Tag("(twist)")]
     | Annotated[Waypoints, Tag("(waypoints)")]
-    | Annotated[PoseFile, Tag("(file)")],
+    | Annotated[PoseFile, Tag("(file)")]
+    | Annotated[EphemerisMotion, Tag("(ccsds)")],
     Discriminator(_kind),
     Field(examples=[{"type": "twist", "velocity": ["10 mm/s", "0 m/s", "0 m/s"]}]),
 ]

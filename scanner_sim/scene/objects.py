@@ -2,141 +2,92 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import AfterValidator, Discriminator, Field, Tag, WithJsonSchema
-from pydantic_core import PydanticCustomError
+from pydantic import Discriminator, Field, PrivateAttr, Tag, field_validator
 from scipy.spatial.transform import Rotation as Turning
 
+from scanner_sim.foundation.arithmetic import product
 from scanner_sim.foundation.errors import Fault, printable
-from scanner_sim.foundation.parts import Count, MeshFile, Part, XmlFile
-from scanner_sim.foundation.units import Length, Ratio
+from scanner_sim.foundation.parts import Count, MeshFile, Part, Switch, XmlFile
+from scanner_sim.foundation.units import Length
 from scanner_sim.scene.labels import Labels
-from scanner_sim.scene.materials import MATERIALS, UnknownMaterialError, material
 from scanner_sim.scene.motion import RigidMotion
 from scanner_sim.scene.poses import FARTHEST, Extent, Name, Position, Rotation, Turns, placement_matrix
-from scanner_sim.scene.retroreflectors import RetroLobe
-
-
-class Surface(Part):
-    """A Lambertian surface of given reflectance at the laser's wavelength."""
-
-    reflectance: Ratio = Field(ge=0.0, le=1.0)
-    """Hemispherical reflectance."""
-    reflectance_out_of_band: Ratio | None = Field(default=None, ge=0.0, le=1.0)
-    """The same in the rest of the detector's response; by default equal. It counts for sunlight only."""
-    depolarisation: Ratio = Field(default=1.0, ge=0.0, le=1.0)
-    """Share of the reflected laser light that has lost its polarisation: 0 makes the strongest speckle, of contrast 1,
-    1 the weakest, of contrast 0.71."""
-    name: Name | None = Field(default=None, examples=["paint"])
-    """Name by which results know it; by default it is made of the numbers."""
-
-    @property
-    def known_as(self) -> str:
-        """Name by which results know it."""
-        unlike = None if self.depolarisation == 1.0 else f"depolarising_{self.depolarisation}"
-        return self.name or _spelt("reflectance", self.reflectance, self.reflectance_out_of_band, unlike)
-
-
-class Retroreflector(RetroLobe):
-    """A surface that sends part of its light back the way it came."""
-
-    type: Literal["retroreflector"]
-    """``retroreflector``."""
-    reflectance: Ratio = Field(ge=0.0, le=1.0)
-    """Hemispherical reflectance, lobe and diffuse base together."""
-    reflectance_out_of_band: Ratio | None = Field(default=None, ge=0.0, le=1.0)
-    """The same in the rest of the detector's response; by default equal. It counts for sunlight only."""
-    name: Name | None = Field(default=None, examples=["tape"])
-    """Name by which results know it; by default it is made of the numbers."""
-
-    @property
-    def lobe(self) -> RetroLobe:
-        """The lobe by itself."""
-        return RetroLobe(**{name: getattr(self, name) for name in RetroLobe.model_fields})
-
-    @property
-    def known_as(self) -> str:
-        """Name by which results know it."""
-        numbers = (self.reflectance, self.reflectance_out_of_band, self.retro_share, self.half_width)
-        return self.name or _spelt("retroreflector", self.kind, *numbers, self.entrance[1])
-
-
-def _spelt(*parts: object) -> str:
-    return "_".join(str(part) for part in parts if part is not None)
-
-
-_LIBRARY = WithJsonSchema({"type": "string", "enum": list(MATERIALS)})
-
-
-def _check_material(name: str) -> str:
-    try:
-        return material(name).name
-    except UnknownMaterialError as error:
-        raise PydanticCustomError(
-            "material", "{problem} {remedy}", {"problem": printable(error.message), "remedy": error.remedy}
-        ) from None
-
-
-def _spelling_of_material(value: Any) -> str:
-    if isinstance(value, str):
-        return "(word)"
-    typed = "type" in value if isinstance(value, dict) else isinstance(value, Retroreflector)
-    return "(retroreflector)" if typed else "(surface)"
-
-
-MaterialChoice = Annotated[
-    Annotated[str, AfterValidator(_check_material), _LIBRARY, Tag("(word)")]
-    | Annotated[Surface, Tag("(surface)")]
-    | Annotated[Retroreflector, Tag("(retroreflector)")],
-    Discriminator(_spelling_of_material),
-    Field(examples=["z93_white", {"reflectance": 0.5}]),
-]
-"""Name of a material of the library, a reflectance, or a retro-reflector."""
+from scanner_sim.scene.surfaces import FileColours, MaterialChoice, MeshMaterial, Pattern
 
 
 class Posed(Part):
-    """What every object has: a name, a pose and perhaps a motion."""
+    """What every object has: a name, a pose and perhaps a motion, before the scanner or on another object."""
 
     name: Name
     """Name, unique in the scene; it appears in the truth layer."""
+    parent: Name | None = Field(default=None, examples=["satellite"])
+    """Name of the object that it is fixed to: pose and motion are then given in that object's frame, and it moves
+    along. By default they are in the scanner frame."""
     position: Position = (0.0, 0.0, 0.0)
-    """Position of the object's origin in the scanner frame."""
+    """Position of the object's origin in the scanner frame, or in its parent's."""
     rotation: Turns = ()
     """Turns about the object's origin, the first one first."""
     motion: RigidMotion | None = None
     """How the object moves; by default it rests. Waypoints and files of poses replace position and rotation,
     which are a twist's pose at time 0."""
+    _carrier: Posed | None = PrivateAttr(default=None)
+
+    def carried_by(self, carrier: Posed) -> Self:
+        """Return the object as it is fixed to another one, which is its ``parent``."""
+        carried = self.model_copy()
+        carried._carrier = carrier
+        return carried
+
+    @property
+    def moves(self) -> bool:
+        """Whether it does not rest before the scanner: by a motion of its own, or of what it is fixed to."""
+        return self.motion is not None or (self._carrier is not None and self._carrier.moves)
 
     def scanner_from_object(self) -> NDArray[np.float64]:
         """Return the pose that position and rotation describe, as a 4 × 4 matrix; a motion may differ from it."""
-        return placement_matrix(self.position, self.rotation)
+        own = placement_matrix(self.position, self.rotation)
+        return own if self._carrier is None else product(self._carrier.scanner_from_object(), own)
 
     def pose_at(self, time: ArrayLike) -> NDArray[np.float64]:
         """Return ``scanner_from_object`` at times [s] since the start of the scan, shape (n, 4, 4)."""
-        start = self.scanner_from_object()
+        start = placement_matrix(self.position, self.rotation)
         if self.motion is None:
-            return np.tile(start, (np.size(time), 1, 1))
-        return self.motion.scanner_from_object(time, start)
+            own = np.tile(start, (np.size(time), 1, 1))
+        else:
+            own = self.motion.scanner_from_object(time, start)
+        return own if self._carrier is None else product(self._carrier.pose_at(time), own)
 
     def resting_at(self, time: float) -> Self:
-        """Return the object without its motion, where it is at a time [s]."""
-        if self.motion is None:
+        """Return the object without motion and parent, where it is at a time [s]."""
+        if not self.moves and self._carrier is None:
             return self
         (pose,) = self.pose_at(time)
         turn = Turning.from_matrix(pose[:3, :3]).as_rotvec()
         angle = float(np.linalg.norm(turn))
         x, y, z = (turn / angle).tolist() if angle else (0.0, 0.0, 1.0)
-        return self.model_copy(
+        rested = self.model_copy(
             update={
+                "parent": None,
                 "position": tuple(pose[:3, 3].tolist()),
                 "rotation": (Rotation(axis=(x, y, z), angle=angle),),
                 "motion": None,
             }
         )
+        rested._carrier = None
+        return rested
+
+    def in_own_frame(self) -> Self:
+        """Return the object with its origin at the scanner's, at rest and on nothing else: what no motion changes."""
+        still = {"position": (0.0, 0.0, 0.0), "rotation": (), "motion": None, "parent": None}
+        alone = self.model_copy(update=still)
+        alone._carrier = None
+        return alone
 
 
 class Rectangle(Posed):
@@ -192,14 +143,38 @@ class Cylinder(Posed):
 
 
 class Mesh(Posed):
-    """A mesh from a PLY, OBJ or STL file."""
+    """A mesh from a file: PLY, OBJ, STL, glTF or GLB; OFF, 3MF and COLLADA through trimesh."""
 
     mesh: MeshFile
     """File, relative to the scenario's folder."""
-    length_unit: Length = Field(default=1.0, ge=1e-9, le=FARTHEST)
-    """Length of one unit of the file: ``1 mm`` for a mesh drawn in millimetres."""
-    material: MaterialChoice
-    """Material."""
+    length_unit: Length | None = Field(default=None, ge=1e-9, le=FARTHEST)
+    """Length of one unit of the file: ``1 mm`` for a mesh drawn in millimetres. By default the unit that the file tells
+    (glTF, 3MF, COLLADA), or 1 m."""
+    material: MeshMaterial | None = None
+    """Material of all of it."""
+    materials: dict[Pattern, MeshMaterial] | None = Field(
+        default=None, examples=[{"*alu*": "weathered_aluminium", "default": {"reflectance": 0.5}}]
+    )
+    """Materials of its parts, in the place of ``material``: patterns of the names that parts, groups and materials have
+    in the file, with * and ?, capitals or not; of several that fit the first counts. ``default`` is for all others."""
+    label_parts: Switch = False
+    """Whether the parts are objects of their own in ``truth.object``: ``NAME.PART``."""
+
+    def __hash__(self) -> int:
+        """Return the same for equal meshes: scenarios are keys of caches."""
+        return hash((self.name, self.parent, self.mesh, self.position))
+
+    def cross_checks(self) -> Iterator[Fault]:
+        """Yield a mesh of no material, or of two."""
+        if self.material is None and not self.materials:
+            yield Fault(
+                "material",
+                "this key is missing.",
+                "Write 'material: z93_white', or materials by the names of parts: "
+                "'materials: {\"*alu*\": weathered_aluminium, default: {reflectance: 0.5}}'.",
+            )
+        if self.material is not None and self.materials is not None:
+            yield Fault("materials", "there is a material for the whole mesh, too.", "Leave one of them out.")
 
 
 class MitsubaFile(Posed):
@@ -209,6 +184,8 @@ class MitsubaFile(Posed):
     """XML file, relative to the scenario's folder."""
 
 
+DEEPEST = 50
+"""Objects that are fixed to one another in a chain."""
 MOST_TARGETS = 10_000
 """Targets of all arrays of a scene: five million triangles, half a gigabyte."""
 
@@ -299,8 +276,10 @@ SceneObject = Annotated[
 """Any object of a scene."""
 
 
-def materials_of(item: Posed) -> tuple[MaterialChoice, ...]:
+def materials_of(item: Posed) -> tuple[MaterialChoice | FileColours, ...]:
     """Return the materials that an object names; Mitsuba's files have their own."""
+    if isinstance(item, Mesh):
+        return (*(() if item.material is None else (item.material,)), *(item.materials or {}).values())
     if isinstance(item, TargetArray):
         return item.disc, item.material
     return () if isinstance(item, MitsubaFile) else (item.material,)  # type: ignore[attr-defined]
@@ -315,6 +294,20 @@ class Scene(Part):
     """Objects, each with its pose."""
     labels: Labels = Labels()
     """Numbers by which results know objects and materials; by default they count in the order of the scene."""
+
+    @field_validator("objects")
+    @classmethod
+    def _fix_to_parents(cls, objects: tuple[SceneObject, ...]) -> tuple[SceneObject, ...]:
+        """Let each object know what it is fixed to; parents that are not there stay for the cross-checks."""
+        by_name = {item.name: item for item in objects}
+        if all(item.parent is None for item in objects) or _endless(objects):
+            return objects
+
+        def fixed(item: SceneObject) -> SceneObject:
+            parent = None if item.parent is None else by_name.get(item.parent)
+            return item if parent is None else item.carried_by(fixed(parent))
+
+        return tuple(fixed(item) for item in objects)
 
     @property
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -344,3 +337,31 @@ class Scene(Part):
                     f"'{item.name}' is already the name of objects[{first[item.name]}].",
                     "Give each object a name of its own.",
                 )
+        endless = _endless(self.objects)
+        for index, item in enumerate(self.objects):
+            if item.parent is not None and item.parent not in first:
+                near = difflib.get_close_matches(item.parent, first, n=1, cutoff=0.5)
+                yield Fault(
+                    f"objects.{index}.parent",
+                    f"there is no object '{item.parent}'.",
+                    f"Did you mean '{near[0]}'?" if near else f"The scene's objects: {', '.join(first)}.",
+                )
+            elif item.name in endless:
+                yield Fault(
+                    f"objects.{index}.parent",
+                    f"'{item.name}' is fixed to itself, by way of '{item.parent}'.",
+                    "Let one object of the chain stand before the scanner.",
+                )
+
+
+def _endless(objects: tuple[SceneObject, ...]) -> set[str]:
+    """Return the names of objects whose parents lead back to themselves, or go deeper than :data:`DEEPEST`."""
+    parent = {item.name: item.parent for item in objects}
+    found = set()
+    for name in parent:
+        at, steps = parent[name], 0
+        while at is not None and at != name and steps <= DEEPEST:
+            at, steps = parent.get(at), steps + 1
+        if at is not None:
+            found.add(name)
+    return found

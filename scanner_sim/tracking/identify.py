@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import linear_sum_assignment
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from scanner_sim.foundation.arithmetic import solve_linear
 
@@ -57,7 +57,7 @@ def identify(
     )
     distance = np.einsum("kni,kni->kn", away, solve_linear(spread, away[..., None])[..., 0])
     distance = np.where(np.isfinite(distance), distance, np.inf)
-    gate = float(chi2.isf(chance, 3))
+    gate = float(chdtri(3, chance))
     # A column of its own for each measured target: to be none of them costs as much as the gate.
     cost = np.concatenate([np.minimum(distance, 2.0 * gate), np.full((len(positions),) * 2, gate)], axis=1)
     rows, columns = linear_sum_assignment(cost)

@@ -20,16 +20,8 @@ from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.protocol import ScanSetup
 from scanner_sim.scan.schedule import MOST_UPDATES, MOST_VISITS, Visiting
 from scanner_sim.scene.materials import MATERIALS
-from scanner_sim.scene.objects import (
-    Disc,
-    MaterialChoice,
-    Retroreflector,
-    Scene,
-    SceneObject,
-    Sphere,
-    Surface,
-    TargetArray,
-)
+from scanner_sim.scene.objects import Disc, Scene, SceneObject, Sphere, TargetArray
+from scanner_sim.scene.surfaces import MaterialChoice, Retroreflector, Surface
 from scanner_sim.scene.targets import target_positions
 from scanner_sim.tracking.measurement import TargetAppearance
 from scanner_sim.tracking.record import TrackTarget

@@ -32,6 +32,7 @@ def test_the_public_names_are_these() -> None:
         "RangeImage",
         "RunError",
         "Samples",
+        "Scanner",
         "Scenario",
         "ScenarioError",
         "ShotTable",
@@ -40,6 +41,8 @@ def test_the_public_names_are_these() -> None:
         "WaveformSet",
         "__version__",
         "compare",
+        "convert",
+        "difference_of",
         "draw_lightings",
         "estimate_pose",
         "load_scanner",
@@ -62,6 +65,7 @@ def test_the_public_names_are_these() -> None:
         "take_photo",
         "track",
         "track_many",
+        "view",
         "write_run",
         "write_shots",
     }
@@ -99,25 +103,20 @@ def test_importing_the_package_loads_no_library() -> None:
     assert python(code) == "[]"
 
 
+LATE = {"colour", "scipy.signal", "scipy.stats", "xarray"}
+"""What few simulations need."""
+HEAVY = LATE | {"OpenEXR", "drjit", "matplotlib", "mitsuba", "pyarrow", "scipy.io", "trimesh"}
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("module", "heavy"),
     [
-        ("scanner_sim.cli", {"numpy", "pydantic", "yaml"}),
-        ("scanner_sim.config", set()),
+        ("scanner_sim.cli", HEAVY | {"numpy", "pydantic", "yaml"}),
+        ("scanner_sim.config", HEAVY),
+        ("scanner_sim.cli.running", LATE),
     ],
 )
-def test_the_command_line_and_the_scenarios_load_nothing_heavy(module: str, heavy: set[str]) -> None:
-    """Help and the faults of a scenario are there before the renderer and the libraries of pictures are loaded."""
-    heavy = heavy | {
-        "OpenEXR",
-        "colour",
-        "drjit",
-        "matplotlib",
-        "mitsuba",
-        "pyarrow",
-        "scipy.io",
-        "trimesh",
-        "xarray",
-    }
+def test_what_is_not_needed_is_not_loaded(module: str, heavy: set[str]) -> None:
+    """Help and faults of a scenario are there before renderer and pictures, a simulation before what it may call."""
     assert python(f"import sys, {module}; print(sorted({heavy!r} & set(sys.modules)))") == "[]"

@@ -10,8 +10,9 @@ import pytest
 
 from scanner_sim.render.device import Device
 from scanner_sim.scene.files.loader import load_scene
-from scanner_sim.scene.objects import Rectangle, Scene, Surface
+from scanner_sim.scene.objects import Rectangle, Scene
 from scanner_sim.scene.poses import Rotation
+from scanner_sim.scene.surfaces import Surface
 from scanner_sim.scene.targets import target_positions
 
 GREY = Surface(reflectance=0.5)

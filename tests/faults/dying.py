@@ -69,6 +69,12 @@ def seen(folder: Path) -> Content:
     return {path.name: path.read_bytes() for path in shown}
 
 
+def everything(folder: Path) -> frozenset[tuple[str, bytes]]:
+    """Return all that lies in a folder, hidden files too: what comes of it depends on nothing else."""
+    paths = ((path, str(path.relative_to(folder))) for path in folder.rglob("*"))
+    return frozenset((name, path.read_bytes() if path.is_file() else b"folder") for path, name in paths)
+
+
 def image(seed: int) -> RangeImage:
     ranges = np.full((3, 4), 9.0 + seed, np.float32)
     layers = dict.fromkeys(("range_m", "P.X", "P.Y", "P.Z", "Y", "truth.range_m"), ranges)
@@ -126,7 +132,7 @@ def main(ground: Path) -> None:
         write(reference, 2)
         new = seen(reference)
         for start in starts:
-            outcomes = []
+            outcomes, known = [], dict[frozenset[tuple[str, bytes]], bool]()
             bytes_of_new = max(map(len, new.values()))
             steps = [(step, None) for step in range(400)]
             writes = [(0, byte) for byte in range(0, bytes_of_new, max(bytes_of_new // 4, 1))]
@@ -153,6 +159,10 @@ def main(ground: Path) -> None:
                     continue
                 deaths += 1
                 judge(seen(folder), old, new, mark, users)
+                left = everything(folder.parent)
+                if left in known:
+                    outcomes.append(known[left])
+                    continue
                 for again in itertools.count():
                     if not dying_at(again, lambda: mend(folder)):  # noqa: B023
                         break
@@ -160,7 +170,8 @@ def main(ground: Path) -> None:
                     judge(seen(folder), old, new, mark, users)
                 after = seen(folder)
                 assert after in ({**old, **users}, {**new, **users}), "neither the old result nor the new one"
-                outcomes.append(after != {**old, **users})
+                known[left] = after != {**old, **users}
+                outcomes.append(known[left])
                 write(folder, 3)  # and the next run is not refused
                 assert not list(folder.glob(".*")), "leftovers"
                 assert sorted(path.name for path in folder.parent.iterdir()) == ["out"], "leftovers"

@@ -246,9 +246,8 @@ def corpus() -> Iterator[tuple[str, Mutant]]:
         yield path.name, Mutant(path.name, path.read_bytes(), overrides, ())
 
 
-def replay(fuzzer: Fuzzer) -> None:
+def replay(fuzzer: Fuzzer, worker: Worker) -> None:
     """Open all of the corpus in one process."""
-    worker = Worker()
     for name, mutant in corpus():
         kind = next((kind for kind in ("state", "plan") if name.startswith(f"{kind}-")), "")
         found = fuzzer.open(worker, f"{kind}/0/1" if kind else name, mutant)
@@ -256,14 +255,13 @@ def replay(fuzzer: Fuzzer) -> None:
         if found["outcome"] == "finding":
             fuzzer.findings[name] = name
             print(f"{name}: {found['what']}", flush=True)
-    worker.close()
 
 
-def open_originals(fuzzer: Fuzzer) -> None:
+def open_originals(fuzzer: Fuzzer, worker: Worker) -> None:
     """Open what the mutants are made from: were it refused, nothing but refusals would be looked at."""
     from mutate_scene import sound_scenes
 
-    worker, folder = Worker(), fuzzer.folder / "sound"
+    folder = fuzzer.folder / "sound"
     folder.mkdir()
     originals: list[tuple[str, Mutant | Path]] = [
         (config.name, Mutant(config.name, config.read_bytes(), (), ())) for config in CONFIGS
@@ -283,7 +281,6 @@ def open_originals(fuzzer: Fuzzer) -> None:
         if found["outcome"] != "result":
             fuzzer.findings[name] = name
             print(f"{name}: {found['what']}", flush=True)
-    worker.close()
 
 
 def run(fuzzer: Fuzzer, addresses: list[str], workers: int) -> None:
@@ -332,10 +329,12 @@ def main() -> int:
         fuzzer = Fuzzer(Path(folder), every=asked.every)
         if asked.one:
             return _again(fuzzer, asked.one)
+        worker = Worker()
         if asked.corpus:
-            replay(fuzzer)
+            replay(fuzzer, worker)
         if asked.originals:
-            open_originals(fuzzer)
+            open_originals(fuzzer, worker)
+        worker.close()
         scenes = asked.scenes if importlib.util.find_spec("mutate_scene") else 0
         numbers = {
             "": asked.n,

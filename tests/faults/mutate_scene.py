@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+from mutate_gltf import gltf, orbit
+
 Writer = Callable[[Path], Path]
 Bytes = Callable[[random.Random], bytes]
 
@@ -90,6 +92,9 @@ def sound_scenes(folder: Path) -> Iterator[Path]:
     text, binary = Unchanging(0.6), Unchanging(0.35)
     meshes = [(f"{form}.ply", ply(text, sound=form)) for form in FORMS]
     meshes += [("part.obj", obj(text)), ("text.stl", stl(text)), ("binary.stl", stl(binary))]
+    meshes += [
+        (f"part.{suffix}", content) for suffix, content in (gltf(Unchanging(share)) for share in (0.3, 0.6))
+    ]
     for name, content in meshes:
         home = folder / name.replace(".", "_")
         home.mkdir()
@@ -104,11 +109,30 @@ def sound_scenes(folder: Path) -> Iterator[Path]:
 
 
 def _mesh(rng: random.Random, folder: Path) -> Path:
-    """Write a mutant of a mesh: PLY twice as often as the others, which have less to go wrong."""
-    suffix, content = rng.choice([("ply", ply), ("ply", ply), ("obj", obj), ("stl", stl)])
-    name = f"part.{suffix}"
-    (folder / name).write_bytes(spoilt(rng, content(rng)))
-    return _scenario(folder, f"mesh: {name}, material: z93_white")
+    """Write a mutant of a mesh: PLY and glTF oftener than the others, which have less to go wrong."""
+    suffix, content = rng.choice(
+        [("ply", ply), ("ply", ply), ("obj", obj), ("stl", stl), *[("gltf", gltf)] * 3]
+    )
+    if suffix == "gltf":
+        suffix, made = gltf(rng)
+    else:
+        made = content(rng)
+    name, material = f"part.{suffix}", rng.choice(MATERIALS)
+    (folder / name).write_bytes(spoilt(rng, made))
+    (folder / "part.mtl").write_bytes(spoilt(rng, b"newmtl panel\nKd 0.5 0.5 0.5\nmap_Kd part.png\n"))
+    if rng.random() < 0.2:
+        (folder / "part.oem").write_bytes(spoilt(rng, orbit(rng)))
+        material += ", motion: {type: ccsds, orbit: part.oem}"
+    return _scenario(folder, f"mesh: {name}, {material}")
+
+
+MATERIALS = (
+    "material: z93_white",
+    'materials: {"*a*": z93_white, default: {reflectance: 0.5}}',
+    "materials: {panel: z93_white}",
+    "material: {type: file_colours, scale: 0.5}",
+    "material: z93_white, label_parts: true",
+)
 
 
 def _xml(rng: random.Random, folder: Path) -> Path:
@@ -274,7 +298,8 @@ def obj(rng: random.Random) -> bytes:
     corner = rng.choice(["{}", "{}/1", "{}//1", "{}/2/1", "{}/1/", "{}/"])
     lines += ["f " + " ".join(corner.format(index + 1) for index in face) for face in FACES]
     extra = [
-        "mtllib /dev/zero", "usemtl é", "o \xff", "g a b", "s off", "f", "f 1", "f 1 2", "f 1 2 3 4 5", "f -1 -2 -3",
+        "mtllib /dev/zero", "mtllib part.mtl", "usemtl panel",
+        "usemtl é", "o \xff", "g a b", "s off", "f", "f 1", "f 1 2", "f 1 2 3 4 5", "f -1 -2 -3",
         "f 1/1/1/1 2 3", "v", "v 1", "v 1 2 3 4", "v nan 0 0", "v 1e39 0 0", "vn 0 0 0", "vn nan 0 0", "vt", "vt 1",
         "vt inf 0", "l 1 2", "p 1", "# " + "x" * 3000, "call /etc/passwd", "\\", "f 1 2 \\", "curv 0 1 2",
     ]  # fmt: skip

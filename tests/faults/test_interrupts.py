@@ -52,10 +52,8 @@ VERBS = {
     "orbit": ["orbit", str(ROOT / "configs" / "lighting_orbit.yaml"), "-o", "{out}", "--steps", "1"],
     "reproduce": ["reproduce", "-o", "{out}", "--quick", "--only", "fig12"],
 }
-QUICK = {"budget"}
-"""Asked after each change, within a loop, which is the harder place."""
 NO_LOOP = {"orbit", "calibrate"}
-"""Verbs whose kernels have none."""
+"""Verbs whose kernels have none; the others are asked within a loop, which is the harder place, and one at both."""
 
 
 def ended(arguments: list[str], where: str, number: int, small: Path) -> subprocess.CompletedProcess[str]:
@@ -68,15 +66,7 @@ def ended(arguments: list[str], where: str, number: int, small: Path) -> subproc
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("verb", "where"),
-    [
-        *((verb, "loop") for verb in sorted(QUICK)),
-        *(
-            pytest.param(verb, where, marks=pytest.mark.slow)
-            for verb in VERBS
-            for where in (("eval",) if verb in NO_LOOP else ("loop", "eval"))
-            if verb not in QUICK
-        ),
-    ],
+    [("run", "eval"), *((verb, "eval" if verb in NO_LOOP else "loop") for verb in VERBS)],
 )
 def test_an_interrupt_within_a_kernel_ends_a_verb_in_one_sentence(
     verb: str, where: str, small: Path, tmp_path: Path

@@ -18,4 +18,4 @@ def test_a_death_at_any_touch_of_the_disk_loses_nothing(tmp_path: Path) -> None:
     driver = Path(__file__).with_name("dying.py")
     done = subprocess.run([sys.executable, driver, tmp_path], capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
-    assert int(done.stdout.split()[0]) > 200
+    assert int(done.stdout.split()[0]) > 1000

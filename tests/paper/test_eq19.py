@@ -18,8 +18,9 @@ from scanner_sim.render.settings import Transport
 from scanner_sim.render.shots import Shots
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scene.files.loader import load_scene
-from scanner_sim.scene.objects import Rectangle, Scene, Surface
+from scanner_sim.scene.objects import Rectangle, Scene
 from scanner_sim.scene.poses import Rotation
+from scanner_sim.scene.surfaces import Surface
 
 P, RHO, APERTURE, TRANSMISSION, WAVELENGTH = 15e-3, 0.5, 25e-3, 0.5, 1.5e-6
 B_P = np.pi / 4.0 * APERTURE**2 * TRANSMISSION

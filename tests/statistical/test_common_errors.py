@@ -25,7 +25,7 @@ from scanner_sim.ranging.calibration import Calibration, errors_in_common
 
 Array = NDArray[np.float64]
 
-RUNS, SIDE = 160, 4
+RUNS, SIDE = 120, 4
 SIGMA = {
     "base": 2e-4, "focal_length": 6e-5, "axis_separation": 5e-4, "axis_skew": 2e-4, "theta_zero": 1.5e-4,
     "phi_zero": 2e-4, "theta_scale": 4e-4, "array_offset": 2e-6, "tangential": 1e-3, "tof_zero": 8e-3,

@@ -71,6 +71,14 @@ def test_spots_are_where_and_as_wide_as_the_judge_says(device: Device, receiver:
     assert max(check.detects_99 for finding in found.findings for check in finding.checks) < 0.005
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("target", [None, "20 % at 0.34 m, 0.42 m, 0.6 m, 0.8 m"])
+def test_the_close_range_scanner_keeps_every_law(device: Device, target: str | None) -> None:
+    """Claim: no law of ``compare`` is broken at the ranges of the shipped instrument, as it is."""
+    made = scenario(0.55).changed(processing={"validation": {}})
+    assert not compare(made, target=target, quick=True, device="cpu").broken
+
+
 def test_a_gaussian_stands_for_the_disc_of_a_lens_out_of_focus() -> None:
     """Claim: of the same variance, it is 4 % too high in the middle where the blur is as wide as the beam's image.
 

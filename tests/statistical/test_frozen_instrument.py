@@ -88,7 +88,7 @@ def quiet(known: Scenario) -> Scenario:
         "laser": laser.model_copy(update={"speckle": False}),
         "mirrors": scanner.mirrors.still(),
     }
-    return known.model_copy(update={"scanner": scanner.model_copy(update=parts)})
+    return known.model_copy(update={"scanner": scanner.changed(**parts)})
 
 
 def pattern(number: int, centre: tuple[float, float] = (0.0, 0.0), points: int = POINTS) -> Aim:

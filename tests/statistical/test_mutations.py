@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import claims
 import drjit as dr
 import drjit.auto.ad as auto
 import numpy as np
@@ -324,7 +325,6 @@ FAULTS: list[tuple[Callable[[Patch], None], str]] = [
     (polarisation, "speckle_limit"),
     (polarisation, "speckle_contrast"),
     (envelope, "speckle_contrast"),
-    (envelope, "speckle_limit"),
     (wavefront, "speckle_limit"),
     (photons, "sigma_shot"),
     (read_out, "sigma_read"),
@@ -340,7 +340,7 @@ FAULTS: list[tuple[Callable[[Patch], None], str]] = [
 ]
 
 
-THOROUGH = [(sigma, "coverage"), (envelope, "speckle_limit")]
+THOROUGH = [(sigma, "coverage")]
 
 
 @pytest.mark.slow
@@ -376,10 +376,9 @@ def test_a_planted_fault_is_found(
 def test_a_right_program_is_not_accused(scenario: Scenario) -> None:
     """Claim: the preset breaks a law in at most the stated share of runs.
 
-    Set-up: 12 seeds, eight laws with noise, a quarter of the shots, family-wise level 0.05. Expected: 0.6 runs in which
-    any law is broken, or fewer: the accuracies of the closed forms make the tests stricter than they say. Tolerance:
-    at most 4, which 12 fair runs exceed twice in 10⁴ and these less often. ``benchmarks/compare.py`` does it with all
-    laws and 20 seeds.
+    Set-up: 8 seeds, eight laws with noise, a quarter of the shots, family-wise level 0.05. Expected: 0.4 runs in which
+    any law is broken, or fewer: the accuracies of the closed forms make the tests stricter than they say. It would find
+    a program that is accused in most runs; ``benchmarks/compare.py`` measures how often, with all laws and 20 seeds.
     """
     laws = (
         "points",
@@ -392,7 +391,7 @@ def test_a_right_program_is_not_accused(scenario: Scenario) -> None:
         "pose",
     )
     accused = []
-    for seed in range(12):
+    for seed in range(8):
         setting = ComparisonSetup(
             scenario.model_copy(update={"seed": 500 + 10_000 * seed}),
             FlatTarget(0.5, (2.5, 6.0, 15.0)),
@@ -400,4 +399,4 @@ def test_a_right_program_is_not_accused(scenario: Scenario) -> None:
             device="cpu",
         )
         accused += [seed] if judge_laws(setting, only=laws, level=0.05).broken else []
-    assert len(accused) <= 4
+    assert claims.at_most(len(accused), 8, 0.05), accused

@@ -20,6 +20,7 @@ from typer.testing import CliRunner
 from scanner_sim import load_scenario, simulate
 from scanner_sim.cli import app
 from scanner_sim.config import load_scanner, resolved_yaml
+from scanner_sim.config.preset import shipped_presets
 from scanner_sim.products.files.contents import FILES
 from scanner_sim.products.files.exr import read_range_image
 
@@ -158,7 +159,9 @@ def test_schema_prints_json() -> None:
 
 def test_instruments_lists_prints_and_checks_them(tmp_path: Path) -> None:
     """Claim: what it prints of a shipped one is, saved, an instrument of one's own with the same values."""
-    assert "nrc_2000  Prototype of F. Blais" in invoke("instruments").stdout
+    told = invoke("instruments").stdout
+    assert re.search(r"nrc_2000 +Prototype of F. Blais", told)
+    assert re.search(r"pulsed_scanner +1.5 m to 500 m by time of flight +±50° +100000 /s", told)
     text = invoke("instruments", "nrc_2000", "--yaml").stdout
     own = tmp_path / "mine.yaml"
     own.write_text(text, encoding="utf-8")
@@ -190,6 +193,20 @@ def test_an_instrument_is_explained_drawn_and_told_from_another(tmp_path: Path) 
     assert re.search(r"0.2 m \(assumed\) +0.15 m \(assumed\)", lines[-1])
     assert "have the same values" in invoke("instruments", str(own), "--diff", str(own)).stdout
     assert "no instrument is named" in invoke("instruments", "--yaml").stderr
+
+
+@pytest.mark.parametrize("name", shipped_presets())
+def test_every_shipped_instrument_is_explained_and_drawn(name: str, tmp_path: Path) -> None:
+    """Claim: the columns are those of what it has; no cell of a way of ranging is empty at all ranges."""
+    told = invoke("instruments", name, "--picture", str(tmp_path / "head.png")).stdout
+    scanner = load_scanner(name)
+    assert ("[mm]  pixel [mm]" in told) is ("triangulation" in scanner.seeing)
+    assert ("σ time of flight [mm]" in told) is ("tof" in scanner.seeing)
+    rows = [line.split() for line in told.split("range [m]")[1].split("\n\n")[0].splitlines()[1:]]
+    assert len(rows) == 8
+    assert all(any(cell != "–" for cell in column) for column in zip(*rows, strict=True))
+    with Image.open(tmp_path / "head.png") as drawn:
+        assert drawn.size > (600, 600)
 
 
 def test_info_names_what_it_runs_on() -> None:

@@ -32,6 +32,7 @@ def test_all_of_them_are_here() -> None:
         "lighting_saturation", "lighting_dark", "lighting_back", "lighting_worst_case",
         "lighting_worst_case_no_filter", "lighting_orbit", "tof_node", "tof_both", "tof_retro",
         "track_still", "track_moving", "track_two_objects", "shots_spiral", "shots_lissajous", "shots_listed",
+        "shots_gauge", "tiles", "pulsed_scanner",
     }  # fmt: skip
 
 

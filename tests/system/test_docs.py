@@ -35,6 +35,7 @@ SMALL = {
     "orbit": ["--steps", "2", "--overwrite"],
     "budget": ["--distances", "2", "--overwrite"],
     "compare": ["--overwrite"],
+    "difference": ["--overwrite"],
     "pose-study": ["--overwrite"],
     "calibrate": ["--overwrite"],
 }
@@ -133,8 +134,9 @@ def run_line(line: str) -> None:
 
 
 def small_plan(path: Path) -> Path:
-    """Write a plan with two points where it has more, beside the scenario that it is made from."""
-    text = re.sub(r"count: \d+", "count: 2", path.read_text(encoding="utf-8"))
+    """Write a plan with two points where it has more, or six for three splits, beside the scenario of its base."""
+    text = path.read_text(encoding="utf-8")
+    text = re.sub(r"count: \d+", "count: 6" if "keep:" in text else "count: 2", text)
     small = Path(f"small_{path.name}").absolute()
     small.write_text(text.replace("base: ../", f"base: {path.parents[1].resolve()}/"), encoding="utf-8")
     return small
@@ -180,10 +182,10 @@ def test_the_reference_has_every_key(reference: ModuleType) -> None:
 
 
 def test_the_reference_has_every_value_of_an_instrument_with_its_source(reference: ModuleType) -> None:
-    page = reference.instruments_page()
+    sections = dict(re.findall(r"^## (\w+)\n(.*?)(?=^## |\Z)", reference.instruments_page(), re.M | re.S))
     for name in shipped_presets():
         for location, stated in read_preset(name).stated.items():
-            (row,) = re.findall(rf"^\| `{re.escape('.'.join(location[1:]))}` \| .*$", page, re.M)
+            (row,) = re.findall(rf"^\| `{re.escape('.'.join(location[1:]))}` \| .*$", sections[name], re.M)
             assert row.endswith(f"| {stated.mark} | {stated.source} |")
 
 

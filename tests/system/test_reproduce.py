@@ -16,7 +16,8 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.validation.reproduce import Item, Outcome, Task, Verdict, all_items, reproduce
 from scanner_sim.validation.reproduce import run as flow
 from scanner_sim.validation.reproduce.item import against_print, alike, chosen, row_of_claim
-from scanner_sim.validation.reproduce.results import PAGE, read_result
+from scanner_sim.validation.reproduce.page import PAGE
+from scanner_sim.validation.reproduce.results import read_result
 
 ROOT = Path(__file__).resolve().parents[2]
 ITEMS = all_items()

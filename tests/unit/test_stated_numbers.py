@@ -34,8 +34,8 @@ PARTS = (
 
 def numbers(part: BaseModel, place: str = "") -> Iterator[tuple[str, Any]]:
     """Yield the values of a part with their places, parts within it taken apart; None as a word."""
-    for name in type(part).model_fields:
-        value = getattr(part, name)
+    for field, about in type(part).model_fields.items():
+        name, value = about.alias or field, getattr(part, field)
         if isinstance(value, BaseModel):
             yield from numbers(value, f"{place}{name}.")
         elif isinstance(value, tuple):

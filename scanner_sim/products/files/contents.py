@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.products.files.folder import ResultFolder
 from scanner_sim.products.settings import Output
+
+FORMAT_FILES: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "laz": ("points.laz",),
+        "las": ("points.las",),
+        "e57": ("points.e57",),
+        "pcd": ("points.pcd",),
+        "pcd_ascii": ("points_ascii.pcd",),
+        "rosbag2": ("metadata.yaml", "points.mcap"),
+    }
+)
+"""Formats of other programs by the words of ``output.formats``, and the files of each; a folder with those of rosbag2
+is a bag."""
+
+_CONVERTED = tuple(name for files in FORMAT_FILES.values() for name in files)
 
 _DRAWN = tuple((channel, picture) for channel in CHANNELS for picture in channel.pictures)
 
@@ -28,7 +44,7 @@ LIT_PICTURES = (*(picture.file for _, picture in _DRAWN if picture.sunlit), "cam
 LINES, WAVEFORMS = "lines.parquet", "waveforms.parquet"
 """Lines of the position sensor and waveforms of time of flight, where the scenario asks for some."""
 
-RUN = ResultFolder("range.exr", (*FILES, *TIMED_PICTURES, *LIT_PICTURES, LINES, WAVEFORMS))
+RUN = ResultFolder("range.exr", (*FILES, *TIMED_PICTURES, *LIT_PICTURES, *_CONVERTED, LINES, WAVEFORMS))
 """The folder of a run."""
 
 SIGNALS = ResultFolder("scenario.yaml", ("scenario.yaml", LINES, WAVEFORMS))
@@ -47,7 +63,7 @@ SHOT_FILES = (
 )
 """Files that a scan without rows may write, in the dark."""
 
-SHOTS = ResultFolder(SHOT_TABLE, (*SHOT_FILES, "camera.png"))
+SHOTS = ResultFolder(SHOT_TABLE, (*SHOT_FILES, "camera.png", *_CONVERTED))
 """The folder of a scan without rows."""
 
 TABLE, VOXELS = "track.parquet", "patterns.parquet"
@@ -67,7 +83,9 @@ RELATIVE_POSES = ("relative_pose.csv", "relative_pose.parquet")
 POSE_PICTURES = ("pose.png", "outline.png")
 """Pictures of poses."""
 
-TRACK = ResultFolder("track.csv", (*TABLES, *POSES, *RELATIVE_POSES, *TRACK_PICTURES, *POSE_PICTURES))
+TRACK = ResultFolder(
+    "track.csv", (*TABLES, *POSES, *RELATIVE_POSES, *TRACK_PICTURES, *POSE_PICTURES, *_CONVERTED)
+)
 """The folder of a tracking run."""
 
 BUDGET = ResultFolder(
@@ -90,6 +108,9 @@ ORBIT = ResultFolder("orbit.json", ("orbit.json", "orbit.csv", "orbit.png", "sce
 COMPARISON = ResultFolder("compare.json", ("compare.json", "compare.html", "compare.png", "scenario.yaml"))
 """The folder of a comparison."""
 
+DIFFERENCE = ResultFolder("difference.json", ("difference.json", "difference.png"))
+"""The folder of two results compared."""
+
 POSE_STUDY = ResultFolder(
     "pose_study.json",
     (
@@ -106,6 +127,11 @@ POSE_STUDY = ResultFolder(
 """The folder of a pose study."""
 
 
+def converted_files(formats: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the files of some formats, in the order of the formats."""
+    return tuple(name for word in FORMAT_FILES if word in formats for name in FORMAT_FILES[word])
+
+
 def planned_files(
     output: Output, *, lit: bool = False, rangefinders: Sequence[str] = ("triangulation",)
 ) -> tuple[str, ...]:
@@ -118,6 +144,7 @@ def planned_files(
     drawn |= {"camera.png"} if lit else set()
     left_out = {*PICTURES, *TIMED_PICTURES, *LIT_PICTURES} - (drawn if output.pictures else set())
     left_out |= set() if output.points else {"points.ply"}
+    left_out |= {*_CONVERTED} - {*converted_files(output.formats)}
     kept = {LINES: output.lines, WAVEFORMS: output.waveforms}
     left_out |= {name for name, chosen in kept.items() if chosen == "none"}
     return tuple(name for name in RUN.files if name not in left_out)
@@ -128,7 +155,7 @@ def planned_shot_files(output: Output, *, lit: bool = False) -> tuple[str, ...]:
     left_out = (() if output.pictures else ("range.png", "status.png")) + (
         () if output.points else ("points.ply",)
     )
-    added = ("camera.png",) if output.pictures and lit else ()
+    added = (*(("camera.png",) if output.pictures and lit else ()), *converted_files(output.formats))
     return tuple(name for name in (*SHOT_FILES, *added) if name not in left_out)
 
 
@@ -144,4 +171,5 @@ def planned_track_files(output: Output, carriers: int) -> tuple[str, ...]:
     """
     tables = (*TABLES, *(POSES if carriers else ()), *(RELATIVE_POSES if carriers > 1 else ()))
     pictures = (*TRACK_PICTURES, *(POSE_PICTURES if carriers else ())) if output.pictures else ()
-    return tuple(name for name in (*tables, *pictures) if output.patterns or name != VOXELS)
+    named = (*tables, *pictures, *converted_files(output.formats))
+    return tuple(name for name in named if output.patterns or name != VOXELS)

@@ -14,6 +14,7 @@ from scanner_sim.products.files.exchange import Writers
 from scanner_sim.products.files.exr import write_exr
 from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.files.signal_files import write_signals
+from scanner_sim.products.formats.writers import format_writers
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pictures.image import draw_picture, pictures_of
 from scanner_sim.products.pictures.style import save_grey
@@ -84,7 +85,7 @@ def _writers(
         writers |= {name: partial(draw_picture, image, name) for name in pictures_of(image)}
         if camera is not None:
             writers["camera.png"] = lambda path: save_grey(camera, path)
-    writers |= signal_writers(signals)
+    writers |= {**format_writers(image, output.formats), **signal_writers(signals)}
     ordered = planned_files(output, lit=True, rangefinders=("triangulation", "tof"))
     return {name: writers[name] for name in ordered if name in writers}
 

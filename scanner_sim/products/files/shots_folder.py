@@ -19,6 +19,7 @@ from scanner_sim.foundation.status import Status
 from scanner_sim.products.files.contents import SHOT_TABLE, SHOTS, planned_shot_files
 from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.files.tables import Columns, read_about, read_result, write_parquet
+from scanner_sim.products.formats.writers import format_writers
 from scanner_sim.products.pictures.shots import PICTURES_OF_SHOTS
 from scanner_sim.products.pictures.style import save_grey
 from scanner_sim.products.points import write_ply
@@ -82,6 +83,7 @@ def write_shots(
         "summary.json": lambda path: write_text(path, shots_json(shots)),
         "points.ply": lambda path: write_ply(path, shots),
         **{name: partial(draw, shots) for name, draw in PICTURES_OF_SHOTS.items()},
+        **format_writers(shots, output.formats),
     }
     if camera is not None:
         writers["camera.png"] = lambda path: save_grey(camera, path)

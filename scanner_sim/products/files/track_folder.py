@@ -12,6 +12,7 @@ from scanner_sim.pose.series import PoseSeries
 from scanner_sim.products.files.contents import TABLE, TRACK, VOXELS
 from scanner_sim.products.files.folder import write_folder, write_text
 from scanner_sim.products.files.tables import table_csv, write_parquet
+from scanner_sim.products.formats.writers import format_writers
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pictures.pattern import draw_pattern, telling_visit
 from scanner_sim.products.pictures.pose import draw_outlines, draw_poses
@@ -80,6 +81,7 @@ def write_track(
         _add_poses(writers, name, chosen, track.made_by)
     if output.pictures:
         writers |= pictures_of(track, poses, backdrop, rim)
+    writers |= format_writers(track, output.formats, poses)
     return write_folder(folder, TRACK, writers, overwrite=overwrite)
 
 

@@ -1,4 +1,4 @@
-"""Pictures of a table of shots: dots at the angles of the shots, by range and by status."""
+"""Pictures of a table of shots: dots at the angles of the shots, by range and by status, or both over time."""
 
 from __future__ import annotations
 
@@ -25,6 +25,11 @@ from scanner_sim.products.pictures.style import (
     plot_label,
     save,
 )
+from scanner_sim.products.pictures.time_series import (
+    draw_range_over_time,
+    draw_status_over_time,
+    in_one_direction,
+)
 from scanner_sim.products.shots import ShotTable
 
 _MOST_DOTS = 200_000
@@ -36,10 +41,12 @@ _VALID = "#2b7a8c"
 
 
 def draw_shots_range(shots: ShotTable, path: str | Path) -> None:
-    """Draw the measured ranges as coloured dots over faint ones of all shots.
+    """Draw the measured ranges as coloured dots over faint ones of all shots; over time where all point alike.
 
     The scale leaves out the outermost half per cent at either end.
     """
+    if in_one_direction(shots):
+        return draw_range_over_time(shots, path)
     ranges = shots["range_m"]
     finite = ranges[np.isfinite(ranges)]
     low, high = np.percentile(finite, (0.5, 99.5)) if finite.size else (0.0, 1.0)
@@ -59,7 +66,9 @@ def draw_shots_range(shots: ShotTable, path: str | Path) -> None:
 
 
 def draw_shots_status(shots: ShotTable, path: str | Path) -> None:
-    """Draw a dot in the colour of its status for each shot."""
+    """Draw a dot in the colour of its status for each shot; over time where all point alike."""
+    if in_one_direction(shots):
+        return draw_status_over_time(shots, path)
     present = [code for code in Status if (shots["status"] == code).any()]
     with house_style():
         figure, axes, some = _axes(shots, "Status", legend_lines=len(present))

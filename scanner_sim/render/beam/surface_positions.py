@@ -52,7 +52,8 @@ def surface_positions(
     frame_of = loaded.frames_of(truth.object)
     poses = loaded.poses if shots.poses is None else shots.poses
     for body, pose in zip(loaded.bodies, poses, strict=True):
-        own = truth.object == dr.opaque(mi.UInt32, loaded.objects.index(body.item.name) + 1)
+        first, last = (dr.opaque(mi.UInt32, number) for number in loaded.numbers_of(body.item.name))
+        own = (truth.object >= first) & (truth.object <= last)
         frame_of = Pose(
             dr.select(own, pose.rotation, frame_of.rotation), dr.select(own, pose.position, frame_of.position)
         )

@@ -14,9 +14,10 @@ import numpy as np
 from scanner_sim.foundation.device_types import Float, MitsubaScene, Shape, UInt32
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.named_files import LARGEST_MESH, are_as_noted, noted_files
+from scanner_sim.scene.files.file_meshes import MeshExtent
 from scanner_sim.scene.files.plugins import installed_plugins_only
 from scanner_sim.scene.files.shapes import Surfaces, shapes_of
-from scanner_sim.scene.objects import Posed
+from scanner_sim.scene.objects import Mesh, Posed
 
 MOST_KEPT = 10_000_000
 """Triangles of the largest scene that is kept: about 1 GB."""
@@ -32,8 +33,7 @@ class Named(NamedTuple):
     @property
     def built(self) -> Posed:
         """The object as it is built: what moves in its own frame, which no motion changes."""
-        still = {"position": (0.0, 0.0, 0.0), "rotation": (), "motion": None}
-        return self.item if self.item.motion is None else self.item.model_copy(update=still)
+        return self.item.in_own_frame() if self.item.moves else self.item
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,10 @@ class BuiltScene:
     """The Mitsuba scenes of some objects: all that does not depend on where moving objects are.
 
     ``resting`` holds what does not move, ``bodies`` each object that does; ``known_as`` has the names by which results
-    know the materials, several of which may be equal; ``kept`` is a shelf for what others
-    computed of the scene, which goes with it; the rest is as in
+    know the materials, several of which may be equal; ``notes`` says what was left out of files, and mended;
+    ``owners`` are the scenario's objects to which ``objects`` belong, which may be parts of one; ``extents`` are
+    of meshes in their files by the objects' names; ``kept`` is a shelf for what others computed of the scene, which
+    goes with it; the rest is as in
     :class:`~scanner_sim.scene.files.loader.LoadedScene`.
     """
 
@@ -55,6 +57,9 @@ class BuiltScene:
     material_of: UInt32
     out_of_band_ratio: Float
     coherence: Float
+    notes: tuple[str, ...]
+    owners: tuple[str, ...]
+    extents: Mapping[str, MeshExtent]
     kept: dict[Any, Any] = field(default_factory=dict)
 
     @property
@@ -103,7 +108,14 @@ class SceneKeeper:
             With one fault per object that cannot be loaded.
         """
         description = repr(
-            (mi.variant(), [(item.name, item.built, item.item.motion is None) for item in objects])
+            (
+                mi.variant(),
+                [
+                    # An object's words do not say where that stands which it is fixed to.
+                    (item.name, item.built, item.item.moves, item.built.scanner_from_object().tolist())
+                    for item in objects
+                ],
+            )
         )
         kept = self._kept
         if (
@@ -143,9 +155,11 @@ def _build(objects: Sequence[Named]) -> BuiltScene:
             faults.append(Fault(f"{one.key} ({one.name})", error.message, error.remedy))
     if faults:
         raise ScenarioError(faults, source="scene")
-    resting = _scene([shape for one, shapes in parts if one.item.motion is None for shape in shapes])
-    bodies = tuple(_scene(shapes) for one, shapes in parts if one.item.motion is not None)
-    rows = [(one.name, shape, shape.bsdf().id()) for one, shapes in parts for shape in shapes]
+    # Before the shapes go into scenes, which give them other names.
+    rows = [(_label(one, shape), shape, shape.bsdf().id()) for one, shapes in parts for shape in shapes]
+    resting = _scene([shape for one, shapes in parts if not one.item.moves for shape in shapes])
+    bodies = tuple(_scene(shapes) for one, shapes in parts if one.item.moves)
+    owners = [one.name for one, shapes in parts for _ in shapes]
     names = tuple(dict.fromkeys(name for name, _, _ in rows))
     materials = tuple(dict.fromkeys(material for _, _, material in rows))
     registry = [_registry_index(shape) for _, shape, _ in rows]
@@ -164,7 +178,15 @@ def _build(objects: Sequence[Named]) -> BuiltScene:
         mi.UInt32(material_of),
         mi.Float([1.0, *(surfaces.out_of_band_ratio(name) for name in materials)]),
         mi.Float([0.5, *(surfaces.coherence(name) for name in materials)]),
+        surfaces.notes,
+        tuple(dict(zip((name for name, _, _ in rows), owners, strict=True))[name] for name in names),
+        surfaces.extents,
     )
+
+
+def _label(one: Named, shape: Shape) -> str:
+    """Return the name by which results know what a shape belongs to: the object's, or that of a part of a mesh."""
+    return shape.id() if isinstance(one.item, Mesh) and one.item.label_parts else one.name
 
 
 def _scene(shapes: list[Shape]) -> MitsubaScene:

@@ -7,6 +7,7 @@ reported together. Whoever asks for the same scene again gets the same Mitsuba s
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,6 +20,7 @@ from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float, Matrix3f, MitsubaScene, Shape, UInt32, Vector3f
 from scanner_sim.foundation.errors import printable
 from scanner_sim.scene.files.built_scene import Named, SceneKeeper
+from scanner_sim.scene.files.file_meshes import MeshExtent
 from scanner_sim.scene.labels import LabelTable
 from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
 
@@ -78,6 +80,12 @@ class LoadedScene:
     kept
         A shelf for what is computed of the scene alone, by whoever puts it there; whoever loads the same scene again
         finds it.
+    notes
+        Sentences on the files of its objects: what was left out, mended and assumed.
+    owners
+        For each of ``objects`` the object of the scenario to which it belongs: itself, or the mesh whose part it is.
+    extents
+        How large meshes are in their files, by the names of objects.
     """
 
     mitsuba: MitsubaScene
@@ -93,6 +101,14 @@ class LoadedScene:
     bodies: tuple[Body, ...] = ()
     poses: tuple[Pose, ...] = ()
     kept: dict[Any, Any] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    owners: tuple[str, ...] = ()
+    extents: Mapping[str, MeshExtent] = field(default_factory=dict)
+
+    def numbers_of(self, name: str) -> tuple[int, int]:
+        """Return the first and the last number of an object of the scenario, whose parts may be labelled apart."""
+        own = [number for number, owner in enumerate(self.owners, 1) if owner == name]
+        return (own[0], own[-1]) if own else (0, 0)
 
     @property
     def shapes(self) -> tuple[Shape, ...]:
@@ -165,7 +181,7 @@ def load_scene(scene: Scene) -> LoadedScene:
         whole = MitsubaFile(name="file", file=scene.file)
         objects.insert(0, Named(whole, printable(scene.file.stem), "scene.file"))
     built = _SCENES.built(objects)
-    moving = [one.item for one in objects if one.item.motion is not None]
+    moving = [one.item for one in objects if one.item.moves]
     return LoadedScene(
         built.resting,
         built.objects,
@@ -177,22 +193,23 @@ def load_scene(scene: Scene) -> LoadedScene:
         mi.UInt32(built.material_of),
         mi.Float(built.out_of_band_ratio),
         mi.Float(built.coherence),
-        _frames(objects, built.objects),
+        _frames(objects, built.owners),
         tuple(Body(item, body) for item, body in zip(moving, built.bodies, strict=True)),
         device_poses([item.pose_at(0.0) for item in moving]),
         built.kept,
+        built.notes,
+        built.owners,
+        built.extents,
     )
 
 
 _SCENES = SceneKeeper()
 
 
-def _frames(objects: list[Named], numbered: tuple[str, ...]) -> Float:
+def _frames(objects: list[Named], owners: tuple[str, ...]) -> Float:
     """Return the table of the objects' poses at time 0."""
-    poses = np.broadcast_to(np.eye(4)[:3], (len(numbered) + 1, 3, 4)).copy()
-    number_of = {name: number for number, name in enumerate(numbered, 1)}
-    for one in objects:
-        # An object without shapes has no number.
-        if one.name in number_of:
-            poses[number_of[one.name]] = one.item.pose_at(0.0)[0, :3]
+    poses = np.broadcast_to(np.eye(4)[:3], (len(owners) + 1, 3, 4)).copy()
+    item_of = {one.name: one.item for one in objects}
+    for number, name in enumerate(owners, 1):
+        poses[number] = item_of[name].pose_at(0.0)[0, :3]
     return mi.Float(for_device(poses))

@@ -11,7 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.named_files import LARGEST_MESH
-from scanner_sim.scene.files.triangles import MeshError, Triangles, check_triangles, fans
+from scanner_sim.scene.files.file_meshes import FileMesh
+from scanner_sim.scene.files.triangles import (
+    MAKE_FACES,
+    NO_FACES,
+    MeshError,
+    Triangles,
+    check_triangles,
+    fans,
+)
 
 LONGEST_HEADER = 1 << 20
 """Bytes before the data: comments may be long."""
@@ -46,17 +54,17 @@ class _Element:
     def lists(self) -> list[_Property]:
         return [column for column in self.properties if column.count]
 
-    def around(self, column: _Property) -> tuple[list[_Property], list[_Property]]:
-        """Return the columns before and after one."""
-        at = self.properties.index(column)
-        return self.properties[:at], self.properties[at + 1 :]
-
 
 Table = dict[str, NDArray[np.generic]]
 
 
+def ply_mesh(content: bytes) -> FileMesh:
+    """Return the mesh of a PLY file, of one part; faults as :func:`ply_triangles`."""
+    return FileMesh.whole(ply_triangles(content))
+
+
 def ply_triangles(content: bytes) -> Triangles:
-    """Return the triangles of a PLY file.
+    """Return the triangles of a PLY file: of its faces, and of strips of triangles.
 
     Raises
     ------
@@ -72,7 +80,7 @@ def ply_triangles(content: bytes) -> Triangles:
                 f"the header announces {element.rows} rows of '{element.name}', and the data end before"
             )
         tables[element.name] = _table(element, source)
-    if source.left:
+    if source.left and source.rest.strip():
         raise MeshError("there are more data than the header announces")
     return _mesh(tables)
 
@@ -97,8 +105,11 @@ def _header(content: bytes) -> tuple[str, list[_Element], int]:
                 elements[-1].properties.append(_Property(name, _TYPES[kind]))
             case ["property", "list", count, kind, name] if count in _WHOLE and kind in _TYPES and elements:
                 elements[-1].properties.append(_Property(name, _TYPES[kind], _TYPES[count]))
-            case _:
+            case ["format" | "element" | "property", *_]:
                 raise MeshError("a line of its header is not understood")
+            case _:
+                # Some programs write a remark without the word for it.
+                continue
     names = [element.name for element in elements]
     columns = [[column.name for column in element.properties] for element in elements]
     if order is None or len(set(names)) < len(names) or any(len(set(row)) < len(row) for row in columns):
@@ -122,6 +133,10 @@ class _Binary:
     @property
     def left(self) -> int:
         return len(self._content) - self._at
+
+    @property
+    def rest(self) -> bytes:
+        return self._content[self._at :]
 
     def rows(self, element: _Element, lengths: tuple[int, ...]) -> Table | None:
         """Return all rows if their lists have these lengths, and move on; else None."""
@@ -157,13 +172,16 @@ class _Binary:
         return tuple(found)
 
     def polygons(self, element: _Element, column: _Property) -> list[NDArray[np.generic]]:
-        """Return the lists of the only column that has some, one array (n, length) for each length; and move on."""
-        before, after = (sum(_size(one.kind) for one in group) for group in element.around(column))
+        """Return the lists of a column, one array (n, length) for each length; and move on."""
         starts, lengths, at = [], [], self._at
         for _ in range(element.rows):
-            lengths.append(self._length(at + before, column))
-            starts.append(at + before + _size(column.count))
-            at = starts[-1] + lengths[-1] * _size(column.kind) + after
+            for one in element.properties:
+                length = self._length(at, one) if one.count else 1
+                at += _size(one.count) if one.count else 0
+                if one is column:
+                    lengths.append(length)
+                    starts.append(at)
+                at += length * _size(one.kind)
         if at > len(self._content):
             raise MeshError(_ENDS)
         self._at = at
@@ -193,6 +211,10 @@ class _Text:
     @property
     def left(self) -> int:
         return len(self._numbers) - self._at
+
+    @property
+    def rest(self) -> bytes:
+        return b"numbers"
 
     def rows(self, element: _Element, lengths: tuple[int, ...]) -> Table | None:
         """Return all rows if their lists have these lengths, and move on; else None."""
@@ -225,13 +247,16 @@ class _Text:
         return tuple(found)
 
     def polygons(self, element: _Element, column: _Property) -> list[NDArray[np.generic]]:
-        """Return the lists of the only column that has some, one array (n, length) for each length; and move on."""
-        before, after = (len(group) for group in element.around(column))
+        """Return the lists of a column, one array (n, length) for each length; and move on."""
         starts, lengths, at = [], [], self._at
         for _ in range(element.rows):
-            lengths.append(self._length(at + before))
-            starts.append(at + before + 1)
-            at = starts[-1] + lengths[-1] + after
+            for one in element.properties:
+                length = self._length(at) if one.count else 1
+                at += 1 if one.count else 0
+                if one is column:
+                    lengths.append(length)
+                    starts.append(at)
+                at += length
         if at > len(self._numbers):
             raise MeshError(_ENDS)
         self._at = at
@@ -284,29 +309,47 @@ def _table(element: _Element, source: _Binary | _Text) -> Table:
     # Nearly always every row is like the first one, and the table is read at once.
     table = source.rows(element, source.lengths(element))
     lists = element.lists
-    if table is None and len(lists) != 1:
-        raise MeshError(f"the lists of '{element.name}' differ in length from row to row" if lists else _ENDS)
     corners = next((one for one in lists if one.name in ("vertex_indices", "vertex_index")), None)
+    if table is None and (not lists or element.name == "vertex"):
+        raise MeshError(f"the lists of '{element.name}' differ in length from row to row" if lists else _ENDS)
     if table is None:
-        polygons = source.polygons(element, lists[0])
+        polygons = source.polygons(element, corners or lists[0])
     else:
         polygons = [table[corners.name]] if corners is not None else []
-    if element.name != "face" or corners is None:
+    if corners is None or element.name not in ("face", "tristrips"):
         return table or {}
+    if element.name == "tristrips":
+        return {"corners": _strips(polygons)}
     if min(entry.shape[1] for entry in polygons) < 3:
         raise MeshError("a face has fewer than three corners")
     return {"corners": np.concatenate([fans(entry) for entry in polygons])}
 
 
+def _strips(lists: list[NDArray[np.generic]]) -> NDArray[np.generic]:
+    """Return the triangles of strips, (n, 3); −1 ends a strip, and every other triangle is turned."""
+    found = [np.empty((0, 3))]
+    for strip in (row for entry in lists for row in entry.astype(np.float64)):
+        ends = np.flatnonzero(strip < 0.0)
+        for run in np.split(strip, ends):
+            corners = run[run >= 0.0]
+            number = np.arange(max(len(corners) - 2, 0))
+            odd = number % 2
+            found.append(
+                np.stack([corners[number], corners[number + 1 + odd], corners[number + 2 - odd]], axis=1)
+            )
+    return np.concatenate(found)
+
+
 def _mesh(tables: dict[str, Table]) -> Triangles:
     """Return the mesh of the elements ``vertex`` and ``face``."""
-    vertex, face = tables.get("vertex", {}), tables.get("face", {})
-    if "corners" not in face:
-        raise MeshError("it has no faces, and a point cloud cannot be scanned")
+    vertex = tables.get("vertex", {})
+    held = [tables[name]["corners"] for name in ("face", "tristrips") if "corners" in tables.get(name, {})]
+    if not held:
+        raise MeshError(NO_FACES, MAKE_FACES)
     vertices = _columns(vertex, "x", "y", "z")
     if vertices is None:
         raise MeshError("its vertices have no x, y and z")
-    corners = face["corners"]
+    corners = held[0] if len(held) == 1 else np.concatenate(held)
     if corners.dtype.kind == "f" and not (corners == np.floor(corners)).all():
         raise MeshError("a face names a vertex by a number that is not whole")
     texture = _columns(vertex, "u", "v")

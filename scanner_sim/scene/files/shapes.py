@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,9 @@ from scanner_sim.foundation.device_types import BSDF, Shape
 from scanner_sim.foundation.errors import InputError, RunError
 from scanner_sim.foundation.frames import pose_matrix, rotation_about
 from scanner_sim.scene import materials
-from scanner_sim.scene.files.mesh_files import read_mesh
+from scanner_sim.scene.files.file_meshes import MeshExtent
+from scanner_sim.scene.files.mesh_files import read_mesh, read_mesh_file
+from scanner_sim.scene.files.mesh_pieces import pieces_of, unit_of
 from scanner_sim.scene.files.plugins import (
     SHAPE_LIST,
     build_plugin,
@@ -30,21 +32,10 @@ from scanner_sim.scene.files.plugins import (
 )
 from scanner_sim.scene.files.scene_rules import MESHES, renderers_scene
 from scanner_sim.scene.files.triangles import Triangles, canonical_ply
-from scanner_sim.scene.objects import (
-    Box,
-    Cylinder,
-    Disc,
-    MaterialChoice,
-    Mesh,
-    MitsubaFile,
-    Rectangle,
-    Retroreflector,
-    Sphere,
-    Surface,
-    TargetArray,
-)
+from scanner_sim.scene.objects import Box, Cylinder, Disc, Mesh, MitsubaFile, Rectangle, Sphere, TargetArray
 from scanner_sim.scene.polarisation import speckle_contrast
 from scanner_sim.scene.poses import FARTHEST
+from scanner_sim.scene.surfaces import MaterialChoice, Retroreflector, Surface
 from scanner_sim.scene.targets import target_array, target_positions
 
 _FACING = pose_matrix(rotation_about((1.0, 0.0, 0.0), np.pi), (0.0, 0.0, 0.0))
@@ -74,6 +65,35 @@ class Surfaces:
         self._made: dict[str, Any] = {}
         self._described: dict[str, materials.Material] = dict(materials.MATERIALS)
         self._known_as: dict[str, str] = {}
+        self._notes: dict[str, None] = {}
+        self.extents: dict[str, MeshExtent] = {}
+
+    def note(self, name: str, sentences: Iterable[str], extent: MeshExtent) -> None:
+        """Keep what is to be said of the file of an object, and how large its mesh is."""
+        self.extents[name] = extent
+        self._notes.update(dict.fromkeys(f"'{name}': {sentence}" for sentence in sentences))
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What is to be said of the files of objects."""
+        return tuple(self._notes)
+
+    def mapped(self, choice: MaterialChoice, chart: NDArray[np.float32]) -> BSDF:
+        """Return the BSDF of a Lambertian surface whose reflectance is a map, shape (rows, columns)."""
+        assert isinstance(choice, Surface)
+        name = f"{choice.known_as}:map_{len(self._made)}"
+        self._known_as[name] = choice.known_as
+        texture = {
+            "type": "bitmap",
+            "data": mi.TensorXf(chart[:, :, None]),
+            "raw": True,
+            "filter_type": "bilinear",
+            "wrap_mode": "repeat",
+        }
+        diffuse = {"type": "diffuse", "reflectance": texture}
+        self._made[name] = build_plugin({"type": "twosided", "nested": diffuse})
+        self._made[name].set_id(name)
+        return self._made[name]
 
     def known_as(self, name: str) -> str:
         """Return the name by which results know a material."""
@@ -174,22 +194,23 @@ def _cylinder(item: Cylinder, bsdfs: Surfaces) -> list[Shape]:
 
 
 def _mesh_file(item: Mesh, bsdfs: Surfaces) -> list[Shape]:
-    bsdf = bsdfs(item.material)
-    mesh = read_mesh(item.mesh)
-    unit = item.length_unit
+    mesh = read_mesh_file(item.mesh)
+    pieces, notes = pieces_of(item, mesh)
+    unit = unit_of(item, mesh)
+    bsdfs.note(item.name, notes, MeshExtent.of(mesh.triangles, unit))
     matrix = item.scanner_from_object() @ _scaling(unit, unit, unit)
-    settings = _SETTINGS_OF_FILES[item.mesh.suffix.lower()]
+    settings = {"face_normals": True} if mesh.flat else {}
+    shapes = []
     with _folder_for_meshes() as folder:
-        shape = _plugin("ply", matrix, bsdf, filename=_rewrite(mesh, folder), **settings)
-    return [_check(shape, item.mesh)]
-
-
-_SETTINGS_OF_FILES: dict[str, dict[str, bool]] = {
-    ".ply": {},
-    ".obj": {"flip_tex_coords": True},
-    ".stl": {"face_normals": True},
-}
-"""What the formats mean: OBJ files count texture rows from below, and STL files have flat faces."""
+        for number, piece in enumerate(pieces):
+            bsdf = bsdfs(piece.material) if piece.map is None else bsdfs.mapped(piece.material, piece.map)
+            path = _rewrite(piece.triangles, folder, number)
+            if mesh.rows_from_below:
+                settings["flip_tex_coords"] = True
+            shape = _check(_plugin("ply", matrix, bsdf, filename=path, **settings), item.mesh)
+            shape.set_id(f"{item.name}.{piece.part}" if item.label_parts else item.name)
+            shapes.append(shape)
+    return shapes
 
 
 @contextmanager

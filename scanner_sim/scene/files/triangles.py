@@ -9,9 +9,18 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 
+NO_FACES = "it has no faces, and points or lines cannot be scanned"
+MAKE_FACES = "Make a surface of it first, as MeshLab and Open3D do by Poisson's method."
+
 
 class MeshError(Exception):
-    """What is wrong with the content of a mesh file, in words that end its message."""
+    """What is wrong with the content of a mesh file, in words that end its message; and what helps."""
+
+    def __init__(
+        self, problem: str, remedy: str = "Export it again, as triangles with finite coordinates."
+    ) -> None:
+        super().__init__(problem)
+        self.remedy = remedy
 
 
 class Triangles(NamedTuple):
@@ -41,13 +50,14 @@ def check_triangles(
         If there is no face or no area, an index is out of range, or a number is not finite in single precision.
     """
     if len(faces) == 0:
-        raise MeshError("it has no faces, and a point cloud cannot be scanned")
+        raise MeshError(NO_FACES, MAKE_FACES)
     low, high = faces.min(), faces.max()
     if not low >= 0 or not high < len(vertices):
         wrong = low if not low >= 0 else high
         raise MeshError(f"a face names the vertex {wrong:.0f}, and the {len(vertices)} vertices count from 0")
-    position = _single(vertices, "coordinate")
     index = faces.astype(np.uint32)
+    vertices, normals, texture, index = _only_used(vertices, normals, texture, index)
+    position = _single(vertices, "coordinate")
     if not _have_area(position, index):
         raise MeshError("none of its faces has an area")
     direction = None if normals is None else _single(normals, "normal")
@@ -57,6 +67,21 @@ def check_triangles(
     return Triangles(
         position, index, direction, None if texture is None else _single(texture, "texture coordinate")
     )
+
+
+def _only_used(
+    vertices: NDArray[np.generic],
+    normals: NDArray[np.generic] | None,
+    texture: NDArray[np.generic] | None,
+    faces: NDArray[np.uint32],
+) -> tuple[NDArray[np.generic], NDArray[np.generic] | None, NDArray[np.generic] | None, NDArray[np.uint32]]:
+    """Leave out vertices that no face names where some of them are not finite: scanners write missing points so."""
+    if np.isfinite(vertices.astype(np.float64)).all():
+        return vertices, normals, texture, faces
+    used, again = np.unique(faces, return_inverse=True)
+    columns = (None if column is None else column[used] for column in (vertices, normals, texture))
+    vertices, normals, texture = columns  # type: ignore[assignment]
+    return vertices, normals, texture, again.reshape(faces.shape).astype(np.uint32)
 
 
 def _single(values: NDArray[np.generic], what: str) -> Floats:

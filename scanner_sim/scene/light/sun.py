@@ -15,13 +15,6 @@ from numpy.typing import ArrayLike, NDArray
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.scene.light.lighting import Sun
 
-# Loading colour-science changes how NumPy prints in the whole process, which is not ours to decide.
-_PRINTED = np.get_printoptions()
-from colour.colorimetry.blackbody import planck_law  # noqa: E402
-from colour.plotting.datasets.astm_g_173 import SD_ASTMG173_ETR  # noqa: E402
-
-np.set_printoptions(**_PRINTED)
-
 Floats = NDArray[np.float64]
 
 BOLTZMANN: Final = 1.380_649e-23
@@ -52,6 +45,9 @@ def solar_irradiance(sun: Sun, wavelengths: ArrayLike) -> Floats:
     if sun.spectrum == "astm_g173":
         nodes, values = _astm_g173()
         return np.interp(wanted, nodes, values, left=0.0, right=0.0)
+    # Loading colour-science changes how NumPy prints in the whole process, which is not ours to decide.
+    with np.printoptions():
+        from colour.colorimetry.blackbody import planck_law
     c1 = 2.0 * math.pi * PLANCK * SPEED_OF_LIGHT**2
     c2 = PLANCK * SPEED_OF_LIGHT / BOLTZMANN
     with np.errstate(over="ignore"):  # exp(c2/λT) overflows where nothing is emitted
@@ -80,5 +76,7 @@ def total_irradiance(sun: Sun) -> float:
 @cache
 def _astm_g173() -> tuple[Floats, Floats]:
     """Return the table of ASTM G-173: wavelengths [m] and extraterrestrial irradiance [W/m²/m]."""
+    with np.printoptions():
+        from colour.plotting.datasets.astm_g_173 import SD_ASTMG173_ETR
     nodes = 1e-9 * np.asarray(SD_ASTMG173_ETR.wavelengths, dtype=np.float64)
     return nodes, 1e9 * np.asarray(SD_ASTMG173_ETR.values, dtype=np.float64)

@@ -17,7 +17,7 @@ import drjit.auto.ad as auto
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from scanner_sim.detector.photodiode.photodiode import Digitiser
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
@@ -104,7 +104,7 @@ class OverlapTest:
         variance = coloured * noise[0] + white * noise[1] + shot * noise[2] * current
         chance = dr.sqrt(dr.maximum(variance, 0.0)) / dr.maximum(current, _NONZERO)
         limit = (
-            float(norm.isf(_FALSE_ALARM)) * chance
+            float(-ndtri(_FALSE_ALARM)) * chance
             + dr.opaque(auto.Float, self.known)
             + self._largest_stretch(delay)
         )

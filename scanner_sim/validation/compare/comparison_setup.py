@@ -21,7 +21,7 @@ REFLECTANCE = 0.5
 RANGES = 5
 """Number of their ranges."""
 FARTHEST = 25.0
-"""Farthest of them [m]."""
+"""Farthest of them for an array [m], which may see infinity."""
 FEWEST_FOR_SLOPE = 3
 _MARGIN = 1.15
 """Nearest range of a target over that which the array sees."""
@@ -113,7 +113,7 @@ class ComparisonSetup:
 
     @property
     def flat(self) -> FlatTarget:
-        """The flat targets: those asked for, or five from the nearest range to 25 m."""
+        """The flat targets: those asked for, or five from the nearest range of the array to 25 m, or over the gate."""
         return self.target or FlatTarget(REFLECTANCE, self._ranges())
 
     @property
@@ -147,8 +147,11 @@ class ComparisonSetup:
         return f"a slope needs {FEWEST_FOR_SLOPE} ranges of the target, and there are {len(self.flat.ranges)}"
 
     def _ranges(self) -> tuple[float, ...]:
-        nearest, farthest = self.scenario.scanner.nearest_range, self.scenario.scanner.farthest_range
-        low, high = _MARGIN * nearest, min(FARTHEST, farthest / _MARGIN)
+        first, *_ = self.scenario.scanner.rangefinders
+        nearest, farthest = self.scenario.scanner.seen_by(first)
+        low, high = _MARGIN * nearest, farthest / _MARGIN
+        if first == "triangulation":
+            high = min(FARTHEST, high)
         if low >= high:
             raise InputError(
                 f"the array sees ranges from {nearest:.4g} m to {farthest:.4g} m only, none of them below 25 m.",

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.analytic import geometry
 from scanner_sim.analytic.beam import beam_radius
-from scanner_sim.config.scenario import RangefinderName
+from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.ranging.ranges import Columns
@@ -53,8 +53,8 @@ _STEADY_CLOCK: dict[str, Any] = {
 _CLIPPED = 0.95
 """Height of an echo, over the amplifier's saturation, from which it may be clipped."""
 _CAUTIOUS = ("leading_edge", "constant_fraction")
-_HALF = 0.03
-"""Deflections to each side of a plane's middle [rad]."""
+_HALF, _ASIDE = 0.03, 0.3
+"""Deflections to each side of a plane's middle, and of that middle itself [rad], where the mirrors reach them."""
 
 
 def _honest(setting: ComparisonSetup) -> str:
@@ -168,11 +168,14 @@ def _on_planes(
     """Yield the layers of a small scan of a plane drawn at random for each seed; all its voxels count."""
     scenario, closed = setting.scenario, ClosedForms(setting.scenario)
     ranges, side = setting.flat.ranges, math.isqrt(_VOXELS)
+    limit = scenario.scanner.mirrors.max_deflection
+    half = min(_HALF, 0.5 * limit)
+    aside = min(_ASIDE, limit - half)
     for seed in seeds:
         random = np.random.default_rng(seed)
         distance = float(np.exp(random.uniform(math.log(ranges[0]), math.log(ranges[-1]))))
-        tilt, theta, phi = (random.uniform(-1.0, 1.0, 3) * [math.radians(50.0), 0.3, 0.3]).tolist()
-        size = 2.6 * distance * math.tan(_HALF) / math.cos(abs(tilt) + _HALF)
+        tilt, theta, phi = (random.uniform(-1.0, 1.0, 3) * [math.radians(50.0), aside, aside]).tolist()
+        size = 2.6 * distance * math.tan(half) / math.cos(abs(tilt) + half)
         plane = test_bench.plate(
             distance,
             setting.flat.reflectance,
@@ -186,8 +189,8 @@ def _on_planes(
         scan = RasterScan(
             rows=side,
             columns=side,
-            horizontal=(theta - _HALF, theta + _HALF),
-            vertical=(phi - _HALF, phi + _HALF),
+            horizontal=(theta - half, theta + half),
+            vertical=(phi - half, phi + half),
         )
         made = scenario.changed(
             seed=seed,
@@ -227,11 +230,11 @@ def _pulls(setting: ComparisonSetup, ranging: RangefinderName) -> Iterator[tuple
             covariance[:, i, i] = some[f"sigma_{one}_m"] ** 2
             for j in range(i):
                 covariance[:, i, j] = covariance[:, j, i] = some[f"cov_{'xyz'[j]}{one}_m2"]
-        solved = np.linalg.solve(covariance, error[..., None])[..., 0]
-        yield (
-            (some["range_m"] - some["truth.range_m"]) / some["sigma_range_m"],
-            np.sum(error * solved, axis=1),
-        )
+        pull = (some["range_m"] - some["truth.range_m"]) / some["sigma_range_m"]
+        # Without errors of the angles points err along the beam alone, and their covariance has no inverse.
+        spread = ClosedForms(setting.scenario).angle_sigma > 0.0
+        solved = np.linalg.solve(covariance, error[..., None])[..., 0] if spread else error
+        yield pull, np.sum(error * solved, axis=1)
 
 
 _CASES = ("mean", "mean square", "share within 1.96 σ", "point: χ² of three, over three")
@@ -246,7 +249,8 @@ def _measure(setting: ComparisonSetup, *, ranging: RangefinderName) -> dict[str,
     )
     if len(rows) < _FEWEST_RUNS:
         return {}
-    return {case: mean_of(rows[:, column]) for column, case in enumerate(_CASES)}
+    cases = _CASES if ClosedForms(setting.scenario).angle_sigma > 0.0 else _CASES[:-1]
+    return {case: mean_of(rows[:, column]) for column, case in enumerate(cases)}
 
 
 def _predict(setting: ComparisonSetup) -> dict[str, Predicted]:  # noqa: ARG001 (σ is true of every instrument)
@@ -288,4 +292,5 @@ TOF_COVERAGE = Law(
     _predict,
     _FEW,
     exercises="pulse",
+    rangefinder="tof",
 )

@@ -26,18 +26,22 @@ def closed_budget(scenario: Scenario, reflectance: float, distance: float) -> di
     for the matched filter on a Gaussian pulse only; with others it and the fused range are left out. There are none
     with an estimator of the peak that is the user's own.
     """
-    if PEAKS.is_own(scenario.processing.peak):
-        return {}
-    triangulation = range_budget(instrument_of(scenario, reflectance, HALF), distance)
-    lidar = scenario.scanner.lidar
-    if scenario.processing.pulse.timing != "matched_filter" or lidar.pulse.shape != "gaussian":
-        return {"triangulation": triangulation}
-    echo = echo_budget(echo_instrument_of(scenario, reflectance), distance)
-    return {
-        "triangulation": triangulation,
-        "tof": echo,
-        "fused": {"all": fused_sigma(triangulation["all"], echo["all"])},
-    }
+    has, found = scenario.scanner.rangefinders, dict[str, dict[str, float]]()
+    if "triangulation" in has:
+        if PEAKS.is_own(scenario.processing.peak):
+            return {}
+        found["triangulation"] = range_budget(instrument_of(scenario, reflectance, HALF), distance)
+    if "tof" in has and _filtered_gaussian(scenario):
+        found["tof"] = echo_budget(echo_instrument_of(scenario, reflectance), distance)
+    if len(found) == 2:
+        found["fused"] = {"all": fused_sigma(found["triangulation"]["all"], found["tof"]["all"])}
+    return found
+
+
+def _filtered_gaussian(scenario: Scenario) -> bool:
+    """Return whether echoes are Gaussian and timed by the matched filter, of which there are closed forms."""
+    gaussian = scenario.scanner.lidar.pulse.shape == "gaussian"
+    return gaussian and scenario.processing.pulse.timing == "matched_filter"
 
 
 def closed_crossing(scenario: Scenario, reflectance: float, near: float, far: float) -> float:
@@ -50,7 +54,7 @@ def closed_crossing(scenario: Scenario, reflectance: float, near: float, far: fl
         closed = closed_budget(scenario, reflectance, distance)
         return math.log(closed["triangulation"]["all"] / closed["tof"]["all"])
 
-    if "tof" not in closed_budget(scenario, reflectance, near) or not ratio(near) < 0.0 < ratio(far):
+    if "fused" not in closed_budget(scenario, reflectance, near) or not ratio(near) < 0.0 < ratio(far):
         return math.nan
     return float(brentq(ratio, near, far, rtol=1e-4))
 
@@ -61,13 +65,13 @@ def with_closed_forms(
     """Return a budget with the analytic values of what has a closed form."""
     ranges = list(dict.fromkeys(row.range_m for row in rows))
     closed = {distance: closed_budget(scenario, reflectance, distance) for distance in ranges}
-    instrument = instrument_of(scenario, reflectance, HALF)
     found = [
         replace(row, analytic_m=closed[row.range_m].get(row.mode, {}).get(row.source, math.nan))
         for row in rows
     ]
-    if instrument.contrast > 0.0 and not PEAKS.is_own(scenario.processing.peak):
-        found += _ends_of_speckle(instrument, ranges)
+    by_line = "triangulation" in scenario.scanner.rangefinders
+    if by_line and scenario.scanner.laser.speckle and not PEAKS.is_own(scenario.processing.peak):
+        found += _ends_of_speckle(instrument_of(scenario, reflectance, HALF), ranges)
     return tuple(found)
 
 

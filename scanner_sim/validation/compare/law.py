@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import kurtosis
 
+from scanner_sim.config.scanner import RangefinderName
 from scanner_sim.products.comparison import Exercises, Form
 from scanner_sim.validation.compare.closed_forms import FormName
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
@@ -93,6 +94,8 @@ class Law:
         Why the law does not apply where nothing was measured.
     exercises
         What of the processing its measurement goes through.
+    rangefinder
+        Whose detector it is measured with; None for none: without it the law does not apply.
     needs
         Closed forms of the scenario's estimator of the peak that the prediction takes, as
         :class:`~scanner_sim.validation.compare.closed_forms.EstimatorForms` has them.
@@ -108,6 +111,7 @@ class Law:
     predict: Callable[[ComparisonSetup], Mapping[str, Predicted]]
     nothing: str = "the scene holds nothing of what it speaks of"
     exercises: Exercises = field(kw_only=True)
+    rangefinder: RangefinderName | None = field(default="triangulation", kw_only=True)
     needs: tuple[FormName, ...] = field(default=(), kw_only=True)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -40,9 +40,24 @@ def pulses_uncovered(setting: ComparisonSetup) -> str:
         return "the pulse is no Gaussian"
     if setting.scenario.scanner.lidar.photodiode.place != "coaxial":
         return "the diode does not look along the laser"
+    if _rounds_coarsely(setting):
+        return (
+            "the converter's step is more than twice the noise on it, so that its rounding is no white noise"
+        )
     return (
         "" if _echoes(setting) else "no plate within the digitiser's gate gives the echoes that are asked for"
     )
+
+
+def _rounds_coarsely(setting: ComparisonSetup) -> bool:
+    """Return whether rounding goes with the signal: the variance of its error then differs by over e^(−2π²/4), 0.7 %.
+
+    The error of rounding to steps Δ of a signal with normal noise σ is uniform and white but for terms of
+    e^(−2π² σ²/Δ²) (Widrow and Kollár, *Quantization noise*, 2008, sec. 5).
+    """
+    sigma, white = dark_noise(setting)
+    step = sigma * math.sqrt(12.0 * white)
+    return step > 2.0 * sigma * math.sqrt(1.0 - white)
 
 
 def pulse_widths(setting: ComparisonSetup) -> tuple[float, float]:
@@ -103,10 +118,10 @@ def echo_range(setting: ComparisonSetup) -> float | None:
     return kept[len(kept) // 2] if kept else None
 
 
-def _near(setting: ComparisonSetup, R: float) -> Iterator[float]:
+def near(setting: ComparisonSetup, R: float, places: int = _PLACES) -> Iterator[float]:
     """Yield ranges about one at which the echo lies at even positions between two samples."""
     step = 0.5 * SPEED_OF_LIGHT / setting.scenario.scanner.lidar.digitiser.rate
-    for position in (np.arange(_PLACES) + 0.5) / _PLACES - 0.5:
+    for position in (np.arange(places) + 0.5) / places - 0.5:
         yield R + float(position) * step
 
 
@@ -126,29 +141,40 @@ def silent(setting: ComparisonSetup, *on: str, **timing: str | float | bool) -> 
 
 
 def plate_errors(
-    setting: ComparisonSetup, R: float, reflectance: float, seed: int, shots: int, made: dict[str, Any]
+    setting: ComparisonSetup,
+    ranges: Sequence[float],
+    reflectances: Sequence[float],
+    seed: int,
+    shots: int,
+    made: dict[str, Any],
 ) -> Array:
-    """Return errors of the range [mm] on plates at even positions between two samples, shape (positions, shots).
+    """Return errors of the range [mm] on plates at some ranges [m], shape (plates, shots).
 
     The plates stand side by side, each faces the beam in a direction of its own.
     """
-    closed, ranges = ClosedForms(setting.scenario), list(_near(setting, R))
+    closed = ClosedForms(setting.scenario)
     aside = min(_ASIDE, setting.scenario.scanner.mirrors.max_deflection)
     theta = np.linspace(-aside, aside, len(ranges))
     plates = [
         test_bench.plate(
             where,
-            reflectance,
+            grey,
             theta=angle,
             separation=closed.D,
             size=0.02 * where + 16.0 * setting.scenario.scanner.laser.radius(where),
             name=f"target_{number}",
         )
-        for number, (where, angle) in enumerate(zip(ranges, theta.tolist(), strict=True))
+        for number, (where, grey, angle) in enumerate(zip(ranges, reflectances, theta.tolist(), strict=True))
     ]
     scenario: Scenario = test_bench.on_test_bench(setting, *plates, seed=seed, **made)
     aim = test_bench.directions(np.repeat(theta, shots), 0.0, scenario.scanner.mirrors, 0.0)
     return 1e3 * test_bench.range_errors(setting, scenario, aim).reshape(len(ranges), shots)
+
+
+def _alike(setting: ComparisonSetup, R: float, grey: float) -> tuple[list[float], list[float]]:
+    """Return ranges [m] at even positions between two samples about one, and the reflectance of the plates there."""
+    ranges = list(near(setting, R))
+    return ranges, [grey] * len(ranges)
 
 
 def _scatter(setting: ComparisonSetup, number: int, *on: str) -> dict[str, Measured]:
@@ -156,7 +182,7 @@ def _scatter(setting: ComparisonSetup, number: int, *on: str) -> dict[str, Measu
     made = silent(setting, *on, timing="matched_filter", echo="strongest")
     for step, (case, (R, grey)) in enumerate(_echoes(setting).items()):
         groups = [
-            plate_errors(setting, R, grey, seed, setting.shots(4000), made)
+            plate_errors(setting, *_alike(setting, R, grey), seed, setting.shots(4000), made)
             for seed in setting.seed(number, step)
         ]
         cases[case] = spread_of(np.concatenate(groups))
@@ -167,7 +193,8 @@ def _measure_bias(setting: ComparisonSetup) -> dict[str, Measured]:
     made, cases = silent(setting, "amplifier", "quantisation", timing="matched_filter", echo="strongest"), {}
     for step, (case, (R, grey)) in enumerate(_echoes(setting).items()):
         errors = [
-            plate_errors(setting, R, grey, seed, setting.shots(2000), made) for seed in setting.seed(17, step)
+            plate_errors(setting, *_alike(setting, R, grey), seed, setting.shots(2000), made)
+            for seed in setting.seed(17, step)
         ]
         cases[case] = mean_of(np.concatenate(errors).ravel())
     return cases
@@ -189,7 +216,7 @@ def _bound(setting: ComparisonSetup, R: float, reflectance: float) -> float:
         judge.coloured_noise_bound(
             *pulse_widths(setting), step, echo_peak(setting, where, reflectance) / sigma, white
         )
-        for where in _near(setting, R)
+        for where in near(setting, R)
     ]
     return 0.5e3 * SPEED_OF_LIGHT * math.sqrt(float(np.mean(np.square(bounds))))
 
@@ -230,6 +257,7 @@ TOF_BOUND = Law(
     lambda setting: _scatter(setting, 11, "amplifier", "quantisation"),
     _predict_bound,
     exercises="built-in",
+    rangefinder="tof",
 )
 TOF_RANGE = Law(
     "tof_range",
@@ -241,6 +269,7 @@ TOF_RANGE = Law(
     _measure_bias,
     _predict_bias,
     exercises="built-in",
+    rangefinder="tof",
 )
 TOF_SIGMA = Law(
     "tof_sigma",
@@ -252,4 +281,5 @@ TOF_SIGMA = Law(
     lambda setting: _scatter(setting, 12, "amplifier", "quantisation", "clock"),
     _predict_floor,
     exercises="built-in",
+    rangefinder="tof",
 )

@@ -30,6 +30,8 @@ _SIDE = 8
 _SURFACES = 1000
 """Surfaces of wave optics at each range: their scatter is known to 1/√(2 · 1000)."""
 _CHANCE = 3.0
+_APART = 7_368_787
+"""Of the seeds of the surfaces of one place."""
 
 
 def _coherent(setting: ComparisonSetup) -> str:
@@ -87,25 +89,34 @@ def _seen(setting: ComparisonSetup, R: float) -> Array:
     return _lines(lens, (aberration, sensor.diffusion), sensor.pitch, image, _surfaces(setting))
 
 
-def _separate(setting: ComparisonSetup, R: float) -> float:
-    """Return to which side directions reach so that no two shots share a pattern: four beam radii apart."""
-    side = math.isqrt(setting.shots(4900))
-    return min(SPREAD, 2.0 * (side - 1) * setting.scenario.scanner.laser.radius(R) / R)
+def _separate(setting: ComparisonSetup, R: float) -> tuple[float, int, int]:
+    """Return to which side directions reach [rad], how many there are along it, and in how many runs.
+
+    Shots lie four beam radii apart, or as many of them as can at two: there patterns share e⁻⁴, 2 %, of their light
+    (Goodman, *Speckle phenomena in optics*, 2007, sec. 5.3). The others are those of further surfaces.
+    """
+    scanner, side = setting.scenario.scanner, math.isqrt(setting.shots(4900))
+    radius = scanner.laser.radius(R) / R
+    reach = min(SPREAD, scanner.mirrors.max_deflection, 2.0 * (side - 1) * radius)
+    fitting = min(side, math.floor(reach / radius) + 1)
+    return reach, fitting, math.ceil(side**2 / fitting**2)
 
 
 def _shots(setting: ComparisonSetup, step: int, R: float) -> tuple[list[Array], list[Array]]:
     """Return errors of the range by speckle [mm] and relative charges, of phases in a pixel and seeds about a range."""
     errors, charges = [], []
+    reach, side, runs = _separate(setting, R)
+    theta, phi = test_bench.square(reach, side**2)
     for index, (where, _) in enumerate(spots(setting, R)):
         for seed in setting.seed(8, step, index):
             plate = test_bench.plate(where, setting.flat.reflectance, size=plate_side(setting, where))
-            theta, phi = test_bench.square(_separate(setting, where), setting.shots(4900))
+            seeds = tuple((seed + _APART * run) % 2**63 for run in range(runs))
             found = []
             # Directions differ, and with them the position in the pixel: what the estimator errs there is no noise.
             for speckle in (True, False):
                 made = test_bench.on_test_bench(setting, plate, seed=seed, speckle=speckle)
                 aim = test_bench.directions(theta, phi, made.scanner.mirrors, 0.0)
-                found.append(test_bench.measure(setting, made, aim))
+                found.append(test_bench.measure(setting, made, aim, seeds))
             coherent, even = found
             errors.append(1e3 * (coherent["range_m"] - even["range_m"]))
             charges.append(coherent["Y"] / even["Y"])

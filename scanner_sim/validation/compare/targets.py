@@ -135,6 +135,7 @@ CENTROID = Law(
     _measure_centre,
     _predict_centre,
     exercises="targets",
+    rangefinder=None,
 )
 
 _SIDE = 0.1

@@ -8,6 +8,7 @@ background, which the closed forms do not have, are off; laws of the whole scena
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -151,9 +152,11 @@ def square(half: float, shots: int) -> tuple[Array, Array]:
     return theta.ravel(), phi.ravel()
 
 
-def measure(setting: ComparisonSetup, scenario: Scenario, aim: Aim) -> dict[str, Array]:
-    """Return all layers of shots as float64, NaN where a shot has no range."""
-    layers = Instrument(scenario, device=setting.device).measure(aim)
+def measure(
+    setting: ComparisonSetup, scenario: Scenario, aim: Aim, seeds: Sequence[int] | None = None
+) -> dict[str, Array]:
+    """Return all layers of shots as float64, NaN where a shot has no range; those of ``seeds`` one by one."""
+    layers = Instrument(scenario, device=setting.device).measure(aim, seeds=seeds)
     return {name: values.astype(np.float64) for name, values in layers.items()}
 
 

@@ -23,6 +23,8 @@ _SIDE = 64
 _NEAR, _FAR, _END = 1.6, 6.4, 0.9
 """Nearest and farthest middle of a scene over the nearest range on the axis, and the latter over the farthest: 2.5 m to
 10 m for the preset."""
+_WIDEST = 3.0
+"""Largest distance of neighbouring voxels, in radii of the beam."""
 _STRIPES = (1.5, 11.0)
 """Narrowest and widest stripe, in radii of the beam."""
 _KINDS: tuple[Kind, ...] = ("clutter", "stripes", "glossy", "sunlit")
@@ -42,18 +44,25 @@ def _fitting(setting: ComparisonSetup) -> str:
     corrected = scenario.processing.bias_correction != "none" or setting.own_peak
     if scenario.processing.peak != "maximum_likelihood" and not corrected:
         return f"{scenario.processing.peak} has a systematic error of its own"
+    field = max(0.5 * _SIDE * _WIDEST * scenario.scanner.laser.radius(R) / R for R in _ranges(setting))
+    if field > scenario.scanner.mirrors.max_deflection:
+        return f"the mirrors do not reach over {_SIDE} voxels, {_WIDEST:g} radii of the beam apart"
     return ""
+
+
+def _ranges(setting: ComparisonSetup) -> tuple[float, float]:
+    """Return the nearest and the farthest middle of a scene [m]."""
+    scanner = setting.scenario.scanner
+    near, end = _NEAR * scanner.nearest_range, _END * scanner.farthest_range
+    return min(near, end), min(_FAR * scanner.nearest_range, end)
 
 
 def _scene(setting: ComparisonSetup, kind: Kind, seed: int) -> MixedCoverage:
     """Return what the scenario's instrument makes of a scene that is drawn about the beam's own size."""
-    scanner = setting.scenario.scanner
-    near, end = _NEAR * scanner.nearest_range, _END * scanner.farthest_range
-    ranges = (min(near, end), min(_FAR * scanner.nearest_range, end))
-    drawn = MixedScene.drawn(kind, seed, side=_SIDE, ranges=ranges)
-    beam = float(scanner.laser.radius(drawn.distance))
+    drawn = MixedScene.drawn(kind, seed, side=_SIDE, ranges=_ranges(setting))
+    beam = float(setting.scenario.scanner.laser.radius(drawn.distance))
     random = np.random.default_rng([seed, 7])
-    pitch = beam * float(np.exp(random.uniform(math.log(1.0), math.log(3.0))))
+    pitch = beam * float(np.exp(random.uniform(math.log(1.0), math.log(_WIDEST))))
     drawn = drawn.at(pitch=pitch, widths=(_STRIPES[0] * beam, _STRIPES[1] * beam))
     own = drawn.scenario()
     made = setting.scenario.changed(

@@ -57,10 +57,20 @@ def sheet(
 
 def ranges(axes: Axes, axis: str = "x") -> None:
     """Give an axis of ranges logarithms and round ticks."""
+    _logarithmic(axes, axis, _TICKS)
+    getattr(axes, f"set_{axis}label")("range [m]")
+
+
+def logarithms(axes: Axes, axis: str = "xy") -> None:
+    """Give axes logarithms and plain numbers as ticks: 1, 2 and 5 of each power of ten."""
+    for one in axis:
+        _logarithmic(axes, one, [step * 10.0**power for power in range(-4, 7) for step in (1, 2, 5)])
+
+
+def _logarithmic(axes: Axes, axis: str, round_numbers: Sequence[float]) -> None:
     getattr(axes, f"set_{axis}scale")("log")
     low, high = getattr(axes, f"get_{axis}lim")()
-    ticks = [tick for tick in _TICKS if low <= tick <= high]
+    ticks = [tick for tick in round_numbers if low <= tick <= high]
     set_ticks: Any = getattr(axes, f"set_{axis}ticks")
     set_ticks(ticks, [f"{tick:g}" for tick in ticks])
     set_ticks([], minor=True)
-    getattr(axes, f"set_{axis}label")("range [m]")

@@ -1,10 +1,10 @@
-"""What an equation, table or figure of the paper is to the program that makes it again."""
+"""What an equation, table or figure of the paper, or a published fact, is to the program that makes it again."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import TypeVar
@@ -31,6 +31,10 @@ class Verdict(StrEnum):
     """What was found follows from numbers that were chosen from the paper: no agreement."""
     UNPRINTED = "not printed"
     """The paper has no number here; what was found agrees with the closed form."""
+    NOT_JUDGED = "not judged"
+    """What is published is of something that the simulator does not have, or the sample is too small to tell."""
+    NO_INSTRUMENT = "no such instrument"
+    """The instrument that it is published of is not among the shipped ones."""
 
 
 @dataclass(frozen=True)
@@ -102,15 +106,15 @@ class Task:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of an item: its comparisons, and what draws its picture to a path."""
+    """What came of an item: its comparisons, and what draws its picture to a path, if it has one."""
 
     rows: tuple[Row, ...]
-    draw: Callable[[Path], None]
+    draw: Callable[[Path], None] | None = None
 
 
 @dataclass(frozen=True)
 class Item:
-    """An equation, table or figure of the paper.
+    """An equation, table or figure of the paper, or a published fact.
 
     Attributes
     ----------
@@ -130,6 +134,10 @@ class Item:
         Other keys by which it may be asked for.
     also
         Other commands that give the same; empty if there is none.
+    options
+        With which the verb makes the page that it stands on.
+    inputs
+        What its result depends on beside the programs' versions, by name: where one has changed it is made again.
     """
 
     key: str
@@ -140,11 +148,13 @@ class Item:
     make: Callable[[Task], Outcome]
     aliases: tuple[str, ...] = ()
     also: str = ""
+    options: str = ""
+    inputs: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def command(self) -> str:
         """The command that makes it again."""
-        return f"scanner-sim reproduce --only {self.key}"
+        return f"scanner-sim reproduce {self.options}--only {self.key}"
 
 
 def row_of_claim(what: str, paper: str, expected: str, found: str, holds: bool | np.bool_) -> Row:

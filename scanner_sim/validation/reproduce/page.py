@@ -6,14 +6,25 @@ import re
 from collections.abc import Mapping, Sequence
 
 from scanner_sim.foundation.errors import printable
+from scanner_sim.products.provenance import PROGRAMS, in_order, software
 from scanner_sim.validation.reproduce.item import Item, Verdict
-from scanner_sim.validation.reproduce.results import HEADING, Result, picture_of
+from scanner_sim.validation.reproduce.results import Result, picture_of
+
+PAGE = "index.md"
+"""The page of the paper's items."""
+
+HEADING = "# Validation: the paper, made again\n\nWritten by `scanner-sim reproduce` from simulated data."
+"""How it begins: by this it is known."""
+
+VERDICTS = (Verdict.AGREES, Verdict.DIFFERS, Verdict.ALIKE, Verdict.CHOSEN, Verdict.UNPRINTED)
+"""The verdicts that it has."""
 
 _INTRODUCTION = f"""\
 {HEADING} For each equation, table and figure of F. Blais, J.-A. Beraldin,
 S. F. El-Hakim, *Range Error Analysis of an Integrated Time-of-Flight, Triangulation, and Photogrammetric 3D Laser
 Scanning System*, 2000: what the paper says, what was found, and where they differ and why. *Expected* is the equation
-as it is meant, or a closed form of `scanner_sim/analytic`, which shares no physics code with the simulator.
+as it is meant, or a closed form of `scanner_sim/analytic`, which shares no physics code with the simulator. What others
+have published of such instruments stands in the [ledger of published facts](family.md).
 
 | verdict | means |
 |---|---|
@@ -32,14 +43,14 @@ def page(items: Sequence[Item], results: Mapping[str, Result]) -> str:
     """Return the page of some items, in Markdown; items without a result say how to make them."""
     lines = [_INTRODUCTION]
     if results:
-        lines += [_provenance(list(results.values())), ""]
-    lines += [f"| item | {' | '.join(Verdict)} |", "|---" * (1 + len(Verdict)) + "|"]
+        lines += [provenance(list(results.values())), ""]
+    lines += [f"| item | {' | '.join(VERDICTS)} |", "|---" * (1 + len(VERDICTS)) + "|"]
     for item in items:
         result = results.get(item.key)
         counts = (
-            ["not made yet", *[""] * (len(Verdict) - 1)]
+            ["not made yet", *[""] * (len(VERDICTS) - 1)]
             if result is None
-            else [str(result.count(verdict) or "–") for verdict in Verdict]
+            else [str(result.count(verdict) or "–") for verdict in VERDICTS]
         )
         lines.append(f"| [{item.title}](#{item.key}) | {' | '.join(counts)} |")
     for item in items:
@@ -47,10 +58,12 @@ def page(items: Sequence[Item], results: Mapping[str, Result]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _provenance(results: Sequence[Result]) -> str:
+def provenance(results: Sequence[Result]) -> str:
+    """Return when, with which seeds and with which programs results were made, in a sentence."""
     dates = sorted({markdown_text(result.date) for result in results})
     span = dates[0] if len(dates) == 1 else f"{dates[0]} to {dates[-1]}"
-    made = ", ".join(markdown_text(f"{name} {number}") for name, number in results[-1].made_by.items())
+    made_by = in_order({name: results[-1].made_by.get(name, "?") for name in PROGRAMS})
+    made = markdown_text(software(made_by))
     seeds = ", ".join(str(seed) for seed in sorted({result.seed for result in results}))
     quick = sum(result.quick for result in results)
     short = f" {quick} of the items were made with `--quick`." if quick else ""

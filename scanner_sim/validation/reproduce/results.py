@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -19,12 +19,6 @@ from scanner_sim.products.files.folder import write_text
 from scanner_sim.products.provenance import versions
 from scanner_sim.validation.reproduce.item import Item, Outcome, Row, Task, Verdict
 
-PAGE = "index.md"
-"""The page that holds all of it."""
-
-HEADING = "# Validation: the paper, made again\n\nWritten by `scanner-sim reproduce` from simulated data."
-"""How it begins: by this it is known."""
-
 
 @dataclass(frozen=True)
 class Result:
@@ -36,10 +30,33 @@ class Result:
     seed: int
     date: str
     made_by: dict[str, str]
+    drawn: bool = True
 
     def count(self, verdict: Verdict) -> int:
         """Return the number of rows with a verdict."""
         return sum(row.verdict is verdict for row in self.rows)
+
+
+@dataclass(frozen=True)
+class Book:
+    """Items that stand on one page.
+
+    Attributes
+    ----------
+    page
+        The file that holds all of it.
+    heading
+        How it begins: by this it is known.
+    items
+        In the order of the page.
+    text
+        Makes the page of items and of those results that are there.
+    """
+
+    page: str
+    heading: str
+    items: tuple[Item, ...]
+    text: Callable[[Sequence[Item], Mapping[str, Result]], str]
 
 
 def picture_of(item: Item) -> str:
@@ -55,18 +72,20 @@ def file_of(item: Item) -> str:
 def read_result(folder: Path, item: Item) -> Result | None:
     """Return the result of an item; None where it is not there, is broken, or lacks its picture."""
     path = folder / file_of(item)
-    if not path.is_file() or not (folder / picture_of(item)).is_file():
+    if not path.is_file():
         return None
     try:
         result = TypeAdapter(Result).validate_json(read_ordinary(path, LARGEST_TEXT))
     except (ValueError, InputError):
         return None
-    return result if result.key == item.key else None
+    if result.key != item.key or (result.drawn and not (folder / picture_of(item)).is_file()):
+        return None
+    return result
 
 
-def serves(result: Result | None, task: Task) -> bool:
-    """Return whether a result is what a task asks for: whole where a whole one is wanted, same seed and versions."""
-    if result is None or result.seed != task.seed or result.made_by != dict(versions()):
+def serves(result: Result | None, item: Item, task: Task) -> bool:
+    """Return whether a result is what a task asks for: whole where a whole one is wanted, same seed and inputs."""
+    if result is None or result.seed != task.seed or result.made_by != _made_by(item):
         return False
     return task.quick or not result.quick
 
@@ -74,16 +93,22 @@ def serves(result: Result | None, task: Task) -> bool:
 def result_of(item: Item, task: Task, outcome: Outcome) -> Result:
     """Return the result of an item that was made today."""
     date = datetime.now(UTC).strftime("%Y-%m-%d")
-    return Result(item.key, outcome.rows, task.quick, task.seed, date, dict(versions()))
+    drawn = outcome.draw is not None
+    return Result(item.key, outcome.rows, task.quick, task.seed, date, _made_by(item), drawn)
+
+
+def _made_by(item: Item) -> dict[str, str]:
+    return {**versions(), **item.inputs}
 
 
 def writers_of(result: Result, item: Item, outcome: Outcome) -> Writers:
     """Return what writes an item's picture and its result."""
     text = json.dumps(asdict(result), indent=1, ensure_ascii=False) + "\n"
-    return {picture_of(item): outcome.draw, file_of(item): lambda path: write_text(path, text)}
+    picture = {} if outcome.draw is None else {picture_of(item): outcome.draw}
+    return {**picture, file_of(item): lambda path: write_text(path, text)}
 
 
-def refuse_strangers(folder: Path, items: Iterable[Item]) -> None:
+def refuse_strangers(folder: Path, book: Book, items: Sequence[Item]) -> None:
     """Check that where there are files with the names of ours, the page is ours too, and so all of them.
 
     Raises
@@ -91,11 +116,11 @@ def refuse_strangers(folder: Path, items: Iterable[Item]) -> None:
     InputError
         If it was not.
     """
-    heading = HEADING.encode()
-    with contextlib.suppress(InputError), open_ordinary(folder / PAGE, LARGEST_TEXT) as (stream, _):
+    heading = book.heading.encode()
+    with contextlib.suppress(InputError), open_ordinary(folder / book.page, LARGEST_TEXT) as (stream, _):
         if stream.read(len(heading)) == heading:
             return
-    names = (PAGE, *(name for item in items for name in (picture_of(item), file_of(item))))
+    names = (book.page, *(name for item in items for name in (picture_of(item), file_of(item))))
     strangers = [name for name in names if os.path.lexists(folder / name)]
     if strangers:
         raise InputError(

@@ -11,9 +11,9 @@ from scanner_sim.products.files.exchange import Writers, exchange, failure
 from scanner_sim.products.files.folder import ResultFolder, claim_folder, write_text
 from scanner_sim.validation.reproduce import errors, images, poses, ranging, sunlight, tables, tracking
 from scanner_sim.validation.reproduce.item import Item, Task
-from scanner_sim.validation.reproduce.page import page
+from scanner_sim.validation.reproduce.page import HEADING, PAGE, page
 from scanner_sim.validation.reproduce.results import (
-    PAGE,
+    Book,
     Result,
     file_of,
     picture_of,
@@ -52,7 +52,12 @@ def _place(item: Item) -> tuple[int, int, str]:
     return _KINDS.index(kind), int(number.rstrip("ab")), number
 
 
-def chosen_items(only: Sequence[str]) -> tuple[Item, ...]:
+def paper() -> Book:
+    """Return the paper's items and their page."""
+    return Book(PAGE, HEADING, all_items(), page)
+
+
+def chosen_items(items: Sequence[Item], only: Sequence[str]) -> tuple[Item, ...]:
     """Return the items with the given keys; all where none is given.
 
     Raises
@@ -60,7 +65,6 @@ def chosen_items(only: Sequence[str]) -> tuple[Item, ...]:
     InputError
         If there is no such item.
     """
-    items = all_items()
     named = {key: item for item in items for key in (item.key, *item.aliases)}
     for key in only:
         if key not in named:
@@ -80,6 +84,7 @@ def reproduce(
     only: Sequence[str] = (),
     anew: bool = False,
     progress: Progress | None = None,
+    book: Book | None = None,
 ) -> dict[str, Result]:
     """Make items into a folder, and the page of all that is there.
 
@@ -98,6 +103,8 @@ def reproduce(
         Make them again even if they are there.
     progress
         Called before each item, and after the last.
+    book
+        The items and their page; the paper's by default.
 
     Returns
     -------
@@ -111,38 +118,39 @@ def reproduce(
     RunError
         If the disk fails.
     """
-    chosen, items = chosen_items(only), all_items()
-    with claim_folder(folder, True, ResultFolder(PAGE, ())):
-        refuse_strangers(folder, chosen)
-        results = {item.key: found for item in items if (found := read_result(folder, item)) is not None}
+    book = paper() if book is None else book
+    chosen = chosen_items(book.items, only)
+    with claim_folder(folder, True, ResultFolder(book.page, ())):
+        refuse_strangers(folder, book, chosen)
+        results = {item.key: found for item in book.items if (found := read_result(folder, item)) is not None}
         for number, item in enumerate(chosen):
             if progress is not None:
                 progress(number, len(chosen), item.title)
-            if anew or not serves(results.get(item.key), task):
+            if anew or not serves(results.get(item.key), item, task):
                 outcome = item.make(task)
                 results[item.key] = result_of(item, task, outcome)
-                _write(folder, items, results, item, writers_of(results[item.key], item, outcome))
+                _write(folder, book, results, item, writers_of(results[item.key], item, outcome))
         if progress is not None:
             progress(len(chosen), len(chosen), "")
-        _write(folder, items, results)
+        _write(folder, book, results)
     return {item.key: results[item.key] for item in chosen}
 
 
 def _write(
     folder: Path,
-    items: Sequence[Item],
+    book: Book,
     results: Mapping[str, Result],
     item: Item | None = None,
     writers: Writers | None = None,
 ) -> None:
     """Write the files of an item, if any, together with the page that shows them."""
-    text = page(items, results)
+    text = book.text(book.items, results)
     mine = () if item is None else (picture_of(item), file_of(item))
     try:
         exchange(
             folder,
-            {**(writers or {}), PAGE: lambda path: write_text(path, text)},
-            (*mine, PAGE),
+            {**(writers or {}), book.page: lambda path: write_text(path, text)},
+            (*mine, book.page),
         )
     except OSError as error:
         raise failure(folder, error) from None

@@ -47,6 +47,7 @@ def table_1(task: Task) -> Outcome:
     dark = float(eclipse_fraction(400e3, np.radians(15.0)))
     lit = 1.0 - eclipse
     normal = shares[:, 0] / lit
+    low, high = _BOUNDS["60 %"]
     rows += [
         row_of_claim(
             "the Earth hides the Sun, 400 km, β = 15°",
@@ -60,7 +61,7 @@ def table_1(task: Task) -> Outcome:
             "60 %",
             "",
             ", ".join(f"{100.0 * share:.0f} %" for share in normal),
-            bool(((normal > 0.5) & (normal < 0.7)).all()),
+            bool(((normal > low) & (normal < high)).all()),
         ),
     ]
     return Outcome(tuple(rows), lambda path: draw_timeline(timeline, path))

@@ -26,6 +26,8 @@ from scipy.stats import chi2
 
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.line.noise import NoiseSwitches
+from scanner_sim.foundation.constants import SPEED_OF_LIGHT
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_of_flight import EchoDelays
@@ -45,8 +47,10 @@ Progress = Callable[[int, int], None]
 
 FARTHEST = 30.0
 """Farthest distance of the target [m]."""
+_NEAREST = 0.1
+"""Nearest distance of the target, where the gate begins at the scanner [m]."""
 PIXEL_PHASES = 4
-"""Positions of the spot in its pixel."""
+"""Positions of the spot in its pixel, or of the echo between two samples where there are no pixels."""
 _SIDE = 22
 """Shots along each side of the target."""
 HALF = 0.05
@@ -69,8 +73,10 @@ _LIFT = 32.0
 
 
 def modes_of(scenario: Scenario) -> tuple[Mode, ...]:
-    """Return the ways of ranging in a scenario's budget: with time of flight both, and their fusion."""
-    return ("triangulation", "tof", "fused") if "tof" in scenario.rangefinders else ("triangulation",)
+    """Return the ways of ranging in a scenario's budget: with time of flight all that the instrument has, and fused."""
+    if "tof" not in scenario.rangefinders:
+        return ("triangulation",)
+    return ("triangulation", "tof", "fused") if len(scenario.scanner.rangefinders) == 2 else ("tof",)
 
 
 def sources_of(scenario: Scenario, mode: Mode = "triangulation") -> tuple[str, ...]:
@@ -95,14 +101,20 @@ def sources_of(scenario: Scenario, mode: Mode = "triangulation") -> tuple[str, .
 
 
 def distances_of(scenario: Scenario, count: int) -> Array:
-    """Return evenly spaced distances in logarithms [m], from the nearest range to 30 m or the farthest.
+    """Return evenly spaced distances in logarithms [m]: of an array from its nearest range to 30 m or its farthest.
+
+    Of an instrument without an array over the gate of its time of flight.
 
     Raises
     ------
     InputError
         If the array sees nothing that is nearer than 30 m.
     """
-    nearest, farthest = 1.1 * scenario.scanner.nearest_range, 0.9 * scenario.scanner.farthest_range
+    first, *_ = scenario.scanner.rangefinders
+    seen = scenario.scanner.seen_by(first)
+    nearest, farthest = 1.1 * seen[0], 0.9 * seen[1]
+    if first == "tof":
+        return np.geomspace(max(nearest, _NEAREST), farthest, count)
     if nearest >= min(FARTHEST, farthest):
         raise InputError(
             f"the array sees ranges from {nearest:.4g} m only.",
@@ -253,7 +265,12 @@ def _enough(errors: list[Array]) -> bool:
 
 
 def _pixel_phases(assumed: Instrument, distance: float) -> Iterator[float]:
-    """Yield distances about one, at which the spot lies at evenly spaced positions in its pixel."""
+    """Yield distances about one, at which the spot lies at even positions in its pixel, or the echo likewise."""
+    scanner = assumed.scenario.scanner
+    if "triangulation" not in scanner.rangefinders:
+        step = 0.5 * SPEED_OF_LIGHT / scanner.lidar.digitiser.rate
+        yield from (distance + ((index + 0.5) / PIXEL_PHASES - 0.5) * step for index in range(PIXEL_PHASES))
+        return
     pixel = round(float(assumed.triangulation.spot.pixel(distance, 0.0, 1.0)))
     for index in range(PIXEL_PHASES):
         yield float(assumed.triangulation.spot.range(pixel + (index + 0.5) / PIXEL_PHASES - 0.5, 0.0, 1.0))
@@ -411,8 +428,8 @@ def _alone(scenario: Scenario, name: str, scene: Scene) -> Scenario:
 
 def _quietened(scanner: Scanner, name: str) -> Scanner:
     """Return the instrument with one source of error."""
-    sensor = scanner.position_sensor
-    switches = sensor.noise.only("dark", "saturation", *([_NOISE[name]] if name in _NOISE else []))
+    own = NoiseSwitches() if scanner.line_choice == "none" else scanner.line_choice.noise
+    switches = own.only("dark", "saturation", *([_NOISE[name]] if name in _NOISE else []))
     heard = {source: source == name for source in _ECHO_NOISE}
     mirrors = scanner.mirrors.still(but=name)
     if name in _LIFTED:

@@ -15,7 +15,8 @@ from scanner_sim.render.libraries import DeviceChoice
 from scanner_sim.scan.lissajous import LissajousPattern, frequencies
 from scanner_sim.scan.schedule import Course, PatternMotion, Visiting, mirrors_at, run_visits
 from scanner_sim.scene.light.lighting import Lighting
-from scanner_sim.scene.objects import MaterialChoice, Scene, TargetArray, TargetPattern
+from scanner_sim.scene.objects import Scene, TargetArray, TargetPattern
+from scanner_sim.scene.surfaces import MaterialChoice
 from scanner_sim.tracking.scan import TrackScan
 from scanner_sim.tracking.state import TrackerSettings
 

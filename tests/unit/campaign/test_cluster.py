@@ -105,7 +105,7 @@ def test_workers_are_as_many_as_gpus_and_no_more(plan: Path, monkeypatch: pytest
 class Ready:
     """Futures that end in the order in which they were sent."""
 
-    def __init__(self, **_: object) -> None:
+    def __init__(self) -> None:
         self.waiting: list[SimpleNamespace] = []
         self.add = self.waiting.append
 
@@ -121,6 +121,7 @@ class Client:
 
     def __init__(self, campaign: Campaign) -> None:
         self.campaign, self.sent = campaign, list[list[int]]()
+        self.ready, self.beside = Ready(), list[str]()
 
     def nthreads(self) -> dict[str, int]:
         return {"tcp://a": 1, "tcp://b": 1}
@@ -128,9 +129,11 @@ class Client:
     def wait_for_workers(self, *_: object, **__: object) -> None:
         pass
 
-    def submit(self, _: object, task: Task, **__: object) -> SimpleNamespace:
+    def submit(self, _: object, task: Task, *, workers: object, **__: object) -> SimpleNamespace:
         runs = [job.run for job in task.jobs]
         self.sent.append(runs)
+        if workers is None:  # to be done alone
+            self.beside += [future.key for future in self.ready.waiting]
         dies = 2 in runs or (len(runs) > 1 and 7 not in runs)
         rows = tuple(Row(run, self.campaign.seed(run), "", 0.1, {"sigma_range": 0.1}) for run in runs)
         return SimpleNamespace(
@@ -146,9 +149,9 @@ def test_a_run_that_kills_its_worker_is_a_row_and_those_beside_it_have_theirs(
     plan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Claim: runs that Dask gives up with others are done again, each with nothing on its way; one has the fault."""
-    monkeypatch.setattr(cluster, "as_completed", Ready)
     campaign = read_campaign(plan)
     client, most = Client(campaign), list[int]()
+    monkeypatch.setattr(cluster, "as_completed", lambda **_: client.ready)
     with opened(plan.parent / "out", campaign, campaign.plan.measure) as store:
         cluster.run_on(client, store, Settings(plan.parent / "out"), lambda done, *_: most.append(done))
         (table,) = store.rows()
@@ -156,6 +159,7 @@ def test_a_run_that_kills_its_worker_is_a_row_and_those_beside_it_have_theirs(
     assert faults == {run: "its worker died 11 times." if run == 2 else "" for run in range(20)}
     together = [runs for runs in client.sent if len(runs) > 1]
     assert client.sent[: len(together)] == together, "alone means after all others"
+    assert client.beside == [], "and with nothing on its way"
     assert most[-1] == 20
 
 

@@ -50,7 +50,9 @@ def test_a_shipped_preset_gives_every_value_with_mark_and_source(name: str) -> N
         and place[-1] != "*"
         and place[:2] != ("scanner", "as_built")
     }
-    assert wanted - {("scanner", "filter")} <= preset.stated.keys()
+    choices = {("scanner", part) for part in ("filter", "position_sensor", "lidar")}
+    absent = {place for place in choices if place in preset.stated}
+    assert {place for place in wanted if place[:2] not in absent} - choices <= preset.stated.keys()
     for stated in preset.stated.values():
         assert stated.mark in MARKS
         assert len(stated.source) > 2
@@ -260,7 +262,8 @@ def test_a_preset_that_extends_another_says_only_what_is_unlike_it(tmp_path: Pat
     )
     stated = read_preset("mine.yaml", tmp_path).stated
     assert stated["scanner", "receiver", "baseline"].source == "mine"
-    assert stated["scanner", "laser", "power"].mark == "printed"
+    inherited = ("40 mW", "literature", "base.yaml: the paper, below eq 19 and section 6")
+    assert stated["scanner", "laser", "power"] == inherited
     gone = {("scanner", "filter", "bandwidth"), ("scanner", "lidar", "pulse", "peak_power")}
     assert not gone & stated.keys()
 
@@ -288,6 +291,82 @@ def test_what_cannot_be_extended_is_told_with_all_else(extends: str, words: str,
     assert len(told) == 2
     assert words in told[0]
     assert "scanner.receiver.baseline: 300 has no unit" in told[1]
+
+
+def test_who_inherits_twice_names_the_one_who_said_it(tmp_path: Path) -> None:
+    (tmp_path / "base.yaml").write_text(
+        "schema: 1\nextends: nrc_2000\nabout: x\nscanner: {rate: {value: 5 kHz, mark: printed, source: sheet}}\n"
+    )
+    (tmp_path / "mine.yaml").write_text(EXTENDING)
+    stated = read_preset("mine.yaml", tmp_path).stated
+    assert stated["scanner", "laser", "power"].source == "nrc_2000: the paper, below eq 19 and section 6"
+    assert stated["scanner", "rate"] == ("5 kHz", "literature", "base.yaml: sheet")
+    assert read_preset("base.yaml", tmp_path).stated["scanner", "rate"].mark == "printed"
+
+
+def test_ranging_is_what_the_instrument_can_where_nothing_is_said(tmp_path: Path) -> None:
+    assert scenario(tmp_path, "{}").ranging == "triangulation"
+    timed = scenario(tmp_path, "{preset: pulsed_scanner}")
+    assert (timed.ranging, timed.scanner.rangefinders) == ("tof", ("tof",))
+    assert scenario_from_text(resolved_yaml(timed), name="again") == timed
+    assert Scanner.model_validate(timed.scanner.model_dump()) == timed.scanner
+    assert load_scanner("point_gauge").rangefinders == ("triangulation",)
+
+
+@pytest.mark.parametrize(
+    ("scanner", "ranging", "words"),
+    [
+        ("{preset: pulsed_scanner}", "both", "ranging: pulsed_scanner has no position sensor, which both asks for. "
+         "Write ranging: tof, or choose"),
+        ("{preset: pulsed_scanner}", "triangulation", "ranging: pulsed_scanner has no position sensor"),
+        ("{lidar: none}", "tof", "ranging: nrc_2000 has no time-of-flight unit, which tof asks for. "
+         "Write ranging: triangulation"),
+    ],
+)  # fmt: skip
+def test_what_an_instrument_cannot_is_one_fault_with_its_remedy(
+    scanner: str, ranging: str, words: str, tmp_path: Path
+) -> None:
+    with pytest.raises(ScenarioError) as caught:
+        scenario(tmp_path, f"{scanner}\nranging: {ranging}")
+    (fault,) = caught.value.faults
+    assert words in str(fault)
+    assert fault.line == 3
+
+
+@pytest.mark.parametrize("part", ["position_sensor", "lidar"])
+def test_a_part_that_is_not_there_is_told_where_it_is_asked_for(part: str) -> None:
+    scanner = load_scanner("pulsed_scanner" if part == "position_sensor" else "point_gauge")
+    with pytest.raises(InputError, match="and the instrument has no"):
+        getattr(scanner, part)
+    assert scanner.changed(**{part: {"noise": {"shot": False}}}) == scanner
+
+
+@pytest.mark.parametrize(
+    ("scanner", "words"),
+    [
+        ("{position_sensor: none, lidar: none}", "scanner.position_sensor: the instrument has neither"),
+        ("{filter: {centre: 1.2 um}}", "scanner.filter: its band misses the laser's 1500 nm at all ranges"),
+        ("{laser: {wavelength: 0.6 um}}", "scanner.position_sensor.response: it does not reach the laser's 600 nm"),
+        ("{preset: pulsed_scanner, laser: {wavelength: 0.6 um}}", "scanner.lidar.photodiode.response: it does not"),
+        ("{position_sensor: {offset: -20 mm}}", "scanner.position_sensor.offset: -20 mm is not possible"),
+        ("{position_sensor: {offset: 200 mm}}", "scanner.position_sensor.pixels: the array ends at p = 212.8 mm"),
+        ("{mirrors: {max_deflection: 0 deg}}", "scanner.mirrors.max_deflection: 0 deg is not possible"),
+        ("{lidar: {digitiser: {gate: [35 m, 0.5 m]}}}", "scanner.lidar.digitiser.gate: the ranges must ascend"),
+        ("{lidar: {photodiode: {field_of_view: 0 rad}}}", "scanner.lidar.photodiode.field_of_view: 0 rad is not"),
+        ("{}\nprocessing: {range_gate: [0.1 m, 1 m]}", "processing.range_gate: [0.1 m, 1 m] lies outside"),
+        ("{preset: point_gauge}\nprocessing: {range_gate: [1 m, 2 m]}", "lies outside of the ranges that the array"),
+        ("{preset: pulsed_scanner}\nprocessing: {range_gate: [600 m, 700 m]}", "lies outside of what the digitiser"),
+    ],
+)  # fmt: skip
+def test_an_instrument_that_sees_nothing_is_one_fault(scanner: str, words: str, tmp_path: Path) -> None:
+    (fault,) = faults(tmp_path, scanner).faults
+    assert words in str(fault), str(fault)
+    assert fault.remedy
+    assert fault.line is not None
+
+
+def test_a_laser_that_drifts_out_of_its_filter_is_no_fault(tmp_path: Path) -> None:
+    assert scenario(tmp_path, "{laser: {drift: 50 nm}}").scanner.laser.line == pytest.approx(1.55e-6)
 
 
 def test_a_circle_of_two_is_told(tmp_path: Path) -> None:

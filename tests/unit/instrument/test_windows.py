@@ -44,9 +44,11 @@ class Recorded(Windows):
 def windows(device: Device) -> Recorded:
     """Those of a line of 400 pixels of 50 µm behind 0.1 m, from 5 mm beside the axis on."""
     optics = SimpleNamespace(
-        pitch=PITCH, height=HEIGHT, offset=OFFSET,
+        pitch=PITCH,
+        height=HEIGHT,
+        offset=OFFSET,
         receiver=SimpleNamespace(focal_length=FOCAL, line_image=sharp_everywhere(FOCAL)),
-    )  # fmt: skip
+    )
     body = SimpleNamespace(mitsuba=None)
     loaded = SimpleNamespace(
         mitsuba=None,

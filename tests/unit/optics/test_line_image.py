@@ -12,6 +12,7 @@ from prototype import Receiver
 from pydantic import ValidationError
 
 from scanner_sim.analytic.array import SensorArray
+from scanner_sim.config.scanner import Scanner
 from scanner_sim.optics.line_image import LineImage, line_image, sharp_everywhere
 from scanner_sim.ranging.triangulation import (
     position_from_range,
@@ -117,6 +118,12 @@ def test_an_ideal_array_changes_nothing() -> None:
 def test_what_has_no_image_is_told(change: dict[str, float], key: str) -> None:
     with pytest.raises(ValidationError, match=key):
         Receiver(**change)
+
+
+def test_an_array_that_leans_onto_the_lens_is_told() -> None:
+    """Claim: its far end would stand at less than a fifth of the lens's distance to its other one."""
+    with pytest.raises(ValidationError, match="leans towards the lens"):
+        Scanner(receiver={"array_tilt": -1.3}, position_sensor={"offset": 0.075})
 
 
 def test_what_has_no_meaning_is_not_judged() -> None:

@@ -141,17 +141,17 @@ def test_each_detector_responds_by_itself(device: object) -> None:
 
 
 def test_a_detector_blind_to_the_laser_is_told_of() -> None:
-    """Claim: each detector that is used is warned of under its own key, and what both have in common once."""
-    for ranging, ways in (
-        ("triangulation", {"position_sensor"}),
-        ("tof", {"lidar.photodiode"}),
-        ("both", {"position_sensor", "lidar.photodiode"}),
-    ):
-        blind = lit_wall(line=BLIND, photodiode=BLIND).model_copy(update={"ranging": ranging})
-        told = [words.split(":")[0] for words in scenario_warnings(blind) if "no voxel will" in words]
-        assert sorted(told) == sorted(f"scanner.{way}.response" for way in ways)
+    """Claim: one of two that is blind is warned of under its own key; where none sees, the scenario is at fault."""
+    for way, response in (("position_sensor", {"line": BLIND}), ("lidar.photodiode", {"photodiode": BLIND})):
+        half = lit_wall(**response)
+        told = [words.split(":")[0] for words in scenario_warnings(half) if "no voxel will" in words]
+        assert told == [f"scanner.{way}.response"]
+        alone = "triangulation" if way == "position_sensor" else "tof"
+        with pytest.raises(ScenarioError, match=f"scanner.{way}.response: it does not reach"):
+            load_scenario(half.model_dump(by_alias=True) | {"ranging": alone})
     missed = load_scenario(
-        lit_wall().model_dump(by_alias=True) | {"ranging": "both"}, ["scanner.filter={centre: 1.2 um}"]
+        lit_wall().model_dump(by_alias=True) | {"ranging": "both"},
+        ["scanner.filter={bandwidth: 30 nm}", "scanner.laser.drift=80 nm"],
     )
     assert sum("misses the laser" in words for words in scenario_warnings(missed)) == 1
 

@@ -11,6 +11,7 @@ from prototype import Galvanometers, Mirrors
 
 from scanner_sim import InputError, ScenarioError, load_scenario
 from scanner_sim.config import scenario_warnings
+from scanner_sim.scan.fixed import FixedScan
 from scanner_sim.scan.lissajous import LissajousPattern
 from scanner_sim.scan.lissajous_scan import LissajousScan
 from scanner_sim.scan.listed import ListedScan, read_angles
@@ -45,6 +46,30 @@ def listed(tmp_path: Path) -> ListedScan:
     ]
     (tmp_path / "angles.csv").write_text("\n".join(["phi_rad,theta_rad,time_ms", *lines]) + "\n")
     return ListedScan(type="listed", file=tmp_path / "angles.csv", motion="continuous")
+
+
+def test_a_fixed_scan_rests_in_its_direction() -> None:
+    """Claim: all shots point alike and at rest, one interval apart; by default one dwell follows the other."""
+    scan = FixedScan(type="fixed", direction=(0.1, -0.2), points=5, interval=3 * DWELL)
+    aim = whole(scan)
+    assert (aim.theta == 0.1).all()
+    assert (aim.phi == -0.2).all()
+    assert not aim.travel_theta.any()
+    assert not aim.travel_phi.any()
+    np.testing.assert_allclose(aim.time, DWELL * (0.5 + 3.0 * np.arange(5)), rtol=1e-12)
+    assert scan.scan_time(setup()) == pytest.approx(13 * DWELL)
+    assert scan.sweep(setup()).angle == 0.0
+    close = FixedScan(type="fixed", points=4)
+    np.testing.assert_allclose(whole(close).time, DWELL * (0.5 + np.arange(4)), rtol=1e-12)
+    assert [len(part.shot) for part in close.aims(setup(), 3)] == [3, 1]
+    assert not list(close.faults(setup()))
+
+
+def test_what_a_fixed_scan_cannot_is_told() -> None:
+    scan = FixedScan(type="fixed", direction=(0.6, 0.0), interval=0.5 * DWELL)
+    first, second = scan.faults(setup())
+    assert "scan.direction: 34.3775 deg lies beyond the mirrors" in str(first)
+    assert "scan.interval: 2.5e-05 s is shorter than a dwell" in str(second)
 
 
 def test_a_figure_is_that_of_equations_6_and_7(listed: ListedScan) -> None:

@@ -11,8 +11,9 @@ import pytest
 from scanner_sim import load_scenario
 from scanner_sim.config import resolved_yaml, scenario_warnings
 from scanner_sim.foundation.errors import ScenarioError
-from scanner_sim.scene.objects import Retroreflector, Scene
+from scanner_sim.scene.objects import Scene
 from scanner_sim.scene.retroreflectors import NARROWEST, RetroLobe, roughness
+from scanner_sim.scene.surfaces import Retroreflector
 
 SCAN = {"rows": 2, "columns": 2, "horizontal": (-0.01, 0.01), "vertical": (-0.01, 0.01)}
 DISC = {"name": "disc", "shape": "disc", "diameter": 0.2, "position": (0.0, 0.0, 5.0)}

@@ -26,6 +26,7 @@ from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.render.beam.surface_positions import SurfacePositions
 from scanner_sim.scan.protocol import Aim
+from scanner_sim.signals.waveform.edge_timing import vertex
 from scanner_sim.signals.waveform.edges import _send_pulses, cross
 from scanner_sim.signals.waveform.filter import (
     MatchedFilter,
@@ -281,3 +282,12 @@ def test_speckle_on_the_line_has_the_variances_of_its_packets(travel: float) -> 
     centroid = (lines - mean) @ (np.arange(PIXELS) - MIDDLE)
     wanted = coherence * (left[1] * 0.5 * image**2 * energy + left[0] * optics.aberration**2 * slope)
     assert centroid.var() == pytest.approx(wanted, rel=0.13)
+
+
+def test_the_vertex_of_a_gaussian_is_its_own() -> None:
+    """Claim: position and height of a Gaussian through three samples are exact, to single precision."""
+    place, width = (part.ravel() for part in np.meshgrid(np.linspace(-0.5, 0.5, 9), (0.8, 1.3, 2.5)))
+    samples = 40.0 * np.exp(-0.5 * ((np.arange(-1, 2)[:, None] - place) / width) ** 2)
+    position, height = vertex(*(auto.Float(row.astype(np.float32)) for row in samples))
+    np.testing.assert_allclose(position.numpy(), place, atol=1e-5)
+    np.testing.assert_allclose(height.numpy(), 40.0, rtol=1e-6)

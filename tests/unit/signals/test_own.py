@@ -212,7 +212,10 @@ def test_sigma_of_a_delay_is_that_of_correlated_noise() -> None:
     known = KnownRecords(time, 1.0, np.zeros(0), np.ones(2), np.full(2, 4.0), noise, shape)
     both = np.concatenate([gradient, np.roll(gradient, 9, axis=1)])
     assert known.delay_sigma(both, np.ones((2, 40)))[0] == got[0]  # beside any other, to the bit
-    assert known.pulse(shape.summit / rate) == pytest.approx(1.0, abs=1e-6)
+    # The pulse of 2 ns at half its height, behind a Gaussian of 1.3 samples.
+    spread = np.hypot(2e-9 / (2.0 * np.sqrt(2.0 * np.log(2.0))), 1.3 / rate)
+    apart = np.linspace(-3e-9, 3e-9, 25)
+    np.testing.assert_allclose(known.pulse(apart), np.exp(-0.5 * (apart / spread) ** 2), atol=1e-6)
 
 
 def test_the_numbers_given_are_the_instruments(small_scenario: str) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
@@ -231,7 +232,7 @@ def test_an_echo_has_its_peak_and_the_dark_its_noise() -> None:
     sigma, white = pulses.dark_noise(told)
     assert sigma == pytest.approx(math.sqrt(step**2 / 12.0 + coloured), rel=1e-6)
     assert white == pytest.approx(step**2 / 12.0 / (step**2 / 12.0 + coloured), rel=1e-6)
-    near = list(pulses._near(told, R))
+    near = list(pulses.near(told, R))
     half = 0.5 * SPEED_OF_LIGHT / unit.digitiser.rate
     np.testing.assert_allclose(near, R + half * np.array([-0.375, -0.125, 0.125, 0.375]))
 
@@ -248,6 +249,9 @@ def test_echoes_are_of_light_to_which_the_photodiode_responds() -> None:
     usual = forms(band, band)
     assert forms(blind, band) == usual
     assert forms(band, (1.4e-6, 1.6e-6))[1].sunlight < 0.5 * usual[1].sunlight
-    dark = setting(ranging="tof", scanner={"lidar": {"photodiode": {"response": blind}}})
+    # A file that says so is refused.
+    seeing = setting(ranging="tof")
+    unlit = seeing.scenario.changed(scanner={"lidar": {"photodiode": {"response": blind}}})
+    dark = dataclasses.replace(seeing, scenario=unlit)
     assert pulses.echo_peak(dark, R, GREY) == 0.0
     assert echo_instrument_of(dark.scenario, GREY).transmission == 0.0

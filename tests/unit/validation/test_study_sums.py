@@ -97,9 +97,20 @@ def test_an_error_that_was_enlarged_is_made_small_again() -> None:
 def test_a_budget_measures_at_even_places_of_a_pixel_out_to_30_m() -> None:
     """Claim: ±1/8 and ±3/8 of the nearest pixel; 30 m are the farthest."""
     spot = SimpleNamespace(pixel=lambda r, *_: 7.0 + 0.3, range=lambda pixel, *_: pixel)
-    found = list(budget._pixel_phases(SimpleNamespace(triangulation=SimpleNamespace(spot=spot)), 5.0))  # type: ignore[arg-type]
+    known = SimpleNamespace(triangulation=SimpleNamespace(spot=spot), scenario=scenario())
+    found = list(budget._pixel_phases(known, 5.0))  # type: ignore[arg-type]
     assert found == pytest.approx([7.0 - 0.375, 7.0 - 0.125, 7.0 + 0.125, 7.0 + 0.375])
     assert budget.distances_of(scenario(), 5)[-1] == pytest.approx(30.0)
+
+
+def test_a_budget_without_an_array_goes_over_the_gate_at_even_places_between_samples() -> None:
+    """Claim: ±1/8 and ±3/8 of the 0.2998 m between two samples at 500 MHz; 1.1 times the near end to 0.9 of the far."""
+    timed = scenario().replace({"scanner": {"preset": "pulsed_scanner"}, "ranging": "tof"})
+    found = np.array(list(budget._pixel_phases(SimpleNamespace(scenario=timed), 50.0)))  # type: ignore[arg-type]
+    step = 0.5 * 299_792_458.0 / 500e6
+    np.testing.assert_allclose(found - 50.0, step * np.array([-0.375, -0.125, 0.125, 0.375]), atol=1e-12)
+    assert budget.distances_of(timed, 5)[[0, -1]] == pytest.approx([1.65, 450.0])
+    assert budget.modes_of(timed) == ("tof",)
 
 
 def test_the_shots_of_a_budget_fill_its_course_of_time_evenly() -> None:

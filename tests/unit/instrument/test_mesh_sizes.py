@@ -1,0 +1,58 @@
+"""A forgotten unit of length is noticed, with the one that fits; a right one never is."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import trimesh
+
+from scanner_sim import Scenario, simulate
+from scanner_sim.instrument.scene_warnings import scene_warnings
+from scanner_sim.products.files.exr import read_range_image, write_exr
+
+pytestmark = pytest.mark.usefixtures("device")
+
+
+def scenario(path: Path, **part: object) -> Scenario:
+    item = {"name": "part", "mesh": path, "material": "z93_white", "position": (0.0, 0.0, 4.0), **part}
+    scan = {"type": "raster", "rows": 6, "columns": 6, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
+    return Scenario(schema=1, seed=1, scene={"objects": [item]}, scan=scan, output={"pictures": False})
+
+
+@pytest.mark.parametrize(
+    ("per_metre", "given", "likely"),
+    [
+        (1000.0, {}, "1 mm"),
+        (100.0, {}, "1 cm"),
+        (39.37, {}, "1 inch"),
+        (1000.0, {"length_unit": 1.0}, "1 mm"),
+        (1.0, {"length_unit": 0.001}, "1 m"),
+        (1.0, {}, None),
+        (1000.0, {"length_unit": 0.001}, None),
+        (39.37, {"length_unit": 0.0254}, None),
+        (20.0, {"length_unit": 1.0}, None),
+    ],
+)
+def test_a_part_of_40_cm_at_4_m(per_metre: float, given: dict, likely: str | None, tmp_path: Path) -> None:
+    """Drawn in some unit, its origin at a corner as CAD programs put it; the last is a wall of 8 m, and meant so."""
+    box = trimesh.creation.box((0.4, 0.3, 0.2))
+    box.apply_translation((0.2, 0.15, 0.1))
+    box.apply_scale(per_metre)
+    box.export(tmp_path / "part.stl")
+    said = [one for one in scene_warnings(scenario(tmp_path / "part.stl", **given)) if "across" in one]
+    assert len(said) == (likely is not None)
+    assert likely is None or f"length_unit: {likely} " in said[0]
+
+
+def test_results_keep_what_was_said_of_meshes(tmp_path: Path) -> None:
+    """What was mended and doubted stands in the image and its file, whoever simulated."""
+    box = trimesh.creation.box((400.0, 300.0, 200.0))
+    vertices, faces = box.vertices, [*box.faces.tolist(), [0, 0, 1]]
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+    (tmp_path / "part.obj").write_text("\n".join(lines))
+    image = simulate(scenario(tmp_path / "part.obj", position=(0.0, 0.0, 4.0)), device="cpu")
+    assert any("1 face without area left out" in one for one in image.warnings)
+    assert any("length_unit: 1 mm" in one for one in image.warnings)
+    write_exr(tmp_path / "range.exr", image)
+    assert read_range_image(tmp_path / "range.exr").warnings == image.warnings

@@ -1,0 +1,81 @@
+"""Two results compared, from layers that were put in."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.products.difference import difference_json, difference_of, normal_beyond
+from scanner_sim.products.image import RangeImage
+
+SHAPE = (3, 4)
+
+
+def image(ranges: Any, sigma: float = 3e-3, seed: int = 1, **angles: Any) -> RangeImage:
+    r = np.broadcast_to(np.asarray(ranges, dtype=np.float32), SHAPE).copy()
+    status = np.where(np.isnan(r), np.float32(Status.MIXED), np.float32(Status.VALID))
+    sigmas = np.where(np.isnan(r), np.float32(np.nan), np.float32(sigma))
+    given = {"theta": np.linspace(-0.1, 0.1, SHAPE[1]), "phi": np.linspace(-0.1, 0.1, SHAPE[0])} | angles
+    return RangeImage({"range_m": r, "sigma_range_m": sigmas, "status": status}, seed=seed, **given)
+
+
+def test_differences_are_the_second_less_the_first_over_both_sigma() -> None:
+    """Expected: 20 mm over the root of 3² + 4² mm² is 4 σ; 12 voxels less the one that only the first has."""
+    first, second = image(5.0), np.full(SHAPE, 5.02)
+    second[1, 2] = np.nan
+    found = difference_of(first, image(second, 4e-3, seed=2))
+    (one,) = found.ranges
+    assert one.over_sigma[0, 0] == pytest.approx(4.0, rel=1e-4)
+    assert np.argwhere(one.only_first).tolist() == [[1, 2]]
+    assert not one.only_second.any()
+    assert dict(found.statuses) == {(Status.VALID, Status.MIXED): 1}
+    assert not found.same_seed
+    told = json.loads(difference_json(found, {"changed_keys": ["seed"]}))
+    numbers = told["ranges"]["range"]
+    assert numbers["both"] == 11
+    assert numbers["difference_m"]["median"] == pytest.approx(0.02, rel=1e-4)
+    assert numbers["over_sigma"]["rms"] == pytest.approx(4.0, rel=1e-4)
+    shares = {name: share["found"] for name, share in numbers["share_beyond"].items()}
+    assert shares == {"2 sigma": 1.0, "3 sigma": 1.0, "5 sigma": 0.0}
+    assert told["status_changes"] == [{"from": "VALID", "to": "MIXED", "count": 1}]
+    assert told["seeds"] == [1, 2]
+    assert told["changed_keys"] == ["seed"]
+
+
+def test_a_result_differs_from_itself_by_nothing() -> None:
+    found = difference_of(image(5.0), image(5.0))
+    assert found.same_seed
+    assert not found.statuses
+    assert found.ranges[0].numbers()["over_sigma"]["rms"] == 0.0
+
+
+def test_without_a_common_range_there_are_no_numbers() -> None:
+    found = difference_of(image(np.nan), image(5.0))
+    numbers = found.ranges[0].numbers()
+    assert (numbers["both"], numbers["only_second"]) == (0, 12)
+    assert numbers["difference_m"]["rms"] is None
+    json.loads(difference_json(found, {}))
+
+
+def test_the_normal_shares_are_those_of_the_tables() -> None:
+    assert [normal_beyond(sigmas) for sigmas in (2.0, 3.0)] == pytest.approx(
+        [2.0 * stats.norm.sf(2.0), 2.0 * stats.norm.sf(3.0)]
+    )
+
+
+@pytest.mark.parametrize(
+    ("angles", "words"),
+    [
+        ({"theta": np.linspace(-0.1, 0.11, 4)}, "Θ differs by up to 0.573°"),
+        ({"phi": np.linspace(0.0, 0.1, 3)}, "φ"),
+    ],
+)
+def test_other_scans_are_refused(angles: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        difference_of(image(5.0), image(5.0, **angles))

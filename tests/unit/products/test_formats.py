@@ -1,0 +1,554 @@
+"""Points for other programs: what each format's own reader finds in a file is what was measured, to its precision."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_track import make_track
+from numpy.typing import NDArray
+
+from scanner_sim.config import load_scenario, resolved_yaml
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.status import Status
+from scanner_sim.instrument.closed_loop.poses import poses_of
+from scanner_sim.pose.series import PoseSeries
+from scanner_sim.pose.status import PoseStatus
+from scanner_sim.products.files.contents import FORMAT_FILES
+from scanner_sim.products.files.run_folder import write_run
+from scanner_sim.products.formats.cloud import cloud_of_scan, cloud_of_track
+from scanner_sim.products.formats.convert import convert
+from scanner_sim.products.formats.gps_time import gps_time
+from scanner_sim.products.formats.scale import scale_of
+from scanner_sim.products.formats.writers import check_formats
+from scanner_sim.products.image import RangeImage
+from scanner_sim.products.settings import Output
+from scanner_sim.products.shots import ShotTable
+from scanner_sim.products.true_poses import TruePoses
+from scanner_sim.ranging.coordinates import coordinates
+from scanner_sim.scan.raster import raster_aim
+from scanner_sim.tracking.record import Track
+
+laspy = pytest.importorskip("laspy", reason="the extra las is not installed")
+pye57 = pytest.importorskip("pye57", reason="the extra e57 is not installed")
+rosbags = pytest.importorskip("rosbags.highlevel", reason="the extra ros is not installed")
+
+ROWS, COLUMNS, RATE = 6, 9, 20e3
+ISS = {
+    "line1": "1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927",
+    "line2": "2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537",
+    "time": "2008-09-20T12:25:40Z",
+}
+
+
+def scenario(**more: Any) -> Scenario:
+    return load_scenario(
+        {
+            "schema": 1,
+            "scan": {
+                "type": "raster",
+                "rows": ROWS,
+                "columns": COLUMNS,
+                "horizontal": [-0.2, 0.3],
+                "vertical": [-0.1, 0.1],
+            },
+            "scanner": {"rate": RATE},
+            **more,
+        }
+    )
+
+
+def make_image(ranging: str = "both", echo: str = "last", **more: Any) -> RangeImage:
+    """A made-up image with every status, whose numbers have no short spelling."""
+    random, shape = np.random.default_rng(7), (ROWS, COLUMNS)
+    status = (np.arange(ROWS * COLUMNS) % (2 * len(Status))).reshape(shape)
+    status[status > max(Status)] = 0
+    valid = status == 0
+    given = scenario(ranging=ranging, processing={"pulse": {"echo": echo}}, **more)
+    layers: dict[str, NDArray[Any]] = {"status": status, "tof.status": status}
+    for prefix, far in (("", 0.0), ("tof.", 0.5)):
+        for name in ("range_m", "P.X", "P.Y", "P.Z"):
+            layers[prefix + name] = random.uniform(5.0, 9.0, shape) + far
+        for axis in "xyz":
+            layers[f"{prefix}sigma_{axis}_m"] = random.uniform(2e-4, 1e-3, shape)
+        layers[f"{prefix}sigma_range_m"] = random.uniform(2e-4, 1e-3, shape)
+        for pair in ("xy", "xz", "yz"):
+            layers[f"{prefix}cov_{pair}_m2"] = random.normal(0.0, 1e-8, shape)
+    layers = {
+        name: layer if "status" in name else np.where(valid, layer, np.nan) for name, layer in layers.items()
+    }
+    layers |= {"Y": random.uniform(1e3, 1e6, shape), "tof.Y": random.uniform(1e2, 1e4, shape)}
+    layers |= {f"truth.normal.{axis}": random.uniform(-1.0, 1.0, shape) for axis in "XYZ"}
+    layers["truth.incidence_rad"] = random.uniform(0.0, 1.5, shape)
+    layers["tof.echoes"] = random.integers(1, 4, shape)
+    layers["truth.object"] = random.integers(0, 3, shape)
+    layers["truth.material"] = random.integers(0, 2, shape)
+    pose = np.tile(np.eye(4), (2, 1, 1))
+    pose[:, :3, 3] = (0.1, -0.2, 7.0)
+    return RangeImage(
+        channels={name: layer.astype(np.float32) for name, layer in layers.items()},
+        theta=np.linspace(-0.2, 0.3, COLUMNS),
+        phi=np.linspace(-0.1, 0.1, ROWS),
+        objects=("node", "handrail 2"),
+        materials=("beta cloth",),
+        seed=11,
+        scenario_yaml=resolved_yaml(given),
+        made_by={"scanner-sim": "0.0.9"},
+        poses=TruePoses((0.0, 0.0027), {"node-1": pose}),
+    )
+
+
+@pytest.fixture(scope="module")
+def image() -> RangeImage:
+    return make_image()
+
+
+@pytest.fixture(scope="module")
+def written(image: RangeImage, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The image in every format."""
+    folder = tmp_path_factory.mktemp("formats")
+    paths = convert(image, folder, list(FORMAT_FILES))
+    assert {path.name for path in paths} == {name for names in FORMAT_FILES.values() for name in names}
+    return folder
+
+
+def times() -> NDArray[np.float64]:
+    scan = scenario().scan
+    return raster_aim(scan, np.arange(ROWS * COLUMNS, dtype=np.uint32), 1.0 / RATE).time  # type: ignore[arg-type]
+
+
+def wanted(image: RangeImage) -> dict[str, NDArray[Any]]:
+    """What the columns of a file hold, by their names; independent of the table that makes them."""
+    row, column = np.divmod(np.arange(ROWS * COLUMNS), COLUMNS)
+    layers = {
+        "status": "status",
+        "range": "range_m",
+        "signal": "Y",
+        "echoes": "tof.echoes",
+        "object": "truth.object",
+        "material": "truth.material",
+        "incidence": "truth.incidence_rad",
+        **{f"normal_{axis}": f"truth.normal.{axis.upper()}" for axis in "xyz"},
+        **{f"sigma_{axis}": f"sigma_{axis}_m" for axis in ("range", "x", "y", "z")},
+        **{f"cov_{pair}": f"cov_{pair}_m2" for pair in ("xy", "xz", "yz")},
+    }
+    return {name: image[layer].ravel() for name, layer in layers.items()} | {"row": row, "column": column}
+
+
+def test_times_are_those_of_the_scan(image: RangeImage) -> None:
+    found = cloud_of_scan(image).time
+    assert found is not None
+    np.testing.assert_allclose(found, times(), rtol=1e-12)
+
+
+class TestLas:
+    @pytest.mark.parametrize("word", ["laz", "las"])
+    def test_round_trip(self, image: RangeImage, written: Path, word: str) -> None:
+        """Coordinates to half a step, all else to the bit; what has no range is left out."""
+        found, valid = laspy.read(written / f"points.{word}"), image.valid.ravel()
+        assert len(found.points) == np.count_nonzero(valid)
+        for axis, name in enumerate("xyz"):
+            true = image[f"P.{name.upper()}"].ravel()[valid].astype(np.float64)
+            np.testing.assert_allclose(found[name], true, rtol=0, atol=0.5001 * found.header.scales[axis])
+        for name, values in wanted(image).items():
+            np.testing.assert_array_equal(found[name], values[valid].astype(found[name].dtype))
+        np.testing.assert_array_equal(found.gps_time, cloud_time(image)[valid])
+        theta = np.tile(np.degrees(image.theta), ROWS)[valid]
+        np.testing.assert_allclose(found.scan_angle * 0.006, theta, atol=0.0031)
+
+    def test_the_header_says_what_the_points_are(self, written: Path) -> None:
+        """LAS 1.4, R15: formats 6 to 10 have WKT; without a date times are no GPS times."""
+        header = laspy.read(written / "points.las").header
+        assert (str(header.version), header.point_format.id) == ("1.4", 6)
+        assert header.global_encoding.wkt
+        assert header.global_encoding.gps_time_type == laspy.header.GpsTimeType.WEEK_TIME
+        # Table 3 of the format: day and year of creation, which nobody may take from the clock.
+        assert (written / "points.las").read_bytes()[90:94] == bytes(4)
+        coordinate_system = next(one for one in header.vlrs if one.record_id == 2112)
+        assert coordinate_system.string.startswith("LOCAL_CS[")
+        text = next(one for one in header.vlrs if one.record_id == 3).record_data.decode()
+        assert "electrons as 65535" in text
+        assert "y down" in text
+        assert '"2": "handrail 2"' in text
+
+    def test_every_column_says_its_unit(self, written: Path) -> None:
+        found = laspy.read(written / "points.las").point_format.extra_dimensions
+        about = {one.name: one.description for one in found}
+        assert about["sigma_x"] == "std deviation of x [m]"
+        assert about["cov_yz"].endswith("[m2]")
+        assert all(about.values())
+
+    def test_the_step_is_a_tenth_of_the_least_sigma_or_less(self, image: RangeImage) -> None:
+        cloud = cloud_of_scan(image)
+        scale, _, least = scale_of(cloud)
+        assert least == np.nanmin([image[f"sigma_{axis}_m"] for axis in "xyz"])
+        assert least / 100.0 < scale <= least / 10.0
+        assert math.log10(scale) == pytest.approx(round(math.log10(scale)))
+
+    def test_more_names_than_a_record_holds_are_left_out(self, image: RangeImage, tmp_path: Path) -> None:
+        many = replace(
+            image, objects=(*image.objects, *(f"object number {number}" for number in range(9000)))
+        )
+        convert(many, tmp_path / "x.laz")
+        found = laspy.read(tmp_path / "x.laz")
+        text = next(one for one in found.header.vlrs if one.record_id == 3).record_data.decode()
+        assert "too many for this record" in text
+        assert len(found.points) == np.count_nonzero(image.valid)
+
+    @pytest.mark.parametrize("far", [1.0, 1e3, 1.5e4, 1.6e4, 1e5, 1e6])
+    def test_far_points_get_the_finest_step_that_reaches_them(self, image: RangeImage, far: float) -> None:
+        """32 bits with a sign: 2³¹ − 1 steps to either side of the offset, and none below a tenth of σ."""
+        cloud = cloud_of_scan(image)
+        cloud = replace(cloud, points=cloud.points * np.array([far, 1, 1], np.float32))
+        scale, offset, least = scale_of(cloud)
+        reach = np.abs(cloud.points[cloud.valid].astype(np.float64) - offset).max()
+        possible = [10.0**power for power in range(-5, 3) if reach / 10.0**power <= 2**31 - 1]
+        assert 1e-5 <= least / 10.0 < 1e-4
+        assert scale == pytest.approx(possible[0])
+
+    def test_steps_coarser_than_sigma_are_refused(self, image: RangeImage, tmp_path: Path) -> None:
+        lost = {
+            name: layer * np.float32(1e5) if name.startswith("P.") else layer
+            for name, layer in image.channels.items()
+        }
+        lost |= {f"sigma_{axis}_m": image[f"sigma_{axis}_m"] * np.float32(1e-2) for axis in "xyz"}
+        with pytest.raises(InputError, match="32 bits") as fault:
+            convert(replace(image, channels=lost), tmp_path / "far.las")
+        assert "e57" in fault.value.remedy
+        convert(replace(image, channels=lost), tmp_path / "far.e57")
+
+    @pytest.mark.parametrize(("echo", "which"), [("first", 1), ("last", None), ("strongest", 1)])
+    def test_returns_are_counted_where_the_instrument_knows_them(
+        self, tmp_path: Path, echo: str, which: int | None
+    ) -> None:
+        image = make_image(echo=echo)
+        convert(image, tmp_path / "x.las", by="tof")
+        found, count = laspy.read(tmp_path / "x.las"), image["tof.echoes"].ravel()[image.valid.ravel()]
+        known = count if echo != "strongest" else np.ones_like(count)
+        np.testing.assert_array_equal(found.number_of_returns, known)
+        np.testing.assert_array_equal(found.return_number, count if which is None else which)
+        np.testing.assert_allclose(found.z, image["tof.P.Z"].ravel()[image.valid.ravel()], atol=1e-4)
+
+    def test_a_date_makes_gps_time(self, tmp_path: Path) -> None:
+        """20 September 2008: GPS was 14 s ahead of UTC (IERS Bulletin C 30)."""
+        image = make_image(lighting={"tle": ISS})
+        convert(image, tmp_path / "x.las")
+        found = laspy.read(tmp_path / "x.las")
+        assert found.header.global_encoding.gps_time_type == laspy.header.GpsTimeType.STANDARD
+        since = (datetime(2008, 9, 20, 12, 25, 40) - datetime(1980, 1, 6)).total_seconds()
+        np.testing.assert_allclose(found.gps_time[0] + 1e9, since + 14.0 + 0.5 / RATE, atol=1e-6)
+        assert str(found.header.creation_date) == "2008-09-20"
+        assert gps_time(datetime(1980, 1, 6, tzinfo=UTC)) == 0.0
+
+
+def cloud_time(image: RangeImage) -> NDArray[np.float64]:
+    found = cloud_of_scan(image).time
+    assert found is not None
+    return found
+
+
+class TestE57:
+    def test_round_trip(self, image: RangeImage, written: Path) -> None:
+        """To the bit, by its reader's fields and by those of the extension."""
+        valid = image.valid.ravel()
+        with pye57.E57(str(written / "points.e57")) as file:
+            found = file.read_scan(0, intensity=True, row_column=True)
+            for axis in "XYZ":
+                np.testing.assert_array_equal(
+                    found[f"cartesian{axis}"], image[f"P.{axis}"].ravel()[valid].astype(np.float64)
+                )
+            np.testing.assert_array_equal(found["intensity"], image["Y"].ravel()[valid])
+            np.testing.assert_array_equal(found["rowIndex"], wanted(image)["row"][valid])
+            np.testing.assert_array_equal(found["columnIndex"], wanted(image)["column"][valid])
+            own = read_own(file)
+        for name, values in wanted(image).items():
+            if name in own:
+                np.testing.assert_array_equal(own[name], np.nan_to_num(values.astype(np.float64)))
+        assert own.keys() == wanted(image).keys() - {"row", "column"}
+
+    def test_the_scan_is_structured_and_stands_in_the_scanner(self, image: RangeImage, written: Path) -> None:
+        with pye57.E57(str(written / "points.e57")) as file:
+            header = file.get_header(0)
+            assert (header.rowMaximum, header.columnMaximum) == (ROWS - 1, COLUMNS - 1)
+            np.testing.assert_array_equal(header.rotation, [1.0, 0.0, 0.0, 0.0])
+            np.testing.assert_array_equal(header.translation, np.zeros(3))
+            limits = header["intensityLimits"]
+            assert limits["intensityMaximum"].value() == image["Y"].max()
+            state = read_fields(file, ["cartesianInvalidState"])["cartesianInvalidState"]
+            np.testing.assert_array_equal(state, np.where(image.valid.ravel(), 0, 2))
+            assert json.loads(header["sim:legends"].value())["object"] == {"1": "node", "2": "handrail 2"}
+
+
+def read_own(file: Any) -> dict[str, NDArray[np.float64]]:
+    """Read the fields of the extension, which pye57's own readers pass over."""
+    names = [name for name in file.get_header(0).point_fields if name.startswith("sim:")]
+    return {name.removeprefix("sim:"): values for name, values in read_fields(file, names).items()}
+
+
+def read_fields(file: Any, names: list[str]) -> dict[str, NDArray[np.float64]]:
+    """Read fields by the library itself."""
+    header, lib = file.get_header(0), pye57.libe57
+    arrays = {name: np.empty(header.point_count) for name in names}
+    buffers = lib.VectorSourceDestBuffer()
+    for name, values in arrays.items():
+        buffers.append(lib.SourceDestBuffer(file.image_file, name, values, len(values), True, True))
+    header.points.reader(buffers).read()
+    return arrays
+
+
+class TestPcd:
+    @pytest.mark.parametrize("word", ["pcd", "pcd_ascii"])
+    def test_round_trip(self, image: RangeImage, written: Path, word: str) -> None:
+        """Organised, to the bit, with NaN where nothing was measured. Read by the format's own description."""
+        header, found = read_pcd(written / FORMAT_FILES[word][0])
+        assert (header["WIDTH"], header["HEIGHT"]) == (str(COLUMNS), str(ROWS))
+        assert header["VIEWPOINT"] == "0 0 0 1 0 0 0"
+        for axis in "XYZ":
+            np.testing.assert_array_equal(found[axis.lower()], image[f"P.{axis}"].ravel())
+        np.testing.assert_array_equal(found["intensity"], image["Y"].ravel())
+        for name, values in wanted(image).items():
+            np.testing.assert_array_equal(found[name], values.astype(found[name].dtype))
+        np.testing.assert_array_equal(found["time"], cloud_time(image))
+
+
+def read_pcd(path: Path) -> tuple[dict[str, str], NDArray[Any]]:
+    head, _, body = path.read_bytes().partition(b"\nDATA ")
+    header = dict(line.split(" ", 1) for line in head.decode().splitlines() if not line.startswith("#"))
+    kinds = {("F", "4"): "<f4", ("F", "8"): "<f8", ("U", "1"): "u1", ("U", "2"): "<u2", ("U", "4"): "<u4"}
+    form = [
+        (name, kinds[kind, size])
+        for name, kind, size in zip(
+            header["FIELDS"].split(), header["TYPE"].split(), header["SIZE"].split(), strict=True
+        )
+    ]
+    way, _, body = body.partition(b"\n")
+    if way == b"binary":
+        return header, np.frombuffer(body, dtype=form)
+    return header, np.array([tuple(line.split()) for line in body.decode().splitlines()], dtype=form)
+
+
+def messages(folder: Path) -> dict[str, list[Any]]:
+    """Every message of a bag by its topic, decoded by the definitions that the bag itself carries."""
+    found: dict[str, list[Any]] = {}
+    with rosbags.AnyReader([folder]) as reader:
+        for connection, time, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            found.setdefault(connection.topic, []).append((time, message))
+    return found
+
+
+def fields_of(message: Any) -> NDArray[Any]:
+    """Unpack a PointCloud2 as sensor_msgs/PointField describes it."""
+    codes = {2: "u1", 4: "<u2", 6: "<u4", 7: "<f4", 8: "<f8"}
+    form = {
+        "names": [one.name for one in message.fields],
+        "formats": [codes[one.datatype] for one in message.fields],
+        "offsets": [one.offset for one in message.fields],
+        "itemsize": message.point_step,
+    }
+    return np.frombuffer(message.data.tobytes(), dtype=np.dtype(form))  # type: ignore[call-overload, no-any-return]
+
+
+def matrix_of(pose: Any) -> NDArray[np.float64]:
+    """Turn of a quaternion, written apart: R v = v + 2 w q × v + 2 q × (q × v)."""
+    q = np.array([pose.x, pose.y, pose.z])
+    cross = np.cross(q, np.eye(3))
+    return np.eye(3) + 2.0 * pose.w * cross.T + 2.0 * np.cross(q, cross).T
+
+
+class TestRosbag:
+    def test_a_scan(self, image: RangeImage, written: Path) -> None:
+        """The cloud to the bit, row by row; true poses at both ends of the scan."""
+        found = messages(written)
+        assert found.keys() == {"/about", "/tf_static", "/points", "/truth/node_1"}
+        _, cloud = found["/points"][0]
+        assert (cloud.height, cloud.width, cloud.header.frame_id) == (ROWS, COLUMNS, "scanner_optical")
+        assert not cloud.is_dense
+        points = fields_of(cloud)
+        for axis in "XYZ":
+            np.testing.assert_array_equal(points[axis.lower()], image[f"P.{axis}"].ravel())
+        for name, values in wanted(image).items():
+            np.testing.assert_array_equal(points[name], values.astype(points[name].dtype))
+        stamp = cloud.header.stamp.sec + 1e-9 * cloud.header.stamp.nanosec
+        np.testing.assert_allclose(stamp + points["time"], cloud_time(image), atol=1e-9)
+        assert [(time, one.pose.position.z) for time, one in found["/truth/node_1"]] == [
+            (0, 7.0),
+            (2_700_000, 7.0),
+        ]
+        assert json.loads(found["/about"][0][1].data)["legends"]["object"]["1"] == "node"
+
+    def test_frames_are_those_of_rep_103(self, written: Path) -> None:
+        """What lies ahead of the optical frame (z) lies ahead of the body (x); right (x) is −y, and down (y) is −z."""
+        (_, message), *_ = messages(written)["/tf_static"]
+        (one,) = message.transforms
+        assert (one.header.frame_id, one.child_frame_id) == ("scanner", "scanner_optical")
+        body_from_optical = matrix_of(one.transform.rotation)
+        np.testing.assert_allclose(body_from_optical, [[0, 0, 1], [-1, 0, 0], [0, -1, 0]], atol=1e-12)
+
+    def test_a_date_counts_from_1970(self, tmp_path: Path) -> None:
+        convert(make_image(lighting={"tle": ISS}), tmp_path / "bag", "rosbag2")
+        (time, _), *_ = messages(tmp_path / "bag")["/tf_static"]
+        assert time == int(datetime(2008, 9, 20, 12, 25, 40, tzinfo=UTC).timestamp()) * 10**9
+
+
+@pytest.fixture(scope="module")
+def track() -> tuple[Track, tuple[PoseSeries, ...]]:
+    """A made-up run, and its poses: the first of each series is doubtful."""
+    made = make_track()
+    poses = [
+        replace(one, status=np.where(np.arange(len(one.status)) == 0, PoseStatus.AMBIGUOUS, one.status))
+        for one in poses_of(made)
+    ]
+    return made, tuple(poses)
+
+
+@pytest.fixture(scope="module")
+def bag(track: tuple[Track, tuple[PoseSeries, ...]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bag")
+    convert(track[0], folder, ["rosbag2", "las"], poses=track[1])
+    return folder
+
+
+class TestTrack:
+    def test_every_voxel_of_every_pattern_is_a_point(
+        self, track: tuple[Track, tuple[PoseSeries, ...]], bag: Path
+    ) -> None:
+        """Eq 3 of the paper from the measured angles and ranges; float32 holds them to a micrometre."""
+        found = laspy.read(bag / "points.las")
+        clouds = [fields_of(message) for _, message in messages(bag)["/points"]]
+        records = [one for one in track[0].records if one.samples.time.shape[1]]
+        assert [int(cloud["visit"][0]) for cloud in clouds] == [one.number for one in records]
+        separation = scenario().scanner.mirrors.axis_separation
+        true = np.concatenate(
+            [
+                np.stack(
+                    coordinates(one.samples.range, one.samples.theta, one.samples.phi, separation), axis=-1
+                )[one.samples.status == Status.VALID]
+                for one in records
+            ]
+        )
+        np.testing.assert_allclose(np.stack([found.x, found.y, found.z], axis=1), true, rtol=0, atol=2e-6)
+        assert set(found["target"]) <= set(range(1, len(track[0].targets) + 1))
+
+    def test_targets_and_poses_with_their_covariances(
+        self, track: tuple[Track, tuple[PoseSeries, ...]], bag: Path
+    ) -> None:
+        """ROS orders a covariance as x, y, z and turns about the fixed axes: as ours."""
+        found, (made, poses) = messages(bag), track
+        records = [one for one in made.of("node/1") if one.status == 0]
+        assert len(found["/targets/node_1"]) == len(records)
+        _, first = found["/targets/node_1"][0]
+        covariance = first.pose.covariance.reshape(6, 6)
+        np.testing.assert_array_equal(covariance[:3, :3], records[0].point_covariance)
+        np.testing.assert_allclose(np.diag(covariance)[3:], math.pi**2 / 3.0)
+        one = next(
+            one for one in poses if one.name == "node" and one.method == "joint" and not one.relative_to
+        )
+        rows = np.flatnonzero(one.status == 0)
+        assert 0 < len(rows) < len(one.status)
+        stated = found["/poses/node/joint"]
+        assert len(stated) == len(rows)
+        for row, (time, message) in zip(rows, stated, strict=True):
+            assert time == pytest.approx(one.time[row] * 1e9, abs=1.0)
+            np.testing.assert_array_equal(message.pose.covariance.reshape(6, 6), one.covariance[row])
+            np.testing.assert_allclose(
+                matrix_of(message.pose.pose.orientation), one.rotation[row], atol=1e-12
+            )
+        moved = [message.transforms[0] for _, message in found["/tf"]]
+        placed = next(one for one in moved if one.child_frame_id == "node")
+        assert placed.header.frame_id == "scanner_optical"
+        assert placed.transform.translation.x == one.position[rows[0], 0]
+
+    def test_without_voxels_a_bag_still_has_its_targets(
+        self, track: tuple[Track, tuple[PoseSeries, ...]], tmp_path: Path
+    ) -> None:
+        def bare(samples: Any) -> Any:
+            return replace(
+                samples, **{name: getattr(samples, name)[:, :0] for name in samples.__dataclass_fields__}
+            )
+
+        records = tuple(replace(one, samples=bare(one.samples)) for one in track[0].records)
+        made = replace(track[0], records=records)
+        assert not len(cloud_of_track(made).points)
+        convert(made, tmp_path / "bag", "rosbag2")
+        assert "/points" not in messages(tmp_path / "bag")
+        with pytest.raises(InputError, match="no point") as fault:
+            convert(made, tmp_path / "x.laz")
+        assert "output.patterns" in fault.value.remedy
+
+
+class TestAnyFormat:
+    def test_the_same_result_gives_the_same_bytes(
+        self, image: RangeImage, written: Path, tmp_path: Path
+    ) -> None:
+        for path in convert(image, tmp_path, list(FORMAT_FILES)):
+            assert path.read_bytes() == (written / path.name).read_bytes(), path.name
+
+    def test_shots_keep_their_order_and_numbers(self, image: RangeImage, tmp_path: Path) -> None:
+        time = np.linspace(0.0, 1.0, ROWS * COLUMNS) ** 2
+        layers = {name: layer.ravel() for name, layer in image.channels.items()}
+        kept = {name: getattr(image, name) for name in ("objects", "materials", "scenario_yaml")}
+        theta, phi = np.tile(image.theta, ROWS), np.repeat(image.phi, COLUMNS)
+        shots = ShotTable(channels=layers, time=time, theta=theta, phi=phi, **kept)
+        convert(shots, tmp_path, ["pcd", "las"])
+        header, found = read_pcd(tmp_path / "points.pcd")
+        assert (header["WIDTH"], header["HEIGHT"]) == (str(len(time)), "1")
+        np.testing.assert_array_equal(found["shot"], np.arange(len(time)))
+        np.testing.assert_array_equal(found["time"], time)
+        np.testing.assert_array_equal(laspy.read(tmp_path / "points.las").gps_time, time[image.valid.ravel()])
+
+    @pytest.mark.parametrize("word", FORMAT_FILES)
+    def test_a_run_without_a_range_still_writes_its_files(
+        self, image: RangeImage, tmp_path: Path, word: str
+    ) -> None:
+        """As points.ply does; the verb refuses it, since it would write nothing else."""
+        bare = {name: np.full_like(layer, np.nan) for name, layer in image.channels.items()}
+        bare |= {name: np.ones_like(image[name]) for name in ("status", "tof.status")}
+        bare |= {
+            name: np.zeros_like(image[name]) for name in ("Y", "truth.object", "truth.material", "tof.echoes")
+        }
+        empty = replace(image, channels=bare)
+        write_run(empty, tmp_path / "run", Output(pictures=False, formats=(word,)))
+        assert all((tmp_path / "run" / name).stat().st_size for name in FORMAT_FILES[word])
+        with pytest.raises(InputError, match="has no point"):
+            convert(tmp_path / "run", tmp_path / "out", word)
+        assert not (tmp_path / "out").exists()
+
+    @pytest.mark.parametrize(
+        ("word", "near"), [("lax", "laz"), ("LAS", "las"), ("rosbag", "rosbag2"), ("xyz\x1b[31m", "")]
+    )
+    def test_an_unknown_format_is_answered_with_the_nearest(self, word: str, near: str) -> None:
+        with pytest.raises(InputError, match="is no format") as fault:
+            check_formats([word])
+        assert "\x1b" not in fault.value.message
+        assert re.search(rf"'{near}'", fault.value.remedy) if near else "Possible" in fault.value.remedy
+
+    def test_a_missing_library_is_told_with_what_installs_it(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+        extras: Mapping[str, str] = {"laz": "las", "las": "las", "e57": "e57", "rosbag2": "ros"}
+        for word, extra in extras.items():
+            with pytest.raises(InputError, match="not installed") as fault:
+                check_formats([word])
+            assert fault.value.remedy == f"pip install 'scanner-sim[{extra}]'"
+        check_formats(["pcd", "pcd_ascii"])
+
+    def test_a_result_without_its_points_is_refused(self, image: RangeImage, tmp_path: Path) -> None:
+        with pytest.raises(InputError, match=r"no layer 'fused\.P\.X'") as fault:
+            convert(image, tmp_path / "x.laz", by="fused")
+        assert "ranging: both" in fault.value.remedy
+        with pytest.raises(InputError, match=r"no layer 'P\.X'"):
+            convert(image.keeping(["range_m"]), tmp_path / "x.laz")
+
+    def test_without_a_scenario_there_is_no_time(self, image: RangeImage, tmp_path: Path) -> None:
+        convert(replace(image, scenario_yaml="nothing: [of"), tmp_path, ["laz", "e57", "pcd", "rosbag2"])
+        assert not laspy.read(tmp_path / "points.laz").gps_time.any()
+        assert "time" not in read_pcd(tmp_path / "points.pcd")[0]["FIELDS"].split()
