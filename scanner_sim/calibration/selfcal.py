@@ -119,7 +119,7 @@ def _kept(setup: Setup, field: Field) -> NDArray[np.bool_]:
     board_out = np.array([name in boards for name in field.targets.boards])
     station_out = np.array([name in stations for name in field.stations])
     seen = field.sightings
-    return ~(board_out[field.targets.board[seen.target]] | station_out[seen.station])
+    return np.asarray(~(board_out[field.targets.board[seen.target]] | station_out[seen.station]))
 
 
 def _has_views(field: Field) -> bool:

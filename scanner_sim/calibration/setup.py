@@ -17,7 +17,8 @@ from scanner_sim.config.calibration import design_digest, design_of
 from scanner_sim.config.document import Document
 from scanner_sim.config.load import load_scenario
 from scanner_sim.config.reading import in_order, read_part
-from scanner_sim.config.scenario import RangefinderName, Scenario
+from scanner_sim.config.scanner import RangefinderName
+from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import choice
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.streams import Stream, host_generator
@@ -205,7 +206,7 @@ def field_of(setup: Setup, table: SightingTable) -> Field:
     station = np.array([stations.index(name) for name in table.station], np.intp)
     readings = ideal_readings(setup.design, setup.by, r, theta, phi)
     slope = reading_slopes(setup.design, setup.by, table.position)
-    root = np.linalg.cholesky(slope @ table.covariance @ np.swapaxes(slope, 1, 2))
+    root = np.asarray(np.linalg.cholesky(slope @ table.covariance @ np.swapaxes(slope, 1, 2)), np.float64)
     return Field(
         setup.design,
         plan.parameters.given,

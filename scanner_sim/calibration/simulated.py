@@ -221,7 +221,7 @@ def _in_view(board: Board, setup: Setup, pose: Array) -> NDArray[np.bool_]:
     diameter = board.diameter if board.array is None else board.array.diameter
     points = local @ pose[:3, :3].T + pose[:3, 3]
     mirrors = setup.base.scanner.mirrors
-    r, theta, phi = angles_and_range(*points.T, mirrors.axis_separation)
+    r, theta, phi = angles_and_range(points[:, 0], points[:, 1], points[:, 2], mirrors.axis_separation)
     around = (diameter or 0.0) / np.maximum(r, 1e-9)
     seen = (points[:, 2] > 0.0) & (np.maximum(np.abs(theta), np.abs(phi)) + around < mirrors.max_deflection)
     if board.array is not None or board.plate is not None:

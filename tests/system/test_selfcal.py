@@ -80,8 +80,8 @@ def test_the_calibrated_instrument_errs_by_noise_alone_on_a_board_that_it_has_no
 
     Set-up: an instrument drawn from its tolerances, nine discs and five balls from two stations. Expected: the rms
     misfit of the held-out views over noise is 1, from above 3 as designed; the true parameters lie within the
-    ellipsoid. Tolerance: of χ² at the level of the suite; lasting errors that targets share are taken for independent, which a
-    rigid fit takes off in part: 15 % of slack.
+    ellipsoid. Tolerance: of χ² at the level of the suite; lasting errors that targets share are
+    taken for independent, which a rigid fit takes off in part: 15 % of slack.
     """
     told = json.loads((calibrated / "calib.json").read_text(encoding="utf-8"))
     held = told["misfit"]["held_out"]
