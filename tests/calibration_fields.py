@@ -98,7 +98,12 @@ def made_field(
         dict(tolerance),
         0.03,
         Targets(names, board, places, survey, tuple("abc"[:boards])),
-        Sightings(np.concatenate(station), np.concatenate(target), VoxelReadings(*numbers.T), np.eye(3) * sigma[:, None]),
+        Sightings(
+            np.concatenate(station),
+            np.concatenate(target),
+            VoxelReadings(*numbers.T),
+            np.eye(3) * sigma[:, None],
+        ),
         tuple(f"s{number}" for number in range(stations)),
     )
     truth = np.zeros(len(NAMES))
