@@ -103,6 +103,7 @@ def made_field(
             np.concatenate(target),
             VoxelReadings(*numbers.T),
             np.eye(3) * sigma[:, None],
+            np.zeros((len(numbers), 3, 0)),
         ),
         tuple(f"s{number}" for number in range(stations)),
     )

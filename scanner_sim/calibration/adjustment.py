@@ -5,7 +5,8 @@ Each sighting gives three conditions: the point that the instrument believes to 
 readings meet three conditions, the point's misfit e is as good as the readings' own, v = J⁻¹ e with J =
 ∂point/∂readings, whose covariance L Lᵀ is known: a combined adjustment (Gauss-Helmert) becomes one of ordinary
 observation equations for L⁻¹ v (Mikhail, *Observations and Least Squares*, 1976, ch. 9). Tolerances, the survey of the
-targets and scale bars are observations as well. The field's axes are those of the first board.
+targets and scale bars are observations as well, and so are errors that the sightings of one station have in common: k
+numbers with the mean 0 and variance 1. The field's axes are those of the first board.
 
 Steps are Gauss-Newton's, damped where one fails (Levenberg, *Quart. Appl. Math.* 2, 1944; Marquardt, *SIAM J. Appl.
 Math.* 11, 1963). Doubtful sightings count by Huber's weights (*Ann. Math. Statist.* 35, 1964) of the norm of their
@@ -42,12 +43,25 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e6
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What is adjusted: all parameters (23,), poses of stations and boards, and the targets' displacements (T, 3)."""
+    """What is adjusted.
+
+    Attributes
+    ----------
+    parameters
+        All of them [SI], shape (23,).
+    stations, boards
+        Their poses.
+    displaced
+        By how much targets are off their survey, along the axes of their boards [m], shape (T, 3).
+    common
+        What the sightings of each station have in common, over its σ, shape (S, k).
+    """
 
     parameters: Array
     stations: Poses
     boards: Poses
     displaced: Array
+    common: Array
 
 
 @dataclass(frozen=True)
@@ -145,12 +159,13 @@ def _descended(
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where each unknown stands: parameters, stations, boards but for the first, targets where they are surveyed."""
+    """Where each unknown stands: parameters, stations, boards but for the first, surveyed targets, common errors."""
 
     parameters: int
     stations: int
     boards: int
     targets: int
+    common: int
     bars: int
 
     @classmethod
@@ -161,6 +176,7 @@ class _Layout:
             len(field.stations),
             len(field.targets.boards) - 1,
             surveyed,
+            field.sightings.common.shape[2],
             len(field.bars.length),
         )
 
@@ -173,14 +189,18 @@ class _Layout:
         return self.first_board + 6 * self.boards
 
     @property
+    def first_common(self) -> int:
+        return self.first_target + 3 * self.targets
+
+    @property
     def count(self) -> int:
         """How many unknowns there are."""
-        return self.first_target + 3 * self.targets
+        return self.first_common + self.common * self.stations
 
     @property
     def known(self) -> int:
         """How many observations there are beside the sightings."""
-        return self.parameters + 3 * self.targets + self.bars
+        return self.parameters + 3 * self.targets + self.common * self.stations + self.bars
 
 
 @dataclass(frozen=True)
@@ -238,6 +258,10 @@ def _sightings(field: Field, layout: _Layout, at: Unknowns) -> tuple[Array, csr_
     if layout.targets:
         blocks.append((-to_field @ at.boards.rotation[board], layout.first_target + 3 * seen.target))
     residuals = np.einsum("nij,nj->ni", whiten, misfit)
+    if layout.common:
+        shared = np.linalg.solve(seen.root, seen.common)
+        residuals = residuals - np.einsum("nik,nk->ni", shared, at.common[seen.station])
+        blocks.append((-shared, layout.first_common + layout.common * seen.station))
     return residuals, _assembled(blocks, len(seen), layout.count)
 
 
@@ -265,6 +289,11 @@ def _known(field: Field, layout: _Layout, at: Unknowns) -> tuple[Array, csr_arra
         residuals.append(at.displaced.ravel() / field.targets.sigma)
         for _ in range(3 * layout.targets):
             slopes[row, layout.first_target + row - layout.parameters] = 1.0 / field.targets.sigma
+            row += 1
+    if layout.common:
+        residuals.append(at.common.ravel())
+        for column in range(layout.first_common, layout.count):
+            slopes[row, column] = 1.0
             row += 1
     if layout.bars:
         residuals.append(_bars(field, layout, at, slopes[row:]))
@@ -308,8 +337,9 @@ def _moved(field: Field, layout: _Layout, now: Unknowns, step: Array) -> Unknown
     )
     displaced = now.displaced
     if layout.targets:
-        displaced = displaced + step[layout.first_target :].reshape(-1, 3)
-    return Unknowns(parameters, stations, boards, displaced)
+        displaced = displaced + step[layout.first_target : layout.first_common].reshape(-1, 3)
+    common = now.common + step[layout.first_common :].reshape(now.common.shape)
+    return Unknowns(parameters, stations, boards, displaced, common)
 
 
 def _of_parameters(field: Field, layout: _Layout, normal: Array) -> tuple[Array, Array]:

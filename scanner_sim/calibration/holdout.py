@@ -76,8 +76,13 @@ def _squares(field: Field, parameters: Array) -> tuple[float, int, int]:
         turned = local @ rotation.T
         left = np.einsum("nij,nj->ni", scaled, believed.point[chosen] - turned - position).ravel()
         moves = np.concatenate([scaled, -scaled @ cross_matrix(turned)], axis=-1).reshape(-1, 6)
-        left = left - moves @ np.linalg.lstsq(moves, left, rcond=None)[0]
+        # What the view's sightings have in common is a number of unit variance each, found with the rigid motion.
+        together = (scaled @ believed.by_readings[chosen] @ seen.common[chosen]).reshape(len(left), -1)
+        known = np.concatenate([np.zeros((together.shape[1], 6)), np.eye(together.shape[1])], axis=1)
+        system = np.concatenate([np.concatenate([moves, together], axis=1), known])
+        left = np.concatenate([left, np.zeros(together.shape[1])])
+        left = left - system @ np.linalg.lstsq(system, left, rcond=None)[0]
         total += float(left @ left)
-        freedom += left.size - 6
+        freedom += 3 * int(chosen.sum()) - 6
         views += 1
     return total, freedom, views

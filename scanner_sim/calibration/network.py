@@ -53,18 +53,23 @@ class Sightings:
     readings
         What was read, each of shape (N,).
     root
-        L with L Lᵀ the covariance of (ϑ, φ, measured) [rad, rad, m], shape (N, 3, 3). Sightings are independent.
+        L with L Lᵀ the covariance of what (ϑ, φ, measured) have for themselves [rad, rad, m], shape (N, 3, 3).
+    common
+        What k errors of unit variance make of them, which all sightings of one station have in common and no other
+        station has, shape (N, 3, k).
     """
 
     station: Indices
     target: Indices
     readings: VoxelReadings
     root: Array
+    common: Array
 
     @property
     def sigma(self) -> Array:
         """Standard deviations of (ϑ, φ, measured) [rad, rad, m], shape (N, 3)."""
-        return np.asarray(np.sqrt(np.einsum("nij,nij->ni", self.root, self.root)))
+        own = np.einsum("nij,nij->ni", self.root, self.root)
+        return np.asarray(np.sqrt(own + np.einsum("nij,nij->ni", self.common, self.common)))
 
     def __len__(self) -> int:
         return len(self.station)
@@ -73,7 +78,8 @@ class Sightings:
         """Return some of them."""
         one = self.readings
         readings = VoxelReadings(one.theta[chosen], one.phi[chosen], one.measured[chosen], one.by)
-        return Sightings(self.station[chosen], self.target[chosen], readings, self.root[chosen])
+        root, common = self.root[chosen], self.common[chosen]
+        return Sightings(self.station[chosen], self.target[chosen], readings, root, common)
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,14 @@ from scanner_sim.optics.parameters import INDEX, PARAMETERS
 from scanner_sim.ranging.believed import Design, RangedBy
 from scanner_sim.ranging.calibration import ideal_readings
 from scanner_sim.scene.targets import target_positions
+from scanner_sim.tracking.errors import pixel_correlation
 
 Array = NDArray[np.float64]
 
 _SURVEYED, _BARRED, STATIONED = 0, 1, 2
 """Draws of the stream of surveys: places of the targets, lengths of the bars, and the first of the stations."""
+_FAINT = 1e-3
+"""Share of the strongest part of what is common below which a part is left out."""
 _STEP = 1e-6
 """Step of numerical slopes, [rad] or relative to the range."""
 
@@ -206,16 +209,43 @@ def field_of(setup: Setup, table: SightingTable) -> Field:
     station = np.array([stations.index(name) for name in table.station], np.intp)
     readings = ideal_readings(setup.design, setup.by, r, theta, phi)
     slope = reading_slopes(setup.design, setup.by, table.position)
-    root = np.asarray(np.linalg.cholesky(slope @ table.covariance @ np.swapaxes(slope, 1, 2)), np.float64)
+    own = table.covariance.copy()
+    own[:, 2, 2] -= table.pixels**2
+    root = np.asarray(np.linalg.cholesky(slope @ own @ np.swapaxes(slope, 1, 2)), np.float64)
+    common = common_of_pixels(table, station, slope[:, 2, 2])
     return Field(
         setup.design,
         plan.parameters.given,
         plan.encoder_period or math.tau,
         targets,
-        Sightings(station, target, readings, root),
+        Sightings(station, target, readings, root, common),
         stations,
         setup.bars(),
     )
+
+
+def common_of_pixels(table: SightingTable, station: NDArray[np.intp], slope: Array) -> Array:
+    """Return what unlike pixels make of the readings of each station's sightings, in independent parts (N, 3, k).
+
+    Parameters
+    ----------
+    table, station
+        Sightings, and the number of the station of each.
+    slope
+        ∂measured/∂R of each, shape (N,).
+    """
+    parts = []
+    for number in range(int(station.max()) + 1):
+        own = station == number
+        sigma, width, image = (slope * table.pixels)[own], table.image_width[own], table.image[own]
+        apart = (image[:, None] - image) / np.sqrt(width[:, None] * width)
+        values, axes = np.linalg.eigh(sigma[:, None] * sigma * pixel_correlation(apart))
+        kept = values > _FAINT * values[-1]
+        parts.append((own, axes[:, kept] * np.sqrt(values[kept])))
+    result = np.zeros((len(station), 3, max(part.shape[1] for _, part in parts)))
+    for own, part in parts:
+        result[own, 2, : part.shape[1]] = part
+    return result
 
 
 def reading_slopes(design: Design, by: RangedBy, position: Array) -> Array:

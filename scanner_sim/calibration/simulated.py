@@ -1,10 +1,10 @@
 """Simulated sightings: each station follows the targets that it sees, through light, detector and estimator.
 
 The instrument as built is the truth, and the instrument believes that it is as designed. A sighting is the mean of the
-patterns that followed a target. The white part of its error falls with their number; the lasting parts stay, and are
-taken to be those of this sighting alone. In truth targets whose images lie on the same pixels share the part of unlike
-pixels, and those at like angles some of the mirrors' wobble, which the adjustment does not know. Pixels and wobble are
-drawn anew for each station.
+patterns that followed a target. The white part of its error falls with their number; the lasting parts stay. The part
+by unlike pixels is told apart, since targets whose images lie on the same pixels share it. Targets at like angles share
+some of the mirrors' wobble, too, which the adjustment takes for their own. Pixels and wobble are drawn anew for each
+station.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def _table(
     setup: Setup, seen: Sequence[Mapping[str, str]], tracks: Sequence[Track]
 ) -> tuple[SightingTable, tuple[str, ...]]:
     stations, targets, warnings = [], [], []
-    positions, covariances = [], []
+    positions, covariances, pixels = [], [], []
     for station, own_targets, track in zip(setup.plan.stations, seen, tracks, strict=True):
         lost = []
         for own, name in own_targets.items():
@@ -93,16 +93,18 @@ def _table(
             targets.append(name)
             positions.append(found[0])
             covariances.append(found[1])
+            pixels.append(found[2])
         if lost:
             warnings.append(
                 f"station {station.name} could not follow {', '.join(lost)}: hidden, too near or too far"
             )
     position, covariance = np.reshape(positions, (-1, 3)), np.reshape(covariances, (-1, 3, 3))
-    return SightingTable(tuple(stations), tuple(targets), position, covariance), tuple(warnings)
+    unlike = np.reshape(pixels, (-1, 3)).T
+    return SightingTable(tuple(stations), tuple(targets), position, covariance, *unlike), tuple(warnings)
 
 
-def _mean(track: Track, target: str) -> tuple[Array, Array] | None:
-    """Return the mean (Θ, φ, R) of the patterns that followed a target, and its covariance."""
+def _mean(track: Track, target: str) -> tuple[Array, Array, Array] | None:
+    """Return the mean (Θ, φ, R) of the patterns that followed a target, its covariance, and what unlike pixels do."""
     found = [
         one for one in track.of(target) if one.mode is TrackMode.TRACK and one.status is TrackStatus.MEASURED
     ]
@@ -111,7 +113,8 @@ def _mean(track: Track, target: str) -> tuple[Array, Array] | None:
     position = np.mean([one.position for one in found], axis=0)
     white = np.mean([one.errors.white for one in found], axis=0) / len(found)
     lasting = np.mean([one.errors.surface + one.errors.shared for one in found], axis=0)
-    return position, white + lasting
+    unlike = np.mean([(one.errors.pixels, one.errors.image, one.errors.image_width) for one in found], axis=0)
+    return position, white + lasting, unlike ** [0.5, 1.0, 1.0]
 
 
 def _seen(setup: Setup, number: int) -> dict[str, str]:

@@ -52,6 +52,7 @@ def start_of(field: Field) -> Unknowns:
         _poses(stations),
         _poses(boards),
         np.zeros_like(field.targets.places),
+        np.zeros((len(field.stations), field.sightings.common.shape[2])),
     )
 
 

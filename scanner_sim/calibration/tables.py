@@ -23,6 +23,8 @@ ANGLES = ("theta_rad", "phi_rad", "range_m")
 SIGMAS = tuple(f"sigma_{name}" for name in ANGLES)
 CROSS = ("cov_theta_phi_rad2", "cov_theta_range_rad_m", "cov_phi_range_rad_m")
 """Covariances; a table without them has none."""
+PIXELS = ("sigma_pixels_range_m", "image_pixel", "image_width_pixel")
+"""What unlike pixels do; a table without them takes its sightings to be independent."""
 _CORNERS = ((0, 1), (0, 2), (1, 2))
 HEADING = "# scanner-sim sightings of instrument"
 """First line of a table of sightings, with the digest of the instrument's design; a table of your own needs none."""
@@ -46,12 +48,20 @@ class SightingTable:
         (Θ, φ, R) by eq 3 as designed [rad, m], shape (N, 3).
     covariance
         Of each, shape (N, 3, 3).
+    pixels
+        σ of R by unlike pixels of the line sensor, which is in the covariance [m], shape (N,): sightings of one station
+        have it in common as far as their images lie on the same pixels.
+    image, image_width
+        Position of the spot's image on the line and its standard deviation [pixel], shape (N,).
     """
 
     station: tuple[str, ...]
     target: tuple[str, ...]
     position: Array
     covariance: Array
+    pixels: Array
+    image: Array
+    image_width: Array
 
 
 def read_points(path: Path, board: str) -> dict[str, tuple[float, float, float]]:
@@ -95,7 +105,8 @@ def read_sightings(path: Path, digest: str, targets: Sequence[str]) -> SightingT
     ----------
     path
         Columns ``station, target``, ``theta_rad, phi_rad, range_m`` and the ``sigma_`` of each; covariances
-        ``cov_theta_phi_rad2, cov_theta_range_rad_m, cov_phi_range_rad_m`` may be there.
+        ``cov_theta_phi_rad2, cov_theta_range_rad_m, cov_phi_range_rad_m`` may be there, and the part of σ of the range
+        by unlike pixels, ``sigma_pixels_range_m``, with ``image_pixel`` and ``image_width_pixel``.
     digest
         Of the instrument's design: a table that names another one is refused.
     targets
@@ -118,7 +129,7 @@ def read_sightings(path: Path, digest: str, targets: Sequence[str]) -> SightingT
         )
     faults: list[Fault] = []
     seen: dict[tuple[str, str], int] = {}
-    position, covariance = [], []
+    position, covariance, pixels = [], [], []
     for line, row in rows:
         key = row["station"], row["target"]
         if not row["station"]:
@@ -135,6 +146,7 @@ def read_sightings(path: Path, digest: str, targets: Sequence[str]) -> SightingT
             [_number(row, name, line, faults, most) for name, most in zip(ANGLES, _FAR, strict=True)]
         )
         covariance.append(_covariance(row, line, faults))
+        pixels.append(_pixels(row, line, faults))
         if not position[-1][2] > 0.0:
             faults.append(Fault("range_m", f"{position[-1][2]:g} m is no range.", "", line))
     if not seen:
@@ -149,6 +161,7 @@ def read_sightings(path: Path, digest: str, targets: Sequence[str]) -> SightingT
         tuple(one for _, one in names),
         np.array(position),
         np.array(covariance),
+        *np.array(pixels).T,
     )
 
 
@@ -157,12 +170,14 @@ def sightings_text(table: SightingTable, digest: str) -> str:
     stream = io.StringIO()
     stream.write(f"{HEADING} {digest}\n")
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(("station", "target", *ANGLES, *SIGMAS, *CROSS))
-    for station, target, place, matrix in zip(
-        table.station, table.target, table.position.tolist(), table.covariance, strict=True
+    writer.writerow(("station", "target", *ANGLES, *SIGMAS, *CROSS, *PIXELS))
+    unlike = np.stack([table.pixels, table.image, table.image_width], axis=1).tolist()
+    for station, target, place, matrix, own in zip(
+        table.station, table.target, table.position.tolist(), table.covariance, unlike, strict=True
     ):
         sigma = np.sqrt(np.diagonal(matrix)).tolist()
-        writer.writerow((station, target, *place, *sigma, *(float(matrix[corner]) for corner in _CORNERS)))
+        cross = (float(matrix[corner]) for corner in _CORNERS)
+        writer.writerow((station, target, *place, *sigma, *cross, *own))
     return stream.getvalue()
 
 
@@ -238,6 +253,25 @@ def _covariance(row: Mapping[str, str], line: int, faults: list[Fault]) -> Array
         faults.append(Fault(CROSS[0], "the covariance is not positive definite.", remedy, line))
         return np.diag(sigma**2)
     return matrix
+
+
+def _pixels(row: Mapping[str, str], line: int, faults: list[Fault]) -> tuple[float, float, float]:
+    if not row.get(PIXELS[0]):
+        return 0.0, 0.0, 1.0
+    for name in PIXELS[1:]:
+        if not row.get(name):
+            faults.append(
+                Fault(name, f"it is missing, and {PIXELS[0]} is given.", "Write both, or none.", line)
+            )
+            return 0.0, 0.0, 1.0
+    sigma, image, width = (_number(row, name, line, faults, 1e5) for name in PIXELS)
+    if not 0.0 <= sigma < _number(row, SIGMAS[2], line, [], _FAR[2]):
+        remedy = f"It is a part of {SIGMAS[2]}."
+        faults.append(Fault(PIXELS[0], f"{sigma:g} m are not from 0 to below {SIGMAS[2]}.", remedy, line))
+    if not width > 0.0:
+        faults.append(Fault(PIXELS[2], "a width is above 0.", "", line))
+        return 0.0, 0.0, 1.0
+    return sigma, image, width
 
 
 def _near(name: str, names: Sequence[str]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from calibration_fields import made_field
@@ -40,6 +42,36 @@ def test_the_truth_lies_in_the_ellipsoid() -> None:
     whole = mean_square(np.sqrt(np.asarray(squares) / freedom), freedom=DRAWS * freedom)
     assert whole, whole
     assert np.mean(weights) == pytest.approx(1.0, abs=0.02)
+
+
+def test_what_a_station_has_in_common_is_no_noise_of_its_own() -> None:
+    """Claim: readings that err together within each station leave the truth in the ellipsoid if the adjustment knows it.
+
+    *Set-up:* 60 fields whose readings along the line have 2 σ more in two parts, one like all over the station and one
+    that grows with range. *Expected:* χ² with seven degrees of freedom; taken as noise of each sighting, of the same
+    σ, it is more than 1.5 times that. *Tolerance:* of χ² at the level of the suite.
+    """
+    generator = np.random.default_rng(43)
+    known, taken = [], []
+    for _ in range(60):
+        field, truth = made_field(generator, stations=3)
+        seen = field.sightings
+        place = seen.readings.measured
+        common = np.zeros((len(seen), 3, 2))
+        common[:, 2, 0], common[:, 2, 1] = 1e-6, 1e-6 * (place - place.mean()) / place.std()
+        drawn = generator.normal(size=(len(field.stations), 2))
+        moved = place + np.einsum("nk,nk->n", common[:, 2], drawn[seen.station])
+        readings = replace(seen.readings, measured=moved)
+        own = seen.root.copy()
+        own[:, 2, 2] = np.sqrt(own[:, 2, 2] ** 2 + (common[:, 2] ** 2).sum(axis=1))
+        for squares, root, part in ((known, seen.root, common), (taken, own, common[:, :, :0])):
+            one = replace(field, sightings=replace(seen, readings=readings, root=root, common=part))
+            found = adjust(one, start_of(one))
+            error = (found.unknowns.parameters - truth)[[INDEX[name] for name in field.sought]]
+            squares.append(error @ np.linalg.solve(found.covariance, error) / len(field.sought))
+    claim = mean_square(np.sqrt(known), freedom=60 * 7)
+    assert claim, claim
+    assert np.mean(taken) > 1.5
 
 
 def test_held_out_boards_are_left_with_noise() -> None:

@@ -26,8 +26,10 @@ seed: 4
 parameters: {base: 0.1 mm, theta_zero: 0.2 mrad}
 survey: 0.1 mm
 boards:
-  - {name: near, array: {rows: 3, columns: 3, spacing: [0.2 m, 0.2 m], diameter: 50 mm, plate: 0.1 m}, position: [0 m, 0 m, 2 m]}
-  - {name: far, array: {rows: 2, columns: 3, spacing: [0.3 m, 0.3 m], diameter: 80 mm, plate: 0.2 m}, position: [0.5 m, 0 m, 4 m]}
+  - {name: near, array: {rows: 3, columns: 3, spacing: [0.2 m, 0.2 m], diameter: 50 mm, plate: 0.1 m},
+     position: [0 m, 0 m, 2 m]}
+  - {name: far, array: {rows: 2, columns: 3, spacing: [0.3 m, 0.3 m], diameter: 80 mm, plate: 0.2 m},
+     position: [0.5 m, 0 m, 4 m]}
 stations: [{name: s1}, {name: s2, position: [0.2 m, 0 m, -0.3 m]}]
 """
 BASE = "schema: 1\nscan: {type: raster, rows: 4, columns: 4, horizontal: [-5 deg, 5 deg], vertical: [-5 deg, 5 deg]}\n"
@@ -62,7 +64,20 @@ def exact(setup: Setup) -> SightingTable:
         position.append(np.stack([theta, phi, r], axis=1))
     places = np.concatenate(position)
     covariance = np.tile(np.diag([1e-10, 1e-10, 1e-8]), (len(places), 1, 1))
-    return SightingTable(tuple(station), tuple(target), places, covariance)
+    none = np.zeros(len(places))
+    return SightingTable(tuple(station), tuple(target), places, covariance, none, none, none + 1.0)
+
+
+def some(table: SightingTable, kept: list[int]) -> SightingTable:
+    """Return some sightings of a table."""
+    return SightingTable(
+        tuple(table.station[i] for i in kept),
+        tuple(table.target[i] for i in kept),
+        *(
+            getattr(table, name)[kept]
+            for name in ("position", "covariance", "pixels", "image", "image_width")
+        ),
+    )
 
 
 @pytest.mark.parametrize(
@@ -75,7 +90,11 @@ def exact(setup: Setup) -> SightingTable:
         ("base: 0.1 mm, ", "phi_sine: 1 urad, ", "encoder_period: the encoders' periodic errors need"),
         ("name: far", "name: near", "boards[1].name (object 'near'): 'near' is there already"),
         ("{name: s1}", "{name: s2}", "stations[1].name (object 's2'): 's2' is there already"),
-        ("stations: [{name: s1}, {name: s2, position: [0.2 m, 0 m, -0.3 m]}]", "", "stations: there are none"),
+        (
+            "stations: [{name: s1}, {name: s2, position: [0.2 m, 0 m, -0.3 m]}]",
+            "",
+            "stations: there are none",
+        ),
         (
             "position: [0.5 m",
             "points: base.yaml, position: [0.5 m",
@@ -183,12 +202,7 @@ def test_a_board_that_nobody_sees_is_named(folder: Path) -> None:
     setup = setup_of(folder)
     table = exact(setup)
     kept = [index for index, name in enumerate(table.target) if not name.startswith("far")]
-    few = SightingTable(
-        tuple(table.station[i] for i in kept),
-        tuple(table.target[i] for i in kept),
-        table.position[kept],
-        table.covariance[kept],
-    )
+    few = some(table, kept)
     with pytest.raises(InputError, match="no sightings of board far"):
         field_of(setup, few)
 
@@ -197,12 +211,7 @@ def test_too_few_sightings_of_a_station_are_named(folder: Path) -> None:
     setup = setup_of(folder)
     table = exact(setup)
     kept = [i for i, name in enumerate(table.station) if name == "s1" or i % 7 == 0]
-    few = SightingTable(
-        tuple(table.station[i] for i in kept),
-        tuple(table.target[i] for i in kept),
-        table.position[kept],
-        table.covariance[kept],
-    )
+    few = some(table, kept)
     with pytest.raises(InputError, match="station s2: not tied"):
         self_calibrate(setup, few)
 
