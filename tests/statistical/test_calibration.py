@@ -45,7 +45,7 @@ def test_the_truth_lies_in_the_ellipsoid() -> None:
 
 
 def test_what_a_station_has_in_common_is_no_noise_of_its_own() -> None:
-    """Claim: readings that err together within each station leave the truth in the ellipsoid if the adjustment knows it.
+    """*Claim:* readings that err together within a station leave the truth in the ellipsoid if that is known.
 
     *Set-up:* 60 fields whose readings along the line have 2 σ more in two parts, one like all over the station and one
     that grows with range. *Expected:* χ² with seven degrees of freedom; taken as noise of each sighting, of the same
