@@ -110,6 +110,6 @@ def _print(setup: Setup, result: SelfCalibrated, output: Path, names: tuple[str,
             )
     table |= {
         "files": ", ".join(str(output.parent / name) for name in names),
-        "use": f"processing.calibration: {output.name}",
+        "use": f"processing.calibration: {output.absolute()}",
     }
     print_table(table)

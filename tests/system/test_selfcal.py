@@ -14,6 +14,7 @@ from scipy.stats import chi2
 from typer.testing import CliRunner
 
 from scanner_sim import load_scenario
+from scanner_sim.calibration.setup import read_setup
 from scanner_sim.cli import app
 from scanner_sim.config.calibration import read_calibration
 from scanner_sim.optics.parameters import INDEX
@@ -160,3 +161,20 @@ def test_sightings_of_another_instrument_are_refused(calibrated: Path) -> None:
     result = invoke("selfcal", calibrated / "other.yaml")
     assert result.exit_code == 2
     assert "sightings of the instrument 0123456789ab" in result.stderr
+
+
+def test_the_shipped_plan_is_one_and_help_names_the_verb(repo_root: Path) -> None:
+    setup = read_setup(repo_root / "configs" / "calibration" / "two_boards.yaml")
+    assert [board.held_out for board in setup.plan.boards] == [False, False, True]
+    assert "selfcal" in invoke("--help").stdout
+    assert "processing.calibration" in invoke("selfcal", "--help").stdout
+
+
+@pytest.mark.parametrize(
+    ("output", "words"),
+    [("calib.txt", "ends in .yaml"), ("nowhere/calib.yaml", "no folder"), ("calib.yaml", "--overwrite")],
+)
+def test_a_calibration_is_not_written_just_anywhere(calibrated: Path, output: str, words: str) -> None:
+    result = invoke("selfcal", calibrated / "plan.yaml", "-o", calibrated / output)
+    assert result.exit_code == 2
+    assert words in result.stderr
