@@ -144,7 +144,7 @@ def test_what_does_not_apply_says_why(config: Path) -> None:
         "speckle_limit": (("scanner.laser.speckle=false",), "makes no speckle"),
         "sigma_read": (("scanner.position_sensor.noise.read=false",), "has no read noise"),
         "sunlight": (("scanner.filter=none",), "no filter"),
-        "link_budget": (("scanner.filter.centre=1.4 um",), "blocks the laser's line"),
+        "link_budget": (("scanner.laser.drift=80 nm",), "blocks the laser's line"),
         "saturation": (("scanner.position_sensor.noise.saturation=false",), "switched off"),
     }
     for law, (changes, reason) in cases.items():

@@ -11,12 +11,15 @@ import trimesh
 from PIL import Image
 
 from scanner_sim.config import load_scenario
+from scanner_sim.config.calibration import calibration_text, design_of
 from scanner_sim.foundation.channels import CHANNELS
 from scanner_sim.instrument.simulate import simulate
+from scanner_sim.optics.parameters import INDEX, NAMES
 from scanner_sim.products.files.contents import FILES, TIMED_PICTURES
 from scanner_sim.products.files.exr import read_range_image
 from scanner_sim.products.files.run_folder import write_run
 from scanner_sim.products.image import RangeImage
+from scanner_sim.ranging.calibration import Calibration
 from scanner_sim.render.device import Device
 
 SCENARIO = """\
@@ -37,7 +40,13 @@ def run(device: Device, tmp_path_factory: pytest.TempPathFactory) -> tuple[Range
     """An image with a wall in the midst of nothing, and its output folder."""
     place = tmp_path_factory.mktemp("products")
     (place / "wall.yaml").write_text(SCENARIO)
-    image = simulate(load_scenario(place / "wall.yaml", ["output.truth=[normal, incidence]"]), device="cpu")
+    scanner = load_scenario(place / "wall.yaml").scanner
+    covariance = np.zeros((len(NAMES), len(NAMES)))
+    covariance[INDEX["base"], INDEX["base"]] = 1e-4**2
+    believed = Calibration(np.zeros(len(NAMES)), covariance, design_of(scanner))
+    (place / "believed.yaml").write_text(calibration_text(believed, scanner))
+    asked = ["output.truth=[normal, incidence, point]", "processing.calibration=believed.yaml"]
+    image = simulate(load_scenario(place / "wall.yaml", asked), device="cpu")
     assert 0.1 < image.valid.mean() < 0.9
     write_run(image, place / "out")
     return image, place / "out"

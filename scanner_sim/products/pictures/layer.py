@@ -8,13 +8,18 @@ from textwrap import shorten
 
 import numpy as np
 from matplotlib.colorbar import Colorbar
-from matplotlib.colors import LogNorm, Normalize
+from matplotlib.colors import FuncNorm, LogNorm, Normalize
 from matplotlib.patches import Patch
-from matplotlib.ticker import EngFormatter, LogLocator, ScalarFormatter
+from matplotlib.ticker import EngFormatter, FixedLocator, LogLocator, ScalarFormatter
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.pictures.style import FAINT, STATUS_COLOUR
+
+_ROUND = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 45.0, 90.0)
+"""Numbers of a scale that is compressed towards its ends."""
+_LETTERS = 0.05
+"""Share of a colour bar that a number takes."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +83,17 @@ def label_bar(bar: Colorbar, norm: Normalize, label: str) -> None:
         bar.locator = LogLocator(subs=(1.0, 2.0, 5.0) if decades < 4.0 else (1.0,))
         bar.formatter = EngFormatter()
         bar.minorticks_off()
+    elif isinstance(norm, FuncNorm):
+        bar.locator = FixedLocator(_apart(norm))
+
+
+def _apart(norm: FuncNorm) -> list[float]:
+    """Return round numbers of a scale that is even about zero, of which no two stand on one another."""
+    kept = [0.0]
+    for number in _ROUND:
+        if number <= float(norm.vmax or 0.0) and float(norm(number)) - float(norm(kept[-1])) >= _LETTERS:
+            kept.append(number)
+    return [-number for number in reversed(kept[1:])] + kept
 
 
 def _per_cent(where: NDArray[np.bool_]) -> str:

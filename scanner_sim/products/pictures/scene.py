@@ -137,21 +137,21 @@ def _draw_field(axes: Axes, field: Field, reach: float, ends: tuple[float, float
         if distance <= reach:
             axes.plot(distance * np.cos(turn), distance * np.sin(turn), color=_VIEW_COLOUR, lw=0.8, ls="--")
             axes.annotate(
-                f"{name} {distance:.3g} m", (distance * math.cos(ends[1]), distance * math.sin(ends[1])), (-4, -4),
-                textcoords="offset points", fontsize=6, color=_VIEW_COLOUR, ha="right", va="top",
+                f"{name} {distance:.3g} m", (distance * math.cos(ends[1]), distance * math.sin(ends[1])), (-2, -6),
+                textcoords="offset points", fontsize=6, color=_VIEW_COLOUR, va="top",
+                ha="left" if distance == field.near else "right",
             )  # fmt: skip
     if field.far > reach:
         far = "infinity" if math.isinf(field.far) else f"{field.far:.3g} m"
         axes.annotate(
             f"on to {far}",
             (reach * math.cos(ends[1]), reach * math.sin(ends[1])),
-            (2, 0),
+            (0, -6),
             textcoords="offset points",
             fontsize=6,
             color=FAINT,
-            ha="left",
-            va="center",
-            annotation_clip=False,
+            ha="right",
+            va="top",
         )
 
 
