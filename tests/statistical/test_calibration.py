@@ -67,6 +67,7 @@ def test_what_a_station_has_in_common_is_no_noise_of_its_own() -> None:
         for squares, root, part in ((known, seen.root, common), (taken, own, common[:, :, :0])):
             one = replace(field, sightings=replace(seen, readings=readings, root=root, common=part))
             found = adjust(one, start_of(one))
+            assert found.settled
             error = (found.unknowns.parameters - truth)[[INDEX[name] for name in field.sought]]
             squares.append(error @ np.linalg.solve(found.covariance, error) / len(field.sought))
     claim = mean_square(np.sqrt(known), freedom=60 * 7)

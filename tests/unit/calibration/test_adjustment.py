@@ -131,6 +131,26 @@ def test_a_blunder_counts_less_and_is_pointed_at() -> None:
     assert np.abs((plain.unknowns.parameters - clean.unknowns.parameters)[sought(field)] / sigma).max() > 3.0
 
 
+def test_what_a_station_has_in_common_is_where_the_loss_is_least() -> None:
+    """Claim: with errors u in common the adjustment settles where u = Σ (L⁻¹G)ᵀ v of each station: the loss, the sum of
+    v² and u², does not change there with u. A station that read with such errors is told so."""
+    field, _ = made_field(np.random.default_rng(8), stations=3)
+    seen = field.sightings
+    common = np.zeros((len(seen), 3, 1))
+    common[:, 2, 0] = 2e-6
+    place = seen.readings.measured + np.where(seen.station == 1, 3e-6, 0.0)
+    readings = replace(seen.readings, measured=place)
+    field = replace(field, sightings=replace(seen, readings=readings, common=common))
+    found = adjust(field, start_of(field), robust=False)
+    assert found.settled
+    shared = np.linalg.solve(seen.root, common)[..., 0]
+    for station, value in enumerate(found.unknowns.common[:, 0]):
+        own = seen.station == station
+        # A step that promises less than a thousandth of σ ends the search.
+        assert value == pytest.approx((shared[own] * found.residuals[own]).sum(), abs=0.01)
+    assert found.unknowns.common[1, 0] > found.unknowns.common[[0, 2], 0].max() + 0.5
+
+
 def test_a_single_board_leaves_combinations_unobserved() -> None:
     """Claim: what no field can tell is named: the zero of φ, which is a turn of the station; from one board more.
 
