@@ -94,5 +94,6 @@ def test_held_out_boards_are_left_with_noise() -> None:
     calibrated = np.sqrt(np.mean([one.calibrated**2 for one in held]))
     designed = np.sqrt(np.mean([one.designed**2 for one in held]))
     assert designed > 2.0
-    assert calibrated < 1.1
+    # Below 1 by four times its scatter at most, above by what the calibration itself may add.
+    assert 0.96 < calibrated < 1.1
     assert np.mean([one.improvement for one in fits]) > np.mean([one.improvement for one in held])
