@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from scanner_sim.calibration import selfcal
 from scanner_sim.calibration.adjustment import Adjusted, adjust
 from scanner_sim.calibration.selfcal import self_calibrate
-from scanner_sim.calibration.setup import Setup, field_of, read_setup, reading_slopes
+from scanner_sim.calibration.setup import Setup, common_of_pixels, field_of, read_setup, reading_slopes
 from scanner_sim.calibration.tables import SightingTable
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.ranging.believed import believed_points
@@ -230,3 +230,20 @@ def test_an_adjustment_that_does_not_settle_says_what_to_add(
         self_calibrate(setup, table)
     assert "has not settled" in str(error.value)
     assert "Add stations at another distance" in str(error.value)
+
+
+def test_unlike_pixels_are_common_to_images_that_lie_on_them() -> None:
+    """Claim: G Gᵀ is the covariance of the readings by unlike pixels, (1 − Δ²/2w²) exp(−Δ²/4w²) of images Δ apart, and
+    none between stations. Parts below a thousandth are left out."""
+    image, width = np.array([10.0, 11.0, 40.0, 10.0]), np.array([2.0, 2.0, 2.0, 2.0])
+    pixels, slope = np.array([1e-5, 2e-5, 1e-5, 1e-5]), np.array([-0.1, -0.1, -0.2, -0.1])
+    none = np.zeros((4, 3))
+    table = SightingTable(("a",) * 3 + ("b",), tuple("1234"), none, np.zeros((4, 3, 3)), pixels, image, width)
+    made = common_of_pixels(table, np.array([0, 0, 0, 1]), slope)
+    assert not made[:, :2].any()
+    found = np.einsum("ik,jk->ij", made[:3, 2], made[:3, 2])
+    square = ((image[:3, None] - image[:3]) / 2.0) ** 2
+    read = (slope * pixels)[:3]
+    expected = read[:, None] * read * (1.0 - 0.5 * square) * np.exp(-0.25 * square)
+    np.testing.assert_allclose(found, expected, atol=2e-3 * (read**2).sum())
+    assert (made[3, 2] ** 2).sum() == pytest.approx(1e-12)
