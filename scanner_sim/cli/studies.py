@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from scanner_sim.cli.options import scenario_verb
+from scanner_sim.cli.options import Device, DeviceName, Overwrite, Quiet, scenario_verb
+from scanner_sim.cli.report import reported
 
 if TYPE_CHECKING:
     from scanner_sim.cli.call import Call
@@ -116,3 +117,43 @@ def pose_study(
     from scanner_sim.cli.pose_study import study_scenario
 
     study_scenario(call, diameter=diameter, quick=quick)
+
+
+def selfcal(
+    plan: Annotated[
+        Path,
+        typer.Argument(metavar="BOARDS", help="Plan of the calibration, a YAML file.", show_default=False),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="FILE",
+            help="The calibration, a YAML file; report, tables and pictures stand beside it.",
+            show_default="BOARDS' name with _calib.yaml",
+        ),
+    ] = None,
+    device: Device = DeviceName.auto,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Calibrate an instrument from sightings of boards, and say what they do not tell.
+
+    Example: `scanner-sim selfcal configs/calibration/two_boards.yaml -o calib.yaml`
+
+    Targets on boards or spheres are measured from several stations, simulated with the instrument as built or read from
+    a table of your own. A network adjustment finds the instrument's parameters with their covariance, stations and
+    boards together; what was held out tells how well they hold. The file is used by
+    `processing.calibration: calib.yaml`.
+    """
+    with reported():
+        from scanner_sim.cli.self_calibrating import self_calibrate_plan
+
+        self_calibrate_plan(
+            plan,
+            output or Path(f"{plan.stem}_calib.yaml"),
+            device=device.value,
+            overwrite=overwrite,
+            quiet=quiet,
+        )

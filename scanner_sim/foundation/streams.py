@@ -47,6 +47,7 @@ class Stream(IntEnum):
     VIBRATION = 21
     POWER = 22
     POSES = 40
+    SURVEY = 41
 
 
 def generator(seed: Seed, stream: Stream, shot: UInt32, sample: UInt32) -> Any:

@@ -30,6 +30,7 @@ ROOMS = (
     "analytic",
     "config",
     "instrument",
+    "calibration",
     "validation",
     "campaign",
     "cli",

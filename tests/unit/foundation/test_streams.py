@@ -32,6 +32,7 @@ PINNED = {
     "VIBRATION": 21,
     "POWER": 22,
     "POSES": 40,
+    "SURVEY": 41,
 }
 """The numbers of the streams, once more: a change here is a change of all results."""
 

@@ -1,0 +1,215 @@
+"""The adjustment of a calibration field: against SciPy, without noise, with blunders, and what no field can tell."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from calibration_fields import SURVEY, TOLERANCE, made_field, read
+from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
+
+from scanner_sim.calibration.adjustment import Unknowns, adjust
+from scanner_sim.calibration.network import Field, ScaleBars
+from scanner_sim.calibration.observability import correlations, unobserved
+from scanner_sim.calibration.starts import start_of
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.optics.parameters import INDEX
+from scanner_sim.ranging.believed import VoxelReadings
+
+
+def sought(field: Field) -> list[int]:
+    return [INDEX[name] for name in field.sought]
+
+
+def test_without_noise_the_true_instrument_is_found() -> None:
+    """Claim: exact readings of a drawn instrument give its parameters, to rounding, as far as tolerances let them.
+
+    A tolerance is an observation of zero: it draws each parameter back by a share of its σ² over the tolerance's. With
+    tolerances a thousand times as wide as the truth nothing of that is left but for what no sighting tells.
+    """
+    generator = np.random.default_rng(7)
+    wide = {
+        name: 1e3 * TOLERANCE[name]
+        for name in ("base", "theta_zero", "theta_scale", "phi_scale", "array_offset")
+    }
+    field, truth = made_field(generator, stations=5, boards=3, noise=0.0, tolerance=wide)
+    drawn = {name: 0.7 * TOLERANCE[name] * (-1) ** i for i, name in enumerate(wide)} | {
+        "phi_zero": 0.0,
+        "array_scale": 0.0,
+    }
+    seen = field.sightings
+    believed = read_again(field, drawn)
+    field = replace(field, sightings=replace(seen, readings=VoxelReadings(*believed.T)))
+    found = adjust(field, start_of(field), robust=False)
+    for name in wide:
+        truth[INDEX[name]] = drawn[name]
+    assert found.settled
+    np.testing.assert_allclose(
+        found.unknowns.parameters[sought(field)], truth[sought(field)], atol=1e-3 * min(TOLERANCE.values())
+    )
+    assert np.abs(found.residuals).max() < 1e-3
+
+
+def read_again(field: Field, value: dict[str, float]) -> np.ndarray:
+    """Return what an instrument with given parameters would read of the points that an ideal one has read."""
+    from scanner_sim.ranging.believed import believed_points
+
+    points = believed_points(
+        field.sightings.readings, field.design, np.zeros(len(INDEX)), field.encoder_period
+    ).point
+    return read(points, value)
+
+
+def test_scipy_finds_the_same() -> None:
+    """Claim: parameters and covariance are those of SciPy's least squares with numerical slopes, in a small field.
+
+    The reference adjusts readings by the forward way of the paper, written apart, with rotations of SciPy's. The
+    adjustment's slopes leave out how J changes, which is worth hundredths of σ.
+    """
+    field, _ = made_field(np.random.default_rng(11), stations=3, boards=2)
+    field = field.seeing(np.arange(0, len(field.sightings), 2))
+    start = start_of(field)
+    found = adjust(field, start, robust=False)
+    reference = least_squares(
+        reference_residuals, np.zeros(reference_size(field)), args=(field, start), method="lm", xtol=1e-12
+    )
+    k = len(field.sought)
+    covariance = np.linalg.inv(reference.jac.T @ reference.jac)[:k, :k]
+    sigma = np.sqrt(np.diagonal(covariance))
+    away = (found.unknowns.parameters[sought(field)] / field.tolerances - reference.x[:k]) / sigma
+    assert np.abs(away).max() < 0.03
+    ours = found.covariance / np.outer(field.tolerances, field.tolerances)
+    np.testing.assert_allclose(ours / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=0.01)
+    assert found.cost == pytest.approx(2.0 * reference.cost, rel=1e-3)
+
+
+def reference_size(field: Field) -> int:
+    return len(field.sought) + 6 * len(field.stations) + 6 + 3 * len(field.targets.names)
+
+
+def reference_residuals(x: np.ndarray, field: Field, start: Unknowns) -> np.ndarray:
+    """Return all residuals over σ: at parameters over tolerances, moves of poses, and targets' displacements."""
+    k, n = len(field.sought), len(field.stations)
+    value = dict.fromkeys(TOLERANCE, 0.0) | dict(zip(field.sought, x[:k] * field.tolerances, strict=True))
+    moves = np.concatenate([x[k : k + 6 * n].reshape(n, 6), x[k + 6 * n : k + 6 * n + 6][None]]) * 1e-3
+    displaced = x[k + 6 * n + 6 :].reshape(-1, 3)
+    local = field.targets.places + SURVEY * displaced
+    world = local.copy()
+    second = field.targets.board == 1
+    turn = Rotation.from_rotvec(moves[n, 3:]) * Rotation.from_matrix(start.boards.rotation[1])
+    world[second] = turn.apply(local[second]) + start.boards.position[1] + moves[n, :3]
+    seen = field.sightings
+    residuals = [x[:k], displaced.ravel()]
+    for number in range(n):
+        chosen = seen.station == number
+        turn = Rotation.from_rotvec(moves[number, 3:]) * Rotation.from_matrix(start.stations.rotation[number])
+        points = turn.inv().apply(
+            world[seen.target[chosen]] - start.stations.position[number] - moves[number, :3]
+        )
+        readings = np.stack([seen.readings.theta, seen.readings.phi, seen.readings.measured], axis=1)[chosen]
+        residuals.append(((readings - read(points, value)) / seen.sigma[chosen]).ravel())
+    return np.concatenate(residuals)
+
+
+def test_a_blunder_counts_less_and_is_pointed_at() -> None:
+    """Claim: a target that was mistaken by 200 σ keeps a small weight, and moves no parameter by more than one σ."""
+    field, _ = made_field(np.random.default_rng(3), stations=4, boards=2)
+    clean = adjust(field, start_of(field))
+    theta = field.sightings.readings.theta.copy()
+    theta[10] += 200.0 * field.sightings.sigma[10, 0]
+    readings = replace(field.sightings.readings, theta=theta)
+    wrong = replace(field, sightings=replace(field.sightings, readings=readings))
+    found = adjust(wrong, start_of(wrong))
+    assert found.weights.argmin() == 10
+    assert found.weights[10] < 0.05
+    sigma = np.sqrt(np.diagonal(clean.covariance))
+    moved = (found.unknowns.parameters - clean.unknowns.parameters)[sought(field)]
+    assert np.abs(moved / sigma).max() < 1.0
+    plain = adjust(wrong, start_of(wrong), robust=False)
+    assert np.abs((plain.unknowns.parameters - clean.unknowns.parameters)[sought(field)] / sigma).max() > 3.0
+
+
+def test_what_a_station_has_in_common_is_where_the_loss_is_least() -> None:
+    """Claim: with errors u in common the adjustment settles where u = Σ (L⁻¹G)ᵀ v of each station: the loss, the sum of
+    v² and u², does not change there with u. A station that read with such errors is told so."""
+    field, _ = made_field(np.random.default_rng(8), stations=3)
+    seen = field.sightings
+    common = np.zeros((len(seen), 3, 1))
+    common[:, 2, 0] = 2e-6
+    place = seen.readings.measured + np.where(seen.station == 1, 3e-6, 0.0)
+    readings = replace(seen.readings, measured=place)
+    field = replace(field, sightings=replace(seen, readings=readings, common=common))
+    found = adjust(field, start_of(field), robust=False)
+    assert found.settled
+    shared = np.linalg.solve(seen.root, common)[..., 0]
+    for station, value in enumerate(found.unknowns.common[:, 0]):
+        own = seen.station == station
+        # A step that promises less than a thousandth of σ ends the search.
+        assert value == pytest.approx((shared[own] * found.residuals[own]).sum(), abs=0.01)
+    assert found.unknowns.common[1, 0] > found.unknowns.common[[0, 2], 0].max() + 0.5
+
+
+def test_a_single_board_leaves_combinations_unobserved() -> None:
+    """Claim: what no field can tell is named: the zero of φ, which is a turn of the station; from one board more.
+
+    With D_g = 50 mm a turn by the zero of φ displaces the second axis by micrometres, which the stations take up.
+    """
+    one, _ = made_field(np.random.default_rng(5), stations=2, boards=1)
+    more, _ = made_field(np.random.default_rng(5), stations=6, boards=3)
+    few = unobserved(one, adjust(one, start_of(one)))
+    least = unobserved(more, adjust(more, start_of(more)))
+    assert any(combination.parts[0][0] == "phi_zero" for combination in least)
+    assert len(few) >= len(least)
+    assert few[0].sigma >= least[0].sigma
+    assert all(combination.sigma > 1.0 for combination in (*few, *least))
+    assert "phi_zero" in " ".join(combination.words for combination in least)
+
+
+def test_a_direction_that_nothing_tells_has_no_number() -> None:
+    """Claim: base and the scale of the array, beside a focal length that is right, act on ranges alike but for second
+    order: where both are sought, one combination is next to unknown, and their correlation is near one."""
+    tolerance = {"base": 1e-3, "array_scale": 5e-3}
+    field, _ = made_field(np.random.default_rng(9), stations=4, boards=2, tolerance=tolerance, survey=0.0)
+    found = adjust(field, start_of(field))
+    assert abs(correlations(found)[0, 1]) > 0.9
+
+
+def test_scale_bars_carry_the_scale_where_the_survey_does_not() -> None:
+    """Claim: with targets surveyed to 10 mm only, a bar of 10 µm between two boards takes most of the base's σ away."""
+    generator = np.random.default_rng(13)
+    tolerance = {"base": 1e-3}
+    loose, _ = made_field(generator, stations=4, boards=2, tolerance=tolerance, survey=0.0)
+    loose = replace(loose, targets=replace(loose.targets, sigma=1e-2))
+    before = adjust(loose, start_of(loose))
+    placed = before.unknowns.boards
+    targets = loose.targets
+    world = (
+        np.einsum("nij,nj->ni", placed.rotation[targets.board], targets.places)
+        + placed.position[targets.board]
+    )
+    first, second = np.array([0, 5]), np.array([len(targets.names) - 1, len(targets.names) - 6])
+    length = np.linalg.norm(world[second] - world[first], axis=1)
+    barred = replace(loose, bars=ScaleBars(first, second, length, np.full(2, 1e-5)))
+    after = adjust(barred, start_of(barred))
+    assert after.freedom == before.freedom + 2
+    assert after.covariance[0, 0] < 0.5 * before.covariance[0, 0]
+
+
+@pytest.mark.parametrize("depth", [0.0, 0.2])
+def test_a_mirrored_board_is_a_fault(depth: float) -> None:
+    """A flat one, whose mirror image is its back, and one whose targets stand at several depths."""
+    field, _ = made_field(np.random.default_rng(2), depth=depth)
+    start_of(field)
+    places = field.targets.places.copy()
+    places[field.targets.board == 1, 0] *= -1.0
+    with pytest.raises(InputError, match="as in a mirror"):
+        start_of(replace(field, targets=replace(field.targets, places=places)))
+
+
+def test_a_station_that_sees_no_board_of_the_others_is_a_fault() -> None:
+    field, _ = made_field(np.random.default_rng(2), stations=3)
+    few = np.flatnonzero((field.sightings.station != 2) | (np.arange(len(field.sightings)) % 9 == 0))
+    with pytest.raises(InputError, match="station s2"):
+        start_of(field.seeing(few))

@@ -1,0 +1,249 @@
+"""Plans of self-calibrations: their faults, their fields, and what of a field cannot be adjusted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from calibration_fields import DESIGN, made_field
+from scipy.spatial.transform import Rotation
+
+from scanner_sim.calibration import selfcal
+from scanner_sim.calibration.adjustment import Adjusted, adjust
+from scanner_sim.calibration.selfcal import self_calibrate
+from scanner_sim.calibration.setup import Setup, common_of_pixels, field_of, read_setup, reading_slopes
+from scanner_sim.calibration.tables import SightingTable
+from scanner_sim.foundation.errors import InputError, ScenarioError
+from scanner_sim.ranging.believed import believed_points
+from scanner_sim.ranging.coordinates import angles_and_range, coordinates
+
+PLAN = """\
+schema: 1
+base: base.yaml
+seed: 4
+parameters: {base: 0.1 mm, theta_zero: 0.2 mrad}
+survey: 0.1 mm
+boards:
+  - {name: near, array: {rows: 3, columns: 3, spacing: [0.2 m, 0.2 m], diameter: 50 mm, plate: 0.1 m},
+     position: [0 m, 0 m, 2 m]}
+  - {name: far, array: {rows: 2, columns: 3, spacing: [0.3 m, 0.3 m], diameter: 80 mm, plate: 0.2 m},
+     position: [0.5 m, 0 m, 4 m]}
+stations: [{name: s1}, {name: s2, position: [0.2 m, 0 m, -0.3 m]}]
+"""
+BASE = "schema: 1\nscan: {type: raster, rows: 4, columns: 4, horizontal: [-5 deg, 5 deg], vertical: [-5 deg, 5 deg]}\n"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "base.yaml").write_text(BASE, encoding="utf-8")
+    return tmp_path
+
+
+def setup_of(folder: Path, *changes: tuple[str, str]) -> Setup:
+    text = PLAN
+    for was, now in changes:
+        assert was in text
+        text = text.replace(was, now)
+    (folder / "plan.yaml").write_text(text, encoding="utf-8")
+    return read_setup(folder / "plan.yaml")
+
+
+def exact(setup: Setup) -> SightingTable:
+    """Return sightings without errors of every target from every station."""
+    station, target, position = [], [], []
+    for one in setup.plan.stations:
+        pose = one.field_from_here()
+        points = (setup.standing - pose[:3, 3]) @ pose[:3, :3]
+        r, theta, phi = angles_and_range(
+            points[:, 0], points[:, 1], points[:, 2], setup.design.axis_separation
+        )
+        station += [one.name] * len(points)
+        target += setup.names
+        position.append(np.stack([theta, phi, r], axis=1))
+    places = np.concatenate(position)
+    covariance = np.tile(np.diag([1e-10, 1e-10, 1e-8]), (len(places), 1, 1))
+    none = np.zeros(len(places))
+    return SightingTable(tuple(station), tuple(target), places, covariance, none, none, none + 1.0)
+
+
+def some(table: SightingTable, kept: list[int]) -> SightingTable:
+    """Return some sightings of a table."""
+    return SightingTable(
+        tuple(table.station[i] for i in kept),
+        tuple(table.target[i] for i in kept),
+        *(
+            getattr(table, name)[kept]
+            for name in ("position", "covariance", "pixels", "image", "image_width")
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "words"),
+    [
+        ("base: 0.1 mm", "base: 0.1", "parameters.base: 0.1 has no unit"),
+        ("base: 0.1 mm", "bse: 0.1 mm", "parameters.bse: there is no such key. Did you mean 'base'?"),
+        ("base: 0.1 mm, ", "tof_zero: 1 mm, ", "parameters.tof_zero: triangulation does not see it"),
+        ("{base: 0.1 mm, theta_zero: 0.2 mrad}", "{}", "parameters: nothing is looked for"),
+        ("base: 0.1 mm, ", "phi_sine: 1 urad, ", "encoder_period: the encoders' periodic errors need"),
+        ("name: far", "name: near", "boards[1].name (object 'near'): 'near' is there already"),
+        ("{name: s1}", "{name: s2}", "stations[1].name (object 's2'): 's2' is there already"),
+        (
+            "stations: [{name: s1}, {name: s2, position: [0.2 m, 0 m, -0.3 m]}]",
+            "",
+            "stations: there are none",
+        ),
+        (
+            "position: [0.5 m",
+            "points: base.yaml, position: [0.5 m",
+            "is none of the kinds that are read here: .csv",
+        ),
+        ("[{name: s1}", "[{name: s1, held_out: true}", ""),
+        (
+            "seed: 4",
+            "scale_bars: [{between: [near/1, fra/2], sigma: 1 mm}]",
+            "there is no board 'fra'. Did you mean",
+        ),
+        ("seed: 4", "scale_bars: [{between: [near/1, far/7], sigma: 1 mm}]", "board far has no target '7'"),
+        ("seed: 4", "scale_bars: [{between: [far/1, far/1], sigma: 1 mm}]", "both ends are one target"),
+        ("seed: 4", "ranging: both", "ranging: 'both' is not possible here"),
+    ],
+)
+def test_faults_of_a_plan_have_place_and_remedy(folder: Path, was: str, now: str, words: str) -> None:
+    if not words:
+        assert setup_of(folder, (was, now)).plan.stations[0].held_out
+        return
+    with pytest.raises(ScenarioError) as error:
+        setup_of(folder, (was, now))
+    assert words in str(error.value)
+
+
+def test_an_instrument_of_both_ways_must_be_told_which(folder: Path) -> None:
+    (folder / "base.yaml").write_text(BASE + "ranging: both\n", encoding="utf-8")
+    with pytest.raises(ScenarioError, match="a calibration goes by one of them"):
+        setup_of(folder)
+    assert setup_of(folder, ("seed: 4", "ranging: tof")).rangefinder == "tof"
+
+
+def test_survey_and_bars_of_what_is_simulated_err_by_their_sigma(folder: Path) -> None:
+    """Claim: the adjustment sees targets that are off by the survey's σ, and a bar by its own; held to 6 σ and to the
+    χ² of 45 coordinates within its 1e-6 quantiles."""
+    bar = "scale_bars: [{between: [near/1, far/2], sigma: 1 mm}, {between: [near/1, far/2], length: 2 m, sigma: 1 mm}]"
+    setup = setup_of(folder, ("survey", f"{bar}\nsurvey"))
+    true = np.concatenate([np.array(list(places.values())) for places in setup.places.values()])
+    off = (setup.surveyed().places - true) / 1e-4
+    assert 8.0 < (off**2).sum() < 110.0
+    ends = setup.standing[[0, 10]]
+    lengths = setup.bars().length
+    assert 0.0 < abs(lengths[0] - np.linalg.norm(ends[1] - ends[0])) < 6e-3
+    assert lengths[1] == 2.0
+
+
+@pytest.mark.parametrize("by", ["triangulation", "coaxial", "offset"])
+def test_slopes_of_readings_are_those_of_the_observation_equation(by: str) -> None:
+    """Claim: ∂readings/∂(Θ, φ, R) undoes ∂point/∂readings, up to ∂point/∂(Θ, φ, R) of eq 3 by differences."""
+    position = np.array([[0.1, -0.2, 2.5], [-0.3, 0.3, 6.0]])
+    slopes = reading_slopes(DESIGN, by, position)  # type: ignore[arg-type]
+
+    def points(place: np.ndarray) -> np.ndarray:
+        theta, phi, r = place.T
+        return np.stack(coordinates(r, theta, phi, DESIGN.axis_separation), axis=-1)
+
+    steps = 1e-6 * np.eye(3)
+    expected = np.stack(
+        [(points(position + step) - points(position - step)) / 2e-6 for step in steps], axis=-1
+    )
+    from scanner_sim.ranging.calibration import ideal_readings
+
+    readings = ideal_readings(DESIGN, by, position[:, 2], position[:, 0], position[:, 1])  # type: ignore[arg-type]
+    believed = believed_points(readings, DESIGN, np.zeros(23))
+    np.testing.assert_allclose(believed.by_readings @ slopes, expected, atol=1e-7)
+
+
+def test_readings_that_err_together_weigh_by_their_covariance() -> None:
+    """Claim: an adjustment by whitened readings is the one by readings that are mixed with a known matrix: Θ and φ of
+    each sighting swapped for their sum and difference have another root, and the same result."""
+    field, _ = made_field(np.random.default_rng(6), stations=3)
+    plain = adjust(field, selfcal.start_of(field), robust=False)
+    turn = Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix()
+    mixed = replace(field, sightings=replace(field.sightings, root=field.sightings.root @ turn))
+    again = adjust(mixed, selfcal.start_of(mixed), robust=False)
+    np.testing.assert_allclose(again.unknowns.parameters, plain.unknowns.parameters, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(again.covariance, plain.covariance, rtol=1e-6)
+    np.testing.assert_allclose(mixed.sightings.sigma, field.sightings.sigma, rtol=1e-12)
+
+
+def test_exact_sightings_leave_an_instrument_as_designed(folder: Path) -> None:
+    setup = setup_of(folder, ("survey: 0.1 mm", "survey: 0 mm"))
+    found = self_calibrate(setup, exact(setup))
+    assert np.abs(found.values / [1e-4, 2e-4]).max() < 1e-6
+    assert found.adjusted.unit_weight < 1e-3
+    assert found.held is None
+    assert found.held_out is None
+
+
+def test_what_is_held_out_is_not_seen(folder: Path) -> None:
+    """Claim: sightings of a held-out board that are far off change nothing, and are told by its misfit."""
+    setup = setup_of(folder, ("name: far", "held_out: true, name: far"))
+    table = exact(setup)
+    wrong = table.position.copy()
+    wrong[[name == "far/2" for name in table.target], 0] += 1e-3
+    clean, found = self_calibrate(setup, table), self_calibrate(setup, replace(table, position=wrong))
+    np.testing.assert_array_equal(found.values, clean.values)
+    assert found.field.targets.boards == ("near",)
+    assert found.held_out is not None
+    assert clean.held_out is not None
+    assert found.held_out.calibrated > 5.0 * clean.held_out.calibrated
+
+
+def test_a_board_that_nobody_sees_is_named(folder: Path) -> None:
+    setup = setup_of(folder)
+    table = exact(setup)
+    kept = [index for index, name in enumerate(table.target) if not name.startswith("far")]
+    few = some(table, kept)
+    with pytest.raises(InputError, match="no sightings of board far"):
+        field_of(setup, few)
+
+
+def test_too_few_sightings_of_a_station_are_named(folder: Path) -> None:
+    setup = setup_of(folder)
+    table = exact(setup)
+    kept = [i for i, name in enumerate(table.station) if name == "s1" or i % 7 == 0]
+    few = some(table, kept)
+    with pytest.raises(InputError, match="station s2: not tied"):
+        self_calibrate(setup, few)
+
+
+def test_an_adjustment_that_does_not_settle_says_what_to_add(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unsettled(*_: object) -> Adjusted:
+        return replace(adjust(field, selfcal.start_of(field)), settled=False)
+
+    setup = setup_of(folder, ("boards:", "boards:"))
+    table = exact(setup)
+    field = field_of(setup, table)
+    monkeypatch.setattr(selfcal, "adjust", unsettled)
+    with pytest.raises(InputError) as error:
+        self_calibrate(setup, table)
+    assert "has not settled" in str(error.value)
+    assert "Add stations at another distance" in str(error.value)
+
+
+def test_unlike_pixels_are_common_to_images_that_lie_on_them() -> None:
+    """Claim: G Gᵀ is the covariance of the readings by unlike pixels, (1 − Δ²/2w²) exp(−Δ²/4w²) of images Δ apart, and
+    none between stations. Parts below a thousandth are left out."""
+    image, width = np.array([10.0, 11.0, 40.0, 10.0]), np.array([2.0, 2.0, 2.0, 2.0])
+    pixels, slope = np.array([1e-5, 2e-5, 1e-5, 1e-5]), np.array([-0.1, -0.1, -0.2, -0.1])
+    none = np.zeros((4, 3))
+    table = SightingTable(("a",) * 3 + ("b",), tuple("1234"), none, np.zeros((4, 3, 3)), pixels, image, width)
+    made = common_of_pixels(table, np.array([0, 0, 0, 1]), slope)
+    assert not made[:, :2].any()
+    found = np.einsum("ik,jk->ij", made[:3, 2], made[:3, 2])
+    square = ((image[:3, None] - image[:3]) / 2.0) ** 2
+    read = (slope * pixels)[:3]
+    expected = read[:, None] * read * (1.0 - 0.5 * square) * np.exp(-0.25 * square)
+    np.testing.assert_allclose(found, expected, atol=2e-3 * (read**2).sum())
+    assert (made[3, 2] ** 2).sum() == pytest.approx(1e-12)

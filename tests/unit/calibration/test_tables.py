@@ -1,0 +1,113 @@
+"""Tables of sightings and surveys: what comes back, and every fault at its line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scanner_sim.calibration.tables import (
+    SightingTable,
+    points_text,
+    read_points,
+    read_sightings,
+    sightings_text,
+)
+from scanner_sim.foundation.errors import InputError, ScenarioError
+
+HEAD = "station,target,theta_rad,phi_rad,range_m,sigma_theta_rad,sigma_phi_rad,sigma_range_m"
+ROW = "s1,near/1,0.1,0.2,3,1e-5,1e-5,1e-4"
+
+
+@pytest.fixture
+def table(tmp_path: Path) -> Path:
+    return tmp_path / "table.csv"
+
+
+def test_sightings_come_back(table: Path) -> None:
+    root = np.random.default_rng(3).normal(size=(2, 3, 3)) * [[1e-5], [1e-5], [1e-4]]
+    made = SightingTable(
+        ("s1", "s2"),
+        ("near/1", "near/b"),
+        np.array([[0.1, -0.2, 3.0], [0.0, 0.3, 4.5]]),
+        root @ np.swapaxes(root, 1, 2),
+        np.array([1e-5, 0.0]),
+        np.array([300.25, 410.5]),
+        np.array([1.25, 1.5]),
+    )
+    table.write_text(sightings_text(made, "0123456789ab"), encoding="utf-8")
+    found = read_sightings(table, "0123456789ab", ("near/1", "near/b"))
+    assert (found.station, found.target) == (made.station, made.target)
+    np.testing.assert_array_equal(found.position, made.position)
+    for name in ("pixels", "image", "image_width"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
+    np.testing.assert_allclose(found.covariance, made.covariance, rtol=1e-14)
+
+
+def test_points_come_back_board_by_board(table: Path) -> None:
+    boards = {"a": {"1": (0.0, 0.25, -1e-3), "2": (1.0, 0.0, 0.0)}, "b": {"1": (0.5, 0.5, 0.1)}}
+    table.write_text(points_text(boards), encoding="utf-8")
+    for name, places in boards.items():
+        assert read_points(table, name) == places
+    with pytest.raises(InputError, match="no targets of board c"):
+        read_points(table, "c")
+
+
+@pytest.mark.parametrize(
+    ("rows", "words"),
+    [
+        ([ROW, ROW], "line 3, target: station s1 has seen 'near/1' in line 2 already"),
+        (
+            [ROW.replace("near", "nera")],
+            "line 2, target: there is no target 'nera/1'. Did you mean 'near/1'?",
+        ),
+        ([ROW.replace("0.1", "x")], "line 2, theta_rad: 'x' is no number"),
+        ([ROW.replace("0.1", "nan")], "line 2, theta_rad: nan is not within"),
+        ([ROW.replace(",3,", ",-3,")], "line 2, range_m: -3 m is no range"),
+        ([ROW.replace("1e-4", "0")], "line 2, sigma_range_m: a standard deviation is above 0"),
+        ([ROW.replace("s1", "")], "line 2, station: it is empty"),
+        ([ROW + ",1"], "line 2, : it has 9 cells"),
+    ],
+)
+def test_faults_of_rows_have_their_line(table: Path, rows: list[str], words: str) -> None:
+    table.write_text("\n".join([HEAD, *rows]), encoding="utf-8")
+    with pytest.raises(ScenarioError) as error:
+        read_sightings(table, "0123456789ab", ("near/1", "near/2"))
+    assert words.replace(", :", ", scenario:") in str(error.value) or words in str(error.value)
+
+
+def test_a_covariance_that_is_none_is_a_fault(table: Path) -> None:
+    head = f"{HEAD},cov_theta_phi_rad2"
+    table.write_text(f"{head}\n{ROW},2e-10\n", encoding="utf-8")
+    with pytest.raises(ScenarioError, match="not positive definite"):
+        read_sightings(table, "0123456789ab", ("near/1",))
+    table.write_text(f"{head}\n{ROW},5e-11\n", encoding="utf-8")
+    assert read_sightings(table, "0123456789ab", ("near/1",)).covariance[0, 0, 1] == 5e-11
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "has no column station"),
+        ("station,target\n", "has no column theta_rad"),
+        (HEAD, "holds no sightings"),
+        (HEAD + ",station\n" + ROW + ",s2", "a column twice"),
+        (
+            f"# scanner-sim sightings of instrument ba9876543210\n{HEAD}\n{ROW}",
+            "of the instrument ba9876543210",
+        ),
+    ],
+)
+def test_a_table_that_is_none_is_refused(table: Path, text: str, words: str) -> None:
+    table.write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        read_sightings(table, "0123456789ab", ("near/1",))
+
+
+def test_targets_are_neither_named_nor_placed_twice(table: Path) -> None:
+    table.write_text("target,x_m,y_m,z_m\na,0,0,0\na,1,0,0\nb,0,0,0\n", encoding="utf-8")
+    with pytest.raises(ScenarioError) as error:
+        read_points(table, "near")
+    assert "line 3, target: 'a' is there twice" in str(error.value)
+    assert "line 4, target: 'b' is where 'a' is" in str(error.value)
