@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_memory import for_device
+from scanner_sim.foundation.device_streams import device_seeds, generator
 from scanner_sim.foundation.device_types import Float, UInt32, Vector4f
-from scanner_sim.foundation.streams import Seed, Stream, device_seeds, generator
+from scanner_sim.foundation.streams import Seed, Stream
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.render.shots import draw_errors
 

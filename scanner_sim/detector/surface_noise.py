@@ -17,8 +17,9 @@ from typing import Protocol
 import drjit as dr
 import drjit.auto.ad as auto
 
+from scanner_sim.foundation.device_streams import generator
 from scanner_sim.foundation.device_types import Float, Int32, UInt32, Vector3f
-from scanner_sim.foundation.streams import Seed, Stream, generator
+from scanner_sim.foundation.streams import Seed, Stream
 
 FINE = 0.75
 """Pitch of the lattice of the energy and the centroid, in 1/e² radii of the beam."""

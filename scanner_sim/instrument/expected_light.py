@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.foundation.device_numbers import beside
+from scanner_sim.foundation.device_streams import RunSeeds
 from scanner_sim.foundation.device_types import Float
-from scanner_sim.foundation.streams import RunSeeds
 from scanner_sim.optics.filter import laser_gain
 from scanner_sim.signals.line.expected import ExpectedSpot
 

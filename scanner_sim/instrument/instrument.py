@@ -18,9 +18,9 @@ from scanner_sim.config.calibration import believed_instrument, geometry_believe
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import read_encoders, readings
 from scanner_sim.foundation.channels import CHANNEL, MEASURED_BY
+from scanner_sim.foundation.device_streams import RunSeeds, device_seeds
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
-from scanner_sim.foundation.streams import RunSeeds, device_seeds
 from scanner_sim.instrument.background_rows import rows_about
 from scanner_sim.instrument.common_errors import add_common_errors
 from scanner_sim.instrument.line_readings import ShotGroup

@@ -28,8 +28,9 @@ from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.detector.photodiode.waveform import ClockErrors, Waveforms, record
 from scanner_sim.foundation.channels import Channel
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.device_streams import RunSeeds
 from scanner_sim.foundation.device_types import Float
-from scanner_sim.foundation.streams import RunSeeds, Seed
+from scanner_sim.foundation.streams import Seed
 from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.rangefinder import Reading
 from scanner_sim.optics.band_irradiance import band_irradiance

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.foundation.streams import RunSeeds, device_seeds
+from scanner_sim.foundation.device_streams import RunSeeds, device_seeds
 from scanner_sim.products.settings import Output
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import LoadedScene, Pose, device_poses

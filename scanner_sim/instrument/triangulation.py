@@ -22,8 +22,9 @@ from scanner_sim.detector.line.exposure import (
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.detector.line.speckle import LineSpeckle, line_speckle
 from scanner_sim.foundation.device_numbers import beside
+from scanner_sim.foundation.device_streams import RunSeeds
 from scanner_sim.foundation.device_types import Float
-from scanner_sim.foundation.streams import RunSeeds, Seed
+from scanner_sim.foundation.streams import Seed
 from scanner_sim.instrument.background_rows import scan_rows
 from scanner_sim.instrument.expected_light import expected_spot, white_light
 from scanner_sim.instrument.line_readings import LineReadings, ShotGroup

@@ -10,8 +10,9 @@ import mitsuba as mi
 import numpy as np
 
 from scanner_sim.foundation.device_memory import for_device
+from scanner_sim.foundation.device_streams import generator
 from scanner_sim.foundation.device_types import Float, UInt32, Vector3f
-from scanner_sim.foundation.streams import Seed, Stream, generator
+from scanner_sim.foundation.streams import Seed, Stream
 from scanner_sim.optics.built_instrument import BuiltInstrument, Unsteadiness
 from scanner_sim.optics.deflection import Frame
 

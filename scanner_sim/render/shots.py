@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.device_memory import for_device
+from scanner_sim.foundation.device_streams import RunSeeds, generator
 from scanner_sim.foundation.device_types import Float, UInt32
-from scanner_sim.foundation.streams import RunSeeds, Seed, Stream, generator
+from scanner_sim.foundation.streams import Seed, Stream
 from scanner_sim.optics.built_instrument import BuiltInstrument, still_errors
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.render.rays import take_poses

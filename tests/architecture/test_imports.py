@@ -49,7 +49,7 @@ DEVICE_FILES = {
         "scene/files/built_scene.py",
         "scene/files/loader.py",
         "foundation/device_numbers.py",
-        "foundation/streams.py",
+        "foundation/device_streams.py",
     },
 }
 NUMPY_ROOMS = {"ranging", "tracking", "pose"}

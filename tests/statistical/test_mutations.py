@@ -150,8 +150,8 @@ def baseline(patch: Patch) -> None:
     """Turn the base's sign round in d sinΘ of eq 1."""
     from scanner_sim.ranging import ranges
 
-    def changed(original: Any, p: Any, theta: Any, f: float, d: float) -> Any:
-        return original(p, theta, f, d) - 2.0 * d * np.sin(theta)
+    def changed(original: Any, p: Any, theta: Any, f: float, d: float, slope: float) -> Any:
+        return original(p, theta, f, d, slope) - 2.0 * d * np.sin(theta)
 
     wrapped(patch, ranges, "range_from_position", changed)
 
@@ -202,9 +202,9 @@ def envelope(patch: Patch) -> None:
     """Let speckle average over the whole spot, as if its blur held packets of its own."""
     from scanner_sim.detector.line import speckle
 
-    def changed(original: Any, optics: Any, along: Any, across: Any) -> Any:
+    def changed(original: Any, optics: Any, along: Any, across: Any, seen: Any) -> Any:
         blur = optics.aberration**2 + optics.diffusion**2
-        return original(optics, along + blur, across + blur)
+        return original(optics, along + blur, across + blur, seen)
 
     wrapped(patch, speckle, "packets_of", changed)
 

@@ -193,11 +193,11 @@ def bias_at_four_places(bench: InstrumentNumbers, distance: float, separation: f
     Each place is that of the shot straight ahead; over the plate, which is flat, the spot moves by a part of a pixel.
     """
     beam = bench.waist_radius, bench.waist_distance, bench.wavelength, bench.m_squared
-    image = 0.5 * float(beam_radius(distance, *beam)) * bench.focal_length / distance
+    image = 0.5 * float(beam_radius(distance, *beam)) * bench.array.focal_length / distance
     along = float(np.sqrt(image**2 + bench.aberration**2 + bench.diffusion**2)) / bench.pitch
     angles = np.linspace(-HALF, HALF, 22)
     theta, phi = (angle.ravel() for angle in np.meshgrid(angles, angles))
-    optics = bench.focal_length, bench.baseline
+    optics = bench.array.focal_length, bench.array.baseline
     flat = geometry.range_to_plane(theta, phi, separation, (0.0, 0.0, distance), (0.0, 0.0, -1.0))
     moved = (
         geometry.image_position(flat, theta, *optics) - geometry.image_position(distance, 0.0, *optics)

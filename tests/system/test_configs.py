@@ -90,7 +90,11 @@ def test_it_tracks(path: Path, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("path", SHOTS, ids=lambda path: path.stem)
 def test_it_gives_shots(path: Path, tmp_path: Path) -> None:
-    """Claim: nearly all have a range, and half of the errors are below 0.67 σ, those on edges included."""
+    """Claim: nearly all have a range, and half of the errors are below 0.67 σ, those on edges included.
+
+    A beam at rest sees one patch of a surface that rests, and so one draw of its speckle: all errors there are alike,
+    and normal to 3.9 σ but for 10⁻⁴ of the seeds.
+    """
     arguments = ["run", str(path), "-o", str(tmp_path / "out"), "--device", "cpu"]
     result = CliRunner().invoke(app, [*arguments, "--set", "output.pictures=false"])
     assert result.exit_code == 0, result.output
@@ -99,7 +103,8 @@ def test_it_gives_shots(path: Path, tmp_path: Path) -> None:
     assert shots.valid.mean() > 0.9
     layer = "fused." if "fused.range_m" in shots else ""
     error = np.abs(shots[f"{layer}range_m"] - shots["truth.range_m"])
-    assert np.nanmedian(error / shots[f"{layer}sigma_range_m"]) < 1.0
+    most = 3.9 if load_scenario(path).open_scan.type == "fixed" else 1.0
+    assert np.nanmedian(error / shots[f"{layer}sigma_range_m"]) < most
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
+from scanner_sim.foundation.device_streams import RunSeeds, generator
 from scanner_sim.foundation.device_types import Float, Mask, UInt32
-from scanner_sim.foundation.streams import RunSeeds, Seed, Stream, generator
+from scanner_sim.foundation.streams import Seed, Stream
 
 LinePower = Callable[[UInt32, UInt32], tuple[Float, Float]]
 """Power on a pixel of the line and on the next [W] as a function of (pixel, index of the shot in its group)."""

@@ -25,8 +25,9 @@ from scanner_sim.detector.photodiode.noise_colour import colouring_taps, light_n
 from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.detector.photodiode.pulse_response import DeviceResponse, PulseResponse
 from scanner_sim.foundation.constants import SPEED_OF_LIGHT
+from scanner_sim.foundation.device_streams import generator
 from scanner_sim.foundation.device_types import Float, Int32, UInt32
-from scanner_sim.foundation.streams import Seed, Stream, generator
+from scanner_sim.foundation.streams import Seed, Stream
 from scanner_sim.optics.pulse import Pulse
 
 BLOCK = 64

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.detector.encoders import reading_normals
+from scanner_sim.foundation.device_streams import RunSeeds, device_seeds
 from scanner_sim.foundation.device_types import Float, Mask, UInt32, UInt64
-from scanner_sim.foundation.streams import RunSeeds, device_seeds
 from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows, seen_by
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.line_readings import LineReadings

@@ -22,8 +22,8 @@ from typing import TypeAlias
 
 import numpy as np
 
+from scanner_sim.foundation.device_streams import device_seeds
 from scanner_sim.foundation.device_types import Float, UInt64
-from scanner_sim.foundation.streams import device_seeds
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_slots import TimeSlots, middle
 from scanner_sim.render.background.panorama import Panorama, render_panorama

@@ -15,8 +15,9 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_streams import generator
 from scanner_sim.foundation.device_types import Ray3f, UInt32, Vector3f, Vector4f
-from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background import sky
 from scanner_sim.render.background.paths import trace_paths
 from scanner_sim.render.rays import is_occluded

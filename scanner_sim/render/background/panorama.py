@@ -28,8 +28,9 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_streams import generator
 from scanner_sim.foundation.device_types import Float, Mask, UInt32, Vector3f, Vector4f
-from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background.filtering import Features, convolve_rows, smooth
 from scanner_sim.render.background.paths import FirstHit, PathSums, sum_paths
 from scanner_sim.render.background.sharp import contrast, evenly_sharp_light, sharp_light

@@ -16,8 +16,9 @@ import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.foundation.device_streams import generator
 from scanner_sim.foundation.device_types import Float, UInt32, Vector3f, Vector4f
-from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background.paths import trace_paths
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.rays import intersect, is_occluded

@@ -14,8 +14,9 @@ import math
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_streams import generator
 from scanner_sim.foundation.device_types import Float, UInt32
-from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.background.paths import trace_sharp
 from scanner_sim.render.background.sky import SkyLight
 from scanner_sim.render.background.view import PanoramaView, Window, counted, rays_through

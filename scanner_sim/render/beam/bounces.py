@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import drjit as dr
 import mitsuba as mi
 
+from scanner_sim.foundation.device_streams import generator
 from scanner_sim.foundation.device_types import Float, Mask, SurfaceInteraction3f
-from scanner_sim.foundation.streams import Stream, generator
+from scanner_sim.foundation.streams import Stream
 from scanner_sim.render.beam.beamlets import Beamlets
 from scanner_sim.render.beam.projection import Projection, Spots
 from scanner_sim.render.rays import leaving_rays, pose_scene

@@ -11,7 +11,8 @@ import pytest
 from scipy import stats
 
 import scanner_sim
-from scanner_sim.foundation.streams import Seed, Stream, generator, host_generator
+from scanner_sim.foundation.device_streams import generator
+from scanner_sim.foundation.streams import Seed, Stream, host_generator
 from scanner_sim.render.device import Device
 
 PINNED = {
