@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from scanner_sim import Scenario, load_scenario
-from scanner_sim.config import load_scanner, resolved_yaml, scenario_from_text
+from scanner_sim.config import load_scanner, resolved_yaml, scenario_from_text, scenario_warnings
 from scanner_sim.config.outline import outline
 from scanner_sim.config.preset import MARKS, preset_text, read_preset, shipped_presets
 from scanner_sim.config.scanner import Scanner
@@ -367,6 +367,12 @@ def test_an_instrument_that_sees_nothing_is_one_fault(scanner: str, words: str, 
 
 def test_a_laser_that_drifts_out_of_its_filter_is_no_fault(tmp_path: Path) -> None:
     assert scenario(tmp_path, "{laser: {drift: 50 nm}}").scanner.laser.line == pytest.approx(1.55e-6)
+
+
+def test_a_filter_that_misses_near_ranges_alone_is_no_fault(tmp_path: Path) -> None:
+    """At 1.56 m the laser's light comes in at 0.13 rad, and the band lies 3 nm off; far ranges pass."""
+    narrow = scenario(tmp_path, "{filter: {bandwidth: 4 nm}}")
+    assert any("misses the laser" in words for words in scenario_warnings(narrow))
 
 
 def test_a_circle_of_two_is_told(tmp_path: Path) -> None:

@@ -1,0 +1,38 @@
+"""Simulated sightings: which visits count, and what of their errors a mean takes away."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from made_track import make_track
+
+from scanner_sim.calibration.simulated import _mean
+from scanner_sim.tracking.record import TrackStatus
+from scanner_sim.tracking.state import TrackMode
+
+
+def test_a_sighting_is_the_mean_of_the_visits_that_followed() -> None:
+    """Claim: visits that search do not count; white parts fall with the number of visits, lasting ones do not.
+
+    What unlike pixels do is told apart, as a standard deviation.
+    """
+    track = make_track(seconds=1.2)
+    target = track.targets[0].name
+    records = [
+        replace(
+            one, mode=TrackMode.TRACK, errors=replace(one.errors, pixels=4e-8, image=80.0, image_width=1.2)
+        )
+        for one in track.of(target)
+        if one.status is TrackStatus.MEASURED
+    ]
+    assert len(records) > 3
+    astray = replace(records[0], mode=TrackMode.ACQUIRE, position=records[0].position + 1.0)
+    found = _mean(replace(track, records=(astray, *records)), target)
+    assert found is not None
+    position, covariance, unlike = found
+    np.testing.assert_allclose(position, np.mean([one.position for one in records], axis=0), rtol=1e-12)
+    white = np.mean([one.errors.white for one in records], axis=0)
+    lasting = np.mean([one.errors.surface + one.errors.shared for one in records], axis=0)
+    np.testing.assert_allclose(covariance, white / len(records) + lasting, rtol=1e-12)
+    np.testing.assert_allclose(unlike, (2e-4, 80.0, 1.2), rtol=1e-12)
