@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.calibration.network import Field
-from scanner_sim.calibration.starts import FEWEST, fit_board
+from scanner_sim.calibration.starts import fit_board
 from scanner_sim.optics.parameters import NAMES
 from scanner_sim.pose.transforms import cross_matrix
 from scanner_sim.ranging.believed import believed_points
@@ -65,12 +65,8 @@ def _squares(field: Field, parameters: Array) -> tuple[float, int, int]:
     by_noise = believed.by_readings @ seen.root
     covariance = by_noise @ np.swapaxes(by_noise, 1, 2) + targets.sigma**2 * np.eye(3)
     whiten = np.linalg.inv(np.linalg.cholesky(covariance))
-    board = targets.board[seen.target]
     total, freedom, views = 0.0, 0, 0
-    for station, number in sorted(set(zip(seen.station.tolist(), board.tolist(), strict=True))):
-        chosen = (seen.station == station) & (board == number)
-        if chosen.sum() < FEWEST:
-            continue
+    for _, _, chosen in field.views():
         local, scaled = targets.places[seen.target[chosen]], whiten[chosen]
         rotation, position, _ = fit_board(local, believed.point[chosen])
         turned = local @ rotation.T

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -15,6 +15,9 @@ from scanner_sim.ranging.believed import Design, VoxelReadings
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Flags = NDArray[np.bool_]
+
+FEWEST = 4
+"""Targets that a station must see of a board to be tied to it: three fix its place, and one is to spare."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,14 @@ class Field:
     def tolerances(self) -> Array:
         """Tolerances of :attr:`sought`."""
         return np.array([self.tolerance[name] for name in self.sought])
+
+    def views(self) -> Iterator[tuple[int, int, Flags]]:
+        """Yield station, board and the sightings of each board from each station that saw enough of it."""
+        seen, board = self.sightings, self.targets.board[self.sightings.target]
+        for station, number in sorted(set(zip(seen.station.tolist(), board.tolist(), strict=True))):
+            chosen = (seen.station == station) & (board == number)
+            if chosen.sum() >= FEWEST:
+                yield station, number, chosen
 
     def seeing(self, chosen: Flags | Indices) -> Field:
         """Return the field of some of its sightings alone: what none of them saw is not in it."""

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.calibration.network import Field
 from scanner_sim.calibration.selfcal import SelfCalibrated
-from scanner_sim.calibration.starts import FEWEST, fit_board
+from scanner_sim.calibration.starts import fit_board
 from scanner_sim.products.pictures.style import FAINT, INK, drawing, plot_label, ruled
 from scanner_sim.ranging.believed import believed_points
 
@@ -86,12 +86,11 @@ def _held_out_boards(result: SelfCalibrated) -> dict[str, Array]:
     if held is None:
         return found
     points = _points(held, result)
-    seen, board = held.sightings, held.targets.board[held.sightings.target]
-    for station, number in sorted(set(zip(seen.station.tolist(), board.tolist(), strict=True))):
+    seen = held.sightings
+    for station, number, chosen in held.views():
         name, here = held.targets.boards[number], held.stations[station]
-        chosen = (seen.station == station) & (board == number)
         known = name in result.field.targets.boards or name in found or here not in result.field.stations
-        if known or chosen.sum() < FEWEST:
+        if known:
             continue
         own = result.field.stations.index(here)
         turn, shift, _ = fit_board(held.targets.places[seen.target[chosen]], points[chosen])

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from scanner_sim.calibration.adjustment import Adjusted, adjust
 from scanner_sim.calibration.holdout import Misfit, misfit
-from scanner_sim.calibration.network import Field
+from scanner_sim.calibration.network import FEWEST, Field
 from scanner_sim.calibration.observability import Combination, correlations, unobserved
 from scanner_sim.calibration.setup import Setup, field_of
-from scanner_sim.calibration.starts import FEWEST, start_of
+from scanner_sim.calibration.starts import start_of
 from scanner_sim.calibration.tables import SightingTable
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.parameters import INDEX, NAMES

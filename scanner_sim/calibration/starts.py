@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.calibration.adjustment import Unknowns
-from scanner_sim.calibration.network import Field, Poses
+from scanner_sim.calibration.network import FEWEST, Field, Poses
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.parameters import NAMES
 from scanner_sim.pose.point_fit import point_fit
@@ -15,8 +15,6 @@ from scanner_sim.ranging.believed import believed_points
 Array = NDArray[np.float64]
 View = tuple[Array, Array]
 
-FEWEST = 4
-"""Targets that a station must see of a board to be tied to it: three fix its place, and one is to spare."""
 _LINE = 0.05
 """Breadth of a board's targets over their length below which they stand on one line."""
 _FLAT = 1e-3
@@ -60,12 +58,8 @@ def _views(field: Field) -> dict[tuple[int, int], View]:
     """Return for each station and board of which it saw enough the board's pose in the scanner frame."""
     seen, targets = field.sightings, field.targets
     points = believed_points(seen.readings, field.design, np.zeros(len(NAMES)), field.encoder_period).point
-    board = targets.board[seen.target]
     views: dict[tuple[int, int], View] = {}
-    for station, number in sorted(set(zip(seen.station.tolist(), board.tolist(), strict=True))):
-        chosen = (seen.station == station) & (board == number)
-        if chosen.sum() < FEWEST:
-            continue
+    for station, number, chosen in field.views():
         local = targets.places[seen.target[chosen]]
         name = f"board {targets.boards[number]} as seen from station {field.stations[station]}"
         view = _view(local, points[chosen], name)

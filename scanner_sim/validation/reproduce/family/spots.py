@@ -39,20 +39,20 @@ def scatter(layers: Mapping[str, Array], way: str = "") -> float:
     return float(np.sqrt(np.nanmean((layers[f"{way}range_m"] - layers["truth.range_m"]) ** 2)))
 
 
+def _over_range(task: Task, instrument: str, distances: Array, side: int) -> Array:
+    """Return the error of the range before plates at some distances [m], ``side``² voxels each."""
+    shots = aim(*grid(_HALF, side), _APART)
+    benches = (
+        bench(task, [plate(R, _HALF)], {"preset": instrument}, step=step)
+        for step, R in enumerate(distances.tolist())
+    )
+    return np.array([scatter(layers_of(one, shots)) for one in benches])
+
+
 def at_ten(task: Task, instrument: str) -> Measured:
     """Measure the range error before plates up to 10 m."""
     distances, side = np.linspace(2.0, 10.0, task.choose(5, 3)), task.choose(32, 16)
-    sigma = np.array(
-        [
-            scatter(
-                layers_of(
-                    bench(task, [plate(R, _HALF)], {"preset": instrument}, step=step),
-                    aim(*grid(_HALF, side), _APART),
-                )
-            )
-            for step, R in enumerate(distances.tolist())
-        ]
-    )
+    sigma = _over_range(task, instrument, distances, side)
 
     def draw(axes: Sequence[Axes]) -> None:
         axes[0].axhspan(0.0, 5.0, color=RED, alpha=0.12, lw=0, label="as published")
@@ -70,17 +70,7 @@ def at_ten(task: Task, instrument: str) -> Measured:
 def close_depth(task: Task, instrument: str) -> Measured:
     """Measure the scatter of close ranges; its least is judged [µm]."""
     distances, side = np.linspace(0.35, 0.95, task.choose(7, 4)), task.choose(32, 16)
-    sigma = np.array(
-        [
-            scatter(
-                layers_of(
-                    bench(task, [plate(R, _HALF)], {"preset": instrument}, step=step),
-                    aim(*grid(_HALF, side), _APART),
-                )
-            )
-            for step, R in enumerate(distances.tolist())
-        ]
-    )
+    sigma = _over_range(task, instrument, distances, side)
     best = float(sigma.min())
 
     def draw(axes: Sequence[Axes]) -> None:
