@@ -34,7 +34,7 @@ from scanner_sim.render.shots import Shots
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.raster import raster_aim
 from scanner_sim.scene.files.loader import LoadedScene
-from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.calibration import SensorCalibration
 
 Columns = Mapping[str, NDArray[Any]]
 Progress = Callable[[int, int], None]
@@ -176,7 +176,7 @@ class LineRecorder:
     def numbers(self) -> dict[str, float]:
         """Return what the digital numbers mean."""
         scanner, sensor = self._scanner, self._scanner.position_sensor
-        calibration = Calibration.of(sensor, scanner.dwell, scanner.laser_off)
+        calibration = SensorCalibration.of(sensor, scanner.dwell, scanner.laser_off)
         return {
             "pitch_m": sensor.pitch,
             "offset_m": sensor.offset,

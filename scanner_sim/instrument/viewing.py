@@ -41,7 +41,7 @@ from scanner_sim.products.view.track import track_data
 from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.tracking.record import Track
 
 LARGEST_MB = 60.0
@@ -246,7 +246,7 @@ def _shots(scenario: Scenario, step: int) -> Any:
 def _threshold(scenario: Scenario) -> float:
     """Return the charge above the dark level from which a peak is one, in the dark [electron]."""
     scanner = scenario.scanner
-    calibration = Calibration.of(scanner.position_sensor, scanner.dwell, scanner.laser_off)
+    calibration = SensorCalibration.of(scanner.position_sensor, scanner.dwell, scanner.laser_off)
     return scenario.processing.threshold * calibration.floor_sigma
 
 

@@ -12,7 +12,7 @@ from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.neighbourhood import judge_neighbours, reach
 from scanner_sim.products.voxel import VoxelRecord
 from scanner_sim.scan.raster import raster_aim
-from scanner_sim.signals.line.calibration import Calibration, measured_lines
+from scanner_sim.signals.line.calibration import SensorCalibration, measured_lines
 from scanner_sim.signals.line.peaks import MARGIN
 from scanner_sim.signals.processing import PeakMethod
 
@@ -27,7 +27,7 @@ def voxel_record(instrument: Instrument, row: int, column: int) -> VoxelRecord:
     _, groups = instrument.expose(aim)
     (group,) = groups
     status = Status(int(values["status"]))
-    calibration = Calibration.of(sensor, scanner.dwell, scanner.laser_off)
+    calibration = SensorCalibration.of(sensor, scanner.dwell, scanner.laser_off)
     (measured,), (noise,) = measured_lines(group.signal, calibration)
     expected = group.light.line(0, background=scanner.laser_off == 0.0)
     expected *= electrons_per_watt(sensor, scanner.laser.wavelength, scanner.exposure)

@@ -21,7 +21,7 @@ from scanner_sim import load_scenario, simulate
 from scanner_sim.detector.line.exposure import Signal, electrons_per_watt, expose, pairwise
 from scanner_sim.detector.line.noise import NoiseSwitches
 from scanner_sim.foundation.status import Status
-from scanner_sim.signals.line.calibration import Calibration, measured_lines
+from scanner_sim.signals.line.calibration import SensorCalibration, measured_lines
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.processing import Processing
@@ -128,7 +128,7 @@ def test_the_difference_has_the_stated_variance(laser_off: float) -> None:
     laser = np.tile((1.0 - laser_off) * 1e6 * ramp, (count, 1))
     ambient = np.tile(1e7 * ramp[::-1], (count, 1))
     signal = exposed(laser / (1.0 - laser_off), ambient, laser_off)
-    known = Calibration.of(SENSOR, DWELL, laser_off)
+    known = SensorCalibration.of(SENSOR, DWELL, laser_off)
     measured, sigma = measured_lines(signal, known)
     pattern = measured.mean(axis=0) - laser[0]
     error = np.sqrt((sigma**2).mean(axis=0) / count)

@@ -29,7 +29,7 @@ _NEAR_FULL = 5.0
 
 
 @dataclass(frozen=True)
-class Calibration:
+class SensorCalibration:
     """What is known of the sensor: how a number becomes a charge, and the variance of a charge.
 
     The methods take numbers, NumPy or Dr.Jit arrays.
@@ -62,7 +62,7 @@ class Calibration:
     full: float
 
     @classmethod
-    def of(cls, sensor: PositionSensor, dwell: float, laser_off: float = 0.0) -> Calibration:
+    def of(cls, sensor: PositionSensor, dwell: float, laser_off: float = 0.0) -> SensorCalibration:
         """Return the calibration of a sensor for a dwell [s] and the share of it in which the laser is off."""
         switches, gain = sensor.noise, sensor.electrons_per_number
         read = sensor.read_noise if switches.read else 0.0
@@ -109,14 +109,14 @@ class Calibration:
 
 
 def measured_lines(
-    signal: Signal, calibration: Calibration
+    signal: Signal, calibration: SensorCalibration
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the charges of lines and their standard deviations [electron], NumPy arrays of shape (m, pixels)."""
     return measured_charges([signal.lines(exposure) for exposure in range(signal.exposures)], calibration)
 
 
 def measured_charges(
-    numbers: Sequence[NDArray[np.float32]], calibration: Calibration
+    numbers: Sequence[NDArray[np.float32]], calibration: SensorCalibration
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the same from the digital numbers of one exposure or of both."""
     charge = np.asarray(calibration.charge(numbers[0].astype(np.float64)))

@@ -15,7 +15,7 @@ from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.signals.line.bias import Bias
-from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, find_peaks
 from scanner_sim.signals.line.speckle import ExpectedSpeckle
@@ -43,7 +43,7 @@ class DarkLine:
     def __init__(
         self,
         noise: NoisePeak,
-        calibration: Calibration,
+        calibration: SensorCalibration,
         sensor: PositionSensor,
         processing: Processing,
         dwell: float,
@@ -75,7 +75,7 @@ class DarkLine:
         bias: Bias | None,
     ) -> DarkLine | None:
         """Return it, or None where all pixels count: where the brightest one is asked for, or noise fills one."""
-        calibration, numbers = Calibration.of(sensor, dwell), unlit_numbers(sensor, dwell)
+        calibration, numbers = SensorCalibration.of(sensor, dwell), unlit_numbers(sensor, dwell)
         filled = calibration.charge(numbers[1]) + calibration.dark >= calibration.full
         if filled or not processing.validation.background:
             return None

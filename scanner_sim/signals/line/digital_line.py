@@ -9,7 +9,7 @@ import drjit.auto.ad as auto
 
 from scanner_sim.detector.line.exposure import Signal, Window
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
-from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.calibration import SensorCalibration
 
 _MEDIAN_VARIANCE = 0.2104
 """Variance of the median of seven standard normal numbers (David, Nagaraja, *Order statistics*, 2003)."""
@@ -22,7 +22,7 @@ SIDE = 7
 class Line:
     """Reads charges of one line per lane, within the window that was exposed."""
 
-    def __init__(self, signal: Signal, calibration: Calibration) -> None:
+    def __init__(self, signal: Signal, calibration: SensorCalibration) -> None:
         self.pixels, self.shots = signal.pixels, signal.shots
         self.subtracted = signal.exposures == 2
         self.window = Window.whole(signal.shots, signal.pixels) if signal.window is None else signal.window
@@ -32,7 +32,7 @@ class Line:
             field.name: dr.opaque(auto.Float, getattr(calibration, field.name))
             for field in fields(calibration)
         }
-        self.known = Calibration(**values)
+        self.known = SensorCalibration(**values)
         self.floor_sigma: Float = dr.opaque(auto.Float, calibration.floor_sigma)
 
     def charge(self, pixel: Int32) -> Float:

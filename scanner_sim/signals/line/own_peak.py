@@ -15,7 +15,7 @@ from scanner_sim.detector.packets import mode_edges
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_types import Float
 from scanner_sim.foundation.status import Status
-from scanner_sim.signals.line.calibration import Calibration, measured_charges
+from scanner_sim.signals.line.calibration import SensorCalibration, measured_charges
 from scanner_sim.signals.line.digital_line import Around, Line, baseline_beside, no_baseline
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.peaks import Peaks, sum_signal
@@ -132,7 +132,7 @@ def find_own_peaks(
     InputError
         If the function fails or returns what is no such thing; see :func:`~scanner_sim.signals.own.estimated`.
     """
-    calibration = Calibration.of(sensor, dwell, signal.laser_off)
+    calibration = SensorCalibration.of(sensor, dwell, signal.laser_off)
     theta = auto.Float(theta) + dr.zeros(auto.Float, signal.shots)
     numbers = [signal.lines(exposure) for exposure in range(signal.exposures)]
     parts = []
@@ -190,7 +190,7 @@ def _of_rows(speckle: ExpectedSpeckle, rows: slice, shots: int) -> ExpectedSpeck
     return replace(speckle, travel=(along, across))
 
 
-def _full(numbers: list[NDArray[np.float32]], calibration: Calibration) -> NDArray[np.bool_]:
+def _full(numbers: list[NDArray[np.float32]], calibration: SensorCalibration) -> NDArray[np.bool_]:
     """Return which pixels are full in an exposure, shape (m, pixels)."""
     fullest = np.maximum.reduce(numbers).astype(np.float64)
     return np.asarray(calibration.charge(fullest) + calibration.dark >= calibration.full)

@@ -18,7 +18,7 @@ from scanner_sim.detector.line.position_sensor import PositionSensor
 from scanner_sim.foundation.device_types import Float, Mask, UInt32
 from scanner_sim.foundation.status import Status
 from scanner_sim.signals.line.bias import Bias
-from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.signals.line.digital_line import EVEN, SIDE, Around, Line, baseline_beside, no_baseline
 from scanner_sim.signals.line.estimators import estimate
 from scanner_sim.signals.line.expected import ExpectedSpot
@@ -30,7 +30,7 @@ from scanner_sim.signals.line.validation import farthest_pixel, guard_pixels, ju
 from scanner_sim.signals.line.window import NoisePeak
 from scanner_sim.signals.processing import MARGIN, Processing
 
-__all__ = ["MARGIN", "Calibration", "Peaks", "find_peaks"]
+__all__ = ["MARGIN", "SensorCalibration", "Peaks", "find_peaks"]
 
 _SIGNAL_PIXELS = 4
 """Pixels to each side of the brightest one whose charge is the peak's signal."""
@@ -103,7 +103,7 @@ def find_peaks(
     -------
     Peaks
     """
-    line = Line(signal, Calibration.of(sensor, dwell, signal.laser_off))
+    line = Line(signal, SensorCalibration.of(sensor, dwell, signal.laser_off))
     sine, cosine = dr.sincos(auto.Float(theta))
     settings = processing.validation
     guard, limits = auto.Int32(0), None

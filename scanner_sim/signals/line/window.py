@@ -27,7 +27,7 @@ import drjit.auto.ad as auto
 
 from scanner_sim.detector.line.exposure import Window
 from scanner_sim.foundation.device_types import Float, Int32, Mask
-from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.signals.line.digital_line import SIDE, Line
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.limits import Limits, farthest_side, limits_of
@@ -55,7 +55,7 @@ class NoisePeak:
     level: float
 
     @classmethod
-    def of(cls, numbers: tuple[float, float], calibration: Calibration) -> NoisePeak:
+    def of(cls, numbers: tuple[float, float], calibration: SensorCalibration) -> NoisePeak:
         """Return that of pixels whose digital numbers do not leave a range."""
         contrast = _ROUNDING * (numbers[1] - numbers[0]) * calibration.gain
         return cls(contrast, _ROUNDING * contrast / max(calibration.floor_sigma, 1e-6) + _LEAST_LEVEL)
@@ -73,7 +73,7 @@ class NoisePeak:
         light: tuple[Float, Float, Float],
         spot: ExpectedSpot,
         processing: Processing,
-        calibration: Calibration,
+        calibration: SensorCalibration,
         theta: Float,
     ) -> tuple[Window, Window]:
         """Return the pixels of lines that are likely to settle their peaks, and those that do in any case.

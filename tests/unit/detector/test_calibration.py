@@ -9,7 +9,7 @@ import pytest
 from prototype import PositionSensor
 
 from scanner_sim.detector.line.noise import NoiseSwitches
-from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.calibration import SensorCalibration
 
 DWELL = 50e-6
 SENSOR = PositionSensor(
@@ -17,9 +17,9 @@ SENSOR = PositionSensor(
 )
 
 
-def numbers(laser_off: float = 0.0, **switches: bool) -> Calibration:
+def numbers(laser_off: float = 0.0, **switches: bool) -> SensorCalibration:
     noise = NoiseSwitches(**{name: switches.get(name, True) for name in NoiseSwitches.model_fields})
-    return Calibration.of(SENSOR.model_copy(update={"noise": noise}), DWELL, laser_off)
+    return SensorCalibration.of(SENSOR.model_copy(update={"noise": noise}), DWELL, laser_off)
 
 
 def test_the_floor_is_read_steps_and_dark() -> None:
@@ -67,6 +67,6 @@ def test_light_adds_shot_noise_and_response() -> None:
 def test_a_pixel_is_full_where_well_or_converter_is() -> None:
     """Claim: the lesser of the well and of the converter above its bias, less five σ of the read noise."""
     assert numbers().full == pytest.approx((4095 - 100) * 200.0 - 5.0 * 300.0)
-    small = Calibration.of(SENSOR.model_copy(update={"full_well": 5e5}), DWELL)
+    small = SensorCalibration.of(SENSOR.model_copy(update={"full_well": 5e5}), DWELL)
     assert small.full == pytest.approx(5e5 - 1500.0)
     assert math.isinf(numbers(saturation=False).full)

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from scanner_sim.detector.line.exposure import Signal
-from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.signals.line.digital_line import Line
 
 BIAS, GAIN, DARK, FULL, OFF = 10.0, 2.0, 60.0, 1500.0, 4.0
-KNOWN = Calibration(BIAS, GAIN, DARK, OFF, 400.0, 1.0, 0.1, FULL)
+KNOWN = SensorCalibration(BIAS, GAIN, DARK, OFF, 400.0, 1.0, 0.1, FULL)
 LIT = np.array([410.0, 900.0, 500.0, 60.0])
 UNLIT = np.array([60.0, 90.0, 900.0, 20.0])
 """One shot: pixel 0 is plain, 1 is full when lit, 2 is full without the laser too, 3 is dark."""

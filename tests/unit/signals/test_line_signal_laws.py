@@ -23,7 +23,7 @@ from scanner_sim.render.device import Device
 from scanner_sim.signals.line import digital_line
 from scanner_sim.signals.line.bias import Bias, _Template
 from scanner_sim.signals.line.bias_table import BiasTable
-from scanner_sim.signals.line.calibration import Calibration
+from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.signals.line.digital_line import Baseline, baseline_beside, no_baseline
 from scanner_sim.signals.line.estimators import estimate
 from scanner_sim.signals.line.expected import ExpectedSpot
@@ -145,7 +145,7 @@ def test_a_number_becomes_a_charge_with_its_variance() -> None:
     """Claim: of a laser that is off for a fifth of 50 µs: 1000 electrons of dark charge, four times the exposure
     without it is subtracted; read noise and steps then count 1 + 16 times, its dark charge and light 1 + 4 times."""
     sensor = PositionSensor(gain=500.0, read_noise=1000.0, dark_current=2.5e7, prnu=0.005, full_well=5e7)
-    known = Calibration.of(sensor, 50e-6, 0.2)
+    known = SensorCalibration.of(sensor, 50e-6, 0.2)
     steps = 500.0**2 / 12.0
     assert (known.dark, known.off_scale) == (pytest.approx(1000.0), pytest.approx(4.0))
     assert known.floor == pytest.approx(17.0 * (1e6 + steps) + 5.0 * 1000.0)
@@ -155,10 +155,10 @@ def test_a_number_becomes_a_charge_with_its_variance() -> None:
     assert known.variance(2e6) == pytest.approx(known.floor + 2e6 + 1e8)
     assert known.variance(-2e6) == pytest.approx(known.floor)
     assert known.variance_above(3e5, 2e6) == pytest.approx(known.variance(2e6) + 5.0 * 3e5)
-    alone = Calibration.of(sensor, 50e-6)
+    alone = SensorCalibration.of(sensor, 50e-6)
     assert alone.floor == pytest.approx(1e6 + steps + 1250.0)
     assert alone.floor_sigma == pytest.approx(math.sqrt(alone.floor))
-    assert Calibration.of(PositionSensor(), 50e-6).full == pytest.approx(5e7 - 5000.0)
+    assert SensorCalibration.of(PositionSensor(), 50e-6).full == pytest.approx(5e7 - 5000.0)
 
 
 @pytest.mark.parametrize("theta", [-0.4, 0.0, 0.3])
@@ -192,7 +192,7 @@ class Slanted:
     """A line of 60 pixels of light that rises by 3 electrons a pixel, with a peak of 15 pixels about number 25."""
 
     pixels, subtracted = 60, False
-    known = Calibration(0.0, 1.0, 0.0, 0.0, floor=400.0, shot_noise=1.0, prnu=0.0, full=math.inf)
+    known = SensorCalibration(0.0, 1.0, 0.0, 0.0, floor=400.0, shot_noise=1.0, prnu=0.0, full=math.inf)
 
     def charge(self, pixel: Any) -> Any:
         place = auto.Float(auto.Int32(pixel))
