@@ -1,4 +1,4 @@
-"""How many points the page of a result draws while it turns: its own script, run by V8 where mini-racer is installed."""
+"""How many points the page of a result draws while it turns: its own script, run by V8 where mini-racer is."""
 
 from __future__ import annotations
 
