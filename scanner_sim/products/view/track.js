@@ -165,7 +165,7 @@ class TrackView {
 
   /** Return the table of the poses now: where, and how far from the truth. */
   poseTable() {
-    const head = ["object", "method", "off [mm]", "σ", "turned [mrad]", "σ"].map((word, i) => el("th", { className: i > 1 ? "number" : "" }, word));
+    const head = ["object", "method", "mm off", "σ", "mrad off", "σ"].map((word, i) => el("th", { className: i > 1 ? "number" : "" }, word));
     const rows = this.data.poses.map((pose) => {
       const i = lastBefore(pose.time, this.time);
       if (i < 0 || !pose.good[i]) return el("tr", {}, el("td", {}, pose.object), el("td", {}, pose.method), el("td", { colSpan: 4, className: "number" }, i < 0 ? "not yet" : "none"));
