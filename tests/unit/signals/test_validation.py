@@ -228,6 +228,18 @@ class TestLines:
             found = peaks_of(line[None], Processing(validation=Validation(misfit=misfit)))
             assert abs(found.position.numpy()[0] - 60.3) < 6.0 * found.sigma.numpy()[0]
 
+    @pytest.mark.parametrize(("step", "widens"), [(0.05, True), (0.2, False)])
+    def test_misfit_is_what_an_edge_leaves_unexplained(self, step: float, widens: bool) -> None:
+        """A glint's residuals, 3 % of the height, widen σ upon an edge of 5 % (D/√12 = 1.4 %), not upon one of 20 %."""
+        height = laser(60.3).max()
+        line = laser(60.3) + 0.05 * laser(60.3).sum() * spot.pixel_shares(63.0, 0.8, 256)
+        line += edge(56.0, step * height)
+        sigma = [
+            peaks_of(line[None], Processing(validation=Validation(misfit=misfit))).sigma.numpy()[0]
+            for misfit in (1.0, 0.0)
+        ]
+        assert (sigma[0] > 1.2 * sigma[1]) == widens
+
     @pytest.mark.parametrize("place", [2.0, 4.0, 8.0, 250.0])
     def test_near_the_ends_of_the_array(self, place: float) -> None:
         """One side alone gives the baseline where the other leaves the array."""
