@@ -19,6 +19,42 @@ _NOISE_SIGMAS = 4.5
 """Standard deviations of noise by which two ranges may differ beyond the slope: in 200 comparisons once in 700."""
 _UNEVEN_SIGMAS = 2.0
 """The same of what unevenness may move them by."""
+_SAME_LIGHT = 2.0
+"""Ratio of the heights of two peaks up to which they may be of one evenly lit surface: speckle and noise make less."""
+
+
+def is_faint(height: Array, faintest: float, raster: Raster) -> Mask:
+    """Tell which voxels lie on a surface so faint that noise alone may hide their neighbours.
+
+    A spot of which only the edge meets a surface, or of which the lens sees only the edge, is faint too, but beside it
+    stand brighter ones, and what hides the others is where the surface ends or its shadow begins.
+
+    Parameters
+    ----------
+    height
+        Heights of the peaks over the noise, of all voxels whatever their status, shape (rows, columns).
+    faintest
+        Height below which noise may hide another of the same light.
+    raster
+        Geometry.
+
+    Returns
+    -------
+    array of bool, shape (rows, columns)
+        No brightest voxel within 2.5 standard deviations of the spot, or among the eight neighbours, is more than twice
+        as high.
+    """
+    brightest = height.copy()
+    for down, right in around(raster.steps(REACH)):
+        other = neighbour_values(height, down, right)
+        brightest = np.where(_is_near(down, right, raster), np.fmax(brightest, other), brightest)
+    return np.asarray((height < faintest) & (brightest <= _SAME_LIGHT * height))
+
+
+def _is_near(down: int, right: int, raster: Raster) -> Mask:
+    """Tell where a neighbour's spot may meet what one's own does."""
+    before = np.hypot(max(abs(right) - 1, 0) * raster.across, max(abs(down) - 1, 0) * raster.down)
+    return np.asarray((before < REACH * raster.spot) | (max(abs(down), abs(right)) == 1))
 
 
 def is_mixed(
@@ -62,8 +98,6 @@ def is_mixed(
     rise = math.tan(steepest)
     found = np.zeros(r.shape, dtype=np.bool_)
     for down, right in around(raster.steps(REACH)):
-        before = np.hypot(max(abs(right) - 1, 0) * raster.across, max(abs(down) - 1, 0) * raster.down)
-        near = (before < REACH * raster.spot) | (max(abs(down), abs(right)) == 1)
         there, apart = neighbour_values(r, down, right), np.hypot(right * raster.across, down * raster.down)
         limit = rise * apart * np.fmin(1.0, there / r)
         chance = noise.of({(0, 0): -1.0, (down, right): 1.0})
@@ -71,5 +105,5 @@ def is_mixed(
         nothing = (neighbour_values(missing, down, right) == 1.0) & ~(
             faint & (neighbour_values(hidden, down, right) == 1.0)
         )
-        found |= near & ((np.abs(there - r) > limit) | nothing)
+        found |= _is_near(down, right, raster) & ((np.abs(there - r) > limit) | nothing)
     return np.asarray(valid & found)

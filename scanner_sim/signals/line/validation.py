@@ -1,7 +1,7 @@
 """Validation: whether a peak has the width, the shape and the strength of the laser's spot.
 
-*Width.* On logarithms a Gaussian of variance v has the curvature 1/v; its noise follows from the three pixels'
-variances. It must lie between those of the narrowest and the widest image of the beam, point spread and pixel
+*Width.* On logarithms a Gaussian of variance v has the curvature 1/v; its noise follows from the variances of three
+pixels, the outer ones a width from the brightest. It must lie between those of the narrowest and the widest image of the beam, point spread and pixel
 included; where the light beside the peak differs from side to side, a doubt about the level beneath it is
 granted.
 
@@ -108,36 +108,46 @@ def judge_shape(
     low, high = (dr.opaque(auto.Float, limit**2) * beam + spread for limit in settings.beam_width)
     deviate = NormalDist().inv_cdf(1.0 - settings.false_alarm)
 
-    # Width and position from the logarithms of three pixels.
-    three = [around(step) for step in (-1, 0, 1)]
-    charges = [positive(charge, around.floor_sigma) for charge, _ in three]
-    logarithms = [dr.log(charge) for charge in charges]
-    curvature = 2.0 * logarithms[1] - logarithms[0] - logarithms[2]
-    noise = auto.Float(0.0)
-    for weight, charge, (_, variance) in zip((1.0, 2.0, 1.0), charges, three, strict=True):
-        noise += dr.square(weight / charge) * variance
-    if speckle is not None:
-        slopes = {
-            step: weight / charge
-            for step, weight, charge in zip((-1, 0, 1), (-1.0, 2.0, -1.0), charges, strict=True)
-        }
-        noise += speckle.propagated_variance(
-            slopes, dict(zip((-1, 0, 1), charges, strict=True)), auto.Float(0.0)
-        )
-    slack = dr.opaque(auto.Float, deviate) * dr.sqrt(noise)
-    slack += dr.abs(2.0 / charges[1] - 1.0 / charges[0] - 1.0 / charges[2]) * around.baseline.doubt
+    curvature, position, slack = _logarithms(around, dr.sqrt(beam + spread), deviate, speckle)
     fits = curvature - slack <= (1.0 + _CURVATURE) / (low + _PIXEL)
     fits &= curvature + slack >= (1.0 - _CURVATURE) / (high + _PIXEL)
-    position = dr.clip(0.5 * (logarithms[2] - logarithms[0]) / dr.maximum(curvature, 1e-3), -1.0, 1.0)
     variance = dr.clip(dr.rcp(dr.maximum(curvature, 1e-3)) - _PIXEL, low, high)
 
     charge, residual, expected, chi_squared, freedom, saturated = _fit(
         around, spot, guard, position, dr.sqrt(variance), dr.opaque(auto.Float, settings.tolerance), speckle
     )
     fits &= (charge > 0.0) & (chi_squared <= _quantile(freedom, dr.opaque(auto.Float, deviate)))
-    height = dr.maximum(three[1][0], 1.0)
+    height = dr.maximum(around(0)[0], 1.0)
     excess = dr.maximum(residual - _NOISE_ALLOWANCE * expected, 0.0)
     return SpotFit(fits, charge, dr.sqrt(excess) / height, saturated)
+
+
+def _logarithms(
+    around: Around, sigma: Float, deviate: float, speckle: SpotSpeckle | None
+) -> tuple[Float, Float, Float]:
+    """Return curvature [1/pixel²] and position [pixel] of the spot by the logarithms of three pixels.
+
+    ``sigma`` is the width that a facing surface gives [pixel]: the outer pixels stand that far from the brightest, for
+    the noise of the curvature falls with the square of it. The third number is the slack of the curvature.
+    """
+    to_end = auto.Float(dr.minimum(around.centre, around.line.pixels - 1 - around.centre))
+    away = dr.maximum(dr.minimum(dr.floor(sigma), to_end), 1.0)
+    steps = [auto.Int32(0) - auto.Int32(away), auto.Int32(0), auto.Int32(away)]
+    three = [around(step) for step in steps]
+    charges = [positive(charge, around.floor_sigma) for charge, _ in three]
+    logarithms = [dr.log(charge) for charge in charges]
+    square = dr.square(away)
+    curvature = (2.0 * logarithms[1] - logarithms[0] - logarithms[2]) / square
+    noise = auto.Float(0.0)
+    for weight, charge, (_, variance) in zip((1.0, 2.0, 1.0), charges, three, strict=True):
+        noise += dr.square(weight / charge) * variance
+    if speckle is not None:
+        slopes = [weight / charge for weight, charge in zip((-1.0, 2.0, -1.0), charges, strict=True)]
+        noise += speckle.variance_of(list(zip(map(auto.Float, steps), slopes, charges, strict=True)))
+    slack = dr.opaque(auto.Float, deviate) * dr.sqrt(noise) / square
+    slack += dr.abs(2.0 / charges[1] - 1.0 / charges[0] - 1.0 / charges[2]) * around.baseline.doubt / square
+    rise = 0.5 * (logarithms[2] - logarithms[0]) / away
+    return curvature, dr.clip(rise / dr.maximum(curvature, 1e-3), -1.0, 1.0), slack
 
 
 def _fit(
