@@ -124,25 +124,5 @@ class SpotSpeckle:
         others = sum((dr.square(total) for total in moved[1:]), auto.Float(0.0))
         return dr.square(whole) * (self.energy * dr.square(moved[0]) + self.others * others)
 
-    def variance_of(self, pixels: list[tuple[Float, Float, Float]]) -> Float:
-        """Return the same for some pixels that need not be neighbours, about a spot in the middle of the brightest.
-
-        ``pixels`` are the step of each from the brightest, the quantity's derivative by its charge, and its charge.
-        """
-        scale = math.sqrt(0.5) / self.sigma
-        share, whole = auto.Float(0.0), auto.Float(0.0)
-        moved = [auto.Float(0.0) for _ in range(1 + len(self.ratios))]
-        for step, slope, charge in pixels:
-            share += dr.erf((step + 0.5) * scale) - dr.erf((step - 0.5) * scale)
-            whole += charge
-            edges = zip(self._edges(step + 0.5), self._edges(step - 0.5), strict=True)
-            moved = [
-                dr.fma(slope, high - low, total)
-                for total, (high, low) in zip(moved, edges, strict=True)
-            ]
-        others = sum((dr.square(total) for total in moved[1:]), auto.Float(0.0))
-        whole /= dr.maximum(0.5 * share, 0.05)
-        return dr.square(whole) * (self.energy * dr.square(moved[0]) + self.others * others)
-
     def _edges(self, apart: Float) -> list[Float]:
         return mode_edges(self.ratios, apart / self.packets.sigma)

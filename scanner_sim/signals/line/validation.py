@@ -1,12 +1,13 @@
 """Validation: whether a peak has the width, the shape and the strength of the laser's spot.
 
-*Width.* On logarithms a Gaussian of variance v has the curvature 1/v; its noise follows from the variances of three
-pixels, the outer ones a width from the brightest. It must lie between those of the narrowest and the widest image of the beam, point spread and pixel
+*Width.* On logarithms a Gaussian of variance v has the curvature 1/v; its noise follows from the three pixels'
+variances. It must lie between those of the narrowest and the widest image of the beam, point spread and pixel
 included; where the light beside the peak differs from side to side, a doubt about the level beneath it is
 granted.
 
-*Shape.* The spot of the measured width, integrated over the pixels, is fitted to height and position; χ² is the sum
-of the squared residuals over the pixels' variances, to which a tolerance is added that grows with the height.
+*Shape.* The spot, integrated over the pixels, is fitted to height, position and width, linear about those of the three
+pixels; χ² is the sum of the squared residuals over the pixels' variances, to which a tolerance is added that grows with
+the height. Were the width not fitted, the noise of the three pixels would stay in the residuals of wide spots.
 Its limit is the quantile of the χ² distribution (Wilson, Hilferty, *PNAS* 17, 1931).
 
 *Misfit.* What departs from the shape without failing the test may have moved the peak: a shadow's edge beneath
@@ -30,6 +31,7 @@ from scanner_sim.foundation.device_types import Float, Int32, Mask
 from scanner_sim.signals.line.digital_line import Around
 from scanner_sim.signals.line.estimators import positive
 from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.likelihood import inverse_of
 from scanner_sim.signals.line.speckle import SpotSpeckle
 from scanner_sim.signals.processing import Validation
 
@@ -108,46 +110,36 @@ def judge_shape(
     low, high = (dr.opaque(auto.Float, limit**2) * beam + spread for limit in settings.beam_width)
     deviate = NormalDist().inv_cdf(1.0 - settings.false_alarm)
 
-    curvature, position, slack = _logarithms(around, dr.sqrt(beam + spread), deviate, speckle)
+    # Width and position from the logarithms of three pixels.
+    three = [around(step) for step in (-1, 0, 1)]
+    charges = [positive(charge, around.floor_sigma) for charge, _ in three]
+    logarithms = [dr.log(charge) for charge in charges]
+    curvature = 2.0 * logarithms[1] - logarithms[0] - logarithms[2]
+    noise = auto.Float(0.0)
+    for weight, charge, (_, variance) in zip((1.0, 2.0, 1.0), charges, three, strict=True):
+        noise += dr.square(weight / charge) * variance
+    if speckle is not None:
+        slopes = {
+            step: weight / charge
+            for step, weight, charge in zip((-1, 0, 1), (-1.0, 2.0, -1.0), charges, strict=True)
+        }
+        noise += speckle.propagated_variance(
+            slopes, dict(zip((-1, 0, 1), charges, strict=True)), auto.Float(0.0)
+        )
+    slack = dr.opaque(auto.Float, deviate) * dr.sqrt(noise)
+    slack += dr.abs(2.0 / charges[1] - 1.0 / charges[0] - 1.0 / charges[2]) * around.baseline.doubt
     fits = curvature - slack <= (1.0 + _CURVATURE) / (low + _PIXEL)
     fits &= curvature + slack >= (1.0 - _CURVATURE) / (high + _PIXEL)
+    position = dr.clip(0.5 * (logarithms[2] - logarithms[0]) / dr.maximum(curvature, 1e-3), -1.0, 1.0)
     variance = dr.clip(dr.rcp(dr.maximum(curvature, 1e-3)) - _PIXEL, low, high)
 
     charge, residual, expected, chi_squared, freedom, saturated = _fit(
         around, spot, guard, position, dr.sqrt(variance), dr.opaque(auto.Float, settings.tolerance), speckle
     )
     fits &= (charge > 0.0) & (chi_squared <= _quantile(freedom, dr.opaque(auto.Float, deviate)))
-    height = dr.maximum(around(0)[0], 1.0)
+    height = dr.maximum(three[1][0], 1.0)
     excess = dr.maximum(residual - _NOISE_ALLOWANCE * expected, 0.0)
     return SpotFit(fits, charge, dr.sqrt(excess) / height, saturated)
-
-
-def _logarithms(
-    around: Around, sigma: Float, deviate: float, speckle: SpotSpeckle | None
-) -> tuple[Float, Float, Float]:
-    """Return curvature [1/pixel²] and position [pixel] of the spot by the logarithms of three pixels.
-
-    ``sigma`` is the width that a facing surface gives [pixel]: the outer pixels stand that far from the brightest, for
-    the noise of the curvature falls with the square of it. The third number is the slack of the curvature.
-    """
-    to_end = auto.Float(dr.minimum(around.centre, around.line.pixels - 1 - around.centre))
-    away = dr.maximum(dr.minimum(dr.floor(sigma), to_end), 1.0)
-    steps = [auto.Int32(0) - auto.Int32(away), auto.Int32(0), auto.Int32(away)]
-    three = [around(step) for step in steps]
-    charges = [positive(charge, around.floor_sigma) for charge, _ in three]
-    logarithms = [dr.log(charge) for charge in charges]
-    square = dr.square(away)
-    curvature = (2.0 * logarithms[1] - logarithms[0] - logarithms[2]) / square
-    noise = auto.Float(0.0)
-    for weight, charge, (_, variance) in zip((1.0, 2.0, 1.0), charges, three, strict=True):
-        noise += dr.square(weight / charge) * variance
-    if speckle is not None:
-        slopes = [weight / charge for weight, charge in zip((-1.0, 2.0, -1.0), charges, strict=True)]
-        noise += speckle.variance_of(list(zip(map(auto.Float, steps), slopes, charges, strict=True)))
-    slack = dr.opaque(auto.Float, deviate) * dr.sqrt(noise) / square
-    slack += dr.abs(2.0 / charges[1] - 1.0 / charges[0] - 1.0 / charges[2]) * around.baseline.doubt / square
-    rise = 0.5 * (logarithms[2] - logarithms[0]) / away
-    return curvature, dr.clip(rise / dr.maximum(curvature, 1e-3), -1.0, 1.0), slack
 
 
 def _fit(
@@ -159,7 +151,7 @@ def _fit(
     tolerance: Float,
     speckle: SpotSpeckle | None,
 ) -> tuple[Float, Float, Float, Float, Float, Mask]:
-    """Fit height and position by weighted least squares, linear about a first guess.
+    """Fit height, position and width by weighted least squares, linear about a first guess.
 
     Returns the spot's charge, the mean square of the residuals and of their variance, χ², its degrees of freedom,
     and whether a pixel is saturated.
@@ -170,16 +162,17 @@ def _fit(
     middle = 0.5 * (dr.erf((0.5 - position) * scale) + dr.erf((0.5 + position) * scale))
     whole = around(0)[0] / dr.maximum(middle, 0.05)
     pixels = []
-    aa, ab, bb, fa, fb = (auto.Float(0.0) for _ in range(5))
+    aa, ab, ac, bb, bc, cc, fa, fb, fc = (auto.Float(0.0) for _ in range(9))
     saturated = auto.Bool(False)
     edge = (-reach - 0.5 - position) * scale
     below, density = dr.erf(edge), dr.exp(-dr.square(edge))
     for step in range(-reach, reach + 1):
-        edge = (step + 0.5 - position) * scale
-        below_next, density_next = dr.erf(edge), dr.exp(-dr.square(edge))
+        edge_next = (step + 0.5 - position) * scale
+        below_next, density_next = dr.erf(edge_next), dr.exp(-dr.square(edge_next))
         share = 0.5 * (below_next - below)
         moved = (density - density_next) * (scale / math.sqrt(math.pi))
-        below, density = below_next, density_next
+        widened = edge * density - edge_next * density_next
+        edge, below, density = edge_next, below_next, density_next
         charge, variance = around(step)
         variance += around.baseline.level_variance
         if speckle is not None:
@@ -189,16 +182,19 @@ def _fit(
         saturated |= counts & around.full(step)
         aa += weight * share * share
         ab += weight * share * moved
+        ac += weight * share * widened
         bb += weight * moved * moved
+        bc += weight * moved * widened
+        cc += weight * widened * widened
         fa += weight * charge * share
         fb += weight * charge * moved
-        pixels.append((counts, weight, charge, variance, share, moved))
-    determinant = dr.maximum(aa * bb - dr.square(ab), 1e-30)
-    amount = (fa * bb - fb * ab) / determinant
-    shifted = (fb * aa - fa * ab) / determinant
+        fc += weight * charge * widened
+        pixels.append((counts, weight, charge, variance, share, moved, widened))
+    inverse = inverse_of([aa, ab, ac, bb, bc, cc])
+    amount, shifted, wider = (row[0] * fa + row[1] * fb + row[2] * fc for row in inverse)
     chi_squared, squared, noise, number = (auto.Float(0.0) for _ in range(4))
-    for counts, weight, charge, variance, share, moved in pixels:
-        residual = dr.square(charge - amount * share - shifted * moved)
+    for counts, weight, charge, variance, share, moved, widened in pixels:
+        residual = dr.square(charge - amount * share - shifted * moved - wider * widened)
         chi_squared += weight * residual
         squared += dr.select(counts, residual, 0.0)
         noise += dr.select(counts, variance, 0.0)

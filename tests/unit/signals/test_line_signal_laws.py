@@ -27,7 +27,7 @@ from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.signals.line.digital_line import Baseline, baseline_beside, no_baseline
 from scanner_sim.signals.line.estimators import estimate
 from scanner_sim.signals.line.expected import ExpectedSpot
-from scanner_sim.signals.line.likelihood import Width, _inverse
+from scanner_sim.signals.line.likelihood import Width, inverse_of
 from scanner_sim.signals.line.validation import _fit, _quantile, judge_shape, white_charge
 from scanner_sim.signals.processing import Validation
 
@@ -136,7 +136,7 @@ def test_the_inverse_of_a_symmetric_matrix(device: Device) -> None:
     mixed = np.array([[1.0, 0.2, -0.4], [0.3, 1.5, 0.6], [-0.2, 0.1, 0.7]])
     matrix = mixed @ mixed.T * np.outer([1.0, 100.0, 0.1], [1.0, 100.0, 0.1])
     entries = [auto.Float(matrix[i, j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
-    found = np.array([[number(entry) for entry in row] for row in _inverse(entries)])
+    found = np.array([[number(entry) for entry in row] for row in inverse_of(entries)])
     wanted = np.linalg.inv(matrix)
     np.testing.assert_allclose(found, wanted, rtol=2e-4, atol=1e-5 * np.abs(wanted).min())
 
