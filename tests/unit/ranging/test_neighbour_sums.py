@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
-from scanner_sim.ranging.mixed_voxels import is_mixed
+from scanner_sim.ranging.mixed_voxels import is_faint, is_mixed
 from scanner_sim.ranging.shared_noise import SharedNoise
 from scanner_sim.ranging.uneven import Raster, relief, texture
 
@@ -100,3 +100,17 @@ def test_a_step_is_told_from_where_noise_unevenness_and_slope_end(
     found = is_mixed(ranges, noise(own), NONE + uneven, status, NOWHERE, raster(pitch), steepest)
     assert bool(found[4, 9:11].any()) is told
     assert not found[:, :8].any()
+
+
+def test_a_voxel_beside_a_brighter_one_is_not_faint() -> None:
+    """Claim: heights below the limit are faint up to twice as high ones within 2.5 s, three voxels at a pitch of 1 s:
+    beside brighter ones it is the edge of a spot that is seen, whatever the brighter voxel's status."""
+    height = NONE + 9.0
+    height[4, 10] = 18.1
+    faint = is_faint(height, 12.0, raster(1.0))
+    row = np.arange(21)
+    np.testing.assert_array_equal(faint[4], np.abs(row - 10) > 3)
+    np.testing.assert_array_equal(faint[:, 10], np.abs(np.arange(9) - 4) > 3)
+    assert not is_faint(NONE + 12.1, 12.0, raster(1.0)).any()
+    height[4, 10] = 17.9
+    np.testing.assert_array_equal(is_faint(height, 12.0, raster(1.0)), height < 12.0)

@@ -245,13 +245,14 @@ def fitted(charges: Array, variances: Array, place: float, sigma: float, guard: 
 
 
 def test_a_fit_finds_the_charge_of_a_spot_beside_its_first_place(device: Device) -> None:
-    """Claim: of a spot that is linear about its first place, height and shift are found whatever the weights, and what
-    is left is nothing; nine pixels less three quantities are six degrees of freedom."""
+    """Claim: of a spot that is linear about its first place and width, height, shift and width are found whatever the
+    weights, and what is left is nothing; nine pixels less three quantities are six degrees of freedom."""
     uneven = np.linspace(1.0, 400.0, 2 * HALF + 1)
     shares = spot(0.3, 1.2, 1.0)
     slope = (spot(0.3 + 1e-4, 1.2, 1.0) - spot(0.3 - 1e-4, 1.2, 1.0)) / 2e-4
+    wider = (spot(0.3, 1.2 + 1e-4, 1.0) - spot(0.3, 1.2 - 1e-4, 1.0)) / 2e-4
     charge, residual, noise, chi_squared, freedom, _ = fitted(
-        5000.0 * shares + 400.0 * slope, uneven, 0.3, 1.2
+        5000.0 * shares + 400.0 * slope + 600.0 * wider, uneven, 0.3, 1.2
     )
     assert charge == pytest.approx(5000.0, rel=1e-4)
     assert residual < 0.1
