@@ -19,15 +19,14 @@ _NOISE_SIGMAS = 4.5
 """Standard deviations of noise by which two ranges may differ beyond the slope: in 200 comparisons once in 700."""
 _UNEVEN_SIGMAS = 2.0
 """The same of what unevenness may move them by."""
-_SAME_LIGHT = 2.0
-"""Ratio of the heights of two peaks up to which they may be of one evenly lit surface: speckle and noise make less."""
 
 
-def is_faint(height: Array, faintest: float, raster: Raster) -> Mask:
+def is_faint(height: Array, faintest: float, speckle: Array, raster: Raster) -> Mask:
     """Tell which voxels lie on a surface so faint that noise alone may hide their neighbours.
 
-    A spot of which only the edge meets a surface, or of which the lens sees only the edge, is faint too, but beside it
-    stand brighter ones, and what hides the others is where the surface ends or its shadow begins.
+    A spot of which only the edge meets a surface, or of which the lens sees only the edge, is faint too, but light that
+    is brighter or much darker stands beside it, or where the raster ends may stand there: what hides the neighbours is
+    then where the surface ends, or its shadow begins.
 
     Parameters
     ----------
@@ -35,20 +34,23 @@ def is_faint(height: Array, faintest: float, raster: Raster) -> Mask:
         Heights of the peaks over the noise, of all voxels whatever their status, shape (rows, columns).
     faintest
         Height below which noise may hide another of the same light.
+    speckle
+        Relative variance of the heights by speckle.
     raster
         Geometry.
 
     Returns
     -------
     array of bool, shape (rows, columns)
-        No brightest voxel within 2.5 standard deviations of the spot, or among the eight neighbours, is more than twice
-        as high.
+        All voxels within 2.5 standard deviations of the spot, and the eight neighbours, are in the raster and as high
+        but for noise.
     """
-    brightest = height.copy()
+    alike = np.ones(height.shape, dtype=np.bool_)
+    limit = _NOISE_SIGMAS * np.sqrt(2.0 * (1.0 + speckle * height**2))
     for down, right in around(raster.steps(REACH)):
-        other = neighbour_values(height, down, right)
-        brightest = np.where(_is_near(down, right, raster), np.fmax(brightest, other), brightest)
-    return np.asarray((height < faintest) & (brightest <= _SAME_LIGHT * height))
+        apart = np.abs(neighbour_values(height, down, right) - height)
+        alike &= (apart <= limit) | ~_is_near(down, right, raster)
+    return np.asarray((height < faintest) & alike)
 
 
 def _is_near(down: int, right: int, raster: Raster) -> Mask:

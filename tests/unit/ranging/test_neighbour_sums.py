@@ -102,15 +102,20 @@ def test_a_step_is_told_from_where_noise_unevenness_and_slope_end(
     assert not found[:, :8].any()
 
 
-def test_a_voxel_beside_a_brighter_one_is_not_faint() -> None:
-    """Claim: heights below the limit are faint up to twice as high ones within 2.5 s, three voxels at a pitch of 1 s:
-    beside brighter ones it is the edge of a spot that is seen, whatever the brighter voxel's status."""
-    height = NONE + 9.0
-    height[4, 10] = 18.1
-    faint = is_faint(height, 12.0, raster(1.0))
-    row = np.arange(21)
-    np.testing.assert_array_equal(faint[4], np.abs(row - 10) > 3)
-    np.testing.assert_array_equal(faint[:, 10], np.abs(np.arange(9) - 4) > 3)
-    assert not is_faint(NONE + 12.1, 12.0, raster(1.0)).any()
-    height[4, 10] = 17.9
-    np.testing.assert_array_equal(is_faint(height, 12.0, raster(1.0)), height < 12.0)
+@pytest.mark.parametrize(
+    ("speckle", "limit"), [(0.0, 4.5 * math.sqrt(2.0)), (0.01, 4.5 * math.sqrt(2.0 * 1.81))]
+)
+def test_faint_voxels_have_neighbours_of_the_same_light(speckle: float, limit: float) -> None:
+    """Claim: a height of 9 is faint where within 2.5 s, three voxels at a pitch of 1 s, all others differ by 4.5 σ of
+    two heights at most, √(2 (1 + c² 9²)), and none lies beyond the raster; a bright voxel is not faint at all."""
+    inside = np.zeros(SHAPE, dtype=np.bool_)
+    inside[3:-3, 3:-3] = True
+    for change, alike in ((0.99, True), (1.01, False), (-0.99, True), (-1.01, False)):
+        height = NONE + 9.0
+        height[4, 10] += change * limit
+        found = is_faint(height, 12.0, NONE + speckle, raster(1.0))
+        beside = np.abs(np.arange(21) - 10) <= 3
+        wanted = inside & (alike | ~beside)
+        wanted[4, 10] = found[4, 10]
+        np.testing.assert_array_equal(found, wanted)
+    assert not is_faint(NONE + 12.1, 12.0, NONE, raster(1.0)).any()
