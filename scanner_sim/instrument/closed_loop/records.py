@@ -54,6 +54,10 @@ class Recorder:
 
     def __init__(self, scenario: Scenario) -> None:
         self._separation = scenario.scanner.mirrors.axis_separation
+        self.follow(scenario)
+
+    def follow(self, scenario: Scenario) -> None:
+        """Go on with a scenario that differs in its moves."""
         self._items = {item.name: item for item in scenario.scene.objects}
 
     def record(

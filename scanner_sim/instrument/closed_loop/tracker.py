@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop.saved_state import TrackerState, first_state, load_state, save_state
 from scanner_sim.instrument.closed_loop.state_file import FARTHEST, NEAREST, WIDEST
+from scanner_sim.instrument.closed_loop.told import with_light, with_move
 from scanner_sim.instrument.closed_loop.visits import Visits, with_track
 from scanner_sim.products.provenance import versions
 from scanner_sim.render.libraries import DeviceChoice
@@ -24,8 +25,8 @@ from scanner_sim.tracking.state import TrackState, init
 class Tracker:
     """A tracking run that is made visit by visit: an iterator of :class:`~scanner_sim.tracking.record.PatternRecord`.
 
-    Commands between two visits change what comes next. ``state`` is immutable: with it a run can be saved, continued
-    and repeated, and what follows is the same to the last bit, whatever the number of threads.
+    Commands between two visits change what comes next. ``state`` is immutable: with it and ``scenario`` a run can be
+    saved, continued and repeated, and what follows is the same to the last bit, whatever the number of threads.
 
     Parameters
     ----------
@@ -86,10 +87,15 @@ class Tracker:
         """
         save_state(Path(file), self.state, self.scenario_yaml, made_by())
 
-    @cached_property
+    @property
     def scenario_yaml(self) -> str:
-        """The resolved scenario."""
+        """The resolved scenario, with all moves and changes of the light so far."""
         return resolved_yaml(self.scenario)
+
+    @property
+    def time(self) -> float:
+        """Until when everything is measured [s]: what is told of the world holds from then on."""
+        return self.state.clock
 
     @property
     def finished(self) -> bool:
@@ -149,8 +155,87 @@ class Tracker:
         amplitudes[index] = amplitude
         self.state = replace(self.state, amplitudes=tuple(amplitudes))
 
+    def move(
+        self,
+        name: str,
+        pose: ArrayLike,
+        *,
+        velocity: ArrayLike = (0.0, 0.0, 0.0),
+        turn_rate: ArrayLike = (0.0, 0.0, 0.0),
+        time: float | None = None,
+    ) -> None:
+        """Tell where an object is and how it moves; it goes on evenly until it is told again.
+
+        Parameters
+        ----------
+        name
+            An object of the scene with a ``motion``, of which ``{type: twist}`` will do.
+        pose
+            ``scanner_from_object``, shape (4, 4); of what is fixed to another object ``parent_from_object``.
+        velocity, turn_rate
+            Of the object's origin [m/s] and about it [rad/s], shape (3,), along the axes in which the pose is given.
+        time
+            From when on [s]: :attr:`time` or later, by default that.
+
+        Raises
+        ------
+        InputError
+            If there is no such object, it has no motion, the numbers are no state, or the time is past.
+
+        Notes
+        -----
+        Within a visit x = x₀ + v t and R = exp([ω t]×) R₀. Truth and laser follow at once; the background follows in
+        steps of a quarter of a bin (:mod:`scanner_sim.instrument.closed_loop.situation`). The move becomes part of
+        :attr:`scenario`: it is saved, and :func:`~scanner_sim.instrument.closed_loop.track.track` of that scenario
+        makes the same run.
+        """
+        changed = with_move(
+            self.scenario, name, pose, velocity=velocity, turn_rate=turn_rate, time=time, clock=self.time
+        )
+        self._follow(changed)
+
+    def light(
+        self,
+        *,
+        sun: ArrayLike | None = None,
+        earth: ArrayLike | None = None,
+        visible: float | None = None,
+        time: float | None = None,
+    ) -> None:
+        """Tell where Sun and Earth stand, and what of the Sun's light arrives; it holds until it is told again.
+
+        Parameters
+        ----------
+        sun, earth
+            Directions from the scene, in the scanner's frame, of any length, shape (3,); None leaves them where the
+            scenario has them, by an orbit's clock if there is one.
+        visible
+            Share of the Sun's light that arrives, 0 in an eclipse; None leaves it to the Earth's disc, which counts
+            as well where it hides more.
+        time
+            As of :meth:`move`.
+
+        Raises
+        ------
+        InputError
+            If the scenario has no Sun, the numbers are none of a light, or the time is past.
+
+        Notes
+        -----
+        Light that is in use stays until a direction differs by half a milliradian or the share by 0.5 %
+        (:mod:`scanner_sim.scene.light.clock`).
+        """
+        self._follow(
+            with_light(self.scenario, sun=sun, earth=earth, visible=visible, time=time, clock=self.time)
+        )
+
+    def _follow(self, scenario: Scenario) -> None:
+        """Go on with a scenario of which more was told."""
+        self._visits.follow(scenario)
+        self.scenario = scenario
+
     def visit(self, state: TrackerState) -> tuple[PatternRecord, TrackerState]:
-        """Return the next visit after a state, and the state after it: a function of the state alone.
+        """Return the next visit after a state, and the state after it: a function of the state and of what was told.
 
         Raises
         ------

@@ -60,11 +60,18 @@ class Visits:
         self._pattern_time = self._pattern.points * self._scanner.dwell
         with guest():
             runs = [Instrument(scenario, device=device, threads=threads) for scenario in scenarios]
-            self._sensor = TargetSensor(scenarios, FrozenInstrument(*runs))
+            frozen = FrozenInstrument(*runs)
+            self._sensor = TargetSensor(scenarios, frozen)
+            self._situations = frozen.situations()
             self._stay = Stay()
         self._believed = BelievedPositions(scenarios[0])
         self._recorders = [Recorder(scenario) for scenario in scenarios]
         self._periods: dict[int, float] = {}
+
+    def follow(self, scenario: Scenario, run: int = 0) -> None:
+        """Go on in a run with a scenario that differs in its moves and in the changes of its light."""
+        self._recorders[run].follow(scenario)
+        self._situations[run].follow(scenario)
 
     def finished(self, state: TrackerState, run: int = 0) -> bool:
         """Return whether the next pattern would begin after the scan's duration, or nothing is followed any more."""
@@ -98,8 +105,14 @@ class Visits:
         index = turns[0].index
         visit, run = np.array([(turn.state.visits, turn.run) for turn in turns], dtype=np.int64).T
         orders = [turn.order for turn in turns]
+        about = [
+            self._situations[turn.run].at(0.5 * float(time[0] + time[-1]), turn.state.used)
+            for turn, time in zip(turns, motion.time, strict=True)
+        ]
         with self._stay.resume():
-            samples, seen, parts = self._sensor.see(self._targets[0][index], orders, motion, visit, run)
+            samples, seen, parts = self._sensor.see(
+                self._targets[0][index], orders, motion, visit, run, [situation for situation, _ in about]
+            )
         tracks = advance_all(
             [turn.state.tracks[index] for turn in turns],
             seen,
@@ -123,6 +136,7 @@ class Visits:
                 mirrors=mirrors,
                 turn=(index + 1) % len(state.tracks),
                 skipped=0,
+                used=about[row][1],
             )
             visits.append((record, now))
         return visits
