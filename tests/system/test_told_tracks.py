@@ -248,3 +248,91 @@ def test_what_cannot_be_told_is_refused(command: Any, message: str) -> None:
 def test_light_that_is_none_is_refused(change: dict[str, Any]) -> None:
     with pytest.raises(InputError):
         Tracker(scenario(lighting=SUN)).light(**change)
+
+
+def test_a_raster_between_visits_takes_its_time_and_leaves_the_rest_alone() -> None:
+    """Claim: a raster begins when the mirrors have settled, lasts a dwell a voxel, sees objects where they are then,
+    and its shots meet numbers of their own; the same again gives the same bytes, and visits go on after it.
+
+    Set-up: the target moves by 0.5 m/s along z, so that 11 ms of 12 × 16 voxels are 5 mm. Tolerance: 6 σ of a mean.
+    """
+
+    def run() -> tuple[Tracker, Any, PatternRecord]:
+        tracker = Tracker(scenario({"type": "twist", "velocity": (0.0, 0.0, 0.5)}, scan={"duration": 5.0}))
+        for _ in range(6):
+            next(tracker)
+        tracker.wait(2.0)
+        # On the plate of the second target, beside its disc.
+        image = tracker.scan(12, 16, (0.0305, 0.0335), (0.0155, 0.0185))
+        return tracker, image, next(tracker)
+
+    (tracker, image, record), (_, again, after) = run(), run()
+    dwell, points = tracker.scenario.scanner.dwell, tracker.scenario.following.pattern.points
+    assert tracker.state.visits == 6 + -(-12 * 16 // points) + 1
+    begin = 2.0 + 192 * dwell
+    assert begin < record.samples.time[0, 0] < begin + 0.03
+    for name, values in image.channels.items():
+        np.testing.assert_array_equal(values, again.channels[name])
+    assert content(record) == content(after)
+    assert record.status is TrackStatus.MEASURED
+    valid = image.channels["status"] == 0
+    assert valid.mean() > 0.9
+    depth = image.channels["P.Z"] if "P.Z" in image.channels else image.channels["Z"]
+    sigma = float(np.median(image.channels["sigma_range_m"][valid]))
+    middle = 2.0 + 0.5 * 192 * dwell + 2e-3
+    expected = START[2] + 0.5 * middle
+    assert abs(float(np.mean(depth[valid])) - expected) < 6.0 * sigma / np.sqrt(valid.sum()) + 2e-3
+
+
+def test_what_a_filter_knows_points_the_search() -> None:
+    """Claim: a target that is pointed with its rates is looked for where it goes, in patterns that grow to three
+    standard deviations and no further."""
+    tracker = Tracker(scenario(scan={"duration": 9.0}))
+    tracker.drop("node/2")
+    truth = next(tracker).truth
+    sure, rates = np.diag([1e-4, 1e-4, 1e-2, 1e-6, 1e-6, 1e-3]) ** 2, (0.5, 0.0, 0.0)
+    tracker.point("node/1", truth[0] + 0.2, truth[1], truth[2], rates=rates, covariance=sure)
+    start = tracker.time
+    found = [next(tracker) for _ in range(4)]
+    for record in found:
+        assert record.mode.value == "lost"
+        assert record.centre[0] == pytest.approx(
+            truth[0] + 0.2 + 0.5 * (record.samples.time.mean() - start), abs=1e-4
+        )
+        assert record.amplitude == pytest.approx(1.6 * 0.05 / 7.0, rel=1e-3)
+    tracker.point("node/1", truth[0] + 0.2, truth[1], truth[2], covariance=np.diag([2e-3, 2e-3, 0.1]) ** 2)
+    wide = [next(tracker).amplitude for _ in range(3)]
+    assert max(wide) < 0.05 / 7.0 + 3.3 * 2e-3 < 1.6**2 * 0.05 / 7.0 + 3e-3
+    tracker.point("node/1", *truth, covariance=sure)
+    assert next(tracker).status is TrackStatus.MEASURED
+
+
+@pytest.mark.parametrize(
+    ("command", "message"),
+    [
+        (lambda run: run.point("node/1", 0.0, 0.0, 7.0, rates=(1.0, 2.0)), "no rates"),
+        (lambda run: run.point("node/1", 0.0, 0.0, 7.0, covariance=np.eye(2)), "no covariance"),
+        (lambda run: run.point("node/1", 0.0, 0.0, 7.0, covariance=-np.eye(3)), "no covariance"),
+        (lambda run: run.wait(-1.0), "is before"),
+        (lambda run: run.wait(np.nan), "is before"),
+        (lambda run: run.scan(0, 4, (0.0, 0.1), (0.0, 0.1)), "no such raster"),
+        (lambda run: run.scan(4, 4, (0.0, 9.0), (0.0, 0.1)), "no such raster"),
+        (lambda run: run.scan(512, 512, (0.0, 0.1), (0.0, 0.1)), "are more than"),
+    ],
+)
+def test_other_impossible_commands_are_refused(command: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        command(Tracker(scenario()))
+
+
+def test_a_measurement_is_there_after_its_pattern_and_the_latency() -> None:
+    """Claim: it is valid at the time of its light and available at the end of the pattern's last dwell, later by the
+    instrument's latency; nothing else changes with that."""
+    late = {"scanner": {"latency": {"processing": 2e-3, "transfer": 0.5e-3}}}
+    now, later = (next(Tracker(scenario(**more))) for more in ({}, late))
+    dwell = scenario().scanner.dwell
+    assert now.available == pytest.approx(float(now.samples.time[0, -1]) + 0.5 * dwell, abs=1e-12)
+    assert later.available - now.available == pytest.approx(2.5e-3, abs=1e-12)
+    assert content(now.samples) == content(later.samples)
+    assert now.time == later.time < now.available
+    np.testing.assert_allclose(now.errors.white + now.errors.lasting, now.covariance, rtol=1e-12)

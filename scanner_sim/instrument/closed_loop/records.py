@@ -54,6 +54,7 @@ class Recorder:
 
     def __init__(self, scenario: Scenario) -> None:
         self._separation = scenario.scanner.mirrors.axis_separation
+        self._late = 0.5 * scenario.scanner.dwell + scenario.scanner.latency.whole
         self.follow(scenario)
 
     def follow(self, scenario: Scenario) -> None:
@@ -121,6 +122,7 @@ class Recorder:
             truth=truth,
             truth_point=truth_point,
             samples=shown,
+            available=float(shown.time[0, -1]) + self._late,
         )
 
     def out_of_view(

@@ -228,7 +228,7 @@ def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, statu
     record = next(tracker)
     lost = tracker.state.tracks[0]
     nothing = replace(module.NOTHING)
-    after = module.advance(lost, nothing, tracker.scan.tracker, 0.1, 1.0)
+    after = module.advance(lost, nothing, tracker._scan.tracker, 0.1, 1.0)
     order = TrackCommand(TrackMode.TRACK, record.position, 6e-3, 1)
     made = tracker._visits._recorders[0].record(
         1,
