@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -282,6 +283,9 @@ def test_a_raster_between_visits_takes_its_time_and_leaves_the_rest_alone() -> N
     middle = 2.0 + 0.5 * 192 * dwell + 2e-3
     expected = START[2] + 0.5 * middle
     assert abs(float(np.mean(depth[valid])) - expected) < 6.0 * sigma / np.sqrt(valid.sum()) + 2e-3
+    still = Tracker(scenario())
+    one, other = (still.scan(12, 16, (0.0305, 0.0335), (0.0155, 0.0185)).channels["Y"] for _ in range(2))
+    assert (one != other).mean() > 0.9
 
 
 def test_what_a_filter_knows_points_the_search() -> None:
@@ -292,17 +296,18 @@ def test_what_a_filter_knows_points_the_search() -> None:
     truth = next(tracker).truth
     sure, rates = np.diag([1e-4, 1e-4, 1e-2, 1e-6, 1e-6, 1e-3]) ** 2, (0.5, 0.0, 0.0)
     tracker.point("node/1", truth[0] + 0.2, truth[1], truth[2], rates=rates, covariance=sure)
-    start = tracker.time
     found = [next(tracker) for _ in range(4)]
-    for record in found:
+    for before, record in pairwise(found):
         assert record.mode.value == "lost"
-        assert record.centre[0] == pytest.approx(
-            truth[0] + 0.2 + 0.5 * (record.samples.time.mean() - start), abs=1e-4
-        )
+        # The first of them began late, for the mirrors had to jump; others by a tenth of a millisecond at most.
+        if before is not found[0]:
+            step = float(record.samples.time.mean() - before.samples.time.mean())
+            assert record.centre[0] - before.centre[0] == pytest.approx(0.5 * step, abs=0.5e-4)
         assert record.amplitude == pytest.approx(1.6 * 0.05 / 7.0, rel=1e-3)
+    assert found[0].centre[0] == pytest.approx(truth[0] + 0.2, abs=0.5 * 0.01)
     tracker.point("node/1", truth[0] + 0.2, truth[1], truth[2], covariance=np.diag([2e-3, 2e-3, 0.1]) ** 2)
     wide = [next(tracker).amplitude for _ in range(3)]
-    assert max(wide) < 0.05 / 7.0 + 3.3 * 2e-3 < 1.6**2 * 0.05 / 7.0 + 3e-3
+    assert max(wide) == pytest.approx(0.05 / 7.0 + 3.0 * 2e-3, rel=0.05)
     tracker.point("node/1", *truth, covariance=sure)
     assert next(tracker).status is TrackStatus.MEASURED
 
