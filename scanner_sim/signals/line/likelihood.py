@@ -34,7 +34,7 @@ import drjit as dr
 import drjit.auto.ad as auto
 
 from scanner_sim.foundation.device_types import Float, Int32, Mask, UInt32
-from scanner_sim.signals.line.digital_line import EVEN, Baseline
+from scanner_sim.signals.line.digital_line import Baseline
 from scanner_sim.signals.line.expected import ExpectedSpot
 
 _SCORING_STEPS = 6
@@ -190,10 +190,8 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
     known = dr.rcp(dr.square(width.spread))
     logarithm = dr.log(width.variance)
     middle = charges[width.reach]
-    baseline = around.baseline
     # Both sides apart: where between them the light changes is unknown, and each pixel may be wrong by as much.
-    apart = 4.0 * (dr.square(baseline.doubt) - EVEN * baseline.level_variance)
-    uneven = dr.maximum(apart, 0.0)
+    uneven = around.baseline.step_squared
 
     def score(
         charge: Float, position: Float, spread: Float

@@ -9,8 +9,9 @@ granted.
 of the squared residuals over the pixels' variances, to which a tolerance is added that grows with the height.
 Its limit is the quantile of the χ² distribution (Wilson, Hilferty, *PNAS* 17, 1931).
 
-*Misfit.* What departs from the shape without failing the test may have moved the peak: a shadow's edge beneath
-it does. The root mean square of the residuals beyond the noise, over the height, is therefore added to σ.
+*Misfit.* What departs from the shape without failing the test may have moved the peak. The root mean square of the
+residuals beyond the noise, over the height, is therefore added to σ; not those of an edge that the two sides show,
+whose variance the estimator knows.
 
 *Strength.* No surface returns more than a white one that faces the scanner, but for a factor that allows for
 gloss.
@@ -41,6 +42,8 @@ _CURVATURE = 0.03
 """Relative error of the curvature 1/(s² + 1/12) of a spot integrated over pixels, from s = 0.35 pixel."""
 _NOISE_ALLOWANCE = 3.0
 """Mean square of the residuals, over their variance, that noise alone hardly exceeds."""
+_SAWTOOTH = 1.0 / 12.0
+"""Mean square that an edge of unit height beneath the spot leaves above the straight baseline."""
 _PIXEL = 1.0 / 12.0
 """Variance of a pixel's own width [pixel²]."""
 
@@ -136,7 +139,8 @@ def judge_shape(
     )
     fits &= (charge > 0.0) & (chi_squared <= _quantile(freedom, dr.opaque(auto.Float, deviate)))
     height = dr.maximum(three[1][0], 1.0)
-    excess = dr.maximum(residual - _NOISE_ALLOWANCE * expected, 0.0)
+    expected = _NOISE_ALLOWANCE * expected + _SAWTOOTH * around.baseline.step_squared
+    excess = dr.maximum(residual - expected, 0.0)
     return SpotFit(fits, charge, dr.sqrt(excess) / height, saturated)
 
 
