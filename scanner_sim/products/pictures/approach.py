@@ -11,7 +11,7 @@ from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
 from scanner_sim.products.approach import ApproachRow, ApproachStudy, EpochRow
-from scanner_sim.products.pictures.style import FAINT, INK, drawing, over_range, plot_label, ruled
+from scanner_sim.products.pictures.style import FAINT, drawing, over_range, plot_label
 from scanner_sim.products.pictures.timeline import CONDITION_COLOURS
 from scanner_sim.products.pose_study import COMPONENTS
 
@@ -37,14 +37,14 @@ def draw_approach(study: ApproachStudy, path: str | Path, orbit: int = 0) -> Non
         for number, component in enumerate(COMPONENTS):
             axes = figure.add_subplot(grid[number // 3, number % 3])
             own = [row for row in rows if row.component == component]
+            _same_ranges(axes, epochs)
             _component(axes, study, own, component)
             axes.set_title(_TITLES[number], loc="left", weight="bold", size=9.0)
-            _same_ranges(axes, epochs)
         band, share = figure.add_subplot(grid[2, :]), figure.add_subplot(grid[3, :])
-        _band(band, epochs)
-        _availability(share, study, [row for row in rows if row.component == COMPONENTS[0]])
         for axes in (band, share):
             _same_ranges(axes, epochs)
+        _band(band, epochs)
+        _availability(share, study, [row for row in rows if row.component == COMPONENTS[0]])
         lines = [
             Line2D([], [], color=colour, marker=mark, ms=4.0, lw=0.0, label=words)
             for name, words in study.methods.items()
@@ -69,18 +69,18 @@ def draw_approach(study: ApproachStudy, path: str | Path, orbit: int = 0) -> Non
 def _component(axes: Axes, study: ApproachStudy, rows: list[ApproachRow], component: str) -> None:
     shift = component.startswith("t_")
     unit = 1e3 if shift else 1e3 * np.degrees(1.0)
-    for name in study.methods:
+    for name, aside in _aside(study):
         colour, mark = _MARKS[name]
-        own = sorted((row for row in rows if row.method == name and row.valid), key=lambda row: row.range_m)
-        if not own:
-            continue
+        own = sorted((row for row in rows if row.method == name), key=lambda row: row.range_m)
         x, error, low, high, sigma = (
             np.array([getattr(row, key) for row in own])
             for key in ("range_m", "error", "error_low", "error_high", "sigma")
         )
         bars = unit * np.stack([error - low, high - error])
         axes.plot(x, unit * sigma, color=colour, lw=1.0, zorder=2)
-        axes.errorbar(x, unit * error, bars, fmt=mark, ms=3.4, lw=0.7, capsize=1.5, color=colour, zorder=3)
+        axes.errorbar(
+            aside * x, unit * error, bars, fmt=mark, ms=3.4, lw=0.7, capsize=1.5, color=colour, zorder=3
+        )
     over_range(axes, f"error [{'mm' if shift else 'm°'}]")
 
 
@@ -112,13 +112,16 @@ def _same_ranges(axes: Axes, epochs: list[EpochRow]) -> None:
     axes.set_xlim(float(ends[0]) * 0.98, float(ends[-1]) * 1.02)
 
 
+def _aside(study: ApproachStudy) -> list[tuple[str, float]]:
+    """Return the methods, and by what factor the marks of each stand aside: equal ones would hide one another."""
+    middle = 0.5 * (len(study.methods) - 1)
+    return [(name, 1.0 + 0.01 * (number - middle)) for number, name in enumerate(study.methods)]
+
+
 def _availability(axes: Axes, study: ApproachStudy, rows: list[ApproachRow]) -> None:
-    methods = list(study.methods)
-    for number, name in enumerate(methods):
+    for name, aside in _aside(study):
         colour, mark = _MARKS[name]
         own = sorted((row for row in rows if row.method == name), key=lambda row: row.range_m)
-        # Beside one another: methods that are all available would hide one another.
-        aside = 1.0 + 0.008 * (number - 0.5 * (len(methods) - 1))
         x, y, low, high = (
             np.array([getattr(row, key) for row in own])
             for key in ("range_m", "availability", "availability_low", "availability_high")
@@ -127,5 +130,3 @@ def _availability(axes: Axes, study: ApproachStudy, rows: list[ApproachRow]) -> 
         axes.errorbar(aside * x, y, bars, fmt=mark, ms=3.4, lw=0.7, capsize=1.5, color=colour)
     over_range(axes, "share of tries with a pose")
     axes.set(yscale="linear", ylim=(-0.05, 1.05), yticks=(0.0, 0.5, 1.0))
-    axes.spines["left"].set_color(INK)
-    ruled(axes)
