@@ -68,20 +68,23 @@ def write_study(study: ApproachStudy, folder: Path) -> tuple[Path, ...]:
     RunError
         If the disk is full or fails.
     """
+    from scanner_sim.campaign.approach.page import approach_page
     from scanner_sim.products.approach import approach_json
     from scanner_sim.products.files.exchange import Writers, write_files
     from scanner_sim.products.files.folder import write_text
     from scanner_sim.products.files.tables import records_csv, write_parquet
     from scanner_sim.products.pictures.approach import draw_approach
 
+    drawn = min(study.orbits, MOST_PICTURES)
     about = {"title": "approach", "versions": dict(study.made_by)}
     pictures = {
         f"approach{f'_{orbit + 1}' if study.orbits > 1 else ''}.png": partial(
             draw_approach, study, orbit=orbit
         )
-        for orbit in range(min(study.orbits, MOST_PICTURES))
+        for orbit in range(drawn)
     }
     texts = {
+        "approach.html": approach_page(study, condition_table(study), drawn),
         "approach.json": approach_json(study),
         "epochs.csv": records_csv(study.epochs),
         "approach.csv": records_csv(study.rows),
@@ -97,7 +100,7 @@ def write_study(study: ApproachStudy, folder: Path) -> tuple[Path, ...]:
 
 def condition_table(study: ApproachStudy) -> list[list[str]]:
     """Return the table of methods over the conditions of Table 1: share with a pose, errors of place and attitude."""
-    rows = [["pose: share, error of place (σ) and attitude (σ)", *(label.name for label in study.labels)]]
+    rows = [["method", *(label.name for label in study.labels)]]
     for name, words in study.methods.items():
         own = [row for row in study.conditions if row.method == name]
         rows.append([words, *map(_cell, own)])

@@ -30,7 +30,15 @@ methods: [{methods}]
 tries: {tries}
 duration: 0.16 s
 """
-FILES = {"approach.json", "epochs.csv", "approach.csv", "conditions.csv", "tries.parquet", "approach.png"}
+FILES = {
+    "approach.html",
+    "approach.json",
+    "epochs.csv",
+    "approach.csv",
+    "conditions.csv",
+    "tries.parquet",
+    "approach.png",
+}
 
 pytestmark = pytest.mark.usefixtures("device")
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -28,7 +29,7 @@ _TITLES = ("across, x", "down, y", "along, z", "about x", "about y", "about z")
 _UNSEEN = "#e3e6e9"
 
 
-def draw_approach(study: ApproachStudy, path: str | Path, orbit: int = 0) -> None:
+def draw_approach(study: ApproachStudy, path: str | Path | BinaryIO, orbit: int = 0) -> None:
     """Draw what an approach gave under one light: six panels of errors and σ, the light, and availability."""
     epochs = [row for row in study.epochs if row.orbit == orbit]
     rows = [row for row in study.rows if row.orbit == orbit]
