@@ -14,8 +14,8 @@ from typer.testing import CliRunner
 from scanner_sim.campaign.approach.results import errors_of
 from scanner_sim.cli import app
 from scanner_sim.products.files.tables import read_parquet
-from tests.claims import mean_square
-from tests.conftest import SHIFT
+from claims import mean_square
+from conftest import SHIFT
 
 SMALL = """\
 schema: 1
