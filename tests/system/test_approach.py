@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from claims import mean_square
+from conftest import SHIFT
 from PIL import Image
 from typer.testing import CliRunner
 
 from scanner_sim.campaign.approach.results import errors_of
 from scanner_sim.cli import app
 from scanner_sim.products.files.tables import read_parquet
-from claims import mean_square
-from conftest import SHIFT
 
 SMALL = """\
 schema: 1
