@@ -113,10 +113,10 @@ def test_relative_poses_are_covered(series: list[PoseSeries], method: str) -> No
 def test_ranges_tell_depth_and_tilt(series: list[PoseSeries]) -> None:
     """Claim: ranges take nothing from what angles tell, and tell depth and tilt more surely than they do.
 
-    Expected: no combination of the six is less sure by joint than by uv, to 1 % of its variance (an angle's errors and a
-    range's are not quite independent). σ of depth is halved and that of the tilts falls below 0.8 for most of the 45 objects: what
-    is gained depends on how an object is tilted. Tolerance: fewer than half of 45, binomial at the level of this file.
-    Power: if the gain held for a tenth of the objects, 99 % of such samples would be told.
+    Expected: no combination of the six is less sure by joint than by uv, to 1 % of its variance (an angle's errors and
+    a range's are not quite independent). σ of depth is halved and that of the tilts falls below 0.8 for most of the 45
+    objects: what is gained depends on how an object is tilted. Tolerance: fewer than half of 45, binomial at the level
+    of this file. Power: if the gain held for a tenth of the objects, 99 % of such samples would be told.
     """
     joint_ones, uv_ones = (
         [one for one in series if one.method == way and not one.relative_to] for way in ("joint", "uv")

@@ -124,7 +124,8 @@ class Baseline:
 
 def no_baseline() -> Baseline:
     """Return the baseline of a line without any light but the peak's."""
-    return Baseline(*(auto.Float(0.0) for _ in range(5)), auto.Float(1.0))
+    none = auto.Float(0.0)
+    return Baseline(none, none, none, none, none, distance=auto.Float(1.0))
 
 
 def baseline_beside(line: Line, centre: Int32, guard: Int32) -> Baseline:

@@ -54,8 +54,8 @@ def test_level_and_slope_move_an_estimate_by_its_derivatives(device: Device, met
 def test_an_edge_beneath_the_spot_is_as_likely_anywhere(device: Device, method: Any) -> None:
     """Claim: where the sides differ by D = 20 electrons, σ² grows by the mean square of what such an edge does.
 
-    Set-up: the judge's estimator moved, by differences, by edges behind each pixel between the middles of the sides, less
-    the straight line that the baseline takes off. Expected: the mean of the squares over these 18 places, to 0.1 %.
+    Set-up: the judge's estimator moved, by differences, by edges behind each pixel between the middles of the sides,
+    less the straight line that the baseline takes off. Expected: the mean of the squares over these 18 places.
     """
     charges = 1e4 * pixel_shares(HALF + 0.2, 1.1, 2 * HALF + 1)
     step, judge = np.arange(-HALF, HALF + 1.0), ESTIMATORS[method]
