@@ -66,8 +66,9 @@ class AutomaticExposure(Part):
     def level(self, sensor: FrameSensor, counts: NDArray[np.floating] | NDArray[np.uint16]) -> float:
         """Return the level of a frame, 0 to 1."""
         span = sensor.largest_number - sensor.black_level
-        shown = counts.mean() if self.measure == "mean" else np.quantile(counts, self.percentile)
-        return (float(shown) - sensor.black_level) / span
+        mean = self.measure == "mean"
+        shown = float(counts.mean() if mean else np.quantile(counts, self.percentile))
+        return (shown - sensor.black_level) / span
 
     def following(self, time: float, level: float) -> float:
         """Return the exposure [s] that follows a frame of an exposure and a level."""
