@@ -72,7 +72,7 @@ class AutomaticExposure(Part):
 
     def following(self, time: float, level: float) -> float:
         """Return the exposure [s] that follows a frame of an exposure and a level."""
-        wanted = time * (self.target / max(level, _DARKEST)) ** self.rate
+        wanted: float = time * (self.target / max(level, _DARKEST)) ** self.rate
         return min(max(wanted, self.shortest), self.longest)
 
     def settled(self, sensor: FrameSensor, rate: NDArray[np.float64]) -> float:

@@ -5,7 +5,8 @@ samples are stratified in four things, each in strata of its own order: the plac
 point of the Sun's disc, that of the Earth, and the moment of the exposure (Pharr, Jakob and Humphreys, *Physically
 based rendering*, 3rd ed., ch. 7). Pixels are added up in a fixed order: a Mitsuba film adds with atomic operations, in
 an order that no run repeats. Where brightness or material changes among the samples of a pixel or of its
-neighbours, the pixel is sampled again, finer.
+neighbours, the pixel is sampled again, finer. Light of less than one sample of a pixel and of its neighbours is
+missed: feet of a blurred edge, 0.5 % of its contrast at 16 samples and a point spread of a pixel, nothing at a third.
 """
 
 from __future__ import annotations
