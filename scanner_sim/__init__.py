@@ -37,7 +37,9 @@ if TYPE_CHECKING:
     from scanner_sim.instrument.simulate_signals import simulate_waveforms as simulate_waveforms
     from scanner_sim.instrument.viewing import view as view
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
-    from scanner_sim.pose.filter import PoseFilter as PoseFilter
+    from scanner_sim.pose.filter import FilterModel as FilterModel
+    from scanner_sim.pose.pose_filter import FilteredPose as FilteredPose
+    from scanner_sim.pose.pose_filter import PoseFilter as PoseFilter
     from scanner_sim.pose.result import PoseEstimate as PoseEstimate
     from scanner_sim.products.difference import difference_of as difference_of
     from scanner_sim.products.files.exr import read_range_image as read_range_image
@@ -69,6 +71,8 @@ __all__ = [
     "KnownRecords",
     "LineSet",
     "PoseEstimate",
+    "FilterModel",
+    "FilteredPose",
     "PoseFilter",
     "RangeImage",
     "RunError",
@@ -120,7 +124,9 @@ _HOMES = {
     "KnownRecords": "scanner_sim.signals.waveform.own_pulse",
     "LineSet": "scanner_sim.products.lines",
     "PoseEstimate": "scanner_sim.pose.result",
-    "PoseFilter": "scanner_sim.pose.filter",
+    "FilterModel": "scanner_sim.pose.filter",
+    "FilteredPose": "scanner_sim.pose.pose_filter",
+    "PoseFilter": "scanner_sim.pose.pose_filter",
     "RangeImage": "scanner_sim.products.image",
     "RunError": "scanner_sim.foundation.errors",
     "Samples": "scanner_sim.instrument.samples",

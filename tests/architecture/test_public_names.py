@@ -28,6 +28,8 @@ def test_the_public_names_are_these() -> None:
         "KnownRecords",
         "LineSet",
         "PoseEstimate",
+        "FilterModel",
+        "FilteredPose",
         "PoseFilter",
         "RangeImage",
         "RunError",

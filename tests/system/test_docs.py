@@ -44,6 +44,7 @@ SMALL = {
     "difference": ["--overwrite"],
     "pose-study": ["--overwrite"],
     "calibrate": ["--overwrite"],
+    "approach": ["--dry-run"],
 }
 """What makes each verb quick: it comes last, so that it holds where the example asks for more, and changes no word of
 the example."""

@@ -138,10 +138,14 @@ class LoadedScene:
 
 def device_poses(matrices: list[NDArray[np.float64]]) -> tuple[Pose, ...]:
     """Return poses of several objects, each of shape (n, 4, 4), as float32 on the device; all in one transfer."""
-    if not matrices:
+    return poses_from(packed_poses(matrices), len(matrices)) if matrices else ()
+
+
+def poses_from(packed: NDArray[np.float32], objects: int) -> tuple[Pose, ...]:
+    """Return the poses of several objects that :func:`packed_poses` made, on the device."""
+    if not objects:
         return ()
-    numbers = mi.Float(for_device(packed_poses(matrices)))
-    poses = unpacked_poses(numbers, len(matrices), len(matrices[0]))
+    poses = unpacked_poses(mi.Float(for_device(packed)), objects, len(packed) // (12 * objects))
     dr.eval(poses)
     return poses
 
