@@ -159,7 +159,7 @@ def test_an_edge_is_as_blurred_as_pixel_and_lens_say() -> None:
 def test_what_moves_is_blurred_over_the_exposure() -> None:
     """Claim: a plate that moves by d = 4.8 pixels in 10 ms is imaged d/2 on, its second moment larger by d²/12.
 
-    Set-up: 20 m/s, twelve seeds; the lens blurs by a pixel, so that sums over pixels are integrals. Bounds: Student's t.
+    Set-up: 20 m/s, twelve seeds; the lens blurs by a pixel, so that sums over pixels are integrals. Bounds: Student.
     """
     moving = {"motion": {"type": "twist", "velocity": (20.0, 0.0, 0.0)}}
     blur = {**PLAIN["lens"], "aberration": 50e-6}
