@@ -305,6 +305,18 @@ def test_in_the_dark_there_is_noise_alone() -> None:
     assert 0 < found.counts.max() < 10
 
 
+def test_the_earth_lights_what_the_sun_does_not() -> None:
+    """The front of a plate whose back is in the Sun is black, but for the Earth, and is as bright as its albedo."""
+    behind = {"direction": (0.0, -0.5, 0.8)}
+    bright = []
+    for albedo in (0.0, 0.3, 0.6):
+        light = {"sun": behind, "earth": {"direction": (0.0, 1.0, -0.3), "albedo_visible": albedo}}
+        bright.append(taken(wall(0, 0, 12), light=light).truth.electrons.mean(dtype=float))
+    assert bright[0] == 0.0
+    assert bright[1] > 0.0
+    assert bright[2] == pytest.approx(2.0 * bright[1], rel=1e-5)
+
+
 def test_the_sun_in_the_frame_saturates_and_beside_it_veils() -> None:
     seen = {"sun": {"direction": (0.05, 0.05, 1.0)}}
     beside = {"sun": {"direction": (0.14, 0.0, 1.0)}}
