@@ -216,7 +216,8 @@ def _speckle(scenario: Scenario) -> Iterator[str]:
     if found:
         yield (
             f"scanner.receiver.aperture: from {found[0]:.3g} m to {found[-1]:.3g} m the beam's image is smaller "
-            "than a grain of speckle and the lens is out of focus by more than either; σ by speckle is up to a quarter off there"
+            "than a grain of speckle and the lens is out of focus by more than either; σ by speckle is up to a quarter "
+            "off there"
         )
 
 

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation as Turning
 from scanner_sim.campaign.approach.plan import MOST_EPOCHS, Approach, Epochs
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.scene.ephemeris import EphemerisMotion
-from scanner_sim.scene.motion import ConstantTwist, PoseFile, RigidMotion, Waypoints
+from scanner_sim.scene.motion import ConstantTwist, PlannedMotion, PoseFile, Waypoints
 from scanner_sim.scene.relative_orbit import RelativeOrbit
 
 Array = NDArray[np.float64]
@@ -47,7 +47,7 @@ class Epoch(NamedTuple):
         return float(np.linalg.norm(self.pose[:3, 3]))
 
 
-def span_of(motion: RigidMotion) -> tuple[float, float | None]:
+def span_of(motion: PlannedMotion) -> tuple[float, float | None]:
     """Return when a motion begins and ends [s]; None where it goes on."""
     if isinstance(motion, Waypoints):
         return motion.points[0].time, motion.points[-1].time

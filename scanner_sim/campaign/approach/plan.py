@@ -12,7 +12,7 @@ from scanner_sim.campaign.approach.methods import METHODS, MethodName
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Count, InputFile, Part
 from scanner_sim.foundation.units import Angle, Length, Time
-from scanner_sim.scene.motion import RigidMotion
+from scanner_sim.scene.motion import PlannedMotion
 from scanner_sim.scene.poses import Name
 
 MOST_EPOCHS = 10_000
@@ -77,7 +77,7 @@ class Approach(Part):
     """Seed of the seeds of all tries."""
     object: Name = Field(examples=["vehicle"])
     """The object whose path it is. The arrays are fixed to it."""
-    trajectory: RigidMotion
+    trajectory: PlannedMotion
     """Its path before the scanner, in the place of the scenario's ``motion``."""
     epochs: Epochs
     """Where on the path poses are tried."""

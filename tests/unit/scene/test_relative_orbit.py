@@ -103,7 +103,7 @@ def test_a_burn_changes_velocity_once() -> None:
 
 def test_a_glideslope_passes_its_places_arrives_and_stays() -> None:
     """Claim: at each pulse the chaser is on the line where Hablani's law, integrated numerically, has it."""
-    slope = Glideslope(to=(-2.0, 0.0, 0.0), start_speed=0.05, end_speed=0.01, pulses=12)
+    slope = Glideslope(to=(-2.0, 0.5, 1.0), start_speed=0.05, end_speed=0.01, pulses=12)
     motion = relative(position=(-30.0, 0.0, 8.0), glideslope=slope)
     start, end = np.array([-30.0, 0.0, 8.0]), np.array(slope.to)
     distance = float(np.linalg.norm(start - end))
