@@ -5,9 +5,9 @@ pixel is ∬ K over the ellipse. By Green's theorem it is a line integral round 
 
     c = ∮ H(X − u) B(Y − v) Y' ds,    B(t) = Φ((t + ½)/σ) − Φ((t − ½)/σ),    H' = B,
 
-and its change with a parameter is that of the edge times K, ∮ B(X − u) B(Y − v) (X_p Y' − Y_p X') ds. Both are integrals
-of smooth periodic functions, for which equal steps of s are exact to rounding (Trefethen and Weideman, *SIAM Review* 56,
-2014, 385), and a product of matrices over the steps.
+and its change with a parameter is that of the edge times K, ∮ B(X − u) B(Y − v) (X_p Y' − Y_p X') ds. Both are
+integrals of smooth periodic functions, for which equal steps of s are exact to rounding (Trefethen and Weideman, *SIAM
+Review* 56, 2014, 385), and a product of matrices over the steps.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def expected_numbers(parameters: Array, u: Array, v: Array, steps: int) -> tuple
     cos, sin = np.cos(s), np.sin(s)
     x, y = p[U] + p[L_UU] * cos + p[L_UV] * sin, p[V] + p[L_UV] * cos + p[L_VV] * sin
     dx, dy = -p[L_UU] * sin + p[L_UV] * cos, -p[L_UV] * sin + p[L_VV] * cos
-    across, summed, across_blurred, summed_blurred = _kernels(x[..., None] - u, p[BLUR][..., None])
+    across, summed, _, summed_blurred = _kernels(x[..., None] - u, p[BLUR][..., None])
     down, _, down_blurred, _ = _kernels(y[..., None] - v, p[BLUR][..., None])
     normals = np.stack([dy, -dx, cos * dy, sin * dy - cos * dx, -sin * dx], axis=1)  # (D, 5, n)
     weight = 2.0 * np.pi / steps
@@ -72,7 +72,11 @@ def expected_numbers(parameters: Array, u: Array, v: Array, steps: int) -> tuple
     left = 1.0 - q[CONTRAST] * share
     derivatives = np.empty((len(parameters), COUNT, len(v), len(u)))
     derivatives[:, :LIGHT] = -(q[CONTRAST] * light)[:, None] * by_edge
-    derivatives[:, LIGHT], derivatives[:, LIGHT_U], derivatives[:, LIGHT_V] = left, left * u, left * v[:, None]
+    derivatives[:, LIGHT], derivatives[:, LIGHT_U], derivatives[:, LIGHT_V] = (
+        left,
+        left * u,
+        left * v[:, None],
+    )
     derivatives[:, CONTRAST] = -light * share
     derivatives[:, BLUR] = -light * q[CONTRAST] * by_blur
     return light * left, derivatives

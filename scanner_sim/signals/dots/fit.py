@@ -148,7 +148,7 @@ def _before(frame: NDArray[np.generic], blobs: Blobs, calibration: FrameCalibrat
     smallest = 0.5 * (blobs.shape[:, 0] + blobs.shape[:, 2]) - np.hypot(
         0.5 * (blobs.shape[:, 0] - blobs.shape[:, 2]), blobs.shape[:, 1]
     )
-    noise = np.sqrt(calibration.floor + blobs.light / calibration.electrons_per_number)
+    noise = np.sqrt(calibration.variance(blobs.light))
     status[blobs.contrast * blobs.light < _LEAST_SIGNAL * noise] = DotStatus.SHADOWED
     status[smallest < _LEAST_AXIS] = DotStatus.TOO_SMALL
     far = _reach(blobs.shape, calibration.blur)
@@ -247,8 +247,7 @@ class _Window:
 
 def _weights(window: _Window, expected: Array, calibration: FrameCalibration) -> Array:
     """Return the inverse variances of pixels [1/DN²], zero of those that are not fitted, shape (d, h, w)."""
-    variance = calibration.floor + np.maximum(expected, 0.0) / calibration.electrons_per_number
-    return np.where(window.used, 1.0 / variance, 0.0)
+    return np.where(window.used, 1.0 / calibration.variance(expected), 0.0)
 
 
 def _descended(window: _Window, weight: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -278,7 +277,7 @@ def _descended(window: _Window, weight: Array, values: Array) -> tuple[Array, ND
 def _normal(
     window: _Window, weight: Array, values: Array, expected: Array, rows: Array
 ) -> tuple[Array, Array, Array]:
-    """Return weighted squares (d,), normal matrix (d, 10, 10) and right-hand side (d, 10), with the blur's observation."""
+    """Return weighted squares (d,), normal matrix (d, 10, 10) and right-hand side (d, 10), the blur's known."""
     apart = window.numbers - expected
     flat = rows.reshape(*rows.shape[:2], -1)
     weighted = flat * weight.reshape(len(weight), 1, -1)
@@ -323,7 +322,7 @@ def _after(
     uu, uv, vv = values[:, L_UU], values[:, L_UV], values[:, L_VV]
     apart = np.hypot(0.5 * (uu - vv), uv)
     shortest, longest = 0.5 * (uu + vv) - apart, 0.5 * (uu + vv) + apart
-    noise = np.sqrt(calibration.floor + np.maximum(values[:, LIGHT], 0.0) / calibration.electrons_per_number)
+    noise = np.sqrt(calibration.variance(values[:, LIGHT]))
     light = values[:, LIGHT, None, None] + (
         values[:, LIGHT + 1, None, None] * about + values[:, LIGHT + 2, None, None] * about[:, None]
     )

@@ -59,15 +59,15 @@ def find_blobs(frame: NDArray[np.generic], calibration: FrameCalibration) -> Blo
 
     Notes
     -----
-    A grey closing (Serra, *Image Analysis and Mathematical Morphology*, 1982) fills what is darker than its surroundings
-    and smaller than :data:`LARGEST`; what it adds, above noise and above a quarter of the light, is divided into
-    connected areas. Areas that are far from filling the ellipse of their moments are left out: gaps, lines, corners.
+    A grey closing (Serra, *Image Analysis and Mathematical Morphology*, 1982) fills what is darker than its
+    surroundings and smaller than :data:`LARGEST`; what it adds, above noise and above a quarter of the light, is
+    divided into connected areas. Areas that are far from filling the ellipse of their moments are left out: gaps, lines, corners.
     """
     numbers = np.asarray(frame, dtype=np.float64) - calibration.black
     smooth = ndimage.gaussian_filter(numbers, 0.7, mode="nearest")
     white = ndimage.grey_closing(smooth, size=(LARGEST, LARGEST), mode="nearest")
     lacking = white - smooth
-    noise = np.sqrt(calibration.floor + np.maximum(white, 0.0) / calibration.electrons_per_number)
+    noise = np.sqrt(calibration.variance(white))
     dark = lacking > np.maximum(_DARKER * white, _OUTSTANDING * noise)
     labels, count = ndimage.label(dark, structure=np.ones((3, 3)))
     found = []

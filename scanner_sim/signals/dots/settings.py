@@ -5,6 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
 LEAST_BLUR = 0.2
 """Least standard deviation of a point spread [pixel]; a sharper one does not matter beside the pixel."""
 
@@ -25,6 +30,8 @@ class FrameCalibration:
         Digital number from which a pixel is not trusted.
     blur
         Standard deviation per axis of the point spread, the pixel apart [pixel].
+    uneven
+        Standard deviation of the pixels' responses, over their mean.
     """
 
     black: float
@@ -32,11 +39,17 @@ class FrameCalibration:
     read_noise: float
     saturation: float
     blur: float
+    uneven: float = 0.0
 
     @property
     def floor(self) -> float:
         """Variance of a pixel without light, with that of its steps [DN²]."""
         return (self.read_noise / self.electrons_per_number) ** 2 + 1.0 / 12.0
+
+    def variance(self, numbers: Array) -> Array:
+        """Return the variance [DN²] of pixels of mean numbers above black [DN]."""
+        lit = np.maximum(numbers, 0.0)
+        return self.floor + lit / self.electrons_per_number + (self.uneven * lit) ** 2
 
 
 class DotStatus(IntEnum):
