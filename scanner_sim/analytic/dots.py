@@ -41,14 +41,14 @@ class DotScene:
 def dot_image(scene: DotScene, half: int) -> Array:
     """Return the mean electrons of (2 half + 1)² pixels, rows along v."""
     finest = min(scene.blur, 1.0)
-    radii, weights = np.polynomial.legendre.leggauss(max(12, int(2.0 * scene.a / finest)))
-    radii, weights = 0.5 * (radii + 1.0), 0.5 * weights
+    nodes, sums = np.polynomial.legendre.leggauss(max(12, int(2.0 * scene.a / finest)))
+    radii, weights = 0.5 * (nodes + 1.0), 0.5 * sums
     turns = max(48, int(9.0 * scene.a / finest))
     angle = 2.0 * np.pi * (np.arange(turns) + 0.5) / turns
     x, y = scene.a * radii[:, None] * np.cos(angle), scene.b * radii[:, None] * np.sin(angle)
     area = np.broadcast_to((weights * radii)[:, None], x.shape) * scene.a * scene.b * 2.0 * np.pi / turns
     cos, sin = np.cos(scene.angle), np.sin(scene.angle)
-    pixels = np.arange(-half, half + 1.0)
+    pixels: Array = np.arange(-half, half + 1.0)
     across = _into_pixels(pixels, (scene.u + x * cos - y * sin).ravel(), scene.blur)
     down = _into_pixels(pixels, (scene.v + x * sin + y * cos).ravel(), scene.blur)
     share = (down * area.ravel()) @ across.T

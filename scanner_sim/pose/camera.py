@@ -99,7 +99,7 @@ def estimate_camera_pose(
             f"centres and covariance have the shapes {seen.shape} and {spread.shape}; "
             f"(..., {len(dots.points)}, 2) and (..., {len(dots.points)}, 2, 2) are wanted."
         )
-    known = np.isfinite(seen).all(axis=-1) & np.isfinite(spread).all(axis=(-2, -1))
+    known = np.asarray(np.isfinite(seen).all(axis=-1) & np.isfinite(spread).all(axis=(-2, -1)))
     seen = np.where(known[..., None], seen, np.nan)
     root = None if calibration is None else _root(np.asarray(calibration, dtype=np.float64))
     shift = np.zeros_like(seen)

@@ -29,6 +29,7 @@ from scanner_sim.signals.dots.settings import DotStatus
 
 Array = NDArray[np.float64]
 Index = NDArray[np.int64]
+_Fit = tuple[NDArray[np.int64], PoseEstimate]
 
 MOST_DOTS = 24
 """Dots of a frame that are tried; of more the darkest."""
@@ -109,7 +110,7 @@ def identify(
         found = _settled(camera, array, dots, usable, chosen)
         if found is not None:
             return _named(camera, array, dots, found, ambiguous=False)
-    fits = []
+    fits: list[_Fit] = []
     for chosen in _trials(camera, array, dots, usable, expected):
         found = _settled(camera, array, dots, usable, chosen)
         if found is not None and not any(np.array_equal(found[0], other[0]) for other in fits):
@@ -161,9 +162,6 @@ def _same_hand(one: Array, other: Array, normal: Array) -> bool:
     a, b = one - one.mean(axis=0), other - other.mean(axis=0)
     turned = np.einsum("ni,nj->ij", a, b) + 1e-3 * np.sum(a * a) * np.einsum("i,j->ij", normal, normal)
     return bool(np.linalg.det(turned) > 0.0)
-
-
-_Fit = tuple[Index, PoseEstimate]
 
 
 def _trials(

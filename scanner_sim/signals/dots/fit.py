@@ -139,7 +139,7 @@ def fit_dots(frame: NDArray[np.generic], blobs: Blobs, calibration: FrameCalibra
 
 def _reach(shape: Array, blur: float) -> Array:
     """Return how far a fit looks from the centres [pixel]."""
-    return np.hypot(np.abs(shape).max(axis=1), np.abs(shape[:, 1])) + _MARGIN + 2.0 * blur
+    return np.asarray(np.hypot(np.abs(shape).max(axis=1), np.abs(shape[:, 1])) + _MARGIN + 2.0 * blur)
 
 
 def _before(frame: NDArray[np.generic], blobs: Blobs, calibration: FrameCalibration) -> NDArray[np.int8]:

@@ -61,7 +61,8 @@ def find_blobs(frame: NDArray[np.generic], calibration: FrameCalibration) -> Blo
     -----
     A grey closing (Serra, *Image Analysis and Mathematical Morphology*, 1982) fills what is darker than its
     surroundings and smaller than :data:`LARGEST`; what it adds, above noise and above a quarter of the light, is
-    divided into connected areas. Areas that are far from filling the ellipse of their moments are left out: gaps, lines, corners.
+    divided into connected areas. Areas that are far from filling the ellipse of their moments are
+    left out: gaps, lines, corners.
     """
     numbers = np.asarray(frame, dtype=np.float64) - calibration.black
     smooth = ndimage.gaussian_filter(numbers, 0.7, mode="nearest")
