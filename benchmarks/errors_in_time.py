@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scanner_sim import PoseFilter, load_scenario, poses_of, track
+from scanner_sim import FilterModel, load_scenario, poses_of, track
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.instrument.closed_loop.poses import true_poses
 from scanner_sim.pose.transforms import vector_from_rotation
@@ -64,7 +64,7 @@ def filtered(scenario: Scenario) -> tuple[float, float]:
     """χ²/12 of the filter after the last visit, with the parts of errors and with white noise."""
     made, found = track(scenario), []
     separation = scenario.scanner.mirrors.axis_separation
-    known = PoseFilter.of(made.targets, separation, acceleration=1e-12, turn_acceleration=1e-12)
+    known = FilterModel.of(made.targets, separation, acceleration=1e-12, turn_acceleration=1e-12)
     for records in (list(made.records), [white(record) for record in made.records]):
         state = known.begin(records[:12])
         for record in records[12:]:

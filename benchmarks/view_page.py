@@ -17,6 +17,13 @@ from pathlib import Path
 
 MEASURE = """async () => {
   const { space, shading, cloud, choose } = await page, gl = space.renderer.getContext();
+  const ends = [];
+  for (const until = performance.now() + 4000; performance.now() < until; ) {
+    ends.push(await new Promise(requestAnimationFrame));
+    space.turn(0.03, 0);
+  }
+  const turning = (1000 * (ends.length - 1)) / (ends.at(-1) - ends[0]), thinned = space.pace.share;
+  space.card = true; // what follows is at full resolution
   let calls = 0;
   for (const name of Object.getOwnPropertyNames(Object.getPrototypeOf(gl))) {
     const about = Object.getOwnPropertyDescriptor(Object.getPrototypeOf(gl), name);
@@ -37,6 +44,8 @@ MEASURE = """async () => {
   const script = each(60, frame), perFrame = calls / 60;
   finish();
   return {
+    "frames a second while turning": turning,
+    "share of the points then": thinned,
     "points": space.renderer.info.render.points,
     "JavaScript of a frame [ms]": script,
     "calls of WebGL in a frame": perFrame,

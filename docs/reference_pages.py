@@ -25,6 +25,7 @@ from scanner_sim.products.shots import AIMED
 from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.scene.materials import MATERIALS
+from scanner_sim.scene.visible import VISIBLE
 from scanner_sim.tracking.record import Track, TrackStatus
 
 CONVERTED = {
@@ -454,7 +455,7 @@ def materials_page() -> str:
         "",
         "Reflectances at 1.5 µm, and metals' indices of refraction. `material: NAME` in a scenario, or",
         "numbers of your own, as `material: {reflectance: 0.3}`; see [Surface](scenario.md#surface) and",
-        "[Retroreflector](scenario.md#retroreflector).",
+        "[Retroreflector](scenario.md#retroreflector). What the video camera sees of them stands below.",
         "",
         "| name | kind | reflectance | out of band | n, k | roughness | source |",
         "|---|---|---|---|---|---|---|",
@@ -467,6 +468,18 @@ def materials_page() -> str:
         lines.append(
             f"| `{name}` | {kind} | {item.reflectance:g} | {outside} | {index} | {rough} | {_cell(item.source)} |"
         )
+    lines += [
+        "",
+        "## In visible light",
+        "",
+        "For the video camera, at 550 nm or as a mean from 400 to 700 nm.",
+        "",
+        "| name | reflectance | n, k | source |",
+        "|---|---|---|---|",
+    ]
+    for name, seen in VISIBLE.items():
+        index = "–" if seen.eta is None else f"{seen.eta:g}, {seen.k:g}"
+        lines.append(f"| `{name}` | {seen.reflectance:g} | {index} | {_cell(seen.source)} |")
     return "\n".join(lines) + "\n"
 
 

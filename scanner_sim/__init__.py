@@ -26,17 +26,20 @@ if TYPE_CHECKING:
     from scanner_sim.instrument.closed_loop.tracker import Tracker as Tracker
     from scanner_sim.instrument.instrument import Instrument as Instrument
     from scanner_sim.instrument.parameter_jacobian import parameter_jacobian as parameter_jacobian
+    from scanner_sim.instrument.photograph import take_frames as take_frames
+    from scanner_sim.instrument.photograph import take_photo as take_photo
     from scanner_sim.instrument.samples import Samples as Samples
     from scanner_sim.instrument.shots import simulate_shots as simulate_shots
     from scanner_sim.instrument.simulate import simulate as simulate
     from scanner_sim.instrument.simulate import simulate_many as simulate_many
     from scanner_sim.instrument.simulate import simulate_voxel as simulate_voxel
-    from scanner_sim.instrument.simulate import take_photo as take_photo
     from scanner_sim.instrument.simulate_signals import simulate_lines as simulate_lines
     from scanner_sim.instrument.simulate_signals import simulate_waveforms as simulate_waveforms
     from scanner_sim.instrument.viewing import view as view
     from scanner_sim.pose.estimate import estimate_pose as estimate_pose
-    from scanner_sim.pose.filter import PoseFilter as PoseFilter
+    from scanner_sim.pose.filter import FilterModel as FilterModel
+    from scanner_sim.pose.pose_filter import FilteredPose as FilteredPose
+    from scanner_sim.pose.pose_filter import PoseFilter as PoseFilter
     from scanner_sim.pose.result import PoseEstimate as PoseEstimate
     from scanner_sim.products.difference import difference_of as difference_of
     from scanner_sim.products.files.exr import read_range_image as read_range_image
@@ -68,6 +71,8 @@ __all__ = [
     "KnownRecords",
     "LineSet",
     "PoseEstimate",
+    "FilterModel",
+    "FilteredPose",
     "PoseFilter",
     "RangeImage",
     "RunError",
@@ -102,6 +107,7 @@ __all__ = [
     "simulate_shots",
     "simulate_voxel",
     "simulate_waveforms",
+    "take_frames",
     "take_photo",
     "track",
     "track_many",
@@ -118,7 +124,9 @@ _HOMES = {
     "KnownRecords": "scanner_sim.signals.waveform.own_pulse",
     "LineSet": "scanner_sim.products.lines",
     "PoseEstimate": "scanner_sim.pose.result",
-    "PoseFilter": "scanner_sim.pose.filter",
+    "FilterModel": "scanner_sim.pose.filter",
+    "FilteredPose": "scanner_sim.pose.pose_filter",
+    "PoseFilter": "scanner_sim.pose.pose_filter",
     "RangeImage": "scanner_sim.products.image",
     "RunError": "scanner_sim.foundation.errors",
     "Samples": "scanner_sim.instrument.samples",
@@ -151,7 +159,8 @@ _HOMES = {
     "simulate_shots": "scanner_sim.instrument.shots",
     "simulate_voxel": "scanner_sim.instrument.simulate",
     "simulate_waveforms": "scanner_sim.instrument.simulate_signals",
-    "take_photo": "scanner_sim.instrument.simulate",
+    "take_frames": "scanner_sim.instrument.photograph",
+    "take_photo": "scanner_sim.instrument.photograph",
     "track": "scanner_sim.instrument.closed_loop.track",
     "track_many": "scanner_sim.instrument.closed_loop.track",
     "view": "scanner_sim.instrument.viewing",

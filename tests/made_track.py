@@ -83,6 +83,7 @@ def make_track(seconds: float = 0.4, seed: int = 1, objects: int = 2) -> Track:
                 truth=truth,
                 truth_point=point,
                 samples=pattern_of(truth, time, 30e-3 if late else 10e-3, random),
+                available=time + 4e-3,
             )
         )
     targets = tuple(

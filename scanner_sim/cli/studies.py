@@ -119,6 +119,49 @@ def pose_study(
     study_scenario(call, diameter=diameter, quick=quick)
 
 
+def approach(
+    file: Annotated[
+        Path, typer.Argument(metavar="APPROACH", help="The approach, a YAML file.", show_default=False)
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder of the result.",
+            show_default="output/ and APPROACH's name",
+        ),
+    ] = None,
+    workers: Annotated[
+        int,
+        typer.Option(metavar="N", min=0, max=1024, help="Processes of Dask; 0 works in this one."),
+    ] = 0,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check it, print its epochs, and stop.")] = False,
+    device: Device = DeviceName.auto,
+    quiet: Quiet = False,
+) -> None:
+    """Fly an approach under the light of its orbit: which method has a pose where, how good, and how good it says.
+
+    Example: `scanner-sim approach configs/approach/v_bar.yaml`
+
+    At epochs along a path (waypoints, a file, CCSDS, or Clohessy and Wiltshire's equations) the targets are tracked a
+    few times by angles, points, both and time of flight. DIR gets a picture over range, a table over the conditions of
+    Table 1, and all tries. It is the folder of a campaign: what a killed one has done stays, the same command goes on.
+    """
+    with reported():
+        from scanner_sim.cli.approaching import fly_approach
+
+        fly_approach(
+            file,
+            output or Path("output", file.stem),
+            workers=workers,
+            dry_run=dry_run,
+            device=device.value,
+            quiet=quiet,
+        )
+
+
 def selfcal(
     plan: Annotated[
         Path,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from scanner_sim.cli.progress import progress_bar
 from scanner_sim.cli.tables import print_table
+from scanner_sim.products.files.contents import PAGE
 from scanner_sim.products.files.exchange import check_files
 from scanner_sim.products.formats.convert import result_in
 from scanner_sim.render.libraries import DeviceChoice
@@ -30,7 +31,7 @@ def view_result(
     """
     folder = result if result.is_dir() else result.parent
     found, poses = result_in(result)
-    page = output or folder / "view.html"
+    page = output or folder / PAGE
     # As the pictures of `show`: what stands beside the result is ours to draw anew.
     overwrite = overwrite or output is None
     check_files([page], overwrite)

@@ -24,7 +24,7 @@ from scanner_sim.detector.photodiode.photodiode import Digitiser, Photodiode
 from scanner_sim.foundation.device_types import FloatLike
 from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.parts import Part
-from scanner_sim.foundation.units import Frequency, Ratio
+from scanner_sim.foundation.units import Frequency, Ratio, Time
 from scanner_sim.optics.as_built import AsBuilt
 from scanner_sim.optics.deflection import Mirrors
 from scanner_sim.optics.filter import FilterChoice, laser_gain
@@ -75,6 +75,20 @@ LidarChoice = Annotated[
 """A time-of-flight unit, or ``none``."""
 
 
+class Latency(Part):
+    """What passes between the last light of a tracking pattern and its measurement at whoever steers by it."""
+
+    processing: Time = Field(default=0.0, ge=0.0, le=1e3)
+    """Time in which the instrument works out what the pattern shows."""
+    transfer: Time = Field(default=0.0, ge=0.0, le=1e3)
+    """Time in which it is sent."""
+
+    @property
+    def whole(self) -> float:
+        """Both together [s]."""
+        return self.processing + self.transfer
+
+
 class Scanner(Part):
     """An auto-synchronised laser scanner.
 
@@ -104,6 +118,8 @@ class Scanner(Part):
     a laser that always shines."""
     as_built: AsBuilt | None = None
     """How the instrument that measures departs from all this, which it believes; by default it does not."""
+    latency: Latency = Latency()
+    """How long after its light a measurement of a target is there; by default at the end of its pattern."""
 
     @model_validator(mode="before")
     @classmethod

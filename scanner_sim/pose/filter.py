@@ -57,6 +57,9 @@ class FilterState:
     covariance
         Of all errors, shape (12 m + 6 n + 1, 12 m + 6 n + 1): for each object (δt, δω, δv, δ rate), with position + δt
         and exp([δω]×) rotation, then the biases.
+    surprise
+        Squared Mahalanobis distance of the last visit's (Θ, φ, R) from what was predicted: χ² of three degrees of
+        freedom (normalised innovation squared).
     """
 
     time: float
@@ -66,6 +69,7 @@ class FilterState:
     turn_rate: Array
     bias: Array
     covariance: Array
+    surprise: float = np.nan
 
     def covariance_of(self, number: int = 0) -> Array:
         """Return the covariance of one object's (δt, δω, δv, δ rate) [m, rad, m/s, rad/s], shape (12, 12)."""
@@ -74,7 +78,7 @@ class FilterState:
 
 
 @dataclass(frozen=True)
-class PoseFilter:
+class FilterModel:
     """What the filter knows beforehand.
 
     Attributes
@@ -104,7 +108,7 @@ class PoseFilter:
         *,
         acceleration: float = 1e-6,
         turn_acceleration: float = 1e-6,
-    ) -> PoseFilter:
+    ) -> FilterModel:
         """Return the filter for all objects that carry at least three of a run's targets; see the attributes."""
         every: dict[str, dict[str, ArrayLike]] = {}
         for target in targets:
@@ -132,7 +136,7 @@ class PoseFilter:
         InputError
             If an object has no pose from them.
         """
-        seen = {record.target: record for record in records if _counts(record)}
+        seen = {record.target: record for record in records if counts(record)}
         position, rotation = [], []
         for name, own in self.objects.items():
             known = {target: point for target, point in own.items() if target in seen}
@@ -170,9 +174,9 @@ class PoseFilter:
 
     def updated(self, state: FilterState, record: PatternRecord) -> FilterState:
         """Return the state after a visit; one that measured nothing, or another target, changes nothing."""
-        if not _counts(record) or record.target not in self.targets:
+        if not counts(record) or record.target not in self.targets:
             return state
-        ahead = self._predicted(state, record)
+        ahead = self.predicted(state, record)
         number = list(self.targets).index(record.target)
         body, point = self.targets[record.target]
         arm = applied(ahead.rotation[body], point)
@@ -189,10 +193,13 @@ class PoseFilter:
         away = record.position - wanted[:, 0] - known
         noise = record.errors.white
         crossed = product(slope, ahead.covariance)
-        gain = solve_linear(product(crossed, slope.T) + noise, crossed).T
+        spread = product(crossed, slope.T) + noise
+        gain = solve_linear(spread, crossed).T
+        surprise = float((away * solve_linear(spread, away[:, None])[:, 0]).sum())
         keep = np.eye(len(crossed.T)) - product(gain, slope)
         whole = product(keep, ahead.covariance, keep.T) + product(gain, noise, gain.T)
-        return self._moved(ahead, applied(gain, away), 0.5 * (whole + whole.T))
+        moved = self._moved(ahead, applied(gain, away), 0.5 * (whole + whole.T))
+        return replace(moved, surprise=surprise)
 
     def _moved(self, state: FilterState, change: Array, covariance: Array) -> FilterState:
         """Return the state with a correction added."""
@@ -208,8 +215,11 @@ class PoseFilter:
             covariance=covariance,
         )
 
-    def _predicted(self, state: FilterState, record: PatternRecord) -> FilterState:
-        """Return the state at the time of a visit: steady rates, and biases that fade."""
+    def predicted(self, state: FilterState, record: PatternRecord) -> FilterState:
+        """Return the state at the time of a visit: steady rates, and biases that fade.
+
+        Of the visit its time counts, and the lengths over which errors fade.
+        """
         step, size = record.time - state.time, len(state.covariance)
         onward, noise = np.eye(size), np.zeros((size, size))
         turned = rotation_from_vector(step * state.turn_rate)
@@ -283,7 +293,7 @@ class PoseFilter:
         return points / np.sqrt((points**2).sum(axis=1))[:, None], image, together
 
 
-def _counts(record: PatternRecord) -> bool:
+def counts(record: PatternRecord) -> bool:
     """Return whether a visit measured a target that is followed."""
     return record.status is TrackStatus.MEASURED and record.after is TrackMode.TRACK
 

@@ -58,7 +58,7 @@ _TABLE_KINDS: dict[str, ColumnKind] = {
         (prefix + name for prefix in ("", "truth_") for name in (*_ANGULAR, *_SPATIAL)), "number"
     ),
     # Of what was refused a fit may state any uncertainty.
-    **dict.fromkeys((*_SIGMAS, *_ANGULAR_CROSS, *_SPATIAL_CROSS, *ERRORS), "any"),
+    **dict.fromkeys((*_SIGMAS, *_ANGULAR_CROSS, *_SPATIAL_CROSS, *ERRORS, "available_s"), "any"),
     **dict.fromkeys(("target", "state", "next_state", "refusal"), "text"),
     **dict.fromkeys(("visit", "status"), "whole"),
 }
@@ -108,7 +108,7 @@ def track_columns(track: Track) -> Table:
         (:class:`~scanner_sim.tracking.record.TrackStatus`) and ``truth_``; then the visit's number, the state after it,
         why the measurement was refused, the pattern's amplitude and commanded centre, the covariances, and the parts of
         the error of (Θ, φ, R): ``sigma_white_``, ``sigma_surface_``, and what :class:`ErrorParts` says of the others
-        (:class:`~scanner_sim.tracking.errors.ErrorParts`). Measured
+        (:class:`~scanner_sim.tracking.errors.ErrorParts`); ``available_s``, when the measurement is there. Measured
         numbers are NaN where nothing was found; a refused position stays, beside its status.
     """
     records = track.records
@@ -143,7 +143,8 @@ def track_columns(track: Track) -> Table:
     for names, matrices in ((_ANGULAR_CROSS, angular), (_SPATIAL_CROSS, spatial)):
         columns |= {name: matrices[:, i, j] for name, (i, j) in zip(names, _CORNERS, strict=True)}
     none = ErrorParts.all_white(np.zeros((0, 3, 3)))
-    return columns | error_columns(ErrorParts.stack([one.errors for one in records]) if records else none)
+    parts = error_columns(ErrorParts.stack([one.errors for one in records]) if records else none)
+    return columns | parts | {"available_s": stacked("available", ())}
 
 
 def voxel_columns(track: Track) -> Table:
@@ -303,6 +304,7 @@ def _records(columns: Columns, voxels: Columns | None) -> list[PatternRecord]:
             truth=truth[row],
             truth_point=truth_point[row],
             samples=samples[row],
+            available=float(columns["available_s"][row]),
         )
         for row in range(len(position))
     ]

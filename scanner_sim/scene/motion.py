@@ -1,4 +1,6 @@
-"""How rigid objects move: a pose at any time, by a twist, waypoints, a file of poses or those of flight dynamics.
+"""How rigid objects move: a pose at any time.
+
+By a twist, waypoints, a file of poses, those of flight dynamics, or a relative orbit.
 
 A motion replaces an object's pose where it names one; a twist starts from the object's own. All give
 ``scanner_from_object`` as 4 × 4 matrices, for arrays of times.
@@ -28,6 +30,7 @@ from scanner_sim.foundation.parts import InputFile, Part
 from scanner_sim.foundation.units import Dimension, Time
 from scanner_sim.scene.ephemeris import EphemerisMotion
 from scanner_sim.scene.poses import FARTHEST, Position, Turns, placement_matrix
+from scanner_sim.scene.relative_orbit import RelativeOrbit
 
 Array = NDArray[np.float64]
 
@@ -49,7 +52,7 @@ MOST_ROWS = 1_000_000
 """Longest file of poses."""
 _LARGEST = 1 << 28
 """Bytes of a file of poses."""
-_LONGEST = 1e9
+LONGEST = 1e9
 """Length of a quaternion whose square is a number still, and the shortest one's reciprocal."""
 
 
@@ -77,9 +80,7 @@ class ConstantTwist(Part):
 
     def scanner_from_object(self, time: ArrayLike, start: Array) -> Array:
         """Return the poses at times [s], shape (n, 4, 4): x₀ + v t, exp([ω t]×) R₀, from ``start`` (4, 4) at time 0."""
-        t = np.atleast_1d(np.asarray(time, dtype=np.float64))
-        turned = Turning.from_rotvec(t[:, None] * np.asarray(self.turn_rate)).as_matrix()
-        return _matrices(turned @ start[:3, :3], start[:3, 3] + t[:, None] * np.asarray(self.velocity))
+        return twisted(time, start, self.velocity, self.turn_rate)
 
 
 class Waypoint(Part):
@@ -148,19 +149,20 @@ class PoseFile(Part):
         return _path_in(self.file, changed.st_mtime_ns, changed.st_size, self.interpolation)(time)
 
 
-def _kind(value: object) -> str:
+def kind_of(value: object) -> str:
+    """Return the tag of a motion."""
     return f"({value.get('type') if isinstance(value, dict) else getattr(value, 'type', None)})"
 
 
-RigidMotion = Annotated[
+PlannedMotion = Annotated[
     Annotated[ConstantTwist, Tag("(twist)")]
     | Annotated[Waypoints, Tag("(waypoints)")]
     | Annotated[PoseFile, Tag("(file)")]
-    | Annotated[EphemerisMotion, Tag("(ccsds)")],
-    Discriminator(_kind),
-    Field(examples=[{"type": "twist", "velocity": ["10 mm/s", "0 m/s", "0 m/s"]}]),
+    | Annotated[EphemerisMotion, Tag("(ccsds)")]
+    | Annotated[RelativeOrbit, Tag("(clohessy_wiltshire)")],
+    Discriminator(kind_of),
 ]
-"""Any motion of a rigid object."""
+"""A motion that is known beforehand."""
 
 
 class PosePath:
@@ -234,7 +236,7 @@ def read_poses(file: Path) -> Poses:
                 f"Row {number} of {file.name} is {max(map(abs, values[1:4])):.3g} m away; it may be {FARTHEST:g} m."
             )
         length = math.hypot(*values[4:])
-        if not 1.0 / _LONGEST <= length <= _LONGEST:
+        if not 1.0 / LONGEST <= length <= LONGEST:
             size = "zero" if length == 0.0 else f"{length:.3g} long"
             raise InputError(
                 f"The quaternion in row {number} of {file.name} is {size}.",
@@ -275,6 +277,16 @@ def _path_of(points: tuple[Waypoint, ...], interpolation: Literal["linear", "smo
     return PosePath(
         Poses(np.array([point.time for point in points]), matrices[:, :3, 3], quaternion), interpolation
     )
+
+
+def twisted(time: ArrayLike, start: Array, velocity: ArrayLike, turn_rate: ArrayLike) -> Array:
+    """Return poses after times [s] of an even motion, shape (n, 4, 4): x₀ + v t, exp([ω t]×) R₀ from ``start`` (4, 4).
+
+    ``velocity`` v [m/s] and ``turn_rate`` ω [rad/s] of the origin, shape (3,), along the axes of the pose.
+    """
+    t = np.atleast_1d(np.asarray(time, dtype=np.float64))
+    turned = Turning.from_rotvec(t[:, None] * np.asarray(turn_rate)).as_matrix()
+    return _matrices(turned @ start[:3, :3], start[:3, 3] + t[:, None] * np.asarray(velocity))
 
 
 def _matrices(rotation: Array, position: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
@@ -16,7 +16,7 @@ from scanner_sim.foundation.errors import Fault, printable
 from scanner_sim.foundation.parts import Count, MeshFile, Part, Switch, XmlFile
 from scanner_sim.foundation.units import Length
 from scanner_sim.scene.labels import Labels
-from scanner_sim.scene.motion import RigidMotion
+from scanner_sim.scene.moves import RigidMotion
 from scanner_sim.scene.poses import FARTHEST, Extent, Name, Position, Rotation, Turns, placement_matrix
 from scanner_sim.scene.surfaces import FileColours, MaterialChoice, MeshMaterial, Pattern
 
@@ -308,6 +308,14 @@ class Scene(Part):
             return item if parent is None else item.carried_by(fixed(parent))
 
         return tuple(fixed(item) for item in objects)
+
+    def moved(self, motions: Mapping[str, RigidMotion]) -> Scene:
+        """Return the scene with other motions of some objects, by their names, which are not checked."""
+        items = tuple(
+            item.model_copy(update={"motion": motions[item.name]}) if item.name in motions else item
+            for item in self.objects
+        )
+        return self.model_copy(update={"objects": Scene._fix_to_parents(items)})
 
     @property
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:

@@ -88,6 +88,11 @@ class ErrorParts:
         return result + _products(self.common, self.common) if self.common.shape[-1] else result
 
     @property
+    def lasting(self) -> Array:
+        """Covariance of what other visits have too: all but the white part, shape (..., 3, 3)."""
+        return self.surface + self.shared
+
+    @property
     def whole(self) -> Array:
         """Covariance of the whole error, shape (..., 3, 3)."""
         return self.white + self.surface + self.shared

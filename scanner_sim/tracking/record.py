@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -101,6 +102,9 @@ class PatternRecord:
         True x, y, z [m], shape (3,).
     samples
         Voxels of the pattern, arrays (1, points); (1, 0) where no pattern was run.
+    available
+        When the measurement is there [s]: at the end of the pattern and after ``scanner.latency``. It is valid at
+        ``time``.
     """
 
     number: int
@@ -120,6 +124,7 @@ class PatternRecord:
     truth: Array
     truth_point: Array
     samples: PatternSamples
+    available: float = math.nan
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,10 @@ _LOOSEST = 0.25
 a small part of its radius only: beyond that a fit of noise has a size and a place as well, and σ says little."""
 
 
+_SURE = 3.0
+"""Standard deviations of a prediction that the largest pattern of a search about it reaches."""
+
+
 class TrackMode(StrEnum):
     """What the tracker does with a target."""
 
@@ -145,26 +149,67 @@ def init(expected: ArrayLike, settings: TrackerSettings, time: float = 0.0) -> T
     return TrackState(TrackMode.SEARCH, _unknown(position, settings, time), position)
 
 
+def pointed(
+    position: ArrayLike,
+    settings: TrackerSettings,
+    time: float,
+    rates: ArrayLike | None = None,
+    covariance: ArrayLike | None = None,
+) -> TrackState:
+    """Return the state of a target of which somebody else knows where it is and how it moves.
+
+    Parameters
+    ----------
+    position, rates
+        (Θ, φ, R) [rad, m] and their rates per second, each of shape (3,); rates are unknown by default.
+    settings, time
+        Of the tracker, and when that is so [s].
+    covariance
+        Of (Θ, φ, R), shape (3, 3), or of these and their rates, shape (6, 6); by default as of a first search.
+
+    Returns
+    -------
+    TrackState
+        As of a target that was just lost: it is looked for where it goes, in patterns that reach three standard
+        deviations of the prediction. With neither rates nor covariance as of :func:`init`.
+    """
+    where = np.asarray(position, dtype=np.float64)
+    if rates is None and covariance is None:
+        return init(where, settings, time)
+    unknown = _unknown(where, settings, time)
+    whole = unknown.covariance.copy()
+    if covariance is not None:
+        given = np.asarray(covariance, dtype=np.float64)
+        whole[: len(given), : len(given)] = given
+    mean = np.concatenate([where, np.zeros(3) if rates is None else np.asarray(rates, dtype=np.float64)])
+    return TrackState(TrackMode.LOST, Motion(mean, whole, np.asarray(time, dtype=np.float64)), where)
+
+
 def command(state: TrackState, settings: TrackerSettings, diameter: float, time: float) -> TrackCommand:
     """Return the pattern to be run around a time [s], for a target of a diameter [m]."""
     if state.mode is TrackMode.SEARCH:
-        position = state.motion.mean[:3]
+        position, doubt = state.motion.mean[:3], 0.0
     else:
-        position = predict(state.motion, time, _acceleration_psd(settings)).mean[:3]
+        ahead = predict(state.motion, time, _acceleration_psd(settings))
+        position, doubt = ahead.mean[:3], _SURE * math.sqrt(float(np.diagonal(ahead.covariance)[:2].max()))
     radius = _radius(diameter, float(position[2]))
     if state.mode in (TrackMode.ACQUIRE, TrackMode.TRACK):
         amplitude = settings.track_amplitude * radius
     else:
         first = settings.search_amplitude * radius
+        # What is predicted is no farther off than its uncertainty: larger patterns find nothing more there.
+        most = settings.search_most
+        if state.mode is TrackMode.LOST:
+            most = min(most, max(first, radius + doubt))
         # So many patterns grow until the largest is reached, and then it begins anew.
         steps = 1
-        if settings.search_growth > 1.0 and settings.search_most > first:
-            growths = math.log(settings.search_most / first) / math.log(settings.search_growth)
+        if settings.search_growth > 1.0 and most > first:
+            growths = math.log(most / first) / math.log(settings.search_growth)
             steps += math.ceil(growths - 1e-9)
         if state.mode is TrackMode.SEARCH and state.searched // steps % 2:
             position = state.expected
         grown = first * settings.search_growth ** (state.searched % steps)
-        amplitude = max(min(grown, settings.search_most), settings.track_amplitude * radius)
+        amplitude = max(min(grown, most), settings.track_amplitude * radius)
     return TrackCommand(state.mode, position, amplitude, state.patterns)
 
 

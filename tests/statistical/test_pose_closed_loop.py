@@ -111,14 +111,25 @@ def test_relative_poses_are_covered(series: list[PoseSeries], method: str) -> No
 
 
 def test_ranges_tell_depth_and_tilt(series: list[PoseSeries]) -> None:
-    """Claim: at 7 to 10 m triangulation tells depth and tilt more surely than angles do, and takes nothing from these.
+    """Claim: ranges take nothing from what angles tell, and tell depth and tilt more surely than they do.
 
-    Expected: medians of σ of all poses: joint at most as large as uv, below half of it in depth, below 0.8 in tilt.
+    Expected: no combination of the six is less sure by joint than by uv, to 1 % of its variance (an angle's errors and
+    a range's are not quite independent). σ of depth is halved and that of the tilts falls below 0.8 for most of the 45
+    objects: what is gained depends on how an object is tilted. Tolerance: fewer than half of 45, binomial at the level
+    of this file. Power: if the gain held for a tenth of the objects, 99 % of such samples would be told.
     """
-    joint, uv = (
-        np.median(np.concatenate([one.sigma[one.status == 0] for one in series if one.method == way]), axis=0)
-        for way in ("joint", "uv")
+    joint_ones, uv_ones = (
+        [one for one in series if one.method == way and not one.relative_to] for way in ("joint", "uv")
     )
-    assert (joint < 1.02 * uv).all()
-    assert joint[2] < 0.5 * uv[2]
-    assert (joint[3:5] < 0.8 * uv[3:5]).all()
+    ratios = []
+    for joint, uv in zip(joint_ones, uv_ones, strict=True):
+        assert joint.name == uv.name
+        at = np.flatnonzero((joint.status == 0) & (uv.status == 0))[-1]
+        root = np.linalg.inv(np.linalg.cholesky(uv.covariance[at]))
+        assert np.linalg.eigvalsh(root @ joint.covariance[at] @ root.T).max() < 1.01
+        ratios.append(joint.sigma[at] / uv.sigma[at])
+    ratio = np.array(ratios)
+    assert len(ratio) == RUNS * SIDE**2
+    least = stats.binom.ppf(1e-4, len(ratio), 0.5)
+    for gained in (ratio[:, 2] < 0.5, ratio[:, 3] < 0.8, ratio[:, 4] < 0.8):
+        assert gained.sum() >= least

@@ -18,7 +18,7 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop.poses import true_poses
 from scanner_sim.instrument.closed_loop.track import track
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
-from scanner_sim.pose.filter import FilterState, PoseFilter
+from scanner_sim.pose.filter import FilterModel, FilterState
 from scanner_sim.pose.transforms import rotation_from_vector, vector_from_rotation
 from scanner_sim.tracking.errors import ErrorParts, pixel_correlation
 from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
@@ -129,7 +129,7 @@ def run(rng: np.random.Generator, visits: int) -> tuple[list[PatternRecord], Arr
     return records, last, np.concatenate([speed, rate])
 
 
-def followed(poses: PoseFilter, records: list[PatternRecord], first: int) -> FilterState:
+def followed(poses: FilterModel, records: list[PatternRecord], first: int) -> FilterState:
     state = poses.begin(records[:first])
     for record in records[first:]:
         state = poses.updated(state, record)
@@ -147,7 +147,7 @@ def test_the_filter_states_its_errors_where_errors_are_as_stated() -> None:
     noise, which the first twelve runs show, it is beyond 1.5, some four σ of χ² of 144 away; it is about 7.
     """
     rng = np.random.default_rng(31)
-    poses = PoseFilter({"a": CORNERS}, SEPARATION, UNREST, UNREST)
+    poses = FilterModel({"a": CORNERS}, SEPARATION, UNREST, UNREST)
     made = [run(rng, 80) for _ in range(60)]
     told, taken_for_white = (
         np.mean([nees(followed(poses, records, 8), *truth) for records, *truth in some]) / 12.0
@@ -160,7 +160,7 @@ def test_the_filter_states_its_errors_where_errors_are_as_stated() -> None:
 
 def test_what_measured_nothing_changes_nothing() -> None:
     records, _, _ = run(np.random.default_rng(32), 9)
-    poses = PoseFilter({"a": CORNERS}, SEPARATION)
+    poses = FilterModel({"a": CORNERS}, SEPARATION)
     state = poses.begin(records[:8])
     assert poses.updated(state, replace(records[8], status=TrackStatus.REFUSED)) is state
     assert poses.updated(state, replace(records[8], target="other")) is state
@@ -186,7 +186,7 @@ def last_errors(made: Track) -> list[float]:
     """Squared errors after the last visit, by the filter fed with parts and with white noise."""
     scenario = scenario_from_text(made.scenario_yaml, name="scenario")
     separation = scenario.scanner.mirrors.axis_separation
-    poses = PoseFilter.of(made.targets, separation, acceleration=UNREST, turn_acceleration=UNREST)
+    poses = FilterModel.of(made.targets, separation, acceleration=UNREST, turn_acceleration=UNREST)
     found = []
     for some in (list(made.records), white(list(made.records))):
         state = followed(poses, some, 12)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, is_dataclass
 from typing import Any
 
-import numpy as np
 import pytest
+from same_bytes import content
 
 from scanner_sim import InputError, Scenario, load_scenario, track, track_many
 from scanner_sim.instrument.closed_loop import frozen_instrument
@@ -27,17 +26,6 @@ def scenario(seed: int, motion: dict[str, Any] = STILL, duration: float = 0.15, 
     scan = {"type": "track", "targets": ["node"], "duration": duration} | more.pop("scan", {})
     whole = {"schema": 1, "seed": seed, "scene": {"objects": [node]}, "scan": scan}
     return load_scenario(whole | {"transport": {"pattern_beamlets": 19, "background_samples": 2}} | more)
-
-
-def content(value: Any) -> Any:
-    """Return a record as bytes and plain values."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: content(getattr(value, field.name)) for field in fields(value)}
-    if isinstance(value, tuple | list):
-        return [content(one) for one in value]
-    if isinstance(value, np.ndarray | np.generic | float):
-        return np.asarray(value).shape, np.asarray(value).tobytes()
-    return value
 
 
 def assert_alike(scenarios: list[Scenario]) -> tuple[Track, ...]:

@@ -9,6 +9,7 @@ shots' numbers. What differs is how the beam is split (:mod:`scanner_sim.render.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import fields
 from functools import cached_property
@@ -20,6 +21,7 @@ from numpy.typing import NDArray
 from scanner_sim.detector.encoders import reading_normals
 from scanner_sim.foundation.device_streams import RunSeeds, device_seeds
 from scanner_sim.foundation.device_types import Float, Mask, UInt32, UInt64
+from scanner_sim.instrument.closed_loop.situation import Situation, Situations
 from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows, seen_by
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.line_readings import LineReadings
@@ -39,6 +41,7 @@ from scanner_sim.render.beam.pattern_shots import Fired, fired_shots, packed_sho
 from scanner_sim.render.frozen import Frozen
 from scanner_sim.render.shots import Pointing
 from scanner_sim.scan.protocol import Aim
+from scanner_sim.scene.files.loader import device_poses
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.int64]
@@ -83,8 +86,10 @@ class FrozenInstrument:
                 for own in runs[1:]
             ),
         ]
-        moved = zip(*(own.loaded.bodies for own in runs), strict=True)
-        self._moved_alike = [all(body.item == bodies[0].item for body in bodies) for bodies in moved]
+        self._still = [
+            Situation(items, items, own.scenario.lighting.sky())
+            for own, items in ((own, tuple(body.item for body in own.loaded.bodies)) for own in runs)
+        ]
 
     @property
     def fast(self) -> bool:
@@ -98,7 +103,15 @@ class FrozenInstrument:
         """How often kernels were recorded so far: for each length and number of patterns, and shots traced again."""
         return sum(step.recordings for step in self._steps.values())
 
-    def measure(self, aim: Aim, run: Numbers | None = None) -> Samples:
+    def situations(self) -> list[Situations]:
+        """Return what tells the situations of each run's patterns."""
+        step = min((window.step for window in self.windows), default=math.inf)
+        first = Situations(self.instrument.scenario, self.instrument.loaded, step)
+        return [first, *(Situations(own.scenario, own.loaded, step, first) for own in self._runs[1:])]
+
+    def measure(
+        self, aim: Aim, run: Numbers | None = None, situations: Sequence[Situation] | None = None
+    ) -> Samples:
         """Return what is measured of patterns: see :meth:`~scanner_sim.instrument.instrument.Instrument.measure`.
 
         Parameters
@@ -107,11 +120,14 @@ class FrozenInstrument:
             Patterns of as many shots each, one after the other.
         run
             Which of the runs each pattern belongs to; by default there is one pattern, of the first.
+        situations
+            Where things are about each pattern; by default as the runs' scenarios say when they begin.
         """
         own = np.zeros(1, dtype=np.int64) if run is None else run
+        about = [self._still[number] for number in own] if situations is None else situations
         count, points = len(own), len(aim.shot) // len(own)
         if count == 1:
-            return self._measured(aim, own)
+            return self._measured(aim, own, about)
         most = max(1, _MOST_SHOTS // points) if self.fast else 1
         parts = []
         for first in range(0, count, most):
@@ -119,23 +135,25 @@ class FrozenInstrument:
             # Few numbers of patterns make few recordings: what is missing is the last one once more.
             missing = (1 << (len(rows) - 1).bit_length()) - len(rows)
             filled = np.append(rows, np.full(missing, rows[-1]))
-            part = self._measured(_patterns(aim, count, filled), own[filled])
+            part = self._measured(_patterns(aim, count, filled), own[filled], [about[row] for row in filled])
             parts.append((part, len(rows) * points))
         return _joined(parts)
 
-    def _measured(self, aim: Aim, run: Numbers) -> Samples:
+    def _measured(self, aim: Aim, run: Numbers, about: Sequence[Situation]) -> Samples:
         """Return what is measured of patterns in one launch."""
         instrument, scanner, count = self.instrument, self.instrument.scenario.scanner, len(aim.shot)
         aims = [_patterns(aim, len(run), np.array([row])) for row in range(len(run))] if self.windows else []
         seen = [
-            seen_by([self._windows[own][sensor] for own in run], aims) for sensor in range(len(self.windows))
+            seen_by([self._windows[own][sensor] for own in run], aims, about)
+            for sensor in range(len(self.windows))
         ]
         if not self.fast:
             lit = [own.panorama(parts, count) for own, parts in zip(self.windows, seen, strict=True)]
-            return self._runs[int(run[0])].read(aim, lit or None)
+            poses = device_poses([item.pose_at(aim.time) for item in about[0].items])
+            return self._runs[int(run[0])].read(aim, lit or None, poses=poses)
         mirrors, duty_cycle, built = scanner.mirrors, scanner.exposure / scanner.dwell, instrument.built
         still = still_errors(mirrors, built, aim.theta, aim.phi, aim.time)
-        packed = packed_shots(aim, still, mirrors, duty_cycle, self._poses(aim, run), built)
+        packed = packed_shots(aim, still, mirrors, duty_cycle, _poses(aim, about), built)
         seeds = device_seeds(self._seeds[run])
         fired, probes, angles = self._step(self._probe, count, len(run))(self._reads, *packed, seeds)
         again = lanes_again(probes.footprint.numpy())
@@ -149,21 +167,6 @@ class FrozenInstrument:
         line = LineReadings.gathered(count, [(slice(None), told)])
         reading = instrument.triangulation.reading(probes.truth, line, deflections)
         return instrument.samples(aim, pointing, deflections, [reading])
-
-    def _poses(self, aim: Aim, run: Numbers) -> list[Array]:
-        """Return the poses of the moving objects at the shots of patterns, each of shape (shots, 4, 4)."""
-        times = aim.time.reshape(len(run), -1)
-        return [
-            self.instrument.loaded.bodies[body].item.pose_at(aim.time)
-            if alike
-            else np.concatenate(
-                [
-                    self._runs[own].loaded.bodies[body].item.pose_at(time)
-                    for own, time in zip(run, times, strict=True)
-                ]
-            )
-            for body, alike in enumerate(self._moved_alike)
-        ]
 
     @cached_property
     def _beamlets(self) -> PatternTables:
@@ -240,6 +243,17 @@ class FrozenInstrument:
             light, fired.shots, truth, fired.aimed, panorama, fixed_size=True, seeds=RunSeeds.of(seeds, shots)
         )
         return LineReadings.of(peaks, incident.link_budget())
+
+
+def _poses(aim: Aim, about: Sequence[Situation]) -> list[Array]:
+    """Return the poses of the moving objects at the shots of patterns, each of shape (shots, 4, 4)."""
+    times = aim.time.reshape(len(about), -1)
+    return [
+        each[0].pose_at(aim.time)
+        if all(item is each[0] for item in each)
+        else np.concatenate([item.pose_at(time) for item, time in zip(each, times, strict=True)])
+        for each in zip(*(one.items for one in about), strict=True)
+    ]
 
 
 def _patterns(aim: Aim, count: int, rows: Numbers) -> Aim:

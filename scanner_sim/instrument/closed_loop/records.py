@@ -54,6 +54,11 @@ class Recorder:
 
     def __init__(self, scenario: Scenario) -> None:
         self._separation = scenario.scanner.mirrors.axis_separation
+        self._late = 0.5 * scenario.scanner.dwell + scenario.scanner.latency.whole
+        self.follow(scenario)
+
+    def follow(self, scenario: Scenario) -> None:
+        """Go on with a scenario that differs in its moves."""
         self._items = {item.name: item for item in scenario.scene.objects}
 
     def record(
@@ -117,6 +122,7 @@ class Recorder:
             truth=truth,
             truth_point=truth_point,
             samples=shown,
+            available=float(shown.time[0, -1]) + self._late,
         )
 
     def out_of_view(

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from scanner_sim.config.document import spell
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.closed_loop.situation import InUse
 from scanner_sim.instrument.closed_loop.state_file import FORMAT, SavedRun, SavedState
 from scanner_sim.optics.galvanometer import MirrorState
 from scanner_sim.products.files.exchange import write_file
@@ -49,6 +50,8 @@ class TrackerState:
         Whether each target is visited.
     amplitudes
         Amplitude of each target's patterns [rad] that a command has fixed; None where the tracker chooses.
+    used
+        What the background uses of moves and of changes of the light.
     """
 
     visits: int
@@ -59,6 +62,7 @@ class TrackerState:
     tracks: tuple[TrackState, ...]
     followed: tuple[bool, ...]
     amplitudes: tuple[float | None, ...]
+    used: InUse
 
 
 def first_state(targets: tuple[TrackTarget, ...], settings: TrackerSettings) -> TrackerState:
@@ -72,6 +76,7 @@ def first_state(targets: tuple[TrackTarget, ...], settings: TrackerSettings) -> 
         tracks=tuple(init(target.expected, settings) for target in targets),
         followed=(True,) * len(targets),
         amplitudes=(None,) * len(targets),
+        used=InUse(),
     )
 
 
@@ -102,6 +107,8 @@ def save_state(path: Path, state: TrackerState, scenario_yaml: str, made_by: str
             "tracks": [_track(track) for track in state.tracks],
             "followed": list(state.followed),
             "amplitudes": list(state.amplitudes),
+            "used_moves": {name: move.model_dump(mode="json") for name, move in state.used.moves},
+            "used_light": None if state.used.light is None else state.used.light.model_dump(mode="json"),
         },
     }
     text = json.dumps(content, indent=1, ensure_ascii=False) + "\n"
@@ -182,6 +189,7 @@ def _state(saved: SavedState) -> TrackerState:
         ),
         followed=saved.followed,
         amplitudes=saved.amplitudes,
+        used=InUse(tuple(saved.used_moves.items()), saved.used_light),
     )
 
 

@@ -11,6 +11,9 @@ from pydantic import Field
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Count, Number, Part, Switch
 from scanner_sim.scan.schedule import MOST_VISITS
+from scanner_sim.scene.light.lighting import LightChange
+from scanner_sim.scene.moves import Move
+from scanner_sim.scene.poses import Name
 from scanner_sim.tracking.state import Refusal, TrackMode
 
 FORMAT = 1
@@ -81,6 +84,8 @@ class SavedState(Part):
     tracks: tuple[SavedTrack, ...] = Field(min_length=1)
     followed: tuple[Switch, ...]
     amplitudes: tuple[_Amplitude | None, ...]
+    used_moves: dict[Name, Move] = Field(default_factory=dict)
+    used_light: LightChange | None = None
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield lists of unequal length, a turn beyond them, and mirrors that are ahead of the clock."""

@@ -18,10 +18,12 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.detector.packets import dwell_average
 from scanner_sim.instrument.closed_loop.believed_positions import BelievedPositions, RangeNoise
+from scanner_sim.instrument.closed_loop.situation import Situation
 from scanner_sim.instrument.closed_loop.visit_errors import (
     beam_radius,
     duty_cycle_of,
     error_parts,
+    seen_from,
     spot_packets,
 )
 from scanner_sim.ranging.ranges import Columns
@@ -54,7 +56,7 @@ _MOST_SHOTS_TOGETHER = 65536
 class MeasuresShots(Protocol):
     """What measures the shots of patterns."""
 
-    def measure(self, aim: Aim, run: Numbers) -> Columns:
+    def measure(self, aim: Aim, run: Numbers, situations: Sequence[Situation] | None = None) -> Columns:
         """Return the layers of the shots of an aim, pattern after pattern, each of a run; each of shape (n,)."""
 
 
@@ -241,6 +243,7 @@ class TargetSensor:
         motion: PatternMotion,
         visit: Numbers,
         run: Numbers,
+        situations: Sequence[Situation] | None = None,
     ) -> tuple[PatternSamples, Measurement, ErrorParts]:
         """Return the voxels of patterns, where they show the target, and the parts of those positions' errors.
 
@@ -252,9 +255,11 @@ class TargetSensor:
             How the mirrors ran the patterns.
         visit, run
             Number of each visit, and of the run whose seed it has: they address every random number. Shape (patterns,).
+        situations
+            Where things are about each pattern; by default as the scenarios say when they begin.
         """
         scanner, expected = self._scenario.scanner, np.array([float(order.position[2]) for order in orders])
-        measured = self._instrument.measure(aim_of(motion, visit), run)
+        measured = self._instrument.measure(aim_of(motion, visit), run, situations)
         layers = {name: measured[name].reshape(motion.time.shape) for name in _LAYERS if name in measured}
         delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
         light, grain = self._noise.speckle(motion, expected)
@@ -270,6 +275,7 @@ class TargetSensor:
             duty_cycle=duty_cycle_of(self._scenario),
             pointing=np.hypot(self._pointing, unevenness(angles)),
             axis_separation=scanner.mirrors.axis_separation,
+            baseline=seen_from(self._scenario),
         )
         parts = error_parts(self._scenario, samples, seen, target.appearance, motion, light, grain)
         seen = replace(seen, position=self._believed.designed(seen.position))

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from scanner_sim.config import resolved_yaml
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop.saved_state import first_state
-from scanner_sim.instrument.closed_loop.tracker import made_by
 from scanner_sim.instrument.closed_loop.visits import Visits
+from scanner_sim.instrument.closed_loop.whole_track import track_of
 from scanner_sim.instrument.memory import check_patterns
 from scanner_sim.instrument.together import own_instrument
 from scanner_sim.render.guest import guest
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus, TrackTarget
+from scanner_sim.tracking.record import PatternRecord, Track
 
 Progress = Callable[[float, float], None]
 """Called with the time that is done and the time in all [s]."""
@@ -160,26 +159,3 @@ def _difference(one: Any, other: Any, key: str = "") -> str | None:
     else:
         return None if one == other else key
     return next((found for pair in pairs if (found := _difference(*pair)) is not None), None)
-
-
-def track_of(scenario: Scenario, records: tuple[PatternRecord, ...]) -> Track:
-    """Return a run of a scenario with everything that is kept of it beside its records."""
-    return Track(
-        records=records,
-        targets=scenario.targets,
-        seed=scenario.seed,
-        scenario_yaml=resolved_yaml(scenario),
-        made_by=made_by(),
-        warnings=tuple(_warnings(scenario.targets, records)),
-    )
-
-
-def _warnings(targets: tuple[TrackTarget, ...], records: tuple[PatternRecord, ...]) -> Iterator[str]:
-    """Yield sentences on results that look unintended."""
-    for target in targets:
-        own = [record for record in records if record.target == target.name]
-        if not own:
-            yield f"'{target.name}' was never visited: the run is too short"
-        elif not any(record.status == TrackStatus.MEASURED for record in own):
-            most = max(set(TrackStatus), key=lambda code: sum(record.status == code for record in own))
-            yield f"'{target.name}' was never measured; mostly: {most.sentence}"

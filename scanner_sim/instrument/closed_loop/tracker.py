@@ -2,30 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.instrument.closed_loop.raster_between import between_visits
 from scanner_sim.instrument.closed_loop.saved_state import TrackerState, first_state, load_state, save_state
 from scanner_sim.instrument.closed_loop.state_file import FARTHEST, NEAREST, WIDEST
+from scanner_sim.instrument.closed_loop.told import with_light, with_move
 from scanner_sim.instrument.closed_loop.visits import Visits, with_track
-from scanner_sim.products.provenance import versions
+from scanner_sim.instrument.closed_loop.whole_track import made_by, track_of
+from scanner_sim.products.image import RangeImage
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.tracking.record import PatternRecord
-from scanner_sim.tracking.state import TrackState, init
+from scanner_sim.scene.motion import LATEST
+from scanner_sim.tracking.record import PatternRecord, Track
+from scanner_sim.tracking.state import TrackState, init, pointed
 
 
 class Tracker:
     """A tracking run that is made visit by visit: an iterator of :class:`~scanner_sim.tracking.record.PatternRecord`.
 
-    Commands between two visits change what comes next. ``state`` is immutable: with it a run can be saved, continued
-    and repeated, and what follows is the same to the last bit, whatever the number of threads.
+    Commands between two visits change what comes next. ``state`` is immutable: with it and ``scenario`` a run can be
+    saved, continued and repeated, and what follows is the same to the last bit, whatever the number of threads.
 
     Parameters
     ----------
@@ -52,8 +56,8 @@ class Tracker:
         threads: int | None = None,
         state: TrackerState | None = None,
     ) -> None:
-        self.scenario, self.scan, self.targets = scenario, scenario.following, scenario.targets
-        self.state = first_state(self.targets, self.scan.tracker) if state is None else state
+        self.scenario, self._scan, self.targets = scenario, scenario.following, scenario.targets
+        self.state = first_state(self.targets, self._scan.tracker) if state is None else state
         if len(self.state.tracks) != len(self.targets):
             raise InputError(
                 f"the state tells of {len(self.state.tracks)} targets, and the scenario follows {len(self.targets)}.",
@@ -86,10 +90,15 @@ class Tracker:
         """
         save_state(Path(file), self.state, self.scenario_yaml, made_by())
 
-    @cached_property
+    @property
     def scenario_yaml(self) -> str:
-        """The resolved scenario."""
+        """The resolved scenario, with all moves and changes of the light so far."""
         return resolved_yaml(self.scenario)
+
+    @property
+    def time(self) -> float:
+        """Until when everything is measured [s]: what is told of the world holds from then on."""
+        return self.state.clock
 
     @property
     def finished(self) -> bool:
@@ -110,11 +119,31 @@ class Tracker:
     def search(self, target: str) -> None:
         """Search for a target where it is expected, whatever was known of it, and follow it from then on."""
         index = self._index(target)
-        track = init(self.state.tracks[index].expected, self.scan.tracker, self.state.clock)
+        track = init(self.state.tracks[index].expected, self._scan.tracker, self.state.clock)
         self._set(index, track=replace(track, patterns=self.state.tracks[index].patterns), followed=True)
 
-    def point(self, target: str, theta: float, phi: float, distance: float) -> None:
+    def point(
+        self,
+        target: str,
+        theta: float,
+        phi: float,
+        distance: float,
+        *,
+        rates: ArrayLike | None = None,
+        covariance: ArrayLike | None = None,
+    ) -> None:
         """Expect a target at Θ, φ [rad] and a range [m], and search for it there.
+
+        Parameters
+        ----------
+        target
+            Its name.
+        theta, phi, distance
+            Where it is at :attr:`time`.
+        rates
+            Of these three, per second, shape (3,): it is then looked for where it goes.
+        covariance
+            Of (Θ, φ, R), shape (3, 3), or with the rates, shape (6, 6): patterns reach three standard deviations.
 
         Raises
         ------
@@ -127,8 +156,55 @@ class Tracker:
             raise InputError(
                 f"({theta}, {phi}, {distance}) is no place.", remedy="Name two angles and a range."
             )
-        track = init(position, self.scan.tracker, self.state.clock)
+        _check_knowledge(rates, covariance)
+        track = pointed(position, self._scan.tracker, self.state.clock, rates, covariance)
         self._set(index, track=replace(track, patterns=self.state.tracks[index].patterns), followed=True)
+
+    def wait(self, time: float) -> None:
+        """Let the clock go on to a time [s] without a visit; the mirrors come to rest.
+
+        Raises
+        ------
+        InputError
+            If the time is past.
+        """
+        if not self.time <= time <= LATEST:
+            raise InputError(f"{time:.9g} s is before {self.time:.9g} s.", remedy="Time goes on only.")
+        self.state = replace(self.state, clock=float(time))
+
+    def scan(
+        self,
+        rows: int,
+        columns: int,
+        horizontal: tuple[float, float],
+        vertical: tuple[float, float],
+        *,
+        layers: Sequence[str] | None = None,
+    ) -> RangeImage:
+        """Measure a raster between two visits: its voxels take their time, and the clock goes on by it.
+
+        Parameters
+        ----------
+        rows, columns
+            Voxels.
+        horizontal, vertical
+            First and last Θ and φ [rad].
+        layers
+            Names of the layers that are kept, beside ``status``; None keeps all.
+
+        Returns
+        -------
+        RangeImage
+            Ranges, points and σ, as of :func:`~scanner_sim.instrument.simulate.simulate`.
+
+        Raises
+        ------
+        InputError
+            If there is no such raster, or the mirrors cannot reach it.
+        """
+        asked = between_visits(self.scenario, rows, columns, horizontal, vertical)
+        image, self.state = self._visits.scan(asked, self.scenario, self.state)
+        return image if layers is None else image.keeping(layers)
 
     def drop(self, target: str) -> None:
         """Visit a target no more; :meth:`search` takes it up again."""
@@ -149,8 +225,91 @@ class Tracker:
         amplitudes[index] = amplitude
         self.state = replace(self.state, amplitudes=tuple(amplitudes))
 
+    def move(
+        self,
+        name: str,
+        pose: ArrayLike,
+        *,
+        velocity: ArrayLike = (0.0, 0.0, 0.0),
+        turn_rate: ArrayLike = (0.0, 0.0, 0.0),
+        time: float | None = None,
+    ) -> None:
+        """Tell where an object is and how it moves; it goes on evenly until it is told again.
+
+        Parameters
+        ----------
+        name
+            An object of the scene with a ``motion``, of which ``{type: twist}`` will do.
+        pose
+            ``scanner_from_object``, shape (4, 4); of what is fixed to another object ``parent_from_object``.
+        velocity, turn_rate
+            Of the object's origin [m/s] and about it [rad/s], shape (3,), along the axes in which the pose is given.
+        time
+            From when on [s]: :attr:`time` or later, by default that.
+
+        Raises
+        ------
+        InputError
+            If there is no such object, it has no motion, the numbers are no state, or the time is past.
+
+        Notes
+        -----
+        Within a visit x = x₀ + v t and R = exp([ω t]×) R₀. Truth and laser follow at once; the background follows in
+        steps of a quarter of a bin (:mod:`scanner_sim.instrument.closed_loop.situation`). The move becomes part of
+        :attr:`scenario`: it is saved, and :func:`~scanner_sim.instrument.closed_loop.track.track` of that scenario
+        makes the same run.
+        """
+        changed = with_move(
+            self.scenario, name, pose, velocity=velocity, turn_rate=turn_rate, time=time, clock=self.time
+        )
+        self._follow(changed)
+
+    def light(
+        self,
+        *,
+        sun: ArrayLike | None = None,
+        earth: ArrayLike | None = None,
+        visible: float | None = None,
+        time: float | None = None,
+    ) -> None:
+        """Tell where Sun and Earth stand, and what of the Sun's light arrives; it holds until it is told again.
+
+        Parameters
+        ----------
+        sun, earth
+            Directions from the scene, in the scanner's frame, of any length, shape (3,); None leaves them where the
+            scenario has them, by an orbit's clock if there is one.
+        visible
+            Share of the Sun's light that arrives, 0 in an eclipse; None leaves it to the Earth's disc, which counts
+            as well where it hides more.
+        time
+            As of :meth:`move`.
+
+        Raises
+        ------
+        InputError
+            If the scenario has no Sun, the numbers are none of a light, or the time is past.
+
+        Notes
+        -----
+        Light that is in use stays until a direction differs by half a milliradian or the share by 0.5 %
+        (:mod:`scanner_sim.scene.light.clock`).
+        """
+        self._follow(
+            with_light(self.scenario, sun=sun, earth=earth, visible=visible, time=time, clock=self.time)
+        )
+
+    def _follow(self, scenario: Scenario) -> None:
+        """Go on with a scenario of which more was told."""
+        self._visits.follow(scenario)
+        self.scenario = scenario
+
+    def track(self, records: Iterable[PatternRecord]) -> Track:
+        """Return the run that records of this tracker make up, with all that was told of the world."""
+        return track_of(self.scenario, tuple(records))
+
     def visit(self, state: TrackerState) -> tuple[PatternRecord, TrackerState]:
-        """Return the next visit after a state, and the state after it: a function of the state alone.
+        """Return the next visit after a state, and the state after it: a function of the state and of what was told.
 
         Raises
         ------
@@ -175,6 +334,18 @@ class Tracker:
         self.state = replace(state, followed=tuple(visited))
 
 
-def made_by() -> str:
-    """Return name and version of the program."""
-    return f"scanner-sim {versions()['scanner-sim']}"
+def _check_knowledge(rates: ArrayLike | None, covariance: ArrayLike | None) -> None:
+    """Check what somebody knows of a target's motion."""
+    if rates is not None:
+        given = np.asarray(rates, dtype=np.float64)
+        if given.shape != (3,) or not np.isfinite(given).all():
+            raise InputError("these are no rates.", remedy="Give those of Θ, φ and range, per second.")
+    if covariance is not None:
+        matrix = np.asarray(covariance, dtype=np.float64)
+        if matrix.shape not in ((3, 3), (6, 6)) or not np.isfinite(matrix).all():
+            raise InputError("this is no covariance.", remedy="Give a matrix of 3 × 3 or 6 × 6 numbers.")
+        if (
+            np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max()
+            or np.linalg.eigvalsh(matrix)[0] < 0.0
+        ):
+            raise InputError("this is no covariance.", remedy="It is symmetric, and no variance is negative.")

@@ -14,13 +14,23 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop.believed_positions import BelievedPositions
 from scanner_sim.instrument.closed_loop.frozen_instrument import FrozenInstrument
+from scanner_sim.instrument.closed_loop.raster_between import first_time, measure_raster, mirrors_after
 from scanner_sim.instrument.closed_loop.records import NOTHING, Recorder
 from scanner_sim.instrument.closed_loop.saved_state import TrackerState
 from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor
 from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.products.image import RangeImage
 from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
-from scanner_sim.scan.schedule import MOST_VISITS, Course, MirrorPair, PatternMotion, run_visits
+from scanner_sim.scan.raster import RasterScan
+from scanner_sim.scan.schedule import (
+    MOST_VISITS,
+    Course,
+    MirrorPair,
+    PatternMotion,
+    raster_time,
+    run_visits,
+)
 from scanner_sim.tracking.prediction import Motion
 from scanner_sim.tracking.record import PatternRecord
 from scanner_sim.tracking.state import TrackCommand, TrackMode, TrackState, advance, advance_all, command
@@ -54,17 +64,44 @@ class Visits:
     def __init__(
         self, scenarios: Sequence[Scenario], *, device: DeviceChoice = "auto", threads: int | None = None
     ) -> None:
+        self._device, self._threads = device, threads
         self._scenarios, self._scans = scenarios, [scenario.following for scenario in scenarios]
         self._targets = [scenario.targets for scenario in scenarios]
         self._scanner, self._pattern = scenarios[0].scanner, self._scans[0].pattern
         self._pattern_time = self._pattern.points * self._scanner.dwell
         with guest():
             runs = [Instrument(scenario, device=device, threads=threads) for scenario in scenarios]
-            self._sensor = TargetSensor(scenarios, FrozenInstrument(*runs))
+            frozen = FrozenInstrument(*runs)
+            self._sensor = TargetSensor(scenarios, frozen)
+            self._situations = frozen.situations()
             self._stay = Stay()
         self._believed = BelievedPositions(scenarios[0])
         self._recorders = [Recorder(scenario) for scenario in scenarios]
         self._periods: dict[int, float] = {}
+
+    def follow(self, scenario: Scenario, run: int = 0) -> None:
+        """Go on in a run with a scenario that differs in its moves and in the changes of its light."""
+        self._recorders[run].follow(scenario)
+        self._situations[run].follow(scenario)
+
+    def scan(
+        self, raster: RasterScan, scenario: Scenario, state: TrackerState
+    ) -> tuple[RangeImage, TrackerState]:
+        """Return the image of a raster after a state of a run, and the state after it.
+
+        Its shots have the numbers of as many visits as hold them.
+        """
+        start = first_time(scenario, raster, state.mirrors, state.clock)
+        visits, points = -(-raster.shots // self._pattern.points), self._pattern.points
+        with self._stay.resume():
+            image = measure_raster(
+                scenario, raster, start, state.visits * points, device=self._device, threads=self._threads
+            )
+        end = start + raster_time(raster.shots, self._scanner.dwell)
+        after = replace(
+            state, visits=state.visits + visits, clock=end, mirrors=mirrors_after(raster, end), skipped=0
+        )
+        return image, after
 
     def finished(self, state: TrackerState, run: int = 0) -> bool:
         """Return whether the next pattern would begin after the scan's duration, or nothing is followed any more."""
@@ -98,8 +135,14 @@ class Visits:
         index = turns[0].index
         visit, run = np.array([(turn.state.visits, turn.run) for turn in turns], dtype=np.int64).T
         orders = [turn.order for turn in turns]
+        about = [
+            self._situations[turn.run].at(0.5 * float(time[0] + time[-1]), turn.state.used)
+            for turn, time in zip(turns, motion.time, strict=True)
+        ]
         with self._stay.resume():
-            samples, seen, parts = self._sensor.see(self._targets[0][index], orders, motion, visit, run)
+            samples, seen, parts = self._sensor.see(
+                self._targets[0][index], orders, motion, visit, run, [situation for situation, _ in about]
+            )
         tracks = advance_all(
             [turn.state.tracks[index] for turn in turns],
             seen,
@@ -123,6 +166,7 @@ class Visits:
                 mirrors=mirrors,
                 turn=(index + 1) % len(state.tracks),
                 skipped=0,
+                used=about[row][1],
             )
             visits.append((record, now))
         return visits

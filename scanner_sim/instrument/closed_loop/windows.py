@@ -3,8 +3,8 @@
 The angles (Θ − atan(p/f), φ) that pixels see form a lattice: bins of a pixel along it, rows of half a pixel's height. A
 window is a part of it about a pattern, widened to multiples of a few bins, so that the next patterns of the same target
 fall into the same one. While objects move it is rendered anew for each time slot, whose length is a power of two in
-which the fastest of them moves by one bin at most: for its middle. Which window a pattern sees depends on its aim
-alone, never on what was measured before.
+which the fastest of them moves by one bin at most: for its middle; and whenever the sky is another one. Which window
+a pattern sees depends on its aim and its situation alone, never on what was measured before.
 
 Approximations: objects stand still for a slot, at most half a bin away from where they are (those faster than a bin in
 1/64 s are farther: no slot is shorter); two rows are interpolated; sharp light has 16 samples a bin everywhere, where a
@@ -24,6 +24,7 @@ import numpy as np
 
 from scanner_sim.foundation.device_streams import device_seeds
 from scanner_sim.foundation.device_types import Float, UInt64
+from scanner_sim.instrument.closed_loop.situation import Situation
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.time_slots import TimeSlots, middle
 from scanner_sim.render.background.panorama import Panorama, render_panorama
@@ -40,7 +41,9 @@ from scanner_sim.render.frozen import Frozen
 from scanner_sim.render.rays import one_kernel, pose_scene
 from scanner_sim.render.transport import OpticalLayout
 from scanner_sim.scan.protocol import Aim
-from scanner_sim.scene.files.loader import Pose
+from scanner_sim.scene.files.loader import Pose, packed_poses, poses_from
+from scanner_sim.scene.light.lighting import Sky
+from scanner_sim.scene.objects import Posed
 
 _SHIFT_BINS = 8
 """Bins by which windows are shifted."""
@@ -52,7 +55,7 @@ _MOVING_SAMPLES = 2
 """Long paths of each bin where something moves: windows are then wanted again and again."""
 _MOST_WINDOWS = 16
 """Windows that are kept."""
-Key = tuple[int, int, int, int, int, int]
+Key = tuple[int, int, int, int, bytes, Sky]
 WindowArrays: TypeAlias = list[Float]
 """What kernels need of the windows of patterns: first angles, rows, bins and starts, by pattern, and the layers."""
 _MOST_COMPANIES = 8
@@ -89,6 +92,7 @@ class Windows:
         self.first: Windows = self if like is None else like.first
         self._renderers: dict[tuple[int, int], Frozen] = {} if like is None else like._renderers
         self._slots = TimeSlots(instrument.loaded, self.step)
+        self._lights: tuple[Sky, SkyLight] | None = None
         self.rendered = 0
 
     def panorama(self, parts: WindowArrays, shots: int) -> Panorama:
@@ -108,15 +112,25 @@ class Windows:
                 self._kept.popitem(last=False)
         return self._kept[key]
 
-    def key(self, aim: Aim) -> Key:
-        """Return first bin, bins, first row, rows, time slot and its halvings of the window of a pattern."""
+    def key(self, aim: Aim, situation: Situation) -> Key:
+        """Return first bin, bins, first row, rows, the objects' poses in single precision and the sky of a window."""
         reach = 0.5 * np.abs(aim.travel_theta), 0.5 * np.abs(aim.travel_phi)
         left = float((aim.theta - reach[0]).min()) + self._seen[0]
         right = float((aim.theta + reach[0]).max()) + self._seen[1]
         first, bins = _span(left, right, self.step, _SHIFT_BINS, _BINS_TOGETHER)
         top, bottom = float((aim.phi - reach[1]).min()), float((aim.phi + reach[1]).max())
         first_row, rows = _span(top, bottom, self.row_step, 1, _ROWS_TOGETHER)
-        return (first, bins, first_row, rows, *self._slots.at(0.5 * float(aim.time[0] + aim.time[-1])))
+        poses = self._poses(0.5 * float(aim.time[0] + aim.time[-1]), situation.background)
+        return (first, bins, first_row, rows, poses, situation.sky)
+
+    def _poses(self, time: float, items: tuple[Posed, ...]) -> bytes:
+        """Return the poses of moving objects in the middle of the time slot of a moment [s], packed."""
+        if not items:
+            return b""
+        if self._slots.items is not items:
+            self._slots = TimeSlots(self._instrument.loaded, self.step, items)
+        at = middle(self._slots.at(time))
+        return packed_poses([item.pose_at(at) for item in items]).tobytes()
 
     def join(self, company: Company) -> WindowArrays:
         """Return the windows of patterns side by side, each of this sensor in its own run."""
@@ -125,7 +139,7 @@ class Windows:
             return self._joined[company]
         positions = [
             (first * self.step, row * self.row_step, rows, bins)
-            for _, (first, bins, row, rows, _, _) in company
+            for _, (first, bins, row, rows, *_) in company
         ]
         self._joined[company] = join_windows(positions, [own.layers(key) for own, key in company])
         if len(self._joined) > _MOST_COMPANIES:
@@ -136,12 +150,14 @@ class Windows:
     def _heights(self) -> Float:
         return window_heights(self._optics, self.row_step)
 
-    @cached_property
-    def _light(self) -> SkyLight:
-        return light_of(self._instrument.scenario.lighting.sky())
+    def _light(self, sky: Sky) -> SkyLight:
+        """Return the light of a sky, which serves many windows."""
+        if self._lights is None or self._lights[0] is not sky:
+            self._lights = sky, light_of(sky)
+        return self._lights[1]
 
     def _render(
-        self, first: int, bins: int, first_row: int, rows: int, slot: int, halvings: int
+        self, first: int, bins: int, first_row: int, rows: int, packed: bytes, sky: Sky
     ) -> list[Float]:
         loaded = self._instrument.loaded
         reads = [
@@ -150,27 +166,34 @@ class Windows:
             loaded.object_of,
             loaded.material_of,
             loaded.out_of_band_ratio,
-            self.first._light,
             self.first._heights,
         ]
         corner = window_position(first * self.step, first_row * self.row_step)
-        poses = loaded.poses_at(middle((slot, halvings))) if loaded.bodies else ()
+        poses = poses_from(np.frombuffer(packed, dtype=np.float32), len(loaded.bodies))
         scenario = self._instrument.scenario
         seed = device_seeds([scenario.transport.seed_of_background(scenario.seed)])
-        return list(self._renderer(rows, bins)(reads, corner, poses, seed))
+        return list(self._renderer(rows, bins)(reads, self._light(sky), corner, poses, seed))
 
     def _renderer(self, rows: int, bins: int) -> Frozen:
         """Return the frozen kernels that render windows of a size."""
         if (rows, bins) not in self._renderers:
             # Loops that a GPU runs turn by turn cannot be recorded.
             self._renderers[rows, bins] = Frozen(
-                lambda reads, corner, poses, seed: self.first._layers(corner, poses, seed, rows, bins),
+                lambda reads, light, corner, poses, seed: self.first._layers(
+                    light, corner, poses, seed, rows, bins
+                ),
                 enabled=one_kernel(self._instrument.loaded),
             )
         return self._renderers[rows, bins]
 
     def _layers(
-        self, corner: list[Float], poses: tuple[Pose, ...], seed: UInt64, rows: int, bins: int
+        self,
+        light: SkyLight,
+        corner: list[Float],
+        poses: tuple[Pose, ...],
+        seed: UInt64,
+        rows: int,
+        bins: int,
     ) -> list[Float]:
         """Return the layers of a panorama over a window."""
         scenario, moving = self._instrument.scenario, bool(self._instrument.loaded.bodies)
@@ -178,7 +201,7 @@ class Windows:
         found = render_panorama(
             pose_scene(self._instrument.loaded, poses),
             self._optics,
-            self._light,
+            light,
             Window(corner[0], corner[1], rows, bins, self.step, self.row_step, self._heights),
             bounces=settings.background_bounces,
             samples=_MOVING_SAMPLES if moving else settings.background_samples,
@@ -192,12 +215,13 @@ Company: TypeAlias = tuple[tuple[Windows, Key], ...]
 """The window of each pattern of a launch, with the run's windows to which it belongs."""
 
 
-def seen_by(windows: Sequence[Windows], aims: Sequence[Aim]) -> WindowArrays:
+def seen_by(windows: Sequence[Windows], aims: Sequence[Aim], situations: Sequence[Situation]) -> WindowArrays:
     """Return what kernels need of the windows of patterns, for :meth:`Windows.panorama`.
 
-    ``windows`` of one sensor in the run of each pattern, and the ``aims`` of these.
+    ``windows`` of one sensor in the run of each pattern, and ``aims`` and ``situations`` of these.
     """
-    return windows[0].first.join(tuple((own, own.key(aim)) for own, aim in zip(windows, aims, strict=True)))
+    each = zip(windows, aims, situations, strict=True)
+    return windows[0].first.join(tuple((own, own.key(aim, situation)) for own, aim, situation in each))
 
 
 def _span(low: float, high: float, step: float, quantum: int, together: int) -> tuple[int, int]:

@@ -44,7 +44,12 @@ LIT_PICTURES = (*(picture.file for _, picture in _DRAWN if picture.sunlit), "cam
 LINES, WAVEFORMS = "lines.parquet", "waveforms.parquet"
 """Lines of the position sensor and waveforms of time of flight, where the scenario asks for some."""
 
-RUN = ResultFolder("range.exr", (*FILES, *TIMED_PICTURES, *LIT_PICTURES, *_CONVERTED, LINES, WAVEFORMS))
+PAGE = "view.html"
+"""The page of a result, which `view` writes beside it."""
+
+_MADE = (*FILES, *TIMED_PICTURES, *LIT_PICTURES, *_CONVERTED, LINES, WAVEFORMS)
+
+RUN = ResultFolder("range.exr", (*_MADE, PAGE), drawn=r"(voxel|waveform)_\d+_\d+\.png")
 """The folder of a run."""
 
 SIGNALS = ResultFolder("scenario.yaml", ("scenario.yaml", LINES, WAVEFORMS))
@@ -63,7 +68,7 @@ SHOT_FILES = (
 )
 """Files that a scan without rows may write, in the dark."""
 
-SHOTS = ResultFolder(SHOT_TABLE, (*SHOT_FILES, "camera.png", *_CONVERTED))
+SHOTS = ResultFolder(SHOT_TABLE, (*SHOT_FILES, "camera.png", *_CONVERTED, PAGE))
 """The folder of a scan without rows."""
 
 TABLE, VOXELS = "track.parquet", "patterns.parquet"
@@ -84,7 +89,9 @@ POSE_PICTURES = ("pose.png", "outline.png")
 """Pictures of poses."""
 
 TRACK = ResultFolder(
-    "track.csv", (*TABLES, *POSES, *RELATIVE_POSES, *TRACK_PICTURES, *POSE_PICTURES, *_CONVERTED)
+    "track.csv",
+    (*TABLES, *POSES, *RELATIVE_POSES, *TRACK_PICTURES, *POSE_PICTURES, *_CONVERTED, PAGE),
+    drawn=r"pattern_\d+\.png",
 )
 """The folder of a tracking run."""
 
@@ -147,7 +154,7 @@ def planned_files(
     left_out |= {*_CONVERTED} - {*converted_files(output.formats)}
     kept = {LINES: output.lines, WAVEFORMS: output.waveforms}
     left_out |= {name for name, chosen in kept.items() if chosen == "none"}
-    return tuple(name for name in RUN.files if name not in left_out)
+    return tuple(name for name in _MADE if name not in left_out)
 
 
 def planned_shot_files(output: Output, *, lit: bool = False) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import re
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -23,10 +24,26 @@ from scanner_sim.products.files.exchange import (
 
 @dataclass(frozen=True)
 class ResultFolder:
-    """A kind of output folder: the file that marks it, and the names of all files that may be ours."""
+    """A kind of output folder: the file that marks it, and the names of all files that may be ours.
+
+    Attributes
+    ----------
+    result
+        The file that marks it.
+    files
+        All that may be ours.
+    drawn
+        Pattern of the names of pictures that may have been drawn of a result since: they go with it.
+    """
 
     result: str
     files: tuple[str, ...]
+    drawn: str = ""
+
+    def ours(self, folder: Path) -> list[str]:
+        """Return the names of what goes with a result in a folder."""
+        since = [path.name for path in folder.iterdir() if re.fullmatch(self.drawn, path.name)]
+        return [*self.files, *sorted(since)]
 
 
 def check_target(folder: str | Path, overwrite: bool, kind: ResultFolder) -> None:
@@ -119,7 +136,7 @@ def write_folder(
         with held(folder):
             # Again: another run may have been here since.
             _check_content(folder, overwrite, kind)
-            exchange(folder, writers, kind.files, mark=kind.result)
+            exchange(folder, writers, kind.ours(folder), mark=kind.result)
     except OSError as error:
         raise failure(folder, error) from None
     return tuple(folder / name for name in writers)

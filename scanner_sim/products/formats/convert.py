@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
@@ -38,6 +38,7 @@ def convert(
     by: str = "",
     poses: Sequence[PoseSeries] = (),
     overwrite: bool = False,
+    progress: Callable[[int, int], None] | None = None,
 ) -> tuple[Path, ...]:
     """Write the points of a result for other programs.
 
@@ -59,6 +60,8 @@ def convert(
         folder has its own.
     overwrite
         Replace files that are there.
+    progress
+        Called with the files written and those in all.
 
     Returns
     -------
@@ -82,7 +85,16 @@ def convert(
         result, poses = result_in(Path(result))
     source = Source(result, tuple(poses), by)
     _check(source, words)
-    writers = {name: partial(write_format, source, word, file) for name, (word, file) in files.items()}
+    written = 0
+
+    def write(word: str, file: str, to: Path) -> None:
+        nonlocal written
+        write_format(source, word, file, to)
+        written += 1
+        if progress is not None:
+            progress(written, len(files))
+
+    writers = {name: partial(write, word, file) for name, (word, file) in files.items()}
     return write_files(folder, writers, overwrite=overwrite)
 
 

@@ -15,7 +15,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from scanner_sim.foundation.errors import printable
 
 _HERE = Path(__file__).parent
-_SCRIPTS = ("common.js", "space.js", "frame.js", "plot.js")
+_SCRIPTS = ("common.js", "pace.js", "space.js", "frame.js", "plot.js")
 _SCRIPTS_OF = {"scan": ("cloud.js", "voxel.js", "scan.js"), "track": ("track.js",)}
 
 

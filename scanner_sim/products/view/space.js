@@ -2,29 +2,23 @@
 // The space of a page: points and lines, the camera and its views, labels, and which point lies under the pointer.
 
 const POINT_VERTEX = `
-attribute vec4 colour; uniform float size; uniform float pitch; uniform float focal; varying vec4 shade;
+attribute vec4 colour; uniform float size; uniform float pitch; uniform float focal; uniform float wider; varying vec4 shade;
 void main() {
   vec4 seen = modelViewMatrix * vec4(position, 1.0);
   shade = colour;
-  gl_Position = colour.a > 0.0 ? projectionMatrix * seen : vec4(2.0, 2.0, 2.0, 1.0);
-  gl_PointSize = clamp(size * focal * pitch * length(position) / max(-seen.z, 1e-6), 1.5, 64.0);
+  gl_Position = projectionMatrix * seen;
+  gl_PointSize = clamp(wider * size * focal * pitch * length(position) / max(-seen.z, 1e-6), 1.5, 64.0);
 }`;
 const POINT_FRAGMENT = `
 varying vec4 shade;
 void main() { vec2 away = gl_PointCoord - 0.5; if (dot(away, away) > 0.27) discard; gl_FragColor = vec4(shade.rgb, 1.0); }`;
 
-const SLOW_MS = 33;
+const COARSE = 0.5; // dots of a moving picture for each of one at rest, where the processor draws
 
-/** Return the numbers below a count in an order of no pattern, the same each time: a part of it is an even choice. */
-function shuffled(count) {
-  const order = Uint32Array.from({ length: count }, (_, i) => i);
-  let state = 1;
-  for (let i = count - 1; i > 0; i--) {
-    state = (Math.imul(state, 1664525) + 1013904223) >>> 0; // a linear congruence, of Numerical Recipes
-    const j = Math.floor((state / 2 ** 32) * (i + 1));
-    [order[i], order[j]] = [order[j], order[i]];
-  }
-  return order;
+/** Return whether a graphics card draws, and not the processor: asked by name, since browsers call both able. */
+function hasCard() {
+  const gl = document.createElement("canvas").getContext("webgl2"), about = gl?.getExtension("WEBGL_debug_renderer_info");
+  return !/swiftshader|llvmpipe|softpipe|basic render/i.test(about ? gl.getParameter(about.UNMASKED_RENDERER_WEBGL) : "");
 }
 
 class Space {
@@ -37,12 +31,14 @@ class Space {
     this.clouds = [];
     this.wanted = false;
     this.moving = false;
-    this.share = 1; // of the points, while the camera moves
+    this.card = hasCard();
+    this.pace = new Pace(this.card ? 1 : 0.1);
     this.middle = new THREE.Vector3(0, 0, 1);
     this.extent = 1;
     this.radius = 1;
     try {
-      this.renderer = new THREE.WebGLRenderer({ antialias: true, preserveDrawingBuffer: true });
+      // Smooth edges take a processor three times as long.
+      this.renderer = new THREE.WebGLRenderer({ antialias: this.card, preserveDrawingBuffer: true });
     } catch {
       byId("trouble").textContent = "This browser gives no WebGL 2: the points cannot be turned here. Picture and numbers at the side are whole.";
       byId("trouble").hidden = false;
@@ -64,20 +60,23 @@ class Space {
     geometry.setAttribute("position", new THREE.BufferAttribute(positions.map((value) => (Number.isFinite(value) ? value : 0)), 3));
     const colours = new Uint8Array((positions.length / 3) * 4);
     geometry.setAttribute("colour", new THREE.BufferAttribute(colours, 4, true));
-    geometry.setIndex(new THREE.BufferAttribute(shuffled(positions.length / 3), 1));
-    const uniforms = { size: { value: 1 }, pitch: { value: pitch }, focal: { value: 1 } };
+    const order = shuffled(positions.length / 3);
+    geometry.setIndex(new THREE.BufferAttribute(new Uint32Array(order.length), 1));
+    const uniforms = { size: { value: 1 }, wider: { value: 1 }, pitch: { value: pitch }, focal: { value: 1 } };
     const material = new THREE.ShaderMaterial({ vertexShader: POINT_VERTEX, fragmentShader: POINT_FRAGMENT, uniforms });
     const points = new THREE.Points(geometry, material);
     points.frustumCulled = false;
     this.scene.add(points);
-    const cloud = { positions, colours, geometry, uniforms, points };
+    const cloud = { positions, colours, geometry, uniforms, points, order, shown: 0 };
     this.clouds.push(cloud);
     return cloud;
   }
 
   /** Say that colours of a cloud have changed. */
   changed(cloud) {
-    cloud.geometry.attributes.colour.needsUpdate = true;
+    const { geometry, order, colours } = cloud;
+    cloud.shown = indexShown(order, colours, geometry.index.array);
+    geometry.index.needsUpdate = geometry.attributes.colour.needsUpdate = true;
     this.draw();
   }
 
@@ -122,11 +121,12 @@ class Space {
   resize() {
     const { clientWidth: wide, clientHeight: high } = this.host;
     if (!this.renderer || !wide || !high) return;
-    this.renderer.setPixelRatio(window.devicePixelRatio);
+    const dots = window.devicePixelRatio * (this.moving && !this.card ? COARSE : 1);
+    this.renderer.setPixelRatio(dots);
     this.renderer.setSize(wide, high, false);
     this.camera.aspect = wide / high;
     this.camera.updateProjectionMatrix();
-    const focal = (0.5 * high * window.devicePixelRatio) / Math.tan((0.5 * this.camera.fov * Math.PI) / 180);
+    const focal = (0.5 * high * dots) / Math.tan((0.5 * this.camera.fov * Math.PI) / 180);
     for (const cloud of this.clouds) cloud.uniforms.focal.value = focal;
     this.draw();
   }
@@ -134,23 +134,30 @@ class Space {
   /** The camera moves: draw, with fewer points where frames are slow, and all of them once it rests. */
   moved() {
     clearTimeout(this.rest);
-    this.rest = setTimeout(() => {
-      this.moving = false;
-      this.draw();
-    }, 250);
-    this.moving = true;
-    this.draw();
+    this.rest = setTimeout(() => this.goOrRest(false), 250);
+    if (this.moving) this.draw();
+    else this.goOrRest(true);
   }
 
-  /** Draw such a share of the points that a frame takes no longer than it may. */
-  keepPace() {
-    const now = performance.now(), took = now - (this.last ?? now);
-    this.last = now;
-    if (this.moving && took < 1000) {
-      if (took > SLOW_MS) this.share = Math.max(0.06, this.share * Math.max(0.3, SLOW_MS / took));
-      else if (took < 0.6 * SLOW_MS) this.share = Math.min(1, 1.1 * this.share);
+  goOrRest(moving) {
+    this.moving = moving;
+    this.resize(); // where the processor draws, its moving pictures are coarser
+  }
+
+  /** Draw all points, or while the camera moves such a share of them that a frame takes no longer than it may. */
+  drawPoints() {
+    const start = performance.now(), share = this.moving ? this.pace.share : 1;
+    for (const { geometry, uniforms, shown } of this.clouds) {
+      const { drawn, wider } = thinned(shown, share);
+      geometry.setDrawRange(0, drawn);
+      uniforms.wider.value = wider;
     }
-    for (const { geometry } of this.clouds) geometry.setDrawRange(0, this.moving ? Math.ceil(this.share * geometry.index.count) : Infinity);
+    this.renderer.render(this.scene, this.camera);
+    if (!this.moving) return;
+    // Asking for a dot waits for the picture: else its cost is seen some frames later, and frames queue up.
+    const gl = this.renderer.getContext();
+    gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+    this.pace.took(performance.now() - start);
   }
 
   /** Draw once before the next frame of the screen: nothing is drawn while nothing changes. */
@@ -164,8 +171,7 @@ class Space {
   }
 
   render() {
-    this.keepPace();
-    this.renderer.render(this.scene, this.camera);
+    this.drawPoints();
     const { clientWidth: wide, clientHeight: high } = this.host;
     const at = new THREE.Vector3();
     for (const label of this.labels) {

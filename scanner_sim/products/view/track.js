@@ -37,6 +37,14 @@ function axes(position, rotation, i, length) {
   return points;
 }
 
+/** Return how far a pose lies from the truth [m] and how much it is turned against it [rad]. */
+function poseErrors(pose, i) {
+  const away = [0, 1, 2].map((k) => pose.position[3 * i + k] - pose.truth_position[3 * i + k]);
+  let squares = 0; // of the difference of the matrices: 8 sin² of half the angle, exact where it is small
+  for (let k = 0; k < 9; k++) squares += (pose.rotation[9 * i + k] - pose.truth_rotation[9 * i + k]) ** 2;
+  return { place: Math.hypot(...away), turn: 2 * Math.asin(Math.min(1, Math.sqrt(squares / 8))) };
+}
+
 class TrackView {
   constructor(data, space) {
     Object.assign(this, { data, space, visits: visitsOf(data), time: 0, target: 0, playing: false, speed: 1 });
@@ -157,18 +165,37 @@ class TrackView {
 
   /** Return the table of the poses now: where, and how far from the truth. */
   poseTable() {
-    const head = ["object", "method", "error", "σ", "turned"].map((word, i) => el("th", { className: i > 1 ? "number" : "" }, word));
+    const head = ["object", "method", "mm off", "σ", "mrad off", "σ"].map((word, i) => el("th", { className: i > 1 ? "number" : "" }, word));
     const rows = this.data.poses.map((pose) => {
       const i = lastBefore(pose.time, this.time);
-      if (i < 0 || !pose.good[i]) return el("tr", {}, el("td", {}, pose.object), el("td", {}, pose.method), el("td", { colSpan: 3, className: "number" }, i < 0 ? "not yet" : "none"));
-      const away = [0, 1, 2].map((k) => pose.position[3 * i + k] - pose.truth_position[3 * i + k]);
-      let trace = 0;
-      for (let k = 0; k < 9; k++) trace += pose.rotation[9 * i + k] * pose.truth_rotation[9 * i + k];
-      const turned = 1e3 * Math.acos(Math.max(-1, Math.min(1, 0.5 * (trace - 1))));
-      const cells = [millimetres(Math.hypot(...away)), millimetres(pose.sigma[2 * i]), `${digits(turned, 3)} mrad`];
+      if (i < 0 || !pose.good[i]) return el("tr", {}, el("td", {}, pose.object), el("td", {}, pose.method), el("td", { colSpan: 4, className: "number" }, i < 0 ? "not yet" : "none"));
+      const away = poseErrors(pose, i);
+      const cells = [away.place, pose.sigma[2 * i], away.turn, pose.sigma[2 * i + 1]].map((value) => digits(1e3 * value, 3));
       return el("tr", {}, el("td", {}, pose.object), el("td", {}, pose.method), ...cells.map((cell) => el("td", { className: "number" }, cell)));
     });
     return el("table", {}, el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...rows));
+  }
+
+  /** Return the plots of the errors of the poses that are drawn, of place and attitude over time, beside their σ. */
+  posePlots(jump) {
+    const duration = this.data.duration || 1;
+    return this.axes.flatMap(({ pose }) => {
+      const good = Array.from(pose.time.keys()).filter((i) => pose.good[i]);
+      const errors = good.map((i) => poseErrors(pose, i));
+      if (!good.length) return [];
+      return [["place", "place", "mm", 0], ["turn", "attitude", "mrad", 1]].map(([key, word, unit, part]) => {
+        const sigma = good.map((i) => [pose.time[i], 1e3 * pose.sigma[2 * i + part]]), values = errors.map((one) => 1e3 * one[key]);
+        const sorted = [...values, ...sigma.map(([, value]) => value)].filter(known).sort((a, b) => a - b);
+        return plot({
+          title: `Errors of the ${word} of ${pose.object} over time, and their σ`,
+          x: { low: 0, high: duration, label: "time [s]" },
+          y: { low: 0, high: 1.2 * (sorted[Math.floor(0.97 * (sorted.length - 1))] || 1), label: `${pose.object}: error of ${word} [${unit}], line: σ` },
+          dots: good.map((i, k) => ({ x: pose.time[i], y: values[k], colour: "var(--strong)" })),
+          curves: [{ points: sigma, colour: "var(--limit)" }],
+          marks: [{ x: this.time, colour: "var(--warm)" }], pick: jump,
+        });
+      });
+    });
   }
 }
 
@@ -211,7 +238,7 @@ async function showTrack() {
   const space = new Space(byId("space")), view = new TrackView(data, space);
   const targets = el("div"), errors = el("div"), poses = el("div");
   const keys = [...VIEW_KEYS, ["space", "play, pause"], ["← →", "the visit before, after"], ["↑ ↓", "the target above, below"], ["f", "field of view"]];
-  byId("panel").append(el("h2", {}, "Targets"), targets, errors, ...(data.poses.length ? [el("h2", {}, "Poses"), poses, el("p", { className: "aside" }, "Axes in red, green, blue: estimated x, y, z; grey and longer: true. σ is that of the place, all three axes together.")] : []), ...foot(keys));
+  byId("panel").append(el("h2", {}, "Targets"), targets, errors, ...(data.poses.length ? [el("h2", {}, "Poses"), poses, el("p", { className: "aside" }, "Axes in red, green, blue: estimated x, y, z; grey and longer: true. σ is that of the place and of the attitude, each of all three axes together.")] : []), ...foot(keys));
   const line = timeline(view, show);
 
   function show(time) {
@@ -219,7 +246,7 @@ async function showTrack() {
     line.say();
     targets.replaceChildren(view.targetTable(choose));
     errors.replaceChildren(view.errorPlot(view.target, show));
-    poses.replaceChildren(view.poseTable());
+    poses.replaceChildren(view.poseTable(), ...view.posePlots(show));
   }
 
   function choose(target) {

@@ -30,7 +30,7 @@ _GOLDEN = (math.sqrt(5.0) - 1.0) / 2.0
 _TINY = 1e-12
 
 
-@dataclass(frozen=True)
+@dataclass
 class SkyLight:
     """Where Sun and Earth stand, as opaque Dr.Jit numbers: other positions use the same kernel.
 
@@ -78,6 +78,7 @@ def sky_light(
     earth_altitude: float = 400e3,
     earth_radius: float = 6371e3,
     albedo: tuple[float, float] = (0.0, 0.0),
+    sun_dimming: float = 1.0,
 ) -> SkyLight:
     """Return the sky of a scene.
 
@@ -93,6 +94,8 @@ def sky_light(
         Height of the scene above the ground, and radius of the Earth [m].
     albedo
         The Earth's reflectance, in band and out of band.
+    sun_dimming
+        Factor of the Sun's own light; the Earth's stays.
 
     Raises
     ------
@@ -119,7 +122,7 @@ def sky_light(
     return SkyLight(
         sun=_vector(np.array([0.0, 0.0, 1.0]) if sun is None else sun),
         sun_cap=_opaque(disc[0]),
-        sun_level=_opaque(disc[1]),
+        sun_level=_opaque(sun_dimming * disc[1]),
         sun_density=_opaque(disc[2]),
         earth=_vector(down),
         earth_cap=_opaque(-1.0 if earth is None else _versine(reach, math.acos(1.0 / reach))),
@@ -144,6 +147,7 @@ def light_of(sky: Sky) -> SkyLight:
         sky.earth_altitude,
         sky.earth_radius,
         (sky.albedo, sky.albedo_out_of_band),
+        sky.sun_dimming,
     )
 
 

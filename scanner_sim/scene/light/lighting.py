@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from datetime import timedelta
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,7 +14,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 
 from scanner_sim.foundation.errors import Fault
 from scanner_sim.foundation.parts import Number, Part
-from scanner_sim.foundation.units import Ratio, Temperature
+from scanner_sim.foundation.units import Ratio, Temperature, Time
 from scanner_sim.scene.light.earth import (
     DEFAULT_ALTITUDE,
     EARTH_RADIUS,
@@ -75,10 +76,31 @@ class Earth(Part):
     """Reflectance in the filter's band (at 1.5 um: ocean 0.02, ice cloud 0.3, water cloud 0.6)."""
     albedo_out_of_band: Ratio = Field(default=0.29, ge=0.0, le=1.0)
     """Reflectance in the rest of the detector's response; the mean over the Earth and the spectrum is 0.29."""
+    albedo_visible: Ratio = Field(default=0.3, ge=0.0, le=1.0)
+    """Reflectance in visible light, for the video camera (0.29 over the whole spectrum; ocean 0.06, clouds to 0.8)."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield a direction without length."""
         yield from _directionless(self.direction)
+
+
+class LightChange(Part):
+    """Sun and Earth from a time on, as somebody else's clock of the orbit has them."""
+
+    time: Time = Field(ge=0.0, le=1e9)
+    """From when on, since the start."""
+    sun: Direction | None = Field(default=None, examples=[[0.3, -0.8, -0.5]])
+    """From the scene towards the Sun, in the scanner's frame; left out, where it is without the change."""
+    earth: Direction | None = Field(default=None, examples=[[0.0, 1.0, 0.0]])
+    """From the scene towards the Earth's centre; left out, where it is without the change."""
+    visible: Ratio | None = Field(default=None, ge=0.0, le=1.0, examples=[0.4])
+    """Share of the Sun's light that arrives, 0 in an eclipse; where the Earth hides more of it, that counts."""
+
+    def cross_checks(self) -> Iterator[Fault]:
+        """Yield directions without length."""
+        for name in ("sun", "earth"):
+            for fault in _directionless(getattr(self, name)):
+                yield Fault(name, fault.problem, fault.remedy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +114,17 @@ class Sky:
     sun_angular_radius
         Angular radius of its disc [rad].
     sun_visible
-        Share of the disc that the Earth does not hide, 0 to 1: below 1 in the penumbra, 0 in an eclipse.
+        Share of the Sun's light that arrives, 0 to 1: below 1 in the penumbra, 0 in an eclipse.
+    sun_dimming
+        That share over what the Earth's disc leaves of the Sun's: 1 but where a change of the light says less.
     earth_direction
         Unit vector towards the Earth's centre, shape (3,); None without an Earth.
     earth_angular_radius
         Angular radius of its disc [rad].
     earth_altitude, earth_radius
         Height of the scene above the ground, and radius of the sphere [m].
-    albedo, albedo_out_of_band
-        Reflectance of the Earth in the filter's band and outside of it.
+    albedo, albedo_out_of_band, albedo_visible
+        Reflectance of the Earth in the filter's band, outside of it, and in visible light.
     phase
         Angle between the Sun and the zenith [rad]: 0 over the Earth's noon, π over its midnight; NaN where Sun
         or Earth is missing.
@@ -115,7 +139,9 @@ class Sky:
     earth_radius: float = EARTH_RADIUS
     albedo: float = 0.0
     albedo_out_of_band: float = 0.0
+    albedo_visible: float = 0.0
     phase: float = float("nan")
+    sun_dimming: float = 1.0
 
     @property
     def dark(self) -> bool:
@@ -154,6 +180,8 @@ class Lighting(Part):
     """A circular orbit that places both."""
     tle: TwoLineElements | None = None
     """A real orbit that places both."""
+    changes: tuple[LightChange, ...] = ()
+    """What a controller told of Sun and Earth during a track, in the order of time; each holds until the next."""
 
     @model_validator(mode="before")
     @classmethod
@@ -182,6 +210,21 @@ class Lighting(Part):
             yield Fault("earth.altitude", _EXCESS, "Remove it.")
         if not placed:
             yield from self._hidden_sun()
+        if self.changes and self.sun == "none":
+            yield Fault(
+                "changes", "without a Sun there is no light to change.", "Give lighting.sun or an orbit."
+            )
+        for index, (first, second) in enumerate(zip(self.changes[:-1], self.changes[1:], strict=True)):
+            if not second.time > first.time:
+                yield Fault(
+                    f"changes[{index + 1}].time",
+                    f"{second.time:g} s is not after the {first.time:g} s before.",
+                    "Write the changes in the order of their times.",
+                )
+
+    def change_at(self, after: float) -> LightChange | None:
+        """Return the change that holds at a time [s], None before the first."""
+        return next((change for change in reversed(self.changes) if after >= change.time), None)
 
     def _hidden_sun(self) -> Iterator[Fault]:
         """Yield a Sun that was put behind the Earth by hand: nobody means that."""
@@ -198,10 +241,10 @@ class Lighting(Part):
                 "described by an orbit.",
             )
 
-    def sky(self, after: float = 0.0) -> Sky:
+    def sky(self, after: float = 0.0, change: LightChange | None = None) -> Sky:
         """Return Sun and Earth in the scanner's frame, ``after`` seconds after the stated moment.
 
-        Directions that were written down stay where they are.
+        Directions that were written down stay where they are. A ``change`` counts in place of the one that holds then.
 
         Raises
         ------
@@ -209,6 +252,10 @@ class Lighting(Part):
             If an orbit from elements cannot be followed to that time.
         """
         sun_direction, earth_direction, altitude = self._directions(after)
+        told = self.change_at(after) if change is None else change
+        if told is not None:
+            sun_direction = sun_direction if told.sun is None else _unit(told.sun)
+            earth_direction = earth_direction if told.earth is None else _unit(told.earth)
         sun = Sun() if self.sun == "none" else self.sun
         share, phase, disc = 1.0, float("nan"), 0.0
         if earth_direction is not None:
@@ -216,16 +263,23 @@ class Lighting(Part):
         if sun_direction is not None and earth_direction is not None:
             separation = angle_between(sun_direction, earth_direction)
             share, phase = visible_share(separation, sun.angular_radius, disc), math.pi - separation
-        lit = self.earth if self.earth != "none" else Earth(albedo=0.0, albedo_out_of_band=0.0)
+        arriving = share if told is None or told.visible is None else min(share, told.visible)
+        lit = (
+            self.earth
+            if self.earth != "none"
+            else Earth(albedo=0.0, albedo_out_of_band=0.0, albedo_visible=0.0)
+        )
         return Sky(
             sun_direction=sun_direction,
             sun_angular_radius=0.0 if sun_direction is None else sun.angular_radius,
-            sun_visible=0.0 if sun_direction is None else share,
+            sun_visible=0.0 if sun_direction is None else arriving,
+            sun_dimming=arriving / share if share > 0.0 else 1.0,
             earth_direction=earth_direction,
             earth_angular_radius=disc,
             earth_altitude=altitude,
             albedo=lit.albedo,
             albedo_out_of_band=lit.albedo_out_of_band,
+            albedo_visible=lit.albedo_visible,
             phase=phase,
         )
 
@@ -251,6 +305,25 @@ class Lighting(Part):
         sun = None if self.sun == "none" else turn @ local
         earth = None if self.earth == "none" else turn @ np.array(AXES["nadir"])
         return sun, earth, altitude
+
+    def at(self, after: float) -> Lighting:
+        """Return the lighting whose stated moment is ``after`` seconds later, with the change that holds then alone."""
+        told = self.change_at(after)
+        changes = () if told is None else (told.model_copy(update={"time": 0.0}),)
+        update: dict[str, Any] = {"changes": changes}
+        if self.orbit is not None:
+            turn = 2.0 * math.pi * after / period(self.orbit.altitude)
+            update["orbit"] = self.orbit.model_copy(
+                update={"anomaly": math.remainder(self.orbit.anomaly + turn, 2.0 * math.pi)}
+            )
+        if self.tle is not None:
+            update["tle"] = self.tle.model_copy(update={"time": self.tle.time + timedelta(seconds=after)})
+        return self.model_copy(update=update)
+
+    @property
+    def runs(self) -> bool:
+        """Whether Sun and Earth move by an orbit's clock."""
+        return self.sun != "none" and (self.orbit is not None or self.tle is not None)
 
     @property
     def period(self) -> float | None:

@@ -104,9 +104,9 @@ class Line:
 class Baseline:
     """The light beneath a peak, a straight line in the distance from a pixel, with the variances of its two terms.
 
-    Dr.Jit arrays of shape (m,): ``level`` [electron], ``slope`` [electron/pixel], their variances, and ``doubt``, by
+    Dr.Jit arrays of shape (m,): ``level`` [electron], ``slope`` [electron/pixel], their variances, ``doubt``, by
     how much the level may be wrong where the light has an edge beneath the peak [electron]: half the difference
-    of the two sides.
+    of the two sides, and ``distance`` from the peak to the middle of each side [pixel].
     """
 
     level: Float
@@ -114,11 +114,18 @@ class Baseline:
     level_variance: Float
     slope_variance: Float
     doubt: Float
+    distance: Float
+
+    @property
+    def step_squared(self) -> Float:
+        """Squared difference of the two sides beyond what noise makes of even light [electron²]."""
+        return dr.maximum(4.0 * (dr.square(self.doubt) - EVEN * self.level_variance), 0.0)
 
 
 def no_baseline() -> Baseline:
     """Return the baseline of a line without any light but the peak's."""
-    return Baseline(*(auto.Float(0.0) for _ in range(5)))
+    none = auto.Float(0.0)
+    return Baseline(none, none, none, none, none, distance=auto.Float(1.0))
 
 
 def baseline_beside(line: Line, centre: Int32, guard: Int32) -> Baseline:
@@ -160,6 +167,7 @@ def baseline_beside(line: Line, centre: Int32, guard: Int32) -> Baseline:
         dr.select(both, 0.25 * (noise[0] + noise[1]), one_noise),
         dr.select(both, 0.25 * (noise[0] + noise[1]) / dr.square(distance), 0.0),
         dr.select(both, 0.5 * dr.abs(right - left), 0.0),
+        distance,
     )
 
 

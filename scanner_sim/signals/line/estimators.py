@@ -73,7 +73,8 @@ def estimate(
     Estimate
         The variance is the first-order propagation of every pixel's variance through the estimator's derivatives, of
         the two terms of the baseline, whose errors all pixels share, and of the covariance that speckle gives the
-        charges. Of ``centre_of_mass`` that of the window's position is added (:func:`_window_variance`).
+        charges. Where the light differs from side to side, that of an edge somewhere beneath the spot is added
+        (:func:`_edge_variance`), and of ``centre_of_mass`` that of the window's position (:func:`_window_variance`).
     """
     known = width if width is not None else Width.unknown()
     apart, converged = auto.Float(0.0), auto.Bool(True)
@@ -103,10 +104,39 @@ def estimate(
         tilt += step * slope
     baseline = around.baseline
     variance += dr.square(level) * baseline.level_variance + dr.square(tilt) * baseline.slope_variance
+    variance += baseline.step_squared * _edge_variance(slopes, level, tilt, baseline.distance)
     variance *= dr.square(stretch) * _curvature_inflation(method, around, shift, speckle)
     if method == "centre_of_mass":
         variance += _window_variance(around, shift, lambda position: corrected(position)[0], speckle)
     return PeakEstimate(shift, variance, within, converged)
+
+
+def _edge_variance(slopes: Slopes, level: Float, tilt: Float, distance: Float) -> Float:
+    """Return the mean square of what an edge of 1 electron beneath the spot moves the position by [pixel²/electron²].
+
+    The two sides of the spot tell that there is a step, and not where: it is as likely at any place between their
+    middles, which lie W on either side. A step behind pixel k adds H(j > k) − 1/2 − j/(2W) to what the straight
+    baseline takes off pixel j, and with the derivatives h_j moves the position by Σ_{j>k} h_j − Σ h_j/2 − Σ j h_j/(2W).
+
+    Parameters
+    ----------
+    slopes
+        Derivatives h_j of the position by the charges [pixel/electron].
+    level, tilt
+        Σ h_j and Σ j h_j.
+    distance
+        W [pixel].
+    """
+    middle = 0.5 * level
+    lean = 0.5 * tilt / distance
+    beyond, squared = level - middle - lean, auto.Float(0.0)
+    inner = sorted(slopes)[:-1]
+    for step in inner:
+        beyond -= slopes[step]
+        squared += dr.square(beyond)
+    outside = dr.maximum(2.0 * distance - len(inner), 0.0)
+    squared += outside * (dr.square(middle) + dr.square(lean))
+    return squared / (outside + len(inner))
 
 
 def _curvature_inflation(

@@ -154,7 +154,7 @@ class _MeasuredPatterns:
     def __init__(self, layers: Columns) -> None:
         self._layers = layers
 
-    def measure(self, aim: Aim, run: NDArray[np.int64]) -> Columns:  # noqa: ARG002 (there is one run)
+    def measure(self, aim: Aim, run: NDArray[np.int64], situations: object = None) -> Columns:  # noqa: ARG002 (there is one run)
         """Return the layers of the shots of an aim."""
         return {name: values[aim.shot] for name, values in self._layers.items()}
 

@@ -53,7 +53,7 @@ class TrueEye:
     def __init__(self, known: Any, _: Any) -> None:
         self.recorder, self.asked = Recorder(known[0]), []
 
-    def see(self, target: Any, orders: Any, motion: Any, visit: Any, _: Any) -> tuple[Any, Any, Any]:
+    def see(self, target: Any, orders: Any, motion: Any, visit: Any, *_: Any) -> tuple[Any, Any, Any]:
         (order,), (number,) = orders, visit.tolist()
         self.asked.append(SimpleNamespace(target=target, order=order, motion=motion, visit=number))
         time = float(motion.time.mean()) + 1e-4
@@ -73,7 +73,8 @@ class TrueEye:
 def run(device: Device, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Return what makes a tracker of a scenario, without any scene to render."""
     monkeypatch.setattr(module, "Instrument", lambda *_, **__: None)
-    monkeypatch.setattr(module, "FrozenInstrument", lambda _: None)
+    nowhere = SimpleNamespace(at=lambda _, used: (None, used), follow=lambda _: None)
+    monkeypatch.setattr(module, "FrozenInstrument", lambda _: SimpleNamespace(situations=lambda: [nowhere]))
     monkeypatch.setattr(module, "TargetSensor", TrueEye)
     return Tracker
 
@@ -227,7 +228,7 @@ def test_what_was_not_seen_may_lie_at_the_mirrors(run: Any, limited: bool, statu
     record = next(tracker)
     lost = tracker.state.tracks[0]
     nothing = replace(module.NOTHING)
-    after = module.advance(lost, nothing, tracker.scan.tracker, 0.1, 1.0)
+    after = module.advance(lost, nothing, tracker._scan.tracker, 0.1, 1.0)
     order = TrackCommand(TrackMode.TRACK, record.position, 6e-3, 1)
     made = tracker._visits._recorders[0].record(
         1,

@@ -16,6 +16,7 @@ from scanner_sim.detector.encoders import reading_noise
 from scanner_sim.instrument.closed_loop import target_sensor as voxels
 from scanner_sim.instrument.closed_loop.records import point_of
 from scanner_sim.instrument.closed_loop.saved_state import first_state, load_state, save_state
+from scanner_sim.instrument.closed_loop.situation import InUse
 from scanner_sim.instrument.closed_loop.target_sensor import (
     Encoders,
     SignalNoise,
@@ -26,6 +27,8 @@ from scanner_sim.instrument.closed_loop.target_sensor import (
 )
 from scanner_sim.render.device import Device
 from scanner_sim.scan.schedule import PatternMotion
+from scanner_sim.scene.light.lighting import LightChange
+from scanner_sim.scene.moves import Move
 from scanner_sim.tracking.prediction import Motion
 from scanner_sim.tracking.state import Refusal, TrackCommand, TrackMode, TrackState
 
@@ -289,11 +292,15 @@ def test_a_saved_state_is_read_as_it_was(tmp_path: Path) -> None:
         tracks=tuple(others),
         followed=tuple(number != 1 for number in range(len(others))),
         amplitudes=tuple(None if number == 0 else 1e-3 * number for number in range(len(others))),
+        used=InUse(
+            (("node", Move(time=1.1, position=(0.1, 0.2, 9.3), velocity=(0.1, 1.0 / 3.0, 0.0))),),
+            LightChange(time=0.7, sun=(0.1, -0.7, 1.0 / 3.0), visible=0.3),
+        ),
     )
     save_state(tmp_path / "state.json", state, "the scenario", "the program")
     read, text = load_state(tmp_path / "state.json")
     assert text == "the scenario"
-    for name in ("visits", "clock", "turn", "skipped", "followed", "amplitudes"):
+    for name in ("visits", "clock", "turn", "skipped", "followed", "amplitudes", "used"):
         assert getattr(read, name) == getattr(state, name)
     for name in ("angle", "rate", "command"):
         np.testing.assert_array_equal(getattr(read.mirrors.state, name), getattr(moved.state, name))

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from scanner_sim.instrument.closed_loop.situation import Situation
 from scanner_sim.instrument.closed_loop.windows import Windows, _span
 from scanner_sim.instrument.time_slots import TimeSlots
 from scanner_sim.instrument.triangulation import Triangulation
@@ -16,6 +18,9 @@ from scanner_sim.optics.line_image import sharp_everywhere
 from scanner_sim.render.device import Device
 from scanner_sim.render.settings import Transport
 from scanner_sim.scan.protocol import Aim
+from scanner_sim.scene.light.lighting import Sky
+
+Array = NDArray[np.float64]
 
 FOCAL, PITCH, HEIGHT, OFFSET, PIXELS = 0.1, 50e-6, 250e-6, 5e-3, 400
 
@@ -33,11 +38,27 @@ class Recorded(Windows):
     asked: tuple[Any, float]
 
     def _renderer(self, *_: int) -> Any:
-        def render(reads: Any, place: Any, poses: float, seed: Any) -> list[Any]:
-            self.asked = place, poses
+        def render(reads: Any, light: Any, place: Any, poses: Any, seed: Any) -> list[Any]:
+            self.asked = place, float(poses[0].position.x.numpy()[0])
             return []
 
         return render
+
+    def _light(self, sky: Any) -> Any:
+        return sky
+
+
+class Clock:
+    """An object whose place tells the time."""
+
+    def pose_at(self, time: float) -> Array:
+        pose = np.eye(4)[None].copy()
+        pose[0, 0, 3] = time
+        return pose
+
+
+ITEMS: Any = (Clock(),)
+HERE = Situation(ITEMS, ITEMS, Sky())
 
 
 @pytest.fixture
@@ -49,22 +70,21 @@ def windows(device: Device) -> Recorded:
         offset=OFFSET,
         receiver=SimpleNamespace(focal_length=FOCAL, line_image=sharp_everywhere(FOCAL)),
     )
-    body = SimpleNamespace(mitsuba=None)
+    body = SimpleNamespace(mitsuba=None, item=ITEMS[0])
     loaded = SimpleNamespace(
         mitsuba=None,
         bodies=(body,),
         object_of=None,
         material_of=None,
         out_of_band_ratio=None,
-        poses_at=lambda time: time,
     )
     sensor = SimpleNamespace(pixels=PIXELS)
     scenario = SimpleNamespace(scanner=SimpleNamespace(position_sensor=sensor), seed=0, transport=Transport())
     line = object.__new__(Triangulation)
     line.optics, line.scenario = optics, scenario  # type: ignore[assignment]
     made = Recorded(SimpleNamespace(scenario=scenario, loaded=loaded), *line.sight)  # type: ignore[arg-type]
-    slots = Steady(loaded, made.step)  # type: ignore[arg-type]
-    made.__dict__ |= {"_light": None, "_heights": None, "_slots": slots}
+    slots = Steady(loaded, made.step, ITEMS)  # type: ignore[arg-type]
+    made.__dict__ |= {"_heights": None, "_slots": slots}
     return made
 
 
@@ -95,9 +115,9 @@ def test_a_span_has_a_step_more_at_each_end_and_little_beyond(low: float, high: 
 def test_a_window_holds_all_that_the_pixels_see(windows: Recorded) -> None:
     """Claim: Θ − atan(p/f) of the first pixel at the leftmost and the last at the rightmost shot, with half a dwell's
     travel, and the same for φ, lie within the first and last bins and rows; 67 bins and 18 rows too many at most."""
-    windows.layers(windows.key(aim()))
+    windows.layers(windows.key(aim(), HERE))
     (first, top), _ = windows.asked
-    _, bins, _, rows, _, _ = windows.key(aim())
+    _, bins, _, rows, *_ = windows.key(aim(), HERE)
     left = 0.10 - 1e-3 - math.atan((OFFSET + PIXELS * PITCH) / FOCAL)
     right = 0.12 + 1e-3 - math.atan(OFFSET / FOCAL)
     step, row = PITCH / FOCAL, 0.5 * HEIGHT / FOCAL
@@ -113,11 +133,20 @@ def test_a_window_holds_all_that_the_pixels_see(windows: Recorded) -> None:
 def test_objects_stand_as_in_the_middle_of_the_slot(windows: Recorded, time: float, middle: float) -> None:
     """Claim: what moves by 3 bins a second has slots of 1/4 s, the longest power of two in which it moves by less than
     a bin, and is where it is in their middles."""
-    windows.layers(windows.key(aim(time)))
+    windows.layers(windows.key(aim(time), HERE))
     assert windows.asked[1] == pytest.approx(middle)
 
 
 def test_the_next_pattern_of_a_slot_is_not_rendered_again(windows: Recorded) -> None:
     for time in (0.01, 0.2, 0.26, 0.1):
-        windows.layers(windows.key(aim(time)))
+        windows.layers(windows.key(aim(time), HERE))
+    assert windows.rendered == 2
+
+
+def test_another_sky_or_another_place_is_rendered_anew_and_the_same_is_not(windows: Recorded) -> None:
+    """Claim: a window belongs to its poses and its sky, and to nothing else of a situation."""
+    windows.layers(windows.key(aim(), HERE))
+    windows.layers(windows.key(aim(), Situation((), ITEMS, HERE.sky)))
+    assert windows.rendered == 1
+    windows.layers(windows.key(aim(), Situation(ITEMS, ITEMS, Sky())))
     assert windows.rendered == 2

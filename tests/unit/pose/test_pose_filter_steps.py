@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from scanner_sim.analytic import geometry as judge
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
-from scanner_sim.pose.filter import FilterState, PoseFilter
+from scanner_sim.pose.filter import FilterModel, FilterState
 from scanner_sim.tracking.errors import ErrorParts, pixel_correlation
 from scanner_sim.tracking.record import PatternRecord, TrackStatus
 from scanner_sim.tracking.samples import PatternSamples
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 D = 0.05
 POINTS = {"a": [-0.5, -0.4, 0.1], "b": [0.5, -0.3, 0.0], "c": [0.1, 0.6, -0.2]}
-FILTER = PoseFilter({"node": POINTS}, D, acceleration=2e-4, turn_acceleration=3e-3)
+FILTER = FilterModel({"node": POINTS}, D, acceleration=2e-4, turn_acceleration=3e-3)
 SIZE = 12 + 6 * 3 + 1
 
 
@@ -130,7 +130,7 @@ def test_a_visit_at_the_same_time_is_a_plain_update(target: str) -> None:
 def test_the_rigid_part_moves_at_steady_rates() -> None:
     """Claim: position and attitude go on with their rates, errors with them, and white accelerations are added."""
     now, step = state(), 0.3
-    ahead = FILTER._predicted(now, record("a", now.time + step, np.array([0.08, -0.06, 7.1])))
+    ahead = FILTER.predicted(now, record("a", now.time + step, np.array([0.08, -0.06, 7.1])))
     turn = Rotation.from_rotvec(step * now.turn_rate[0]).as_matrix()
     np.testing.assert_allclose(ahead.position, now.position + step * now.velocity)
     np.testing.assert_allclose(ahead.rotation[0], turn @ now.rotation[0], atol=1e-14)
@@ -154,8 +154,8 @@ def test_two_half_steps_of_a_resting_object_are_one() -> None:
     now = state(resting=True)
     visits = [record("a", now.time + after, np.array([0.08, -0.06, 7.1])) for after in (0.1, 0.2)]
     halves, whole = (
-        FILTER._predicted(FILTER._predicted(now, visits[0]), visits[1]),
-        FILTER._predicted(now, visits[1]),
+        FILTER.predicted(FILTER.predicted(now, visits[0]), visits[1]),
+        FILTER.predicted(now, visits[1]),
     )
     scale = np.sqrt(np.diag(whole.covariance))
     # Biases, too: ρ of two steps is that of both together, and the noise what is lost.
@@ -168,7 +168,7 @@ def test_biases_fade_each_in_its_own_way() -> None:
     """Claim: surfaces by the turn about the sight over ``turn``, wobble by time, pixels by the image, drift never."""
     now, step = state(), 0.02
     visit = record("b", now.time + step, np.array([0.15, -0.1, 7.0]))
-    ahead = FILTER._predicted(now, visit)
+    ahead = FILTER.predicted(now, visit)
     fade = ahead.bias / now.bias
     places = []
     for when in (now, ahead):

@@ -95,6 +95,15 @@ def test_overwriting_replaces_all_of_ours_and_nothing_else(tmp_path: Path) -> No
     assert sorted(path.name for path in tmp_path.iterdir()) == ["fresh", "out"]
 
 
+def test_what_was_drawn_of_a_result_goes_with_it(tmp_path: Path) -> None:
+    write_run(make_image(1), tmp_path, BARE)
+    stale, kept = ("view.html", "voxel_1_2.png", "waveform_10_0.png"), ("voxel_1.png", "my_voxel_1_2.png")
+    for name in (*stale, *kept):
+        (tmp_path / name).write_text("of seed 1")
+    write_run(make_image(2), tmp_path, BARE, overwrite=True)
+    assert set(content(tmp_path)) == {*planned_files(BARE), *kept}
+
+
 def test_an_empty_folder_and_one_with_other_files_are_fine(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     write_run(make_image(), tmp_path, BARE)

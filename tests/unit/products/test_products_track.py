@@ -15,7 +15,14 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.frames import rotation_about
 from scanner_sim.instrument.closed_loop.poses import poses_of
 from scanner_sim.pose.settings import PoseSettings
-from scanner_sim.products.files.contents import FORMAT_FILES, RUN, TRACK, converted_files, planned_track_files
+from scanner_sim.products.files.contents import (
+    FORMAT_FILES,
+    PAGE,
+    RUN,
+    TRACK,
+    converted_files,
+    planned_track_files,
+)
 from scanner_sim.products.files.folder import check_target
 from scanner_sim.products.files.tables import read_parquet, table_csv, write_parquet
 from scanner_sim.products.files.track_folder import write_track
@@ -94,7 +101,7 @@ def test_the_same_track_gives_the_same_bytes(track: Track, tmp_path: Path) -> No
         assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes(), path.name
     names = {path.name for path in (tmp_path / "one").iterdir()}
     assert names == set(planned_track_files(Output(), 2))
-    assert names == set(TRACK.files) - set(converted_files(tuple(FORMAT_FILES)))
+    assert names == set(TRACK.files) - {PAGE} - set(converted_files(tuple(FORMAT_FILES)))
 
 
 def test_what_is_switched_off_is_not_written(track: Track, tmp_path: Path) -> None:

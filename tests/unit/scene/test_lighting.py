@@ -15,8 +15,9 @@ from pydantic import ValidationError
 
 from scanner_sim.config.load import scenario_from_text
 from scanner_sim.foundation.errors import ScenarioError
+from scanner_sim.scene.light.clock import SkyClock, differ
 from scanner_sim.scene.light.earth import EARTH_RADIUS, earth_angular_radius, visible_share
-from scanner_sim.scene.light.lighting import Earth, Lighting, Sky, Sun, lighting_warnings
+from scanner_sim.scene.light.lighting import Earth, LightChange, Lighting, Sky, Sun, lighting_warnings
 from scanner_sim.scene.light.orbit import Orbit
 
 TLE = {
@@ -225,3 +226,51 @@ def test_a_file_is_told_where_it_is_wrong(text: str, words: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         scenario_from_text(f"schema: 1\nscan: {scan}\nlighting: {text}\n", name="it")
     assert words in str(caught.value)
+
+
+def test_a_sky_serves_for_a_second_and_in_the_penumbra_for_a_sixteenth() -> None:
+    """Claim: by an orbit's clock the sky is that of the middle of a second; where the Earth's limb passes the Sun, of
+    1/16 s, in which the share changes by less than 1 %. Written down, Sun and Earth stay."""
+    low = Lighting.model_validate({"orbit": {}})
+    clock, period = SkyClock(low), low.period
+    assert period is not None
+    assert clock.sky(3.2) is clock.sky(3.9)
+    np.testing.assert_allclose(clock.sky(3.2).sun_direction, low.sky(3.5).sun_direction)
+    shares = [low.sky(time).sun_visible for time in np.arange(0.0, period, 1.0)]
+    entry = next(second for second, share in enumerate(shares) if share < 1.0)
+    times = np.arange(entry - 2.0, entry + 12.0, 0.02)
+    used = np.array([clock.sky(time).sun_visible for time in times])
+    assert np.abs(used - [low.sky(time).sun_visible for time in times]).max() < 0.008
+    assert len(np.unique(used)) > 60
+    written = SkyClock(Lighting.model_validate({"sun": {"direction": [0, -1, 0]}}))
+    assert written.sky(0.0) is written.sky(1e4)
+
+
+def test_told_light_counts_from_half_a_milliradian_and_half_a_per_cent_on() -> None:
+    """Claim: small changes leave what is in use, larger ones and full eclipses replace it."""
+    lit = Lighting.model_validate({"sun": {"direction": [0, -1, 0]}})
+    used = LightChange(time=0.0, sun=(0.0, -1.0, 0.0), visible=0.5)
+    for turn, share, other in (
+        (4e-4, 0.5, False),
+        (6e-4, 0.5, True),
+        (0.0, 0.504, False),
+        (0.0, 0.506, True),
+    ):
+        told = LightChange(time=1.0, sun=(turn, -1.0, 0.0), visible=share)
+        assert differ(lit, used, told, 1.0) is other
+    faint = used.model_copy(update={"visible": 0.003})
+    assert differ(lit, faint, faint.model_copy(update={"visible": 0.0}), 1.0)
+    assert differ(lit, None, used, 0.0)
+    assert not differ(lit, used, used, 0.0)
+    assert lit.sky(0.0, used).sun_visible == 0.5
+
+
+def test_a_later_stated_moment_is_the_same_sky() -> None:
+    """Claim: ``at`` moves the stated moment along orbit and elements, and keeps the change that holds then."""
+    change = LightChange(time=50.0, visible=0.25)
+    for data in ({"orbit": {"anomaly": "170 deg"}}, {"tle": TLE}):
+        lighting = Lighting.model_validate(data).model_copy(update={"changes": (change,)})
+        for time in (20.0, 700.0):
+            one, other = lighting.sky(time), lighting.at(time).sky()
+            np.testing.assert_allclose(one.sun_direction, other.sun_direction, atol=1e-9)
+            assert one.sun_visible == other.sun_visible

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,8 @@ from pydantic import TypeAdapter, ValidationError
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.frames import pose_matrix, rotation_about
 from scanner_sim.foundation.units import FROM_FILE
-from scanner_sim.scene.motion import COLUMNS, RigidMotion, read_poses
+from scanner_sim.scene.motion import COLUMNS, read_poses
+from scanner_sim.scene.moves import RigidMotion
 
 START = pose_matrix(rotation_about([0.0, 0.0, 1.0], 0.3), [1.0, 2.0, 10.0])
 HEAD = ",".join(COLUMNS)
@@ -158,3 +160,29 @@ def test_speeds_need_units() -> None:
         motion(type="twist", velocity=[0.01, 0.0, 0.0])
     with pytest.raises(ValidationError):
         motion(type="twist", turn_rate=["1 Hz", "0 deg/s", "0 deg/s"])
+
+
+def test_moves_hold_from_their_times_on() -> None:
+    """Claim: each move counts until the next one and goes on evenly; before the first another motion does, or it."""
+    read = TypeAdapter(RigidMotion).validate_python
+    first = {"time": 1.0, "position": (1.0, 0.0, 5.0), "velocity": (0.5, 0.0, 0.0)}
+    half = math.sqrt(0.5)
+    then = {
+        "time": 2.0,
+        "position": (9.0, 0.0, 5.0),
+        "quaternion": (half, 0.0, 0.0, half),
+        "turn_rate": (0, 0, 0.1),
+    }
+    told = read({"type": "moves", "moves": [first, then]})
+    poses = told.scanner_from_object([0.0, 1.5, 2.5], np.eye(4))
+    np.testing.assert_allclose(poses[:, 0, 3], [0.5, 1.25, 9.0])
+    turned = 0.5 * math.pi + 0.05
+    np.testing.assert_allclose(poses[2, :2, 0], [math.cos(turned), math.sin(turned)], atol=1e-12)
+    before = read({"type": "moves", "moves": [first], "before": {"type": "twist", "velocity": (0, 2, 0)}})
+    np.testing.assert_allclose(
+        before.scanner_from_object([0.5, 1.0], np.eye(4))[:, :3, 3], [[0, 1, 0], [1, 0, 5]]
+    )
+    with pytest.raises(ValidationError, match="not after"):
+        read({"type": "moves", "moves": [first, first]})
+    with pytest.raises(ValidationError, match="no attitude"):
+        read({"type": "moves", "moves": [first | {"quaternion": (0, 0, 0, 0)}]})

@@ -15,6 +15,8 @@ from scanner_sim.signals.line.digital_line import no_baseline
 from scanner_sim.signals.line.estimators import estimate
 
 HALF = 12
+DISTANCE = 9
+"""Pixels from the peak to the middle of each side."""
 
 
 class Pixels:
@@ -22,9 +24,10 @@ class Pixels:
 
     floor_sigma = 1e-3
 
-    def __init__(self, charges: Any, level: float, slope: float) -> None:
+    def __init__(self, charges: Any, level: float, slope: float, doubt: float = 0.0) -> None:
         self.charges, self.baseline = charges, no_baseline()
         self.baseline.level_variance, self.baseline.slope_variance = auto.Float(level), auto.Float(slope)
+        self.baseline.doubt, self.baseline.distance = auto.Float(doubt), auto.Float(float(DISTANCE))
 
     def __call__(self, step: int) -> tuple[Any, Any]:
         return auto.Float(self.charges[HALF + step]), auto.Float(1.0)
@@ -45,3 +48,23 @@ def test_level_and_slope_move_an_estimate_by_its_derivatives(device: Device, met
         moved = (judge((charges + 1e-3 * change).tolist()) - judge((charges - 1e-3 * change).tolist())) / 2e-3
         more = float((found - alone).numpy()[0])
         assert more == pytest.approx(400.0 * moved**2, rel=5e-3, abs=2e-4 * float(alone.numpy()[0]))
+
+
+@pytest.mark.parametrize("method", list(ESTIMATORS))
+def test_an_edge_beneath_the_spot_is_as_likely_anywhere(device: Device, method: Any) -> None:
+    """Claim: where the sides differ by D = 20 electrons, σ² grows by the mean square of what such an edge does.
+
+    Set-up: the judge's estimator moved, by differences, by edges behind each pixel between the middles of the sides,
+    less the straight line that the baseline takes off. Expected: the mean of the squares over these 18 places.
+    """
+    charges = 1e4 * pixel_shares(HALF + 0.2, 1.1, 2 * HALF + 1)
+    step, judge = np.arange(-HALF, HALF + 1.0), ESTIMATORS[method]
+    squares = []
+    for last in np.arange(-DISTANCE, DISTANCE) + 0.5:
+        change = (step > last) - 0.5 - step / (2 * DISTANCE)
+        moved = (judge((charges + 1e-3 * change).tolist()) - judge((charges - 1e-3 * change).tolist())) / 2e-3
+        squares.append(moved**2)
+    found = estimate(method, Pixels(charges, 0.0, 0.0, 10.0)).variance  # type: ignore[arg-type]
+    alone = estimate(method, Pixels(charges, 0.0, 0.0)).variance  # type: ignore[arg-type]
+    more = float((found - alone).numpy()[0])
+    assert more == pytest.approx(20.0**2 * np.mean(squares), rel=1e-3)

@@ -68,7 +68,7 @@ def test_the_slopes_follow_from_the_weights() -> None:
     assert width.spread.numpy() == pytest.approx(0.005)
     width.spread = auto.Float(spread.astype(np.float32))
     known = (dr.opaque(auto.Float, v) for v in (LEVEL, SLOPE, LEVEL_VARIANCE, 0.1))
-    beneath = Baseline(*known, doubt=auto.Float(doubt.astype(np.float32)))
+    beneath = Baseline(*known, doubt=auto.Float(doubt.astype(np.float32)), distance=auto.Float(7.0))
     fit = fit_spot(Spot(beneath), width, auto.Float(0.2), auto.Float(speckle.astype(np.float32)))
     np.testing.assert_allclose(fit.shift.numpy(), PLACE, rtol=0.0, atol=1e-4)
     np.testing.assert_allclose(fit.charge.numpy(), CHARGE, rtol=1e-3)

@@ -211,14 +211,34 @@ class TestLines:
         assert one(line, shape=False, max_reflectance=None) is Status.VALID
 
     def test_misfit_widens_sigma(self) -> None:
-        """An edge beneath the spot moves it; σ says so unless it is told to trust the shape."""
-        line = laser(60.3) + edge(61.0, 0.2 * laser(60.3).max())
+        """A glint on the spot's flank moves it; σ says so unless it is told to trust the shape."""
+        line = laser(60.3) + 0.03 * laser(60.3).sum() * spot.pixel_shares(63.0, 0.8, 256)
         aware, trusting = (
             peaks_of(line[None], Processing(validation=Validation(misfit=misfit))) for misfit in (1.0, 0.0)
         )
         error = abs(aware.position.numpy()[0] - 60.3)
         assert error > 6.0 * trusting.sigma.numpy()[0]
         assert error < 6.0 * aware.sigma.numpy()[0]
+
+    @pytest.mark.parametrize("place", [58.0, 60.0, 60.3, 61.0, 65.0])
+    def test_an_edge_beneath_the_spot_widens_sigma(self, place: float) -> None:
+        """What the sides differ by may be an edge anywhere between them; with or without what the shape shows."""
+        line = laser(60.3) + edge(place, 0.2 * laser(60.3).max())
+        for misfit in (1.0, 0.0):
+            found = peaks_of(line[None], Processing(validation=Validation(misfit=misfit)))
+            assert abs(found.position.numpy()[0] - 60.3) < 6.0 * found.sigma.numpy()[0]
+
+    @pytest.mark.parametrize(("step", "widens"), [(0.05, True), (0.2, False)])
+    def test_misfit_is_what_an_edge_leaves_unexplained(self, step: float, widens: bool) -> None:
+        """A glint's residuals, 3 % of the height, widen σ upon an edge of 5 % (D/√12 = 1.4 %), not upon one of 20 %."""
+        height = laser(60.3).max()
+        line = laser(60.3) + 0.05 * laser(60.3).sum() * spot.pixel_shares(63.0, 0.8, 256)
+        line += edge(56.0, step * height)
+        sigma = [
+            peaks_of(line[None], Processing(validation=Validation(misfit=misfit))).sigma.numpy()[0]
+            for misfit in (1.0, 0.0)
+        ]
+        assert (sigma[0] > 1.2 * sigma[1]) == widens
 
     @pytest.mark.parametrize("place", [2.0, 4.0, 8.0, 250.0])
     def test_near_the_ends_of_the_array(self, place: float) -> None:

@@ -1,0 +1,164 @@
+"""What a program tells a run between two visits of the world before the scanner: how an object moves, how it is lit.
+
+Both become part of the run's scenario, as motions of the kind ``moves`` and as ``lighting.changes``: what was told is
+kept, and the same scenario gives the same run again.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydantic import ValidationError
+from scipy.spatial.transform import Rotation
+
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.foundation.parts import Part
+from scanner_sim.scene.light.lighting import LightChange
+from scanner_sim.scene.moves import Move, Moves
+from scanner_sim.scene.objects import Posed
+
+_ORTHOGONAL = 1e-6
+"""Largest entry of RᵀR − 1 of a rotation that is one."""
+LATE = 1e-9
+"""Time [s] by which a command may be late by rounding."""
+
+
+def with_move(
+    scenario: Scenario,
+    name: str,
+    pose: ArrayLike,
+    *,
+    velocity: ArrayLike,
+    turn_rate: ArrayLike,
+    time: float | None,
+    clock: float,
+) -> Scenario:
+    """Return a scenario in which an object goes on from a pose; see :meth:`Tracker.move`.
+
+    Raises
+    ------
+    InputError
+        If there is no such object, it cannot move, the pose is none, or the time is measured already.
+    """
+    item, at = _movable(scenario, name), _time(time, clock, f"'{name}' is moved")
+    matrix = np.asarray(pose, dtype=np.float64)
+    if matrix.shape != (4, 4) or not np.isfinite(matrix).all() or not (matrix[3] == (0, 0, 0, 1)).all():
+        raise InputError(
+            f"this is no pose of '{name}'.", remedy="Give a 4 × 4 matrix whose last row is 0, 0, 0, 1."
+        )
+    rotation = matrix[:3, :3]
+    if np.abs(rotation.T @ rotation - np.eye(3)).max() > _ORTHOGONAL or np.linalg.det(rotation) < 0.0:
+        raise InputError(
+            f"the pose of '{name}' holds no rotation.",
+            remedy="Its first three columns must be right-handed axes.",
+        )
+    x, y, z, w = Rotation.from_matrix(rotation).as_quat().tolist()
+    move = _checked(
+        Move,
+        f"'{name}' cannot be moved so",
+        time=at,
+        position=matrix[:3, 3].tolist(),
+        quaternion=(w, x, y, z),
+        velocity=_numbers(velocity),
+        turn_rate=_numbers(turn_rate),
+    )
+    known = item.motion if isinstance(item.motion, Moves) else None
+    if known is None:
+        motion = Moves(type="moves", moves=(move,), before=item.motion)
+    else:
+        told = _before(known.moves, at, f"'{name}' was moved")
+        motion = known.model_copy(update={"moves": (*told, move)})
+    return scenario.model_copy(update={"scene": scenario.scene.moved({name: motion})})
+
+
+def with_light(
+    scenario: Scenario,
+    *,
+    sun: ArrayLike | None,
+    earth: ArrayLike | None,
+    visible: float | None,
+    time: float | None,
+    clock: float,
+) -> Scenario:
+    """Return a scenario that is lit otherwise from a time on; see :meth:`Tracker.light`.
+
+    Raises
+    ------
+    InputError
+        If there is no Sun, a direction or share is none, or the time is measured already.
+    """
+    lighting, at = scenario.lighting, _time(time, clock, "the light is changed")
+    if lighting.sun == "none":
+        raise InputError(
+            "without a Sun there is no light to change.",
+            remedy="Give the scenario a lighting.sun or an orbit.",
+        )
+    change = _checked(
+        LightChange,
+        "there is no such light",
+        time=at,
+        sun=None if sun is None else _numbers(sun),
+        earth=None if earth is None else _numbers(earth),
+        visible=None if visible is None else float(visible),
+    )
+    changes = (*_before(lighting.changes, at, "the light was changed"), change)
+    return scenario.model_copy(update={"lighting": lighting.model_copy(update={"changes": changes})})
+
+
+def _movable(scenario: Scenario, name: str) -> Posed:
+    """Return an object that can be moved."""
+    item = next((item for item in scenario.scene.objects if item.name == name), None)
+    if item is None:
+        names = ", ".join(item.name for item in scenario.scene.objects if item.motion is not None)
+        raise InputError(
+            f"there is no object '{name}'.", remedy=f"Those that can be moved: {names or 'none'}."
+        )
+    if item.motion is None:
+        remedy = "Give it a motion in the scenario, {type: twist} for one at rest."
+        if item.moves:
+            remedy = f"Move '{item.parent}', to which it is fixed, or give it a motion of its own."
+        raise InputError(f"'{name}' is not declared to move.", remedy=remedy)
+    return item
+
+
+def _time(time: float | None, clock: float, what: str) -> float:
+    """Return from when on something is told."""
+    if time is None:
+        return clock
+    if not math.isfinite(time) or time < clock - LATE:
+        raise InputError(
+            f"{what} at {time:.9g} s, and until {clock:.9g} s everything is measured.",
+            remedy="What is past stays: name a time from Tracker.time on.",
+        )
+    return max(float(time), clock)
+
+
+def _before(known: tuple[Any, ...], time: float, what: str) -> tuple[Any, ...]:
+    """Return what was told before a time; what was told for the same time is told anew."""
+    if known and known[-1].time > time:
+        raise InputError(
+            f"{what} for {known[-1].time:.9g} s already, later than {time:.9g} s.",
+            remedy="Tell what happens in the order of time.",
+        )
+    return known[:-1] if known and known[-1].time == time else known
+
+
+def _numbers(values: ArrayLike) -> tuple[float, ...]:
+    numbers: NDArray[np.float64] = np.asarray(values, dtype=np.float64)
+    return tuple(numbers.ravel().tolist())
+
+
+def _checked(kind: type[Part], what: str, **values: Any) -> Any:
+    """Return a part of a scenario from numbers of a program."""
+    try:
+        return kind(**values)
+    except ValidationError as error:
+        details = error.errors(include_url=False)[0]
+        place = ".".join(map(str, details["loc"])) or "it"
+        raise InputError(
+            f"{what}: {place}: {details['msg']}.", remedy="All numbers are finite, in SI."
+        ) from None

@@ -1,0 +1,140 @@
+"""The filter that is fed with records: it begins by itself, tells later times, and takes in what it is told."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_track import DG, make_track
+from numpy.typing import NDArray
+
+from scanner_sim import FilteredPose, InputError, PoseFilter
+from scanner_sim.pose.collinearity import project
+from scanner_sim.pose.pose_filter import FilterStatus
+from scanner_sim.tracking.record import PatternRecord, Track, TrackStatus
+
+Array = NDArray[np.float64]
+
+
+@pytest.fixture(scope="module")
+def run() -> Track:
+    """Four targets on one object for 0.4 s."""
+    return make_track(objects=1)
+
+
+def fed(
+    run: Track, records: tuple[PatternRecord, ...] | None = None
+) -> tuple[PoseFilter, list[FilteredPose]]:
+    poses = PoseFilter(run.targets, axis_separation=DG)
+    return poses, [poses.update(record) for record in (run.records if records is None else records)]
+
+
+def test_it_carries_the_reference_filters_state(run: Track) -> None:
+    """Claim: fed with records it says what the law does of them, from the first visit on that three targets allow."""
+    poses, said = fed(run)
+    starting = [pose.status is FilterStatus.STARTING for pose in said]
+    begun = starting.index(False)
+    assert 2 <= begun <= 8
+    assert all(starting[:begun])
+    assert not any(starting[begun:])
+    state = poses.model.begin(run.records[: begun + 1])
+    for record, pose in zip(run.records[begun + 1 :], said[begun + 1 :], strict=True):
+        state = poses.model.updated(state, record)
+        if record.status is not TrackStatus.MEASURED:
+            continue
+        np.testing.assert_array_equal(pose.position, state.position[0])
+        np.testing.assert_array_equal(pose.covariance, state.covariance_of(0))
+        assert pose.surprise == state.surprise
+    assert np.linalg.norm(said[-1].position - [-1.2 + 4e-3, 0.2, 8.0 - 2e-3]) < 5e-3
+    assert 0.5 < np.mean([pose.surprise for pose in said[begun + 4 :]]) / 3.0 < 2.0
+
+
+def test_it_is_causal_and_refused_visits_change_nothing(run: Track) -> None:
+    """Claim: what it said of a visit does not depend on later ones; lost, late and foreign ones are passed over."""
+    _, said = fed(run)
+    _, part = fed(run, run.records[:20])
+    np.testing.assert_array_equal(part[-1].covariance, said[19].covariance)
+    poses, _ = fed(run, run.records[:20])
+    before, last = poses.state, run.records[20]
+    for other in (
+        replace(last, status=TrackStatus.REFUSED),
+        replace(last, target="stranger"),
+        replace(last, time=run.records[18].time),
+    ):
+        poses.update(other)
+        assert poses.state is before
+
+
+def test_it_tells_later_times_and_says_when_it_coasts(run: Track) -> None:
+    """Claim: a prediction goes on evenly and its σ grows; a tenth of a second is fresh, a second is not; the past is no
+    prediction, and asking changes nothing."""
+    poses, said = fed(run)
+    last = said[-1]
+    soon, late = poses.predict(last.time + 0.1), poses.predict(last.time + 1.0)
+    assert (soon.status, late.status) == (FilterStatus.FOLLOWING, FilterStatus.COASTING)
+    np.testing.assert_allclose(late.position, last.position + last.velocity, rtol=1e-12)
+    assert (late.sigma[:3] > soon.sigma[:3]).all()
+    assert (soon.sigma[:3] > last.sigma[:3]).all()
+    np.testing.assert_array_equal(poses.predict(last.time).covariance, last.covariance)
+    with pytest.raises(InputError, match="before the last visit"):
+        poses.predict(last.time - 1e-3)
+
+
+def test_a_push_changes_the_velocity_from_its_time_on(run: Track) -> None:
+    """Claim: a told change of velocity moves what comes after it, by its σ less surely, and leaves what is before."""
+    poses, said = fed(run)
+    end = said[-1].time
+    poses.push((0.1, 0.0, -0.2), time=end + 0.5, sigma=1e-2)
+    before, then = poses.predict(end + 0.4), poses.predict(end + 1.0)
+    plain, _ = fed(run)
+    np.testing.assert_array_equal(before.position, plain.predict(end + 0.4).position)
+    moved = then.position - plain.predict(end + 1.0).position
+    np.testing.assert_allclose(moved, [0.05, 0.0, -0.1], atol=1e-12)
+    more = np.diag(then.covariance)[6:9] - np.diag(plain.predict(end + 1.0).covariance)[6:9]
+    np.testing.assert_allclose(more, 1e-4, rtol=1e-9)
+    later = replace(run.records[-1], time=end + 0.6)
+    poses.update(later)
+    assert poses.state is not None
+    assert not poses._pushes
+
+
+def test_it_says_where_a_target_is_to_be_seen(run: Track) -> None:
+    """Claim: place, rates and covariance are those of the predicted pose: against differences of the projection."""
+    poses, said = fed(run)
+    time = said[-1].time + 0.3
+    pose, seen = poses.predict(time), poses.sight("node/3", time)
+    point = np.asarray(poses.model.targets["node/3"][1])
+
+    def at(error: Array) -> Array:
+        turned = pose.rotation @ point
+        where = pose.position + error[:3] + turned + np.cross(error[3:6], turned)
+        return np.asarray(project(where[:, None], DG, with_range=True)[0][:, 0])
+
+    np.testing.assert_allclose(seen.position, at(np.zeros(6)), rtol=1e-12)
+    step = 1e-6
+    onward = poses.predict(time + 1e-4)
+    ahead = project((onward.position + onward.rotation @ point)[:, None], DG, with_range=True)[0][:, 0]
+    np.testing.assert_allclose(seen.rates, (ahead - seen.position) / 1e-4, atol=1e-6)
+    slope = np.stack([(at(step * one) - at(-step * one)) / (2.0 * step) for one in np.eye(6)], axis=1)
+    np.testing.assert_allclose(seen.covariance[:3, :3], slope @ pose.covariance[:6, :6] @ slope.T, rtol=1e-5)
+    assert np.linalg.eigvalsh(seen.covariance)[0] > 0.0
+
+
+def test_what_it_cannot_do_is_refused(run: Track) -> None:
+    with pytest.raises(InputError, match="three targets"):
+        PoseFilter(run.targets[:2], axis_separation=DG)
+    poses = PoseFilter(run.targets, axis_separation=DG)
+    assert np.isnan(poses.predict(0.0).position).all()
+    with pytest.raises(InputError, match="no pose yet"):
+        poses.sight("node/1", 0.0)
+    with pytest.raises(InputError, match="knows no target"):
+        poses.sight("node/9", 0.0)
+    with pytest.raises(InputError, match="knows no 'other'"):
+        poses.predict(0.0, "other")
+    with pytest.raises(InputError, match="no change of a velocity"):
+        poses.push((0.0, np.nan, 0.0), time=0.0)
+    for record in run.records:
+        poses.update(record)
+    poses.restart()
+    assert poses.predict(0.0).status is FilterStatus.STARTING
