@@ -74,7 +74,7 @@ def centre_bound(scene: DotScene, half: int) -> Array:
         rows.append(((ends[0] - ends[1]) / (2.0 * step)).ravel())
     slopes = np.array(rows)
     information = (slopes / (mean + scene.noise**2).ravel()) @ slopes.T
-    bound: Array = np.linalg.inv(information)[:2, :2]
+    bound: Array = np.asarray(np.linalg.inv(information)[:2, :2], dtype=np.float64)
     return bound
 
 
