@@ -119,7 +119,7 @@ _POINT = (
             pictures=(_RANGE, _SHADED)),
     Channel("sigma_range_m", "m", "standard deviation of range_m that the instrument states", "sigma",
             vertex="sigma_range_m"),
-    Channel("sigma_common_m", "m", "part of sigma_range_m that all voxels have in common: the errors of the "
+    Channel("sigma_same_m", "m", "part of sigma_range_m that all voxels have in common: the errors of the "
             "calibration, which no mean makes smaller", "sigma", asked="calibration"),
     Channel("P.X", "m", "measured point, to the right of the scanner", "point", vertex="x"),
     Channel("P.Y", "m", "measured point, downwards", "point", vertex="y"),
@@ -138,10 +138,7 @@ _POINT = (
 def _point_by(
     prefix: str, way: str, rangefinders: tuple[str, ...], *pictures: Picture
 ) -> tuple[Channel, ...]:
-    """Return the layers of another rangefinder, or of several; the pictures are of its range.
-
-    Combined ranges say in their σ alone what is common: a layer more would have too long a name for a file.
-    """
+    """Return the layers of another rangefinder, or of several; the pictures are of its range."""
     status = Channel("status", "1", "as status", "status")
     return tuple(
         replace(
@@ -154,7 +151,6 @@ def _point_by(
             pictures=pictures if channel.name == "range_m" else (),
         )
         for channel in (*_POINT, status)
-        if prefix != "fused." or not channel.asked
     )
 
 
