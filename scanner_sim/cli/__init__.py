@@ -26,7 +26,7 @@ from scanner_sim.cli.options import (
     scenario_verb,
 )
 from scanner_sim.cli.report import open_streams, reported
-from scanner_sim.cli.studies import approach, budget, calibrate, orbit, pose_study, selfcal
+from scanner_sim.cli.studies import acceptance, approach, budget, calibrate, orbit, pose_study, selfcal
 from scanner_sim.foundation.errors import InputError
 
 if TYPE_CHECKING:
@@ -261,7 +261,19 @@ def reprocess(
         )
 
 
-for verb in (view, difference, orbit, calibrate, selfcal, budget, pose_study, approach, compare, reproduce):
+for verb in (
+    view,
+    difference,
+    orbit,
+    calibrate,
+    selfcal,
+    acceptance,
+    budget,
+    pose_study,
+    approach,
+    compare,
+    reproduce,
+):
     app.command()(verb)
 app.add_typer(campaign, name="campaign")
 

@@ -200,3 +200,42 @@ def selfcal(
             overwrite=overwrite,
             quiet=quiet,
         )
+
+
+def acceptance(
+    plan: Annotated[
+        Path,
+        typer.Argument(metavar="PLAN", help="Plan of the test, a YAML file.", show_default=False),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder of the report and its pictures.",
+            show_default="output/PLAN's name",
+        ),
+    ] = None,
+    device: Device = DeviceName.auto,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Test an instrument against its maker's limits; the exit status is 1 unless it passes.
+
+    Example: `scanner-sim acceptance configs/acceptance/prototype.yaml -o output/acceptance`
+
+    Bars, spheres and plates over the working volume are scanned through light and detector, in the manner of ASTM E3125
+    and VDI/VDE 2634. Errors of lengths, diameters, form and flatness stand beside certified values, limits and the
+    test's own uncertainty, each with a verdict: a table, JSON and a page with pictures.
+    """
+    with reported():
+        from scanner_sim.cli.accepting import accept_plan
+
+        accept_plan(
+            plan,
+            output or Path("output", plan.stem),
+            device=device.value,
+            overwrite=overwrite,
+            quiet=quiet,
+        )

@@ -279,7 +279,7 @@ def _taken(stage: _Stage, begins: Floats, poses: Floats) -> Iterator[_Part]:
                 np.array([time]),
                 (rate * time).astype(np.float32)[None],
                 (np.sqrt(variance) * time).astype(np.float32)[None],
-                np.array([np.median(variance * time**2 / noise)]),
+                np.array([variance.mean() * time**2 / noise.mean()]),
             )
 
 

@@ -48,7 +48,7 @@ class Frames:
         rows, columns), float32: an error of the simulation, to be counted with the noise where it is not small beside
         it. It rather errs to the large side.
     noise_share
-        Median over the pixels of a frame of the variance by samples over that by the sensor's noise, shape (frames,).
+        Mean variance of a frame's pixels by samples over that by light and sensor, shape (frames,).
     truth
         What is true.
     notes

@@ -66,13 +66,14 @@ class AutomaticExposure(Part):
     def level(self, sensor: FrameSensor, counts: NDArray[np.floating] | NDArray[np.uint16]) -> float:
         """Return the level of a frame, 0 to 1."""
         span = sensor.largest_number - sensor.black_level
-        shown = counts.mean() if self.measure == "mean" else np.quantile(counts, self.percentile)
-        return (float(shown) - sensor.black_level) / span
+        mean = self.measure == "mean"
+        shown = float(counts.mean() if mean else np.quantile(counts, self.percentile))
+        return (shown - sensor.black_level) / span
 
     def following(self, time: float, level: float) -> float:
         """Return the exposure [s] that follows a frame of an exposure and a level."""
-        wanted = time * (self.target / max(level, _DARKEST)) ** self.rate
-        return float(min(max(wanted, self.shortest), self.longest))
+        wanted: float = time * (self.target / max(level, _DARKEST)) ** self.rate
+        return min(max(wanted, self.shortest), self.longest)
 
     def settled(self, sensor: FrameSensor, rate: NDArray[np.float64]) -> float:
         """Return the exposure [s] at which the control settles on light that stays, without noise.

@@ -5,12 +5,12 @@ samples are stratified in four things, each in strata of its own order: the plac
 point of the Sun's disc, that of the Earth, and the moment of the exposure (Pharr, Jakob and Humphreys, *Physically
 based rendering*, 3rd ed., ch. 7). Pixels are added up in a fixed order: a Mitsuba film adds with atomic operations, in
 an order that no run repeats. Where brightness or material changes among the samples of a pixel or of its
-neighbours, the pixel is sampled again, finer.
+neighbours, the pixel is sampled again, finer. Light of less than one sample of a pixel and of its neighbours is
+missed: feet of a blurred edge, 0.5 % of its contrast at 16 samples and a point spread of a pixel, nothing at a third.
 """
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,7 +18,7 @@ import drjit as dr
 import mitsuba as mi
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from scanner_sim.foundation.device_memory import for_device
 from scanner_sim.foundation.device_streams import generator
@@ -117,14 +117,32 @@ def frame_light(
     plain = np.arange(frames * view.shape[0] * view.shape[1], dtype=np.uint32)
     tracer = _Tracer(loaded, sky, view, first, bounces, seed)
     found = tracer.trace(plain, samples[0])
-    radiance, variance, step = (part.reshape(shape) for part in found)
+    radiance, variance, *ends = (part.reshape(shape) for part in found)
     if samples[1] > samples[0]:
-        edge = step > _CONTRAST * (radiance + radiance.mean(axis=(1, 2), keepdims=True))
-        near = maximum_filter(edge, size=(1, 3, 3), mode="nearest")
+        near = _edges(radiance, *ends)
         finer = np.flatnonzero(near).astype(np.uint32)
         for values, better in zip((radiance, variance), tracer.trace(finer, samples[1]), strict=False):
             values.reshape(-1)[finer] = better
     return FrameLight(radiance, variance)
+
+
+def _edges(
+    radiance: NDArray[np.float32],
+    dark: NDArray[np.float32],
+    bright: NDArray[np.float32],
+    one: NDArray[np.float32],
+    other: NDArray[np.float32],
+) -> NDArray[np.bool_]:
+    """Return which pixels have an edge in them or beside them: by least and largest radiance and material of each."""
+
+    def step(low: NDArray[np.float32], high: NDArray[np.float32]) -> NDArray[np.float32]:
+        size = (1, 3, 3)
+        return np.asarray(
+            maximum_filter(high, size, mode="nearest") - minimum_filter(low, size, mode="nearest")
+        )
+
+    level = radiance + radiance.mean(axis=(1, 2), keepdims=True)
+    return np.asarray((step(dark, bright) > _CONTRAST * level) | (step(one, other) > 0.0))
 
 
 class _Tracer:
@@ -141,13 +159,13 @@ class _Tracer:
         self._nodes = dr.opaque(mi.Float, dr.width(view.footprint) - 1.0)
 
     def trace(self, pixels: NDArray[np.uint32], samples: int) -> tuple[NDArray[Any], ...]:
-        """Return radiance, its variance and the step in it, of pixels by their numbers, shape (n,)."""
+        """Return radiance, its variance, and the ends of radiance and material, of pixels by their numbers, (n,)."""
         batch = max(1, _PATHS_AT_ONCE // samples)
         parts = [
             self._traced(mi.UInt32(for_device(pixels[start : start + batch], np.uint32)), samples)
             for start in range(0, len(pixels), batch)
         ]
-        empty = (np.empty(0, np.float32), np.empty(0, np.float32), np.empty(0, np.float32))
+        empty = (np.empty(0, np.float32),) * 6
         return tuple(np.concatenate(part) for part in zip(empty, *parts, strict=True))
 
     def _traced(self, pixels: UInt32, samples: int) -> tuple[NDArray[Any], ...]:
@@ -235,7 +253,7 @@ def _quantile(table: Float, nodes: Float, share: Float) -> Float:
 
 
 def _summed(found: Radiance, met: FirstHit, samples: int) -> tuple[NDArray[Any], ...]:
-    """Return mean, its variance and the range of the sharp part, infinite across materials, of blocks of samples."""
+    """Return mean, its variance, least and largest sharp radiance, least and largest material, of blocks of samples."""
     radiance = found.direct + found.indirect
     mean = dr.block_sum(radiance, samples) / samples
     # Two neighbouring cells as two draws of one stratum: the variance of their sum is no less than this on average.
@@ -247,7 +265,6 @@ def _summed(found: Radiance, met: FirstHit, samples: int) -> tuple[NDArray[Any],
         least = dr.block_reduce(dr.ReduceOp.Min, values, samples)
         return least, dr.block_reduce(dr.ReduceOp.Max, values, samples)
 
-    (dark, bright), (one, other) = extremes(found.direct), extremes(mi.Float(met.material))
-    step = dr.select(one != other, math.inf, bright - dark)
-    dr.eval(mean, variance, step)
-    return mean.numpy(), variance.numpy(), step.numpy()
+    parts = (mean, variance, *extremes(found.direct), *extremes(mi.Float(met.material)))
+    dr.eval(parts)
+    return tuple(part.numpy() for part in parts)

@@ -84,6 +84,13 @@ def test_patterns_are_of_the_sensor_and_noise_is_of_the_frame() -> None:
     assert not np.array_equal(made[0], made[2])
 
 
+def test_light_goes_by_the_response_and_dark_current_by_its_own_pattern() -> None:
+    sensor = FrameSensor(prnu=0.05, dsnu=0.3, dark_current=1e4)
+    pattern = pattern_of(sensor, (30, 30), 2)
+    charge = mean_charge(sensor, np.full((30, 30), 2e6), 1e-2, pattern)
+    np.testing.assert_allclose(charge, 2e4 * pattern.response + 100.0 * pattern.dark, rtol=1e-12)
+
+
 def test_smear_is_the_light_of_the_rest_of_the_column() -> None:
     sensor = FrameSensor(**EVEN, dark_current=0.0, smear=1e-6)
     rate = np.zeros((10, 3))
@@ -109,13 +116,13 @@ def test_the_control_settles_by_its_rate() -> None:
 
 def test_a_settled_control_has_its_target() -> None:
     sensor = FrameSensor(**{**EVEN, "bits": 12, "gain": None})
-    light = np.linspace(0.0, 3e6, 400).reshape(20, 20)
+    light = np.linspace(0.0, 9e6, 400).reshape(20, 20)
     for measure in ("mean", "percentile"):
-        control = AutomaticExposure(type="automatic", measure=measure, percentile=0.9, target=0.5)
+        control = AutomaticExposure(type="automatic", measure=measure, percentile=0.9, target=0.7)
         time = control.settled(sensor, light)
         held = np.minimum(light * time, sensor.full_well) / sensor.full_well
         level = held.mean() if measure == "mean" else np.quantile(held, 0.9)
-        assert level == pytest.approx(0.5, rel=1e-4)
+        assert level == pytest.approx(0.7, rel=1e-4)
 
 
 def test_strewn_light_falls_where_it_is_said() -> None:

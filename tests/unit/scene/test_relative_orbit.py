@@ -103,7 +103,7 @@ def test_a_burn_changes_velocity_once() -> None:
 
 def test_a_glideslope_passes_its_places_arrives_and_stays() -> None:
     """Claim: at each pulse the chaser is on the line where Hablani's law, integrated numerically, has it."""
-    slope = Glideslope(to=(-2.0, 0.0, 0.0), start_speed=0.05, end_speed=0.01, pulses=12)
+    slope = Glideslope(to=(-2.0, 0.5, 1.0), start_speed=0.05, end_speed=0.01, pulses=12)
     motion = relative(position=(-30.0, 0.0, 8.0), glideslope=slope)
     start, end = np.array([-30.0, 0.0, 8.0]), np.array(slope.to)
     distance = float(np.linalg.norm(start - end))
@@ -116,6 +116,8 @@ def test_a_glideslope_passes_its_places_arrives_and_stays() -> None:
     times = np.linspace(0.0, arrival, 13)
     expected = end + law.sol(times)[0][:, None] * (start - end) / distance
     assert motion.chaser(times)[:, :3] == pytest.approx(expected, abs=1e-6)
+    # Not only where a leg is said to begin: each one coasts to the next place, at 60 mm/s and less.
+    assert motion.chaser(times[1:] - 1e-6)[:, :3] == pytest.approx(expected[1:], abs=1e-6)
     later = motion.chaser([arrival + 1.0, arrival + 1e4])
     assert later[:, :3] == pytest.approx(np.tile(end, (2, 1)))
     assert np.abs(later[:, 3:]).max() == 0.0
