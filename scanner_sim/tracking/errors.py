@@ -21,7 +21,7 @@ common    errors of the calibration                   for ever                  
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -117,8 +117,21 @@ class ErrorParts:
 
     @classmethod
     def stack(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
-        """Return the parts of several visits as one, along a new first axis."""
-        return cls(*(np.stack([getattr(one, field.name) for one in parts]) for field in fields(cls)))
+        """Return the parts of several visits as one, along a new first axis.
+
+        Visits that measured nothing know of no calibration: where others do, they have zeros in ``common``.
+        """
+        widest = max((one.common.shape[-1] for one in parts), default=0)
+        alike = [one._widened(widest) for one in parts]
+        return cls(*(np.stack([getattr(one, field.name) for one in alike]) for field in fields(cls)))
+
+    def _widened(self, count: int) -> ErrorParts:
+        """Return the same with as many errors of the calibration, further ones without effect."""
+        missing = count - self.common.shape[-1]
+        if not missing:
+            return self
+        none = np.zeros((*self.common.shape[:-1], missing))
+        return replace(self, common=np.concatenate([self.common, none], axis=-1))
 
     def reshape(self, shape: tuple[int, ...]) -> ErrorParts:
         """Return the same with other leading axes."""

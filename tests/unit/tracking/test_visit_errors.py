@@ -110,3 +110,13 @@ def test_images_are_as_far_apart_as_they_are_wide() -> None:
     made = replace(parts(2), image=np.array([10.0, 13.0]), image_width=np.array([2.0, 4.5]))
     between = common_covariance(made, np.zeros((2, 3)), np.zeros(2), [0, 1])[0, 1]
     assert between[2, 2] == pytest.approx(7.0 * pixel_correlation(3.0 / 3.0))
+
+
+def test_visits_without_a_measurement_stand_beside_calibrated_ones() -> None:
+    """A visit that found nothing has no errors of the calibration: in a stack they are zeros, and the others stay."""
+    calibrated = replace(parts(1).at(0), common=np.arange(6.0).reshape(3, 2))
+    lost = ErrorParts.all_white(np.full((3, 3), np.nan))
+    both = ErrorParts.stack([lost, calibrated])
+    assert both.common.shape == (2, 3, 2)
+    assert not both.common[0].any()
+    np.testing.assert_array_equal(both.common[1], calibrated.common)
