@@ -21,12 +21,12 @@ common    errors of the calibration                   for ever                  
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.foundation.arithmetic import exp, product
+from scanner_sim.foundation.arithmetic import cholesky, exp, product
 from scanner_sim.optics.deflection import wobble_correlation
 
 Array = NDArray[np.float64]
@@ -35,6 +35,9 @@ _STEP, _REACH = 0.5, 12
 """Distance of the nodes of an integral over images, over their width, and nodes on each side of an image."""
 _NODES = np.arange(-_REACH, _REACH + 1.0)[:, None, None]
 _DECAY = exp(-0.5 * (_NODES * _STEP) ** 2)
+
+_LEAST_SURFACE = np.diag([1e-24, 1e-24, 1e-20])
+"""Added to surfaces' parts, so that those of nothing have a root too [rad², m²]."""
 
 
 @dataclass(frozen=True)
@@ -88,6 +91,11 @@ class ErrorParts:
         return result + _products(self.common, self.common) if self.common.shape[-1] else result
 
     @property
+    def surface_root(self) -> Array:
+        """L with L Lᵀ the surfaces' part, but for a picoradian and 0.1 nm, shape (..., 3, 3)."""
+        return cholesky(self.surface + _LEAST_SURFACE)
+
+    @property
     def lasting(self) -> Array:
         """Covariance of what other visits have too: all but the white part, shape (..., 3, 3)."""
         return self.surface + self.shared
@@ -109,8 +117,21 @@ class ErrorParts:
 
     @classmethod
     def stack(cls, parts: Sequence[ErrorParts]) -> ErrorParts:
-        """Return the parts of several visits as one, along a new first axis."""
-        return cls(*(np.stack([getattr(one, field.name) for one in parts]) for field in fields(cls)))
+        """Return the parts of several visits as one, along a new first axis.
+
+        Visits that measured nothing know of no calibration: where others do, they have zeros in ``common``.
+        """
+        widest = max((one.common.shape[-1] for one in parts), default=0)
+        alike = [one._widened(widest) for one in parts]
+        return cls(*(np.stack([getattr(one, field.name) for one in alike]) for field in fields(cls)))
+
+    def _widened(self, count: int) -> ErrorParts:
+        """Return the same with as many errors of the calibration, further ones without effect."""
+        missing = count - self.common.shape[-1]
+        if not missing:
+            return self
+        none = np.zeros((*self.common.shape[:-1], missing))
+        return replace(self, common=np.concatenate([self.common, none], axis=-1))
 
     def reshape(self, shape: tuple[int, ...]) -> ErrorParts:
         """Return the same with other leading axes."""
@@ -142,8 +163,9 @@ def common_covariance(
     Returns
     -------
     ndarray
-        Covariances between visits, shape (..., m, m, 3, 3), without the white parts. Surfaces: that of the target,
-        wholly (visits that lie close in time). Pixels: images Δ apart, of width s, share (1 − Δ²/2s²) exp(−Δ²/4s²), the
+        Covariances between visits, shape (..., m, m, 3, 3), without the white parts. Surfaces: L₁ L₂ᵀ, the same three
+        standard errors by the root L of each visit's part, which differ where patterns do; of one target wholly (visits
+        that lie close in time). Pixels: images Δ apart, of width s, share (1 − Δ²/2s²) exp(−Δ²/4s²), the
         correlation of Σ x q(x) ε(x) for two Gaussian images q over white ε. Wobble:
         :func:`~scanner_sim.optics.deflection.wobble_correlation` of the times and of the other mirror's angles. Drift:
         all.
@@ -157,7 +179,8 @@ def common_covariance(
     def geometric(variance: Array) -> Array:
         return np.asarray(np.sqrt(variance[..., :, None] * variance[..., None, :]))
 
-    result = 0.5 * (parts.surface[..., :, None, :, :] + parts.surface[..., None, :, :, :])
+    root = parts.surface_root
+    result = _products(root[..., :, None, :, :], root[..., None, :, :, :])
     result = np.where(same[..., None, None], result, 0.0)
     result[..., 2, 2] += geometric(parts.pixels) * pixel_correlation(
         apart(parts.image) / geometric(parts.image_width**2) ** 0.5

@@ -52,6 +52,27 @@ def test_surfaces_belong_to_targets_and_the_rest_to_all() -> None:
     np.testing.assert_allclose(np.diag(lasting), [1.01, 1.04, 12.0], atol=1e-14)
 
 
+@pytest.mark.parametrize("share", [1.0, 4.0, -0.5])
+def test_surfaces_that_differ_share_standard_errors(share: float) -> None:
+    """Claim: of visits to one target whose surfaces' parts differ no weighted sum has a negative variance.
+
+    Expected: the surfaces' part of a sum is (w₁ L₁ + w₂ L₂)(w₁ L₁ + w₂ L₂)ᵀ of both roots. The rest is that of
+    visits to two targets, whose surfaces have nothing in common.
+    """
+    made = parts(2)
+    large = np.array([[26.0, 3.0, 1.0], [3.0, 20.0, 0.0], [1.0, 0.0, 9.0]])
+    made = replace(made, surface=np.stack([made.surface[0], large]))
+    between = common_covariance(made, np.zeros((2, 3)), np.zeros(2), [0, 0], lasting=True)
+    others = common_covariance(made, np.zeros((2, 3)), np.zeros(2), [0, 1], lasting=True)
+    weight = np.array([1.0 - share, share])
+    found = np.einsum("i,j,ijab->ab", weight, weight, between)
+    roots = np.linalg.cholesky(made.surface)
+    both = np.einsum("i,iab->ab", weight, roots)
+    apart = np.einsum("i,j,ijab->ab", weight, weight, others)
+    own = np.einsum("i,iab->ab", weight**2, made.surface)
+    np.testing.assert_allclose(found - apart, both @ both.T - own, atol=1e-12)
+
+
 def test_images_apart_share_what_their_weights_do() -> None:
     """Σ x q(x) ε(x) of Gaussian images q over white ε, by sums on a fine grid."""
     x = np.linspace(-12.0, 12.0, 4801)
@@ -89,3 +110,13 @@ def test_images_are_as_far_apart_as_they_are_wide() -> None:
     made = replace(parts(2), image=np.array([10.0, 13.0]), image_width=np.array([2.0, 4.5]))
     between = common_covariance(made, np.zeros((2, 3)), np.zeros(2), [0, 1])[0, 1]
     assert between[2, 2] == pytest.approx(7.0 * pixel_correlation(3.0 / 3.0))
+
+
+def test_visits_without_a_measurement_stand_beside_calibrated_ones() -> None:
+    """A visit that found nothing has no errors of the calibration: in a stack they are zeros, and the others stay."""
+    calibrated = replace(parts(1).at(0), common=np.arange(6.0).reshape(3, 2))
+    lost = ErrorParts.all_white(np.full((3, 3), np.nan))
+    both = ErrorParts.stack([lost, calibrated])
+    assert both.common.shape == (2, 3, 2)
+    assert not both.common[0].any()
+    np.testing.assert_array_equal(both.common[1], calibrated.common)
