@@ -47,6 +47,8 @@ RASTER = {"rows": 8, "columns": 8, "horizontal": ["-1 deg", "1 deg"], "vertical"
     [
         ({"lighting": {}}, "pose.methods", "has no Sun"),
         ({"scan": {"type": "track", "targets": ["ball"]}}, "pose.methods", "array of 4 dots"),
+        ({"scene": {"objects": [{"name": "panel", "array": {**PLATE, "rows": 1, "columns": 3},
+                                 "position": ["0 m", "0 m", "5 m"]}]}}, "pose.methods", "array of 4 dots"),
         ({"scan": RASTER}, "pose.methods", "scan.type is raster"),
         ({"camera": {"frame_rate": "301 Hz", "exposure": {"type": "fixed", "time": "1 ms"}}},
          "camera.frame_rate", "301 frames in 1 s; 300 are possible"),

@@ -76,14 +76,21 @@ def test_sigma_holds_at_the_times_of_frames() -> None:
 
 
 @pytest.mark.parametrize(
-    ("which", "compared"), [("scanner", [0.25, 4.9]), ("camera", [0.25, 4.9]), ("all", []), ("one frame", [])]
+    ("which", "compared"),
+    [
+        ("scanner", [0.25, 4.9]),
+        ("frame after", [0.25, 4.9]),
+        ("frame before", [0.25, 1.6]),
+        ("all", []),
+        ("one frame", []),
+    ],
 )
 def test_poses_that_are_not_valid_are_not_compared(which: str, compared: list[float]) -> None:
     camera, scanner = series(FRAMES, "camera", CAMERA), series(ROUNDS, "uv", SCANNER)
     if which == "scanner":
         scanner.status[2] = PoseStatus.IMPLAUSIBLE
-    elif which == "camera":
-        camera.status[2] = PoseStatus.AMBIGUOUS
+    elif which.startswith("frame"):
+        camera.status[2 if which == "frame after" else 4] = PoseStatus.AMBIGUOUS
     elif which == "all":
         camera.status[:] = PoseStatus.HIDDEN
     else:
