@@ -33,6 +33,7 @@ ROOMS = (
     "calibration",
     "validation",
     "campaign",
+    "serve",
     "cli",
 )
 ORDER = {name: rank for rank, name in enumerate(ROOMS)}
