@@ -2,10 +2,10 @@
 
 Run as ``python benchmarks/serving.py [--visits 400] [--rounds 3]``.
 
-A server in a process of its own follows the four targets of ``configs/track_moving.yaml``, in one thread. Its processor
-time is read from the system before and after, as the client's own is, so that a machine with other work tells the same. In
-turns: "step alone", "a move before each", a message that does nothing ("state"), and the same visits with
-:class:`~scanner_sim.Tracker` in one process.
+A server in a process of its own follows the four targets of ``configs/track_moving.yaml``. Its processor time is read
+from the system before and after, as the client's own is; threads of the renderer that wait count in it. In turns: a
+step, a message that does nothing, a move and a step; and then the same visits with :class:`~scanner_sim.Tracker` in one
+process, without a socket.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def place(at: float) -> list[float]:
 
 
 def through_the_socket(visits: int, rounds: int) -> dict[str, list[tuple[float, float, float]]]:
-    """Return for each kind of work wall time, the server's and the client's processor time of a message or visit [s]."""
+    """Return for each kind of work wall time, the server's processor time and the client's, of one round trip [s]."""
     found: dict[str, list[tuple[float, float, float]]] = {}
     with tempfile.TemporaryDirectory() as folder:
         words = ["serve", str(CONFIG), "-q", "-o", f"{folder}/out", "--set", "scan.duration=600 s"]
