@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +15,7 @@ import pytest
 import zmq
 from same_bytes import content
 from scipy.spatial.transform import Rotation
+from serving import serving
 
 from scanner_sim import InputError, PoseFilter, Scenario, Tracker, load_scenario, track
 from scanner_sim.serve.messages import read_request
@@ -179,23 +177,6 @@ def test_a_state_of_other_targets_is_refused(session: Session, scenario: Scenari
     (tmp_path / "run.state").write_text("{}", encoding="utf-8")
     with pytest.raises(InputError, match="no state of a tracker"):
         Session(scenario, resume=tmp_path / "run.state")
-
-
-@contextmanager
-def serving(config: Path, *words: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """Serve, and yield the process and its address."""
-    command = [sys.executable, "-m", "scanner_sim", "serve", str(config), *words]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
-    ) as process:
-        try:
-            assert process.stdout is not None
-            line = process.stdout.readline()
-            assert line, process.communicate()[1]
-            yield process, json.loads(line)["address"]
-            process.wait(60)
-        finally:
-            process.kill()
 
 
 class Client:
