@@ -15,7 +15,7 @@ SEED ?= 0
 # Said by the interpreter itself, so that a shim without a Python behind it counts as missing.
 NEW_ENOUGH := import sys; sys.exit(sys.version_info < (3, 11))
 
-.PHONY: help demo test fuzz soak mutants seeds matrix lint format typecheck docs build bench scenes setup llvm clean
+.PHONY: help demo test fuzz soak mutants seeds matrix calibrate lint format typecheck docs build bench scenes setup llvm clean
 
 help: ## List the targets
 	@awk -F ':.*## ' '/^[a-z]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(firstword $(MAKEFILE_LIST))
@@ -61,6 +61,9 @@ docs: setup ## Build the site of the documents into build/docs; any warning is a
 build: $(STAMP) ## Build the wheel into dist/
 	rm -rf dist
 	$(RUN) -m build --wheel --no-isolation
+
+calibrate: setup ## Calibrate drawn instruments by the whole chain, and see where the truth lies: make calibrate N=200
+	$(RUN) benchmarks/selfcal.py --draws $(if $(filter file,$(origin N)),200,$(N))
 
 bench: setup ## Measure speed and memory
 	$(RUN) benchmarks/imaging.py

@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from scanner_sim import PoseFilter, Tracker, load_scenario
 from scanner_sim.pose.pose_filter import FilteredPose, FilterStatus
 from scanner_sim.products.files.track_folder import write_track
-from scanner_sim.products.pictures.approach import Approach, draw_approach
+from scanner_sim.products.pictures.docking import Docking, draw_docking
 from scanner_sim.tracking.record import PatternRecord
 
 Array = NDArray[np.float64]
@@ -244,10 +244,10 @@ def judged(seed: int, light: str, folder: str | None = None) -> dict[str, float]
         write_track(made, folder, overwrite=True)
         lighting = tracker.scenario.lighting
         visible = np.array([lighting.sky(time).sun_visible for time in log.time])
-        shown = Approach(
+        shown = Docking(
             np.array(log.time), np.array(log.truth), np.array(log.estimate), np.array(log.sigma), visible
         )
-        draw_approach(made, shown, Path(folder, "approach.png"))
+        draw_docking(made, shown, Path(folder, "approach.png"))
     lost = sum(record.status != 0 for record in records)
     return {
         "seed": seed,

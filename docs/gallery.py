@@ -70,6 +70,14 @@ def line_picture() -> None:
         shutil.copy(Path(folder, "voxel_30_30.png"), PICTURES / "line.png")
 
 
+def approach_picture() -> None:
+    """Fly the shipped approach."""
+    with tempfile.TemporaryDirectory() as folder:
+        approach = ["approach", "configs/approach/v_bar.yaml", "-o", folder, "-q"]
+        subprocess.run([sys.executable, "-m", "scanner_sim", *approach], cwd=ROOT, check=True)
+        shutil.copy(Path(folder, "approach.png"), PICTURES / "approach.png")
+
+
 def main(names: list[str]) -> None:
     done: dict[tuple[str, tuple[str, ...]], Path] = {}
     with tempfile.TemporaryDirectory() as folder:
@@ -95,6 +103,7 @@ def main(names: list[str]) -> None:
     if not names:
         guide_pictures()
         line_picture()
+        approach_picture()
 
 
 if __name__ == "__main__":

@@ -25,7 +25,10 @@ from scanner_sim.products.shots import AIMED
 from scanner_sim.products.track import track_columns, voxel_columns
 from scanner_sim.products.waveforms import WaveformSet
 from scanner_sim.scene.materials import MATERIALS
+from scanner_sim.scene.visible import VISIBLE
 from scanner_sim.tracking.record import Track, TrackStatus
+
+PAGE = {"view.html": "by `view`: the result as one page, to turn and to look into"}
 
 CONVERTED = {
     "points.laz": "with `output.formats`, as the five below, or by `convert`: points as LAS 1.4, compressed",
@@ -49,6 +52,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "points.ply": "the points with intensity and σ, binary little-endian PLY",
             "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
             **CONVERTED,
+            **PAGE,
             "lines.parquet": "lines of the voxels under `output.lines`, and the light before noise; columns below",
             "waveforms.parquet": "the same of the waveforms under `output.waveforms`",
         },
@@ -74,6 +78,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "points.ply": "the points with intensity, σ and number of the shot, binary little-endian PLY",
             "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
             **CONVERTED,
+            **PAGE,
         },
     ),
     "run, of a track": (
@@ -94,6 +99,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "pose.png": "errors of the poses over time with ±2σ",
             "outline.png": "the objects at true and at estimated pose, displacement enlarged",
             **CONVERTED,
+            **PAGE,
         },
     ),
     "orbit": (
@@ -454,7 +460,7 @@ def materials_page() -> str:
         "",
         "Reflectances at 1.5 µm, and metals' indices of refraction. `material: NAME` in a scenario, or",
         "numbers of your own, as `material: {reflectance: 0.3}`; see [Surface](scenario.md#surface) and",
-        "[Retroreflector](scenario.md#retroreflector).",
+        "[Retroreflector](scenario.md#retroreflector). What the video camera sees of them stands below.",
         "",
         "| name | kind | reflectance | out of band | n, k | roughness | source |",
         "|---|---|---|---|---|---|---|",
@@ -467,6 +473,18 @@ def materials_page() -> str:
         lines.append(
             f"| `{name}` | {kind} | {item.reflectance:g} | {outside} | {index} | {rough} | {_cell(item.source)} |"
         )
+    lines += [
+        "",
+        "## In visible light",
+        "",
+        "For the video camera, at 550 nm or as a mean from 400 to 700 nm.",
+        "",
+        "| name | reflectance | n, k | source |",
+        "|---|---|---|---|",
+    ]
+    for name, seen in VISIBLE.items():
+        index = "–" if seen.eta is None else f"{seen.eta:g}, {seen.k:g}"
+        lines.append(f"| `{name}` | {seen.reflectance:g} | {index} | {_cell(seen.source)} |")
     return "\n".join(lines) + "\n"
 
 

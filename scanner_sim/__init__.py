@@ -26,12 +26,13 @@ if TYPE_CHECKING:
     from scanner_sim.instrument.closed_loop.tracker import Tracker as Tracker
     from scanner_sim.instrument.instrument import Instrument as Instrument
     from scanner_sim.instrument.parameter_jacobian import parameter_jacobian as parameter_jacobian
+    from scanner_sim.instrument.photograph import take_frames as take_frames
+    from scanner_sim.instrument.photograph import take_photo as take_photo
     from scanner_sim.instrument.samples import Samples as Samples
     from scanner_sim.instrument.shots import simulate_shots as simulate_shots
     from scanner_sim.instrument.simulate import simulate as simulate
     from scanner_sim.instrument.simulate import simulate_many as simulate_many
     from scanner_sim.instrument.simulate import simulate_voxel as simulate_voxel
-    from scanner_sim.instrument.simulate import take_photo as take_photo
     from scanner_sim.instrument.simulate_signals import simulate_lines as simulate_lines
     from scanner_sim.instrument.simulate_signals import simulate_waveforms as simulate_waveforms
     from scanner_sim.instrument.viewing import view as view
@@ -106,6 +107,7 @@ __all__ = [
     "simulate_shots",
     "simulate_voxel",
     "simulate_waveforms",
+    "take_frames",
     "take_photo",
     "track",
     "track_many",
@@ -157,7 +159,8 @@ _HOMES = {
     "simulate_shots": "scanner_sim.instrument.shots",
     "simulate_voxel": "scanner_sim.instrument.simulate",
     "simulate_waveforms": "scanner_sim.instrument.simulate_signals",
-    "take_photo": "scanner_sim.instrument.simulate",
+    "take_frames": "scanner_sim.instrument.photograph",
+    "take_photo": "scanner_sim.instrument.photograph",
     "track": "scanner_sim.instrument.closed_loop.track",
     "track_many": "scanner_sim.instrument.closed_loop.track",
     "view": "scanner_sim.instrument.viewing",

@@ -2,9 +2,9 @@
 
 To first order, a change δf of the charges of the line moves an estimate by g·δf, where g is the gradient of the
 estimator. A source of noise whose charges have the covariance C therefore gives the estimate the variance gᵀ C g. For
-the maximum-likelihood fit, g is that of weighted least squares, g_i = (m'_i/v_i)/Σ (m'_j²/v_j), with m' = ∂m/∂µ and
-the variance v of all sources (Winick, *J. Opt. Soc. Am. A* 3, 1986). Variances are averaged over where in its pixel
-the centre of the spot lies.
+the maximum-likelihood fit, g is that of weighted least squares for charge, position and width together, with the
+variance v of all sources (:func:`~scanner_sim.analytic.noise.fit_gradient`). Variances are averaged over where in its
+pixel the centre of the spot lies.
 
 Not modelled: the light's slant, the loss above and below the pixels, the baseline's noise, noise that changes which
 pixel is the brightest, the Earth's light.
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from scanner_sim.analytic.array import SensorArray
 from scanner_sim.analytic.beam import beam_radius
 from scanner_sim.analytic.estimators import ESTIMATORS
+from scanner_sim.analytic.noise import fit_gradient, width_spread
 from scanner_sim.analytic.speckle import SpeckledSpot, averaged, pixel_covariance
 from scanner_sim.analytic.spot import electrons, pixel_shares
 
@@ -57,6 +58,8 @@ class InstrumentNumbers:
         Irradiance of the Sun on the target, as far as the filter passes it [W/m²]; height of the pixels.
     drift_zero, drift_scale, kelvins
         Change of a mirror's zero and scale by a kelvin; root mean square of the temperature's course.
+    beam_width
+        Least and largest image of the beam that the fit grants, relative to that on a facing surface.
     """
 
     estimator: str
@@ -94,6 +97,7 @@ class InstrumentNumbers:
     drift_zero: float = 0.0
     drift_scale: float = 0.0
     kelvins: float = 0.0
+    beam_width: tuple[float, float] = (0.7, 1.5)
 
 
 def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float]:
@@ -124,6 +128,7 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
     aberration = math.hypot(numbers.aberration * scale / height, numbers.array.blur(distance).along)
     grainy = SpeckledSpot(image, cell, aberration, numbers.diffusion, numbers.pitch)
     along = grainy.sigma / numbers.pitch
+    spread = width_spread(numbers.beam_width, (image / grainy.sigma) ** 2)
     left = averaged((numbers.sweep * distance, 0.0), radius)
     watts = (
         numbers.power * numbers.transmission * numbers.reflectance * numbers.aperture**2 / (4.0 * distance**2)
@@ -152,7 +157,10 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
         variance = np.maximum(sum(parts.values(), np.zeros(_LINE)), 1.0)
         if numbers.contrast > 0.0:
             variance = variance + numbers.contrast**2 * grainy.single_variance(left) * charge * m
-        slopes = _slopes(numbers.estimator, m, centre, along, charge, variance)
+        if numbers.estimator == "maximum_likelihood":
+            slopes = fit_gradient(centre, along, charge, variance, spread)
+        else:
+            slopes = _slopes(numbers.estimator, m)
         for name, values in parts.items():
             squares[name].append(float(slopes**2 @ values))
         if numbers.contrast > 0.0:
@@ -174,15 +182,8 @@ def range_budget(numbers: InstrumentNumbers, distance: float) -> dict[str, float
     return found
 
 
-def _slopes(
-    estimator: str, m: Floats, centre: float, along: float, charge: float, variance: Floats
-) -> Floats:
+def _slopes(estimator: str, m: Floats) -> Floats:
     """Return ∂p̂/∂f of each pixel [pixel/electron] at the noise-free line."""
-    if estimator == "maximum_likelihood":
-        step = 1e-4
-        ahead, behind = (pixel_shares(centre + sign * step, along, _LINE) for sign in (1.0, -1.0))
-        moved = charge * (ahead - behind) / (2.0 * step)
-        return np.asarray(moved / variance / np.sum(moved**2 / variance))
     slopes, change = np.zeros(_LINE), 1e-6 * float(m.max())
     for pixel in range(_LINE):
         lines = [m.copy(), m.copy()]

@@ -49,6 +49,62 @@ def cramer_rao_closed(sigma_px: float, N: float, background: float, read: float)
     return float(np.sqrt(s2 / N + 4.0 * np.sqrt(np.pi) * s2**1.5 * (read**2 + background) / N**2))
 
 
+CALIBRATED_WIDTH = 0.005
+"""Relative standard deviation of s² that a calibration of the focus leaves; assumed, as the simulator does."""
+
+
+def width_spread(limits: tuple[float, float], beam: float) -> float:
+    """Return the standard deviation of ln s² that is granted to a spot before it is fitted.
+
+    Parameters
+    ----------
+    limits
+        Least and largest image of the beam, relative to that on a facing surface: a quarter of what lies between is the
+        standard deviation of the beam's part of s², which tilts change.
+    beam
+        That part's share of s².
+    """
+    return float(np.hypot(0.25 * (limits[1] ** 2 - limits[0] ** 2) * beam, CALIBRATED_WIDTH))
+
+
+def fit_gradient(centre_px: float, sigma_px: float, N: float, variance: ArrayLike, spread: float) -> Floats:
+    """Return the derivatives of a fitted position by the charges [px/electron], shape (pixels,).
+
+    The fit of θ = (ln N, µ, ln s²) by its likelihood and by what is known of the width is to first order
+
+    δθ = (F + P)⁻¹ Σ_i ∂m_i/∂θ δf_i/v_i,   F = Σ_i ∂m_i/∂θ (∂m_i/∂θ)ᵀ/v_i,   P_ww = 1/spread²
+
+    (Kay, *Fundamentals of statistical signal processing* I, 1993, sec 3.7 for parameters that are not asked for, and
+    Van Trees, *Detection, estimation and modulation theory* I, 1968, sec 2.4, for what is known beforehand). Its
+    standard deviation is √Σ g_i² v_i on spots of the width that is expected: from the bound of a known width, where the
+    spread is small, to that of an unknown one, [F⁻¹]_µµ. Charge and width are even about the spot, so both are the same
+    where pixels are fine or the spot lies in the middle of one or between two. Averaged over spots whose widths are
+    spread so, it is [(F + P)⁻¹]_µµ.
+
+    Parameters
+    ----------
+    centre_px, sigma_px, N
+        The spot: its centre on the line [px], its standard deviation [px] and its charge [electron].
+    variance
+        Of each pixel [electron²], by which the fit weighs, shape (pixels,).
+    spread
+        Standard deviation of ln s², as of :func:`width_spread`.
+    """
+    v = np.asarray(variance, dtype=np.float64)
+    places = np.arange(v.size + 1) - 0.5
+    pulls = (places - centre_px) / sigma_px
+    heights = norm.pdf(pulls)
+    m = N * np.diff(norm.cdf(pulls))
+    moved, widened = -N * np.diff(heights) / sigma_px, -0.5 * N * np.diff(pulls * heights)
+    slopes = np.stack([m, moved, widened])
+    weights = np.divide(1.0, v, out=np.zeros_like(v), where=v > 0.0)
+    information = (slopes * weights) @ slopes.T
+    information[2, 2] += spread**-2
+    size = np.sqrt(np.diag(information))
+    inverse = np.linalg.inv(information / np.outer(size, size)) / np.outer(size, size)
+    return np.asarray(inverse[1] @ (slopes * weights))
+
+
 def first_order(estimator: Estimator, line: ArrayLike, variance: ArrayLike) -> float:
     """Return the standard deviation of an estimate [px], √Σ (∂p̂/∂f_i)² var_i.
 

@@ -1,15 +1,15 @@
 """Simulated sightings: each station follows the targets that it sees, through light, detector and estimator.
 
 The instrument as built is the truth, and the instrument believes that it is as designed. A sighting is the mean of the
-patterns that followed a target. The white part of its error falls with their number; the lasting parts stay. The part
-by unlike pixels is told apart, since targets whose images lie on the same pixels share it. Targets at like angles share
-some of the mirrors' wobble, too, which the adjustment takes for their own. Pixels and wobble are drawn anew for each
-station.
+patterns that followed a target. The white part of its error falls with their number, the mirrors' wobble with the time
+that they span, and the lasting parts stay. The part by unlike pixels is told apart, since targets whose images lie on
+the same pixels share it. Targets at like angles share some of the wobble, too, which the adjustment takes for their
+own. Pixels and wobble are drawn anew for each station.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from scanner_sim.foundation.streams import Stream, host_generator
 from scanner_sim.instrument.closed_loop.track import track_many
 from scanner_sim.ranging.coordinates import angles_and_range
 from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.tracking.errors import ErrorParts, common_covariance
 from scanner_sim.tracking.record import Track, TrackStatus
 from scanner_sim.tracking.scan import TrackScan
 from scanner_sim.tracking.state import TrackMode
@@ -33,8 +34,8 @@ Array = NDArray[np.float64]
 
 _STEEPEST = float(np.cos(np.deg2rad(65.0)))
 """Cosine of the steepest incidence under which a flat target is looked at."""
-_BEFORE = 3
-"""Patterns with which the tracker finds a target, before it follows it."""
+_BEFORE = 2
+"""Patterns with which the tracker finds a target, before it follows it: a search, and one about what that found."""
 _STILL = {"type": "twist"}
 """Motion of what stands: runs side by side may have it elsewhere."""
 _BEYOND, _ANY_RANGE = 2.0, 10.0
@@ -43,7 +44,11 @@ range [m]."""
 
 
 def simulated_sightings(
-    setup: Setup, *, device: DeviceChoice = "auto", progress: Callable[[int, int], None] | None = None
+    setup: Setup,
+    *,
+    device: DeviceChoice = "auto",
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> tuple[SightingTable, tuple[str, ...]]:
     """Simulate the sightings of all stations.
 
@@ -51,8 +56,8 @@ def simulated_sightings(
     ----------
     setup
         A plan without sightings of its own.
-    device
-        Where to compute.
+    device, threads
+        Where to compute; the result does not depend on the threads.
     progress
         Called with the milliseconds that the instruments have measured, and with all of them.
 
@@ -74,7 +79,7 @@ def simulated_sightings(
         if progress is not None:
             progress(round(1e3 * done), round(1e3 * whole))
 
-    return _table(setup, seen, track_many(scenarios, device=device, progress=advance))
+    return _table(setup, seen, track_many(scenarios, device=device, threads=threads, progress=advance))
 
 
 def _table(
@@ -110,11 +115,15 @@ def _mean(track: Track, target: str) -> tuple[Array, Array, Array] | None:
     ]
     if not found:
         return None
-    position = np.mean([one.position for one in found], axis=0)
-    white = np.mean([one.errors.white for one in found], axis=0) / len(found)
-    lasting = np.mean([one.errors.surface + one.errors.shared for one in found], axis=0)
-    unlike = np.mean([(one.errors.pixels, one.errors.image, one.errors.image_width) for one in found], axis=0)
-    return position, white + lasting, unlike ** [0.5, 1.0, 1.0]
+    position, parts = (
+        np.stack([one.position for one in found]),
+        ErrorParts.stack([one.errors for one in found]),
+    )
+    time, same = np.array([one.time for one in found]), np.zeros(len(found))
+    between = common_covariance(parts, position, time, same).mean(axis=(0, 1))
+    covariance = parts.white.mean(axis=0) / len(found) + between
+    unlike = np.sqrt(parts.pixels.mean()), parts.image.mean(), parts.image_width.mean()
+    return position.mean(axis=0), covariance, np.array(unlike)
 
 
 def _seen(setup: Setup, number: int) -> dict[str, str]:
@@ -139,7 +148,7 @@ def _pose(setup: Setup, number: int, board: Board) -> Array:
     return np.asarray(np.linalg.inv(setup.plan.stations[number].field_from_here()) @ board.field_from_here())
 
 
-def _scenario(setup: Setup, number: int, every: Iterable[str], seen: Container[str]) -> Scenario:
+def _scenario(setup: Setup, number: int, every: Iterable[str], seen: Collection[str]) -> Scenario:
     """Return the scenario of a station. All stations have the same targets, so that they go side by side.
 
     What a station does not see is expected beyond its mirrors' reach, where no pattern is run.
@@ -156,7 +165,7 @@ def _scenario(setup: Setup, number: int, every: Iterable[str], seen: Container[s
         "seed": int(host_generator(plan.seed, Stream.SURVEY, STATIONED + number).integers(2**62)),
         "ranging": setup.rangefinder,
         "scene": {"objects": objects},
-        "scan": {"type": "track", "targets": targets, "duration": _duration(setup, len(targets))},
+        "scan": {"type": "track", "targets": targets, "duration": _duration(setup, len(seen))},
         "lighting": {},
         "output": {},
         "processing.calibration": None,
@@ -173,7 +182,7 @@ def _scenario(setup: Setup, number: int, every: Iterable[str], seen: Container[s
 
 
 def _duration(setup: Setup, targets: int) -> float:
-    """Return the time [s] for as many patterns over each target as are wanted."""
+    """Return the time [s] for as many patterns over each target as are wanted; targets out of view take none."""
     scan, scanner = TrackScan(type="track", targets=("any",)), setup.base.scanner
     period = scan.visiting.period(scan.pattern.points, scanner.dwell, targets, scanner.galvanometers)
     return period * targets * (_BEFORE + setup.plan.visits)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from scanner_sim.foundation.arithmetic import inverse
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.layers import LayeredResult
+from scanner_sim.products.pose_study import COMPONENTS
 from scanner_sim.tracking.record import Track, TrackStatus
 from scanner_sim.tracking.state import TrackMode
 
@@ -156,6 +157,36 @@ def _valid_pose_share(poses: tuple[PoseSeries, ...]) -> float:
     )
 
 
+def _last(poses: tuple[PoseSeries, ...], method: str, value: Callable[[PoseSeries], float]) -> float:
+    """Return a number of the last pose of the first object by a method; NaN where there is none."""
+    found = next((one for one in poses if one.method == method and len(one.time)), None)
+    return math.nan if found is None else float(value(found))
+
+
+def _last_component(poses: tuple[PoseSeries, ...], method: str, column: str, axis: int) -> float:
+    return _last(poses, method, lambda one: float(getattr(one, column)[-1, axis]))
+
+
+def _of_last_pose(method: str) -> Mapping[str, Measure]:
+    """Return measures of the last pose by a method: where a track is one try, this is what it gave."""
+    where = f"last pose by {method}"
+    status = partial(_last, method=method, value=lambda one: float(one.status[-1]))
+    found = {f"{method}_status": Measure("1", f"status of the {where}; 0 is valid", "poses", 0.0, status)}
+    for axis, component in enumerate(COMPONENTS):
+        for ending, column, words in (("", "error", "error"), ("_sigma", "sigma", "stated σ")):
+            found[f"{method}_{component}{ending}"] = Measure(
+                "m" if axis < 3 else "rad",
+                f"{words} of {component} of the {where}",
+                "poses",
+                0.0,
+                partial(_last_component, method=method, column=column, axis=axis),
+            )
+    return found
+
+
+METHODS: Final = ("uv", "xyz", "joint")
+"""Methods of poses whose last one is measured."""
+
 MEASURES: Mapping[str, Measure] = {
     "sigma_range": Measure("m", "median of the stated σ of the valid ranges", "scan", 0.0, _sigma_range),
     "bias_range": Measure(
@@ -202,5 +233,6 @@ MEASURES: Mapping[str, Measure] = {
         "1", "mean squared Mahalanobis distance of the valid poses; 6 is right", "poses", 6.0, _mahalanobis
     ),
     "valid_pose_share": Measure("1", "share of poses that are valid", "poses", 1.0, _valid_pose_share),
+    **{name: measure for method in METHODS for name, measure in _of_last_pose(method).items()},
 }
 """Measures by name."""

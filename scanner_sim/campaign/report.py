@@ -151,16 +151,16 @@ def _part(store: Store, table: Table, name: str) -> MeasurePart:
     found = dependences(store, name)
     units = units_of(store.campaign, store.measures)
     told = tuple((one, _verdict(one, unit, float(np.median(values[good])))) for one in found)
-    picture = _in_page(lambda to: draw_measure(to, name, unit, values[good], found, units))
+    picture = in_page(lambda to: draw_measure(to, name, unit, values[good], found, units))
     indices = ""
     if any(group.sample == "saltelli" for group in store.campaign.plan.vary):
         sensitivity = CampaignResult(store).sensitivity(name)
         if sensitivity["total_order"].notnull().any():
-            indices = _in_page(lambda to: draw_sensitivity(to, sensitivity))
+            indices = in_page(lambda to: draw_sensitivity(to, sensitivity))
     return MeasurePart(name, unit, meaning, int(good.sum()), quantiles, told, worst, picture, indices)
 
 
-def _in_page(draw: Callable[[BinaryIO], None]) -> str:
+def in_page(draw: Callable[[BinaryIO], None]) -> str:
     """Return a picture as the address of an image that holds it."""
     stream = io.BytesIO()
     draw(stream)

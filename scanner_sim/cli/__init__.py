@@ -27,7 +27,7 @@ from scanner_sim.cli.options import (
     scenario_verb,
 )
 from scanner_sim.cli.report import open_streams, reported
-from scanner_sim.cli.studies import budget, calibrate, orbit, pose_study, selfcal
+from scanner_sim.cli.studies import acceptance, approach, budget, calibrate, orbit, pose_study, selfcal
 from scanner_sim.foundation.errors import InputError
 
 if TYPE_CHECKING:
@@ -262,7 +262,20 @@ def reprocess(
         )
 
 
-for verb in (view, difference, orbit, calibrate, selfcal, budget, pose_study, compare, reproduce, serve):
+for verb in (
+    view,
+    difference,
+    orbit,
+    calibrate,
+    selfcal,
+    acceptance,
+    budget,
+    pose_study,
+    approach,
+    compare,
+    reproduce,
+    serve,
+):
     app.command()(verb)
 app.add_typer(campaign, name="campaign")
 

@@ -74,18 +74,21 @@ def run_campaign(
     if dry_run:
         _print_plan(campaign, folder, max(_cores() if workers is None else workers, 1))
         return
-    _need_dask(workers, scheduler)
+    need_dask(workers, scheduler)
     # Loads the renderer: only after everything that can be refused without it.
     from scanner_sim.campaign.work import Settings
 
-    _work(campaign, Settings(folder, own, device, estimators=estimators), workers, scheduler, quiet)
+    do_runs(campaign, Settings(folder, own, device, estimators=estimators), workers, scheduler, quiet)
+    if not quiet:
+        print_status(folder)
 
 
 def _cores() -> int:
     return os.cpu_count() or 1
 
 
-def _need_dask(workers: int | None, scheduler: str | None) -> None:
+def need_dask(workers: int | None, scheduler: str | None) -> None:
+    """Raise an InputError if workers are wanted and Dask is not installed."""
     if (workers != 0 or scheduler) and importlib.util.find_spec("distributed") is None:
         raise InputError(
             "several workers need Dask, which is not installed.",
@@ -93,9 +96,16 @@ def _need_dask(workers: int | None, scheduler: str | None) -> None:
         )
 
 
-def _work(
+def do_runs(
     campaign: Campaign, settings: Settings, workers: int | None, scheduler: str | None, quiet: bool
 ) -> None:
+    """Do the runs of a campaign that are left, in this process, on workers or on a cluster, with a bar.
+
+    Raises
+    ------
+    ScannerSimError
+        As :func:`run_campaign`.
+    """
     from scanner_sim.campaign.serial import run_serially
     from scanner_sim.campaign.store import opened
     from scanner_sim.render.device import activate
@@ -132,15 +142,16 @@ def _work(
                 with client_of(min(workers, left), scheduler, gpus) as client:
                     run_on(client, store, settings, progress)
         store.pack()
-        if not quiet:
-            _print_status(store)
 
 
 def print_status(folder: Path) -> None:
     """Print how far a campaign is, and what it measured so far; faults as :func:`run_campaign`."""
     from scanner_sim.campaign.store import reopened
 
-    _print_status(reopened(folder))
+    store = reopened(folder)
+    done, runs = int(store.done.sum()), len(store.done)
+    rows = {"runs": f"{done:,} of {runs:,} done", "failed": f"{store.failed:,}", "folder": str(store.folder)}
+    print_table(rows | _medians(store))
 
 
 def show_run(folder: Path, run: int, *, scenario: bool) -> None:
@@ -250,12 +261,6 @@ def _result_bytes(campaign: Campaign) -> float:
     if base.scan.layout == "visits":
         return 2e6
     return float(layer_bytes(base.rangefinders)) * base.open_scan.shots
-
-
-def _print_status(store: Store) -> None:
-    done, runs = int(store.done.sum()), len(store.done)
-    rows = {"runs": f"{done:,} of {runs:,} done", "failed": f"{store.failed:,}", "folder": str(store.folder)}
-    print_table(rows | _medians(store))
 
 
 def _medians(store: Store) -> dict[str, str]:

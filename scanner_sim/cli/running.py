@@ -71,7 +71,8 @@ def _kind_and_work(
 
 def _run_raster(scenario: Scenario, call: Call) -> RangeImage:
     # Loads the renderer: only after everything that can be refused without it.
-    from scanner_sim.instrument.simulate import simulate, take_photo
+    from scanner_sim.instrument.photograph import take_photo
+    from scanner_sim.instrument.simulate import simulate
     from scanner_sim.instrument.simulate_signals import signal_parts
     from scanner_sim.products.files.run_folder import write_run
 
@@ -102,8 +103,8 @@ def _run_raster(scenario: Scenario, call: Call) -> RangeImage:
 
 
 def _run_shots(scenario: Scenario, call: Call) -> ShotTable:
+    from scanner_sim.instrument.photograph import take_photo
     from scanner_sim.instrument.shots import simulate_shots
-    from scanner_sim.instrument.simulate import take_photo
     from scanner_sim.products.files.shots_folder import write_shots
 
     camera = None

@@ -119,6 +119,49 @@ def pose_study(
     study_scenario(call, diameter=diameter, quick=quick)
 
 
+def approach(
+    file: Annotated[
+        Path, typer.Argument(metavar="APPROACH", help="The approach, a YAML file.", show_default=False)
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder of the result.",
+            show_default="output/ and APPROACH's name",
+        ),
+    ] = None,
+    workers: Annotated[
+        int,
+        typer.Option(metavar="N", min=0, max=1024, help="Processes of Dask; 0 works in this one."),
+    ] = 0,
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Check it, print its epochs, and stop.")] = False,
+    device: Device = DeviceName.auto,
+    quiet: Quiet = False,
+) -> None:
+    """Fly an approach under the light of its orbit: which method has a pose where, how good, and how good it says.
+
+    Example: `scanner-sim approach configs/approach/v_bar.yaml`
+
+    At epochs along a path (waypoints, a file, CCSDS, or Clohessy and Wiltshire's equations) the targets are tracked a
+    few times by angles, points, both and time of flight. DIR gets a picture over range, a table over the conditions of
+    Table 1, and all tries. It is the folder of a campaign: what a killed one has done stays, the same command goes on.
+    """
+    with reported():
+        from scanner_sim.cli.approaching import fly_approach
+
+        fly_approach(
+            file,
+            output or Path("output", file.stem),
+            workers=workers,
+            dry_run=dry_run,
+            device=device.value,
+            quiet=quiet,
+        )
+
+
 def selfcal(
     plan: Annotated[
         Path,
@@ -153,6 +196,45 @@ def selfcal(
         self_calibrate_plan(
             plan,
             output or Path(f"{plan.stem}_calib.yaml"),
+            device=device.value,
+            overwrite=overwrite,
+            quiet=quiet,
+        )
+
+
+def acceptance(
+    plan: Annotated[
+        Path,
+        typer.Argument(metavar="PLAN", help="Plan of the test, a YAML file.", show_default=False),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            "--output",
+            "-o",
+            metavar="DIR",
+            help="Folder of the report and its pictures.",
+            show_default="output/PLAN's name",
+        ),
+    ] = None,
+    device: Device = DeviceName.auto,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Test an instrument against its maker's limits; the exit status is 1 unless it passes.
+
+    Example: `scanner-sim acceptance configs/acceptance/prototype.yaml -o output/acceptance`
+
+    Bars, spheres and plates over the working volume are scanned through light and detector, in the manner of ASTM E3125
+    and VDI/VDE 2634. Errors of lengths, diameters, form and flatness stand beside certified values, limits and the
+    test's own uncertainty, each with a verdict: a table, JSON and a page with pictures.
+    """
+    with reported():
+        from scanner_sim.cli.accepting import accept_plan
+
+        accept_plan(
+            plan,
+            output or Path("output", plan.stem),
             device=device.value,
             overwrite=overwrite,
             quiet=quiet,

@@ -11,12 +11,12 @@ from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
 from scanner_sim.config.scanner import RangefinderName, Scanner
 from scanner_sim.config.wording import inline_yaml
+from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.html_text import html_box, html_folded, html_rows
 from scanner_sim.foundation.parts import Count, Part
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.products.settings import Output
-from scanner_sim.render.camera_settings import LEAST_FIELD, Camera
 from scanner_sim.render.settings import Transport
 from scanner_sim.scan.fixed import FixedScan
 from scanner_sim.scan.lissajous_scan import LissajousScan
@@ -29,9 +29,6 @@ from scanner_sim.scene.objects import Scene
 from scanner_sim.signals.processing import MARGIN, Processing
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.scan import TrackScan, resolve_targets
-
-_MOST_GREYS = 1 << 27
-"""Pixels of the camera's picture: half a gigabyte, and three while it is made."""
 
 _UNSAID: Final = object()
 """What stands for a way of ranging before the instrument's own is taken."""
@@ -118,8 +115,8 @@ class Scenario(Part):
     """How signals become ranges."""
     pose: PoseSettings = PoseSettings()
     """How tracks become poses of objects."""
-    camera: Camera = Camera()
-    """The video camera beside the scanner: what ``camera.png`` shows where the Sun shines."""
+    camera: VideoCamera = VideoCamera()
+    """The video camera beside the scanner; ``camera.png`` is its frame at the start where the Sun shines."""
     output: Output = Output()
     """What is written."""
 
@@ -170,8 +167,6 @@ class Scenario(Part):
     def cross_checks(self) -> Iterator[Fault]:
         """Yield angles beyond the mirrors, range gates beyond what is recorded, and settings that find no room."""
         yield from self.scan.faults(self.scan_setup)
-        if self.scan.layout != "visits":
-            yield from self._camera_contradictions(self.scan)
         if self.output.truth and self.scan.layout == "visits":
             problem = "a run that follows targets has the truth of its visits in its tables."
             yield Fault("output.truth", problem, "Write [], or a raster.")
@@ -256,18 +251,6 @@ class Scenario(Part):
         if self.scan.layout != "visits":
             return ()
         return resolve_targets(self.scan, self.scene, self.scanner.mirrors.axis_separation)[0]
-
-    def _camera_contradictions(self, scan: OpenScan) -> Iterator[Fault]:
-        height = (scan.vertical[1] - scan.vertical[0]) / max(
-            scan.horizontal[1] - scan.horizontal[0], LEAST_FIELD
-        )
-        if self.camera.width**2 * height > _MOST_GREYS:
-            yield Fault(
-                "camera.width",
-                f"the field of view makes it a picture of {self.camera.width} × {self.camera.width * height:.3g} "
-                f"pixels; {_MOST_GREYS:.3g} are possible.",
-                "Reduce it, or widen scan.horizontal.",
-            )
 
     def _missing(self, rangefinder: RangefinderName) -> Fault:
         """Return the fault of a rangefinder that the instrument does not have."""

@@ -24,6 +24,8 @@ _WIDEST_MASS = 1.3
 """That from which the seven pixels of the centre of mass cut the spot: they do not reach 2.7 of it."""
 _WIDEST_FIT = 8.0
 """That from which 24 pixels to each side do not reach three of it."""
+_FAR_OFF, _LOOKED_AT = 100.0, 65
+"""Farthest range at which the speckle is looked at, over the nearest, and number of ranges."""
 
 _MOTION_INSTANTS = 257
 """Instants of a scan at which motions are looked at."""
@@ -194,6 +196,31 @@ def _estimator(scenario: Scenario) -> Iterator[str]:
         )
 
 
+def _speckle(scenario: Scenario) -> Iterator[str]:
+    """Yield where σ by speckle is not good: few packets and a lens so far out of focus that it blurs more than them."""
+    scanner = scenario.scanner
+    if not scanner.laser.speckle:
+        return
+    cell = scanner.laser.wavelength * scanner.receiver.focal_length / scanner.receiver.aperture
+    pitch, farthest = (
+        scanner.position_sensor.pitch,
+        min(scanner.farthest_range, _FAR_OFF * scanner.nearest_range),
+    )
+    found = []
+    for step in range(_LOOKED_AT):
+        distance = scanner.nearest_range * (farthest / scanner.nearest_range) ** (step / (_LOOKED_AT - 1))
+        image = 0.5 * scanner.laser.radius(distance) * scanner.receiver.focal_length / distance
+        seen = scanner.seen_at(distance)
+        if image < cell and abs(seen.defocus) * pitch > image * seen.across:
+            found.append(distance)
+    if found:
+        yield (
+            f"scanner.receiver.aperture: from {found[0]:.3g} m to {found[-1]:.3g} m the beam's image is smaller "
+            "than a grain of speckle and the lens is out of focus by more than either; σ by speckle is up to a quarter "
+            "off there"
+        )
+
+
 def _lighting(scenario: Scenario) -> Iterator[str]:
     yield from lighting_warnings(scenario.lighting)
 
@@ -232,7 +259,7 @@ def _lobe(choice: object) -> tuple[RetroLobe | None, float]:
 
 
 _WARNINGS: dict[str, tuple[Callable[[Scenario], Iterator[str]], ...]] = {
-    "triangulation": (_nearer, _sweep, _range_gate, _estimator, _line_filter, _retro_reflectors),
+    "triangulation": (_nearer, _sweep, _range_gate, _estimator, _speckle, _line_filter, _retro_reflectors),
     "tof": (_record, _photodiode_filter),
 }
 """What is looked at for each rangefinder."""

@@ -138,10 +138,7 @@ _POINT = (
 def _point_by(
     prefix: str, way: str, rangefinders: tuple[str, ...], *pictures: Picture
 ) -> tuple[Channel, ...]:
-    """Return the layers of another rangefinder, or of several; the pictures are of its range.
-
-    Combined ranges say in their σ alone what is common: a layer more would have too long a name for a file.
-    """
+    """Return the layers of another rangefinder, or of several; the pictures are of its range."""
     status = Channel("status", "1", "as status", "status")
     return tuple(
         replace(
@@ -154,7 +151,6 @@ def _point_by(
             pictures=pictures if channel.name == "range_m" else (),
         )
         for channel in (*_POINT, status)
-        if prefix != "fused." or not channel.asked
     )
 
 

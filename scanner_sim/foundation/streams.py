@@ -38,6 +38,10 @@ class Stream(IntEnum):
     POWER = 22
     POSES = 40
     SURVEY = 41
+    FRAME_LIGHT = 50
+    FRAME_STRATA = 51
+    FRAME_NOISE = 52
+    FRAME_PATTERN = 53
 
 
 def host_generator(seed: int, stream: Stream, number: int) -> np.random.Generator:

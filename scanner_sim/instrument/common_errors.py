@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 _TOGETHER = 1 << 15
 """Voxels whose derivatives are held at once: some fifty megabytes."""
 COMMON = "sigma_common_m"
-"""Layer of the part of a range's σ that all voxels have in common; of combined ranges σ alone tells."""
+"""Layer of the part of a range's σ that all voxels have in common."""
 
 
 def ranged_by(rangefinders: Sequence[str], geometry: Geometry) -> dict[str, tuple[RangedBy, ...]]:
@@ -68,8 +68,7 @@ def _added(
             sums[name][part] = np.sqrt(sums[name][part] ** 2 + shared[:, axis, axis])
         for name, (one, other) in _PRODUCTS.items():
             sums[name][part] += shared[:, one, other]
-    if len(by) == 1:
-        sums[COMMON] = common
+    sums[COMMON] = common
     return {prefix + name: values.reshape(shape).astype(kind) for name, values in sums.items()}
 
 

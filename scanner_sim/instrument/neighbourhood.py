@@ -19,7 +19,7 @@ from scanner_sim.optics.speckle import Packets, packets_of
 from scanner_sim.ranging.coordinates import coordinates
 from scanner_sim.ranging.covariance import PointCovariance
 from scanner_sim.ranging.fusion import fuse_points
-from scanner_sim.ranging.mixed_voxels import is_mixed
+from scanner_sim.ranging.mixed_voxels import is_faint, is_mixed
 from scanner_sim.ranging.neighbours import is_isolated
 from scanner_sim.ranging.ranges import Deflections, Layers, Ranges, layers_of
 from scanner_sim.ranging.shared_noise import SharedNoise
@@ -179,7 +179,9 @@ def _mixed(scenario: Scenario, layers: Layers, prefix: str, steepest: float) -> 
     noise = np.sqrt(np.maximum(sigma**2 - uneven**2, 0.0))
     raster = _raster(scenario, range_m, _travel(scenario))
     faintest = _FAINT_ECHO if prefix else _FAINT * scenario.processing.threshold
-    faint = layers[f"{prefix}snr_detection"] < faintest
+    packets, (energy, _) = _packets(scenario, range_m, raster)
+    speckle = np.zeros(range_m.shape) if prefix else _contrast(scenario) ** 2 * packets.energy * energy
+    faint = is_faint(layers[f"{prefix}snr_detection"].astype(np.float64), faintest, speckle, raster)
     status = layers[f"{prefix}status"].astype(np.uint32)
     none = np.zeros(range_m.shape)
     shared = (

@@ -104,6 +104,10 @@ def _weights(
         covariance[..., 0, 2] = covariance[..., 2, 0] = np.broadcast_to(
             observations.theta_range, known.T.shape
         ).T
+    if observations.theta_phi is not None:
+        covariance[..., 0, 1] = covariance[..., 1, 0] = np.broadcast_to(
+            observations.theta_phi, known.T.shape
+        ).T
     if observations.object_variances is not None:
         carried = product(np.where(known[..., None, None], by_shift, 0.0), rotation[:, None])
         survey = np.moveaxis(np.broadcast_to(observations.object_variances, (3, *known.T.shape)), 0, -1)

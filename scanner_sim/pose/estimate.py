@@ -43,6 +43,7 @@ def estimate_pose(
     method: Method = "uv",
     sigma_object: ArrayLike | None = None,
     covariance_theta_range: ArrayLike | None = None,
+    covariance_theta_phi: ArrayLike | None = None,
     point_weights: PointWeights = "covariance",
     prior: PosePrior | None = None,
     robust: Robust | None = None,
@@ -72,6 +73,8 @@ def estimate_pose(
     covariance_theta_range
         Covariance of Θ and R [rad m]: a number, (n,) or (..., n). In triangulation R follows Θ at fixed p, and it is
         ∂R/∂Θ σ_Θ². None: independent, as in time of flight.
+    covariance_theta_phi
+        Covariance of Θ and φ [rad²], of the same shapes: the pixels of a camera are square to other directions.
     point_weights
         Of ``xyz``: ``equal`` is eq 11 as printed. With the weights of the full covariance the lateral coordinates
         place the object in depth, too, so that to first order ``xyz`` is then ``joint``.
@@ -132,6 +135,7 @@ def estimate_pose(
         sigma_phi=sigma_phi,
         sigma_range=sigma_range,
         covariance_theta_range=covariance_theta_range,
+        covariance_theta_phi=covariance_theta_phi,
         sigma_object=sigma_object,
         axis_separation=axis_separation,
         prior=prior,

@@ -47,6 +47,7 @@ def observations_from(
     sigma_phi: ArrayLike,
     sigma_range: ArrayLike | None,
     covariance_theta_range: ArrayLike | None,
+    covariance_theta_phi: ArrayLike | None = None,
     sigma_object: ArrayLike | None,
     axis_separation: float,
     prior: PosePrior | None,
@@ -124,7 +125,8 @@ def observations_from(
             seen=seen,
             ranged=seen & known[2],
             variances=_common(sigmas**2),
-            theta_range=_theta_range(covariance_theta_range, leading, count, sigmas),
+            theta_range=_cross("theta_range", covariance_theta_range, leading, sigmas[0] * sigmas[2]),
+            theta_phi=_cross("theta_phi", covariance_theta_phi, leading, sigmas[0] * sigmas[1]),
             object_variances=None if object_sigma is None else (object_sigma**2)[:, :, None],
             axis_separation=float(axis_separation),
             prior=None if prior is None else _prior(prior_arrays, leading),
@@ -226,21 +228,19 @@ def _object_deviation(sigma: ArrayLike, count: int) -> Array:
     return spread
 
 
-def _theta_range(
-    given: ArrayLike | None, leading: tuple[int, ...], count: int, sigmas: Array
-) -> Array | None:
+def _cross(name: str, given: ArrayLike | None, leading: tuple[int, ...], most: Array) -> Array | None:
+    """Return covariances of two quantities as (n, B), each less than the product ``most`` of their deviations."""
     if given is None:
         return None
-    values = _numbers("covariance_theta_range", given)
+    values, count = _numbers(f"covariance_{name}", given), len(most)
     try:
         flat = np.broadcast_to(values, (*leading, count)).reshape(-1, count).T
     except ValueError as error:
-        raise InputError(
-            f"covariance_theta_range has the shape {values.shape}, which does not fit."
-        ) from error
+        raise InputError(f"covariance_{name} has the shape {values.shape}, which does not fit.") from error
     flat = np.nan_to_num(flat)
-    if (np.abs(flat) >= sigmas[0] * sigmas[2]).any():
-        raise InputError("covariance_theta_range must be less than sigma_theta times sigma_range.")
+    if (np.abs(flat) >= most).any():
+        one, other = name.split("_")
+        raise InputError(f"covariance_{name} must be less than sigma_{one} times sigma_{other}.")
     return np.ascontiguousarray(flat)
 
 

@@ -101,6 +101,8 @@ class Observations:
         Of (Θ, φ, R), shape (3, n, B or 1).
     theta_range
         Covariance of Θ and R [rad m], shape (n, B or 1), or None: independent.
+    theta_phi
+        Covariance of Θ and φ [rad²], shape (n, B or 1), or None: independent.
     object_variances
         Of the surveyed coordinates [m²], along the object's axes, shape (3, n, 1), or None: exact.
     axis_separation
@@ -116,6 +118,7 @@ class Observations:
     ranged: Flags
     variances: Array
     theta_range: Array | None
+    theta_phi: Array | None
     object_variances: Array | None
     axis_separation: float
     prior: Prior | None
@@ -132,7 +135,7 @@ class Observations:
 
     def take(self, index: NDArray[np.intp]) -> Observations:
         """Return the poses ``index``."""
-        batched = ("points", "centre", "values", "seen", "ranged", "variances", "theta_range")
+        batched = ("points", "centre", "values", "seen", "ranged", "variances", "theta_range", "theta_phi")
         chosen = {name: take(getattr(self, name), index) for name in batched}
         if self.count == 1:  # an axis of length 1 that is the whole batch may be asked for twice
             chosen |= {

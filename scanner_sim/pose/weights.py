@@ -69,7 +69,7 @@ def problem_of(
         # Any common unit will do; that of the mean range keeps the cost near the number of residuals.
         unit = np.sqrt(observations.variances[2].mean(axis=0))
         whitening = seen / unit
-    elif not in_space and pose is None and (channels == 2 or observations.theta_range is None):
+    elif not in_space and pose is None and _independent(observations, channels):
         whitening = seen / np.sqrt(observations.variances[:channels])
     else:
         if gradients is None and pose is not None:
@@ -105,6 +105,11 @@ def point_covariances(observations: Observations, pose: tuple[Array, Array]) -> 
     return result
 
 
+def _independent(observations: Observations, channels: int) -> bool:
+    """Whether the errors of Θ, φ and, of three channels, R are."""
+    return observations.theta_phi is None and (channels == 2 or observations.theta_range is None)
+
+
 def _covariance(
     observations: Observations, channels: int, gradients: Array | None, pose: tuple[Array, Array] | None
 ) -> Array:
@@ -114,6 +119,8 @@ def _covariance(
     covariance[index, index] = observations.variances[:channels]
     if channels == 3 and observations.theta_range is not None:
         covariance[0, 2] = covariance[2, 0] = observations.theta_range
+    if observations.theta_phi is not None:
+        covariance[0, 1] = covariance[1, 0] = observations.theta_phi
     if pose is not None and observations.object_variances is not None and gradients is not None:
         carried = np.einsum("icnb,ijb->cjnb", gradients, pose[0])
         covariance += np.einsum("cjnb,djnb->cdnb", carried * observations.object_variances, carried)

@@ -21,6 +21,44 @@ _UNEVEN_SIGMAS = 2.0
 """The same of what unevenness may move them by."""
 
 
+def is_faint(height: Array, faintest: float, speckle: Array, raster: Raster) -> Mask:
+    """Tell which voxels lie on a surface so faint that noise alone may hide their neighbours.
+
+    A spot of which only the edge meets a surface, or of which the lens sees only the edge, is faint too, but light that
+    is brighter or much darker stands beside it, or where the raster ends may stand there: what hides the neighbours is
+    then where the surface ends, or its shadow begins.
+
+    Parameters
+    ----------
+    height
+        Heights of the peaks over the noise, of all voxels whatever their status, shape (rows, columns).
+    faintest
+        Height below which noise may hide another of the same light.
+    speckle
+        Relative variance of the heights by speckle.
+    raster
+        Geometry.
+
+    Returns
+    -------
+    array of bool, shape (rows, columns)
+        All voxels within 2.5 standard deviations of the spot, and the eight neighbours, are in the raster and as high
+        but for noise.
+    """
+    alike = np.ones(height.shape, dtype=np.bool_)
+    limit = _NOISE_SIGMAS * np.sqrt(2.0 * (1.0 + speckle * height**2))
+    for down, right in around(raster.steps(REACH)):
+        apart = np.abs(neighbour_values(height, down, right) - height)
+        alike &= (apart <= limit) | ~_is_near(down, right, raster)
+    return np.asarray((height < faintest) & alike)
+
+
+def _is_near(down: int, right: int, raster: Raster) -> Mask:
+    """Tell where a neighbour's spot may meet what one's own does."""
+    before = np.hypot(max(abs(right) - 1, 0) * raster.across, max(abs(down) - 1, 0) * raster.down)
+    return np.asarray((before < REACH * raster.spot) | (max(abs(down), abs(right)) == 1))
+
+
 def is_mixed(
     range_m: Array,
     noise: SharedNoise,
@@ -62,8 +100,6 @@ def is_mixed(
     rise = math.tan(steepest)
     found = np.zeros(r.shape, dtype=np.bool_)
     for down, right in around(raster.steps(REACH)):
-        before = np.hypot(max(abs(right) - 1, 0) * raster.across, max(abs(down) - 1, 0) * raster.down)
-        near = (before < REACH * raster.spot) | (max(abs(down), abs(right)) == 1)
         there, apart = neighbour_values(r, down, right), np.hypot(right * raster.across, down * raster.down)
         limit = rise * apart * np.fmin(1.0, there / r)
         chance = noise.of({(0, 0): -1.0, (down, right): 1.0})
@@ -71,5 +107,5 @@ def is_mixed(
         nothing = (neighbour_values(missing, down, right) == 1.0) & ~(
             faint & (neighbour_values(hidden, down, right) == 1.0)
         )
-        found |= near & ((np.abs(there - r) > limit) | nothing)
+        found |= _is_near(down, right, raster) & ((np.abs(there - r) > limit) | nothing)
     return np.asarray(valid & found)

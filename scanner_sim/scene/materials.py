@@ -101,6 +101,9 @@ class Material(BaseModel):
     reflectance_out_of_band
         The same as a mean over the Sun's photons from 0.9 to 1.7 µm, which the filter blocks but for a
         millionth; None where it is taken to be ``reflectance``.
+    reflectance_visible
+        The same in visible light, for a scenario's own materials; those of the library stand in
+        :data:`scanner_sim.scene.visible.VISIBLE`. None where it is not known.
     eta, k
         Complex index of refraction of the specular lobe, n + ik; None for ``diffuse``.
     alpha
@@ -127,6 +130,7 @@ class Material(BaseModel):
     kind: MaterialKind = "diffuse"
     reflectance: Fraction
     reflectance_out_of_band: Fraction | None = None
+    reflectance_visible: Fraction | None = None
     eta: Annotated[float, Field(gt=0.0, allow_inf_nan=False)] | None = None
     k: Annotated[float, Field(ge=0.0, allow_inf_nan=False)] | None = None
     alpha: Annotated[float, Field(gt=0.0, le=1.0, allow_inf_nan=False)] | None = None

@@ -1,4 +1,6 @@
-"""How rigid objects move: a pose at any time, by a twist, waypoints, a file of poses or those of flight dynamics.
+"""How rigid objects move: a pose at any time.
+
+By a twist, waypoints, a file of poses, those of flight dynamics, or a relative orbit.
 
 A motion replaces an object's pose where it names one; a twist starts from the object's own. All give
 ``scanner_from_object`` as 4 × 4 matrices, for arrays of times.
@@ -28,6 +30,7 @@ from scanner_sim.foundation.parts import InputFile, Part
 from scanner_sim.foundation.units import Dimension, Time
 from scanner_sim.scene.ephemeris import EphemerisMotion
 from scanner_sim.scene.poses import FARTHEST, Position, Turns, placement_matrix
+from scanner_sim.scene.relative_orbit import RelativeOrbit
 
 Array = NDArray[np.float64]
 
@@ -155,7 +158,8 @@ PlannedMotion = Annotated[
     Annotated[ConstantTwist, Tag("(twist)")]
     | Annotated[Waypoints, Tag("(waypoints)")]
     | Annotated[PoseFile, Tag("(file)")]
-    | Annotated[EphemerisMotion, Tag("(ccsds)")],
+    | Annotated[EphemerisMotion, Tag("(ccsds)")]
+    | Annotated[RelativeOrbit, Tag("(clohessy_wiltshire)")],
     Discriminator(kind_of),
 ]
 """A motion that is known beforehand."""

@@ -31,6 +31,7 @@ from scanner_sim.scene.motion import (
     twisted,
 )
 from scanner_sim.scene.poses import Position
+from scanner_sim.scene.relative_orbit import RelativeOrbit
 
 Array = NDArray[np.float64]
 
@@ -114,6 +115,7 @@ RigidMotion = Annotated[
     | Annotated[Waypoints, Tag("(waypoints)")]
     | Annotated[PoseFile, Tag("(file)")]
     | Annotated[EphemerisMotion, Tag("(ccsds)")]
+    | Annotated[RelativeOrbit, Tag("(clohessy_wiltshire)")]
     | Annotated[Moves, Tag("(moves)")],
     Discriminator(kind_of),
     Field(examples=[{"type": "twist", "velocity": ["10 mm/s", "0 m/s", "0 m/s"]}]),

@@ -116,6 +116,7 @@ def measure_target(
     duty_cycle: float = 1.0,
     pointing: ArrayLike = 0.0,
     axis_separation: float | None = None,
+    baseline: float = 0.0,
 ) -> Measurement:
     """Return where patterns see a target.
 
@@ -132,6 +133,8 @@ def measure_target(
         :func:`~scanner_sim.tracking.disc_fit.disc_fit`.
     axis_separation
         D_g [m], by which the angles become points; None takes targets to be round in the angles.
+    baseline
+        Distance d from the laser to the lens that sees its light [m]: the side towards the lens is brighter.
 
     Returns
     -------
@@ -153,7 +156,7 @@ def measure_target(
         centre, ranges, sight = see.directly()
         distance = ranges.at
     else:
-        centre, distance, ranges, sight = see.on_its_plane(middle, axis_separation)
+        centre, distance, ranges, sight = see.on_its_plane(middle, (axis_separation, baseline))
     distance = np.where(ranges.known, distance, np.nan)
     position = np.concatenate([centre.centre, distance[:, None]], axis=1)
     covariance = _covariance(centre, ranges, sight)
@@ -212,8 +215,10 @@ class _Seeing:
         kind = self.appearance.kind
         return centre, target_ranges(self.samples, told, kind, centre, about, self.stamp, sphere=radius), None
 
-    def on_its_plane(self, middle: Array, axis_separation: float) -> tuple[Centroid, Array, Ranges, Sight]:
-        """Return centres of flat targets, their ranges, the planes' and the planes.
+    def on_its_plane(
+        self, middle: Array, layout: tuple[float, float]
+    ) -> tuple[Centroid, Array, Ranges, Sight]:
+        """Return centres of flat targets, their ranges, the planes' and the planes; the layout is (D_g, d).
 
         The first plane is that of all voxels of the target. On it a circle tells which of them are away from the rim:
         those at it would tilt the plane, for the light's middle is not the spot's. The second goes through the others.
@@ -222,12 +227,12 @@ class _Seeing:
         mean = np.stack([samples.theta.mean(axis=1), samples.phi.mean(axis=1)], axis=1)
         about = np.where(self.hits.found[:, None], self.hits.centre, mean)
         rough = target_ranges(samples, self.response, kind, self.hits, about, self.stamp)
-        plane = _plane_of(rough, middle, axis_separation)
+        plane = _plane_of(rough, middle, layout)
         shown, response, reach = self._lay_onto(plane)
         start = self._or_hits(self._circle(shown, response), plane)
         told = self._ranged(shown, start)
         ranges = target_ranges(samples, told, kind, start, about, self.stamp, plane=plane, reach=reach)
-        planes = _plane_of(ranges, middle, axis_separation, with_errors=self.fits)
+        planes = _plane_of(ranges, middle, layout, with_errors=self.fits)
         shown, response, _ = self._lay_onto(planes)
         if not self.fits:
             # Where the disc is fitted, its fit only begins at the circle.
@@ -330,24 +335,24 @@ def _covariance(centre: Centroid, ranges: Ranges, sight: Sight | None) -> Array:
 
 
 def _plane_of(
-    ranges: Ranges, middle: Array, axis_separation: float, *, with_errors: bool = False
+    ranges: Ranges, middle: Array, layout: tuple[float, float], *, with_errors: bool = False
 ) -> TargetPlane:
     """Return the planes on which targets lie; where nothing is known they face the scanner at the ``middle`` [m].
 
     ``with_errors`` thrice as many: behind them those whose slopes are wrong by each column of their covariance's root.
     """
     known = ranges.known
-    distance = np.where(known & (ranges.at > axis_separation), ranges.at, middle)
+    distance = np.where(known & (ranges.at > layout[0]), ranges.at, middle)
     slope = np.where(known[:, None], ranges.slope, 0.0)
     if not with_errors:
-        return target_plane(ranges.about, distance, slope, axis_separation)
+        return target_plane(ranges.about, distance, slope, *layout)
     root = cholesky(np.where(known[:, None, None], ranges.covariance[:, 1:, 1:], 1e-12 * np.eye(2)))
     rows = 3 * len(known)
     return target_plane(
         repeated(ranges.about, rows),
         repeated(distance, rows),
         np.concatenate([slope, slope + root[:, :, 0], slope + root[:, :, 1]]),
-        axis_separation,
+        *layout,
     )
 
 

@@ -42,6 +42,8 @@ class TargetPlane:
         (Θ, φ) of the foot [rad], and ∂R/∂(Θ, φ) there [m/rad], shape (patterns, 2).
     axis_separation
         D_g [m].
+    baseline
+        Distance d from the laser to the node of the lens that sees its light, along x [m]; 0 where both are one.
     """
 
     point: Array
@@ -53,6 +55,7 @@ class TargetPlane:
     centre: Array
     slope: Array
     axis_separation: float
+    baseline: float = 0.0
 
     @cached_property
     def back(self) -> Array:
@@ -67,9 +70,9 @@ class TargetPlane:
 
         They are where the beam along the measured deflections (eq 3) meets the plane: a disc's rim is a circle of the
         radius D/2R, and its middle is the middle, which an ellipse's in the angles is not. Beside them the laser light
-        that a matt plane sends back from there over that from the foot, cos θ/R² by Lambert's law and the solid angle
-        of the aperture, shape (patterns, points): it changes by a per cent over a disc of 100 mm at 8 m under 15°,
-        which moves the middle of its edges by some microradians. And the ranges R [m] there, shape (patterns, points).
+        that a matt plane sends back from there over that from the foot (:meth:`_light`), shape (patterns, points): it
+        changes by a per cent over a disc of 100 mm at 8 m under 15°, which moves the middle of its edges by some
+        microradians. And the ranges R [m] there, shape (patterns, points).
         Of k times as many planes as patterns each k-th part meets all of them; only the angles have their rows.
         """
         sine, cosine, forward = np.sin(samples.phi), np.cos(samples.phi), np.cos(samples.theta)
@@ -83,8 +86,34 @@ class TargetPlane:
         rise, drop = (product(axes, way).reshape(-1, 3, points) for way in (along, apart))
         reach = drop[:, 2] / rise[:, 2]
         place = (reach[:, None] * rise[:, :2] - drop[:, :2]) / self.distance[:, None, None]
-        light = np.abs(rise[:, 2]) * (self.stretch * self.distance)[:, None] ** 2 / reach**2
+        aside = np.concatenate([along[:, 0]] * len(axes))
+        foot = np.sin(self.centre[:, :1])
+        light = self._light(rise[:, 2], aside, reach) / self._light(
+            self._facing, foot, self.distance[:, None]
+        )
         return replace(samples, theta=place[:, 0], phi=place[:, 1]), light, reach
+
+    @property
+    def _facing(self) -> Array:
+        """Cosine of the beam's angle to the normal at the foot, shape (patterns, 1)."""
+        return 1.0 / (self.stretch * self.stretch)[:, None]
+
+    def _light(self, rise: Array, sine: Array, reach: Array) -> Array:
+        """Return the laser light that the lens gathers from places on the planes, but for a factor.
+
+        cosθ cosψ/r² by Lambert's law and the solid angle of the aperture, with the way r from the place to the node at
+        (d, 0), its angle θ to the normal and its angle ψ to the lens's axis, which is along the beam: on a plane that
+        faces the beam it grows by 3d/R for each radian of Θ.
+
+        Parameters
+        ----------
+        rise, sine, reach
+            n·u and sinΘ of the beams u, and R [m], shape (patterns, any).
+        """
+        d = self.baseline
+        square = reach * reach + d * (d - 2.0 * reach * sine)
+        across = d * self.axes[:, 2, :1]
+        return np.asarray(np.abs(reach * rise - across) * (reach - d * sine) / (square * square))
 
     def laid(self, centroid: Centroid) -> Centroid:
         """Return centres that stand at the feet (Θ, φ) as such on the plane."""
@@ -96,7 +125,7 @@ class TargetPlane:
 
     def of(self, rows: slice) -> TargetPlane:
         """Return some of the planes."""
-        names = [field.name for field in fields(self)[:-1]]
+        names = [field.name for field in fields(self)[:-2]]
         return replace(self, **{name: getattr(self, name)[rows] for name in names})
 
     def spot(self, beam: ArrayLike, shown: PatternSamples, centre: Array) -> Array:
@@ -125,7 +154,9 @@ class TargetPlane:
         ), distance
 
 
-def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: float) -> TargetPlane:
+def target_plane(
+    centre: Array, distance: Array, slope: Array, axis_separation: float, baseline: float = 0.0
+) -> TargetPlane:
     """Return the planes of targets.
 
     Parameters
@@ -136,8 +167,8 @@ def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: 
         R of the plane there [m], shape (patterns,).
     slope
         ∂R/∂(Θ, φ) of the plane there [m/rad], shape (patterns, 2); planes steeper than 75° are taken to face.
-    axis_separation
-        D_g [m].
+    axis_separation, baseline
+        D_g and d [m].
 
     Returns
     -------
@@ -177,4 +208,5 @@ def target_plane(centre: Array, distance: Array, slope: Array, axis_separation: 
         centre=centre,
         slope=np.stack([g, h], axis=1),
         axis_separation=axis_separation,
+        baseline=baseline,
     )

@@ -31,6 +31,7 @@ ROOMS = (
     "config",
     "instrument",
     "calibration",
+    "acceptance",
     "validation",
     "campaign",
     "serve",

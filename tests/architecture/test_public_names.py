@@ -64,6 +64,7 @@ def test_the_public_names_are_these() -> None:
         "simulate_shots",
         "simulate_voxel",
         "simulate_waveforms",
+        "take_frames",
         "take_photo",
         "track",
         "track_many",

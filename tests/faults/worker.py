@@ -96,8 +96,9 @@ def open_scenario(path: Path, overrides: list[str], *, thorough: bool, pictures:
 def _simulate(scenario: Scenario, folder: Path, *, pictures: bool) -> None:
     from scanner_sim.cli.plan import sunlit
     from scanner_sim.instrument.closed_loop.poses import poses_of
+    from scanner_sim.instrument.photograph import take_photo
     from scanner_sim.instrument.shots import simulate_shots
-    from scanner_sim.instrument.simulate import simulate, take_photo
+    from scanner_sim.instrument.simulate import simulate
     from scanner_sim.instrument.simulate_signals import signal_parts
     from scanner_sim.products.files.run_folder import write_run
     from scanner_sim.products.files.shots_folder import write_shots

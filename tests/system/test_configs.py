@@ -46,7 +46,14 @@ def test_all_of_them_are_here() -> None:
 )
 def test_it_runs(path: Path, tmp_path: Path) -> None:
     arguments = ["run", str(path), "-o", str(tmp_path / "out"), "--device", "cpu"]
-    arguments += ["--set", f"scan.rows={SIZE}", "--set", f"scan.columns={SIZE}", "--set", "camera.width=48"]
+    arguments += [
+        "--set",
+        f"scan.rows={SIZE}",
+        "--set",
+        f"scan.columns={SIZE}",
+        "--set",
+        "camera.interior={columns: 48, rows: 36, pixel_pitch: 130 um}",
+    ]
     # Few columns are far apart: a sweep would smear each over a degree. Most of the time goes into the sunlit scene.
     arguments += ["--set", "scan.motion=stepped", "--set", "transport.background_samples=2"]
     result = CliRunner().invoke(app, arguments)

@@ -30,7 +30,13 @@ PAGES = sorted(path for path in DOCS.rglob("*.md") if "```" in path.read_text(en
 SMALL = {
     "run": [
         *("--set", "scan.rows=16", "--set", "scan.columns=16", "--set", "scan.motion=stepped"),
-        *("--set", "transport.background_samples=2", "--set", "camera.width=48", "--overwrite"),
+        *(
+            "--set",
+            "transport.background_samples=2",
+            "--set",
+            "camera.interior={columns: 48, rows: 36, pixel_pitch: 130 um}",
+            "--overwrite",
+        ),
     ],
     "orbit": ["--steps", "2", "--overwrite"],
     "budget": ["--distances", "2", "--overwrite"],
@@ -38,6 +44,7 @@ SMALL = {
     "difference": ["--overwrite"],
     "pose-study": ["--overwrite"],
     "calibrate": ["--overwrite"],
+    "approach": ["--dry-run"],
 }
 """What makes each verb quick: it comes last, so that it holds where the example asks for more, and changes no word of
 the example."""

@@ -22,7 +22,12 @@ from scanner_sim.products.image import RangeImage
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 SIZE = 64
 SMALL = ["--device", "cpu"]
-for setting in ("scan.rows=8", "scan.columns=16", "camera.width=48", "transport.background_samples=2"):
+for setting in (
+    "scan.rows=8",
+    "scan.columns=16",
+    "camera.interior={columns: 48, rows: 36, pixel_pitch: 130 um}",
+    "transport.background_samples=2",
+):
     SMALL += ["--set", setting]
 
 pytestmark = pytest.mark.usefixtures("device")
@@ -204,7 +209,7 @@ def test_show_draws_the_background_as_the_run_did(tmp_path: Path) -> None:
 def test_without_pictures_there_is_no_photograph(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The photograph costs as much as the scan: it is not even taken."""
     monkeypatch.setattr(
-        "scanner_sim.instrument.simulate.take_photo", lambda *_, **__: pytest.fail("a photograph was taken")
+        "scanner_sim.instrument.photograph.take_photo", lambda *_, **__: pytest.fail("a photograph was taken")
     )
     arguments = ["--set", "output.pictures=false"]
     result = invoke("run", CONFIGS / "lighting_normal.yaml", "-o", tmp_path / "out", *SMALL, *arguments)

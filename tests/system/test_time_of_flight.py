@@ -360,7 +360,12 @@ def test_charge_is_that_of_the_link_budget() -> None:
 def test_under_the_sun_the_planned_files_are_written(repo_root: Path, tmp_path: Path) -> None:
     """With time of flight alone there is no background of the line to draw; the camera still takes its picture."""
     config = repo_root / "configs" / "lighting_normal.yaml"
-    size = ["scan.rows=8", "scan.columns=8", "camera.width=48", "transport.background_bounces=2"]
+    size = [
+        "scan.rows=8",
+        "scan.columns=8",
+        "camera.interior={columns: 48, rows: 36, pixel_pitch: 130 um}",
+        "transport.background_bounces=2",
+    ]
     # Rows that lie close together: sparse ones get many more paths each.
     size += ["scan.vertical=[-0.2 deg, 0.2 deg]"]
     for ranging in ("tof", "both"):

@@ -104,3 +104,19 @@ def test_what_must_be_alike_is_named(change: dict[str, Any], key: str) -> None:
 def test_no_scenarios_are_no_run() -> None:
     with pytest.raises(InputError, match="no scenarios"):
         track_many([])
+
+
+def test_an_instrument_built_as_designed_follows_as_the_design_does(device: Device) -> None:
+    """Claim: departures of zero, given or drawn, change no byte of a track; a departure does."""
+    none = {
+        "base": 0.0,
+        "theta_zero": 0.0,
+        "phi_scale": 0.0,
+        "array_tilt": 0.0,
+        "radial_1": 0.0,
+        "power_noise": 0.0,
+    }
+    designed = content(track(scenario(3)).records)
+    for built, alike in ((none, True), ({"base": 1e-4}, False)):
+        found = track(scenario(3, scanner={"as_built": {"seed": 5, **built}}))
+        assert (content(found.records) == designed) is alike

@@ -23,6 +23,7 @@ from scanner_sim.instrument.closed_loop.visit_errors import (
     beam_radius,
     duty_cycle_of,
     error_parts,
+    seen_from,
     spot_packets,
 )
 from scanner_sim.ranging.ranges import Columns
@@ -274,6 +275,7 @@ class TargetSensor:
             duty_cycle=duty_cycle_of(self._scenario),
             pointing=np.hypot(self._pointing, unevenness(angles)),
             axis_separation=scanner.mirrors.axis_separation,
+            baseline=seen_from(self._scenario),
         )
         parts = error_parts(self._scenario, samples, seen, target.appearance, motion, light, grain)
         seen = replace(seen, position=self._believed.designed(seen.position))

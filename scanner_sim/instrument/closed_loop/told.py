@@ -109,6 +109,29 @@ def with_light(
     return scenario.model_copy(update={"lighting": lighting.model_copy(update={"changes": changes})})
 
 
+def check_knowledge(rates: ArrayLike | None, covariance: ArrayLike | None) -> None:
+    """Check what somebody knows of a target's motion.
+
+    Raises
+    ------
+    InputError
+        If rates are not three numbers, or a covariance is none of three or six.
+    """
+    if rates is not None:
+        given = np.asarray(rates, dtype=np.float64)
+        if given.shape != (3,) or not np.isfinite(given).all():
+            raise InputError("these are no rates.", remedy="Give those of Θ, φ and range, per second.")
+    if covariance is not None:
+        matrix = np.asarray(covariance, dtype=np.float64)
+        if matrix.shape not in ((3, 3), (6, 6)) or not np.isfinite(matrix).all():
+            raise InputError("this is no covariance.", remedy="Give a matrix of 3 × 3 or 6 × 6 numbers.")
+        if (
+            np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max()
+            or np.linalg.eigvalsh(matrix)[0] < 0.0
+        ):
+            raise InputError("this is no covariance.", remedy="It is symmetric, and no variance is negative.")
+
+
 def _movable(scenario: Scenario, name: str) -> Posed:
     """Return an object that can be moved."""
     item = next((item for item in scenario.scene.objects if item.name == name), None)

@@ -15,7 +15,7 @@ from scanner_sim.foundation.errors import InputError
 from scanner_sim.instrument.closed_loop.raster_between import between_visits
 from scanner_sim.instrument.closed_loop.saved_state import TrackerState, first_state, load_state, save_state
 from scanner_sim.instrument.closed_loop.state_file import FARTHEST, NEAREST, WIDEST
-from scanner_sim.instrument.closed_loop.told import with_light, with_move
+from scanner_sim.instrument.closed_loop.told import check_knowledge, with_light, with_move
 from scanner_sim.instrument.closed_loop.visits import Visits, with_track
 from scanner_sim.instrument.closed_loop.whole_track import made_by, track_of
 from scanner_sim.products.image import RangeImage
@@ -156,7 +156,7 @@ class Tracker:
             raise InputError(
                 f"({theta}, {phi}, {distance}) is no place.", remedy="Name two angles and a range."
             )
-        _check_knowledge(rates, covariance)
+        check_knowledge(rates, covariance)
         track = pointed(position, self._scan.tracker, self.state.clock, rates, covariance)
         self._set(index, track=replace(track, patterns=self.state.tracks[index].patterns), followed=True)
 
@@ -332,20 +332,3 @@ class Tracker:
         visited = list(state.followed)
         visited[index] = followed
         self.state = replace(state, followed=tuple(visited))
-
-
-def _check_knowledge(rates: ArrayLike | None, covariance: ArrayLike | None) -> None:
-    """Check what somebody knows of a target's motion."""
-    if rates is not None:
-        given = np.asarray(rates, dtype=np.float64)
-        if given.shape != (3,) or not np.isfinite(given).all():
-            raise InputError("these are no rates.", remedy="Give those of Θ, φ and range, per second.")
-    if covariance is not None:
-        matrix = np.asarray(covariance, dtype=np.float64)
-        if matrix.shape not in ((3, 3), (6, 6)) or not np.isfinite(matrix).all():
-            raise InputError("this is no covariance.", remedy="Give a matrix of 3 × 3 or 6 × 6 numbers.")
-        if (
-            np.abs(matrix - matrix.T).max() > 1e-9 * np.abs(matrix).max()
-            or np.linalg.eigvalsh(matrix)[0] < 0.0
-        ):
-            raise InputError("this is no covariance.", remedy="It is symmetric, and no variance is negative.")

@@ -191,3 +191,11 @@ def duty_cycle_of(scenario: Scenario) -> float:
     """Return the share of a dwell in which there is light; a pulse lasts none."""
     scanner = scenario.scanner
     return 0.0 if scenario.rangefinders[0] == "tof" else scanner.exposure / scanner.dwell
+
+
+def seen_from(scenario: Scenario) -> float:
+    """Return how far from the laser the lens stands through which targets are seen, along x [m]."""
+    scanner = scenario.scanner
+    if scenario.rangefinders[0] == "tof" and scanner.lidar.photodiode.place == "coaxial":
+        return 0.0
+    return scanner.receiver.baseline

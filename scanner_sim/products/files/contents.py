@@ -115,6 +115,12 @@ ORBIT = ResultFolder("orbit.json", ("orbit.json", "orbit.csv", "orbit.png", "sce
 COMPARISON = ResultFolder("compare.json", ("compare.json", "compare.html", "compare.png", "scenario.yaml"))
 """The folder of a comparison."""
 
+ACCEPTANCE = ResultFolder(
+    "acceptance.json",
+    ("acceptance.json", "acceptance.html", "errors.png", "places.png", "deviations.png", "plan.yaml"),
+)
+"""The folder of an acceptance test."""
+
 DIFFERENCE = ResultFolder("difference.json", ("difference.json", "difference.png"))
 """The folder of two results compared."""
 

@@ -1,121 +1,133 @@
-"""The picture of an approach: true and estimated path, what the tracker did, errors and light."""
+"""The picture of an approach: error and σ of each component of the pose over range, the light, and availability."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Rectangle
 from numpy.typing import NDArray
 
-from scanner_sim.products.pictures.style import FAINT, INK, drawing, plot_label, ruled
-from scanner_sim.tracking.record import Track, TrackStatus
-from scanner_sim.tracking.state import TrackMode
+from scanner_sim.products.approach import ApproachRow, ApproachStudy, EpochRow
+from scanner_sim.products.pictures.style import FAINT, drawing, over_range, plot_label
+from scanner_sim.products.pictures.timeline import CONDITION_COLOURS
+from scanner_sim.products.pose_study import COMPONENTS
 
 Array = NDArray[np.float64]
 
-_SIZE = (8.4, 9.6)
-_AXES = (("x", "#0b4f8a"), ("y", "#2b7a8c"), ("z", "#b4531a"))
-_MODES = {
-    TrackMode.SEARCH: "#d0522f",
-    TrackMode.LOST: "#f0c24b",
-    TrackMode.ACQUIRE: "#8fb3c9",
-    TrackMode.TRACK: "#2b7a8c",
+_MARKS = {
+    "uv": ("#b4531a", "o"),
+    "xyz": ("#0b4f8a", "s"),
+    "joint": ("#4b7f52", "^"),
+    "xyz_tof": ("#8a2f52", "v"),
+    "joint_tof": ("#6b737c", "D"),
 }
-_MOST_SIGMAS = 8.0
+_TITLES = ("across, x", "down, y", "along, z", "about x", "about y", "about z")
+_UNSEEN = "#e3e6e9"
 
 
-@dataclass(frozen=True)
-class Approach:
-    """What is drawn beside a track, at n times.
-
-    Attributes
-    ----------
-    time
-        Ascending [s], shape (n,).
-    truth, estimate, sigma
-        Position of the object in the scanner's frame, as it is, as a filter has it, and that one's standard deviations
-        [m], each of shape (n, 3); NaN where nothing is known.
-    sun_visible
-        Share of the Sun's light that arrives, shape (n,); None in the dark.
-    """
-
-    time: Array
-    truth: Array
-    estimate: Array
-    sigma: Array
-    sun_visible: Array | None = None
-
-
-def draw_approach(track: Track, approach: Approach, path: str | Path) -> None:
-    """Draw an approach over its time: range, path across, modes of each target, errors beside ±3σ, and the light."""
-    with drawing(path, _SIZE, layout="constrained") as figure:
-        heights = (2.2, 1.7, 0.35 * max(len(track.targets), 3), 2.2, 0.9)
-        panels = figure.subplots(5, sharex=True, height_ratios=heights)
-        time, truth, estimate = approach.time, approach.truth, approach.estimate
-        panels[0].plot(time, truth[:, 2], color=INK, lw=1.0, label="truth", zorder=3)
-        panels[0].plot(time, estimate[:, 2], color=_AXES[2][1], lw=2.2, alpha=0.6, label="filter")
-        panels[0].set(ylabel="z, along the sight [m]", ylim=(0.0, None))
-        for axis, (name, colour) in enumerate(_AXES[:2]):
-            panels[1].plot(time, truth[:, axis], color=INK, lw=1.0, zorder=3)
-            panels[1].plot(time, estimate[:, axis], color=colour, lw=2.2, alpha=0.6, label=name)
-        panels[1].set(ylabel="across [m]")
-        _modes(panels[2], track)
-        _errors(panels[3], approach)
-        _light(panels[4], approach)
-        for axes in panels:
-            ruled(axes)
-            if axes.get_legend_handles_labels()[0]:
-                axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
-        panels[-1].set_xlabel("time [s]")
-        measured = sum(record.status is TrackStatus.MEASURED for record in track.records)
+def draw_approach(study: ApproachStudy, path: str | Path | BinaryIO, orbit: int = 0) -> None:
+    """Draw what an approach gave under one light: six panels of errors and σ, the light, and availability."""
+    epochs = [row for row in study.epochs if row.orbit == orbit]
+    rows = [row for row in study.rows if row.orbit == orbit]
+    with drawing(path, (9.6, 8.0), layout="constrained") as figure:
+        grid = figure.add_gridspec(4, 3, height_ratios=(1.0, 1.0, 0.09, 0.6))
+        for number, component in enumerate(COMPONENTS):
+            axes = figure.add_subplot(grid[number // 3, number % 3])
+            own = [row for row in rows if row.component == component]
+            _same_ranges(axes, epochs)
+            _component(axes, study, own, component)
+            axes.set_title(_TITLES[number], loc="left", weight="bold", size=9.0)
+        band, share = figure.add_subplot(grid[2, :]), figure.add_subplot(grid[3, :])
+        for axes in (band, share):
+            _same_ranges(axes, epochs)
+        _band(band, epochs)
+        _availability(share, study, [row for row in rows if row.component == COMPONENTS[0]])
+        lines = [
+            Line2D([], [], color=colour, marker=mark, ms=4.0, lw=0.0, label=words)
+            for name, words in study.methods.items()
+            for colour, mark in (_MARKS[name],)
+        ]
+        said = {row.condition for row in epochs}
+        patches = [
+            Patch(color=CONDITION_COLOURS[number], label=label.name)
+            for number, label in enumerate(study.labels)
+            if number in said
+        ]
+        figure.legend(handles=[*lines, *patches], loc="outside lower center", ncols=5, fontsize=7.5)
+        light = f", light {orbit + 1} of {study.orbits}" if study.orbits > 1 else ""
         figure.suptitle(
-            f"Approach: {len(track.records)} visits, {measured} measured, seed {track.seed}",
-            ha="left",
-            x=0.02,
+            f"Pose on the way: {plot_label(study.name)}{light}", x=0.01, ha="left", weight="bold", size=10.5
+        )
+        figure.text(
+            0.99, 0.985, "marks: rms error, 95 %  ·  lines: stated σ", ha="right", va="top", color=FAINT
         )
 
 
-def _modes(axes: Axes, track: Track) -> None:
-    """Draw a row for each target: in which mode each visit was made, and with black ticks what was not measured."""
-    for row, target in enumerate(track.targets):
-        own = track.of(target.name)
-        for mode, colour in _MODES.items():
-            time = [record.time for record in own if record.mode is mode]
-            axes.plot(
-                time, np.full(len(time), row), "|", ms=9, color=colour, label=mode.value if not row else None
-            )
-        missed = [record.time for record in own if record.status is not TrackStatus.MEASURED]
-        axes.plot(
-            missed,
-            np.full(len(missed), row + 0.3),
-            "|",
-            ms=4,
-            color=INK,
-            label=None if row else "not measured",
+def _component(axes: Axes, study: ApproachStudy, rows: list[ApproachRow], component: str) -> None:
+    shift = component.startswith("t_")
+    unit = 1e3 if shift else 1e3 * np.degrees(1.0)
+    for name, aside in _aside(study):
+        colour, mark = _MARKS[name]
+        own = sorted((row for row in rows if row.method == name), key=lambda row: row.range_m)
+        x, error, low, high, sigma = (
+            np.array([getattr(row, key) for row in own])
+            for key in ("range_m", "error", "error_low", "error_high", "sigma")
         )
-    names = [plot_label(target.name) for target in track.targets]
-    axes.set(yticks=range(len(names)), yticklabels=names, ylim=(len(names) - 0.4, -0.6))
-
-
-def _errors(axes: Axes, approach: Approach) -> None:
-    """Draw the errors over σ: nothing of an approach from 30 m to 1.5 m fits on one scale of millimetres."""
-    over = (approach.estimate - approach.truth) / approach.sigma
-    for axis, (name, colour) in enumerate(_AXES):
-        final = 1e3 * approach.sigma[-1, axis]
-        axes.plot(
-            approach.time, over[:, axis], lw=0.8, color=colour, label=f"{name}, σ {final:.2g} mm at the end"
+        bars = unit * np.stack([error - low, high - error])
+        axes.plot(x, unit * sigma, color=colour, lw=1.0, zorder=2)
+        axes.errorbar(
+            aside * x, unit * error, bars, fmt=mark, ms=3.4, lw=0.7, capsize=1.5, color=colour, zorder=3
         )
-    for end in (-3.0, 3.0):
-        axes.axhline(end, color=FAINT, lw=1.0, ls="--", label="±3σ" if end > 0.0 else None)
-    axes.set(ylabel="error over σ", ylim=(-_MOST_SIGMAS, _MOST_SIGMAS))
+    over_range(axes, f"error [{'mm' if shift else 'm°'}]")
 
 
-def _light(axes: Axes, approach: Approach) -> None:
-    """Draw the share of the Sun's light."""
-    if approach.sun_visible is None:
-        axes.text(0.5, 0.5, "no Sun", transform=axes.transAxes, ha="center", va="center", color=FAINT)
-    else:
-        axes.fill_between(approach.time, approach.sun_visible, color="#f0c24b", lw=0, label="Sun's light")
-    axes.set(ylabel="light", ylim=(0.0, 1.1), yticks=(0.0, 1.0))
+def _band(axes: Axes, epochs: list[EpochRow]) -> None:
+    """Draw the condition of the light at each epoch, up to half of the way to the next."""
+    ordered = sorted(epochs, key=lambda row: row.range_m)
+    ends = _ends(np.array([row.range_m for row in ordered]))
+    for row, left, right in zip(ordered, ends[:-1], ends[1:], strict=True):
+        colour = _UNSEEN if row.condition < 0 else CONDITION_COLOURS[row.condition]
+        axes.add_patch(Rectangle((left, 0.0), right - left, 1.0, color=colour, lw=0.0))
+    axes.set(ylim=(0.0, 1.0), yticks=(), xscale="log")
+    axes.set_ylabel("light", rotation=0, ha="right", va="center")
+    axes.tick_params(which="both", bottom=False, labelbottom=False)
+    axes.spines[["top", "right", "left", "bottom"]].set_visible(False)
+
+
+def _ends(ranges: Array) -> Array:
+    """Return where the bands of ascending ranges (n,) begin and end, shape (n + 1,)."""
+    if len(ranges) == 1:
+        return np.array([0.9, 1.1]) * ranges
+    middles = np.sqrt(ranges[1:] * ranges[:-1])
+    return np.array([ranges[0] ** 2 / middles[0], *middles, ranges[-1] ** 2 / middles[-1]])
+
+
+def _same_ranges(axes: Axes, epochs: list[EpochRow]) -> None:
+    """Let all panels show the same ranges."""
+    ranges = np.sort([row.range_m for row in epochs])
+    ends = _ends(ranges)
+    axes.set_xlim(float(ends[0]) * 0.98, float(ends[-1]) * 1.02)
+
+
+def _aside(study: ApproachStudy) -> list[tuple[str, float]]:
+    """Return the methods, and by what factor the marks of each stand aside: equal ones would hide one another."""
+    middle = 0.5 * (len(study.methods) - 1)
+    return [(name, 1.0 + 0.01 * (number - middle)) for number, name in enumerate(study.methods)]
+
+
+def _availability(axes: Axes, study: ApproachStudy, rows: list[ApproachRow]) -> None:
+    for name, aside in _aside(study):
+        colour, mark = _MARKS[name]
+        own = sorted((row for row in rows if row.method == name), key=lambda row: row.range_m)
+        x, y, low, high = (
+            np.array([getattr(row, key) for row in own])
+            for key in ("range_m", "availability", "availability_low", "availability_high")
+        )
+        bars = np.stack([y - low, high - y])
+        axes.errorbar(aside * x, y, bars, fmt=mark, ms=3.4, lw=0.7, capsize=1.5, color=colour)
+    over_range(axes, "share of tries with a pose")
+    axes.set(yscale="linear", ylim=(-0.05, 1.05), yticks=(0.0, 0.5, 1.0))

@@ -16,7 +16,7 @@ from scanner_sim.products.timeline import Timeline
 
 Array = NDArray[np.float64]
 
-_COLOURS = ("#f0c24b", "#8fb3c9", "#3f6b8c", "#d0522f", "#23272c", "#8a4f9e")
+CONDITION_COLOURS = ("#f0c24b", "#8fb3c9", "#3f6b8c", "#d0522f", "#23272c", "#8a4f9e")
 """Of the conditions by number: sunny, shady, shadier, glaring, dark, and against the light."""
 _LINES = ("#b4531a", "#0b4f8a", "#4b7f52", "#8a2f52", "#6b737c")
 _MOST_LINES = 5
@@ -61,7 +61,7 @@ def _bands(axes: Axes, timeline: Timeline, minutes: Array) -> None:
     count = len(timeline.labels)
     norm = BoundaryNorm(np.arange(count + 1) - 0.5, count)
     edges = np.arange(codes.shape[0] + 1) - 0.5
-    axes.pcolormesh(minutes, edges, codes, cmap=ListedColormap(_COLOURS[:count]), norm=norm)
+    axes.pcolormesh(minutes, edges, codes, cmap=ListedColormap(CONDITION_COLOURS[:count]), norm=norm)
     axes.hlines(edges[1:-1], 0.0, minutes[-1], color="white", linewidth=2.0)
     axes.set_ylim(edges[-1], edges[0])
     axes.set_yticks(range(codes.shape[0]), [plot_label(_cut(track.name)) for track in timeline.tracks])
@@ -75,7 +75,7 @@ def _bands(axes: Axes, timeline: Timeline, minutes: Array) -> None:
 
 def _shares(axes: Axes, timeline: Timeline, minutes: Array) -> None:
     _steps(axes, minutes, timeline.sun_visible, _LINES[0], "Sun's disc not hidden by the Earth")
-    _steps(axes, minutes, timeline.sun_in_view, _COLOURS[5], "Sun's disc seen by a pixel")
+    _steps(axes, minutes, timeline.sun_in_view, CONDITION_COLOURS[5], "Sun's disc seen by a pixel")
     axes.set(ylim=(-0.05, 1.3), yticks=(0.0, 0.5, 1.0), ylabel="share")
     axes.legend(loc="upper right", ncols=2, fontsize=7.0, borderaxespad=0.1)
 
@@ -107,7 +107,7 @@ def _steps(
 def _legend(figure: Figure, timeline: Timeline, high: float) -> None:
     handles = [
         Patch(facecolor=colour, label=label.name)
-        for colour, label in zip(_COLOURS, timeline.labels, strict=False)
+        for colour, label in zip(CONDITION_COLOURS, timeline.labels, strict=False)
     ]
     figure.legend(
         handles=handles, loc="lower left", bbox_to_anchor=(_LEFT / _WIDE, 0.10 / high), ncols=3, borderaxespad=0.0,

@@ -16,7 +16,7 @@ from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.named_files import LARGEST_MESH, are_as_noted, noted_files
 from scanner_sim.scene.files.file_meshes import MeshExtent
 from scanner_sim.scene.files.plugins import installed_plugins_only
-from scanner_sim.scene.files.shapes import Surfaces, shapes_of
+from scanner_sim.scene.files.shapes import Band, Surfaces, shapes_of
 from scanner_sim.scene.objects import Mesh, Posed
 
 MOST_KEPT = 10_000_000
@@ -99,8 +99,8 @@ class SceneKeeper:
     def __init__(self) -> None:
         self._kept: _Kept | None = None
 
-    def built(self, objects: Sequence[Named]) -> BuiltScene:
-        """Return the scenes of objects.
+    def built(self, objects: Sequence[Named], band: Band = "laser") -> BuiltScene:
+        """Return the scenes of objects, whose surfaces are as they are in the light of a band.
 
         Raises
         ------
@@ -110,6 +110,7 @@ class SceneKeeper:
         description = repr(
             (
                 mi.variant(),
+                band,
                 [
                     # An object's words do not say where that stands which it is fixed to.
                     (item.name, item.built, item.item.moves, item.built.scanner_from_object().tolist())
@@ -127,7 +128,7 @@ class SceneKeeper:
             return kept.built
         self._kept = kept = None
         with installed_plugins_only(), noted_files() as files:
-            built = _build(objects)
+            built = _build(objects, band)
         if built.triangles <= MOST_KEPT:
             self._kept = _Kept(description, files, built, built.parameters())
         return built
@@ -144,9 +145,9 @@ def _identity(value: Any) -> Any:
     return value.index if dr.depth_v(value) == 1 else _identities(value)
 
 
-def _build(objects: Sequence[Named]) -> BuiltScene:
+def _build(objects: Sequence[Named], band: Band) -> BuiltScene:
     """Build the scenes and the tables from a shape's registry index to its object and material."""
-    surfaces, faults = Surfaces(), []
+    surfaces, faults = Surfaces(band), []
     parts: list[tuple[Named, list[Shape]]] = []
     for one in objects:
         try:

@@ -21,6 +21,7 @@ from scanner_sim.foundation.device_types import Float, Matrix3f, MitsubaScene, S
 from scanner_sim.foundation.errors import printable
 from scanner_sim.scene.files.built_scene import Named, SceneKeeper
 from scanner_sim.scene.files.file_meshes import MeshExtent
+from scanner_sim.scene.files.shapes import Band
 from scanner_sim.scene.labels import LabelTable
 from scanner_sim.scene.objects import MitsubaFile, Posed, Scene
 
@@ -167,8 +168,11 @@ def unpacked_poses(numbers: Float, objects: int, count: int, first: int = 0) -> 
     return tuple(poses)
 
 
-def load_scene(scene: Scene) -> LoadedScene:
+def load_scene(scene: Scene, band: Band = "laser") -> LoadedScene:
     """Load a scene; :func:`scanner_sim.render.device.activate` must have been called.
+
+    With ``band="visible"`` its surfaces reflect as the video camera sees them. Those of Mitsuba files are as their
+    files say in either.
 
     A scene that is the same as the last one is not built again: see
     :class:`~scanner_sim.scene.files.built_scene.SceneKeeper`.
@@ -184,7 +188,7 @@ def load_scene(scene: Scene) -> LoadedScene:
         # Its objects have the name of the file, which may hold anything.
         whole = MitsubaFile(name="file", file=scene.file)
         objects.insert(0, Named(whole, printable(scene.file.stem), "scene.file"))
-    built = _SCENES.built(objects)
+    built = _SCENES.built(objects, band)
     moving = [one.item for one in objects if one.item.moves]
     return LoadedScene(
         built.resting,

@@ -66,7 +66,8 @@ def pieces_of(item: Mesh, mesh: FileMesh) -> tuple[list[Piece], tuple[str, ...]]
                 f"the mesh {str(item.mesh)!r} tells no colour of its part {part.shown[:80]!r}.",
                 remedy="Give the part a material by its name, or a default.",
             )
-        plain = Surface(reflectance=mean_reflectance(colour, choice.scale), name=choice.known_as)
+        level = mean_reflectance(colour, choice.scale)
+        plain = Surface(reflectance=level, reflectance_visible=level, name=choice.known_as)
         chart = None
         if colour.image is not None:
             if own.texture is None:
@@ -75,7 +76,7 @@ def pieces_of(item: Mesh, mesh: FileMesh) -> tuple[list[Piece], tuple[str, ...]]
                     remedy="Export it with texture coordinates.",
                 )
             chart = reflectance_map(colour, choice.scale, item.mesh)
-            plain = plain.changed(reflectance=float(chart.mean()))
+            plain = plain.changed(reflectance=float(chart.mean()), reflectance_visible=float(chart.mean()))
         pieces.append(Piece(own, plain, printable(part.shown), chart))
     return pieces, (*mesh.notes, *notes, *_assumption(choices))
 

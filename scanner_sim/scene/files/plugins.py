@@ -14,7 +14,7 @@ from typing import Any
 
 import mitsuba as mi
 
-OWN = frozenset({"retroreflector", "orbit_sky"})
+OWN = frozenset({"retroreflector", "orbit_sky", "brown_camera"})
 """Plugins of this package, written in Python."""
 SHAPE_LIST = "shape_list"
 """Plugin that only holds shapes, see :func:`register_shape_list`."""

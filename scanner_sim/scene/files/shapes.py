@@ -11,7 +11,7 @@ import tempfile
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import mitsuba as mi
 import numpy as np
@@ -37,10 +37,14 @@ from scanner_sim.scene.polarisation import speckle_contrast
 from scanner_sim.scene.poses import FARTHEST
 from scanner_sim.scene.surfaces import MaterialChoice, Retroreflector, Surface
 from scanner_sim.scene.targets import target_array, target_positions
+from scanner_sim.scene.visible import in_visible_light
 
 _FACING = pose_matrix(rotation_about((1.0, 0.0, 0.0), np.pi), (0.0, 0.0, 0.0))
 """Turns Mitsuba's flat shapes, whose normal is +z, to face the scanner."""
 
+Band = Literal["laser", "visible"]
+"""The light in which surfaces are built: the laser's, or what the eye and a video camera see."""
+UNKNOWN_VISIBLE = "the reflectance of '{name}' in visible light is not known: that of 1.5 µm stands in"
 MOST_TRIANGLES = 100_000_000
 """Triangles of an XML scene: a small file can name a large mesh often."""
 _FLATTEST = 1e-12
@@ -61,7 +65,8 @@ def shapes_of(item: Any, surfaces: Surfaces) -> list[Shape]:
 class Surfaces:
     """The BSDFs of one scene: one plugin per material, shared by its shapes."""
 
-    def __init__(self) -> None:
+    def __init__(self, band: Band = "laser") -> None:
+        self._band = band
         self._made: dict[str, Any] = {}
         self._described: dict[str, materials.Material] = dict(materials.MATERIALS)
         self._known_as: dict[str, str] = {}
@@ -121,9 +126,18 @@ class Surfaces:
             self._known_as[name] = choice.known_as
         self._described[name] = chosen
         if name not in self._made:
-            self._made[name] = build_plugin(materials.mitsuba_bsdf(chosen))
+            self._made[name] = build_plugin(materials.mitsuba_bsdf(self._in_band(chosen)))
             self._made[name].set_id(name)
         return self._made[name]
+
+    def _in_band(self, chosen: materials.Material) -> materials.Material:
+        """Return a material in the band, and note where it is not known there."""
+        if self._band == "laser":
+            return chosen
+        seen, known = in_visible_light(chosen)
+        if not known:
+            self._notes[UNKNOWN_VISIBLE.format(name=self.known_as(chosen.name))] = None
+        return seen
 
 
 def _material_of(choice: Surface | Retroreflector) -> materials.Material:
@@ -134,11 +148,13 @@ def _material_of(choice: Surface | Retroreflector) -> materials.Material:
     other = choice.reflectance_out_of_band
     lobe = choice.lobe if isinstance(choice, Retroreflector) else None
     spelt = choice.changed(name=None).known_as
+    seen = "" if choice.reflectance_visible is None else f"_visible_{choice.reflectance_visible}"
     return materials.Material(
-        name=spelt if choice.name is None else f"{choice.name}:{spelt}",
+        name=spelt + seen if choice.name is None else f"{choice.name}:{spelt}{seen}",
         kind="diffuse" if lobe is None else "retroreflector",
         reflectance=choice.reflectance,
         reflectance_out_of_band=choice.reflectance if other is None else other,
+        reflectance_visible=choice.reflectance_visible,
         retro=lobe,
         depolarisation=choice.depolarisation if isinstance(choice, Surface) else None,
         source="the scenario",

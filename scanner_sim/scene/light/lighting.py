@@ -76,6 +76,8 @@ class Earth(Part):
     """Reflectance in the filter's band (at 1.5 um: ocean 0.02, ice cloud 0.3, water cloud 0.6)."""
     albedo_out_of_band: Ratio = Field(default=0.29, ge=0.0, le=1.0)
     """Reflectance in the rest of the detector's response; the mean over the Earth and the spectrum is 0.29."""
+    albedo_visible: Ratio = Field(default=0.3, ge=0.0, le=1.0)
+    """Reflectance in visible light, for the video camera (0.29 over the whole spectrum; ocean 0.06, clouds to 0.8)."""
 
     def cross_checks(self) -> Iterator[Fault]:
         """Yield a direction without length."""
@@ -121,8 +123,8 @@ class Sky:
         Angular radius of its disc [rad].
     earth_altitude, earth_radius
         Height of the scene above the ground, and radius of the sphere [m].
-    albedo, albedo_out_of_band
-        Reflectance of the Earth in the filter's band and outside of it.
+    albedo, albedo_out_of_band, albedo_visible
+        Reflectance of the Earth in the filter's band, outside of it, and in visible light.
     phase
         Angle between the Sun and the zenith [rad]: 0 over the Earth's noon, π over its midnight; NaN where Sun
         or Earth is missing.
@@ -137,6 +139,7 @@ class Sky:
     earth_radius: float = EARTH_RADIUS
     albedo: float = 0.0
     albedo_out_of_band: float = 0.0
+    albedo_visible: float = 0.0
     phase: float = float("nan")
     sun_dimming: float = 1.0
 
@@ -261,7 +264,11 @@ class Lighting(Part):
             separation = angle_between(sun_direction, earth_direction)
             share, phase = visible_share(separation, sun.angular_radius, disc), math.pi - separation
         arriving = share if told is None or told.visible is None else min(share, told.visible)
-        lit = self.earth if self.earth != "none" else Earth(albedo=0.0, albedo_out_of_band=0.0)
+        lit = (
+            self.earth
+            if self.earth != "none"
+            else Earth(albedo=0.0, albedo_out_of_band=0.0, albedo_visible=0.0)
+        )
         return Sky(
             sun_direction=sun_direction,
             sun_angular_radius=0.0 if sun_direction is None else sun.angular_radius,
@@ -272,6 +279,7 @@ class Lighting(Part):
             earth_altitude=altitude,
             albedo=lit.albedo,
             albedo_out_of_band=lit.albedo_out_of_band,
+            albedo_visible=lit.albedo_visible,
             phase=phase,
         )
 

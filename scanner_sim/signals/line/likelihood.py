@@ -230,7 +230,7 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
         turn: UInt32, charge: Float, position: Float, spread: Float, last: Float
     ) -> tuple[Float, ...]:
         matrix, sums, _, _ = score(charge, position, spread)
-        inverse = _inverse(matrix)
+        inverse = inverse_of(matrix)
         brighter, moved, wider = (
             sum(inverse[row][column] * sums[column] for column in range(3)) for row in range(3)
         )
@@ -261,7 +261,7 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
     )
 
     matrix, _, derivatives, weights = score(charge, position, spread)
-    row = _inverse(matrix)[1]
+    row = inverse_of(matrix)[1]
     slopes = {
         step: weight * sum(row[index] * derivative[index] for index in range(3))
         for step, derivative, weight in zip(steps, derivatives, weights, strict=True)
@@ -271,7 +271,7 @@ def fit_spot(around: Pixels, width: Width, first: Float, speckle: Float | None =
     return LineFit(position, slopes, dr.square(row[2]) * known, converged, charge, spread)
 
 
-def _inverse(matrix: list[Float]) -> list[list[Float]]:
+def inverse_of(matrix: list[Float]) -> list[list[Float]]:
     """Return the inverse of a positive symmetric matrix given as (00, 01, 02, 11, 12, 22).
 
     Its diagonal is made 1 first, so that no product leaves the range of single precision.

@@ -5,8 +5,9 @@ variances. It must lie between those of the narrowest and the widest image of th
 included; where the light beside the peak differs from side to side, a doubt about the level beneath it is
 granted.
 
-*Shape.* The spot of the measured width, integrated over the pixels, is fitted to height and position; χ² is the sum
-of the squared residuals over the pixels' variances, to which a tolerance is added that grows with the height.
+*Shape.* The spot, integrated over the pixels, is fitted to height, position and width, linear about those of the three
+pixels; χ² is the sum of the squared residuals over the pixels' variances, to which a tolerance is added that grows with
+the height. Were the width not fitted, the noise of the three pixels would stay in the residuals of wide spots.
 Its limit is the quantile of the χ² distribution (Wilson, Hilferty, *PNAS* 17, 1931).
 
 *Misfit.* What departs from the shape without failing the test may have moved the peak. The root mean square of the
@@ -31,6 +32,7 @@ from scanner_sim.foundation.device_types import Float, Int32, Mask
 from scanner_sim.signals.line.digital_line import Around
 from scanner_sim.signals.line.estimators import positive
 from scanner_sim.signals.line.expected import ExpectedSpot
+from scanner_sim.signals.line.likelihood import inverse_of
 from scanner_sim.signals.line.speckle import SpotSpeckle
 from scanner_sim.signals.processing import Validation
 
@@ -153,7 +155,7 @@ def _fit(
     tolerance: Float,
     speckle: SpotSpeckle | None,
 ) -> tuple[Float, Float, Float, Float, Float, Mask]:
-    """Fit height and position by weighted least squares, linear about a first guess.
+    """Fit height, position and width by weighted least squares, linear about a first guess.
 
     Returns the spot's charge, the mean square of the residuals and of their variance, χ², its degrees of freedom,
     and whether a pixel is saturated.
@@ -164,16 +166,17 @@ def _fit(
     middle = 0.5 * (dr.erf((0.5 - position) * scale) + dr.erf((0.5 + position) * scale))
     whole = around(0)[0] / dr.maximum(middle, 0.05)
     pixels = []
-    aa, ab, bb, fa, fb = (auto.Float(0.0) for _ in range(5))
+    aa, ab, ac, bb, bc, cc, fa, fb, fc = (auto.Float(0.0) for _ in range(9))
     saturated = auto.Bool(False)
     edge = (-reach - 0.5 - position) * scale
     below, density = dr.erf(edge), dr.exp(-dr.square(edge))
     for step in range(-reach, reach + 1):
-        edge = (step + 0.5 - position) * scale
-        below_next, density_next = dr.erf(edge), dr.exp(-dr.square(edge))
+        edge_next = (step + 0.5 - position) * scale
+        below_next, density_next = dr.erf(edge_next), dr.exp(-dr.square(edge_next))
         share = 0.5 * (below_next - below)
         moved = (density - density_next) * (scale / math.sqrt(math.pi))
-        below, density = below_next, density_next
+        widened = edge * density - edge_next * density_next
+        edge, below, density = edge_next, below_next, density_next
         charge, variance = around(step)
         variance += around.baseline.level_variance
         if speckle is not None:
@@ -183,16 +186,19 @@ def _fit(
         saturated |= counts & around.full(step)
         aa += weight * share * share
         ab += weight * share * moved
+        ac += weight * share * widened
         bb += weight * moved * moved
+        bc += weight * moved * widened
+        cc += weight * widened * widened
         fa += weight * charge * share
         fb += weight * charge * moved
-        pixels.append((counts, weight, charge, variance, share, moved))
-    determinant = dr.maximum(aa * bb - dr.square(ab), 1e-30)
-    amount = (fa * bb - fb * ab) / determinant
-    shifted = (fb * aa - fa * ab) / determinant
+        fc += weight * charge * widened
+        pixels.append((counts, weight, charge, variance, share, moved, widened))
+    inverse = inverse_of([aa, ab, ac, bb, bc, cc])
+    amount, shifted, wider = (row[0] * fa + row[1] * fb + row[2] * fc for row in inverse)
     chi_squared, squared, noise, number = (auto.Float(0.0) for _ in range(4))
-    for counts, weight, charge, variance, share, moved in pixels:
-        residual = dr.square(charge - amount * share - shifted * moved)
+    for counts, weight, charge, variance, share, moved, widened in pixels:
+        residual = dr.square(charge - amount * share - shifted * moved - wider * widened)
         chi_squared += weight * residual
         squared += dr.select(counts, residual, 0.0)
         noise += dr.select(counts, variance, 0.0)

@@ -16,7 +16,7 @@ from scanner_sim.analytic.array import SensorArray
 from scanner_sim.analytic.beam import beam_radius, spread_rate
 from scanner_sim.analytic.estimators import ESTIMATORS
 from scanner_sim.analytic.filter import PassBand
-from scanner_sim.analytic.noise import first_order
+from scanner_sim.analytic.noise import first_order, fit_gradient, width_spread
 from scanner_sim.analytic.spot import SpotImage
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
@@ -31,12 +31,16 @@ FIT = "maximum_likelihood"
 
 @dataclass(frozen=True)
 class ClosedSpot:
-    """A spot on the line: its position, width and the position of its chief ray [pixel]; its charge [electron]."""
+    """A spot on the line: its position, width and the position of its chief ray [pixel]; its charge [electron].
+
+    ``beam`` is the share of the width's square that the image of the beam has.
+    """
 
     centre: float
     chief: float
     sigma: float
     charge: float
+    beam: float
 
     @property
     def phase(self) -> float:
@@ -167,14 +171,12 @@ class ClosedForms:
         laser, receiver, sensor = scanner.laser, scanner.receiver, scanner.position_sensor
         R = float(geometry.range_to_plane(theta, phi, self.D, point, normal))
         beam = laser.waist_radius, laser.waist_distance, laser.wavelength, laser.m_squared
-        image = self.array_image(
-            spot.spot_image(
-                theta, phi, self.f, self.d, self.D, point, normal,
-                0.5 * float(beam_radius(R, *beam)), float(spread_rate(R, *beam)), 0.0,
-            ),
-            R,
-            theta,
+        sharp = spot.spot_image(
+            theta, phi, self.f, self.d, self.D, point, normal,
+            0.5 * float(beam_radius(R, *beam)), float(spread_rate(R, *beam)), 0.0,
         )  # fmt: skip
+        image = self.array_image(sharp, R, theta)
+        of_beam = float(self.array.scale(R, theta)[0]) / self.f * sharp.sigma
         u = geometry.scanner_axes(theta, phi)[0]
         seen = geometry.laser_origin(phi, self.D) + R * u - geometry.lens_node(phi, self.D, self.d)
         unit = normal / np.linalg.norm(normal)
@@ -184,7 +186,11 @@ class ClosedForms:
         ) * spot.share_within_height(image.sigma_height, sensor.height)
         charge = spot.electrons(watts, 1.0 / scanner.rate, laser.wavelength, sensor.quantum_efficiency)
         return ClosedSpot(
-            self.pixel(image.centroid), self.pixel(image.chief), image.sigma / self.pitch, float(charge)
+            self.pixel(image.centroid),
+            self.pixel(image.chief),
+            image.sigma / self.pitch,
+            float(charge),
+            (of_beam / image.sigma) ** 2,
         )
 
     def array_image(self, image: SpotImage, R: float, theta: float) -> SpotImage:
@@ -264,23 +270,11 @@ class ClosedForms:
         return R
 
     def sigma_pixel(self, seen: ClosedSpot, estimator: str, variance: Array) -> float:
-        """Return σ of the estimate [pixel] for the variances of the judge's pixels: first order, or the bound."""
+        """Return σ of the estimate [pixel] for the variances of the judge's pixels, to first order."""
         if estimator == FIT:
-            return bound_of(seen, variance)
+            spread = width_spread(self.scenario.processing.validation.beam_width, seen.beam)
+            slopes = fit_gradient(LINE // 2 + seen.phase, seen.sigma, seen.charge, variance, spread)
+            return float(np.sqrt(slopes**2 @ variance))
         if estimator not in ESTIMATORS and self.own.sigma is not None:
             return float(self.own.sigma(seen.line, variance))
         return first_order(lambda line: self.estimated(estimator, np.array(line)), seen.line, variance)
-
-
-def bound_of(seen: ClosedSpot, variance: Array) -> float:
-    """Return the Cramér–Rao bound [pixel] of a spot's position for a variance of each pixel, shape (41,).
-
-    1/√Σ (∂m_i/∂µ)²/v_i (Winick, *J. Opt. Soc. Am. A* 3, 1986); ∂m/∂µ by central differences of the pixel integrals.
-    """
-    step = 1e-5
-    ahead, behind = (
-        spot.pixel_shares(LINE // 2 + seen.phase + side * step, seen.sigma, LINE) for side in (1.0, -1.0)
-    )
-    slope = seen.charge * (ahead - behind) / (2.0 * step)
-    lit = variance > 0.0
-    return float(1.0 / np.sqrt(np.sum(slope[lit] ** 2 / variance[lit])))

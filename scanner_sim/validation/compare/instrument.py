@@ -179,4 +179,5 @@ def instrument_of(scenario: Scenario, reflectance: float, half: float) -> Instru
         drift_zero=mirrors.drift_zero,
         drift_scale=mirrors.drift_scale,
         kelvins=kelvins_of(mirrors, course_time(scenario)),
+        beam_width=processing.validation.beam_width,
     )

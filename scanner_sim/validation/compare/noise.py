@@ -28,9 +28,8 @@ _FIRST_ORDER = 0.05
 """Largest σ of a position over the spot's width for which errors are of the first order."""
 _SECOND = 8.0
 """Second order over first order of σ, in units of (σ/width)²."""
-_DISCRETE = 0.01
-"""Closed forms of the bound leave out that width and charge are fitted with the position; those of the user's own may
-leave out as much."""
+_OWN_FORMS = 0.01
+"""Closed forms of the user's own estimators may leave out as much."""
 SPREAD = 0.05
 """Deflection to each side over which shots do not share speckle [rad]."""
 
@@ -80,7 +79,9 @@ def _sigma(setting: ComparisonSetup, distance: float, variance: Variance, peak: 
     for where, seen in spots(setting, distance):
         sigma = closed.sigma_pixel(seen, peak, variance(setting, seen))
         squares.append((closed.range_per_pixel(where) * sigma) ** 2)
-        slack.append(_SECOND * (sigma / seen.sigma) ** 2 + (0.0 if peak in ESTIMATORS else _DISCRETE))
+        slack.append(
+            _SECOND * (sigma / seen.sigma) ** 2 + (0.0 if peak in (*ESTIMATORS, FIT) else _OWN_FORMS)
+        )
     value = 1e3 * math.sqrt(float(np.mean(squares)))
     return Predicted("σ of R", "mm", value, max(slack) * value)
 
@@ -195,7 +196,7 @@ SHOT = _alone(
     "shot",
     "Range noise of photons",
     "eq 4 with Poisson noise; slope R³",
-    "σ_R = R²/(f d) (∑ g_i² N_i)^½ with the estimator's gradient g, or the bound for the maximum-likelihood fit. "
+    "σ_R = R²/(f d) (∑ g_i² N_i)^½ with the estimator's gradient g, of the maximum-likelihood fit that of all it fits. "
     "Poisson noise alone. The exponent is 3 but for the change of the spot's width with range.",
     4,
     _shot_variance,
@@ -215,9 +216,9 @@ _BOUND: dict[str, Any] = {"variance": _both_variances, "peak": FIT, "slope": Fal
 BOUND = Law(
     "cramer_rao",
     "The fit reaches the Cramér–Rao bound",
-    "Winick, J. Opt. Soc. Am. A 3 (1986)",
-    "σ_p = 1/√Σ (∂m_i/∂µ)²/(m_i + dark + σ_r²) for the maximum-likelihood fit, whatever the scenario's estimator. "
-    "Shot, read and dark noise.",
+    "Winick, J. Opt. Soc. Am. A 3 (1986), with charge and width unknown (Kay 1993, sec 3.7)",
+    "Of the information ∑ ∂m_i/∂θ ∂m_i/∂θᵀ/(m_i + dark + σ_r²) on charge, position and width, and of what is known of "
+    "the width, follows σ_p of the maximum-likelihood fit, whatever the scenario's estimator. Shot, read, dark noise.",
     "target",
     partial(_first_order, **_BOUND),
     partial(_measure_sigma, number=6, noise=("shot", "read", "dark"), **_BOUND),

@@ -22,7 +22,7 @@ from scanner_sim.scan.protocol import Aim
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scene.light.lighting import Lighting
 from scanner_sim.scene.objects import Scene
-from scanner_sim.signals.processing import PeakMethod, Validation
+from scanner_sim.signals.processing import PeakMethod
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup
 
 Array = NDArray[np.float64]
@@ -30,7 +30,7 @@ Array = NDArray[np.float64]
 SceneKeys: TypeAlias = dict[str, Any]
 """The keys of an object of a scene, as a file would have them."""
 
-_BARE = Validation(background=False, shape=False, misfit=0.0, max_reflectance=None, isolated=None)
+_BARE = {"background": False, "shape": False, "misfit": 0.0, "max_reflectance": None, "isolated": None}
 _AHEAD = RasterScan(rows=1, columns=1, horizontal=(0.0, 0.0), vertical=(0.0, 0.0), motion="stepped")
 
 

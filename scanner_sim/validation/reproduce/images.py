@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from scanner_sim.analytic import sun
 from scanner_sim.config import load_scenario
 from scanner_sim.config.scenario import Scenario
-from scanner_sim.instrument.simulate import simulate, take_photo
+from scanner_sim.instrument.photograph import take_photo
+from scanner_sim.instrument.simulate import simulate
 from scanner_sim.products.image import RangeImage
 from scanner_sim.products.pictures.image import draw_picture
 from scanner_sim.validation.reproduce.bench import FOCAL
@@ -37,7 +38,9 @@ def figure_1(task: Task) -> Outcome:
     photos, kept = {}, {}
     dark = simulate(_small(task, "lighting_dark", size), device=task.device)
     for name in _PHOTOS:
-        wide = ["camera.width=320"] if not task.quick else ["camera.width=160"]
+        across, down, pitch = task.choose((320, 240, 20), (160, 120, 40))
+        frame = {"columns": across, "rows": down, "pixel_pitch": f"{pitch} um"}
+        wide = [f"camera.interior.{key}={value}" for key, value in frame.items()]
         photos[name] = take_photo(load_scenario(task.config(name), wide), device=task.device)
         image = simulate(_small(task, name, size), device=task.device)
         same = image["truth.object"] == dark["truth.object"]

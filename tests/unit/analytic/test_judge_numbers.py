@@ -55,6 +55,39 @@ def test_the_bound_has_the_limits_of_shots_and_of_white_noise() -> None:
     assert noise.cramer_rao_closed(3.0, 1e4, 25.0, 10.0) == pytest.approx(both)
 
 
+@pytest.mark.parametrize("place", [-0.5, -0.2, 0.0, 0.35])
+def test_what_is_known_of_the_width_bounds_a_fit(place: float) -> None:
+    """Claim: of a spot of 0.5 px the fit's σ is not below Winick's bound where the width is known, and that of three
+    unknown quantities where nothing is; in the middle of a pixel and between two the width costs nothing."""
+    read, many = 100.0, 1e5
+    line = 20.0 + place
+    m = many * pixel_shares(line, 0.5, 41)
+
+    def sigma(spread: float) -> float:
+        slopes = noise.fit_gradient(line, 0.5, many, m + read**2, spread)
+        return float(np.sqrt(slopes**2 @ (m + read**2)))
+
+    def shifted(place: float, square: float) -> np.ndarray:
+        return many * pixel_shares(place, math.sqrt(square), 41)
+
+    known = noise.cramer_rao(place, 0.5, many, 0.0, read)
+    step = 1e-5
+    by_place = (shifted(line + step, 0.25) - shifted(line - step, 0.25)) / (2.0 * step)
+    by_width = (shifted(line, 0.25 + step) - shifted(line, 0.25 - step)) / (2.0 * step)
+    slopes = np.stack([by_place, m / many, by_width]) / np.sqrt(m + read**2)
+    unknown = 1.0 / math.sqrt(1.0 / np.linalg.inv(slopes @ slopes.T)[0, 0])
+    assert sigma(1e-6) >= known * (1.0 - 1e-6)
+    assert sigma(1e3) == pytest.approx(unknown, rel=1e-4)
+    assert sigma(1e-6) <= sigma(0.1) <= sigma(1e3) * (1.0 + 1e-9)
+    if place in (-0.5, 0.0):
+        assert sigma(1e3) == pytest.approx(known, rel=1e-4)
+
+
+def test_what_is_granted_to_a_width_is_a_quarter_of_its_limits() -> None:
+    assert noise.width_spread((0.7, 1.5), 0.0) == 0.005
+    assert noise.width_spread((0.7, 1.5), 0.5) == pytest.approx(math.hypot(0.22, 0.005))
+
+
 def test_errors_add_by_their_slopes() -> None:
     found = noise.first_order(lambda pixels: 2.0 * pixels[0] - 3.0 * pixels[1], [5.0, 4.0], [1.0, 4.0])
     assert found == pytest.approx(math.sqrt(4.0 + 36.0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -125,3 +126,19 @@ def test_a_fault_in_what_an_override_made_names_the_override() -> None:
         )
     (missing,) = (fault.location for fault in caught.value.faults if "material.reflectance" in fault.location)
     assert missing.endswith("set by 'scene.objects.ball.material.retro.half_width=1 deg'")
+
+
+@pytest.mark.parametrize(
+    ("receiver", "told"),
+    [
+        ({"aperture": 3e-3, "array_tilt": 0.0, "focus_distance": 0.45}, True),
+        ({"aperture": 15e-3, "array_tilt": 0.0, "focus_distance": 0.45}, False),
+        ({"aperture": 3e-3}, False),
+    ],
+)
+def test_few_packets_out_of_focus_are_told(receiver: dict[str, object], told: bool, repo_root: Path) -> None:
+    """Claim: λf/A of f/4, 2.5 µm, is less than the image of the waist, 51 µm/2 · 60 mm/0.4 m = 3.8 µm, and that of
+    f/20, 13 µm, is more; an upright array focused at 0.45 m is then told at 0.37 to 0.42 m, a Scheimpflug one not."""
+    close = load_scenario(repo_root / "configs" / "relief.yaml").changed(scanner={"receiver": receiver})
+    found = [words for words in scenario_warnings(close) if "speckle" in words]
+    assert [("from 0.368 m to 0.417 m" in words) for words in found] == [True] * told

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
-from scanner_sim.ranging.mixed_voxels import is_mixed
+from scanner_sim.ranging.mixed_voxels import is_faint, is_mixed
 from scanner_sim.ranging.shared_noise import SharedNoise
 from scanner_sim.ranging.uneven import Raster, relief, texture
 
@@ -100,3 +100,22 @@ def test_a_step_is_told_from_where_noise_unevenness_and_slope_end(
     found = is_mixed(ranges, noise(own), NONE + uneven, status, NOWHERE, raster(pitch), steepest)
     assert bool(found[4, 9:11].any()) is told
     assert not found[:, :8].any()
+
+
+@pytest.mark.parametrize(
+    ("speckle", "limit"), [(0.0, 4.5 * math.sqrt(2.0)), (0.01, 4.5 * math.sqrt(2.0 * 1.81))]
+)
+def test_faint_voxels_have_neighbours_of_the_same_light(speckle: float, limit: float) -> None:
+    """Claim: a height of 9 is faint where within 2.5 s, three voxels at a pitch of 1 s, all others differ by 4.5 σ of
+    two heights at most, √(2 (1 + c² 9²)), and none lies beyond the raster; a bright voxel is not faint at all."""
+    inside = np.zeros(SHAPE, dtype=np.bool_)
+    inside[3:-3, 3:-3] = True
+    for change, alike in ((0.99, True), (1.01, False), (-0.99, True), (-1.01, False)):
+        height = NONE + 9.0
+        height[4, 10] += change * limit
+        found = is_faint(height, 12.0, NONE + speckle, raster(1.0))
+        beside = np.abs(np.arange(21) - 10) <= 3
+        wanted = inside & (alike | ~beside)
+        wanted[4, 10] = found[4, 10]
+        np.testing.assert_array_equal(found, wanted)
+    assert not is_faint(NONE + 12.1, 12.0, NONE, raster(1.0)).any()

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scanner_sim import Scenario, simulate
 from scanner_sim.analytic.geometry import laser_origin, range_to_sphere, scanner_axes
 from scanner_sim.config import scenario_warnings
+from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.instrument.simulate import take_photo
+from scanner_sim.instrument.photograph import take_photo
 from scanner_sim.products.image import RangeImage
 from scanner_sim.scan.raster import raster_aim
 from scanner_sim.scene.objects import Scene
@@ -285,7 +286,8 @@ def test_the_photograph_shows_objects_where_they_are_at_the_start() -> None:
     told = scenario(
         plate(motion={**TWIST, "velocity": (0.5, 0.0, 0.0)}), WALL, rows=2, columns=2, lighting=SUN
     )
-    camera = told.camera.model_copy(update={"width": 32, "samples": 4})
+    small = {"columns": 32, "rows": 24, "pixel_pitch": 200e-6}
+    camera = VideoCamera(interior=small, exposure={"type": "fixed", "time": 1e-6})
     told = told.model_copy(update={"camera": camera})
     resting = told.model_copy(update={"scene": told.scene.resting_at(0.0)})
     moving = take_photo(told, device="cpu")

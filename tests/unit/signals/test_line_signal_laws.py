@@ -27,7 +27,7 @@ from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.signals.line.digital_line import Baseline, baseline_beside, no_baseline
 from scanner_sim.signals.line.estimators import estimate
 from scanner_sim.signals.line.expected import ExpectedSpot
-from scanner_sim.signals.line.likelihood import Width, _inverse
+from scanner_sim.signals.line.likelihood import Width, inverse_of
 from scanner_sim.signals.line.validation import _fit, _quantile, judge_shape, white_charge
 from scanner_sim.signals.processing import Validation
 
@@ -136,7 +136,7 @@ def test_the_inverse_of_a_symmetric_matrix(device: Device) -> None:
     mixed = np.array([[1.0, 0.2, -0.4], [0.3, 1.5, 0.6], [-0.2, 0.1, 0.7]])
     matrix = mixed @ mixed.T * np.outer([1.0, 100.0, 0.1], [1.0, 100.0, 0.1])
     entries = [auto.Float(matrix[i, j]) for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))]
-    found = np.array([[number(entry) for entry in row] for row in _inverse(entries)])
+    found = np.array([[number(entry) for entry in row] for row in inverse_of(entries)])
     wanted = np.linalg.inv(matrix)
     np.testing.assert_allclose(found, wanted, rtol=2e-4, atol=1e-5 * np.abs(wanted).min())
 
@@ -245,13 +245,14 @@ def fitted(charges: Array, variances: Array, place: float, sigma: float, guard: 
 
 
 def test_a_fit_finds_the_charge_of_a_spot_beside_its_first_place(device: Device) -> None:
-    """Claim: of a spot that is linear about its first place, height and shift are found whatever the weights, and what
-    is left is nothing; nine pixels less three quantities are six degrees of freedom."""
+    """Claim: of a spot that is linear about its first place and width, height, shift and width are found whatever the
+    weights, and what is left is nothing; nine pixels less three quantities are six degrees of freedom."""
     uneven = np.linspace(1.0, 400.0, 2 * HALF + 1)
     shares = spot(0.3, 1.2, 1.0)
     slope = (spot(0.3 + 1e-4, 1.2, 1.0) - spot(0.3 - 1e-4, 1.2, 1.0)) / 2e-4
+    wider = (spot(0.3, 1.2 + 1e-4, 1.0) - spot(0.3, 1.2 - 1e-4, 1.0)) / 2e-4
     charge, residual, noise, chi_squared, freedom, _ = fitted(
-        5000.0 * shares + 400.0 * slope, uneven, 0.3, 1.2
+        5000.0 * shares + 400.0 * slope + 600.0 * wider, uneven, 0.3, 1.2
     )
     assert charge == pytest.approx(5000.0, rel=1e-4)
     assert residual < 0.1

@@ -92,18 +92,27 @@ def seen(plane: TargetPlane, centre: np.ndarray) -> np.ndarray:
     return np.asarray(found[0].centre[0])
 
 
-def test_a_matt_plane_is_darker_where_it_is_farther_and_seen_aslant() -> None:
-    turned, centre = placed(0.5, -0.3, 0.2, -0.1, 8.0)
+@pytest.mark.parametrize("baseline", [0.0, 0.2])
+@pytest.mark.parametrize("place", [(0.5, -0.3, 0.2, -0.1, 8.0), (0.0, 0.0, 0.0, 0.0, 2.0)])
+def test_a_matt_plane_is_darker_where_it_is_farther_and_seen_aslant(
+    place: tuple[float, float, float, float, float], baseline: float
+) -> None:
+    """The light is that of cosθ cosψ/r² with points, normals and the lens's node as vectors."""
+    turned, centre = placed(*place)
     about, r, rise = slopes(turned[:, 2], centre)
     theta, phi = rim(turned, centre)
-    _, light, _ = target_plane(about, np.array([r]), rise, DG).flatten(voxels(theta, phi))
-    points = (
-        centre + RADIUS * np.stack([np.cos(TURN), np.sin(TURN), 0.0 * TURN], axis=1) @ turned.T
-    )  # those of the rim
-    reach = angles_and_range(*points.T, DG)[0]
-    near, far = (np.stack(coordinates(length, theta, phi, DG), axis=-1) for length in (1.0, 2.0))
-    middle = np.stack(coordinates(2.0, *about[0], DG)) - np.stack(coordinates(1.0, *about[0], DG))
-    wanted = ((far - near) @ turned[:, 2]) / (middle @ turned[:, 2]) * (r / reach) ** 2
+    plane = target_plane(about, np.array([r]), rise, DG, baseline)
+    _, light, _ = plane.flatten(voxels(theta, phi))
+    points = centre + RADIUS * np.stack([np.cos(TURN), np.sin(TURN), 0.0 * TURN], axis=1) @ turned.T
+
+    def gathered(points: np.ndarray, theta: np.ndarray, phi: np.ndarray) -> np.ndarray:
+        laser, ahead = (np.stack(coordinates(length, theta, phi, DG), axis=-1) for length in (0.0, 1.0))
+        way = points - laser - [baseline, 0.0, 0.0]
+        length = np.linalg.norm(way, axis=-1)
+        aslant, off_axis = np.abs(way @ turned[:, 2]) / length, ((ahead - laser) * way).sum(axis=-1) / length
+        return np.asarray(aslant * off_axis / length**2)
+
+    wanted = gathered(points, theta, phi) / gathered(centre, *about[0])
     np.testing.assert_allclose(light[0], wanted, rtol=1e-9)
 
 
@@ -125,12 +134,22 @@ def test_covariances_go_back_as_the_centres_do() -> None:
 
 
 def measured(
-    yaw: float, pitch: float, number: int, axis_separation: float | None
+    yaw: float,
+    pitch: float,
+    number: int,
+    axis_separation: float | None,
+    *,
+    distance: float = 8.0,
+    baseline: float = 0.0,
+    told: float = 0.0,
 ) -> tuple[Measurement, np.ndarray]:
-    """A black disc as a spot of no width sees it that runs a pattern over its tilted plane, and the true centre."""
-    turned, centre = placed(yaw, pitch, 0.1, -0.05, 8.0)
+    """A black disc as a spot of no width sees it that runs a pattern over its tilted plane, and the true centre.
+
+    The lens stands at the ``baseline`` beside the laser, and is ``told`` to stand elsewhere.
+    """
+    turned, centre = placed(yaw, pitch, 0.1, -0.05, distance)
     _, theta0, phi0 = angles_and_range(*centre, DG)
-    pattern = LissajousPattern(points=128, amplitude=1.6 * RADIUS / 8.0)
+    pattern = LissajousPattern(points=128, amplitude=1.6 * RADIUS / distance)
     figure = figures(pattern, number, np.array([theta0 + 2e-4, phi0 - 3e-4]))
     # An odd number of even instants in each dwell, the middle one of which is the voxel's.
     fine = 65
@@ -143,8 +162,12 @@ def measured(
     reach = 1.0 + (centre - near) @ normal / ((far - near) @ normal)
     off = np.linalg.norm(near + (reach - 1.0)[..., None] * (far - near) - centre, axis=-1)
     spot = 0.15e-3
-    inside = 1.0 / (1.0 + np.exp(np.clip((off - RADIUS) / (0.55 * spot * 8.0), -50.0, 50.0)))
-    facing = np.abs((far - near) @ normal) * (8.0 / reach) ** 2
+    inside = 1.0 / (1.0 + np.exp(np.clip((off - RADIUS) / (0.55 * spot * distance), -50.0, 50.0)))
+    # The beams begin a length of 1 before the points "near"; the node stands beside their begin.
+    way = reach[..., None] * (far - near) - [baseline, 0.0, 0.0]
+    length = np.linalg.norm(way, axis=-1)
+    along_axis = ((far - near) * way).sum(axis=-1) / length
+    facing = np.abs(way @ normal) / length * along_axis * (distance / length) ** 2
     signal = 1e6 * (facing * (1.0 - 0.9 * inside)).mean(axis=1)
     half = fine // 2
     samples = replace(
@@ -156,8 +179,10 @@ def measured(
         sigma_range=np.full((1, pattern.points), 1.5e-3),
     )
     appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=2.0 * RADIUS)
-    found = measure_target(samples, appearance, 8.0, spot=spot, axis_separation=axis_separation)
-    return found, np.array([theta0, phi0, 8.0])
+    found = measure_target(
+        samples, appearance, distance, spot=spot, axis_separation=axis_separation, baseline=told
+    )
+    return found, np.array([theta0, phi0, distance])
 
 
 @pytest.mark.parametrize(("yaw", "pitch"), [(0.0, 0.0), (0.5, 0.0), (-0.3, 0.5)])
@@ -232,3 +257,18 @@ def test_planes_of_the_same_patterns_are_met_part_by_part() -> None:
         np.testing.assert_array_equal(flat.theta[0], shown.theta[row])
         np.testing.assert_array_equal(flat.phi[0], shown.phi[row])
         np.testing.assert_array_equal([dim[0], far[0]], [light[row], reach[row]])
+
+
+def test_a_disc_is_not_drawn_towards_the_brighter_side() -> None:
+    """Claim: a lens beside the laser, which sees one side of a near disc brighter, does not move its centre.
+
+    Expected: patterns of a disc of 20 mrad err as those do whose lens is at the laser, to 1 µrad: weights stay
+    those of the light as it came. Taken to be there it is ten times that.
+    """
+    for told, low, high in ((0.2, 0.0, 1e-6), (0.0, 5e-6, 1e-4)):
+        moved = []
+        for number in range(4):
+            beside, _ = measured(0.3, 0.0, number, DG, distance=2.5, baseline=0.2, told=told)
+            coaxial, _ = measured(0.3, 0.0, number, DG, distance=2.5)
+            moved.append(beside.position[0] - coaxial.position[0])
+        assert low <= abs(np.mean(moved, axis=0)[0]) < high, moved

@@ -67,11 +67,8 @@ def _overview(
     """Return how many facts stand how, and each in a row."""
     first = {key: results[key].rows[0] for key in facts if key in results and results[key].rows}
     held = {key for key, fact in facts.items() if is_held_out(key, fact, entries)}
-    counted = [
-        f"{sum(row.verdict is verdict for key, row in first.items() if key in held)} {verdict}"
-        for verdict in Verdict
-        if any(row.verdict is verdict for key, row in first.items() if key in held)
-    ]
+    verdicts = [row.verdict for key, row in first.items() if key in held]
+    counted = [_counted(verdicts.count(verdict), verdict) for verdict in Verdict if verdict in verdicts]
     lines = [f"Of {len(held & first.keys())} facts held out: {', '.join(counted)}.", ""] if counted else []
     lines += ["| fact | kind | use | published | simulated | verdict |", "|---" * 6 + "|"]
     for key, fact in facts.items():
@@ -81,6 +78,12 @@ def _overview(
         cells = [markdown_text(text) for text in (fact.kind, use, fact.published.says, *told)]
         lines.append(f"| [{markdown_text(fact.title)}](#{key}) | {' | '.join(cells)} |")
     return lines
+
+
+def _counted(number: int, verdict: Verdict) -> str:
+    """Return how many facts have a verdict, in words: 1 agrees, 3 agree."""
+    verb = verdict in (Verdict.AGREES, Verdict.DIFFERS)
+    return f"{number} {str(verdict).removesuffix('s') if verb and number != 1 else verdict}"
 
 
 def _instruments(facts: Mapping[str, Fact], entries: Mapping[str, Entry]) -> list[str]:

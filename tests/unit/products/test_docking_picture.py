@@ -1,4 +1,4 @@
-"""The picture of an approach: it shows what it is given."""
+"""The picture of a docking: it shows what it is given."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import pytest
 from made_track import make_track
 from matplotlib.axes import Axes
 
-from scanner_sim.products.pictures.approach import Approach, draw_approach
+from scanner_sim.products.pictures.docking import Docking, draw_docking
 
 
 @pytest.mark.parametrize("lit", [True, False])
@@ -33,7 +33,7 @@ def test_it_draws_truth_estimate_modes_errors_and_light(
 
     monkeypatch.setattr(Axes, "plot", note)
     light = np.linspace(1.0, 0.0, len(time)) if lit else None
-    draw_approach(run, Approach(time, truth, estimate, sigma, light), tmp_path / "approach.png")
+    draw_docking(run, Docking(time, truth, estimate, sigma, light), tmp_path / "docking.png")
     for wanted in (truth[:, 2], estimate[:, 2], truth[:, 0], estimate[:, 1]):
         assert any(one.shape == wanted.shape and np.array_equal(one, wanted, equal_nan=True) for one in drawn)
     over = np.where(np.isnan(estimate[:, 0]), np.nan, 1.5)
@@ -42,6 +42,6 @@ def test_it_draws_truth_estimate_modes_errors_and_light(
         one for one in drawn if len(one) and (one == one[0]).all() and float(one[0]) in (0.0, 1.0, 2.0, 3.0)
     ]
     assert sum(map(len, rows)) >= len(run.records)
-    picture = matplotlib.image.imread(tmp_path / "approach.png")
+    picture = matplotlib.image.imread(tmp_path / "docking.png")
     assert picture.shape[0] > 600
     assert picture[..., :3].std() > 0.05

@@ -1,0 +1,1 @@
+"""Acceptance tests: lengths, spheres and planes over the working volume, judged against a maker's limits."""

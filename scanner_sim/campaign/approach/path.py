@@ -1,0 +1,121 @@
+"""Epochs of a path: when each is, and how the object moves about it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation as Turning
+
+from scanner_sim.campaign.approach.plan import MOST_EPOCHS, Approach, Epochs
+from scanner_sim.foundation.errors import Fault
+from scanner_sim.scene.ephemeris import EphemerisMotion
+from scanner_sim.scene.motion import ConstantTwist, PlannedMotion, PoseFile, Waypoints
+from scanner_sim.scene.relative_orbit import RelativeOrbit
+
+Array = NDArray[np.float64]
+
+_STEP = 1e-2
+"""Time over which velocity and rate of turn are taken [s]: after the epoch, so that its own burn is in them."""
+_FINE = 4001
+"""Moments at which the range along a path is looked at for even steps of it."""
+
+
+class Epoch(NamedTuple):
+    """A moment of a path.
+
+    Attributes
+    ----------
+    time
+        Since its start [s].
+    pose
+        ``scanner_from_object``, shape (4, 4).
+    velocity, turn_rate
+        Of the object [m/s, rad/s] along the scanner's axes, shapes (3,).
+    """
+
+    time: float
+    pose: Array
+    velocity: Array
+    turn_rate: Array
+
+    @property
+    def distance(self) -> float:
+        """Distance of the object's origin from the scanner's [m]."""
+        return float(np.linalg.norm(self.pose[:3, 3]))
+
+
+def span_of(motion: PlannedMotion) -> tuple[float, float | None]:
+    """Return when a motion begins and ends [s]; None where it goes on."""
+    if isinstance(motion, Waypoints):
+        return motion.points[0].time, motion.points[-1].time
+    if isinstance(motion, PoseFile):
+        times = motion.poses().time
+        return float(times[0]), float(times[-1])
+    if isinstance(motion, RelativeOrbit):
+        return 0.0, motion.end
+    assert isinstance(motion, ConstantTwist | EphemerisMotion)
+    return 0.0, None
+
+
+def epochs_of(approach: Approach, start: Array) -> tuple[tuple[Epoch, ...], tuple[Fault, ...]]:
+    """Return the epochs of an approach, and what is wrong with them.
+
+    Parameters
+    ----------
+    approach
+        The approach.
+    start
+        Pose of the object in the scenario (4, 4), from which a twist starts.
+
+    Returns
+    -------
+    epochs, faults
+        In the order of time; none where there are faults.
+    """
+    asked, motion = approach.epochs, approach.trajectory
+    first, last = span_of(motion)
+    end = last if asked.end is None else asked.end
+    if end is None:
+        problem = "this path goes on, and nothing says where its last epoch is."
+        return (), (Fault("epochs.end", problem, "Write for example end: 2400 s."),)
+    for key, time in (("start", asked.start), ("end", end)):
+        if time < first - 1e-9 or (last is not None and time > last + 1e-9):
+            problem = f"{time:g} s is not on the path, which goes from {first:g} s to {last:g} s."
+            return (), (Fault(f"epochs.{key}", problem, "Write a time in it."),)
+    if end <= asked.start:
+        problem = f"{asked.start:g} s is no time before the path's end, {end:g} s."
+        return (), (Fault("epochs.start", problem, "Write an earlier one."),)
+    try:
+        times = _times(asked, end, lambda time: motion.scanner_from_object(time, start)[:, :3, 3])
+    except ValueError as error:
+        return (), (Fault("epochs.spacing", str(error), "Write a smaller one."),)
+    poses, later = motion.scanner_from_object(times, start), motion.scanner_from_object(times + _STEP, start)
+    velocity = (later[:, :3, 3] - poses[:, :3, 3]) / _STEP
+    turned = later[:, :3, :3] @ np.swapaxes(poses[:, :3, :3], 1, 2)
+    turn_rate = Turning.from_matrix(turned).as_rotvec() / _STEP
+    return tuple(map(Epoch, times.tolist(), poses, velocity, turn_rate)), ()
+
+
+def _times(asked: Epochs, end: float, place: Callable[[Array], Array]) -> Array:
+    """Return when the epochs are [s], shape (n,).
+
+    Raises
+    ------
+    ValueError
+        With a sentence, if the range changes by less than a step or there are too many.
+    """
+    if asked.count is not None:
+        return np.linspace(asked.start, end, asked.count)
+    assert asked.spacing is not None
+    fine = np.linspace(asked.start, end, _FINE)
+    ranges = np.linalg.norm(place(fine), axis=1)
+    way = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(ranges)))])
+    steps = int(way[-1] / asked.spacing * (1.0 + 1e-12))
+    if not 1 <= steps < MOST_EPOCHS:
+        raise ValueError(
+            f"the range changes by {way[-1]:.4g} m in all, {steps} steps of {asked.spacing:g} m."
+        )
+    return np.asarray(np.interp(asked.spacing * np.arange(steps + 1), way, fine))

@@ -1,0 +1,1 @@
+"""The video camera: its settings, and how light becomes the numbers of a frame."""

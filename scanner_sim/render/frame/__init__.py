@@ -1,0 +1,1 @@
+"""Light of Sun and Earth on the pixels of a camera."""

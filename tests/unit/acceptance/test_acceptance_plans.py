@@ -1,0 +1,122 @@
+"""Plans of acceptance tests: what they make of artefacts, and every fault with its place and remedy."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scanner_sim.acceptance.plan import LengthBar
+from scanner_sim.acceptance.setup import Setup, read_setup
+from scanner_sim.foundation.errors import ScenarioError
+
+PLAN = """\
+schema: 1
+base: base.yaml
+limits: [{up_to: 3 m, length: 1 mm, size: 1 mm, flatness: 2 mm}, {up_to: 5 m, length: 2 mm}]
+lengths:
+  - {name: bar, position: [0 m, 0 m, 2 m], direction: x, length: 0.8 m, diameter: 120 mm, sigma: 0.1 mm}
+spheres:
+  - {name: ball, position: [0 m, 0 m, 2 m], diameter: 150 mm}
+plates:
+  - {name: plate, position: [0 m, 0 m, 2 m], size: [300 mm, 200 mm]}
+"""
+BASE = "schema: 1\nscan: {type: raster, rows: 4, columns: 4, horizontal: [-5 deg, 5 deg], vertical: [-5 deg, 5 deg]}\n"
+
+
+def setup_of(folder: Path, *changes: tuple[str, str]) -> Setup:
+    text = PLAN
+    for was, now in changes:
+        assert was in text
+        text = text.replace(was, now)
+    (folder / "base.yaml").write_text(BASE, encoding="utf-8")
+    (folder / "plan.yaml").write_text(text, encoding="utf-8")
+    return read_setup(folder / "plan.yaml")
+
+
+def test_artefacts_differ_from_their_certificates_by_their_uncertainty(tmp_path: Path) -> None:
+    made = [setup_of(tmp_path, ("limits:", f"seed: {seed}\nlimits:")).made for seed in range(60)]
+    length, diameter, plate = np.transpose(made)
+    assert length.std(ddof=1) == pytest.approx(1e-4, rel=0.4)
+    assert abs(length.mean() - 0.8) < 5e-5
+    assert (diameter == 0.15).all()
+    assert (plate == 0.0).all()
+
+
+def test_limits_are_those_of_the_zone_of_the_farthest_point(tmp_path: Path) -> None:
+    setup = setup_of(
+        tmp_path,
+        (
+            "bar, position: [0 m, 0 m, 2 m], direction: x",
+            "bar, position: [0 m, 0 m, 3 m], direction: [0, 0, 2]",
+        ),
+        ("length: 0.8 m", "length: 2.2 m"),
+    )
+    assert setup.zone_of(0) == setup.plan.limits[1]
+    assert setup.zone_of(1) == setup.plan.limits[0]
+    bar = setup.plan.lengths[0]
+    assert isinstance(bar, LengthBar)
+    assert bar.ends(2.2) == pytest.approx(np.array([[0.0, 0.0, 1.9], [0.0, 0.0, 4.1]]))
+
+
+FAULTS = {
+    "twice": (("name: ball", "name: bar"), "'bar' is there already", "another name", "spheres[0].name"),
+    "no unit": (("length: 1 mm", "length: 1"), "unit", "mm", "limits[0].length"),
+    "aside": (
+        ("ball, position: [0 m,", "ball, position: [1.9 m,"),
+        "outside of the field of view",
+        "z axis",
+        "spheres[0]",
+    ),
+    "behind": (
+        ("plate, position: [0 m, 0 m, 2 m]", "plate, position: [0 m, 0 m, -2 m]"),
+        "behind",
+        "z",
+        "plates[0]",
+    ),
+    "near": (
+        ("ball, position: [0 m, 0 m, 2 m]", "ball, position: [0 m, 0 m, 0.4 m]"),
+        "measures from",
+        "ranges",
+        "spheres",
+    ),
+    "far": (
+        ("plate, position: [0 m, 0 m, 2 m]", "plate, position: [0 m, 0 m, 9 m]"),
+        "up to 5 m",
+        "zone",
+        "plates[0]",
+    ),
+    "small": (("diameter: 150 mm", "diameter: 12 mm"), "too small for the beam", "20", "spheres[0].diameter"),
+    "narrow": (("200 mm]", "25 mm]"), "too small for the beam", "41", "plates[0].size"),
+    "touching": (("length: 0.8 m", "length: 0.1 m"), "touch", "longer", "lengths[0].length"),
+    "nowhere": (("direction: x", "direction: [0, 0, 0]"), "no direction", "vector", "lengths[0].direction"),
+    "unlimited": ((", flatness: 2 mm", ""), "no limit for flatness", "flatness: 1 mm", "limits[0]"),
+    "disorder": (("up_to: 5 m", "up_to: 2 m"), "farther than the one before", "Sort", "limits[1].up_to"),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_every_fault_has_place_and_remedy(tmp_path: Path, name: str) -> None:
+    change, problem, remedy, location = FAULTS[name]
+    with pytest.raises(ScenarioError) as caught:
+        setup_of(tmp_path, change)
+    (fault,) = caught.value.faults
+    assert problem in fault.problem
+    assert remedy in fault.remedy + fault.problem
+    assert fault.location.startswith(location)
+    assert fault.line is not None
+
+
+def test_a_scenario_with_both_rangefinders_asks_which(tmp_path: Path) -> None:
+    (tmp_path / "both.yaml").write_text(BASE + "ranging: both\n", encoding="utf-8")
+    with pytest.raises(ScenarioError, match="judges one of them"):
+        setup_of(tmp_path, ("base.yaml", "both.yaml"))
+
+
+def test_a_plan_without_artefacts_is_a_fault(tmp_path: Path) -> None:
+    (tmp_path / "base.yaml").write_text(BASE, encoding="utf-8")
+    plan = tmp_path / "plan.yaml"
+    plan.write_text("schema: 1\nbase: base.yaml\nlimits: [{up_to: 3 m, length: 1 mm}]\n", encoding="utf-8")
+    with pytest.raises(ScenarioError, match="no artefact"):
+        read_setup(plan)

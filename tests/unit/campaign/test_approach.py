@@ -1,0 +1,246 @@
+"""Approaches: their epochs, what each run has of them, what is wrong with a file, and tables of known tries."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import binomtest, chi2
+
+from scanner_sim.campaign.approach.reading import PlannedApproach, read_approach
+from scanner_sim.campaign.approach.results import NO_RESULT, rms_interval, share_interval, study_of
+from scanner_sim.foundation.errors import ScenarioError
+from scanner_sim.pose.status import PoseStatus
+from scanner_sim.products.approach import EpochRow, approach_json
+from scanner_sim.products.files.tables import texts
+from scanner_sim.products.pose_study import COMPONENTS
+from scanner_sim.validation.studies.conditions import Condition
+
+BASE = """\
+schema: 1
+scene:
+  objects:
+    - {name: vehicle, shape: box, size: [2 m, 2 m, 1 m], material: z93_white, position: [0 m, 0 m, 9 m]}
+    - name: far
+      array: {diameter: 100 mm, plate: 300 mm, rows: 2, columns: 2, spacing: [1 m, 1 m]}
+      parent: vehicle
+      position: [0 m, 0 m, -0.6 m]
+    - name: near
+      array: {diameter: 25 mm, plate: 80 mm, rows: 2, columns: 2, spacing: [0.2 m, 0.2 m]}
+      parent: vehicle
+      position: [0 m, 0 m, -0.6 m]
+    - {name: loose, array: {diameter: 50 mm, plate: 100 mm, rows: 2, columns: 2, spacing: [0.2 m, 0.2 m]},
+       position: [3 m, 0 m, 9 m]}
+    - {name: single, array: {diameter: 50 mm, plate: 100 mm}, parent: vehicle, position: [0 m, 0.9 m, -0.6 m]}
+lighting:
+  orbit: {altitude: 400 km, beta: 15 deg, anomaly: 60 deg, attitude: {forward: ram, down: nadir}}
+scan: {type: track, targets: [far]}
+"""
+HEAD = "schema: 1\nbase: base.yaml\nobject: vehicle\n"
+POINTS = (
+    "[{time: 0 s, position: [0 m, 0 m, 15 m]}, "
+    "{time: 300 s, position: [0.2 m, 0 m, 5 m], rotation: {axis: z, angle: 8 deg}}]"
+)
+PATH = f"trajectory: {{type: waypoints, interpolation: linear, points: {POINTS}}}\n"
+REST = "epochs: {count: 3}\narrays: [{array: near, below: 8 m}, {array: far}]\n"
+
+
+@pytest.fixture
+def write(tmp_path: Path):
+    (tmp_path / "base.yaml").write_text(BASE, encoding="utf-8")
+
+    def written(text: str) -> Path:
+        (tmp_path / "approach.yaml").write_text(text, encoding="utf-8")
+        return tmp_path / "approach.yaml"
+
+    return written
+
+
+def test_epochs_are_even_in_time_and_take_the_array_of_their_range(write) -> None:
+    planned = read_approach(write(HEAD + PATH + REST))
+    assert [point.epoch.time for point in planned.points] == [0.0, 150.0, 300.0]
+    assert [point.array for point in planned.points] == ["far", "far", "near"]
+    assert planned.campaign.plan.shape == (3, 2, 8)
+
+
+def test_a_spacing_is_of_the_range_there_and_back(write) -> None:
+    """Claim: epochs lie where the range has changed by another step, also where the path turns round."""
+    there = "[{time: 0 s, position: [0 m, 0 m, 9 m]}, {time: 100 s, position: [0 m, 0 m, 6 m]},"
+    back = " {time: 140 s, position: [0 m, 0 m, 8 m]}]"
+    path = f"trajectory: {{type: waypoints, interpolation: linear, points: {there}{back}}}\n"
+    text = HEAD + path + "epochs: {spacing: 0.8 m}\narrays: [{array: far}]\n"
+    found = read_approach(write(text)).points
+    assert [one.epoch.distance for one in found] == pytest.approx(
+        [9.0, 8.2, 7.4, 6.6, 6.2, 7.0, 7.8], abs=2e-3
+    )
+
+
+def test_a_run_moves_as_the_path_does_about_its_epoch(write) -> None:
+    """Claim: half a second later the object of a run is where the path has it.
+
+    Set-up: a smooth path through three waypoints. Tolerance: half its largest acceleration, below 1 mm/s², times the
+    square of the time, and as much for turns.
+    """
+    points = POINTS.replace("5 m]", "5 m]").replace("}]", "}, {time: 400 s, position: [0 m, 0 m, 4 m]}]")
+    text = HEAD + f"trajectory: {{type: waypoints, points: {points}}}\n" + REST
+    planned = read_approach(write(text))
+    motion = planned.approach.trajectory
+    for number, point in enumerate(planned.points):
+        scenario = planned.campaign.scenario(planned.run(number))
+        vehicle = scenario.scene.objects[0]
+        for after in (0.0, 0.5):
+            truth = motion.scanner_from_object([point.epoch.time + after], np.eye(4))[0]
+            assert vehicle.pose_at(after)[0] == pytest.approx(truth, abs=0.5e-3 * after**2 + 1e-9)
+
+
+def test_each_epoch_has_the_light_of_its_time(write) -> None:
+    """Claim: the place on the orbit goes on by 2π t/T; other lights start elsewhere."""
+    text = HEAD + PATH + REST + "orbits: [{beta: -5 deg, anomaly: 179 deg}, {beta: 0 deg, anomaly: 0 deg}]\n"
+    planned = read_approach(write(text))
+    period = planned.campaign.base.lighting.period
+    assert period is not None
+    for number, point in enumerate(planned.points):
+        light = planned.campaign.scenario(planned.run(number)).lighting.orbit
+        assert light is not None
+        start, beta = ((math.radians(179.0), math.radians(-5.0)), (0.0, 0.0))[point.orbit]
+        assert light.beta == pytest.approx(beta)
+        apart = light.anomaly - start - 2.0 * math.pi * point.epoch.time / period
+        assert math.remainder(apart, 2.0 * math.pi) == pytest.approx(0.0, abs=1e-12)
+        assert abs(light.anomaly) <= math.pi
+
+
+def test_elements_go_on_in_time(write, tmp_path: Path) -> None:
+    lines = (
+        "    line1: 1 25544U 98067A   08264.51782528 -.00002182  00000-0 -11606-4 0  2927\n"
+        "    line2: 2 25544  51.6416 247.4627 0006703 130.5360 325.0288 15.72125391563537\n"
+    )
+    path = write(HEAD + PATH + REST)
+    start = BASE.index("  orbit:")
+    end = BASE.index("scan:")
+    light = f"  tle:\n{lines}    time: 2008-09-20T12:25:40Z\n"
+    (tmp_path / "base.yaml").write_text(BASE[:start] + light + BASE[end:], encoding="utf-8")
+    planned = read_approach(path)
+    times = [planned.campaign.scenario(planned.run(number)).lighting.tle.time for number in range(3)]
+    assert [(time - times[0]).total_seconds() for time in times] == [0.0, 150.0, 300.0]
+
+
+SLOPE = "{to: [-3 m, 0 m, 0 m], start_speed: 20 mm/s, end_speed: 5 mm/s}"
+WILTSHIRE = "trajectory: {{type: clohessy_wiltshire, position: [-15 m, 0 m, 0 m], glideslope: {}{}}}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (PATH + REST.replace("far}", "fra}"), ("line 6, arrays[1].array", "no target array 'fra'", "far")),
+        (PATH + REST.replace("array: far", "array: loose"), ("'loose' is not fixed to 'vehicle'", "parent: vehicle")),
+        (PATH + REST.replace("array: far", "array: single"), ("'single' have no pose", "two rows")),
+        (PATH + REST.replace("below: 8 m", "below: 8"), ("arrays[0].below", "unit")),
+        (PATH + "epochs: {count: 3}\narrays: [{array: far}, {array: near}]\n", ("no range is left",)),
+        (PATH + "epochs: {count: 3}\narrays: []\n", ("line 6, arrays",)),
+        (PATH + "epochs: {count: 3, end: 301 s}\narrays: [{array: far}]\n", ("301 s is not on the path", "300 s")),
+        (PATH + "epochs: {count: 3, start: 20 s, end: 10 s}\narrays: [{array: far}]\n", ("Times run forwards",)),
+        (PATH + "epochs: {}\narrays: [{array: far}]\n", ("neither count nor spacing",)),
+        (PATH + "epochs: {spacing: 40 m}\narrays: [{array: far}]\n", ("range changes by 9.996 m in all",)),
+        (PATH + "epochs: {count: 3}\narrays: [{array: near, below: 8 m}]\n", ("at 0 s the range is 15 m", "no array")),
+        (PATH + REST + "methods: [uv, uv]\n", ("uv is named twice",)),
+        (PATH + REST + "methods: [camera_of_mine]\n", ("methods[0]", "Possible")),
+        (PATH.replace("time: 300 s", "time: -3 s") + REST, ("trajectory",)),
+        (PATH.replace("position: [0.2 m, 0 m, 5 m]", "position: [9 m, 0 m, 5 m]") + REST,
+         ("at 300 s 'far/1' leaves the field of view", "deg are possible")),
+        (PATH.replace("[0.2 m, 0 m, 5 m]", "[0 m, 0 m, 0.7 m]") + REST, ("at 300 s", "range of", "m to")),
+        (PATH.replace("[0 m, 0 m, 15 m]", "[0 m, 0 m, 60 m]") + REST, ("at 0 s 'far/1' is at a range of 59",)),
+        (PATH.replace("[0.2 m, 0 m, 5 m]", "[0 m, 0 m, -5 m]") + REST, ("at 300 s the object is behind the scanner",)),
+        ("trajectory: {type: twist, velocity: [0 m/s, 0 m/s, -10 mm/s]}\n" + REST, ("nothing says where its last",)),
+        (WILTSHIRE.format(SLOPE, ", altitude: 500 km") + REST, ("500 km here, and 400 km",)),
+        (WILTSHIRE.format(SLOPE, ", attitude: {forward: wake}") + REST, ("looks elsewhere",)),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_with_its_place_or_time(write, text: str, words: tuple[str, ...]) -> None:
+    with pytest.raises(ScenarioError) as raised:
+        read_approach(write(HEAD + text))
+    said = " ".join(str(raised.value).split())
+    assert all(word in said for word in words), said
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("  orbit: {altitude: 400 km, beta: 15 deg, anomaly: 60 deg, attitude: {forward: ram, down: nadir}}",
+         "  sun: {direction: [0, -1, 0]}", ("base", "has no orbit", "tle")),
+        ("scan: {type: track, targets: [far]}",
+         "scan: {type: raster, rows: 2, columns: 2, horizontal: [-1 deg, 1 deg], vertical: [-1 deg, 1 deg]}",
+         ("does not follow targets",)),
+        ("name: vehicle", "name: module", ("parent",)),
+    ],
+)  # fmt: skip
+def test_what_the_scenario_lacks_is_said(
+    write, tmp_path: Path, old: str, new: str, words: tuple[str, ...]
+) -> None:
+    path = write(HEAD + PATH + REST)
+    (tmp_path / "base.yaml").write_text(BASE.replace(old, new), encoding="utf-8")
+    with pytest.raises(ScenarioError) as raised:
+        read_approach(path)
+    assert all(word in str(raised.value) for word in words), str(raised.value)
+
+
+def known_table(planned: PlannedApproach, error: float, sigma: float) -> dict[str, np.ndarray]:
+    """Return rows whose errors are ±error, and whose first try of each epoch by time of flight failed."""
+    runs = np.arange(len(planned.campaign))
+    points, rangings, tries = np.unravel_index(runs, planned.campaign.plan.shape)
+    table = {"run": runs, "axis_0": points, "axis_1": rangings, "repeat": tries, "seed": 7 * runs}
+    failed = (rangings == 1) & (tries == 0)
+    table["fault"] = texts(["a disk was full." if one else "" for one in failed])
+    for method in ("uv", "xyz", "joint"):
+        table[f"{method}_status"] = np.where(failed, np.nan, float(PoseStatus.VALID))
+        for number, component in enumerate(COMPONENTS, start=1):
+            signed = number * error * np.where(tries % 2, 1.0, -1.0)
+            table[f"{method}_{component}"] = np.where(failed, np.nan, signed)
+            table[f"{method}_{component}_sigma"] = np.where(failed, np.nan, number * sigma)
+    # A pose that is doubted counts as none.
+    table["uv_status"] = np.where(points == 1, float(PoseStatus.AMBIGUOUS), table["uv_status"])
+    return table
+
+
+def test_tables_of_known_tries(write) -> None:
+    """Claim: what stands in the rows of a campaign comes out as shares, errors, σ and coverage of each method."""
+    planned = read_approach(write(HEAD + PATH + REST + "tries: 4\n"))
+    light = [EpochRow(0, k, 150.0 * k, 15.0 - 5 * k, "far", code, Condition(code).words, 1.0, 1.0, 0.0)
+             for k, code in enumerate((0, 0, 4))]  # fmt: skip
+    study = study_of("known", planned, known_table(planned, 2e-3, 1e-3), light)
+    rows = {(row.method, row.epoch, row.component): row for row in study.rows}
+    assert rows["joint", 0, "t_y"].error == pytest.approx(4e-3)
+    assert rows["joint", 0, "t_y"].sigma == pytest.approx(2e-3)
+    assert rows["joint", 0, "t_y"].bias == pytest.approx(0.0, abs=1e-12)
+    assert (rows["joint", 0, "t_y"].z, rows["joint", 0, "t_y"].covered) == (pytest.approx(2.0), 0.0)
+    assert (rows["xyz", 0, "omega_z"].tries, rows["xyz", 0, "omega_z"].unit) == (4, "rad")
+    assert (rows["joint_tof", 2, "t_x"].valid, rows["joint_tof", 2, "t_x"].availability) == (3, 0.75)
+    assert (rows["uv", 1, "t_x"].valid, rows["uv", 0, "t_x"].valid) == (0, 4)
+    assert math.isnan(rows["uv", 1, "t_x"].error)
+    cells = {(row.method, row.condition): row for row in study.conditions}
+    assert (cells["uv", 0].epochs, cells["uv", 0].tries, cells["uv", 0].valid) == (2, 8, 4)
+    assert cells["joint", 4].position_m == pytest.approx(2e-3 * math.sqrt(14.0))
+    assert cells["joint", 4].attitude_sigma_rad == pytest.approx(1e-3 * math.sqrt(77.0))
+    assert cells["joint", 2].tries == 0
+    assert math.isnan(cells["joint", 2].availability)
+    assert study.faults == ("a disk was full.",)
+    lost = study.tries["status"] == NO_RESULT
+    assert set(study.tries["method"][lost]) == {"xyz_tof", "joint_tof"}
+    assert '"tries"' in approach_json(replace(study, warnings=()))
+
+
+@pytest.mark.parametrize(("count", "total"), [(0, 6), (3, 6), (6, 6), (1, 50)])
+def test_intervals_of_shares_are_the_exact_ones(count: int, total: int) -> None:
+    exact = binomtest(count, total).proportion_ci(0.95, "exact")
+    assert share_interval(count, total) == pytest.approx((count / total, exact.low, exact.high))
+
+
+def test_intervals_of_errors_hold_as_often_as_they_say() -> None:
+    """Claim: an rms of n normal errors has σ in its interval in 95 % of cases: its ends are quantiles of χ²."""
+    size, low, high = rms_interval(np.array([1.0, -1.0, 1.0, -1.0]))
+    assert size == 1.0
+    assert chi2.cdf(4.0 / np.array([low, high]) ** 2, 4) == pytest.approx([0.975, 0.025])
+    assert all(math.isnan(value) for value in rms_interval(np.zeros(0)))
+    assert math.isnan(share_interval(0, 0)[0])

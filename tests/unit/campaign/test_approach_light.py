@@ -1,0 +1,55 @@
+"""The light of epochs: the conditions of Table 1 where geometry tells them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from scanner_sim.campaign.approach.light import UNSEEN, epoch_rows
+from scanner_sim.campaign.approach.reading import read_approach
+from scanner_sim.validation.studies.conditions import Condition
+
+TEXT = """\
+schema: 1
+base: {base}
+object: vehicle
+trajectory:
+  type: waypoints
+  interpolation: linear
+  points:
+    - {{time: 0 s, position: [0 m, 0 m, 12 m]}}
+    - {{time: 1 s, position: [0 m, 0 m, 12 m], rotation: {{axis: y, angle: 180 deg}}}}
+epochs: {{count: 2}}
+arrays: [{{array: far}}]
+orbits:
+  - {{beta: 0 deg, anomaly: 85 deg}}
+  - {{beta: 0 deg, anomaly: -70 deg}}
+  - {{beta: 15 deg, anomaly: 40 deg}}
+  - {{beta: 0 deg, anomaly: 180 deg}}
+"""
+
+
+@pytest.mark.usefixtures("device")
+def test_conditions_are_those_of_the_geometry(repo_root: Path, tmp_path: Path) -> None:
+    """Claim: each light makes the condition that follows from where the Sun stands.
+
+    Expected: low behind the scanner it lights the array in full; low before it the array faces away; high, the visor
+    above throws its shadow on a part; on the Earth's far side there is none. Turned by 180 degrees the array is behind
+    its vehicle.
+    """
+    path = tmp_path / "approach.yaml"
+    base = repo_root / "configs" / "approach" / "vehicle.yaml"
+    path.write_text(TEXT.format(base=base), encoding="utf-8")
+    rows = epoch_rows(read_approach(path), device="cpu", progress=lambda done, most: None)
+    seen = [row for row in rows if row.epoch == 0]
+    expected = [Condition.NORMAL, Condition.FULL_SHADOW, Condition.PARTIAL_SHADOW, Condition.NO_LIGHT]
+    assert [row.condition for row in seen] == expected
+    assert [row.orbit for row in seen] == [0, 1, 2, 3]
+    assert seen[0].sunlit_share == 1.0
+    assert seen[1].sunlit_share == 0.0
+    assert 0.1 < seen[2].sunlit_share < 0.9
+    assert seen[3].sun_visible_share == 0.0
+    assert seen[0].background_electron > 10.0 * seen[1].background_electron
+    assert all(row.condition == UNSEEN for row in rows if row.epoch == 1)
+    assert {row.condition_name for row in rows if row.epoch == 1} == {"not seen"}

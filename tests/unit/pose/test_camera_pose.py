@@ -1,0 +1,261 @@
+"""Poses by a camera: perspective of dots, resection against OpenCV, σ, and which dot is which target."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+import pytest
+from claims import mean_square, share
+from numpy.typing import NDArray
+
+from scanner_sim.analytic.dots import circle_image_centre
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.optics.interior_orientation import PARAMETERS, InteriorOrientation
+from scanner_sim.pose.camera import combined_poses, estimate_camera_pose, moved_to, pixel_angles
+from scanner_sim.pose.dot_images import DotArray, dot_images
+from scanner_sim.pose.identify_dots import identify, symmetries
+from scanner_sim.pose.status import PoseStatus
+from scanner_sim.pose.transforms import rotation_from_vector, vector_from_rotation
+from scanner_sim.signals.dots.fit import Dots
+from scanner_sim.signals.dots.settings import DotStatus
+
+Array = NDArray[np.float64]
+
+PINHOLE = InteriorOrientation(focal_length=0.016, pixel_pitch=1e-5, columns=640, rows=480)
+CAMERA = PINHOLE.changed(k1=-0.21, k2=0.11, p1=0.0013, p2=-0.0021)
+POINTS = np.array(
+    [
+        [-0.5, -0.4, 0.0],
+        [0.5, -0.4, 0.0],
+        [0.5, 0.4, 0.0],
+        [-0.3, 0.4, 0.0],
+        [0.1, 0.1, -0.3],
+        [0.3, -0.1, 0.0],
+    ]
+)
+SIGMA = 0.02
+
+
+def dot_array(points: Array, radius: float = 0.04) -> DotArray:
+    count = len(points)
+    return DotArray(
+        tuple("abcdefgh"[:count]), points, np.tile([0.0, 0.0, -1.0], (count, 1)), np.full(count, radius)
+    )
+
+
+ARRAY = dot_array(POINTS)
+SQUARE = dot_array(np.array([[-0.5, -0.5, 0.0], [0.5, -0.5, 0.0], [0.5, 0.5, 0.0], [-0.5, 0.5, 0.0]]))
+
+
+def poses(count: int, seed: int) -> tuple[Array, Array]:
+    rng = np.random.default_rng(seed)
+    position = np.column_stack([rng.uniform(-0.3, 0.3, (count, 2)), rng.uniform(4.0, 9.0, count)])
+    return rotation_from_vector(rng.uniform(-0.5, 0.5, (count, 3))), position
+
+
+def seen(array: DotArray, rotation: Array, position: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return noisy centres of ellipses and their covariance."""
+    ellipse = dot_images(CAMERA, array, rotation, position).ellipse
+    centres = ellipse + rng.normal(0.0, SIGMA, ellipse.shape)
+    return centres, np.broadcast_to(SIGMA**2 * np.eye(2), (*centres.shape, 2))
+
+
+def as_dots(centres: Array, half: Array) -> Dots:
+    """Return dots of a frame as an estimator gives them, round ones."""
+    count = len(centres)
+    return Dots(
+        centre=centres,
+        covariance=np.tile(SIGMA**2 * np.eye(2), (count, 1, 1)),
+        shape=np.stack([half, 0.0 * half, half], axis=1),
+        light=np.full(count, 180.0),
+        contrast=np.full(count, 0.9),
+        blur=np.full(count, 0.6),
+        chi2=np.full(count, 400.0),
+        pixels=np.full(count, 400),
+        status=np.full(count, DotStatus.VALID, dtype=np.int8),
+    )
+
+
+def test_an_ellipses_middle_is_that_of_the_cone() -> None:
+    """Claim: without distortion the middle of a disc's ellipse is the judge's, not the image of the disc's."""
+    rotation, position = poses(40, 1)
+    images = dot_images(PINHOLE, dot_array(POINTS, 0.3), rotation, position)
+    for pose in range(len(position)):
+        for target in range(len(POINTS)):
+            centre = rotation[pose] @ POINTS[target] + position[pose]
+            middle = circle_image_centre(centre, rotation[pose] @ [0.0, 0.0, -1.0], 0.3)
+            expected = middle * PINHOLE.scale + PINHOLE.centre
+            np.testing.assert_allclose(images.ellipse[pose, target], expected, atol=1e-8)
+    assert np.abs(images.ellipse - images.centre).max() > 0.5
+
+
+def test_half_axes_of_a_disc_that_faces_the_camera() -> None:
+    images = dot_images(PINHOLE, dot_array(np.zeros((1, 3)), 0.1), np.eye(3), np.array([0.0, 0.0, 5.0]))
+    np.testing.assert_allclose(images.half_axes, [[PINHOLE.scale * 0.02] * 2], rtol=1e-12)
+    assert images.facing[0] == pytest.approx(1.0)
+
+
+def test_angles_of_pixels_are_those_of_their_directions() -> None:
+    """Claim: Θ and φ turn z into the pixel's direction, and their slopes are differences."""
+    pixels = np.random.default_rng(2).uniform((0.0, 0.0), (639.0, 479.0), (50, 2))
+    angles = pixel_angles(CAMERA, pixels)
+    direction = CAMERA.directions(pixels)
+    np.testing.assert_allclose(np.sin(angles.theta), direction[:, 0], atol=1e-12)
+    np.testing.assert_allclose(np.cos(angles.theta) * np.sin(angles.phi), direction[:, 1], atol=1e-12)
+    for axis in range(2):
+        step = 1e-3 * np.eye(2)[axis]
+        ends = [pixel_angles(CAMERA, pixels + way * step) for way in (1.0, -1.0)]
+        for row, name in enumerate(("theta", "phi")):
+            slope = (getattr(ends[0], name) - getattr(ends[1], name)) / 2e-3
+            np.testing.assert_allclose(angles.by_pixel[:, row, axis], slope, atol=1e-10)
+
+
+def test_resection_is_opencvs() -> None:
+    """Claim: on the same centres the pose is that of ``cv2.solvePnP``, refined, to 1e-6 m and 1e-6 of the rotation.
+
+    Set-up: points without extent, 0.02 pixel of noise, a lens with distortion.
+    """
+    rng = np.random.default_rng(3)
+    rotation, position = poses(40, 4)
+    tiny = dot_array(POINTS, 1e-6)
+    centres, covariance = seen(tiny, rotation, position, rng)
+    found = estimate_camera_pose(CAMERA, tiny, centres, covariance)
+    u, v = CAMERA.centre
+    matrix = np.array([[CAMERA.scale, 0.0, u], [0.0, CAMERA.scale, v], [0.0, 0.0, 1.0]])
+    lens = np.array([CAMERA.k1, CAMERA.k2, CAMERA.p1, CAMERA.p2, CAMERA.k3])
+    for number, image in enumerate(centres):
+        _, turn, place = cv2.solvePnP(POINTS, image, matrix, lens, flags=cv2.SOLVEPNP_SQPNP)
+        turn, place = cv2.solvePnPRefineLM(POINTS, image, matrix, lens, turn, place, (3, 200, 1e-15))
+        np.testing.assert_allclose(found.position[number], place[:, 0], atol=1e-6)
+        np.testing.assert_allclose(found.rotation[number], rotation_from_vector(turn[:, 0]), atol=1e-6)
+
+
+def test_sigma_holds_and_the_perspective_is_removed() -> None:
+    """Claim: 95 % of the errors of all six components lie within 1.96 σ, of large dots whose ellipses are far off."""
+    rotation, position = poses(400, 5)
+    large = dot_array(POINTS, 0.08)
+    centres, covariance = seen(large, rotation, position, np.random.default_rng(6))
+    found = estimate_camera_pose(CAMERA, large, centres, covariance)
+    assert (found.status == PoseStatus.VALID).all()
+    turned = vector_from_rotation(found.rotation @ np.swapaxes(rotation, 1, 2))
+    errors = np.concatenate([found.position - position, turned], axis=1)
+    pulls = errors / np.sqrt(np.diagonal(found.covariance, axis1=1, axis2=2))
+    for column in pulls.T:
+        assert share(int((np.abs(column) < 1.96).sum()), len(column), 0.95, slack=0.01)
+    whole = np.einsum("bi,bij,bj->b", errors, np.linalg.inv(found.covariance), errors)
+    assert mean_square(np.sqrt(whole / 6.0), freedom=6.0 * len(whole), slack=0.02)
+
+
+def test_a_calibrations_errors_are_shared_by_all_dots() -> None:
+    """Claim: poses of a camera that is not what it is believed to be scatter as its calibration's covariance says.
+
+    Set-up: 300 cameras drawn from the covariance, each with one frame without other noise to speak of.
+    """
+    rng = np.random.default_rng(7)
+    spread = np.array([3e-6, 0.5, 0.4, 1e-3, 0.0, 0.0, 2e-4, 2e-4])
+    (rotation,), (position,) = poses(1, 8)
+    centres = []
+    for _ in range(300):
+        off = dict(zip(PARAMETERS, rng.normal(0.0, 1.0, 8) * spread, strict=True))
+        centre = (CAMERA.centre[0] + off.pop("principal_u"), CAMERA.centre[1] + off.pop("principal_v"))
+        changed = {name: getattr(CAMERA, name) + value for name, value in off.items()}
+        true = CAMERA.changed(principal_point=centre, **changed)
+        centres.append(dot_images(true, ARRAY, rotation, position).ellipse)
+    covariance = np.tile(1e-4 * np.eye(2), (300, len(POINTS), 1, 1))
+    found = estimate_camera_pose(CAMERA, ARRAY, np.array(centres), covariance, calibration=np.diag(spread**2))
+    turned = vector_from_rotation(found.rotation @ rotation.T)
+    errors = np.concatenate([found.position - position, turned], axis=1)
+    without = estimate_camera_pose(CAMERA, ARRAY, centres[0], covariance[0]).covariance
+    # Of the stated covariance the dots' own share is left out: these frames have no noise.
+    stated = np.diagonal(found.covariance - without, axis1=1, axis2=2)
+    for error, variance in zip(errors.T, stated.T, strict=True):
+        assert mean_square(error / np.sqrt(variance), slack=0.05)
+
+
+def test_poses_move_with_the_mount() -> None:
+    """Claim: a pose in the scanner's frame is the mount's product, and its covariance is turned with it."""
+    mount = np.eye(4)
+    mount[:3, :3], mount[:3, 3] = rotation_from_vector([0.1, -0.2, 0.3]), [0.4, 0.0, -0.1]
+    (rotation,), (position,) = poses(1, 9)
+    spread = np.diag([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    off = 1e-4 * np.eye(6)
+    there, turned, covariance = moved_to(mount, position, rotation, spread, off)
+    np.testing.assert_allclose(there, mount[:3, :3] @ position + mount[:3, 3])
+    np.testing.assert_allclose(turned, mount[:3, :3] @ rotation)
+    arm = there - mount[:3, 3]
+    cross = np.array([[0.0, arm[2], -arm[1]], [-arm[2], 0.0, arm[0]], [arm[1], -arm[0], 0.0]])
+    change = np.block([[np.eye(3), cross], [np.zeros((3, 3)), np.eye(3)]])
+    both = np.kron(np.eye(2), mount[:3, :3])
+    np.testing.assert_allclose(covariance, both @ spread @ both.T + change @ off @ change.T)
+
+
+def test_two_poses_are_combined_by_their_covariances() -> None:
+    """Claim: the combined pose scatters as it says and less than either; χ² has six degrees of freedom."""
+    rotation, position = poses(400, 10)
+    rng = np.random.default_rng(11)
+    pair = [estimate_camera_pose(CAMERA, ARRAY, *seen(ARRAY, rotation, position, rng)) for _ in range(2)]
+    both = combined_poses(*pair)
+    assert (
+        np.diagonal(both.covariance, axis1=1, axis2=2) < np.diagonal(pair[0].covariance, axis1=1, axis2=2)
+    ).all()
+    turned = vector_from_rotation(both.rotation @ np.swapaxes(rotation, 1, 2))
+    errors = np.concatenate([both.position - position, turned], axis=1)
+    whole = np.einsum("bi,bij,bj->b", errors, np.linalg.inv(both.covariance), errors)
+    for squares in (whole, both.chi2):
+        assert mean_square(np.sqrt(squares / 6.0), freedom=6.0 * len(squares), slack=0.02)
+
+
+def test_targets_are_found_among_other_dots() -> None:
+    """Claim: an array is found from scratch among rivets of its size, with a target hidden, and its poses are right."""
+    rng = np.random.default_rng(12)
+    rotation, position = poses(3, 13)
+    for turn, place in zip(rotation, position, strict=True):
+        images = dot_images(CAMERA, ARRAY, turn, place)
+        centres, _ = seen(ARRAY, turn, place, rng)
+        rivets = rng.uniform(centres.min(axis=0), centres.max(axis=0), (2, 2))
+        every = np.concatenate([centres[1:], rivets])
+        half = np.concatenate([images.half_axes[1:, 0], np.full(2, images.half_axes[0, 0])])
+        order = rng.permutation(len(every))
+        named = identify(CAMERA, ARRAY, as_dots(every[order], half[order]))
+        assert not named.ambiguous
+        assert named.pose is not None
+        expected = np.argsort(order)[: len(POINTS) - 1]
+        np.testing.assert_array_equal(named.dot[1:], expected)
+        assert named.status[0] in (DotStatus.NOT_FOUND, DotStatus.VALID)
+        assert np.abs(named.pose.position - place).max() < 0.02
+
+
+def test_a_symmetrical_array_is_ambiguous_until_an_attitude_is_expected() -> None:
+    """Claim: a square of equal dots looks the same four times round, and is named so; an attitude to 40° decides."""
+    assert len(symmetries(SQUARE)) == 3
+    assert symmetries(ARRAY) == []
+    (turn,), (place,) = poses(1, 14)
+    centres, _ = seen(SQUARE, turn, place, np.random.default_rng(15))
+    dots = as_dots(centres, dot_images(CAMERA, SQUARE, turn, place).half_axes[:, 0])
+    alone = identify(CAMERA, SQUARE, dots)
+    assert alone.ambiguous
+    assert (alone.status == DotStatus.AMBIGUOUS).all()
+    known = identify(CAMERA, SQUARE, dots, expected=turn @ rotation_from_vector([0.1, 0.2, -0.3]))
+    assert not known.ambiguous
+    np.testing.assert_array_equal(known.dot, np.arange(4))
+
+
+def test_a_predicted_array_is_followed_and_a_failed_dot_says_why() -> None:
+    (turn,), (place,) = poses(1, 16)
+    centres, _ = seen(ARRAY, turn, place, np.random.default_rng(17))
+    dots = as_dots(centres, dot_images(CAMERA, ARRAY, turn, place).half_axes[:, 0])
+    dots.status[2] = DotStatus.SATURATED
+    followed = identify(CAMERA, ARRAY, dots, predicted=(turn, place + np.array([0.01, 0.0, 0.05])), reach=3.0)
+    np.testing.assert_array_equal(followed.dot, [0, 1, -1, 3, 4, 5])
+    assert followed.status[2] == DotStatus.SATURATED
+    nothing = identify(CAMERA, ARRAY, as_dots(centres[:3], np.full(3, 8.0)))
+    assert nothing.pose is None
+    assert (nothing.status == DotStatus.NOT_FOUND).all()
+
+
+def test_wrong_shapes_are_refused() -> None:
+    centres = np.zeros((len(POINTS), 2))
+    with pytest.raises(InputError, match="centres and covariance"):
+        estimate_camera_pose(CAMERA, ARRAY, centres[:3], np.zeros((3, 2, 2)))
+    with pytest.raises(InputError, match="calibration has the shape"):
+        estimate_camera_pose(CAMERA, ARRAY, centres, np.tile(np.eye(2), (6, 1, 1)), calibration=np.eye(3))

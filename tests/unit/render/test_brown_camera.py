@@ -1,0 +1,77 @@
+"""The Mitsuba sensor ``brown_camera`` in somebody's own scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim.foundation.errors import InputError
+from scanner_sim.optics.interior_orientation import InteriorOrientation
+
+pytestmark = pytest.mark.usefixtures("device")
+
+LENS = {"focal_length": 12e-3, "pixel_pitch": 50e-6, "k1": -0.3, "k2": 0.1, "p1": 2e-3}
+
+
+def sensor(**settings: Any) -> Any:
+    import mitsuba as mi
+
+    from scanner_sim.render.plugins.brown_camera import register_brown_camera
+
+    register_brown_camera()
+    film = {
+        "type": "hdrfilm",
+        "width": 64,
+        "height": 48,
+        "rfilter": {"type": "box"},
+        "component_format": "float32",
+    }
+    return mi.load_dict({"type": "brown_camera", "film": film, **LENS, **settings})
+
+
+def test_rays_go_where_the_calibration_says() -> None:
+    import mitsuba as mi
+
+    turn = mi.ScalarTransform4f().translate([0.3, 0.0, 1.0]).rotate([0, 1, 0], 10.0)
+    made = sensor(to_world=turn, principal_u=30.0, principal_v=25.0)
+    law = InteriorOrientation(columns=64, rows=48, principal_point=(30.0, 25.0), **LENS)
+    pixels = np.random.default_rng(1).uniform(-0.5, (63.5, 47.5), (500, 2))
+    share = ((pixels + 0.5) / (64, 48)).T
+    ray, weight = made.sample_ray(0.0, 0.5, mi.Point2f(share), mi.Point2f(0.5))
+    angle = np.radians(10.0)
+    rotation = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])
+    expected = law.directions(pixels) @ rotation.T
+    # A fiftieth of a thousandth of a pixel, of which 240 are a radian, and single precision.
+    np.testing.assert_allclose(np.array(ray.d).T, expected, atol=2e-4 / 240.0)
+    np.testing.assert_allclose(np.array(ray.o)[:, 0], (0.3, 0.0, 1.0), rtol=1e-6)
+    assert np.array(weight).min() == 1.0
+
+
+def test_a_scene_is_rendered_with_it() -> None:
+    import mitsuba as mi
+
+    law = InteriorOrientation(columns=64, rows=48, **LENS)
+    scene = mi.load_dict(
+        {
+            "type": "scene",
+            "camera": sensor(),
+            "integrator": {"type": "direct"},
+            "lamp": {
+                "type": "sphere",
+                "center": [0.8, 0.5, 10.0],
+                "radius": 0.1,
+                "emitter": {"type": "area", "radiance": {"type": "uniform", "value": 1.0}},
+            },
+        }
+    )
+    image = np.array(mi.render(scene, spp=64, seed=1))[:, :, 0]
+    v, u = np.mgrid[:48, :64]
+    found = (image * u).sum() / image.sum(), (image * v).sum() / image.sum()
+    assert found == pytest.approx(tuple(law.project((0.8, 0.5, 10.0))), abs=0.1)
+
+
+def test_a_lens_that_folds_is_refused() -> None:
+    with pytest.raises((InputError, RuntimeError), match="brown_camera"):
+        sensor(k1=-9.0)
