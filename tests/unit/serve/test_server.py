@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import msgpack
@@ -80,18 +81,22 @@ class Client:
 
 @pytest.fixture
 def served() -> Iterator[tuple[str, Echo]]:
-    yield from running(Echo())
+    with running(Echo()) as served:
+        yield served
 
 
+@contextmanager
 def running(session: Any, realtime: float | None = None) -> Iterator[tuple[str, Any]]:
     server, stop = Server("tcp://127.0.0.1:*", patience=PATIENCE), threading.Event()
     work = threading.Thread(
         target=server.serve, args=(session,), kwargs={"realtime": realtime, "stopped": stop.is_set}
     )
     work.start()
-    yield server.address, session
-    stop.set()
-    work.join(20.0)
+    try:
+        yield server.address, session
+    finally:
+        stop.set()
+        work.join(20.0)
     assert not work.is_alive()
     server.close()
 
@@ -181,7 +186,7 @@ def test_a_free_run_keeps_the_clock_and_counts_overruns(cost: float, late: bool)
     A visit that costs nothing may be late on a machine that is busy: at most of some.
     """
     session = Echo(cost)
-    for address, _ in running(session, realtime=1.0):
+    with running(session, realtime=1.0) as (address, _):
         time.sleep(0.4)
         assert session.tracker.time == 0.0
         client, begun = Client(address), time.monotonic()
