@@ -122,6 +122,8 @@ class Server:
                 raise InputError("the run is not open.", remedy="Send 'open' first.")
             told = done(number, session.answer(request))
         except ScannerSimError as error:
+            if self._holder is not None and self._holder[0] == sender:
+                self._holder = (*self._holder[:2], time.monotonic())
             return refused_by(number, error)
         self._hold(sender, request)
         return told

@@ -127,11 +127,12 @@ def test_a_second_client_is_refused_until_the_first_lets_go(served: Any) -> None
     """Claim: nothing that a second client asks reaches the run, and it is told who holds it; after ``close`` it may."""
     first, second = Client(served[0]), Client(served[0])
     first.ask("open", client="guidance")
+    first.ask("step")
     for command in ("open", "step", "close"):
         refused = second.ask(command)
         assert refused["error"]["kind"] == "busy"
         assert "'guidance' holds the run" in refused["error"]["message"]
-    assert served[1].asked == ["open"]
+    assert served[1].asked == ["open", "step"]
     first.ask("close")
     assert second.ask("open")["ok"]
     assert first.ask("step")["error"]["kind"] == "busy"
@@ -153,6 +154,16 @@ def test_a_slow_client_keeps_the_run_while_nobody_else_asks(served: Any) -> None
     client.ask("open")
     time.sleep(1.5 * PATIENCE)
     assert client.ask("step")["ok"]
+
+
+def test_a_client_that_errs_is_not_silent(served: Any) -> None:
+    first, second = Client(served[0]), Client(served[0])
+    first.ask("open")
+    until = time.monotonic() + 1.5 * PATIENCE
+    while time.monotonic() < until:
+        assert not first.ask("drop", target="x")["ok"]
+        time.sleep(0.1 * PATIENCE)
+    assert second.ask("open")["error"]["kind"] == "busy"
 
 
 def test_who_does_not_read_or_sends_too_much_does_not_stop_the_others(served: Any) -> None:
