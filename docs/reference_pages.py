@@ -28,6 +28,8 @@ from scanner_sim.scene.materials import MATERIALS
 from scanner_sim.scene.visible import VISIBLE
 from scanner_sim.tracking.record import Track, TrackStatus
 
+PAGE = {"view.html": "by `view`: the result as one page, to turn and to look into"}
+
 CONVERTED = {
     "points.laz": "with `output.formats`, as the five below, or by `convert`: points as LAS 1.4, compressed",
     "points.las": "the same, not compressed",
@@ -50,6 +52,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "points.ply": "the points with intensity and σ, binary little-endian PLY",
             "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
             **CONVERTED,
+            **PAGE,
             "lines.parquet": "lines of the voxels under `output.lines`, and the light before noise; columns below",
             "waveforms.parquet": "the same of the waveforms under `output.waveforms`",
         },
@@ -75,6 +78,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "points.ply": "the points with intensity, σ and number of the shot, binary little-endian PLY",
             "camera.png": "under the Sun: what an ordinary video camera at the scanner sees",
             **CONVERTED,
+            **PAGE,
         },
     ),
     "run, of a track": (
@@ -95,6 +99,7 @@ FOLDERS: Mapping[str, tuple[str, Mapping[str, str]]] = {
             "pose.png": "errors of the poses over time with ±2σ",
             "outline.png": "the objects at true and at estimated pose, displacement enlarged",
             **CONVERTED,
+            **PAGE,
         },
     ),
     "orbit": (

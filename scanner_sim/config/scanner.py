@@ -78,9 +78,9 @@ LidarChoice = Annotated[
 class Latency(Part):
     """What passes between the last light of a tracking pattern and its measurement at whoever steers by it."""
 
-    processing: Time = Field(default=0.0, ge=0.0, le=1e3)
+    processing: Time = Field(ge=0.0, le=1e3)
     """Time in which the instrument works out what the pattern shows."""
-    transfer: Time = Field(default=0.0, ge=0.0, le=1e3)
+    transfer: Time = Field(ge=0.0, le=1e3)
     """Time in which it is sent."""
 
     @property
@@ -118,7 +118,7 @@ class Scanner(Part):
     a laser that always shines."""
     as_built: AsBuilt | None = None
     """How the instrument that measures departs from all this, which it believes; by default it does not."""
-    latency: Latency = Latency()
+    latency: Latency
     """How long after its light a measurement of a target is there; by default at the end of its pattern."""
 
     @model_validator(mode="before")

@@ -119,7 +119,7 @@ _POINT = (
             pictures=(_RANGE, _SHADED)),
     Channel("sigma_range_m", "m", "standard deviation of range_m that the instrument states", "sigma",
             vertex="sigma_range_m"),
-    Channel("sigma_same_m", "m", "part of sigma_range_m that all voxels have in common: the errors of the "
+    Channel("sigma_common_m", "m", "part of sigma_range_m that all voxels have in common: the errors of the "
             "calibration, which no mean makes smaller", "sigma", asked="calibration"),
     Channel("P.X", "m", "measured point, to the right of the scanner", "point", vertex="x"),
     Channel("P.Y", "m", "measured point, downwards", "point", vertex="y"),

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 _TOGETHER = 1 << 15
 """Voxels whose derivatives are held at once: some fifty megabytes."""
-COMMON = "sigma_same_m"
+COMMON = "sigma_common_m"
 """Layer of the part of a range's σ that all voxels have in common."""
 
 

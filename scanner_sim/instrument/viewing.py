@@ -13,7 +13,7 @@ import numpy as np
 from scanner_sim.config import scenario_from_text
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument.closed_loop.poses import poses_of
+from scanner_sim.instrument.closed_loop.poses import outlines_of, poses_of
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.signal_records import RECORDERS, Progress, recorded
 from scanner_sim.instrument.simulate_signals import voxel_shots
@@ -257,4 +257,5 @@ def _track_page(
     voxels = sum(one.samples.time.shape[1] for one in track.records)
     fits = _PAGE_BYTES + voxels * 4 * _BYTES_OF_VOXEL < 1e6 * largest_mb
     notes = [] if fits else [f"Patterns were left out, to keep the page below {largest_mb:g} MB."]
-    return track_data(track, poses, around, title=title, patterns=fits, notes=notes)
+    outlines = outlines_of(track)(track.records)
+    return track_data(track, poses, around, outlines=outlines, title=title, patterns=fits, notes=notes)

@@ -22,7 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.foundation.arithmetic import applied, cholesky, exp, product, solve_linear
+from scanner_sim.foundation.arithmetic import applied, exp, product, solve_linear
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.deflection import WOBBLE_LASTS, wobble_correlation
 from scanner_sim.pose.collinearity import project
@@ -302,7 +302,7 @@ def _by_bias(record: PatternRecord) -> Array:
     """Return by how much a target's biases move what is measured of it, shape (3, 6)."""
     errors = record.errors
     slope = np.zeros((3, _TARGET_STATES))
-    slope[:, :3] = cholesky(errors.surface + np.diag([1e-18, 1e-18, 1e-14]))
+    slope[:, :3] = errors.surface_root
     slope[0, 3] = slope[1, 4] = np.sqrt(errors.wobble)
     slope[2, 5] = np.sqrt(errors.pixels)
     return slope

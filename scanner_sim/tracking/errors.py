@@ -26,7 +26,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from scanner_sim.foundation.arithmetic import exp, product
+from scanner_sim.foundation.arithmetic import cholesky, exp, product
 from scanner_sim.optics.deflection import wobble_correlation
 
 Array = NDArray[np.float64]
@@ -35,6 +35,9 @@ _STEP, _REACH = 0.5, 12
 """Distance of the nodes of an integral over images, over their width, and nodes on each side of an image."""
 _NODES = np.arange(-_REACH, _REACH + 1.0)[:, None, None]
 _DECAY = exp(-0.5 * (_NODES * _STEP) ** 2)
+
+_LEAST_SURFACE = np.diag([1e-24, 1e-24, 1e-20])
+"""Added to surfaces' parts, so that those of nothing have a root too [rad², m²]."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +89,11 @@ class ErrorParts:
             result[..., axis, axis] = self.wobble
         result[..., :2, :2] += self.drift[..., :, None] * self.drift[..., None, :]
         return result + _products(self.common, self.common) if self.common.shape[-1] else result
+
+    @property
+    def surface_root(self) -> Array:
+        """L with L Lᵀ the surfaces' part, but for a picoradian and 0.1 nm, shape (..., 3, 3)."""
+        return cholesky(self.surface + _LEAST_SURFACE)
 
     @property
     def lasting(self) -> Array:
@@ -155,8 +163,9 @@ def common_covariance(
     Returns
     -------
     ndarray
-        Covariances between visits, shape (..., m, m, 3, 3), without the white parts. Surfaces: that of the target,
-        wholly (visits that lie close in time). Pixels: images Δ apart, of width s, share (1 − Δ²/2s²) exp(−Δ²/4s²), the
+        Covariances between visits, shape (..., m, m, 3, 3), without the white parts. Surfaces: L₁ L₂ᵀ, the same three
+        standard errors by the root L of each visit's part, which differ where patterns do; of one target wholly (visits
+        that lie close in time). Pixels: images Δ apart, of width s, share (1 − Δ²/2s²) exp(−Δ²/4s²), the
         correlation of Σ x q(x) ε(x) for two Gaussian images q over white ε. Wobble:
         :func:`~scanner_sim.optics.deflection.wobble_correlation` of the times and of the other mirror's angles. Drift:
         all.
@@ -170,7 +179,8 @@ def common_covariance(
     def geometric(variance: Array) -> Array:
         return np.asarray(np.sqrt(variance[..., :, None] * variance[..., None, :]))
 
-    result = 0.5 * (parts.surface[..., :, None, :, :] + parts.surface[..., None, :, :, :])
+    root = parts.surface_root
+    result = _products(root[..., :, None, :, :], root[..., None, :, :, :])
     result = np.where(same[..., None, None], result, 0.0)
     result[..., 2, 2] += geometric(parts.pixels) * pixel_correlation(
         apart(parts.image) / geometric(parts.image_width**2) ** 0.5

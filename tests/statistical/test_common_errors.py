@@ -117,7 +117,7 @@ def stated(samples: Samples, prefix: str) -> tuple[Array, ...]:
     for one, other in ((0, 1), (0, 2), (1, 2)):
         matrix[:, one, other] = matrix[:, other, one] = columns[f"{prefix}cov_{'xyz'[one]}{'xyz'[other]}_m2"]
     sigma = columns[f"{prefix}sigma_range_m"]
-    common = columns.get(f"{prefix}sigma_same_m", 0.0 * sigma)
+    common = columns.get(f"{prefix}sigma_common_m", 0.0 * sigma)
     return error, matrix, columns[f"{prefix}range_m"] - columns["truth.range_m"], sigma, common
 
 

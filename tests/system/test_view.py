@@ -15,6 +15,8 @@ import html5lib
 import numpy as np
 import pytest
 from claims import mean_square
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from scanner_sim import (
@@ -31,6 +33,8 @@ from scanner_sim.cli import app
 from scanner_sim.config import scenario_from_text
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.foundation.status import Status
+from scanner_sim.pose.series import PoseSeries
+from scanner_sim.products.pose import read_poses
 from scanner_sim.products.view.packing import unpacked
 from scanner_sim.products.view.signals import WINDOW
 
@@ -57,7 +61,7 @@ scene:
     - name: node
       array: {diameter: 100 mm, rows: 2, columns: 2, spacing: [1 m, 1 m], plate: 300 mm}
       position: [0 m, 0 m, 8 m]
-scan: {type: track, duration: 0.1 s, targets: [node]}
+scan: {type: track, duration: 0.2 s, targets: [node]}
 output: {pictures: false}
 """
 SPIRAL = """\
@@ -284,7 +288,8 @@ def test_the_page_of_a_track_holds_its_visits_and_poses(tracked: Path, tmp_path:
     data, track = data_of(tmp_path / "track.html"), read_track(tracked)
     visits = {name: unpacked(packed) for name, packed in data["visits"].items()}
     assert visits["time"] == pytest.approx([one.time for one in track.records], rel=1e-6)
-    assert visits["range"] == pytest.approx([one.position[2] for one in track.records], nan_ok=True)
+    errors = [one.position[2] - one.truth[2] for one in track.records]
+    assert visits["error"] == pytest.approx(errors, rel=1e-6, nan_ok=True)
     names = [data["targets"][number]["name"] for number in visits["target"]]
     assert names == [one.target for one in track.records]
     first = unpacked(data["patterns"]["first"])
@@ -293,14 +298,58 @@ def test_the_page_of_a_track_holds_its_visits_and_poses(tracked: Path, tmp_path:
     ]
     assert np.diff(first).tolist() == measured
     assert {pose["object"] for pose in data["poses"]} == {"node"}
-    dom = drawn(tmp_path / "track.html", "time=0.05", tmp_path / "profile")
+    poses = read_poses(tracked / "pose.parquet")
+    for kept, series in zip(data["poses"], poses, strict=True):
+        assert (kept["object"], kept["method"]) == (series.name, series.method)
+        assert unpacked(kept["error"]) == pytest.approx(off(series), rel=1e-6, nan_ok=True)
+        assert unpacked(kept["sigma"]) == pytest.approx(sigmas(series), rel=2.5e-4, nan_ok=True)
+    dom = drawn(tmp_path / "track.html", "time=0.16", tmp_path / "profile")
     if dom is None:
         return
     said = panel(dom)
-    last = [one for one in track.records if one.target == "node/1" and one.time <= 0.05][-1]
+    last = [one for one in track.records if one.target == "node/1" and one.time <= 0.16][-1]
     assert last.after.value in said
+    (cells,) = re.findall(r"node/1 \w+" + 3 * r" ([+−]?\d+\.?\d*)", said)
+    error, sigma = last.position[2] - last.truth[2], np.sqrt(last.covariance[2, 2])
+    told = [float(cell.replace("−", "-")) for cell in cells]
+    assert told[:2] == pytest.approx([1e3 * error, 1e3 * sigma], rel=6e-3)
+    assert told[2] == pytest.approx(error / sigma, rel=6e-2)
     assert "error of the range" in said
-    assert "0.050 s" in dom
+    assert "0.160 s" in dom
+    # Of each method the pose before the moment: error and σ of place [mm] and of attitude [mrad].
+    rows = re.findall(r"node (uv|xyz|joint)" + 4 * r" (\d+\.?\d*)", said)
+    assert [row[0] for row in rows] == [series.method for series in poses]
+    for row, series in zip(rows, poses, strict=True):
+        now = np.flatnonzero(series.time <= 0.16)[-1]
+        told = np.stack([off(series)[now], sigmas(series)[now]], axis=1).ravel()
+        assert [float(cell) for cell in row[1:]] == pytest.approx(1e3 * told, rel=6e-3)
+
+
+def off(series: PoseSeries) -> NDArray[np.float64]:
+    """Return how far poses lie from the truth [m], and by what angle they are turned against it [rad]."""
+    good = np.equal(series.status, 0)
+    found = np.full((len(good), 2), np.nan)
+    found[good, 0] = np.linalg.norm(series.position[good] - series.truth_position[good], axis=1)
+    true, seen = (Rotation.from_matrix(one[good]) for one in (series.truth_rotation, series.rotation))
+    found[good, 1] = (true.inv() * seen).magnitude()
+    return found
+
+
+def sigmas(series: PoseSeries) -> NDArray[np.float64]:
+    """Return σ of place [m] and of attitude [rad], of all three axes together."""
+    return np.stack(
+        [np.linalg.norm(series.sigma[:, part], axis=1) for part in (np.s_[:3], np.s_[3:])], axis=1
+    )
+
+
+def test_the_page_of_a_track_holds_the_outlines_of_its_discs(tracked: Path, tmp_path: Path) -> None:
+    """Claim: discs of 100 mm of an array that faces the scanner have half axes of 50 mm along x and y."""
+    command("view", tracked, "-o", tmp_path / "track.html", "--device", "cpu", "-q")
+    visits = data_of(tmp_path / "track.html")["visits"]
+    outline = unpacked(visits["outline"])
+    assert outline.shape == (len(unpacked(visits["time"])), 2, 3)
+    facing = np.broadcast_to(0.05 * np.eye(3)[:2], outline.shape)
+    assert outline == pytest.approx(facing, rel=2.5e-4, abs=1e-9)
 
 
 def test_shots_have_a_page_without_lines(tmp_path: Path) -> None:

@@ -101,10 +101,12 @@ def true_poses(scenario: Scenario, name: str, time: Array) -> Array:
     return item.pose_at(time)
 
 
-def rims_of(track: Track) -> Callable[[PatternRecord], Array]:
-    """Return what gives the true outline of a visit's target, (Θ, φ) [rad], shape (n, 2), at the time of the visit.
+def outlines_of(track: Track) -> Callable[[Sequence[PatternRecord]], Array]:
+    """Return what gives the true outlines of visits' targets, each at the time of its visit, as two half axes [m].
 
-    Discs, alone or in an array, are seen under their tilt; of all else a circle of the target's diameter.
+    An outline is ``truth_point`` + cos(a) u + sin(a) v for all angles a, of half axes (u, v), shape (n, 2, 3), along
+    the axes of the scanner. Discs, alone or in an array, lie in their plane; of all else it is a circle of the target's
+    diameter about its place, across the line to it.
 
     Raises
     ------
@@ -114,18 +116,46 @@ def rims_of(track: Track) -> Callable[[PatternRecord], Array]:
     scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run", stored=True)
     items = {item.name: item for item in scenario.scene.objects}
     targets = {target.name: target for target in track.targets}
-    separation = scenario.scanner.mirrors.axis_separation
+
+    def outlines(records: Sequence[PatternRecord]) -> Array:
+        seen = [targets[record.target] for record in records]
+        across = _across(
+            np.array([record.truth_point for record in records], dtype=np.float64).reshape(-1, 3)
+        )
+        for name in {target.object for target in seen}:
+            if isinstance(items[name], Disc | TargetArray):
+                own = [number for number, target in enumerate(seen) if target.object == name]
+                poses = items[name].pose_at(np.array([records[number].time for number in own]))
+                across[own] = np.swapaxes(poses[:, :3, :2], 1, 2)
+        radii = np.array([0.5 * target.appearance.diameter for target in seen])
+        return radii[:, None, None] * across
+
+    return outlines
+
+
+def _across(points: Array) -> Array:
+    """Return two directions at right angles to the line to each point, the first level, shape (n, 2, 3)."""
+    x, y, z = points.T
+    level = np.stack([z, np.zeros_like(y), -x], axis=-1) / np.hypot(x, z)[:, None]
+    upward = np.cross(points / np.linalg.norm(points, axis=-1, keepdims=True), level)
+    return np.stack([level, upward], axis=1)
+
+
+def rims_of(track: Track) -> Callable[[PatternRecord], Array]:
+    """Return what gives the outline of :func:`outlines_of` as the scanner sees it, (Θ, φ) [rad], shape (n, 2).
+
+    Raises
+    ------
+    InputError
+        If the run's scenario cannot be read.
+    """
+    scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run", stored=True)
+    separation, outlines = scenario.scanner.mirrors.axis_separation, outlines_of(track)
+    round_ = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
 
     def rim(record: PatternRecord) -> Array:
-        target = targets[record.target]
-        item, radius = items[target.object], 0.5 * target.appearance.diameter
-        round_ = np.stack([np.cos(_TURN), np.sin(_TURN)], axis=1)
-        if not isinstance(item, Disc | TargetArray):
-            seen: Array = record.truth[:2] + radius / record.truth[2] * round_
-            return seen
-        (pose,) = item.pose_at(record.time)
-        points = target.centre + radius * np.concatenate([round_, np.zeros((len(_TURN), 1))], axis=1)
-        x, y, z = (product(points, pose[:3, :3].T) + pose[:3, 3]).T
+        (across,) = outlines([record])
+        x, y, z = (record.truth_point + product(round_, across)).T
         _, theta, phi = angles_and_range(x, y, z, separation)
         return np.stack([theta, phi], axis=1)
 

@@ -101,7 +101,7 @@ def track_many(
         if progress is not None:
             done = sum(min(state.clock, most) for state, most in zip(states, durations, strict=True))
             progress(done, sum(durations))
-    return tuple(track_of(*run) for run in zip(scenarios, map(tuple, records), strict=True))
+    return tuple(track_of(*run) for run in zip(scenarios, map(tuple, records), visits.said, strict=True))
 
 
 def check_alike(scenarios: Sequence[Scenario]) -> None:

@@ -19,6 +19,7 @@ from scanner_sim.instrument.closed_loop.records import NOTHING, Recorder
 from scanner_sim.instrument.closed_loop.saved_state import TrackerState
 from scanner_sim.instrument.closed_loop.target_sensor import TargetSensor
 from scanner_sim.instrument.instrument import Instrument
+from scanner_sim.instrument.mesh_sizes import mesh_warnings
 from scanner_sim.products.image import RangeImage
 from scanner_sim.render.guest import Stay, guest
 from scanner_sim.render.libraries import DeviceChoice
@@ -59,6 +60,11 @@ class Visits:
         One for each run, alike in all that :func:`~scanner_sim.instrument.closed_loop.track.track_many` asks for.
     device, threads
         Where to compute.
+
+    Attributes
+    ----------
+    said
+        Of each run, what is to be said of the meshes of its scene.
     """
 
     def __init__(
@@ -75,6 +81,7 @@ class Visits:
             self._sensor = TargetSensor(scenarios, frozen)
             self._situations = frozen.situations()
             self._stay = Stay()
+        self.said = [mesh_warnings(*run) for run in zip(scenarios, (one.loaded for one in runs), strict=True)]
         self._believed = BelievedPositions(scenarios[0])
         self._recorders = [Recorder(scenario) for scenario in scenarios]
         self._periods: dict[int, float] = {}

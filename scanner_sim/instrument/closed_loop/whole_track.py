@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 from scanner_sim.config import resolved_yaml
 from scanner_sim.config.scenario import Scenario
@@ -15,15 +15,18 @@ def made_by() -> str:
     return f"scanner-sim {versions()['scanner-sim']}"
 
 
-def track_of(scenario: Scenario, records: tuple[PatternRecord, ...]) -> Track:
-    """Return a run of a scenario with everything that is kept of it beside its records."""
+def track_of(scenario: Scenario, records: tuple[PatternRecord, ...], said: Iterable[str] = ()) -> Track:
+    """Return a run of a scenario with everything that is kept of it beside its records.
+
+    ``said`` are warnings about the scene.
+    """
     return Track(
         records=records,
         targets=scenario.targets,
         seed=scenario.seed,
         scenario_yaml=resolved_yaml(scenario),
         made_by=made_by(),
-        warnings=tuple(_warnings(scenario.targets, records)),
+        warnings=(*said, *_warnings(scenario.targets, records)),
     )
 
 

@@ -143,7 +143,7 @@ def _attributes(image: RangeImage) -> dict[str, Any]:
         "owner": "Scanner Sim",
         "software": software(image.made_by),
         "comments": (
-            "Range image of a simulated laser scanner. Units and meanings stand in unit.* and description.*, "
+            "Range image of a simulated laser scanner. Units and meanings stand in unit.* and meaning.*, "
             "the names behind numbers in legend.*; NaN marks voxels without a range. Frame: x to the right, "
             "y down, z away from the scanner, which stands at the origin."
         ),
@@ -158,7 +158,7 @@ def _attributes(image: RangeImage) -> dict[str, Any]:
         attributes[f"{PREFIX}poses"] = json.dumps(image.poses.plain())
     for name in image.channels:
         attributes[f"unit.{name}"] = CHANNEL[name].unit
-        attributes[f"description.{name}"] = CHANNEL[name].meaning
+        attributes[f"meaning.{name}"] = CHANNEL[name].meaning
     attributes["legend.status"] = _lines(legend())
     attributes["legend.truth.object"] = _number_lines(image.objects)
     attributes["legend.truth.material"] = _number_lines(image.materials)

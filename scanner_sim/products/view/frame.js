@@ -1,6 +1,8 @@
 "use strict";
 // What both kinds of page draw about their points, and what the keys and the pointer do.
 
+const RING = 72; // sides of an outline: a circle to 1/1000 of its radius
+
 /** Add what is drawn about the points: outlines of the field of view, axes, the Sun; return what shows or hides it. */
 function drawSurroundings(space, around) {
   const parts = [], labels = [];
@@ -42,6 +44,16 @@ function sunArrow(space, around, parts, labels) {
   ]);
   parts.push(space.addLines(new Float32Array([...from.toArray(), ...tip.toArray(), ...head]), "--sun"));
   labels.push(space.addLabel(around.sun_visible > 0 ? "to the Sun" : "to the Sun, which the Earth hides", tip.toArray(), "sun"));
+}
+
+/** Return the outline of a target about its place, of two half axes, as pairs of points. */
+function ring(centre, halves) {
+  const points = new Float32Array(6 * RING);
+  for (let part = 0; part < 2 * RING; part++) {
+    const angle = (2 * Math.PI * ((part + 1) >> 1)) / RING, across = Math.cos(angle), up = Math.sin(angle);
+    for (let k = 0; k < 3; k++) points[3 * part + k] = centre[k] + across * halves[k] + up * halves[3 + k];
+  }
+  return points;
 }
 
 /** Return a cross of three lines about a point, as pairs of points. */

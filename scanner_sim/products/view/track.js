@@ -37,14 +37,6 @@ function axes(position, rotation, i, length) {
   return points;
 }
 
-/** Return how far a pose lies from the truth [m] and how much it is turned against it [rad]. */
-function poseErrors(pose, i) {
-  const away = [0, 1, 2].map((k) => pose.position[3 * i + k] - pose.truth_position[3 * i + k]);
-  let squares = 0; // of the difference of the matrices: 8 sin² of half the angle, exact where it is small
-  for (let k = 0; k < 9; k++) squares += (pose.rotation[9 * i + k] - pose.truth_rotation[9 * i + k]) ** 2;
-  return { place: Math.hypot(...away), turn: 2 * Math.asin(Math.min(1, Math.sqrt(squares / 8))) };
-}
-
 class TrackView {
   constructor(data, space) {
     Object.assign(this, { data, space, visits: visitsOf(data), time: 0, target: 0, playing: false, speed: 1 });
@@ -55,6 +47,7 @@ class TrackView {
     this.trail = space.addPoints(places, 0.0012);
     this.pattern = patterns && space.addPoints(patterns.point, 0.0008);
     this.truth = data.targets.map(() => space.addLines(new Float32Array(18), "--ink"));
+    this.rims = data.targets.map((_, target) => space.addLines(new Float32Array(6 * RING), this.colour(target)));
     this.labels = data.targets.map((target) => space.addLabel(target.name, [0, 0, 0]));
     const long = 0.12 * space.extent;
     // Of several methods the last is drawn: it uses most.
@@ -99,11 +92,12 @@ class TrackView {
     const map = mapOf("signal");
     this.data.targets.forEach((_, target) => {
       const i = this.current(target), seen = i >= 0;
-      this.truth[target].visible = seen;
+      this.truth[target].visible = this.rims[target].visible = seen;
       this.labels[target].hidden = !seen;
       if (!seen) return;
       const at = visits.truth_point.subarray(3 * i, 3 * i + 3);
       this.space.move(this.truth[target], cross(at, 0.012 * this.space.extent));
+      this.space.move(this.rims[target], ring(at, visits.outline.subarray(6 * i, 6 * i + 6)));
       this.labels[target].at.set(...at);
       for (let k = patterns ? patterns.first[i] : 0; k < (patterns ? patterns.first[i + 1] : 0); k++) {
         const place = (patterns.signal[k] - this.signalEnds[0]) / (this.signalEnds[1] - this.signalEnds[0] || 1);
@@ -131,14 +125,14 @@ class TrackView {
   /** Return the table of the targets now. */
   targetTable(choose) {
     const { visits, targets, modes, statuses } = this.data;
-    const head = ["", "target", "state", "error", "σ", "error/σ"].map((word, i) => el("th", { className: i > 2 ? "number" : "" }, word));
+    const head = ["", "target", "state", "error [mm]", "σ", "error/σ"].map((word, i) => el("th", { className: i > 2 ? "number" : "" }, word));
     const rows = targets.map((target, number) => {
       const i = this.current(number), found = i >= 0 && visits.status[i] === MEASURED;
       const swatch = el("span", { className: "swatch" });
       swatch.style.background = this.colour(number);
-      const error = found ? visits.range[i] - visits.truth_range[i] : NaN;
+      const error = found ? visits.error[i] : NaN;
       const state = i < 0 ? "not yet" : found ? modes[visits.after[i]] : `${modes[visits.after[i]]}, ${statuses[visits.status[i]].name}`;
-      const cells = [millimetres(error, true), found ? millimetres(visits.sigma[i]) : "–", found ? digits(error / visits.sigma[i], 2) : "–"];
+      const cells = [`${error > 0 ? "+" : ""}${digits(1e3 * error, 3)}`, found ? digits(1e3 * visits.sigma[i], 3) : "–", found ? digits(error / visits.sigma[i], 2) : "–"];
       return el("tr", { className: number === this.target ? "chosen" : "", tabIndex: 0, onclick: () => choose(number), onkeydown: (event) => event.key === "Enter" && choose(number) },
         el("td", {}, swatch), el("td", {}, target.name), el("td", {}, state), ...cells.map((cell) => el("td", { className: "number" }, cell)));
     });
@@ -150,7 +144,7 @@ class TrackView {
     const { visits, duration, targets } = this.data;
     const own = this.visits[target].filter((i) => visits.status[i] === MEASURED);
     if (!own.length) return el("p", { className: "aside" }, `${targets[target].name} was never measured.`);
-    const errors = own.map((i) => 1e3 * (visits.range[i] - visits.truth_range[i]));
+    const errors = own.map((i) => 1e3 * visits.error[i]);
     const sorted = errors.map(Math.abs).sort((a, b) => a - b);
     const sigmas = own.map((i) => 1e3 * visits.sigma[i]).sort((a, b) => a - b);
     const end = 1.2 * Math.max(sorted[Math.floor(0.97 * (sorted.length - 1))], 2 * sigmas[Math.floor(sigmas.length / 2)]);
@@ -169,8 +163,7 @@ class TrackView {
     const rows = this.data.poses.map((pose) => {
       const i = lastBefore(pose.time, this.time);
       if (i < 0 || !pose.good[i]) return el("tr", {}, el("td", {}, pose.object), el("td", {}, pose.method), el("td", { colSpan: 4, className: "number" }, i < 0 ? "not yet" : "none"));
-      const away = poseErrors(pose, i);
-      const cells = [away.place, pose.sigma[2 * i], away.turn, pose.sigma[2 * i + 1]].map((value) => digits(1e3 * value, 3));
+      const cells = [pose.error[2 * i], pose.sigma[2 * i], pose.error[2 * i + 1], pose.sigma[2 * i + 1]].map((value) => digits(1e3 * value, 3));
       return el("tr", {}, el("td", {}, pose.object), el("td", {}, pose.method), ...cells.map((cell) => el("td", { className: "number" }, cell)));
     });
     return el("table", {}, el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...rows));
@@ -181,10 +174,9 @@ class TrackView {
     const duration = this.data.duration || 1;
     return this.axes.flatMap(({ pose }) => {
       const good = Array.from(pose.time.keys()).filter((i) => pose.good[i]);
-      const errors = good.map((i) => poseErrors(pose, i));
       if (!good.length) return [];
-      return [["place", "place", "mm", 0], ["turn", "attitude", "mrad", 1]].map(([key, word, unit, part]) => {
-        const sigma = good.map((i) => [pose.time[i], 1e3 * pose.sigma[2 * i + part]]), values = errors.map((one) => 1e3 * one[key]);
+      return [["place", "mm"], ["attitude", "mrad"]].map(([word, unit], part) => {
+        const sigma = good.map((i) => [pose.time[i], 1e3 * pose.sigma[2 * i + part]]), values = good.map((i) => 1e3 * pose.error[2 * i + part]);
         const sorted = [...values, ...sigma.map(([, value]) => value)].filter(known).sort((a, b) => a - b);
         return plot({
           title: `Errors of the ${word} of ${pose.object} over time, and their σ`,
@@ -256,7 +248,7 @@ async function showTrack() {
 
   const frame = drawSurroundings(space, data.surroundings);
   const shown = el("input", { type: "checkbox", id: "frame", checked: true, onchange: () => frame(shown.checked) });
-  byId("tools").append(el("p", { className: "aside" }, "Dots: measured places, in the target's colour. Crosses: true places. Cloud: voxels of each target's last pattern, by signal."), el("label", {}, shown, "field of view, Sun"));
+  byId("tools").append(el("p", { className: "aside" }, "Dots: measured places, in the target's colour. Crosses and rings: true places and outlines at the last visit. Cloud: voxels of each target's last pattern, by signal."), el("label", {}, shown, "field of view, Sun"));
   views(space, (letter) => {
     const now = lastBefore(data.visits.time, view.time);
     if (letter === " ") line.toggle();
@@ -268,7 +260,7 @@ async function showTrack() {
     else return false;
     return true;
   });
-  watchPointer(space, view.trail, (i) => choose(data.visits.target[i]), (i) => `${data.targets[data.visits.target[i]].name} at ${data.visits.time[i].toFixed(3)} s\nerror ${millimetres(data.visits.range[i] - data.visits.truth_range[i], true)}`);
+  watchPointer(space, view.trail, (i) => choose(data.visits.target[i]), (i) => `${data.targets[data.visits.target[i]].name} at ${data.visits.time[i].toFixed(3)} s\nerror ${millimetres(data.visits.error[i], true)}`);
   dark.addEventListener("change", () => show(view.time));
   space.theme();
   space.look("all");

@@ -29,6 +29,7 @@ def track_data(
     poses: Sequence[PoseSeries],
     surroundings: Surroundings,
     *,
+    outlines: Array,
     title: str,
     patterns: bool = True,
     notes: Sequence[str] = (),
@@ -43,6 +44,8 @@ def track_data(
         Its poses; those of one object seen from another are left out.
     surroundings
         What is drawn about it.
+    outlines
+        Half axes of each visit's true outline about its ``truth_point`` [m], shape (visits, 2, 3).
     title
         Its name.
     patterns
@@ -77,8 +80,9 @@ def track_data(
             "status": packed(status),
             "point": packed(point, _POINT),
             "truth_point": packed(truth_point, _POINT),
-            "range": packed(_stacked(records, "position")[:, 2]),
-            "truth_range": packed(_stacked(records, "truth")[:, 2]),
+            "outline": packed(outlines, _COARSE),
+            # Here, not on the page: two ranges in single precision differ by a quarter of a micrometre.
+            "error": packed((_stacked(records, "position") - _stacked(records, "truth"))[:, 2]),
             "sigma": packed(_sigmas(records), _COARSE),
         },
         "patterns": _patterns(records, surroundings.axis_separation) if patterns else None,
@@ -120,11 +124,16 @@ def _patterns(records: Sequence[PatternRecord], axis_separation: float) -> dict[
 
 
 def _pose(series: PoseSeries) -> dict[str, Any]:
-    """Return the poses of an object: where its origin and its axes are, and what is true."""
+    """Return the poses of an object: where its origin and its axes are, what is true, and how far it is off.
+
+    ``error`` and ``sigma`` are of place [m] and attitude [rad], each of all three axes together, shape (n, 2).
+    """
     good = np.equal(series.status, PoseStatus.VALID)
     turned, moved = series.covariance[:, 3:, 3:], series.covariance[:, :3, :3]
     with np.errstate(invalid="ignore"):
         sigma = np.sqrt(np.stack([np.trace(one, axis1=1, axis2=2) for one in (moved, turned)], axis=-1))
+    # Not left to the page: places are rounded there by micrometres.
+    error = np.linalg.norm(series.error.reshape(-1, 2, 3), axis=-1)
     return {
         "object": series.name,
         "method": series.method,
@@ -134,5 +143,6 @@ def _pose(series: PoseSeries) -> dict[str, Any]:
         "rotation": packed(series.rotation),
         "truth_position": packed(series.truth_position, _POINT),
         "truth_rotation": packed(series.truth_rotation),
+        "error": packed(error),
         "sigma": packed(sigma, _COARSE),
     }

@@ -425,7 +425,7 @@ def test_derivatives_on_request_are_those_of_the_error_model(tmp_path: Path) -> 
     assert list(effects.parameter.values) == ["base", "phi_zero", "tof_zero"]
     by_range = effects.range.values
     variance = np.einsum("rcp,pq,rcq->rc", by_range, effects.covariance.values, by_range)
-    np.testing.assert_allclose(np.sqrt(variance), image.channels["sigma_same_m"], rtol=1e-5)
+    np.testing.assert_allclose(np.sqrt(variance), image.channels["sigma_common_m"], rtol=1e-5)
     pulses = parameter_jacobian(image, ["tof_zero", "base"], prefix="tof.")
     np.testing.assert_allclose(pulses.range.values[..., 0], -1.0)
     np.testing.assert_allclose(pulses.point.values[..., 1], 0.0)

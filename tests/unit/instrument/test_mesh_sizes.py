@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 import trimesh
 
-from scanner_sim import Scenario, simulate
+from scanner_sim import Scenario, Tracker, read_track, simulate, track
 from scanner_sim.instrument.scene_warnings import scene_warnings
 from scanner_sim.products.files.exr import read_range_image, write_exr
+from scanner_sim.products.files.track_folder import write_track
+from scanner_sim.products.settings import Output
 
 pytestmark = pytest.mark.usefixtures("device")
 
@@ -47,12 +50,41 @@ def test_a_part_of_40_cm_at_4_m(per_metre: float, given: dict, likely: str | Non
 
 def test_results_keep_what_was_said_of_meshes(tmp_path: Path) -> None:
     """What was mended and doubted stands in the image and its file, whoever simulated."""
-    box = trimesh.creation.box((400.0, 300.0, 200.0))
-    vertices, faces = box.vertices, [*box.faces.tolist(), [0, 0, 1]]
-    lines = [f"v {x} {y} {z}" for x, y, z in vertices] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
-    (tmp_path / "part.obj").write_text("\n".join(lines))
-    image = simulate(scenario(tmp_path / "part.obj", position=(0.0, 0.0, 4.0)), device="cpu")
+    doubtful(tmp_path / "part.obj")
+    image = simulate(scenario(tmp_path / "part.obj"), device="cpu")
     assert any("1 face without area left out" in one for one in image.warnings)
     assert any("length_unit: 1 mm" in one for one in image.warnings)
     write_exr(tmp_path / "range.exr", image)
     assert read_range_image(tmp_path / "range.exr").warnings == image.warnings
+
+
+def test_tracking_runs_keep_what_was_said_of_meshes(tmp_path: Path) -> None:
+    """As images do: in the run, in its table, and in the run of a tracker that a program drives."""
+    doubtful(tmp_path / "part.obj")
+    board = {"name": "board", "array": {"diameter": 0.1, "plate": 0.3}, "position": (0.0, 0.0, 3.0)}
+    part = {
+        "name": "part",
+        "mesh": tmp_path / "part.obj",
+        "material": "z93_white",
+        "position": (0.0, 0.0, 4.0),
+    }
+    scan = {"type": "track", "targets": ["board"], "duration": 0.01}
+    followed = Scenario(schema=1, seed=1, scene={"objects": [part, board]}, scan=scan)
+    run = track(followed, device="cpu")
+    assert any("1 face without area left out" in one for one in run.warnings)
+    assert any("far more than" in one for one in run.warnings)
+    write_track(run, tmp_path / "out", Output(pictures=False))
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["warnings"] == list(run.warnings)
+    assert read_track(tmp_path / "out").warnings == run.warnings
+    tracker = Tracker(followed, device="cpu")
+    assert (
+        tracker.track([record for record, _ in zip(tracker, range(1), strict=False)]).warnings == run.warnings
+    )
+
+
+def doubtful(path: Path) -> None:
+    """Write a box in millimetres, with a face that has no area."""
+    box = trimesh.creation.box((400.0, 300.0, 200.0))
+    vertices, faces = box.vertices, [*box.faces.tolist(), [0, 0, 1]]
+    lines = [f"v {x} {y} {z}" for x, y, z in vertices] + [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+    path.write_text("\n".join(lines))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from scanner_sim.instrument.closed_loop import poses
-from scanner_sim.instrument.closed_loop.poses import poses_of, rims_of
+from scanner_sim.instrument.closed_loop.poses import outlines_of, poses_of, rims_of
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.tracking.errors import ErrorParts
 from scanner_sim.tracking.record import TrackStatus
@@ -20,7 +20,10 @@ schema: 1
 scene:
   objects:
     - {name: a, array: {diameter: 100 mm, plate: 150 mm}, position: [0 m, 0 m, 8 m]}
-    - {name: b, array: {diameter: 100 mm, plate: 150 mm}, position: [1 m, 0 m, 8 m]}
+    - name: b
+      array: {diameter: 100 mm, plate: 150 mm}
+      position: [1 m, 0 m, 8 m]
+      rotation: {axis: y, angle: 30 deg}
     - {name: ball, shape: sphere, diameter: 100 mm, position: [0 m, 1 m, 8 m], material: z93_white}
 scan: {type: track, targets: [a, b]}
 """
@@ -39,7 +42,9 @@ def visit(name: str, time: float, status: TrackStatus = TrackStatus.MEASURED, at
         after=TrackMode.TRACK,
         position=np.array([0.0, 0.0, at]),
         errors=ErrorParts.all_white(np.eye(3)),
-        truth=np.array([0.1, -0.2, 5.0]),
+        truth_point=np.array(
+            [0.9, -1.2, 5.0] if name == "ball" else [1.0, 0.0, 8.0] if name[0] == "b" else [0.0, 0.0, 8.0]
+        ),
     )
 
 
@@ -90,13 +95,36 @@ def test_objects_are_compared_by_one_method_each(asked: list[Any]) -> None:
 
 def test_the_outline_of_a_target_is_as_wide_as_it_is() -> None:
     """Claim: a disc of 100 mm 8 m ahead, on the axis of both mirrors, spans 100 mm over 8 m in Θ, and over 8 m less the
-    distance of the axes in φ; a ball of the same diameter, seen at 5 m, 1/50 in both about its place."""
+    distance of the axes in φ; a ball of the same diameter spans it over its distances from both axes."""
     rim = rims_of(track())
     separation = 0.05
     disc = rim(visit("a/0", 0.0))
     span = np.ptp(disc, axis=0)
     assert span[0] == pytest.approx(0.1 / 8.0, rel=1e-3)
-    assert span[1] == pytest.approx(0.1 / (8.0 - separation), rel=1e-2)
-    ball = rim(visit("ball", 0.0))
-    assert np.ptp(ball, axis=0) == pytest.approx([0.02, 0.02], rel=1e-3)
-    assert ball.mean(axis=0) == pytest.approx([0.1, -0.2], abs=2e-4)
+    assert span[1] == pytest.approx(0.1 / (8.0 - separation), rel=1e-3)
+    seen = visit("ball", 0.0)
+    x, y, z = seen.truth_point
+    reach = np.hypot(y, z - separation)
+    ball = rim(seen)
+    assert np.ptp(ball, axis=0) == pytest.approx(
+        [0.1 / np.hypot(x, reach + separation), 0.1 / reach], rel=0.02
+    )
+    assert ball[:-1].mean(axis=0) == pytest.approx(
+        [np.arctan2(x, reach + separation), np.arctan2(y, z - separation)], abs=2e-4
+    )
+
+
+def test_outlines_lie_in_the_plane_of_discs_and_across_the_line_to_all_else() -> None:
+    """Claim: of visits in any order, half axes of 50 mm; those of a board turned by 30° about y lie along its axes."""
+    names = ("b/1", "ball", "a/0", "b/2")
+    visits = [visit(name, 0.1 * number) for number, name in enumerate(names)]
+    half = outlines_of(track())(visits)
+    assert half.shape == (4, 2, 3)
+    turned = 0.05 * np.array([[np.cos(np.pi / 6), 0.0, -np.sin(np.pi / 6)], [0.0, 1.0, 0.0]])
+    for number, expected in ((0, turned), (2, 0.05 * np.eye(3)[:2]), (3, turned)):
+        assert half[number] == pytest.approx(expected, abs=1e-15)
+    first, second = half[1]
+    gram = np.array([first, second, visits[1].truth_point]) @ np.array([first, second]).T
+    assert gram == pytest.approx(np.array([[0.05**2, 0.0], [0.0, 0.05**2], [0.0, 0.0]]), abs=1e-15)
+    assert first[1] == 0.0
+    assert outlines_of(track())([]).shape == (0, 2, 3)

@@ -116,7 +116,9 @@ def image() -> RangeImage:
 def written(image: RangeImage, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The image in every format."""
     folder = tmp_path_factory.mktemp("formats")
-    paths = convert(image, folder, list(FORMAT_FILES))
+    told: list[tuple[int, int]] = []
+    paths = convert(image, folder, list(FORMAT_FILES), progress=lambda *numbers: told.append(numbers))
+    assert told == [(number + 1, len(paths)) for number in range(len(paths))]
     assert {path.name for path in paths} == {name for names in FORMAT_FILES.values() for name in names}
     return folder
 

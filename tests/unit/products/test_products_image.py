@@ -218,7 +218,7 @@ class TestExr:
         write_exr(tmp_path / "range.exr", image)
         header = OpenEXR.File(str(tmp_path / "range.exr"), header_only=True).header()
         for name, channel in CHANNEL.items():
-            assert (header[f"unit.{name}"], header[f"description.{name}"]) == (channel.unit, channel.meaning)
+            assert (header[f"unit.{name}"], header[f"meaning.{name}"]) == (channel.unit, channel.meaning)
         assert header["legend.status"].splitlines()[3].startswith("3 AMBIGUOUS: ")
         assert header["legend.truth.object"].splitlines() == ["0 nothing", "1 node", "2 handrail 2"]
         assert header["scannerSim.scenario"] == image.scenario_yaml

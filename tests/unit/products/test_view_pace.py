@@ -84,3 +84,16 @@ def test_the_share_settles_where_a_frame_takes_what_it_may(pace: Any, nanosecond
         assert len(set(shares[60:])) == 1
         assert shares[-1] == 1.0 or 9.0 <= cost <= 16.0
         assert cost <= 16.0
+
+
+def test_an_outline_is_closed_and_keeps_its_half_axes(browser: Any) -> None:
+    """Claim: lines that join, from u round to u, all at half axes of 3 and 2 cm about the place."""
+    browser.eval((HERE / "frame.js").read_text(encoding="utf-8"))
+    points = np.array(ask(browser, "Array.from(ring([1, 2, 8], [0.03, 0, 0, 0, 0, 0.02]))")).reshape(-1, 2, 3)
+    assert np.array_equal(points[:-1, 1], points[1:, 0])
+    assert points[0, 0] == pytest.approx([1.03, 2.0, 8.0])
+    assert points[-1, 1] == pytest.approx(points[0, 0], abs=1e-6)
+    x, y, z = (points[:, 0] - np.array([1.0, 2.0, 8.0])).T
+    assert np.hypot(x / 0.03, z / 0.02) == pytest.approx(1.0, abs=1e-4)
+    assert not y.any()
+    assert np.ptp(z) == pytest.approx(0.04, rel=2e-3)

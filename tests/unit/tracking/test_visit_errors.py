@@ -52,6 +52,27 @@ def test_surfaces_belong_to_targets_and_the_rest_to_all() -> None:
     np.testing.assert_allclose(np.diag(lasting), [1.01, 1.04, 12.0], atol=1e-14)
 
 
+@pytest.mark.parametrize("share", [1.0, 4.0, -0.5])
+def test_surfaces_that_differ_share_standard_errors(share: float) -> None:
+    """Claim: of visits to one target whose surfaces' parts differ no weighted sum has a negative variance.
+
+    Expected: the surfaces' part of a sum is (w₁ L₁ + w₂ L₂)(w₁ L₁ + w₂ L₂)ᵀ of both roots. The rest is that of
+    visits to two targets, whose surfaces have nothing in common.
+    """
+    made = parts(2)
+    large = np.array([[26.0, 3.0, 1.0], [3.0, 20.0, 0.0], [1.0, 0.0, 9.0]])
+    made = replace(made, surface=np.stack([made.surface[0], large]))
+    between = common_covariance(made, np.zeros((2, 3)), np.zeros(2), [0, 0], lasting=True)
+    others = common_covariance(made, np.zeros((2, 3)), np.zeros(2), [0, 1], lasting=True)
+    weight = np.array([1.0 - share, share])
+    found = np.einsum("i,j,ijab->ab", weight, weight, between)
+    roots = np.linalg.cholesky(made.surface)
+    both = np.einsum("i,iab->ab", weight, roots)
+    apart = np.einsum("i,j,ijab->ab", weight, weight, others)
+    own = np.einsum("i,iab->ab", weight**2, made.surface)
+    np.testing.assert_allclose(found - apart, both @ both.T - own, atol=1e-12)
+
+
 def test_images_apart_share_what_their_weights_do() -> None:
     """Σ x q(x) ε(x) of Gaussian images q over white ε, by sums on a fine grid."""
     x = np.linspace(-12.0, 12.0, 4801)
