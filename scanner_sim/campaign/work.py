@@ -17,7 +17,7 @@ from scanner_sim.campaign.store import KEPT, Row
 from scanner_sim.config.document import Value
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError, ScannerSimError, printable
-from scanner_sim.instrument.closed_loop.poses import poses_of
+from scanner_sim.instrument.closed_loop.every_pose import every_pose
 from scanner_sim.instrument.closed_loop.track import check_alike, track_many
 from scanner_sim.instrument.shots import simulate_shots
 from scanner_sim.instrument.simulate import simulate_many
@@ -233,7 +233,8 @@ def simulated(scenarios: Sequence[Scenario], device: DeviceChoice, threads: int 
                 yield outcome_of(simulate_shots(scenario, device=device, threads=threads))
         else:
             for alike in _side_by_side(some):
-                yield from map(outcome_of, track_many(alike, device=device, threads=threads))
+                for made in track_many(alike, device=device, threads=threads):
+                    yield outcome_of(made, device)
 
 
 def _side_by_side(scenarios: Iterator[Scenario]) -> Iterator[list[Scenario]]:
@@ -249,11 +250,12 @@ def _side_by_side(scenarios: Iterator[Scenario]) -> Iterator[list[Scenario]]:
     yield waiting
 
 
-def outcome_of(made: RangeImage | ShotTable | Track) -> Outcome:
+def outcome_of(made: RangeImage | ShotTable | Track, device: DeviceChoice = "auto") -> Outcome:
     """Return a result as measures take it: a track with its poses in the scanner's frame."""
     if not isinstance(made, Track):
         return Outcome(scan=made)
-    return Outcome(track=made, poses=tuple(one for one in poses_of(made) if not one.relative_to))
+    poses = every_pose(made, device=device)
+    return Outcome(track=made, poses=tuple(one for one in poses if not one.relative_to))
 
 
 def write_outcome(outcome: Outcome, scenario: Scenario, folder: Path) -> tuple[Path, ...]:

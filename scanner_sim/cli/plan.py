@@ -28,6 +28,8 @@ PATHS_PER_SECOND = 4.4e6
 """Paths of the background followed per second, on two cores."""
 PATTERNS_PER_SECOND = 150.0
 """Patterns tracked per second, on two cores, under the Sun."""
+FRAME_PIXELS_PER_SECOND = 3e5
+"""Pixels of the camera's frames rendered and searched for dots per second, on two cores."""
 
 _LONG = 0.5
 """Time for the background [h] beyond which it is said before."""
@@ -60,8 +62,9 @@ def _files(scenario: Scenario) -> tuple[str, ...]:
         return planned_files(scenario.output, lit=sunlit(scenario), rangefinders=scenario.rangefinders)
     if scenario.scan.layout == "shots":
         return planned_shot_files(scenario.output, lit=sunlit(scenario))
-    carriers = carriers_of(scenario.targets) if scenario.pose.methods else ()
-    return planned_track_files(scenario.output, len(carriers))
+    carriers = carriers_of(scenario.targets) if scenario.pose.by_scanner else ()
+    seen = scenario.arrays_followed if "camera" in scenario.pose.methods else ()
+    return planned_track_files(scenario.output, max(len(carriers), len(seen)))
 
 
 def _pointing(scenario: Scenario) -> dict[str, str]:
@@ -83,11 +86,20 @@ def _open(scan: OpenScan) -> dict[str, str]:
 def _track(scenario: Scenario) -> dict[str, str]:
     scan, names = scenario.following, [target.name for target in scenario.targets]
     shown = ", ".join(names[:8]) + (f" and {len(names) - 8} more" if len(names) > 8 else "")
+    frames = _frames(scenario)
     return {
         "targets": f"{len(names)}: {shown}",
         "patterns": f"{patterns(scenario):,} of {scan.pattern.points} voxels, {scan.pattern.ratio}",
         "one takes": f"{1e3 * period(scenario):.4g} ms on the instrument",
+        **({"camera": f"{frames:,} frames"} if frames else {}),
     }
+
+
+def _frames(scenario: Scenario) -> int:
+    """Return how many frames the camera takes beside a track."""
+    if "camera" not in scenario.pose.methods:
+        return 0
+    return len(scenario.camera.frame_times(scenario.following.duration))
 
 
 def sunlit(scenario: Scenario) -> bool:
@@ -127,7 +139,9 @@ def _degrees(ends: tuple[float, float]) -> str:
 def run_seconds(scenario: Scenario) -> float:
     """Return about how long a run takes [s] where the program is loaded and its kernels are there."""
     if scenario.scan.layout == "visits":
-        return patterns(scenario) / PATTERNS_PER_SECOND
+        interior = scenario.camera.interior
+        pixels = _frames(scenario) * interior.rows * interior.columns
+        return patterns(scenario) / PATTERNS_PER_SECOND + pixels / FRAME_PIXELS_PER_SECOND
     bounces = scenario.transport.bounces
     slower = 1.0 if bounces == 1 else 0.2 * scenario.transport.bounce_paths * (bounces - 1)
     shots = scenario.open_scan.shots / VOXELS_PER_SECOND * max(slower, 1.0)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,8 +14,10 @@ from scanner_sim.cli.tables import print_rows, print_table
 from scanner_sim.config import scenario_from_text
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument.closed_loop.poses import poses_of, rims_of
+from scanner_sim.instrument.closed_loop.every_pose import every_pose
+from scanner_sim.instrument.closed_loop.poses import rims_of
 from scanner_sim.instrument.memory import patterns
+from scanner_sim.pose.beside import beside_camera
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.files.contents import POSES, RELATIVE_POSES
@@ -42,7 +44,6 @@ def run_tracking(scenario: Scenario, call: Call) -> Track:
         If the scene, the folder or the device cannot be used, or the disk fails.
     """
     from scanner_sim.instrument.closed_loop.track import track
-    from scanner_sim.products.files.track_folder import write_track
 
     expected, visits = patterns(scenario), count(1)
 
@@ -53,25 +54,50 @@ def run_tracking(scenario: Scenario, call: Call) -> Track:
             advance(done, max(done, expected))
 
         made = track(scenario, device=call.device, progress=visited)
-        say("estimating poses")
-        poses = poses_of(made)
-        backdrop = None
-        if scenario.output.pictures:
-            say("drawing")
-            backdrop = backdrop_of(made, scenario, call.device)
-        paths = write_track(
-            made,
-            call.output,
-            scenario.output,
-            poses=poses,
-            backdrop=backdrop,
-            rim=rims_of(made),
-            overwrite=call.overwrite,
+        poses, paths = write_tracking(
+            made, scenario, call, overwrite=call.overwrite, say=say, progress=advance
         )
     call.warn(made.warnings)
     if not call.quiet:
         _print_closing(made, poses, paths)
     return made
+
+
+def write_tracking(
+    made: Track,
+    scenario: Scenario,
+    call: Call,
+    *,
+    overwrite: bool,
+    say: Callable[[str], None] = lambda stage: None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[tuple[PoseSeries, ...], tuple[Path, ...]]:
+    """Write the folder of a run, with its poses and pictures; return the poses and the files.
+
+    Raises
+    ------
+    ScannerSimError
+        If the scene, the folder or the device cannot be used, or the disk fails.
+    """
+    # Matplotlib takes long to load: after the work.
+    from scanner_sim.products.files.track_folder import write_track
+
+    say("taking the camera's frames" if "camera" in scenario.pose.methods else "estimating poses")
+    poses = every_pose(made, device=call.device, progress=progress)
+    backdrop = None
+    if scenario.output.pictures:
+        say("drawing")
+        backdrop = backdrop_of(made, scenario, call.device)
+    paths = write_track(
+        made,
+        call.output,
+        scenario.output,
+        poses=poses,
+        backdrop=backdrop,
+        rim=rims_of(made),
+        overwrite=overwrite,
+    )
+    return poses, paths
 
 
 def show_track(result: Path, output: Path | None, *, device: DeviceChoice, overwrite: bool) -> None:
@@ -161,6 +187,8 @@ def _print_closing(track: Track, poses: Sequence[PoseSeries], paths: Sequence[Pa
     print_rows(_target_rows(track), left=(0, 1))
     if poses:
         print_rows(_pose_rows(poses), left=(0, 1))
+    if any(one.method == "camera" for one in poses):
+        print_rows(_beside_rows(poses), left=(0, 1))
     records = track.records
     rows = {"patterns": f"{len(records):,} of {len(track.targets)} targets"}
     if records:
@@ -215,6 +243,16 @@ def _pose_rows(poses: Sequence[PoseSeries]) -> list[list[str]]:
         valid = f"{np.count_nonzero(one.status == PoseStatus.VALID)}/{len(one.time)}"
         rms = 1e3 * np.sqrt(np.mean(one.error[good] ** 2, axis=0)) if good.any() else []
         rows.append([one.label, one.method, valid, *(f"{value:.3g}" for value in rms)])
+        rows[-1] += [""] * (len(rows[0]) - len(rows[-1]))
+    return rows
+
+
+def _beside_rows(poses: Sequence[PoseSeries]) -> list[list[str]]:
+    """Return a line for each series of the scanner beside the camera's: rms of their difference over its σ."""
+    rows = [["scanner less camera", "method", "times", "rms/σ x", "y", "z", "ωx", "ωy", "ωz"]]
+    for one in beside_camera(poses):
+        rms = np.sqrt(np.mean((one.difference / one.sigma) ** 2, axis=0)) if len(one.time) else []
+        rows.append([one.scanner.label, one.scanner.method, str(len(one.time)), *(f"{x:.3g}" for x in rms)])
         rows[-1] += [""] * (len(rows[0]) - len(rows[-1]))
     return rows
 

@@ -15,7 +15,8 @@ from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.errors import Fault, InputError
 from scanner_sim.foundation.html_text import html_box, html_folded, html_rows
 from scanner_sim.foundation.parts import Count, Part
-from scanner_sim.pose.settings import PoseSettings
+from scanner_sim.pose.identify_dots import FEWEST as FEWEST_DOTS
+from scanner_sim.pose.settings import MOST_FRAMES, PoseSettings
 from scanner_sim.products.settings import Output
 from scanner_sim.render.settings import Transport
 from scanner_sim.scan.fixed import FixedScan
@@ -25,7 +26,7 @@ from scanner_sim.scan.protocol import OpenScan, ScanSetup
 from scanner_sim.scan.raster import RasterScan
 from scanner_sim.scan.spiral import SpiralScan
 from scanner_sim.scene.light.lighting import Lighting
-from scanner_sim.scene.objects import Scene
+from scanner_sim.scene.objects import Scene, TargetArray
 from scanner_sim.signals.processing import MARGIN, Processing
 from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.scan import TrackScan, resolve_targets
@@ -167,6 +168,8 @@ class Scenario(Part):
     def cross_checks(self) -> Iterator[Fault]:
         """Yield angles beyond the mirrors, range gates beyond what is recorded, and settings that find no room."""
         yield from self.scan.faults(self.scan_setup)
+        if "camera" in self.pose.methods:
+            yield from self._camera_contradictions()
         if self.output.truth and self.scan.layout == "visits":
             problem = "a run that follows targets has the truth of its visits in its tables."
             yield Fault("output.truth", problem, "Write [], or a raster.")
@@ -251,6 +254,41 @@ class Scenario(Part):
         if self.scan.layout != "visits":
             return ()
         return resolve_targets(self.scan, self.scene, self.scanner.mirrors.axis_separation)[0]
+
+    def _camera_contradictions(self) -> Iterator[Fault]:
+        """Yield why the video camera can have no poses beside a track."""
+        location = "pose.methods"
+        if self.scan.layout != "visits":
+            problem = f"camera works beside a run that follows targets, and scan.type is {self.scan.type}."
+            yield Fault(location, problem, "Leave it out, or write scan: {type: track, …}.")
+            return
+        if self.lighting.sun == "none":
+            problem = "camera sees by the Sun's light, and the scenario has no Sun."
+            yield Fault(
+                location, problem, "Write lighting: {sun: {direction: [0.3, -0.5, -0.8]}}, or leave it out."
+            )
+        if not any(item.array.rows * item.array.columns >= FEWEST_DOTS for item in self.arrays_followed):
+            problem = f"camera needs a surveyed array of {FEWEST_DOTS} dots or more among what is followed."
+            yield Fault(
+                location, problem, "Follow an object with array: {rows: 2, columns: 2, …}, or leave it out."
+            )
+        frames = len(self.camera.frame_times(self.scan.duration))
+        if frames > MOST_FRAMES:
+            problem = (
+                f"{frames:,} frames in {self.scan.duration:.4g} s; {MOST_FRAMES} are possible beside a track."
+            )
+            rate = MOST_FRAMES / self.scan.duration
+            yield Fault(
+                "camera.frame_rate", problem, f"Write {rate:.3g} Hz or less, or shorten scan.duration."
+            )
+
+    @property
+    def arrays_followed(self) -> tuple[TargetArray, ...]:
+        """The arrays of which a target is followed, or all; empty where none are."""
+        followed = {target.object for target in self.targets}
+        return tuple(
+            item for item in self.scene.objects if isinstance(item, TargetArray) and item.name in followed
+        )
 
     def _missing(self, rangefinder: RangefinderName) -> Fault:
         """Return the fault of a rangefinder that the instrument does not have."""

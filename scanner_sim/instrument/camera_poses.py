@@ -1,8 +1,8 @@
-"""From frames of the video camera to the poses of objects that carry arrays of dots."""
+"""From frames of the video camera to the poses of objects that carry arrays of dots, as they are or beside a track."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,17 +11,23 @@ from numpy.typing import ArrayLike, NDArray
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.detector.frame.video_camera import VideoCamera
 from scanner_sim.foundation.arithmetic import product
+from scanner_sim.instrument.photograph import frames_in_turn
 from scanner_sim.optics.interior_orientation import InteriorOrientation
 from scanner_sim.pose.camera import estimate_camera_pose, moved_to
 from scanner_sim.pose.dot_images import DotArray
 from scanner_sim.pose.identify_dots import identify
 from scanner_sim.pose.result import PoseEstimate
+from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.frames import Frames
+from scanner_sim.render.device import activate
+from scanner_sim.render.guest import guest
+from scanner_sim.render.libraries import DeviceChoice
+from scanner_sim.scene.files.loader import load_scene
 from scanner_sim.scene.objects import TargetArray
 from scanner_sim.scene.targets import target_positions
 from scanner_sim.signals.dots.fit import Dots, find_dots
-from scanner_sim.signals.dots.settings import FrameCalibration
+from scanner_sim.signals.dots.settings import DotStatus, FrameCalibration
 
 Array = NDArray[np.float64]
 
@@ -62,8 +68,9 @@ class CameraPoses(NamedTuple):
 
 def camera_poses(
     scenario: Scenario,
-    frames: Frames,
+    frames: Frames | Iterable[Frames],
     *,
+    arrays: Sequence[TargetArray] | None = None,
     calibration: ArrayLike | None = None,
     mount_covariance: Array | None = None,
 ) -> tuple[CameraPoses, ...]:
@@ -75,22 +82,23 @@ def camera_poses(
         Camera and objects. Of an object its survey is used, and its attitude at time 0, as an operator would know it,
         to 40°: a regular grid looks the same from several sides.
     frames
-        From :func:`~scanner_sim.instrument.photograph.take_frames`; their truth is not looked at.
+        From :func:`~scanner_sim.instrument.photograph.take_frames`, all together or part by part; their truth is not
+        looked at. What the finite number of paths of light leaves, ``sample_sigma``, counts with the sensor's noise.
+    arrays
+        Those that are looked for; by default all of the scene.
     calibration
         See :func:`~scanner_sim.pose.camera.estimate_camera_pose`.
     mount_covariance
         See :func:`~scanner_sim.pose.camera.moved_to`.
-
-    Notes
-    -----
-    A frame's own noise by samples of light, ``frames.sample_sigma``, is not known to the fit; where it is not small χ²
-    of the dots widens their σ.
     """
-    arrays = [item for item in scenario.scene.objects if isinstance(item, TargetArray)]
-    found = [
-        find_dots(counts, frame_calibration(scenario.camera, float(exposure)))
-        for counts, exposure in zip(frames.counts, frames.exposure_s, strict=True)
-    ]
+    if arrays is None:
+        arrays = [item for item in scenario.scene.objects if isinstance(item, TargetArray)]
+    found: list[Dots] = []
+    middles: list[float] = []
+    for part in (frames,) if isinstance(frames, Frames) else frames:
+        found += _dots_in(part, scenario.camera)
+        middles += part.time_s.tolist()
+    time = np.array(middles)
     camera, mount = scenario.camera.interior, scenario.camera.scanner_from_camera
     results = []
     for item in arrays:
@@ -102,11 +110,88 @@ def camera_poses(
         doubtful = seen.ambiguous & (pose.status == PoseStatus.VALID)
         outcome = np.where(doubtful, PoseStatus.AMBIGUOUS, pose.status).astype(np.int8)
         results.append(
-            CameraPoses(
-                item.name, array.names, frames.time_s, *placed, pose.chi2, pose.dof, outcome, seen.status
-            )
+            CameraPoses(item.name, array.names, time, *placed, pose.chi2, pose.dof, outcome, seen.status)
         )
     return tuple(results)
+
+
+@guest()
+def camera_series(
+    scenario: Scenario,
+    duration: float,
+    *,
+    device: DeviceChoice = "auto",
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[PoseSeries, ...]:
+    """Return the poses that a scenario's camera finds while the scanner works, as series with their truth.
+
+    Parameters
+    ----------
+    scenario
+        Scene, lighting and camera.
+    duration
+        Of the scanner's run [s]; frames are taken at the camera's rate and looked at one by one.
+    device
+        Where to compute.
+    progress
+        Called with the frames taken and the frames in all.
+
+    Returns
+    -------
+    tuple of PoseSeries
+        By the method ``camera``, one of each array that is followed, at the middles of the exposures; a frame without
+        a pose has its status. How much of their covariances neighbouring frames share, the pixels' pattern, is not told
+        apart: ``lasting`` is NaN. The camera is taken to be what its calibration says, without doubt.
+
+    Raises
+    ------
+    ScenarioError
+        If the scene cannot be loaded.
+    InputError
+        If the device cannot be used.
+    """
+    activate(device)
+    loaded = load_scene(scenario.scene, band="visible")
+    begins = scenario.camera.frame_times(duration)
+
+    def counted() -> Iterable[Frames]:
+        taken = frames_in_turn(loaded, scenario.camera, scenario.lighting, begins, seed=scenario.seed)
+        for number, frame in enumerate(taken, start=1):
+            yield frame
+            if progress is not None:
+                progress(number, len(begins))
+
+    arrays = scenario.arrays_followed
+    found = camera_poses(scenario, counted(), arrays=arrays)
+    return tuple(_series_of(one, item.pose_at(one.time)) for one, item in zip(found, arrays, strict=True))
+
+
+def _series_of(poses: CameraPoses, truth: Array) -> PoseSeries:
+    return PoseSeries(
+        name=poses.name,
+        relative_to="",
+        method="camera",
+        time=poses.time,
+        position=poses.position,
+        rotation=poses.rotation,
+        covariance=poses.covariance,
+        chi2=poses.chi2,
+        dof=poses.dof,
+        targets=np.count_nonzero(poses.dots == DotStatus.VALID, axis=1).astype(np.int64),
+        status=poses.status,
+        truth_position=truth[:, :3, 3],
+        truth_rotation=truth[:, :3, :3],
+        lasting=np.full_like(poses.covariance, np.nan),
+    )
+
+
+def _dots_in(frames: Frames, camera: VideoCamera) -> list[Dots]:
+    """Return the dots of each frame."""
+    gain = camera.sensor.electrons_per_number
+    return [
+        find_dots(counts, frame_calibration(camera, float(exposure)), sigma=sigma / gain)
+        for counts, exposure, sigma in zip(frames.counts, frames.exposure_s, frames.sample_sigma, strict=True)
+    ]
 
 
 class _Seen(NamedTuple):

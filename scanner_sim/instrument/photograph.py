@@ -75,6 +75,31 @@ def photograph(
     InputError
         If there are no frames, too many, or times that do not ascend; or if poses are not as many.
     """
+    parts = list(frames_in_turn(loaded, camera, lighting, times, seed=seed, mounts=mounts, sky=sky))
+    joined = {
+        name: np.concatenate([getattr(part, name) for part in parts])
+        for name in (
+            "counts", "saturated", "exposure_s", "time_s", "available_s", "sample_sigma", "noise_share"
+        )
+    }  # fmt: skip
+    electrons, where = (
+        np.concatenate([getattr(part.truth, name) for part in parts])
+        for name in ("electrons", "scanner_from_camera")
+    )
+    return Frames(**joined, truth=FrameTruth(electrons, where), notes=loaded.notes)
+
+
+def frames_in_turn(
+    loaded: LoadedScene,
+    camera: VideoCamera,
+    lighting: Lighting,
+    times: ArrayLike,
+    *,
+    seed: int = 0,
+    mounts: ArrayLike | None = None,
+    sky: Sky | None = None,
+) -> Iterator[Frames]:
+    """Yield the frames of :func:`photograph` one by one, for those who keep none; arguments and errors as there."""
     begins = _ascending(times)
     poses = (
         np.broadcast_to(camera.scanner_from_camera, (len(begins), 4, 4))
@@ -86,21 +111,20 @@ def photograph(
             f"{len(begins)} frames need as many poses of the camera; these have shape {poses.shape}."
         )
     stage = _Stage.of(loaded, camera, lighting, lighting.sky() if sky is None else sky, seed)
-    parts = list(_taken(stage, begins, poses @ camera.error_of_mount))
-    counts, saturated, exposure, electrons, sigma, share = (
-        np.concatenate(part) for part in zip(*parts, strict=True)
-    )
-    return Frames(
-        counts=counts,
-        saturated=saturated,
-        exposure_s=exposure,
-        time_s=begins + 0.5 * exposure,
-        available_s=begins + exposure + camera.latency,
-        sample_sigma=sigma,
-        noise_share=share,
-        truth=FrameTruth(electrons, poses @ camera.error_of_mount),
-        notes=loaded.notes,
-    )
+    true = poses @ camera.error_of_mount
+    for number, part in enumerate(_taken(stage, begins, true)):
+        begin = begins[number : number + 1]
+        yield Frames(
+            counts=part.counts,
+            saturated=part.saturated,
+            exposure_s=part.exposure,
+            time_s=begin + 0.5 * part.exposure,
+            available_s=begin + part.exposure + camera.latency,
+            sample_sigma=part.sigma,
+            noise_share=part.share,
+            truth=FrameTruth(part.electrons, true[number : number + 1]),
+            notes=loaded.notes,
+        )
 
 
 @guest()

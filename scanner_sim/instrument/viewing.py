@@ -13,7 +13,8 @@ import numpy as np
 from scanner_sim.config import scenario_from_text
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.instrument.closed_loop.poses import outlines_of, poses_of
+from scanner_sim.instrument.closed_loop.every_pose import every_pose
+from scanner_sim.instrument.closed_loop.poses import outlines_of
 from scanner_sim.instrument.instrument import Instrument
 from scanner_sim.instrument.signal_records import RECORDERS, Progress, recorded
 from scanner_sim.instrument.simulate_signals import voxel_shots
@@ -129,7 +130,7 @@ def view(
     scenario = scenario_from_text(result.scenario_yaml, name=title, stored=True)
     around = surroundings_of(scenario)
     if isinstance(result, Track):
-        poses = poses_of(result) if poses is None else poses
+        poses = every_pose(result, device=device) if poses is None else poses
         data = _track_page(result, poses, around, title, largest_mb)
     else:
         if missing := [name for name in ("range_m", "P.X", "P.Y", "P.Z") if name not in result]:

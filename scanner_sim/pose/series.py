@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,8 @@ from scanner_sim.pose.weights import Method
 
 Array = NDArray[np.float64]
 
+SeriesMethod = Literal[Method, "camera"]
+"""Methods of the scanner, and the dots in the video camera's frames."""
 _WEIGHED_ENTRIES = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
 """Entries of the covariance of (Θ, φ, R) that weigh a target."""
 
@@ -53,7 +56,8 @@ class PoseSeries:
         True pose, of the shapes of ``position`` and ``rotation``; NaN where nobody knows it.
     lasting
         The part of ``covariance`` that neighbouring poses share beyond their common observations, and that no mean over
-        seconds makes smaller: the surfaces' speckle, unlike pixels and drift, shape (n, 6, 6).
+        seconds makes smaller: the surfaces' speckle, unlike pixels and drift, shape (n, 6, 6); NaN where it is not
+        known.
     gains
         By how much each observation (Θ, φ, R) moves the pose, shape (n, targets, 6, 3); None of relative poses, and
         where a table was read.
@@ -61,7 +65,7 @@ class PoseSeries:
 
     name: str
     relative_to: str
-    method: Method
+    method: SeriesMethod
     time: Array
     position: Array
     rotation: Array

@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.foundation.errors import InputError
-from scanner_sim.pose.series import PoseSeries
+from scanner_sim.pose.series import PoseSeries, SeriesMethod
 from scanner_sim.pose.status import PoseStatus, legend
 from scanner_sim.pose.transforms import quaternion_from_rotation, rotation_from_quaternion
-from scanner_sim.pose.weights import Method
 from scanner_sim.products.files.tables import (
     ColumnKind,
     Columns,
@@ -55,7 +54,7 @@ _KINDS: dict[str, ColumnKind] = {
 class _AboutPoses:
     """What :func:`about_poses` says that is needed again: object, reference, method and rows of each series."""
 
-    series: tuple[tuple[str, str, Method, int], ...]
+    series: tuple[tuple[str, str, SeriesMethod, int], ...]
 
 
 def pose_columns(series: Sequence[PoseSeries]) -> Table:
@@ -144,7 +143,7 @@ def _pose_columns(prefix: str, positions: Sequence[Array], rotations: Sequence[A
     return dict(zip((prefix + name for name in names), (*position.T, *quaternion.T), strict=True))
 
 
-def _series(name: str, relative_to: str, method: Method, columns: Columns) -> PoseSeries:
+def _series(name: str, relative_to: str, method: SeriesMethod, columns: Columns) -> PoseSeries:
     def together(names: tuple[str, ...], prefix: str = "") -> Array:
         return np.stack([columns[prefix + name] for name in names], axis=-1)
 

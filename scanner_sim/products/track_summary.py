@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from scanner_sim.pose.beside import beside_camera
 from scanner_sim.pose.series import PoseSeries
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.products.json_text import json_text
@@ -18,6 +19,7 @@ from scanner_sim.tracking.state import TrackMode
 Array = NDArray[np.float64]
 
 _AXES = (("theta", "rad"), ("phi", "rad"), ("range", "m"))
+_NAMES = tuple(f"{name}_{'m' if axis < 3 else 'rad'}" for axis, name in enumerate(COMPONENTS))
 
 
 def track_summary(track: Track, poses: Sequence[PoseSeries] = ()) -> dict[str, object]:
@@ -43,6 +45,7 @@ def track_summary(track: Track, poses: Sequence[PoseSeries] = ()) -> dict[str, o
         ],
         "targets": {target.name: _target(track.of(target.name)) for target in track.targets},
         "poses": [_poses(one) for one in poses],
+        **_by_camera(poses),
         "versions": dict(versions()),
         "warnings": list(track.warnings),
     }
@@ -80,16 +83,33 @@ def _target(records: Sequence[PatternRecord]) -> dict[str, object]:
 def _poses(series: PoseSeries) -> dict[str, object]:
     codes = [PoseStatus(code) for code in series.status.tolist()]
     good = series.status == PoseStatus.VALID
-    names = [f"{name}_{'m' if axis < 3 else 'rad'}" for axis, name in enumerate(COMPONENTS)]
     return {
         "object": series.name,
         "relative_to": series.relative_to or "scanner",
         "method": series.method,
         "poses": len(codes),
         "status": {code.name: codes.count(code) for code in PoseStatus if code in codes},
-        "sigma": dict(zip(names, map(_middle, series.sigma[good].T), strict=True)),
-        "truth": _compare_errors(series.error[good], series.sigma[good], names),
+        "sigma": dict(zip(_NAMES, map(_middle, series.sigma[good].T), strict=True)),
+        "truth": _compare_errors(series.error[good], series.sigma[good], _NAMES),
     }
+
+
+def _by_camera(poses: Sequence[PoseSeries]) -> dict[str, object]:
+    """Return what the scanner's poses are off the camera's, where a run has both."""
+    pairs = [
+        {
+            "object": one.scanner.name,
+            "relative_to": one.scanner.relative_to or "scanner",
+            "method": one.scanner.method,
+            "compared": len(one.time),
+            "sigma": dict(zip(_NAMES, map(_middle, one.sigma.T), strict=True)),
+            "mean_difference": _by(_NAMES, one.difference, np.mean),
+            "rms_difference": _by(_NAMES, one.difference, _rms),
+            "rms_difference_over_sigma": _by(_NAMES, one.difference / one.sigma, _rms),
+        }
+        for one in beside_camera(poses)
+    ]
+    return {"scanner_less_camera": pairs} if pairs else {}
 
 
 def _compare_errors(error: Array, sigma: Array, names: Sequence[str]) -> dict[str, object]:

@@ -17,7 +17,7 @@ from scanner_sim.products.files.contents import planned_files
 from scanner_sim.products.files.exr import read_range_image
 
 CONFIGS = sorted((Path(__file__).resolve().parents[2] / "configs").glob("*.yaml"))
-TRACKS = [path for path in CONFIGS if path.stem.startswith("track_")]
+TRACKS = [path for path in CONFIGS if path.stem.startswith("track_") or path.stem == "camera_and_scanner"]
 SHOTS = [path for path in CONFIGS if path.stem.startswith("shots_")]
 RASTERS = [path for path in CONFIGS if path not in (*TRACKS, *SHOTS)]
 SIZE = 24

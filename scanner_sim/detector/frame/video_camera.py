@@ -140,6 +140,10 @@ class VideoCamera(Part):
                 "Write errors that are small beside the values of interior.",
             )
 
+    def frame_times(self, duration: float) -> NDArray[np.float64]:
+        """Return when the frames of a run of some duration [s] begin: at 0, then at the frame rate, shape (n,)."""
+        return np.arange(max(math.ceil(duration * self.frame_rate * (1.0 - 1e-9)), 1)) / self.frame_rate
+
     @property
     def true_interior(self) -> InteriorOrientation:
         """The interior orientation by which light is imaged."""

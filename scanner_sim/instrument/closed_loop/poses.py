@@ -28,14 +28,14 @@ _TURN = np.linspace(0.0, 2.0 * np.pi, 181)
 
 
 def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSeries, ...]:
-    """Return the poses of all objects that have at least three targets, one for each round of visits.
+    """Return the scanner's poses of all objects that have at least three targets, one for each round of visits.
 
     Parameters
     ----------
     track
         A run.
     settings
-        Methods; by default those of the run's scenario.
+        Methods, of which ``camera`` is not the scanner's; by default those of the run's scenario.
 
     Returns
     -------
@@ -55,7 +55,7 @@ def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSe
     scenario = scenario_from_text(track.scenario_yaml, name="scenario of the run", stored=True)
     chosen = scenario.pose if settings is None else settings
     carriers = carriers_of(track.targets)
-    if not (chosen.methods and carriers):
+    if not (chosen.by_scanner and carriers):
         return ()
     followed = [target for targets in carriers.values() for target in targets]
     visits = _Visits(track, followed)
@@ -77,7 +77,7 @@ def poses_of(track: Track, settings: PoseSettings | None = None) -> tuple[PoseSe
                 robust=robust,
                 truth=true_poses(scenario, name, visits.at),
             )
-            for method in chosen.methods
+            for method in chosen.by_scanner
         ]
     relative = [
         relative_series(a, b, visits.observations.of([*columns[a.name], *columns[b.name]]))

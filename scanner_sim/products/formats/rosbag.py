@@ -23,10 +23,9 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from scanner_sim.pose.series import PoseSeries
+from scanner_sim.pose.series import PoseSeries, SeriesMethod
 from scanner_sim.pose.status import PoseStatus
 from scanner_sim.pose.transforms import quaternion_from_rotation
-from scanner_sim.pose.weights import Method
 from scanner_sim.products.formats.cloud import Cloud
 from scanner_sim.products.formats.pcd import packed
 from scanner_sim.products.true_poses import TruePoses
@@ -56,7 +55,7 @@ _LATCHED = Qos(
     _NO_TIME,
     False,
 )
-_BEST: Method = "joint"
+_BEST: SeriesMethod = "joint"
 """Method whose poses place an object's frame, where there are several."""
 _NUMBERS = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """Codes of sensor_msgs/PointField by the type of a column."""

@@ -18,11 +18,11 @@ from scanner_sim.tracking.record import Track, TrackTarget
 
 Array = NDArray[np.float64]
 
-METHOD_COLOUR = {"uv": "#0b4f8a", "xyz": "#d08a1d", "joint": "#4b7f52"}
+METHOD_COLOUR = {"uv": "#0b4f8a", "xyz": "#d08a1d", "joint": "#4b7f52", "camera": "#7a4b8f"}
 """Colour of each method, the same in every picture."""
-_MARK = {"uv": "o", "xyz": "s", "joint": "D"}
-_SIZE = {"uv": 2.2, "xyz": 3.6, "joint": 2.2}
-_WIDTH = {"uv": 0.9, "xyz": 2.2, "joint": 0.9}
+_MARK = {"uv": "o", "xyz": "s", "joint": "D", "camera": "^"}
+_SIZE = {"uv": 2.2, "xyz": 3.6, "joint": 2.2, "camera": 2.8}
+_WIDTH = {"uv": 0.9, "xyz": 2.2, "joint": 0.9, "camera": 0.9}
 """Of marks and lines: with weights by full covariances ``xyz`` is nearly ``joint``, and must be seen below it."""
 _COMPONENTS = (
     "x [mm]",
@@ -163,12 +163,13 @@ def _object(
     pairs = {method: [_placed(one, row, line) for line in lines] for method, (one, row) in last.items()}
     apart = max(float(np.abs(here - true).max()) for both in pairs.values() for here, true in both)
     factor = _round(_APART * size / apart) if apart > 0.0 else 1.0
+    newest = max(last, key=lambda method: last[method][0].time[last[method][1]])
     for axes, second in ((front, 1), (above, 2)):
-        for number, (method, both) in enumerate(pairs.items()):
-            for here, true in both:
-                shown = true + factor * (here - true)
-                if number == 0:
-                    axes.plot(true[:, 0], true[:, second], color=INK, lw=1.3, zorder=1)
+        for _, true in pairs[newest]:
+            axes.plot(true[:, 0], true[:, second], color=INK, lw=1.3, zorder=1)
+        for method, both in pairs.items():
+            for (here, then), (_, true) in zip(both, pairs[newest], strict=True):
+                shown = true + factor * (here - then)
                 axes.plot(
                     shown[:, 0], shown[:, second], color=METHOD_COLOUR[method], lw=_WIDTH[method], zorder=2
                 )
@@ -227,7 +228,7 @@ def _methods(
         handles=handles,
         loc="lower left",
         bbox_to_anchor=corner,
-        ncols=4,
+        ncols=5,
         borderaxespad=0.0,
         borderpad=0.0,
         fontsize=7.5,

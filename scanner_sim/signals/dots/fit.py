@@ -102,7 +102,9 @@ class Dots:
         return 0.5 * (uu + vv), np.hypot(0.5 * (uu - vv), uv)
 
 
-def find_dots(frame: NDArray[np.generic], calibration: FrameCalibration) -> Dots:
+def find_dots(
+    frame: NDArray[np.generic], calibration: FrameCalibration, *, sigma: Array | None = None
+) -> Dots:
     """Return the dots of a frame, from top left to bottom right.
 
     Parameters
@@ -111,12 +113,16 @@ def find_dots(frame: NDArray[np.generic], calibration: FrameCalibration) -> Dots
         Digital numbers, shape (rows, columns).
     calibration
         What is believed of the sensor.
+    sigma
+        Standard deviation of each pixel beyond that, as by a finite number of paths of light [DN], shape of the frame.
     """
-    return fit_dots(frame, find_blobs(frame, calibration), calibration)
+    return fit_dots(frame, find_blobs(frame, calibration), calibration, sigma=sigma)
 
 
-def fit_dots(frame: NDArray[np.generic], blobs: Blobs, calibration: FrameCalibration) -> Dots:
-    """Return dots fitted to the pixels about blobs, in their order."""
+def fit_dots(
+    frame: NDArray[np.generic], blobs: Blobs, calibration: FrameCalibration, *, sigma: Array | None = None
+) -> Dots:
+    """Return dots fitted to the pixels about blobs, in their order; ``sigma`` as of :func:`find_dots`."""
     count = len(blobs.centre)
     dots = Dots(
         blobs.centre.copy(),
@@ -133,7 +139,7 @@ def fit_dots(frame: NDArray[np.generic], blobs: Blobs, calibration: FrameCalibra
     for least, half in zip((0, *_WINDOWS), _WINDOWS, strict=False):
         chosen = np.flatnonzero((dots.status == DotStatus.VALID) & (reach > least) & (reach <= half))
         if chosen.size:
-            _fit(dots, chosen, np.asarray(frame, dtype=np.float64), blobs, calibration, half)
+            _fit(dots, chosen, np.asarray(frame, dtype=np.float64), blobs, calibration, half, sigma)
     return dots
 
 
@@ -160,7 +166,13 @@ def _before(frame: NDArray[np.generic], blobs: Blobs, calibration: FrameCalibrat
 
 
 def _fit(
-    dots: Dots, chosen: NDArray[np.intp], frame: Array, blobs: Blobs, calibration: FrameCalibration, half: int
+    dots: Dots,
+    chosen: NDArray[np.intp],
+    frame: Array,
+    blobs: Blobs,
+    calibration: FrameCalibration,
+    half: int,
+    sigma: Array | None,
 ) -> None:
     """Fit the dots ``chosen`` in windows of one size, and write them to their places."""
     middle = np.rint(blobs.centre[chosen]).astype(np.int64)
@@ -168,7 +180,9 @@ def _fit(
     # Beyond the frame the nearest pixel stands for any: it is not fitted.
     row = np.clip(middle[:, 1, None] + along, 0, frame.shape[0] - 1)
     column = np.clip(middle[:, 0, None] + along, 0, frame.shape[1] - 1)
-    raw = frame[row[:, :, None], column[:, None, :]]
+    pixels = row[:, :, None], column[:, None, :]
+    raw = frame[pixels]
+    more = np.zeros_like(raw) if sigma is None else np.square(sigma[pixels], dtype=np.float64)
     start = np.zeros((len(chosen), COUNT))
     start[:, [U, V]] = blobs.centre[chosen] - middle
     start[:, [L_UU, L_UV, L_VV]] = blobs.shape[chosen]
@@ -177,7 +191,7 @@ def _fit(
     about = along.astype(np.float64)
     used = _within(start, about, _MARGIN + 2.0 * calibration.blur)
     saturated = (used & (raw >= calibration.saturation)).any(axis=(1, 2))
-    fitted = _adjust(raw - calibration.black, used, start, about, calibration)
+    fitted = _adjust(raw - calibration.black, used, start, about, calibration, more)
     status = np.where(saturated, DotStatus.SATURATED, _after(fitted, about, used, calibration))
     good = status == DotStatus.VALID
     spread = fitted.covariance[:, :2, :2] * _widening(fitted)[:, None, None]
@@ -205,12 +219,17 @@ class _Fitted:
 
 
 def _adjust(
-    numbers: Array, used: NDArray[np.bool_], start: Array, about: Array, calibration: FrameCalibration
+    numbers: Array,
+    used: NDArray[np.bool_],
+    start: Array,
+    about: Array,
+    calibration: FrameCalibration,
+    more: Array,
 ) -> _Fitted:
     """Return fits of all dots of a window's size together."""
     longest = float(np.abs(start[:, L_UU : L_VV + 1]).max()) * 1.2 + 1.0
     steps = edge_steps(longest, max(0.6 * calibration.blur, LEAST_BLUR))
-    window = _Window(numbers, used, about, steps, start[:, BLUR])
+    window = _Window(numbers, used, about, steps, start[:, BLUR], more)
     values = start
     for _ in range(_ROUNDS):
         weight = _weights(window, expected_numbers(values, about, about, steps)[0], calibration)
@@ -236,18 +255,22 @@ def _adjust(
 
 @dataclass(frozen=True)
 class _Window:
-    """Numbers above black and which of them count (d, h, w), pixels about the middle, steps of edges, believed blur."""
+    """Numbers above black and which of them count (d, h, w), pixels about the middle, steps of edges, believed blur.
+
+    ``more`` is the variance beyond the sensor's [DN²], shape (d, h, w).
+    """
 
     numbers: Array
     used: NDArray[np.bool_]
     about: Array
     steps: int
     blur: Array
+    more: Array
 
 
 def _weights(window: _Window, expected: Array, calibration: FrameCalibration) -> Array:
     """Return the inverse variances of pixels [1/DN²], zero of those that are not fitted, shape (d, h, w)."""
-    return np.where(window.used, 1.0 / calibration.variance(expected), 0.0)
+    return np.where(window.used, 1.0 / (calibration.variance(expected) + window.more), 0.0)
 
 
 def _descended(window: _Window, weight: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:

@@ -72,6 +72,24 @@ def test_centres_reach_the_bound_and_their_sigma_holds() -> None:
     _reach_the_bound((5.0, 14.0), 12, 16, 14, 11)
 
 
+def test_noise_that_is_told_pixel_by_pixel_counts() -> None:
+    """Claim: with noise of 1 to 13 DN beyond the sensor's, χ² is its freedom and σ hold; untold, χ² is not.
+
+    Set-up: 10 dots of 8 to 14 pixels, each 5 times; the noise grows from column to column of each window.
+    """
+    rng = np.random.default_rng(23)
+    frame, centres = tiled(drawn(10, (8.0, 14.0), rng) * 5, 14, rng)
+    more = np.broadcast_to(1.0 + 12.0 * (np.arange(frame.shape[1]) % 29) / 28.0, frame.shape)
+    noisy = frame + more * rng.standard_normal(frame.shape)
+    told = find_dots(noisy, CALIBRATION, sigma=more)
+    errors, covariance = _errors(told, centres)
+    free = told.pixels - COUNT
+    assert mean_square(np.sqrt(told.chi2 / free), freedom=float(free.sum()), slack=0.01)
+    assert mean_square(errors / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)), slack=0.02)
+    untold = find_dots(noisy, CALIBRATION)
+    assert np.nanmedian(untold.chi2 / np.maximum(untold.pixels, 1)) > 2.0
+
+
 @pytest.mark.slow
 def test_many_dots_reach_the_bound() -> None:
     """Claim: the same of 20 dots, each 30 times."""

@@ -1,0 +1,71 @@
+"""``pose.methods: [camera]``: what it needs, and how many frames it takes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from scanner_sim import load_scenario
+from scanner_sim.config.scenario import Scenario
+from scanner_sim.detector.frame.video_camera import VideoCamera
+from scanner_sim.foundation.errors import ScenarioError
+
+PLATE = {"diameter": "100 mm", "plate": "300 mm", "rows": 2, "columns": 2, "spacing": ["0.6 m", "0.6 m"]}
+
+
+def scenario(**changes: Any) -> Scenario:
+    return load_scenario(
+        {
+            "schema": 1,
+            "scene": {
+                "objects": [
+                    {"name": "panel", "array": PLATE, "position": ["0 m", "0 m", "5 m"]},
+                    {
+                        "name": "ball",
+                        "shape": "sphere",
+                        "diameter": "100 mm",
+                        "material": {"reflectance": 0.5},
+                        "position": ["0 m", "1 m", "5 m"],
+                    },
+                ]
+            },
+            "lighting": {"sun": {"direction": [0.3, -0.5, -0.8]}},
+            "scan": {"type": "track", "duration": "1 s", "targets": ["panel"]},
+            "pose": {"methods": ["camera", "joint"]},
+            **changes,
+        }
+    )
+
+
+RASTER = {"rows": 8, "columns": 8, "horizontal": ["-1 deg", "1 deg"], "vertical": ["-1 deg", "1 deg"]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "place", "words"),
+    [
+        ({"lighting": {}}, "pose.methods", "has no Sun"),
+        ({"scan": {"type": "track", "targets": ["ball"]}}, "pose.methods", "array of 4 dots"),
+        ({"scan": RASTER}, "pose.methods", "scan.type is raster"),
+        ({"camera": {"frame_rate": "301 Hz", "exposure": {"type": "fixed", "time": "1 ms"}}},
+         "camera.frame_rate", "301 frames in 1 s; 300 are possible"),
+    ],
+)  # fmt: skip
+def test_what_leaves_the_camera_without_poses_is_named(changes: Any, place: str, words: str) -> None:
+    with pytest.raises(ScenarioError) as found:
+        scenario(**changes)
+    assert place in str(found.value)
+    assert words in str(found.value)
+
+
+def test_arrays_are_those_that_are_followed() -> None:
+    found = scenario()
+    assert [item.name for item in found.arrays_followed] == ["panel"]
+    assert found.pose.by_scanner == ("joint",)
+
+
+@pytest.mark.parametrize(("duration", "frames"), [(1.0, 30), (0.99, 30), (0.01, 1), (1.01, 31)])
+def test_frames_begin_within_the_run(duration: float, frames: int) -> None:
+    times = VideoCamera().frame_times(duration)
+    np.testing.assert_allclose(times, np.arange(frames) / 30.0)

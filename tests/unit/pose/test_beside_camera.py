@@ -1,0 +1,97 @@
+"""The scanner's poses beside the camera's: differences at common times, and what they are held against."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from claims import mean_square
+from scipy.spatial.transform import Rotation as Turning
+
+from scanner_sim.pose.beside import beside_camera
+from scanner_sim.pose.series import PoseSeries, SeriesMethod
+from scanner_sim.pose.status import PoseStatus
+
+FRAMES, ROUNDS = np.arange(6.0), np.array([-0.1, 0.25, 1.6, 4.9, 5.2])
+
+
+def series(time: np.ndarray, method: SeriesMethod, sigma: np.ndarray, seed: int | None = None) -> PoseSeries:
+    """An object in even motion, (δt, δω) of errors by ``seed`` or none."""
+    error = (
+        np.zeros((len(time), 6))
+        if seed is None
+        else sigma * np.random.default_rng(seed).standard_normal((len(time), 6))
+    )
+    position = np.outer(time, [0.1, -0.2, 0.3]) + np.array([0.5, 0.0, 6.0])
+    turned = Turning.from_rotvec(np.outer(time, [0.02, 0.05, -0.1]))
+    count = len(time)
+    return PoseSeries(
+        name="panel",
+        relative_to="",
+        method=method,
+        time=time,
+        position=position + error[:, :3],
+        rotation=(Turning.from_rotvec(error[:, 3:]) * turned).as_matrix(),
+        covariance=np.broadcast_to(np.diag(sigma**2), (count, 6, 6)),
+        chi2=np.zeros(count),
+        dof=np.full(count, 2),
+        targets=np.full(count, 4),
+        status=np.zeros(count, dtype=np.int8),
+        truth_position=position,
+        truth_rotation=turned.as_matrix(),
+        lasting=np.full((count, 6, 6), np.nan),
+    )
+
+
+SCANNER, CAMERA = (np.array(values) for values in ([3e-4] * 3 + [2e-4] * 3, [1e-4] * 3 + [4e-4] * 3))
+
+
+def test_what_is_the_same_has_no_difference() -> None:
+    """Claim: of an even motion nothing is left between frames, and nothing is compared beyond them."""
+    (found,) = beside_camera([series(FRAMES, "camera", CAMERA), series(ROUNDS, "joint", SCANNER)])
+    np.testing.assert_array_equal(found.time, [0.25, 1.6, 4.9])
+    np.testing.assert_allclose(found.difference, 0.0, atol=1e-12)
+    np.testing.assert_allclose(found.sigma, np.tile(np.hypot(SCANNER, CAMERA), (3, 1)))
+    assert (found.scanner.method, found.camera.method) == ("joint", "camera")
+
+
+def test_the_difference_is_from_the_camera_to_the_scanner() -> None:
+    """Claim: a scanner that is off by (δt, δω) along the reference's axes differs by just that."""
+    off = np.array([1e-3, -2e-3, 3e-3, 4e-4, -5e-4, 6e-4])
+    scanner = series(ROUNDS, "uv", SCANNER)
+    turned = Turning.from_rotvec(off[3:]) * Turning.from_matrix(scanner.rotation)
+    moved = replace(scanner, position=scanner.position + off[:3], rotation=turned.as_matrix())
+    (found,) = beside_camera([moved, series(FRAMES, "camera", CAMERA)])
+    np.testing.assert_allclose(found.difference, np.tile(off, (3, 1)), atol=1e-12)
+
+
+def test_sigma_holds_at_the_times_of_frames() -> None:
+    """Claim: differences scatter by their σ. Set-up: 400 common moments with errors drawn by the covariances."""
+    time = np.arange(400.0)
+    pair = [series(time, "camera", CAMERA, 1), series(time, "xyz", SCANNER, 2)]
+    (found,) = beside_camera(pair)
+    assert len(found.time) == 400
+    assert mean_square(found.difference / found.sigma)
+
+
+@pytest.mark.parametrize(
+    ("which", "compared"), [("scanner", [0.25, 4.9]), ("camera", [0.25, 4.9]), ("all", []), ("one frame", [])]
+)
+def test_poses_that_are_not_valid_are_not_compared(which: str, compared: list[float]) -> None:
+    camera, scanner = series(FRAMES, "camera", CAMERA), series(ROUNDS, "uv", SCANNER)
+    if which == "scanner":
+        scanner.status[2] = PoseStatus.IMPLAUSIBLE
+    elif which == "camera":
+        camera.status[2] = PoseStatus.AMBIGUOUS
+    elif which == "all":
+        camera.status[:] = PoseStatus.HIDDEN
+    else:
+        camera = series(FRAMES[:1], "camera", CAMERA)
+    (found,) = beside_camera([camera, scanner])
+    np.testing.assert_array_equal(found.time, compared)
+    assert found.difference.shape == found.sigma.shape == (len(compared), 6)
+
+
+def test_a_run_without_a_camera_has_nothing_beside_it() -> None:
+    assert not list(beside_camera([series(ROUNDS, "uv", SCANNER), series(ROUNDS, "joint", SCANNER)]))
