@@ -165,7 +165,7 @@ def _walls(task: Task, instrument: BuiltInstruments) -> tuple[Row, Row]:
             layers = simulate(scenario, device=task.device).channels
             mean[kind] = float(np.nanmean(layers["P.Z"] - layers["truth.P.Z"]))
             if kind == "calibrated":
-                common = float(np.nanmedian(layers["sigma_same_m"]))
+                common = float(np.nanmedian(layers["sigma_common_m"]))
     expected = float(closed_effects(_CENTRE, _AT)[0, 2] @ instrument.true)
     share = mean["calibrated"] / common
     bound = math.sqrt(float(chi2.isf(2.0 * _TAIL, 1)))
@@ -327,10 +327,11 @@ ITEMS = (
         "The square of R does not tell what an error is made of: noise on the pixels and an array out of its place "
         "both grow so. Uncalibrated, the place of the array alone, ±0.25 mm, is worth three pixels, and no such "
         "scanner could be sold; deviations are then so large that the second order is 6 % of the wall's error. "
-        "Calibrated, a single voxel shows little of it, and a mean over many voxels cannot fall below the thin line, which is nearly flat "
-        "where the boards stood, at 2 to 5 m, and grows where the calibration extrapolates. It is that of an ideal "
-        "calibration: boards surveyed to 20 µm, no distortion that the model of the adjustment lacks, no change since. "
-        "Time of flight is left out: no limit of its zero was found in print.",
+        "Calibrated, a single voxel shows little of it, and a mean over many voxels cannot fall below the thin "
+        "line, which is nearly flat where the boards stood, at 2 to 5 m, and grows where the calibration "
+        "extrapolates. It is that of an ideal calibration: boards surveyed to 20 µm, no distortion that the model "
+        "of the adjustment lacks, no change since. Time of flight is left out: no limit of its zero was found in "
+        "print.",
         figure_12_built,
         also="`scanner-sim selfcal` makes such a calibration; see [The instrument as built](../guides/as_built.md).",
     ),
