@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from scanner_sim.cli.campaigns import campaign
+from scanner_sim.cli.controllers import serve
 from scanner_sim.cli.judging import compare, reproduce
 from scanner_sim.cli.looking import difference, view
 from scanner_sim.cli.options import (
@@ -273,6 +274,7 @@ for verb in (
     approach,
     compare,
     reproduce,
+    serve,
 ):
     app.command()(verb)
 app.add_typer(campaign, name="campaign")
@@ -333,7 +335,11 @@ def instruments(
 
 
 @app.command()
-def schema() -> None:
+def schema(
+    messages: Annotated[
+        bool, typer.Option("--messages", help="That of the messages which `serve` understands.")
+    ] = False,
+) -> None:
     """Print the JSON schema of scenarios, by which editors complete and check them.
 
     Example: `scanner-sim schema > scenario.schema.json`, and as the first line of a scenario
@@ -343,8 +349,10 @@ def schema() -> None:
         import json
 
         from scanner_sim.config import json_schema
+        from scanner_sim.serve.messages import messages_schema
 
-        typer.echo(json.dumps(json_schema(), indent=2, ensure_ascii=False))
+        printed = messages_schema() if messages else json_schema()
+        typer.echo(json.dumps(printed, indent=2, ensure_ascii=False))
 
 
 def _print_version(wanted: bool) -> None:

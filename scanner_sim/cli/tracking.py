@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -44,7 +44,6 @@ def run_tracking(scenario: Scenario, call: Call) -> Track:
         If the scene, the folder or the device cannot be used, or the disk fails.
     """
     from scanner_sim.instrument.closed_loop.track import track
-    from scanner_sim.products.files.track_folder import write_track
 
     expected, visits = patterns(scenario), count(1)
 
@@ -55,28 +54,50 @@ def run_tracking(scenario: Scenario, call: Call) -> Track:
             advance(done, max(done, expected))
 
         made = track(scenario, device=call.device, progress=visited)
-        if "camera" in scenario.pose.methods:
-            say("taking the camera's frames")
-        else:
-            say("estimating poses")
-        poses = every_pose(made, device=call.device, progress=advance)
-        backdrop = None
-        if scenario.output.pictures:
-            say("drawing")
-            backdrop = backdrop_of(made, scenario, call.device)
-        paths = write_track(
-            made,
-            call.output,
-            scenario.output,
-            poses=poses,
-            backdrop=backdrop,
-            rim=rims_of(made),
-            overwrite=call.overwrite,
+        poses, paths = write_tracking(
+            made, scenario, call, overwrite=call.overwrite, say=say, progress=advance
         )
     call.warn(made.warnings)
     if not call.quiet:
         _print_closing(made, poses, paths)
     return made
+
+
+def write_tracking(
+    made: Track,
+    scenario: Scenario,
+    call: Call,
+    *,
+    overwrite: bool,
+    say: Callable[[str], None] = lambda stage: None,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[tuple[PoseSeries, ...], tuple[Path, ...]]:
+    """Write the folder of a run, with its poses and pictures; return the poses and the files.
+
+    Raises
+    ------
+    ScannerSimError
+        If the scene, the folder or the device cannot be used, or the disk fails.
+    """
+    # Matplotlib takes long to load: after the work.
+    from scanner_sim.products.files.track_folder import write_track
+
+    say("taking the camera's frames" if "camera" in scenario.pose.methods else "estimating poses")
+    poses = every_pose(made, device=call.device, progress=progress)
+    backdrop = None
+    if scenario.output.pictures:
+        say("drawing")
+        backdrop = backdrop_of(made, scenario, call.device)
+    paths = write_track(
+        made,
+        call.output,
+        scenario.output,
+        poses=poses,
+        backdrop=backdrop,
+        rim=rims_of(made),
+        overwrite=overwrite,
+    )
+    return poses, paths
 
 
 def show_track(result: Path, output: Path | None, *, device: DeviceChoice, overwrite: bool) -> None:

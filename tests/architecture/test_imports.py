@@ -34,6 +34,7 @@ ROOMS = (
     "acceptance",
     "validation",
     "campaign",
+    "serve",
     "cli",
 )
 ORDER = {name: rank for rank, name in enumerate(ROOMS)}

@@ -18,11 +18,12 @@ NAMES = {
     "yaml": "PyYAML",
     "PIL": "pillow",
     "cv2": "opencv-python-headless",
+    "zmq": "pyzmq",
 }
 """Packages whose modules have another name."""
 ONLY_CAMPAIGNS = {"dask"}
 """What `distributed` brings in its own version."""
-EXTRAS = ("campaign", "e57", "las", "meshes", "ros")
+EXTRAS = ("campaign", "e57", "las", "meshes", "ros", "serve")
 """Optional parts of the installation whose modules the package imports."""
 ONLY_LOADED = {"lazrs", "lxml", "networkx", "pycollada"}
 """What another of them loads by itself."""
@@ -74,7 +75,7 @@ def test_what_is_imported_is_declared(project: dict[str, Any], repo_root: Path) 
         NAMES.get(name, name).replace("_", "-").lower() for name in imported(repo_root / "scanner_sim")
     } == needed | ONLY_CAMPAIGNS | set().union(*optional) - ONLY_LOADED
     tests = {NAMES.get(name, name).replace("_", "-").lower() for name in imported(repo_root / "tests")}
-    assert tests <= needed | asked(extras["test"]) | asked(extras["meshes"])
+    assert tests <= needed | asked(extras["test"]) | asked(extras["meshes"]) | asked(extras["serve"])
 
 
 def test_the_citation_is_valid_and_of_this_version(project: dict[str, Any], repo_root: Path) -> None:

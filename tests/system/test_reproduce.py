@@ -25,7 +25,10 @@ PARTS = {
     *(f"eq{number}" for number in range(1, 20)),
     "table1",
     "table2",
-    *(f"fig{name}" for name in ("1", "2a", "2b", "4", "5", "12", "13", "14", "15", "16", "17", "18")),
+    *(
+        f"fig{name}"
+        for name in ("1", "2a", "2b", "4", "5", "12", "12b", "13", "14", "15", "15b", "16", "17", "18")
+    ),
 }
 """What issue and paper ask for. Figures 3 and 6 to 11 are photographs and drawings without data."""
 

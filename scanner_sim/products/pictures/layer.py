@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from textwrap import shorten
+from typing import Any
 
 import numpy as np
 from matplotlib.colorbar import Colorbar
@@ -73,9 +74,15 @@ def patches_of(causes: Mapping[Status, NDArray[np.bool_]], longest: int) -> list
     return patches
 
 
+def thin_outline(bar: Colorbar) -> None:
+    """Draw the frame of a colour bar as thin as others."""
+    outline: Any = bar.outline  # Matplotlib 3.10 takes it for several lines.
+    outline.set_linewidth(0.6)
+
+
 def label_bar(bar: Colorbar, norm: Normalize, label: str) -> None:
     """Give a colour bar its label, and numbers that fit its scale."""
-    bar.outline.set_linewidth(0.6)
+    thin_outline(bar)
     bar.set_label(label)
     bar.formatter = ScalarFormatter(useOffset=False)
     if isinstance(norm, LogNorm):

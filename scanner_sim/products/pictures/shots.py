@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.foundation.status import Status
 from scanner_sim.products.layers import numbered
+from scanner_sim.products.pictures.layer import thin_outline
 from scanner_sim.products.pictures.style import (
     FAINT,
     RANGE_MAP,
@@ -141,5 +142,5 @@ def _colour_bar(figure: Figure, axes: Axes, scale: ScalarMappable) -> None:
     bar = figure.colorbar(
         scale, cax=figure.add_axes((box.x1 + 0.14 / across, box.y0, 0.14 / across, box.height))
     )
-    bar.outline.set_linewidth(0.6)
+    thin_outline(bar)
     bar.set_label("range [m]")

@@ -9,7 +9,16 @@ from pathlib import Path
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.products.files.exchange import Writers, exchange, failure
 from scanner_sim.products.files.folder import ResultFolder, claim_folder, write_text
-from scanner_sim.validation.reproduce import errors, images, poses, ranging, sunlight, tables, tracking
+from scanner_sim.validation.reproduce import (
+    as_built,
+    errors,
+    images,
+    poses,
+    ranging,
+    sunlight,
+    tables,
+    tracking,
+)
 from scanner_sim.validation.reproduce.item import Item, Task
 from scanner_sim.validation.reproduce.page import HEADING, PAGE, page
 from scanner_sim.validation.reproduce.results import (
@@ -37,6 +46,7 @@ def all_items() -> tuple[Item, ...]:
         *tracking.ITEMS,
         *errors.ITEMS,
         *poses.ITEMS,
+        *as_built.ITEMS,
         *sunlight.ITEMS,
     )
     return tuple(sorted(items, key=_place))

@@ -1,0 +1,1 @@
+"""The served door: a tracking run that another program steers through a socket."""

@@ -1,0 +1,237 @@
+"""The socket of a served run without a run behind it: who holds it, who does not, and what cannot be read."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import msgpack
+import pytest
+import zmq
+
+from scanner_sim.foundation.errors import InputError, RunError
+from scanner_sim.serve.server import Server, is_local
+from scanner_sim.serve.wire import LARGEST
+
+PATIENCE = 0.5
+WAIT = 20_000
+
+
+OPEN: list[zmq.Socket[bytes]] = []
+"""Sockets of the clients of a test."""
+
+
+@pytest.fixture(autouse=True)
+def _closed() -> Iterator[None]:
+    yield
+    while OPEN:
+        OPEN.pop().close()
+
+
+class Clock:
+    """Stands for a tracker whose visits take 10 ms of the run."""
+
+    time, finished = 0.0, False
+
+
+class Echo:
+    """Stands for a session: it answers what it was asked, and refuses what is told to fail."""
+
+    def __init__(self, cost: float = 0.0) -> None:
+        self.tracker, self.overruns, self.realtime, self.cost = Clock(), 0, None, cost
+        self.asked: list[str] = []
+
+    def answer(self, request: Any) -> dict[str, Any]:
+        if request.command == "drop":
+            raise InputError("there is no target.", remedy="Name one.")
+        if request.command == "save":
+            raise RunError("the disk is full.")
+        self.asked.append(request.command)
+        return {"asked": request.command}
+
+    def run_until(self, clock: float) -> bool:
+        if self.tracker.time > clock:
+            return False
+        time.sleep(self.cost)
+        self.tracker.time += 0.01
+        return True
+
+
+class Client:
+    """A client that says what it likes."""
+
+    def __init__(self, address: str, kind: int = zmq.REQ) -> None:
+        self.socket = zmq.Context.instance().socket(kind)
+        OPEN.append(self.socket)
+        self.socket.setsockopt(zmq.LINGER, 0)
+        self.socket.connect(address)
+
+    def raw(self, *frames: bytes) -> dict[str, Any]:
+        self.socket.send_multipart(frames)
+        assert self.socket.poll(WAIT), "the server hangs"
+        answer: dict[str, Any] = msgpack.unpackb(self.socket.recv_multipart()[-1])
+        return answer
+
+    def ask(self, command: str, **content: Any) -> dict[str, Any]:
+        return self.raw(msgpack.packb({"protocol": 1, "command": command} | content))
+
+
+@pytest.fixture
+def served() -> Iterator[tuple[str, Echo]]:
+    with running(Echo()) as served:
+        yield served
+
+
+@contextmanager
+def running(session: Any, realtime: float | None = None) -> Iterator[tuple[str, Any]]:
+    server, stop = Server("tcp://127.0.0.1:*", patience=PATIENCE), threading.Event()
+    work = threading.Thread(
+        target=server.serve, args=(session,), kwargs={"realtime": realtime, "stopped": stop.is_set}
+    )
+    work.start()
+    try:
+        yield server.address, session
+    finally:
+        stop.set()
+        work.join(20.0)
+    assert not work.is_alive()
+    server.close()
+
+
+@pytest.mark.parametrize("kind", [zmq.REQ, zmq.DEALER])
+def test_an_answer_says_what_was_asked_and_repeats_its_number(served: Any, kind: int) -> None:
+    client = Client(served[0], kind)
+    assert client.ask("open", id=3) == {"protocol": 1, "id": 3, "ok": True, "asked": "open"}
+    assert client.ask("step")["id"] is None
+
+
+def test_what_cannot_be_done_is_said_and_the_run_goes_on(served: Any) -> None:
+    client = Client(served[0], zmq.DEALER)
+    assert client.ask("step")["error"]["message"] == "the run is not open."
+    client.ask("open")
+    refused = client.ask("drop", target="x", id=9)
+    assert (refused["ok"], refused["id"], refused["error"]["kind"]) == (False, 9, "input")
+    assert refused["error"]["remedy"] == "Name one."
+    assert client.ask("save")["error"]["kind"] == "run"
+    for garbage in (b"", b"\xc1", b"x" * 1000, msgpack.packb([1])):
+        assert client.raw(garbage)["error"]["kind"] == "input"
+    assert client.raw(b"one", b"two")["error"]["message"] == "a message is one frame."
+    assert client.raw(b"", b"", b"")["error"]["message"] == "a message is one frame."
+    assert client.ask("step")["ok"]
+
+
+def test_a_second_client_is_refused_until_the_first_lets_go(served: Any) -> None:
+    """Claim: nothing that a second client asks reaches the run, and it is told who holds it; after ``close`` it may."""
+    first, second = Client(served[0]), Client(served[0])
+    first.ask("open", client="guidance")
+    first.ask("step")
+    for command in ("open", "step", "close"):
+        refused = second.ask(command)
+        assert refused["error"]["kind"] == "busy"
+        assert "'guidance' holds the run" in refused["error"]["message"]
+    assert served[1].asked == ["open", "step"]
+    first.ask("close")
+    assert second.ask("open")["ok"]
+    assert first.ask("step")["error"]["kind"] == "busy"
+
+
+def test_a_client_that_died_loses_the_run_after_its_patience(served: Any) -> None:
+    first, second = Client(served[0]), Client(served[0])
+    first.ask("open")
+    first.socket.send(msgpack.packb({"protocol": 1, "command": "step"}))
+    first.socket.close()  # before its answer
+    assert second.ask("open")["error"]["kind"] == "busy"
+    time.sleep(1.5 * PATIENCE)
+    assert second.ask("step")["error"]["message"] == "the run is not open."
+    assert second.ask("open")["ok"]
+
+
+def test_a_slow_client_keeps_the_run_while_nobody_else_asks(served: Any) -> None:
+    client = Client(served[0])
+    client.ask("open")
+    time.sleep(1.5 * PATIENCE)
+    assert client.ask("step")["ok"]
+
+
+def test_a_client_that_errs_is_not_silent(served: Any) -> None:
+    first, second = Client(served[0]), Client(served[0])
+    first.ask("open")
+    until = time.monotonic() + 1.5 * PATIENCE
+    while time.monotonic() < until:
+        assert not first.ask("drop", target="x")["ok"]
+        time.sleep(0.1 * PATIENCE)
+    assert second.ask("open")["error"]["kind"] == "busy"
+
+
+def test_who_does_not_read_or_sends_too_much_does_not_stop_the_others(served: Any) -> None:
+    """Claim: a client that never reads its answers, and one whose message is too large, are no one's matter."""
+    deaf, large, client = Client(served[0], zmq.DEALER), Client(served[0], zmq.DEALER), Client(served[0])
+    for _ in range(3000):
+        deaf.socket.send(msgpack.packb({"protocol": 1, "command": "step"}), zmq.DONTWAIT)
+        if not deaf.socket.poll(0, zmq.POLLOUT):
+            break
+    large.socket.send(b"x" * (LARGEST + 1))
+    assert client.ask("open")["ok"]
+    assert not large.socket.poll(200)
+
+
+def test_a_client_that_ends_the_run_ends_the_server() -> None:
+    session, server = Echo(), Server("tcp://127.0.0.1:*")
+    work = threading.Thread(target=server.serve, args=(session,))
+    work.start()
+    client = Client(server.address)
+    client.ask("open")
+    assert client.ask("close", stop=True)["ok"]
+    work.join(20.0)
+    assert not work.is_alive()
+    server.close()
+
+
+@pytest.mark.parametrize(("cost", "late"), [(0.0, False), (0.03, True)])
+def test_a_free_run_keeps_the_clock_and_counts_overruns(cost: float, late: bool) -> None:
+    """Claim: it begins with the first client, goes on by itself, and each visit that costs thrice its time is late.
+
+    A visit that costs nothing may be late on a machine that is busy: at most of some.
+    """
+    session = Echo(cost)
+    with running(session, realtime=1.0) as (address, _):
+        time.sleep(0.4)
+        assert session.tracker.time == 0.0
+        client, begun = Client(address), time.monotonic()
+        client.ask("open")
+        while session.tracker.time < 0.2:
+            time.sleep(0.01)
+            assert time.monotonic() - begun < 20.0
+        if not late:
+            assert session.tracker.time <= time.monotonic() - begun + 0.02
+        visits = round(session.tracker.time / 0.01)
+        assert session.overruns >= visits - 2 if late else session.overruns < visits
+
+
+@pytest.mark.parametrize(
+    "address", ["", "5555", "inproc://x", "tcp://", "tcp://host", "tcp://999.0.0.1:1", "tcp://127.0.0.1:x"]
+)
+def test_what_is_no_address_is_refused(address: str) -> None:
+    with pytest.raises(InputError) as caught:
+        Server(address)
+    assert "tcp://127.0.0.1:" in caught.value.remedy
+
+
+def test_an_address_that_is_taken_is_refused(served: Any) -> None:
+    with pytest.raises(InputError, match="cannot be bound"):
+        Server(served[0])
+
+
+def test_only_loopback_is_local() -> None:
+    assert all(
+        map(
+            is_local,
+            ("tcp://127.0.0.1:5", "tcp://127.9.0.1:*", "tcp://[::1]:5", "tcp://localhost:5", "ipc:///tmp/x"),
+        )
+    )
+    assert not any(
+        map(is_local, ("tcp://0.0.0.0:5", "tcp://*:5", "tcp://10.0.0.1:5", "tcp://[::]:5", "tcp://eth0:5"))
+    )

@@ -1,0 +1,76 @@
+"""Figures 12, 13 and 15 with the instrument as built: tolerances, derivatives of poses, and the axis of residuals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from scanner_sim.analytic.pose import facing_errors
+from scanner_sim.config import load_scanner
+from scanner_sim.config.calibration import design_of
+from scanner_sim.optics.parameters import INDEX, NAMES
+from scanner_sim.ranging.calibration import Calibration
+from scanner_sim.validation.reproduce.as_built import ITEMS
+from scanner_sim.validation.reproduce.built_instruments import (
+    SQUARE,
+    Method,
+    built_text,
+    closed_depth,
+    estimator_of,
+    pose_sigma,
+    shared_errors,
+    tolerances,
+)
+from scanner_sim.validation.reproduce.item import Verdict
+from scanner_sim.validation.reproduce.residual_axis import ResidualAxis, per_pixel
+
+SIGMA = (8e-6, 4e-6, 1e-3)
+METHODS: tuple[Method, ...] = ("xyz", "uv", "joint")
+
+
+def test_a_limit_is_a_rectangular_distribution() -> None:
+    """Claim: σ is the limit over √3, and what is drawn has it."""
+    given = tolerances().given
+    assert math.isclose(given["base"], 0.2e-3 / math.sqrt(3.0))
+    assert math.isclose(given["theta_scale"], 0.01 / math.sqrt(3.0))
+    assert "base: {tolerance: " in built_text(tolerances())
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_derivatives_of_the_estimate_give_its_errors(method: Method) -> None:
+    """Claim: own and shared errors go to a facing square as the closed form has it, to 2 % (D_g/R, (h/R)²)."""
+    common = (3e-6, 5e-6, 2e-3)
+    shared = np.broadcast_to(np.diag(common), (len(SQUARE), 3, 3))
+    got = pose_sigma(estimator_of(SQUARE, 10.0, method, SIGMA), SIGMA, shared)
+    np.testing.assert_allclose(got, facing_errors(SQUARE, 10.0, method, SIGMA, common), rtol=0.02)
+
+
+@pytest.mark.parametrize("method", METHODS[:2])
+@pytest.mark.parametrize("name", ["base", "array_offset", "theta_scale", "phi_scale"])
+def test_each_parameter_goes_to_the_depth_as_by_the_judge(method: Method, name: str) -> None:
+    """Claim: of one parameter alone the product's and the judge's errors of the depth agree to 2 % and a micrometre."""
+    covariance = np.zeros((len(NAMES), len(NAMES)))
+    covariance[INDEX[name], INDEX[name]] = tolerances().given[name] ** 2
+    believed = Calibration(np.zeros(len(NAMES)), covariance, design_of(load_scanner("nrc_2000")))
+    none = (0.0, 0.0, 0.0)
+    got = pose_sigma(estimator_of(SQUARE, 10.0, method, SIGMA), none, shared_errors(believed, SQUARE, 10.0))[
+        2
+    ]
+    expected = closed_depth(SQUARE, 10.0, method, SIGMA, covariance)
+    assert math.isclose(got, expected, rel_tol=0.02, abs_tol=1e-6)
+
+
+def test_where_ten_lies_and_where_it_does_not() -> None:
+    """Claim: at 10 m the axis agrees with its closed forms, and only weights that know the residual gain ten."""
+    assert math.isclose(per_pixel(10.0), 0.25)
+    axis = ResidualAxis.at(10.0, 6e-6, 0.6e-3)
+    rows = axis.rows()
+    assert [row.verdict for row in rows] == [Verdict.UNPRINTED] * 7
+    assert axis.aware[:, :2].max() > 10.0
+    assert axis.unaware[:, :5].max() < 2.0
+
+
+def test_items_stand_beside_the_figures_of_the_paper() -> None:
+    assert [item.key for item in ITEMS] == ["fig12b", "fig15b"]
