@@ -76,6 +76,7 @@ def test_steps_make_the_records_of_a_track(scenario: Scenario) -> None:
         ask(session, "state")
         ask(session, "pose")
     told += answer["records"]
+    assert ask(session, "step")["records"] == []
     whole = track(scenario)
     assert content(session.records) == content(list(whole.records))
     assert session.track.scenario_yaml == whole.scenario_yaml
