@@ -155,6 +155,12 @@ def _range_noise(scenario: Scenario, range_m: Array, sigma: Array, raster: Raste
     return _shared(raster, sigma**2 - least * (even + moved), least * even, least * moved)
 
 
+def _height_variance(scenario: Scenario, range_m: Array, raster: Raster) -> Array:
+    """Return the relative variance of the spots' light by speckle."""
+    packets, (energy, _) = _packets(scenario, range_m, raster)
+    return np.asarray(_contrast(scenario) ** 2 * packets.energy * energy)
+
+
 def _contrast(scenario: Scenario) -> float:
     return scenario.processing.speckle_contrast if scenario.scanner.laser.speckle else 0.0
 
@@ -179,8 +185,7 @@ def _mixed(scenario: Scenario, layers: Layers, prefix: str, steepest: float) -> 
     noise = np.sqrt(np.maximum(sigma**2 - uneven**2, 0.0))
     raster = _raster(scenario, range_m, _travel(scenario))
     faintest = _FAINT_ECHO if prefix else _FAINT * scenario.processing.threshold
-    packets, (energy, _) = _packets(scenario, range_m, raster)
-    speckle = np.zeros(range_m.shape) if prefix else _contrast(scenario) ** 2 * packets.energy * energy
+    speckle = np.zeros(range_m.shape) if prefix else _height_variance(scenario, range_m, raster)
     faint = is_faint(layers[f"{prefix}snr_detection"].astype(np.float64), faintest, speckle, raster)
     status = layers[f"{prefix}status"].astype(np.uint32)
     none = np.zeros(range_m.shape)
