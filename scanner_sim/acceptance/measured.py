@@ -53,7 +53,7 @@ def measured_clouds(
     ScenarioError
         If a scene cannot be measured.
     """
-    seeds = host_generator(setup.plan.seed, Stream.SURVEY, SEEDED).integers(
+    seeds = host_generator(setup.plan.seed, Stream.ACCEPTANCE, SEEDED).integers(
         2**62, size=(len(setup.surfaces), setup.plan.repetitions)
     )
     for number, (surface, own) in enumerate(zip(setup.surfaces, seeds.tolist(), strict=True), start=1):

@@ -126,7 +126,7 @@ def _made(plan: AcceptancePlan) -> Array:
         for one in plan.artefacts.values()
     ]
     sigma = [0.0 if isinstance(one, Plate) else one.sigma for one in plan.artefacts.values()]
-    noise = host_generator(plan.seed, Stream.SURVEY, _MADE).standard_normal(len(certified))
+    noise = host_generator(plan.seed, Stream.ACCEPTANCE, _MADE).standard_normal(len(certified))
     return np.array(certified) + np.array(sigma) * noise
 
 

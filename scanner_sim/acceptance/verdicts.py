@@ -165,7 +165,7 @@ def accept(
     fits: dict[str, tuple[Fit, ...]] = {}
     artefacts = list(setup.plan.artefacts.values())
     for number, (surface, clouds) in enumerate(measured_clouds(setup, device=device, progress=progress)):
-        generator = host_generator(setup.plan.seed, Stream.SURVEY, DRAWN + number)
+        generator = host_generator(setup.plan.seed, Stream.ACCEPTANCE, DRAWN + number)
         artefact, discarded = artefacts[surface.artefact], setup.plan.discarded
         if isinstance(artefact, Plate):
             clouds = tuple(cloud.chosen(on_plate(artefact, surface, cloud.points)) for cloud in clouds)

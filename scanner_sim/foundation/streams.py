@@ -38,6 +38,7 @@ class Stream(IntEnum):
     POWER = 22
     POSES = 40
     SURVEY = 41
+    ACCEPTANCE = 42
     FRAME_LIGHT = 50
     FRAME_STRATA = 51
     FRAME_NOISE = 52

@@ -72,7 +72,8 @@ class TrueEye:
 @pytest.fixture
 def run(device: Device, monkeypatch: pytest.MonkeyPatch) -> Any:
     """Return what makes a tracker of a scenario, without any scene to render."""
-    monkeypatch.setattr(module, "Instrument", lambda *_, **__: None)
+    empty = SimpleNamespace(loaded=SimpleNamespace(notes=(), extents={}))
+    monkeypatch.setattr(module, "Instrument", lambda *_, **__: empty)
     nowhere = SimpleNamespace(at=lambda _, used: (None, used), follow=lambda _: None)
     monkeypatch.setattr(module, "FrozenInstrument", lambda _: SimpleNamespace(situations=lambda: [nowhere]))
     monkeypatch.setattr(module, "TargetSensor", TrueEye)
