@@ -107,7 +107,7 @@ def _draw_field(axes: Axes, sheet: InstrumentSheet) -> None:
     axes.plot(0.0, 0.0, "o", ms=3, color=_LASER)
     axes.set_aspect("equal", adjustable="datalim")
     axes.set(xlabel="x [m]", ylabel="z [m]")
-    axes.legend(loc="lower center", bbox_to_anchor=(0.5, -0.34))
+    axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17))
     what = "the digitiser records" if line is None else "the array sees"
     _heading(axes, f"What {what}, to scale", f"deflections of ±{math.degrees(sheet.half_field):.3g}°")
 
@@ -125,7 +125,7 @@ def _draw_lateral(axes: Axes, sheet: InstrumentSheet) -> None:
         pixels.grid(visible=False)
         lines = [*lines, *pixels.get_lines()]
     labels = [str(line.get_label()) for line in lines]
-    axes.legend(lines, labels, loc="lower center", bbox_to_anchor=(0.5, -0.5))
+    axes.legend(lines, labels, loc="upper center", bbox_to_anchor=(0.5, -0.17))
     _heading(axes, "Across the beam", "")
 
 
