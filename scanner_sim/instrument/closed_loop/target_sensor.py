@@ -277,7 +277,7 @@ class TargetSensor:
             axis_separation=scanner.mirrors.axis_separation,
             baseline=seen_from(self._scenario),
         )
-        parts = error_parts(self._scenario, samples, seen, target.appearance, motion, light, grain)
+        parts = error_parts(self._scenario, samples, seen, target, motion, light, grain)
         seen = replace(seen, position=self._believed.designed(seen.position))
         parts = replace(parts, common=self._believed.in_common(seen.position, range_noise(layers)))
         return samples, replace(seen, covariance=parts.whole), parts

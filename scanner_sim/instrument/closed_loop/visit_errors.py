@@ -17,7 +17,8 @@ from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.errors import ErrorParts, mean_pixel_correlation
 from scanner_sim.tracking.lasting import SurfaceSpeckle, surface_covariance
-from scanner_sim.tracking.measurement import Measurement, TargetAppearance
+from scanner_sim.tracking.measurement import Measurement
+from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.samples import PatternSamples
 
 Array = NDArray[np.float64]
@@ -30,7 +31,7 @@ def error_parts(
     scenario: Scenario,
     samples: PatternSamples,
     seen: Measurement,
-    appearance: TargetAppearance,
+    target: TrackTarget,
     motion: PatternMotion,
     light: Array,
     grain: Array,
@@ -45,7 +46,7 @@ def error_parts(
         Instrument.
     samples, seen
         Patterns, and where their voxels show a target.
-    appearance
+    target
         What is known of the target.
     motion
         How the mirrors ran the patterns.
@@ -54,7 +55,7 @@ def error_parts(
     grain
         V of the ranges' weights (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`), shape (patterns,).
     """
-    scanner, mirrors = scenario.scanner, scenario.scanner.mirrors
+    scanner, mirrors, appearance = scenario.scanner, scenario.scanner.mirrors, target.appearance
     spread = mirrors.temperature.spread(motion.time[:, 0])
     commanded = np.stack([motion.commanded_theta.mean(axis=1), motion.commanded_phi.mean(axis=1)], axis=1)
     white = ErrorParts.all_white(seen.covariance)
@@ -76,6 +77,7 @@ def error_parts(
         white=white.white - surface,
         surface=surface,
         turn=beam / (0.5 * appearance.diameter),
+        approach=_approach(scanner, distance, target),
         pixels=unlike * alike(scanner, samples, distance) if by_line else none,
         image=image / scanner.position_sensor.pitch,
         image_width=np.sqrt(image_variance(scanner, distance)),
@@ -84,6 +86,20 @@ def error_parts(
         wobble_angle=none + mirrors.wobble_angle,
         drift=spread[:, None] * (mirrors.drift_zero + mirrors.drift_scale * commanded),
     )
+
+
+def _approach(scanner: Scanner, distance: Array, target: TrackTarget) -> Array:
+    """Return by how much ranges change until the beam meets other speckle [m], shape (n,).
+
+    A surface's speckle lies in units of the beam's radius w about the object's origin
+    (:mod:`scanner_sim.detector.surface_noise`): a rim at the distance a from there is carried over it by a Δ(1/w) radii,
+    one with Δz = w²/(a dw/dz). With a² = c² + r² of a disc r whose centre is at c.
+    """
+    centre = float((np.asarray(target.centre, dtype=np.float64) ** 2).sum())
+    away = math.sqrt(centre + (0.5 * target.appearance.diameter) ** 2)
+    wide = beam_radius(scanner, distance)
+    widening = np.array([abs(scanner.laser.widening(one)) for one in distance.tolist()])
+    return np.asarray(wide**2 / (away * np.maximum(widening, 1e-12)))
 
 
 def range_variances(
