@@ -51,7 +51,7 @@ HIDDEN = 12.0, 2.0
 """Range [m] at which a cover hides the targets, and for how long [s]."""
 JUDGED = (23.0, 20.0, 16.0, 12.5, 10.0, 8.0, 6.0, 4.0, 2.5, 1.6)
 """Ranges [m] at which the filter is judged: after the first sight, before and after the loss, after the handover."""
-RING = 0.2
+RING = 0.25
 """How far the target's docking ring, to which ranges count, stands before its large discs [m]."""
 
 

@@ -232,7 +232,7 @@ class _Seeing:
         start = self._or_hits(self._circle(shown, response), plane)
         told = self._ranged(shown, start)
         ranges = target_ranges(samples, told, kind, start, about, self.stamp, plane=plane, reach=reach)
-        planes = _plane_of(ranges, middle, layout, with_errors=self.fits)
+        planes = _plane_of(ranges, middle, layout, with_errors=self.is_graded)
         shown, response, _ = self._lay_onto(planes)
         if not self.fits:
             # Where the disc is fitted, its fit only begins at the circle.
@@ -241,7 +241,7 @@ class _Seeing:
         found, distance = planes.seen(best)
         rows = slice(len(middle))
         centre = found.of(rows)
-        if self.fits:
+        if self.is_graded:
             moved = found.centre.reshape(3, -1, 2)[1:] - centre.centre
             moved = np.where(np.isfinite(moved), moved, 0.0)
             centre = centre.worse_by((moved[..., :, None] * moved[..., None, :]).sum(axis=0))

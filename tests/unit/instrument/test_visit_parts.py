@@ -26,6 +26,7 @@ from scanner_sim.optics.speckle import packets_of
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.lasting import SurfaceSpeckle
 from scanner_sim.tracking.measurement import Measurement, TargetAppearance
+from scanner_sim.tracking.record import TrackTarget
 from scanner_sim.tracking.response import TargetKind
 from scanner_sim.tracking.samples import PatternSamples
 
@@ -141,7 +142,8 @@ def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
     )  # fmt: skip
     motion = PatternMotion.stack([one_motion])
     appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
-    parts = error_parts(known, samples, seen, appearance, motion, np.full((1, 32), 1e-3), np.zeros(1))
+    target = TrackTarget("node/1", "node", appearance, seen.position[0], np.array([0.3, -0.4, 0.0]))
+    parts = error_parts(known, samples, seen, target, motion, np.full((1, 32), 1e-3), np.zeros(1))
     return parts.at(0), seen, motion
 
 
@@ -156,6 +158,9 @@ def test_parts_have_what_the_instrument_knows() -> None:
     assert parts.wobble == pytest.approx(mirrors.wobble**2)
     assert (parts.wobble_time, parts.wobble_angle) == (mirrors.wobble_time, mirrors.wobble_angle)
     assert parts.turn == pytest.approx(scanner.laser.radius(DISTANCE) / 0.05)
+    # The rim, at √(0.5² + 0.05²) m from the origin, in radii of the beam a millimetre nearer and farther.
+    rim = [math.hypot(0.5, 0.05) / scanner.laser.radius(DISTANCE + step) for step in (-1e-3, 1e-3)]
+    assert 2e-3 / parts.approach == pytest.approx(rim[0] - rim[1], rel=1e-6)
     image = judge.image_position(DISTANCE, 0.055, scanner.receiver.focal_length, scanner.receiver.baseline)
     assert parts.image == pytest.approx(float(image) / scanner.position_sensor.pitch, rel=1e-9)
     assert parts.image_width == pytest.approx(width_of_image(scanner))
