@@ -92,8 +92,8 @@ def _approach(scanner: Scanner, distance: Array, target: TrackTarget) -> Array:
     """Return by how much ranges change until the beam meets other speckle [m], shape (n,).
 
     A surface's speckle lies in units of the beam's radius w about the object's origin
-    (:mod:`scanner_sim.detector.surface_noise`): a rim at the distance a from there is carried over it by a Δ(1/w) radii,
-    one with Δz = w²/(a dw/dz). With a² = c² + r² of a disc r whose centre is at c.
+    (:mod:`scanner_sim.detector.surface_noise`): a rim at the distance a from there is carried over it by a Δ(1/w)
+    radii, one with Δz = w²/(a dw/dz). With a² = c² + r² of a disc r whose centre is at c.
     """
     centre = float((np.asarray(target.centre, dtype=np.float64) ** 2).sum())
     away = math.sqrt(centre + (0.5 * target.appearance.diameter) ** 2)

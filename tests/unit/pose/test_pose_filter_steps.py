@@ -166,8 +166,8 @@ def test_two_half_steps_of_a_resting_object_are_one() -> None:
 
 
 def test_biases_fade_each_in_its_own_way() -> None:
-    """Claim: surfaces by the turn about the sight over ``turn`` and by the range over ``approach``, wobble by time, pixels
-    by the image, drift never."""
+    """Claim: surfaces by the turn about the sight over ``turn`` and by the range over ``approach``, wobble by time,
+    pixels by the image, drift never."""
     now, step = state(), 0.02
     visit = record("b", now.time + step, np.array([0.15, -0.1, 7.0]))
     ahead = FILTER.predicted(now, visit)

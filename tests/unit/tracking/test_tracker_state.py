@@ -154,8 +154,8 @@ def test_states_change_after_the_stated_patterns() -> None:
 
 
 def test_a_target_given_up_is_searched_where_it_goes_as_long_as_that_is_known() -> None:
-    """Claim: the search after a loss begins with the filter's prediction, rates and covariance, and stays where that led
-    once its three standard deviations are beyond the largest search pattern.
+    """Claim: the search after a loss begins with the filter's prediction, rates and covariance, and stays where that
+    led once its three standard deviations are beyond the largest search pattern.
 
     Set-up: a target that moved by 5 mrad/s and is given up at once; quiet: its accelerations are small enough for the
     prediction to be good for seconds. Expected: steady motion, and σ² = σ₀² + σ_v² t² + q t³/3 of a plain integration.
