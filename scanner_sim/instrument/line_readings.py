@@ -64,6 +64,17 @@ class LineReadings:
             peaks.status,
         )
 
+    @property
+    def columns(self) -> list[Float | UInt32]:
+        """All fields, in their order."""
+        return [getattr(self, field.name) for field in fields(self)]
+
+    @classmethod
+    def unpacked(cls, numbers: NDArray[np.float32], count: int) -> LineReadings:
+        """Return those of so many shots from their :attr:`columns`, side by side."""
+        *parts, status = numbers.reshape(-1, count)
+        return cls(*np.array(parts, dtype=np.float64), status.astype(np.uint32))
+
     @classmethod
     def gathered(cls, count: int, parts: Iterable[tuple[Any, LineReadings]]) -> LineReadings:
         """Return those of so many shots from parts of them, each with the indices of its shots."""

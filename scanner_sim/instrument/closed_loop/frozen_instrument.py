@@ -19,8 +19,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.detector.encoders import reading_normals
+from scanner_sim.foundation.device_memory import side_by_side
 from scanner_sim.foundation.device_streams import RunSeeds, device_seeds
 from scanner_sim.foundation.device_types import Float, Mask, UInt32, UInt64
+from scanner_sim.instrument.closed_loop.pattern_columns import PatternColumns
 from scanner_sim.instrument.closed_loop.situation import Situation, Situations
 from scanner_sim.instrument.closed_loop.windows import WindowArrays, Windows, seen_by
 from scanner_sim.instrument.instrument import Instrument
@@ -28,6 +30,7 @@ from scanner_sim.instrument.line_readings import LineReadings
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.built_instrument import still_errors
+from scanner_sim.ranging.ranges import Deflections, Layers
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.beam.pattern import (
     PatternProbes,
@@ -111,7 +114,7 @@ class FrozenInstrument:
 
     def measure(
         self, aim: Aim, run: Numbers | None = None, situations: Sequence[Situation] | None = None
-    ) -> Samples:
+    ) -> PatternColumns:
         """Return what is measured of patterns: see :meth:`~scanner_sim.instrument.instrument.Instrument.measure`.
 
         Parameters
@@ -137,9 +140,9 @@ class FrozenInstrument:
             filled = np.append(rows, np.full(missing, rows[-1]))
             part = self._measured(_patterns(aim, count, filled), own[filled], [about[row] for row in filled])
             parts.append((part, len(rows) * points))
-        return _joined(parts)
+        return PatternColumns.joined(parts)
 
-    def _measured(self, aim: Aim, run: Numbers, about: Sequence[Situation]) -> Samples:
+    def _measured(self, aim: Aim, run: Numbers, about: Sequence[Situation]) -> PatternColumns:
         """Return what is measured of patterns in one launch."""
         instrument, scanner, count = self.instrument, self.instrument.scenario.scanner, len(aim.shot)
         aims = [_patterns(aim, len(run), np.array([row])) for row in range(len(run))] if self.windows else []
@@ -150,23 +153,22 @@ class FrozenInstrument:
         if not self.fast:
             lit = [own.panorama(parts, count) for own, parts in zip(self.windows, seen, strict=True)]
             poses = device_poses([item.pose_at(aim.time) for item in about[0].items])
-            return self._runs[int(run[0])].read(aim, lit or None, poses=poses)
+            return PatternColumns.of(self._runs[int(run[0])].read(aim, lit or None, poses=poses))
         mirrors, duty_cycle, built = scanner.mirrors, scanner.exposure / scanner.dwell, instrument.built
         still = still_errors(mirrors, built, aim.theta, aim.phi, aim.time)
         packed = packed_shots(aim, still, mirrors, duty_cycle, _poses(aim, about), built)
         seeds = device_seeds(self._seeds[run])
-        fired, probes, angles = self._step(self._probe, count, len(run))(self._reads, *packed, seeds)
-        again = lanes_again(probes.footprint.numpy())
+        fired, probes, told = self._step(self._probe, count, len(run))(self._reads, *packed, seeds)
+        footprint, *angles = told.numpy().reshape(-1, count)
+        again = lanes_again(footprint)
         light = self._step(self._light, count, len(again[0]))(self._reads, fired, probes, *again)
         sense = self._step(self._sense, count, len(run))
-        told = sense(self._reads, fired, probes.truth, light, seeds, *(seen or [[]]))
-        numbers = [part.numpy() for part in angles]
-        error, shaft = ([part.astype(np.float64) for part in both] for both in (numbers[:2], numbers[2:4]))
+        read = sense(self._reads, fired, probes.truth, light, seeds, *(seen or [[]]))
+        error, shaft = ([part.astype(np.float64) for part in both] for both in (angles[:2], angles[2:4]))
         pointing = Pointing(error[0] + still[0], error[1] + still[1], shaft[0], shaft[1])
-        deflections = instrument.deflections(aim, pointing, numbers[4:])
-        line = LineReadings.gathered(count, [(slice(None), told)])
-        reading = instrument.triangulation.reading(probes.truth, line, deflections)
-        return instrument.samples(aim, pointing, deflections, [reading])
+        deflections = instrument.deflections(aim, pointing, angles[4:])
+        line = LineReadings.unpacked(read.numpy(), count)
+        return _columns(instrument, aim, pointing, deflections, probes.truth, line)
 
     @cached_property
     def _beamlets(self) -> PatternTables:
@@ -203,10 +205,11 @@ class FrozenInstrument:
 
     def _probe(
         self, size: tuple[int, int], numbers: Float, integers: UInt32, seeds: UInt64
-    ) -> tuple[Fired, PatternProbes, list[Float]]:
-        """Return the shots of patterns as they are fired, what their beams meet, and angles of shape (shots,).
+    ) -> tuple[Fired, PatternProbes, Float]:
+        """Return the shots of patterns as they are fired, what their beams meet, and what the host needs of both.
 
-        The angles are the mirrors' errors, what of them the encoders see, and the normal numbers of their noise.
+        That is packed, column after column: the footprints; the mirrors' errors, what of them the encoders see, and the
+        normal numbers of their noise.
         """
         instrument = self.instrument
         mirrors, bodies = instrument.scenario.scanner.mirrors, len(instrument.loaded.bodies)
@@ -215,7 +218,7 @@ class FrozenInstrument:
         fired = fired_shots(numbers, integers, shots, mirrors, bodies, own, instrument.built)
         normals = reading_normals(fired.shots.number, own)
         probes = probe_pattern(instrument.loaded, instrument.optics, self._beamlets, fired.shots)
-        return fired, probes, [*fired.error, *fired.seen, *normals]
+        return fired, probes, side_by_side([probes.footprint, *fired.error, *fired.seen, *normals])
 
     def _light(
         self, _: tuple[int, int], fired: Fired, probes: PatternProbes, index: UInt32, real: Mask
@@ -234,15 +237,40 @@ class FrozenInstrument:
         clusters: tuple[Float, ...],
         seeds: UInt64,
         window: WindowArrays,
-    ) -> LineReadings:
-        """Return what the line tells of patterns."""
+    ) -> Float:
+        """Return what the line tells of patterns: :class:`LineReadings`, packed."""
         shots, patterns = size
         panorama = self.windows[0].panorama(window, shots // patterns) if self.windows else None
         light = light_of(fired.shots, clusters)
         incident, _, peaks = self.instrument.triangulation.sense(
             light, fired.shots, truth, fired.aimed, panorama, fixed_size=True, seeds=RunSeeds.of(seeds, shots)
         )
-        return LineReadings.of(peaks, incident.link_budget())
+        return side_by_side(LineReadings.of(peaks, incident.link_budget()).columns)
+
+
+def _columns(
+    instrument: Instrument,
+    aim: Aim,
+    pointing: Pointing,
+    deflections: Deflections,
+    truth: Truth,
+    line: LineReadings,
+) -> PatternColumns:
+    """Return what was measured of patterns; ranges and signals at once, what else there is for who asks."""
+    way = instrument.triangulation
+    ranged = way.ranged(line, deflections)
+
+    def whole() -> Samples:
+        return instrument.samples(aim, pointing, deflections, [way.reading(truth, line, deflections)])
+
+    at_hand: Layers = {
+        "Y": line.signal,
+        "sigma_Y": line.sigma_signal,
+        "range_m": ranged.range,
+        "sigma_range_m": ranged.sigma,
+        "status": ranged.status,
+    }
+    return PatternColumns(at_hand, whole)
 
 
 def _poses(aim: Aim, about: Sequence[Situation]) -> list[Array]:
@@ -259,15 +287,3 @@ def _poses(aim: Aim, about: Sequence[Situation]) -> list[Array]:
 def _patterns(aim: Aim, count: int, rows: Numbers) -> Aim:
     """Return some of ``count`` patterns that make up an aim."""
     return Aim(*(getattr(aim, field.name).reshape(count, -1)[rows].ravel() for field in fields(Aim)))
-
-
-def _joined(parts: Sequence[tuple[Samples, int]]) -> Samples:
-    """Return the first shots of samples, so many of each, one after the other."""
-    measured, truth = (
-        {
-            name: np.concatenate([getattr(part, of)[name][:shots] for part, shots in parts])
-            for name in getattr(parts[0][0], of)
-        }
-        for of in ("measured", "truth")
-    )
-    return Samples(measured, truth, parts[0][0].own)

@@ -45,8 +45,13 @@ _LEAST_NOISE_LINE = 5e-3
 the scatter of 128 voxels on discs at 4 to 12 m, tilted by up to 20°: 0.3 to 1 %."""
 _LEAST_NOISE = {"triangulation": _LEAST_NOISE_LINE, "tof": _LEAST_NOISE_PHOTODIODE}
 _RANGED = ("range_m", "sigma_range_m", "status")
-_LAYERS = ("Y", "sigma_Y", *_RANGED, "tof.sigma_range_m", *(f"fused.{name}" for name in _RANGED))
-"""What of the instrument's layers the tracker looks at."""
+_FUSED = tuple(f"fused.{name}" for name in _RANGED)
+_OTHERS = {
+    ("triangulation",): (),
+    ("tof",): ("tof.sigma_range_m",),
+    ("triangulation", "tof"): ("tof.sigma_range_m", *_FUSED),
+}
+"""What of the instrument's layers the tracker looks at beside those of the first rangefinder."""
 _SHOTS_TOGETHER = 8192
 """Shots of a run whose encoder noise is drawn together: it depends on their numbers alone."""
 _MOST_SHOTS_TOGETHER = 65536
@@ -232,6 +237,7 @@ class TargetSensor:
         self._scenario, self._instrument = scenario, instrument
         self._encoders, self._noise = Encoders(scenarios), SignalNoise(scenario)
         self._believed = BelievedPositions(scenario)
+        self._layers = ("Y", "sigma_Y", *_RANGED, *_OTHERS[scenario.rangefinders])
         mirrors = scenario.scanner.mirrors
         unseen = (1.0 - mirrors.jitter_seen) * mirrors.jitter**2
         self._pointing = math.sqrt(unseen + mirrors.readout_noise**2 + mirrors.readout_step**2 / 12.0)
@@ -260,7 +266,7 @@ class TargetSensor:
         """
         scanner, expected = self._scenario.scanner, np.array([float(order.position[2]) for order in orders])
         measured = self._instrument.measure(aim_of(motion, visit), run, situations)
-        layers = {name: measured[name].reshape(motion.time.shape) for name in _LAYERS if name in measured}
+        layers = {name: measured[name].reshape(motion.time.shape) for name in self._layers}
         delay = scanner.galvanometers.readout_delay if self._scenario.following.correct_delay else 0.0
         light, grain = self._noise.speckle(motion, expected)
         sigma = self._noise.sigma(layers, light)
