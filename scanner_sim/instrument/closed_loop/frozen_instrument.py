@@ -158,12 +158,12 @@ class FrozenInstrument:
         still = still_errors(mirrors, built, aim.theta, aim.phi, aim.time)
         packed = packed_shots(aim, still, mirrors, duty_cycle, _poses(aim, about), built)
         seeds = device_seeds(self._seeds[run])
-        fired, probes, told = self._step(self._probe, count, len(run))(self._reads, *packed, seeds)
+        fired, probes, told = self._step(self._probe, count, len(run))(self._traced, *packed, seeds)
         footprint, *angles = told.numpy().reshape(-1, count)
         again = lanes_again(footprint)
-        light = self._step(self._light, count, len(again[0]))(self._reads, fired, probes, *again)
+        light = self._step(self._light, count, len(again[0]))(self._traced, fired, probes, *again)
         sense = self._step(self._sense, count, len(run))
-        read = sense(self._reads, fired, probes.truth, light, seeds, *(seen or [[]]))
+        read = sense(self._tables, fired, probes.truth, light, seeds, *(seen or [[]]))
         error, shaft = ([part.astype(np.float64) for part in both] for both in (angles[:2], angles[2:4]))
         pointing = Pointing(error[0] + still[0], error[1] + still[1], shaft[0], shaft[1])
         deflections = instrument.deflections(aim, pointing, angles[4:])
@@ -176,17 +176,21 @@ class FrozenInstrument:
         return PatternTables.of(self.instrument.scenario.transport.pattern_beamlets)
 
     @cached_property
-    def _reads(self) -> list[object]:
-        """What the kernels read besides their arguments: frozen functions must be handed all of it."""
+    def _traced(self) -> list[object]:
+        """What the kernels that trace rays read besides their arguments: frozen functions must be handed all of it."""
+        loaded = self.instrument.loaded
+        scenes = (loaded.mitsuba, *(body.mitsuba for body in loaded.bodies))
+        return [*scenes, self._beamlets, *self._tables]
+
+    @cached_property
+    def _tables(self) -> list[object]:
+        """What all kernels read."""
         loaded, line = self.instrument.loaded, self.instrument.triangulation
         return [
-            loaded.mitsuba,
-            *(body.mitsuba for body in loaded.bodies),
             loaded.object_of,
             loaded.material_of,
             loaded.coherence,
             loaded.frames,
-            self._beamlets,
             line.throughput.laser,
             line.throughput.angle,
             line.throughput.in_band,

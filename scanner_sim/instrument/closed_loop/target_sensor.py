@@ -285,7 +285,7 @@ class TargetSensor:
         )
         parts = error_parts(self._scenario, samples, seen, target.appearance, motion, light, grain)
         seen = replace(seen, position=self._believed.designed(seen.position))
-        parts = replace(parts, common=self._believed.in_common(seen.position, range_noise(layers)))
+        parts = replace(parts, common=self._believed.in_common(seen.position, lambda: range_noise(layers)))
         return samples, replace(seen, covariance=parts.whole), parts
 
 
