@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import gc
 from collections.abc import Callable
 from typing import Any
@@ -43,3 +44,28 @@ class Frozen:
     def recordings(self) -> int:
         """How often kernels were recorded."""
         return int(self._function.n_recordings)
+
+
+def taken_apart(tree: Any) -> tuple[list[Any], Callable[[list[Any]], Any]]:
+    """Return the arrays of a tree of dataclasses, lists and tuples, and what makes such a tree of others.
+
+    Each time that a frozen function is called, Dr.Jit looks into the dataclasses that it takes and returns, field by
+    field: into a list of arrays it looks faster.
+    """
+    arrays: list[Any] = []
+
+    def part(item: Any) -> Callable[[list[Any]], Any]:
+        if dr.is_array_v(item):
+            arrays.append(item)
+            place = len(arrays) - 1
+            return lambda given: given[place]
+        if dataclasses.is_dataclass(item):
+            made = {field.name: part(getattr(item, field.name)) for field in dataclasses.fields(item)}
+            return lambda given: type(item)(**{name: make(given) for name, make in made.items()})
+        if isinstance(item, list | tuple):
+            makers = [part(one) for one in item]
+            return lambda given: type(item)(make(given) for make in makers)
+        return lambda given: item
+
+    rebuilt = part(tree)
+    return arrays, rebuilt

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -30,7 +30,7 @@ from scanner_sim.instrument.line_readings import LineReadings
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.built_instrument import still_errors
-from scanner_sim.ranging.ranges import Deflections, Layers
+from scanner_sim.ranging.ranges import Layers
 from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.beam.pattern import (
     PatternProbes,
@@ -40,9 +40,9 @@ from scanner_sim.render.beam.pattern import (
     pattern_light,
     probe_pattern,
 )
-from scanner_sim.render.beam.pattern_shots import Fired, fired_shots, packed_shots
-from scanner_sim.render.frozen import Frozen
-from scanner_sim.render.shots import Pointing
+from scanner_sim.render.beam.pattern_shots import fired_shots, packed_shots
+from scanner_sim.render.frozen import Frozen, taken_apart
+from scanner_sim.render.shots import Pointing, Shots
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import device_poses
 
@@ -51,6 +51,15 @@ Numbers = NDArray[np.int64]
 
 _MOST_SHOTS = 8192
 """Shots that are launched together: with 512 beamlets each, a tenth of a gigabyte. More are no quicker."""
+
+
+@dataclass
+class Met:
+    """Shots of patterns as they are fired, their commanded Θ [rad], and what their beams meet."""
+
+    shots: Shots
+    aimed: Float
+    probes: PatternProbes
 
 
 class FrozenInstrument:
@@ -76,6 +85,7 @@ class FrozenInstrument:
         self._runs, self.instrument = runs, runs[0]
         self._seeds = np.array([own.scenario.seed for own in runs], dtype=np.uint64)
         self._steps: dict[tuple[object, ...], Frozen] = {}
+        self._met: Callable[[list[Any]], Met]
         lit = not self.instrument.scenario.lighting.sky().dark
         finders = self.instrument.rangefinders if lit else ()
         self.windows = [Windows(self.instrument, *finder.sight) for finder in finders]
@@ -158,17 +168,31 @@ class FrozenInstrument:
         still = still_errors(mirrors, built, aim.theta, aim.phi, aim.time)
         packed = packed_shots(aim, still, mirrors, duty_cycle, _poses(aim, about), built)
         seeds = device_seeds(self._seeds[run])
-        fired, probes, told = self._step(self._probe, count, len(run))(self._traced, *packed, seeds)
+        met, told = self._step(self._probe, count, len(run))(self._traced, *packed, seeds)
         footprint, *angles = told.numpy().reshape(-1, count)
         again = lanes_again(footprint)
-        light = self._step(self._light, count, len(again[0]))(self._traced, fired, probes, *again)
+        light = self._step(self._light, count, len(again[0]))(self._traced, met, *again)
         sense = self._step(self._sense, count, len(run))
-        read = sense(self._tables, fired, probes.truth, light, seeds, *(seen or [[]]))
+        read = sense(self._tables, met, light, seeds, *(seen or [[]]))
         error, shaft = ([part.astype(np.float64) for part in both] for both in (angles[:2], angles[2:4]))
         pointing = Pointing(error[0] + still[0], error[1] + still[1], shaft[0], shaft[1])
         deflections = instrument.deflections(aim, pointing, angles[4:])
         line = LineReadings.unpacked(read.numpy(), count)
-        return _columns(instrument, aim, pointing, deflections, probes.truth, line)
+        way = instrument.triangulation
+        ranged = way.ranged(line, deflections)
+
+        def whole() -> Samples:
+            reading = way.reading(self._met(met).probes.truth, line, deflections)
+            return instrument.samples(aim, pointing, deflections, [reading])
+
+        at_hand: Layers = {
+            "Y": line.signal,
+            "sigma_Y": line.sigma_signal,
+            "range_m": ranged.range,
+            "sigma_range_m": ranged.sigma,
+            "status": ranged.status,
+        }
+        return PatternColumns(at_hand, whole)
 
     @cached_property
     def _beamlets(self) -> PatternTables:
@@ -180,7 +204,7 @@ class FrozenInstrument:
         """What the kernels that trace rays read besides their arguments: frozen functions must be handed all of it."""
         loaded = self.instrument.loaded
         scenes = (loaded.mitsuba, *(body.mitsuba for body in loaded.bodies))
-        return [*scenes, self._beamlets, *self._tables]
+        return [*scenes, *taken_apart(self._beamlets)[0], *self._tables]
 
     @cached_property
     def _tables(self) -> list[object]:
@@ -209,11 +233,11 @@ class FrozenInstrument:
 
     def _probe(
         self, size: tuple[int, int], numbers: Float, integers: UInt32, seeds: UInt64
-    ) -> tuple[Fired, PatternProbes, Float]:
-        """Return the shots of patterns as they are fired, what their beams meet, and what the host needs of both.
+    ) -> tuple[list[Any], Float]:
+        """Return the arrays of :class:`Met` of patterns, and what the host needs to know.
 
-        That is packed, column after column: the footprints; the mirrors' errors, what of them the encoders see, and the
-        normal numbers of their noise.
+        That is, column after column: the footprints; the mirrors' errors, what of them the encoders see, and the normal
+        numbers of their noise.
         """
         instrument = self.instrument
         mirrors, bodies = instrument.scenario.scanner.mirrors, len(instrument.loaded.bodies)
@@ -222,59 +246,40 @@ class FrozenInstrument:
         fired = fired_shots(numbers, integers, shots, mirrors, bodies, own, instrument.built)
         normals = reading_normals(fired.shots.number, own)
         probes = probe_pattern(instrument.loaded, instrument.optics, self._beamlets, fired.shots)
-        return fired, probes, side_by_side([probes.footprint, *fired.error, *fired.seen, *normals])
+        arrays, self._met = taken_apart(Met(fired.shots, fired.aimed, probes))
+        return arrays, side_by_side([probes.footprint, *fired.error, *fired.seen, *normals])
 
     def _light(
-        self, _: tuple[int, int], fired: Fired, probes: PatternProbes, index: UInt32, real: Mask
+        self, _: tuple[int, int], arrays: list[Any], index: UInt32, real: Mask
     ) -> tuple[Float, ...]:
         """Return the clusters of the light of patterns on the line."""
-        instrument = self.instrument
+        instrument, met = self.instrument, self._met(arrays)
         return pattern_light(
-            instrument.loaded, instrument.optics, self._beamlets, fired.shots, probes, index, real
+            instrument.loaded, instrument.optics, self._beamlets, met.shots, met.probes, index, real
         )
 
     def _sense(
         self,
         size: tuple[int, int],
-        fired: Fired,
-        truth: Truth,
+        arrays: list[Any],
         clusters: tuple[Float, ...],
         seeds: UInt64,
         window: WindowArrays,
     ) -> Float:
-        """Return what the line tells of patterns: :class:`LineReadings`, packed."""
+        """Return what the line tells of patterns: the columns of :class:`LineReadings`."""
         shots, patterns = size
         panorama = self.windows[0].panorama(window, shots // patterns) if self.windows else None
-        light = light_of(fired.shots, clusters)
+        met, own = self._met(arrays), RunSeeds.of(seeds, shots)
         incident, _, peaks = self.instrument.triangulation.sense(
-            light, fired.shots, truth, fired.aimed, panorama, fixed_size=True, seeds=RunSeeds.of(seeds, shots)
+            light_of(met.shots, clusters),
+            met.shots,
+            met.probes.truth,
+            met.aimed,
+            panorama,
+            fixed_size=True,
+            seeds=own,
         )
         return side_by_side(LineReadings.of(peaks, incident.link_budget()).columns)
-
-
-def _columns(
-    instrument: Instrument,
-    aim: Aim,
-    pointing: Pointing,
-    deflections: Deflections,
-    truth: Truth,
-    line: LineReadings,
-) -> PatternColumns:
-    """Return what was measured of patterns; ranges and signals at once, what else there is for who asks."""
-    way = instrument.triangulation
-    ranged = way.ranged(line, deflections)
-
-    def whole() -> Samples:
-        return instrument.samples(aim, pointing, deflections, [way.reading(truth, line, deflections)])
-
-    at_hand: Layers = {
-        "Y": line.signal,
-        "sigma_Y": line.sigma_signal,
-        "range_m": ranged.range,
-        "sigma_range_m": ranged.sigma,
-        "status": ranged.status,
-    }
-    return PatternColumns(at_hand, whole)
 
 
 def _poses(aim: Aim, about: Sequence[Situation]) -> list[Array]:
