@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
-from functools import lru_cache
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -314,7 +313,6 @@ def geometry_of(scanner: Scanner) -> Geometry:
     )
 
 
-@lru_cache(maxsize=16)
 def speckle_optics(scanner: Scanner) -> Optics:
     """Return what the laser's speckle depends on, on the line of an instrument."""
     receiver, sensor, laser = scanner.receiver, scanner.position_sensor, scanner.laser

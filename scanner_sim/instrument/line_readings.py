@@ -72,8 +72,8 @@ class LineReadings:
     @classmethod
     def unpacked(cls, numbers: NDArray[np.float32], count: int) -> LineReadings:
         """Return those of so many shots from their :attr:`columns`, side by side."""
-        *parts, status = numbers.reshape(-1, count)
-        return cls(*np.array(parts, dtype=np.float64), status.astype(np.uint32))
+        found: list[Any] = list(numbers.reshape(-1, count).astype(np.float64))
+        return cls(*found[:-1], found[-1].astype(np.uint32))
 
     @classmethod
     def gathered(cls, count: int, parts: Iterable[tuple[Any, LineReadings]]) -> LineReadings:

@@ -59,12 +59,13 @@ def taken_apart(tree: Any) -> tuple[list[Any], Callable[[list[Any]], Any]]:
             arrays.append(item)
             place = len(arrays) - 1
             return lambda given: given[place]
+        kind: Any = type(item)
         if dataclasses.is_dataclass(item):
             made = {field.name: part(getattr(item, field.name)) for field in dataclasses.fields(item)}
-            return lambda given: type(item)(**{name: make(given) for name, make in made.items()})
+            return lambda given: kind(**{name: make(given) for name, make in made.items()})
         if isinstance(item, list | tuple):
             makers = [part(one) for one in item]
-            return lambda given: type(item)(make(given) for make in makers)
+            return lambda given: kind(make(given) for make in makers)
         return lambda given: item
 
     rebuilt = part(tree)

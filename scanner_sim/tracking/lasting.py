@@ -115,11 +115,12 @@ def _surface(sight: Sight, speckle: SurfaceSpeckle, moved: Array, rows: NDArray[
     """Return :func:`surface_covariance` of some patterns as their voxels' gains give it."""
     result, radius = np.zeros((len(rows), 3, 3)), speckle.radius[rows]
     position = sight.plane.distance[rows, None, None] * sight.place[rows]
-    by_range = _counted(moved[rows, None])
+    by_range = moved[rows, None]
     by_light = np.zeros_like(by_range)
     if sight.light_gains is not None:
-        by_light = _counted(np.sqrt(speckle.light[rows, None]) * sight.light_gains[rows])
-    lit, kept = _common(position, by_light, by_range, radius, speckle.on_surface[rows])
+        by_light = np.sqrt(speckle.light[rows, None]) * sight.light_gains[rows]
+    rise = rise_per_point(position)
+    lit, kept = _common(position, rise, by_light, by_range, radius, speckle.on_surface[rows])
     if sight.light_gains is not None:
         back = sight.plane.back[rows]
         result[:, :2, :2] = product(back, lit, back.transpose(0, 2, 1))
@@ -140,24 +141,25 @@ def _counted(errors: Array) -> Array:
 
 
 def _common(
-    position: Array, light: Array, place: Array, radius: Array, on_surface: Array
+    position: Array, rise: Array, light: Array, place: Array, radius: Array, on_surface: Array
 ) -> tuple[Array, Array]:
     """Return the covariances (p, k, k) that sums of voxels' errors (p, k, n) share with those of another dither.
 
     Parameters
     ----------
-    position
-        Of the voxels on the surfaces, shape (p, 2, n).
+    position, rise
+        Of the voxels on the surfaces, and from voxel to voxel, shape (p, 2, n).
     light, place
-        Errors by the voxels' light, and by its position along the line; both 0 for what does not count.
+        Errors by the voxels' light, and by its position along the line.
     radius, on_surface
         Of :class:`SurfaceSpeckle`, shape (p,).
     """
-    used = light.any(axis=1) | place.any(axis=1)
+    light, place = _counted(light), _counted(place)
+    used = np.asarray(light.any(axis=1) | place.any(axis=1))
     # Those that count stand first, in their order, and no more of the others than the company needs.
     order = np.argsort(~used, axis=1, kind="stable")[:, : int(used.sum(axis=1).max())]
     row = np.arange(len(order))[:, None]
-    used, scaled = used[row, order], np.concatenate([position, rise_per_point(position)], axis=1)
+    used, scaled = used[row, order], np.concatenate([position, rise], axis=1)
     scaled = (scaled / radius[:, None, None])[row, :, order]
     at, way = scaled[..., :2], scaled[..., 2:]
     reach = 0.5 * (np.hypot(way[..., 0], way[..., 1]) + _REACH_RADII)

@@ -31,7 +31,6 @@ from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.built_instrument import still_errors
 from scanner_sim.ranging.ranges import Layers
-from scanner_sim.render.beam.light import Truth
 from scanner_sim.render.beam.pattern import (
     PatternProbes,
     PatternTables,
@@ -249,9 +248,7 @@ class FrozenInstrument:
         arrays, self._met = taken_apart(Met(fired.shots, fired.aimed, probes))
         return arrays, side_by_side([probes.footprint, *fired.error, *fired.seen, *normals])
 
-    def _light(
-        self, _: tuple[int, int], arrays: list[Any], index: UInt32, real: Mask
-    ) -> tuple[Float, ...]:
+    def _light(self, _: tuple[int, int], arrays: list[Any], index: UInt32, real: Mask) -> tuple[Float, ...]:
         """Return the clusters of the light of patterns on the line."""
         instrument, met = self.instrument, self._met(arrays)
         return pattern_light(

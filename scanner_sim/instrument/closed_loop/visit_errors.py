@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import ndtr
 
-from scanner_sim.config.scanner import Scanner, geometry_of, speckle_optics
+from scanner_sim.config.scanner import Scanner, geometry_of
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.arithmetic import exp
-from scanner_sim.optics.speckle import Packets, packets_of
+from scanner_sim.optics.speckle import Optics, Packets, packets_of
 from scanner_sim.ranging.triangulation import position_from_range
 from scanner_sim.scan.schedule import PatternMotion
 from scanner_sim.tracking.errors import ErrorParts, mean_pixel_correlation
@@ -28,14 +28,26 @@ _EDGES = np.arange(-8.0, 9.0) - _BETWEEN
 """Edges of the pixels about it, from its middle."""
 
 
+@dataclass(frozen=True)
+class PatternSpeckle:
+    """What the instrument knows of the speckle in patterns.
+
+    ``optics`` on which it depends; ``light`` the relative variance of each voxel's light, shape (patterns, points);
+    ``grain`` V of the ranges' weights (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`), (patterns,).
+    """
+
+    optics: Optics
+    light: Array
+    grain: Array
+
+
 def error_parts(
     scenario: Scenario,
     samples: PatternSamples,
     seen: Measurement,
     appearance: TargetAppearance,
     motion: PatternMotion,
-    light: Array,
-    grain: Array,
+    speckle: PatternSpeckle | None,
 ) -> ErrorParts:
     """Return what the errors of measured positions are made of, leading axis (patterns,).
 
@@ -51,10 +63,8 @@ def error_parts(
         What is known of the target.
     motion
         How the mirrors ran the patterns.
-    light
-        Relative variance of each voxel's light by speckle, shape (patterns, points).
-    grain
-        V of the ranges' weights (:attr:`~scanner_sim.signals.line.speckle.SpotSpeckle.single`), shape (patterns,).
+    speckle
+        What is known of the speckle; None without.
     """
     scanner, mirrors = scenario.scanner, scenario.scanner.mirrors
     spread = mirrors.temperature.spread(motion.time[:, 0])
@@ -64,14 +74,18 @@ def error_parts(
     theta, distance = np.where(known, seen.position[:, 0], 0.0), np.where(known, seen.position[:, 2], 1.0)
     variance = image_variance(scanner, distance)
     width = np.sqrt(variance)
-    noise, unlike = _range_variances(scanner, distance, width, _median(samples.signal), grain)
+    noise, unlike = _range_variances(
+        scanner, distance, width, _median(samples.signal), 0.0 if speckle is None else speckle.grain
+    )
     by_line = scenario.rangefinders == ("triangulation",)
     surface = np.zeros_like(white.white)
     beam = beam_radius(scanner, distance)
-    if scanner.laser.speckle and appearance.surface == "flat":
+    if speckle is not None and appearance.surface == "flat":
         range_noise = noise if by_line else np.full(len(noise), math.inf)
-        speckle = SurfaceSpeckle(beam, light, _on_surface(scanner, distance), range_noise)
-        surface = surface_covariance(samples, seen, speckle)
+        known_speckle = SurfaceSpeckle(
+            beam, speckle.light, _on_surface(scanner, speckle.optics, distance), range_noise
+        )
+        surface = surface_covariance(samples, seen, known_speckle)
     line = geometry_of(scanner)
     image = position_from_range(distance, theta, line.scale, line.baseline, line.slope)
     none = np.zeros(len(known))
@@ -162,12 +176,12 @@ def alike(scanner: Scanner, samples: PatternSamples, expected: Array, width: Arr
     return np.where(told, mean_pixel_correlation(pixel / width[:, None], weight), 1.0)
 
 
-def _on_surface(scanner: Scanner, distance: Array) -> Array:
+def _on_surface(scanner: Scanner, optics: Optics, distance: Array) -> Array:
     """Return the share of the variance of the light's position by speckle that its position on the surface makes."""
     variance = (
         _upright_variance(scanner, distance) - (scanner.point_spread / scanner.position_sensor.pitch) ** 2
     )
-    return np.asarray(spot_packets(scanner, variance, distance).on_surface)
+    return np.asarray(spot_packets(scanner, optics, variance, distance).on_surface)
 
 
 def image_variance(scanner: Scanner, distance: Array) -> Array:
@@ -190,14 +204,13 @@ def beam_radius(scanner: Scanner, distance: Array) -> Array:
     return np.array([scanner.laser.radius(one) for one in distance.tolist()])
 
 
-def spot_packets(scanner: Scanner, variance: Array, distance: Array) -> Packets:
+def spot_packets(scanner: Scanner, optics: Optics, variance: Array, distance: Array) -> Packets:
     """Return the packets of round spots at ranges [m], each field of shape (n,).
 
-    ``variance`` is that of their images in the focal plane [pixel²], (n,).
+    ``optics`` is the scanner's; ``variance`` that of their images in the focal plane [pixel²], (n,).
 
     One after the other: NumPy's powers of arrays depend on the processor.
     """
-    optics = speckle_optics(scanner)
     found = [
         vars(packets_of(optics, one, one, scanner.seen_at(away))).values()
         for one, away in zip(variance.tolist(), distance.tolist(), strict=True)
