@@ -26,7 +26,7 @@ RISE = 8e-3 * 2.0 * np.pi / COUNT * np.stack([-np.sin(TURN), np.cos(TURN)])
 
 
 def common(place: Array, rise: Array, errors: Array, radius: float, on_surface: float) -> Array:
-    one, half = np.ones(1), errors[None] * (np.arange(COUNT) < COUNT // 2)
+    one, half = np.ones(1), errors[None] * (np.arange(errors.shape[1]) < COUNT // 2)
     # The errors by light change nothing of those by place.
     kept = lasting._common(place[None], rise[None], half, errors[None], radius * one, on_surface * one)[1]
     return np.asarray(kept[0])
