@@ -72,8 +72,9 @@ class LineReadings:
     @classmethod
     def unpacked(cls, numbers: NDArray[np.float32], count: int) -> LineReadings:
         """Return those of so many shots from their :attr:`columns`, side by side."""
-        found: list[Any] = list(numbers.reshape(-1, count).astype(np.float64))
-        return cls(*found[:-1], found[-1].astype(np.uint32))
+        *parts, status = numbers.reshape(-1, count).astype(np.float64)
+        named: dict[str, Any] = dict(zip((field.name for field in fields(cls)), parts, strict=False))
+        return cls(**named | {"status": status.astype(np.uint32)})
 
     @classmethod
     def gathered(cls, count: int, parts: Iterable[tuple[Any, LineReadings]]) -> LineReadings:

@@ -31,15 +31,7 @@ from scanner_sim.instrument.line_readings import LineReadings, ShotGroup
 from scanner_sim.instrument.optics_as_built import line_throughput
 from scanner_sim.instrument.rangefinder import SIGMA_Y, Reading
 from scanner_sim.optics.speckle import Optics
-from scanner_sim.ranging.ranges import (
-    Deflections,
-    Geometry,
-    Layers,
-    Ranged,
-    Ranges,
-    ranged_peaks,
-    ranges_from_peaks,
-)
+from scanner_sim.ranging.ranges import Deflections, Geometry, Layers, Ranges, ranges_from_peaks
 from scanner_sim.render.background.panorama import Panorama, known_panorama
 from scanner_sim.render.background.view import Rows, panorama_view
 from scanner_sim.render.beam.kept_light import KeptLight, on_device
@@ -244,11 +236,6 @@ class Triangulation:
         """Return ranges and layers of n shots from what the line told of all of them."""
         ranges = self.ranges(line.position, line.sigma, line.status, deflections)
         return Reading(truth, ranges, self._layers(line))
-
-    def ranged(self, line: LineReadings, deflections: Deflections) -> Ranged:
-        """Return the ranges alone of n shots from what the line told of all of them."""
-        gate = self.scenario.processing.range_gate
-        return ranged_peaks(line.position, line.sigma, line.status, deflections, self.geometry, gate)
 
     def _layers(self, line: LineReadings) -> Layers:
         scanner = self.scenario.scanner

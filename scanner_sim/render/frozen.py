@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import gc
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import drjit as dr
+import mitsuba as mi
+
+from scanner_sim.foundation.device_types import Float, UInt32
 
 
 class Frozen:
@@ -70,3 +73,17 @@ def taken_apart(tree: Any) -> tuple[list[Any], Callable[[list[Any]], Any]]:
 
     rebuilt = part(tree)
     return arrays, rebuilt
+
+
+def side_by_side(columns: Sequence[Float | UInt32]) -> Float:
+    """Return columns of n numbers each, one after the other, whole ones as floats, shape (columns · n,), Dr.Jit.
+
+    To fetch an array costs more than to fetch its numbers.
+    """
+    count = dr.width(columns[0])
+    lane, every = dr.arange(mi.UInt32, count), dr.empty(mi.Float, len(columns) * count)
+    for place, column in enumerate(columns):
+        at = lane + dr.opaque(mi.UInt32, place * count)
+        dr.scatter(every, mi.Float(column), at, mode=dr.ReduceMode.Permute)
+    dr.eval(every)
+    return every

@@ -348,7 +348,6 @@ def _approach(
     close = np.abs(goal - origin).max() <= near
     short = max(given, turnaround)
     slips = close and _falls_behind(galvanometers, goal - origin, leaving, arriving, short)
-    # How long a jump would take is costly, and of no interest where there is no time for one.
     if close and not slips and given < turnaround + 0.5 * step:
         return _turn(origin, leaving, goal, arriving, step, round(short / step))
     fastest = galvanometers.jump_share * galvanometers.slew
@@ -359,8 +358,7 @@ def _approach(
     distance = np.abs(launch - rest)
     duration = float(jump_duration(galvanometers, distance).max())
     needed = braking + latest_settling(galvanometers, duration) + speeding
-    if given < needed:
-        # When it has settled indeed is costly, and of interest only where time may be short.
+    if given < needed:  # When it has settled indeed is costly, and of no interest while there is time.
         needed = braking + float(jump_time(galvanometers, distance.max())) + speeding
     if close and given < needed:
         if slips:

@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scanner_sim.detector.encoders import reading_normals
-from scanner_sim.foundation.device_memory import side_by_side
 from scanner_sim.foundation.device_streams import RunSeeds, device_seeds
 from scanner_sim.foundation.device_types import Float, Mask, UInt32, UInt64
 from scanner_sim.instrument.closed_loop.pattern_columns import PatternColumns
@@ -30,7 +29,7 @@ from scanner_sim.instrument.line_readings import LineReadings
 from scanner_sim.instrument.samples import Samples
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.built_instrument import still_errors
-from scanner_sim.ranging.ranges import Layers
+from scanner_sim.ranging.ranges import Layers, ranged_peaks
 from scanner_sim.render.beam.pattern import (
     PatternProbes,
     PatternTables,
@@ -40,7 +39,7 @@ from scanner_sim.render.beam.pattern import (
     probe_pattern,
 )
 from scanner_sim.render.beam.pattern_shots import fired_shots, packed_shots
-from scanner_sim.render.frozen import Frozen, taken_apart
+from scanner_sim.render.frozen import Frozen, side_by_side, taken_apart
 from scanner_sim.render.shots import Pointing, Shots
 from scanner_sim.scan.protocol import Aim
 from scanner_sim.scene.files.loader import device_poses
@@ -178,7 +177,8 @@ class FrozenInstrument:
         deflections = instrument.deflections(aim, pointing, angles[4:])
         line = LineReadings.unpacked(read.numpy(), count)
         way = instrument.triangulation
-        ranged = way.ranged(line, deflections)
+        gate = instrument.scenario.processing.range_gate
+        ranged = ranged_peaks(line.position, line.sigma, line.status, deflections, way.geometry, gate)
 
         def whole() -> Samples:
             reading = way.reading(self._met(met).probes.truth, line, deflections)
