@@ -139,12 +139,11 @@ class ErrorParts:
     def reshape(self, shape: tuple[int, ...]) -> ErrorParts:
         """Return the same with other leading axes."""
         leading = self.turn.ndim
-        parts = (getattr(self, field.name) for field in fields(self))
-        return ErrorParts(*(part.reshape(*shape, *part.shape[leading:]) for part in parts))
+        return ErrorParts(*(part.reshape(*shape, *part.shape[leading:]) for part in vars(self).values()))
 
     def at(self, index: int | tuple[NDArray[np.intp], NDArray[np.intp]]) -> ErrorParts:
         """Return some of them by an index into the leading axes."""
-        return ErrorParts(*(getattr(self, field.name)[index] for field in fields(self)))
+        return ErrorParts(*(part[index] for part in vars(self).values()))
 
 
 def common_covariance(

@@ -15,6 +15,7 @@ from scanner_sim.analytic import geometry as judge
 from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.instrument.closed_loop import visit_errors
 from scanner_sim.instrument.closed_loop.visit_errors import (
+    PatternSpeckle,
     alike,
     duty_cycle_of,
     error_parts,
@@ -105,15 +106,14 @@ def test_spots_on_the_same_pixels_share_all_and_others_nothing() -> None:
     f, d, pitch = scanner.receiver.focal_length, scanner.receiver.baseline, scanner.position_sensor.pitch
     theta = np.linspace(-0.3, 0.3, 20)
     same = judge.triangulated_range(45.0 * pitch, theta, f, d)
-    sigma = np.linspace(1e-3, 3e-3, 20)
-    assert alike(scanner, voxels(theta, same, sigma), np.array([DISTANCE]))[0] == pytest.approx(1.0, abs=1e-9)
+    sigma, here = np.linspace(1e-3, 3e-3, 20), np.array([DISTANCE])
+    width = np.sqrt(image_variance(scanner, here))
+    assert alike(scanner, voxels(theta, same, sigma), here, width)[0] == pytest.approx(1.0, abs=1e-9)
     far = np.where(np.arange(20) < 6, 45.0, 75.0) * pitch
     weight = 1.0 / sigma**2
     wanted = (weight[:6].sum() ** 2 + weight[6:].sum() ** 2) / weight.sum() ** 2
     reach = judge.triangulated_range(far, theta, f, d)
-    assert alike(scanner, voxels(theta, reach, sigma), np.array([DISTANCE]))[0] == pytest.approx(
-        wanted, abs=1e-9
-    )
+    assert alike(scanner, voxels(theta, reach, sigma), here, width)[0] == pytest.approx(wanted, abs=1e-9)
 
 
 def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
@@ -143,7 +143,10 @@ def made(known: Scenario) -> tuple[Any, Measurement, PatternMotion]:
     motion = PatternMotion.stack([one_motion])
     appearance = TargetAppearance(kind=TargetKind.BLACK, diameter=0.1)
     target = TrackTarget("node/1", "node", appearance, seen.position[0], np.array([0.3, -0.4, 0.0]))
-    parts = error_parts(known, samples, seen, target, motion, np.full((1, 32), 1e-3), np.zeros(1))
+    speckle = None
+    if known.scanner.laser.speckle:
+        speckle = PatternSpeckle(speckle_optics(known.scanner), np.full((1, 32), 1e-3), np.zeros(1))
+    parts = error_parts(known, samples, seen, target, motion, speckle)
     return parts.at(0), seen, motion
 
 
@@ -172,7 +175,9 @@ def test_parts_have_what_the_instrument_knows() -> None:
     here = np.array([DISTANCE])
     pixels = range_variances(scanner, here, np.array([SIGNAL]))[1]
     samples = voxels(np.linspace(0.05, 0.06, 32), np.full(32, DISTANCE), np.full(32, 1e-3))
-    assert parts.pixels == pytest.approx(float(pixels[0] * alike(scanner, samples, here)[0]))
+    assert parts.pixels == pytest.approx(
+        float(pixels[0] * alike(scanner, samples, here, np.sqrt(image_variance(scanner, here)))[0])
+    )
 
 
 def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest.MonkeyPatch) -> None:
