@@ -26,7 +26,7 @@ from scanner_sim.optics.speckle import Optics
 from scanner_sim.ranging.ranges import Deflections
 from scanner_sim.render.beam.surface_positions import SurfacePositions
 from scanner_sim.scan.protocol import Aim
-from scanner_sim.signals.waveform.edge_timing import vertex
+from scanner_sim.signals.waveform.edge_timing import three_samples, vertex
 from scanner_sim.signals.waveform.edges import _send_pulses, cross
 from scanner_sim.signals.waveform.filter import (
     MatchedFilter,
@@ -156,6 +156,12 @@ class Records:
 
     def address(self, sample: Any, place: Any) -> Any:
         return place * self.samples + sample
+
+
+def test_each_record_has_its_own_three_samples_about_its_own_peak() -> None:
+    records: Any = Records(np.arange(12.0).reshape(2, 6))
+    found = three_samples(records, auto.UInt32([1, 4]), auto.Bool([True, True]))
+    assert [part.numpy().tolist() for part in found] == [[0.0, 9.0], [1.0, 10.0], [2.0, 11.0]]
 
 
 def test_a_level_is_crossed_on_chords_between_samples() -> None:

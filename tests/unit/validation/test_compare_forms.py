@@ -15,7 +15,7 @@ from scanner_sim.analytic.echo_budget import EchoInstrument
 from scanner_sim.analytic.spot import share_within_height
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.frames import rotation_about
-from scanner_sim.validation.compare import light, noise, pulses
+from scanner_sim.validation.compare import light, noise, pulses, time_walk
 from scanner_sim.validation.compare import test_bench as stand
 from scanner_sim.validation.compare.closed_forms import ClosedForms, EstimatorForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
@@ -255,3 +255,19 @@ def test_echoes_are_of_light_to_which_the_photodiode_responds() -> None:
     dark = dataclasses.replace(seeing, scenario=unlit)
     assert pulses.echo_peak(dark, R, GREY) == 0.0
     assert echo_instrument_of(dark.scenario, GREY).transmission == 0.0
+
+
+def test_plates_of_a_walk_return_a_ratio_of_the_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: with echoes of 8e-5 ρ/R² A the level is a sixteenth of a white plate's at the farthest place, or of half
+    the saturation where that is less; at every place the reflectance makes the echo ``ratio`` times as high."""
+    monkeypatch.setattr(time_walk, "echo_peak", lambda _, distance, rho: 8e-5 * rho / distance**2)
+    monkeypatch.setattr(time_walk, "echo_range", lambda _: R)
+    known = setting()
+    places = np.array(time_walk._walk_ranges(known))
+    step = 0.5 * SPEED_OF_LIGHT / known.scenario.scanner.lidar.digitiser.rate
+    np.testing.assert_allclose(places, R + step * ((np.arange(8) + 0.5) / 8.0 - 0.5))
+    saturation = known.scenario.scanner.lidar.photodiode.saturation
+    level = min(8e-5 / places[-1] ** 2, 0.5 * saturation) / 16.0
+    for ratio in (2.0, 16.0):
+        reflectance = np.array(time_walk._walk_reflectances(known, ratio))
+        np.testing.assert_allclose(8e-5 * reflectance / places**2, ratio * level, rtol=1e-12)
