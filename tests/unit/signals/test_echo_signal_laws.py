@@ -127,6 +127,20 @@ def test_a_timing_filter_is_blind_to_height_and_tells_delay_one_to_one() -> None
         assert made.amplitude[round(64 * phase) + 64] @ shape == pytest.approx(1.0, rel=1e-9)
 
 
+def test_a_pulse_is_heard_down_to_a_share_of_its_peak() -> None:
+    """Claim: a Gaussian of 10 samples falls to 1e-4 of its peak at 10 √(2 ln 1e4) = 42.9, and to half over 23.5."""
+    pulse = SampledPulse(PulseResponse(64.0), 6.0)
+    assert pulse.half == 43 + 2
+    assert pulse.width == pytest.approx(20.0 * math.sqrt(2.0 * math.log(2.0)), abs=0.1)
+
+
+def test_nothing_of_a_pulse_arrives_outside_of_its_span() -> None:
+    """Claim: less than 1e-9 of pulses of 3, smoothed by 4 samples, is left outside of either end."""
+    low, high = PulseResponse(9.0).span(16.0)
+    assert high == -low
+    assert norm.sf(high / 5.0) < 1e-9
+
+
 @pytest.mark.parametrize("neighbour", [0.3, -0.2, 0.8])
 def test_noise_crosses_a_threshold_as_often_as_two_normal_numbers_do(neighbour: float) -> None:
     """Claim: 1 − exp(−Q(T) − (n − 1) P(y₀ ≤ T < y₁)), the latter of SciPy's bivariate normal distribution."""

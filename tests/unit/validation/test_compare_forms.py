@@ -208,6 +208,19 @@ def test_sunlight_behind_the_filter_counts_photons() -> None:
     assert band.counted(1.5e-6, (0.9e-6, 1.7e-6), 0.0, 5770.0) == pytest.approx(wanted, rel=1e-6)
 
 
+def test_sunlight_counts_against_the_laser_where_it_drifted_to() -> None:
+    """Claim: a line at the half maximum of the filter, 30 nm off, has half the light, beside which sunlight doubles."""
+
+    def told(drift: float) -> EchoInstrument:
+        scanner = {"laser": {"drift": drift}, "filter": {"bandwidth": 60e-9, "shape": "cavities", "blocking": 0.0}}
+        lit = {"sun": {"direction": (0.0, 0.0, -1.0)}}
+        return echo_instrument_of(setting(ranging="tof", scanner=scanner, lighting=lit).scenario, GREY)
+
+    usual, off = told(0.0), told(30e-9)
+    assert off.transmission == pytest.approx(0.5 * usual.transmission)
+    assert off.sunlight == pytest.approx(2.0 * usual.sunlight)
+
+
 def test_an_echo_has_its_peak_and_the_dark_its_noise() -> None:
     """Claim: E ρ A T/(π R²) over √(2π) times the width of pulse and electronics, times M R₀; noise i²B and step²/12."""
     told = setting(ranging="both")
