@@ -216,7 +216,7 @@ def test_obj_with_odd_normals_has_parts_by_name(tmp_path: Path) -> None:
     assert mesh.triangles.normals is None
     said = "; ".join(mesh.notes)
     assert "normal" in said
-    assert "fewer than three corners" in said
+    assert "1 × face of fewer than three corners: left out" in said
 
 
 def test_stl_solids_are_parts(tmp_path: Path) -> None:
