@@ -212,7 +212,10 @@ def test_sunlight_counts_against_the_laser_where_it_drifted_to() -> None:
     """Claim: a line at the half maximum of the filter, 30 nm off, has half the light, beside which sunlight doubles."""
 
     def told(drift: float) -> EchoInstrument:
-        scanner = {"laser": {"drift": drift}, "filter": {"bandwidth": 60e-9, "shape": "cavities", "blocking": 0.0}}
+        scanner = {
+            "laser": {"drift": drift},
+            "filter": {"bandwidth": 60e-9, "shape": "cavities", "blocking": 0.0},
+        }
         lit = {"sun": {"direction": (0.0, 0.0, -1.0)}}
         return echo_instrument_of(setting(ranging="tof", scanner=scanner, lighting=lit).scenario, GREY)
 

@@ -52,7 +52,9 @@ def test_figure_12_is_judged_by_its_closed_forms(
     def closed(scenario: float, reflectance: float, distance: float) -> Any:
         one = _by_triangulation(distance)
         both = one * 1e-3 / np.hypot(one, 1e-3)
-        return {way: {"all": sigma} for way, sigma in (("triangulation", one), ("tof", 1e-3), ("fused", both))}
+        return {
+            way: {"all": sigma} for way, sigma in (("triangulation", one), ("tof", 1e-3), ("fused", both))
+        }
 
     def made(task: Task, objects: Any, parts: Any, **rest: Any) -> Any:
         share = {"aberration": 1.25, "diffusion": 0.8}
@@ -104,7 +106,9 @@ def test_equation_5_is_judged_by_its_worst_axis(
         sign = np.where(shots.shot % 2 == 0, 1.0, -1.0)
         p = float(geometry.image_position(8.0, theta, FOCAL, BASE))
         position = FOCAL * (1.0 + (p / FOCAL) ** 2) * 1e-6
-        sigma = geometry.propagated_errors(8.0, theta, phi, FOCAL, BASE, SEPARATION, position, 50e-6, 50e-6)[:3]
+        sigma = geometry.propagated_errors(8.0, theta, phi, FOCAL, BASE, SEPARATION, position, 50e-6, 50e-6)[
+            :3
+        ]
         sigma = sigma * np.array([1.0, largest if theta == 0.25 else 1.0, 1.0])
         truth = {"range_m": 8.0, "theta_rad": theta, "phi_rad": phi}
         points = geometry.point_from_shot(*truth.values(), SEPARATION) + sign[:, None] * sigma
