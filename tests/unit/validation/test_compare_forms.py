@@ -15,7 +15,7 @@ from scanner_sim.analytic.echo_budget import EchoInstrument
 from scanner_sim.analytic.spot import share_within_height
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.frames import rotation_about
-from scanner_sim.validation.compare import light, noise, pulses, time_walk
+from scanner_sim.validation.compare import coverage, light, noise, pulses, time_walk
 from scanner_sim.validation.compare import test_bench as stand
 from scanner_sim.validation.compare.closed_forms import ClosedForms, EstimatorForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
@@ -287,3 +287,28 @@ def test_plates_of_a_walk_return_a_ratio_of_the_level(monkeypatch: pytest.Monkey
     for ratio in (2.0, 16.0):
         reflectance = np.array(time_walk._walk_reflectances(known, ratio))
         np.testing.assert_allclose(8e-5 * reflectance / places**2, ratio * level, rtol=1e-12)
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_pulls_are_errors_over_what_is_stated_of_them(monkeypatch: pytest.MonkeyPatch, moving: bool) -> None:
+    """Claim: (R − R₀)/σ_R and eᵀ C⁻¹ e of valid voxels with the stated covariance; mirrors without errors leave e eᵀ."""
+    random, count = np.random.default_rng(4), coverage._FEWEST + 5
+    mirrors = {} if moving else dict.fromkeys(("jitter", "wobble", "synchronisation", "readout_noise"), 0.0)
+    known = setting(scanner={"mirrors": mirrors | ({} if moving else {"readout_step": 0.0})})
+    root = random.normal(size=(count, 3, 3)) * 1e-3
+    stated, error = root @ np.swapaxes(root, 1, 2), 1e-3 * random.normal(size=(count, 3))
+    theta, phi = random.uniform(-0.2, 0.2, (2, count))
+    points = judge.point_from_shot(R, theta, phi, ClosedForms(known.scenario).D) + error
+    layers = {"truth.range_m": np.full(count, R), "truth.theta_rad": theta, "truth.phi_rad": phi}
+    layers |= {"range_m": R + error[:, 0], "sigma_range_m": np.full(count, 2e-3), "status": np.zeros(count)}
+    layers["status"][0] = 4
+    for i, one in enumerate("xyz"):
+        layers |= {f"P.{one.upper()}": points[:, i], f"sigma_{one}_m": np.sqrt(stated[:, i, i])}
+        layers |= {f"cov_{'xyz'[j]}{one}_m2": stated[:, j, i] for j in range(i)}
+    good = np.ones(count, dtype=bool)
+    good[1] = False
+    monkeypatch.setattr(coverage, "_on_planes", lambda *_: iter([(layers, good)]))
+    ((pull, squares),) = coverage._pulls(known, "triangulation")
+    np.testing.assert_allclose(pull, error[2:, 0] / 2e-3, rtol=1e-9)
+    wanted = [e @ (np.linalg.solve(c, e) if moving else e) for e, c in zip(error[2:], stated[2:], strict=True)]
+    np.testing.assert_allclose(squares, wanted, rtol=1e-6)
