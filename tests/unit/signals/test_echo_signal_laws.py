@@ -119,6 +119,7 @@ def test_a_timing_filter_is_blind_to_height_and_tells_delay_one_to_one() -> None
     made = MatchedFilter.of(response, Noise(coloured=1.0, white=0.1, per_current=0.0, sigma=0.66))
     pulse = SampledPulse(response, 0.66)
     away = np.arange(-made.half, made.half + 1.0)
+    assert made.search @ pulse.values(away) == pytest.approx(1.0)
     for phase, taps in zip(np.arange(-64, 65) / 64, made.shift, strict=True):
         shape = pulse.values(away - phase)
         slope = (pulse.values(away - phase - 1e-3) - pulse.values(away - phase + 1e-3)) / 2e-3
