@@ -310,5 +310,7 @@ def test_pulls_are_errors_over_what_is_stated_of_them(monkeypatch: pytest.Monkey
     monkeypatch.setattr(coverage, "_on_planes", lambda *_: iter([(layers, good)]))
     ((pull, squares),) = coverage._pulls(known, "triangulation")
     np.testing.assert_allclose(pull, error[2:, 0] / 2e-3, rtol=1e-9)
-    wanted = [e @ (np.linalg.solve(c, e) if moving else e) for e, c in zip(error[2:], stated[2:], strict=True)]
+    wanted = [
+        e @ (np.linalg.solve(c, e) if moving else e) for e, c in zip(error[2:], stated[2:], strict=True)
+    ]
     np.testing.assert_allclose(squares, wanted, rtol=1e-6)
