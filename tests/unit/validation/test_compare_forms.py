@@ -291,7 +291,7 @@ def test_plates_of_a_walk_return_a_ratio_of_the_level(monkeypatch: pytest.Monkey
 
 @pytest.mark.parametrize("moving", [True, False])
 def test_pulls_are_errors_over_what_is_stated_of_them(monkeypatch: pytest.MonkeyPatch, moving: bool) -> None:
-    """Claim: (R − R₀)/σ_R and eᵀ C⁻¹ e of valid voxels with the stated covariance; mirrors without errors leave e eᵀ."""
+    """Claim: (R − R₀)/σ_R and eᵀ C⁻¹ e of valid voxels with the stated covariance, eᵀ e if mirrors do not err."""
     random, count = np.random.default_rng(4), coverage._FEWEST + 5
     mirrors = {} if moving else dict.fromkeys(("jitter", "wobble", "synchronisation", "readout_noise"), 0.0)
     known = setting(scanner={"mirrors": mirrors | ({} if moving else {"readout_step": 0.0})})
