@@ -206,3 +206,4 @@ def test_what_the_surface_makes_is_taken_from_the_white_part(monkeypatch: pytest
         packets_of(speckle_optics(scanner), variance, variance, SHARP).on_surface
     )
     assert duty_cycle_of(known) == pytest.approx(1.0)
+    assert duty_cycle_of(scenario(laser_off=0.2)) == pytest.approx(0.8)
