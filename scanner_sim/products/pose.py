@@ -45,7 +45,8 @@ _KINDS: dict[str, ColumnKind] = {
         (prefix + name for prefix in ("", "truth_") for name in (*_POSITION, *_QUATERNION)), "number"
     ),
     **dict.fromkeys(
-        (prefix + name for prefix in ("", *(f"{part}_" for part in _PARTS)) for name, _ in _COVARIANCE), "number"
+        (prefix + name for prefix in ("", *(f"{part}_" for part in _PARTS)) for name, _ in _COVARIANCE),
+        "number",
     ),
     "chi2": "number",
     **dict.fromkeys(("dof", "targets", "status"), "whole"),

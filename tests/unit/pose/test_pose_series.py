@@ -246,7 +246,7 @@ def test_what_lasts_is_not_averaged() -> None:
 
 
 def test_no_interpolation_makes_errors_of_the_calibration_smaller() -> None:
-    """Claim: a target's observations that are interpolated all have K; another K at the second one counts by its share."""
+    """Claim: what is interpolated has the K that both have; another K at the second one counts by its share."""
     time, place, covariance, at = observations()
     moved = np.arange(6.0).reshape(3, 2) * 1e-4 + np.zeros((*time.shape, 3, 2))
     errors = replace(ErrorParts.all_white(covariance), common=moved)
@@ -259,7 +259,9 @@ def test_no_interpolation_makes_errors_of_the_calibration_smaller() -> None:
     grown = replace(errors, common=moved * (1.0 + np.arange(len(time)))[:, None, None, None])
     counted = interpolate(time, place + np.arange(len(time))[:, None, None], errors, at).position
     np.testing.assert_allclose(
-        interpolate(time, place, grown, at).common, (1.0 + counted - found.position)[..., None] * moved, rtol=1e-9
+        interpolate(time, place, grown, at).common,
+        (1.0 + counted - found.position)[..., None] * moved,
+        rtol=1e-9,
     )
 
 
