@@ -158,14 +158,15 @@ def fit_sphere(cloud: Cloud, discarded: float, generator: np.random.Generator) -
     measured = cloud
     found = _algebraic(cloud.points)
     kept = np.ones(len(cloud.points), np.bool_)
-    for _ in range(8):
+    for round_ in range(8):
         before, cloud = kept, _in_its_light(measured, found)
         away = cloud.points - found[:3]
         kept = -(away @ found[:3]) > CONE * np.linalg.norm(found[:3]) * np.linalg.norm(away, axis=1)
         if kept.sum() < FEWEST:
             return None
         found = _orthogonal(cloud.points[kept], found)
-        if (kept == before).all():
+        # The first sphere is that of points as they were measured.
+        if round_ and (kept == before).all():
             break
     left = kept.copy()
     left[kept] = _kept(_radial(cloud.points[kept], found), discarded)
