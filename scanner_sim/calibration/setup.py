@@ -255,8 +255,7 @@ def common_of(table: SightingTable, station: NDArray[np.intp], slope: Array, mir
         pixels = pixel_correlation((image[:, None] - image) / np.sqrt(width[:, None] * width))
         causes = ((0, table.wobble, theta), (1, table.wobble, phi), (2, table.pixels, pixels))
         moved = [
-            slope[own][:, :, axis, None] * _root(sigma[own], share)[:, None]
-            for axis, sigma, share in causes
+            slope[own][:, :, axis, None] * _root(sigma[own], share)[:, None] for axis, sigma, share in causes
         ]
         parts.append((own, np.concatenate(moved, axis=2)))
     result = np.zeros((len(station), 3, max(part.shape[2] for _, part in parts)))

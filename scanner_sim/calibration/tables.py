@@ -290,18 +290,14 @@ def _wobble(row: Mapping[str, str], line: int, faults: list[Fault]) -> tuple[flo
     if not row.get(WOBBLE[0]):
         return 0.0, 0.0
     if not row.get(WOBBLE[1]):
-        fault = Fault(
-            WOBBLE[1], f"it is missing, and {WOBBLE[0]} is given.", "Write both, or neither.", line
-        )
+        fault = Fault(WOBBLE[1], f"it is missing, and {WOBBLE[0]} is given.", "Write both, or neither.", line)
         faults.append(fault)
         return 0.0, 0.0
     sigma, time = _number(row, WOBBLE[0], line, faults, _FAR[0]), _number(row, WOBBLE[1], line, faults, 1e9)
     least = min(_number(row, name, line, [], _FAR[0]) for name in SIGMAS[:2])
     if not 0.0 <= sigma < least:
         remedy = f"It is a part of {SIGMAS[0]} and {SIGMAS[1]}."
-        faults.append(
-            Fault(WOBBLE[0], f"{sigma:g} rad are not from 0 to below {least:g} rad.", remedy, line)
-        )
+        faults.append(Fault(WOBBLE[0], f"{sigma:g} rad are not from 0 to below {least:g} rad.", remedy, line))
         return 0.0, 0.0
     return sigma, time
 

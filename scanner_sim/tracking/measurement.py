@@ -235,7 +235,9 @@ class _Seeing:
         """Return centres of flat targets, their ranges, the planes' and the planes; the layout is (D_g, d).
 
         The first plane is that of all voxels of the target. On it a circle tells which of them are away from the rim:
-        those at it would tilt the plane, for the light's middle is not the spot's. The second goes through the others.
+        those at it would tilt the plane, for the light's middle is not the spot's. The second goes through the others,
+        as what is left beside the first; that bends where the first leans otherwise, by some micrometres, and what is
+        left beside the second moves the range once more.
         """
         samples, kind = self.samples, self.appearance.kind
         mean = np.stack([samples.theta.mean(axis=1), samples.phi.mean(axis=1)], axis=1)
@@ -246,9 +248,8 @@ class _Seeing:
         start = self._or_hits(self._circle(shown, response), plane)
         told = self._ranged(shown, start)
         ranges = target_ranges(samples, told, kind, start, about, self.stamp, plane=plane, reach=reach)
-        ranges = self._without_shift(ranges, layout[0])
         planes = _plane_of(ranges, middle, layout, with_errors=self.fits)
-        shown, response, _ = self._lay_onto(planes)
+        shown, response, reach = self._lay_onto(planes)
         if not self.fits:
             # Where the disc is fitted, its fit only begins at the circle.
             start = self._circle(shown, response)
@@ -263,17 +264,19 @@ class _Seeing:
         place = np.stack([shown.theta[rows], shown.phi[rows]], axis=1)
         by_light = None if best.gains is None else best.gains[rows] * response.value[rows, None]
         of_range = (ranges.off(centre)[:, :, None] * ranges.gains).sum(axis=1)
+        left = np.where(of_range != 0.0, samples.range - reach[rows], 0.0)
+        distance = distance[rows] + (of_range * left).sum(axis=1) - self._spot_shift(ranges, layout[0])
         sight = Sight(planes.of(rows), place, by_light, of_range)
-        return centre, distance[rows], ranges, sight
+        return centre, distance, ranges, sight
 
-    def _without_shift(self, ranges: Ranges, axis_separation: float) -> Ranges:
-        """Return ranges less what their spots' light does to them on planes that lean so."""
+    def _spot_shift(self, ranges: Ranges, axis_separation: float) -> Array:
+        """Return what the light of spots does to ranges on planes that lean so [m], shape (patterns,)."""
         if not self.lever:
-            return ranges
+            return np.zeros(len(ranges.at))
         theta, reach = ranges.about[:, 0], np.where(ranges.known, ranges.at, 1.0)
         slope = ranges.slope[:, 0] / reach, ranges.slope[:, 1] / (reach * np.cos(theta) - axis_separation)
         shift = spot_shift(reach, theta, self.lever, slope, self.spot * reach)
-        return replace(ranges, at=ranges.at - np.where(ranges.known, shift, 0.0))
+        return np.where(ranges.known, shift, 0.0)
 
     def _circle(self, shown: PatternSamples, response: Response) -> Centroid:
         return circle_fit(shown, response, blurred=self.fits, rounds=0 if self.fits else None)
