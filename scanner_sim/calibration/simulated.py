@@ -3,8 +3,8 @@
 The instrument as built is the truth, and the instrument believes that it is as designed. A sighting is the mean of the
 patterns that followed a target. The white part of its error falls with their number, the mirrors' wobble with the time
 that they span, and the lasting parts stay. Two parts are told apart: that by unlike pixels, which targets share whose
-images lie on the same pixels, and wobble, which neighbours in time and angle share. Pixels and wobble are drawn anew for
-each station.
+images lie on the same pixels, and wobble, which neighbours in time and angle share. Pixels and wobble are drawn anew
+for each station.
 """
 
 from __future__ import annotations

@@ -138,8 +138,8 @@ def measure_target(
     baseline
         Distance d from the laser to the lens that sees its light [m]: the side towards the lens is brighter.
     triangulates
-        Whether ranges come from where the lens sees the spot: what the target's tilt does to the middle of its light is
-        taken off (:func:`~scanner_sim.ranging.spot_light.spot_shift`), on spheres by their form.
+        Whether ranges come from where the lens sees the spot: what the tilt of a flat target does to the middle of its
+        light is taken off (:func:`~scanner_sim.ranging.spot_light.spot_shift`).
 
     Returns
     -------

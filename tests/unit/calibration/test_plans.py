@@ -67,7 +67,9 @@ def exact(setup: Setup) -> SightingTable:
     places = np.concatenate(position)
     covariance = np.tile(np.diag([1e-10, 1e-10, 1e-8]), (len(places), 1, 1))
     none = np.zeros(len(places))
-    return SightingTable(tuple(station), tuple(target), places, covariance, none, none, none + 1.0, none, none)
+    return SightingTable(
+        tuple(station), tuple(target), places, covariance, none, none, none + 1.0, none, none
+    )
 
 
 def some(table: SightingTable, kept: list[int]) -> SightingTable:
@@ -244,7 +246,9 @@ def test_unlike_pixels_are_common_to_images_that_lie_on_them() -> None:
         ("a",) * 3 + ("b",), tuple("1234"), none, np.zeros((4, 3, 3)), pixels, image, width, *np.zeros((2, 4))
     )
     slopes = np.eye(3) * np.stack([slope, slope, slope], axis=1)[:, None]
-    made = common_of(table, np.array([0, 0, 0, 1]), slopes, load_scenario(yaml.safe_load(BASE)).scanner.mirrors)
+    made = common_of(
+        table, np.array([0, 0, 0, 1]), slopes, load_scenario(yaml.safe_load(BASE)).scanner.mirrors
+    )
     assert not made[:, :2].any()
     found = np.einsum("ik,jk->ij", made[:3, 2], made[:3, 2])
     square = ((image[:3, None] - image[:3]) / 2.0) ** 2
@@ -261,7 +265,15 @@ def test_wobble_is_common_to_what_is_close_in_time_and_in_the_other_angle() -> N
     position = np.array([[0.0, 0.0, 3.0], [0.3, 0.0, 3.0], [0.0, 0.0, 3.0], [0.0, 0.3, 3.0], [0.0, 0.0, 3.0]])
     none = np.zeros(5)
     table = SightingTable(
-        ("a",) * 4 + ("b",), tuple("12345"), position, np.zeros((5, 3, 3)), none, none, none + 1.0, none + 2e-6, time
+        ("a",) * 4 + ("b",),
+        tuple("12345"),
+        position,
+        np.zeros((5, 3, 3)),
+        none,
+        none,
+        none + 1.0,
+        none + 2e-6,
+        time,
     )
     mirrors = load_scenario(yaml.safe_load(BASE)).scanner.mirrors
     assert (mirrors.wobble_time, mirrors.wobble_angle) == (0.05, 0.05)
