@@ -91,8 +91,14 @@ class Cloud:
 
     def chosen(self, where: NDArray[np.bool_]) -> Cloud:
         """Return some of the points."""
-        parts = (self.points, self.covariance, self.shared, self.common, self.uneven)
-        return Cloud(*(one[where] for one in parts), None if self.sight is None else self.sight.chosen(where))
+        return Cloud(
+            self.points[where],
+            self.covariance[where],
+            self.shared[where],
+            self.common[where],
+            self.uneven[where],
+            None if self.sight is None else self.sight.chosen(where),
+        )
 
 
 @dataclass(frozen=True)
