@@ -347,9 +347,10 @@ def schema(
         from scanner_sim.config import json_schema
         from scanner_sim.serve.messages import messages_schema
 
-        plans = {PlanKind.SELFCAL: SelfCalibration, PlanKind.ACCEPTANCE: AcceptancePlan}
-        if plan is not None:
-            printed = json_schema(plans[plan], f"plan for {plan}")
+        if plan is PlanKind.SELFCAL:
+            printed = json_schema(SelfCalibration, f"plan for {plan}")
+        elif plan is PlanKind.ACCEPTANCE:
+            printed = json_schema(AcceptancePlan, f"plan for {plan}")
         else:
             printed = messages_schema() if messages else json_schema()
         typer.echo(json.dumps(printed, indent=2, ensure_ascii=False))

@@ -82,6 +82,7 @@ def test_the_light_of_a_sphere_does_not_move_its_centre() -> None:
     assert knowing.parameters == pytest.approx([*CENTRE, DIAMETER], abs=2e-6)
     # Of the light nothing is left in σ.
     assert knowing.covariance == pytest.approx(knowing.noise)
+    assert (np.diag(knowing.covariance) < 0.97 * np.diag(blind.covariance)).all()
 
 
 def test_a_sphere_is_that_of_a_search_without_slopes() -> None:

@@ -229,6 +229,8 @@ def test_what_two_objects_share_cancels_in_their_relative_pose() -> None:
     a, b = (replace(one, common=own) for one in (a, b))
     assert relative_series(a, b).common[0, 1, 1] == pytest.approx(2.0 * 64.0 * 1e-8)
     assert relative_series(a, b, common).common[0, 1, 1] == pytest.approx(0.0, abs=1e-15)
+    unlike_roots = replace(common, common=ones * np.array([1.0, 2.0])[:, None, None])
+    assert relative_series(a, b, unlike_roots).common[0, 1, 1] == pytest.approx((2.0 - 4.0) * 64.0 * 1e-8)
 
 
 def test_what_lasts_is_not_averaged() -> None:
@@ -252,6 +254,7 @@ def test_no_interpolation_makes_errors_of_the_calibration_smaller() -> None:
     errors = replace(ErrorParts.all_white(covariance), common=moved)
     found = interpolate(time, place, errors, at)
     np.testing.assert_allclose(found.common, moved, rtol=1e-12)
+    np.testing.assert_array_equal(found.of([2, 0]).common, found.common[:, [2, 0]])
     alone = interpolate(time, place, replace(errors, common=np.zeros((*time.shape, 3, 0))), at)
     np.testing.assert_allclose(
         found.lasting - alone.lasting, np.einsum("rtck,rudk->rtucd", moved, moved), rtol=1e-9, atol=1e-18
