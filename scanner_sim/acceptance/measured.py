@@ -12,6 +12,7 @@ from scanner_sim.acceptance.setup import SEEDED, Setup, Surface
 from scanner_sim.acceptance.shapes import Cloud, Sight
 from scanner_sim.config.built import same_instrument
 from scanner_sim.config.calibration import believed_geometry
+from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.foundation.streams import Stream, host_generator
@@ -169,7 +170,8 @@ def _grain(scenario: Scenario, distance: float) -> Array:
     if not scanner.laser.speckle:
         return np.zeros(1)
     image = 0.5 * beam_radius(scanner, away) * scanner.receiver.focal_length
-    light = spot_packets(scanner, (image / (away * scanner.position_sensor.pitch)) ** 2, away)
+    variance = (image / (away * scanner.position_sensor.pitch)) ** 2
+    light = spot_packets(scanner, speckle_optics(scanner), variance, away)
     return np.asarray(scenario.processing.speckle_contrast**2 * light.energy * light.ratio**4)
 
 
