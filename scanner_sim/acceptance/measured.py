@@ -9,22 +9,30 @@ from numpy.typing import NDArray
 
 from scanner_sim.acceptance.plan import LengthBar, Plate
 from scanner_sim.acceptance.setup import SEEDED, Setup, Surface
-from scanner_sim.acceptance.shapes import Cloud
+from scanner_sim.acceptance.shapes import Cloud, Sight
 from scanner_sim.config.built import same_instrument
 from scanner_sim.config.calibration import believed_geometry
-from scanner_sim.config.scanner import Scanner
+from scanner_sim.config.scanner import speckle_optics
 from scanner_sim.config.scenario import Scenario
 from scanner_sim.foundation.status import Status
 from scanner_sim.foundation.streams import Stream, host_generator
-from scanner_sim.instrument.closed_loop.visit_errors import image_variance, range_variances
+from scanner_sim.instrument.closed_loop.visit_errors import (
+    beam_radius,
+    image_variance,
+    range_variances,
+    spot_packets,
+)
 from scanner_sim.instrument.common_errors import ranged_by
 from scanner_sim.instrument.simulate import simulate_many
+from scanner_sim.optics.deflection import deflected_frame, wobble_correlation
 from scanner_sim.products.image import RangeImage
 from scanner_sim.ranging.calibration import errors_in_common
 from scanner_sim.render.libraries import DeviceChoice
 
 Array = NDArray[np.float64]
 
+_FAINT = 1e-3
+"""Share of the strongest part of a correlation below which a part is left out."""
 _STEP, _MARGIN = 0.5, 5.0
 """Distance of the nodes of unlike pixels, and how far they go beyond the images, over an image's width."""
 
@@ -128,14 +136,15 @@ def _cloud(scenario: Scenario, image: RangeImage) -> Cloud:
         name = f"cov_{'xyz'[one]}{'xyz'[other]}_m2"
         covariance[:, one, other] = covariance[:, other, one] = flat(name)
     common = _of_calibration(scenario, points, flat("range_m"))
-    shared = _of_mirrors(scenario.scanner, points)
+    shared, sight = _of_mirrors(scenario, valid, points), None
     uneven = np.zeros(len(points))
     if scenario.rangefinders == ("triangulation",):
         uneven = flat("sigma_texture_m") ** 2
-        pixels = _of_pixels(scenario.scanner, points, flat("range_m"), flat("Y"), flat("peak_px"))
+        pixels = _of_pixels(scenario, points, flat("range_m"), flat("Y"), flat("peak_px"))
         shared = np.concatenate([shared, pixels], axis=2)
+        sight = _sight(scenario, points, flat("range_m"))
     told = np.concatenate([common, shared], axis=2)
-    return Cloud(points, _without(covariance, told), shared, common, uneven)
+    return Cloud(points, _without(covariance, told), shared, common, uneven, sight)
 
 
 def _without(covariance: Array, shared: Array) -> Array:
@@ -155,15 +164,59 @@ def _of_calibration(scenario: Scenario, points: Array, range_m: Array) -> Array:
     return errors_in_common(calibration, way, range_m, theta, phi)[1]
 
 
-def _of_mirrors(scanner: Scanner, points: Array) -> Array:
-    """Return what the mirrors' wobble moves the points by, (n, 3, 2): an artefact lies within one bearing's cell."""
-    distance = np.linalg.norm(points, axis=1)
-    moved = np.zeros((len(points), 3, 2))
-    moved[:, 0, 0] = moved[:, 1, 1] = scanner.mirrors.wobble * distance
+def _grain(scenario: Scenario, distance: float) -> Array:
+    """Return V, the speckle of single pixels by which the fit of a resting spot weighs them, at a range [m]."""
+    scanner, away = scenario.scanner, np.array([distance])
+    if not scanner.laser.speckle:
+        return np.zeros(1)
+    image = 0.5 * beam_radius(scanner, away) * scanner.receiver.focal_length
+    variance = (image / (away * scanner.position_sensor.pitch)) ** 2
+    light = spot_packets(scanner, speckle_optics(scanner), variance, away)
+    return np.asarray(scenario.processing.speckle_contrast**2 * light.energy * light.ratio**4)
+
+
+def _sight(scenario: Scenario, points: Array, range_m: Array) -> Sight:
+    """Return how triangulation saw points."""
+    scanner = scenario.scanner
+    _, theta, phi = believed_geometry(scenario).sight_of(*points.T)
+    trigonometry = np.sin(theta), np.cos(theta), np.sin(phi), np.cos(phi)
+    frame = deflected_frame(*trigonometry, scanner.mirrors.axis_separation, scanner.receiver.baseline)
+    axes = np.stack([np.stack(axis, axis=-1) for axis in (frame.across, frame.normal, frame.along)], axis=1)
+    return Sight(range_m, theta, axes, 0.5 * beam_radius(scanner, range_m), scanner.receiver.baseline)
+
+
+def _of_mirrors(scenario: Scenario, valid: NDArray[np.bool_], points: Array) -> Array:
+    """Return what the mirrors' wobble moves the points by, in independent parts (n, 3, k).
+
+    The wobble in Θ goes by the row's φ and time, that in φ by the column's Θ and the row's time
+    (:func:`~scanner_sim.optics.deflection.wobble_correlation`); a row takes far less than the time in which it changes.
+    """
+    mirrors, raster = scenario.scanner.mirrors, scenario.raster
+    if not mirrors.wobble:
+        return np.zeros((len(points), 3, 0))
+    (theta, phi), (row, column) = raster.angles(), np.nonzero(valid)
+    time = raster.row_times(scenario.scanner.dwell) / mirrors.wobble_time
+
+    def alike(values: Array) -> Array:
+        return wobble_correlation(values[:, None] - values)
+
+    by_row = _root(alike(phi / mirrors.wobble_angle) * alike(time))[row]
+    by_column = _root(alike(theta / mirrors.wobble_angle))[column]
+    by_both = (_root(alike(time))[row][:, :, None] * by_column[:, None]).reshape(len(row), -1)
+    moved = np.zeros((len(points), 3, by_row.shape[1] + by_both.shape[1]))
+    reach = mirrors.wobble * np.linalg.norm(points, axis=1)[:, None]
+    moved[:, 0, : by_row.shape[1]], moved[:, 1, by_row.shape[1] :] = reach * by_row, reach * by_both
     return moved
 
 
-def _of_pixels(scanner: Scanner, points: Array, range_m: Array, signal: Array, peak: Array) -> Array:
+def _root(correlation: Array) -> Array:
+    """Return A with A Aᵀ a correlation, of the parts that are not faint, shape (n, k)."""
+    values, axes = np.linalg.eigh(correlation)
+    kept = values > _FAINT * values[-1]
+    return np.asarray(axes[:, kept] * np.sqrt(values[kept]))
+
+
+def _of_pixels(scenario: Scenario, points: Array, range_m: Array, signal: Array, peak: Array) -> Array:
     """Return what unlike pixels move the points by, (n, 3, k), along their beams.
 
     Images of standard deviation s weigh unlike responses by h(u) = u exp(−u²/2) (2/√π)^½, u = (x − x_i)/s: independent
@@ -172,7 +225,8 @@ def _of_pixels(scanner: Scanner, points: Array, range_m: Array, signal: Array, p
     """
     if not len(points):
         return np.zeros((0, 3, 0))
-    _, variance = range_variances(scanner, range_m, signal)
+    scanner = scenario.scanner
+    _, variance = range_variances(scanner, range_m, signal, _grain(scenario, float(np.median(range_m))))
     width = float(np.sqrt(np.median(image_variance(scanner, range_m))))
     at = peak / width
     node = np.arange(at.min() - _MARGIN, at.max() + _MARGIN + _STEP, _STEP)

@@ -8,11 +8,13 @@ report DITC 140/89, 1989).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+
+from scanner_sim.ranging.spot_light import spot_shift
 
 Array = NDArray[np.float64]
 
@@ -23,6 +25,41 @@ FEWEST = 30
 """Points of a sphere or plate, fewer of which are no result."""
 _DRAWS = 400
 """Draws that tell what noise makes of a form."""
+
+
+@dataclass(frozen=True)
+class Sight:
+    """How triangulation saw the points of a cloud.
+
+    Attributes
+    ----------
+    range, theta
+        R [m] and Θ [rad], shape (n,).
+    axes
+        Directions across the beam in the plane of triangulation, normal to that, and along the beam, shape (n, 3, 3).
+    spot
+        Standard deviation of the beam's irradiance at each point [m], shape (n,).
+    baseline
+        d [m].
+    """
+
+    range: Array
+    theta: Array
+    axes: Array
+    spot: Array
+    baseline: float
+
+    def chosen(self, where: NDArray[np.bool_]) -> Sight:
+        """Return some of the points."""
+        return Sight(self.range[where], self.theta[where], self.axes[where], self.spot[where], self.baseline)
+
+    def moved_by_sphere(self, outward: Array, radius: float) -> Array:
+        """Return what the light of a matt sphere with given normals moves its points by [m], shape (n, 3)."""
+        across, normal, along = np.einsum("nij,nj->in", self.axes, outward)
+        facing = np.minimum(along, -CONE)
+        slope = -across / facing, -normal / facing
+        shift = spot_shift(self.range, self.theta, self.baseline, slope, self.spot, 1.0 / radius)
+        return np.asarray(shift[:, None] * self.axes[:, 2])
 
 
 @dataclass(frozen=True)
@@ -41,6 +78,8 @@ class Cloud:
         The same of the calibration's errors, which are one and the same for all artefacts, shape (n, 3, c).
     uneven
         Variance by uneven light, which is part of ``covariance`` and no noise, along the beam [m²], shape (n,).
+    sight
+        How triangulation saw them; None where pulses told the ranges.
     """
 
     points: Array
@@ -48,11 +87,18 @@ class Cloud:
     shared: Array
     common: Array
     uneven: Array
+    sight: Sight | None = None
 
     def chosen(self, where: NDArray[np.bool_]) -> Cloud:
         """Return some of the points."""
-        parts = (self.points, self.covariance, self.shared, self.common, self.uneven)
-        return Cloud(*(one[where] for one in parts))
+        return Cloud(
+            self.points[where],
+            self.covariance[where],
+            self.shared[where],
+            self.common[where],
+            self.uneven[where],
+            None if self.sight is None else self.sight.chosen(where),
+        )
 
 
 @dataclass(frozen=True)
@@ -94,7 +140,10 @@ class Fit:
 
 
 def fit_sphere(cloud: Cloud, discarded: float, generator: np.random.Generator) -> Fit | None:
-    """Fit centre and diameter of a sphere to the points within 60° of the line of sight.
+    """Fit centre and diameter of a matt sphere to the points within 60° of the line of sight.
+
+    Its light is that of its form (:func:`~scanner_sim.ranging.spot_light.spot_shift`), and what that does to
+    triangulated ranges is taken off: left alone it moves a centre by 0.3 mm at 3 m. σ holds no uneven light then.
 
     Parameters
     ----------
@@ -112,16 +161,18 @@ def fit_sphere(cloud: Cloud, discarded: float, generator: np.random.Generator) -
     """
     if len(cloud.points) < FEWEST:
         return None
+    measured = cloud
     found = _algebraic(cloud.points)
     kept = np.ones(len(cloud.points), np.bool_)
-    for _ in range(8):
-        before = kept
+    for round_ in range(8):
+        before, cloud = kept, _in_its_light(measured, found)
         away = cloud.points - found[:3]
         kept = -(away @ found[:3]) > CONE * np.linalg.norm(found[:3]) * np.linalg.norm(away, axis=1)
         if kept.sum() < FEWEST:
             return None
         found = _orthogonal(cloud.points[kept], found)
-        if (kept == before).all():
+        # The first sphere is that of points as they were measured.
+        if round_ and (kept == before).all():
             break
     left = kept.copy()
     left[kept] = _kept(_radial(cloud.points[kept], found), discarded)
@@ -147,6 +198,19 @@ def fit_plane(cloud: Cloud, discarded: float, generator: np.random.Generator) ->
     design = np.column_stack([across[:, :2], np.ones(len(across))])
     normal = np.tile(axes[2], (len(across), 1))
     return _fit(cloud, np.zeros(3), design, normal, across[:, 2], everything, left, discarded, generator)
+
+
+def _in_its_light(cloud: Cloud, found: Array) -> Cloud:
+    """Return a cloud without what the light of the sphere that was found does to its points."""
+    if cloud.sight is None:
+        return cloud
+    along, points = cloud.sight.axes[:, 2], cloud.points
+    for _ in range(2):  # The normal is that of where the beam meets the sphere.
+        away = points - found[:3]
+        outward = away / np.linalg.norm(away, axis=1)[:, None]
+        points = cloud.points - cloud.sight.moved_by_sphere(outward, float(found[3]))
+    own = cloud.covariance - cloud.uneven[:, None, None] * along[:, :, None] * along[:, None]
+    return replace(cloud, points=points, covariance=own, uneven=0.0 * cloud.uneven)
 
 
 def _fit(

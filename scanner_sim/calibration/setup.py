@@ -22,6 +22,7 @@ from scanner_sim.config.scenario import Scenario
 from scanner_sim.config.wording import choice
 from scanner_sim.foundation.errors import Fault, InputError, ScenarioError
 from scanner_sim.foundation.streams import Stream, host_generator
+from scanner_sim.optics.deflection import Mirrors, wobble_correlation
 from scanner_sim.optics.parameters import INDEX, PARAMETERS
 from scanner_sim.ranging.believed import Design, RangedBy
 from scanner_sim.ranging.calibration import ideal_readings
@@ -211,8 +212,9 @@ def field_of(setup: Setup, table: SightingTable) -> Field:
     slope = reading_slopes(setup.design, setup.by, table.position)
     own = table.covariance.copy()
     own[:, 2, 2] -= table.pixels**2
+    own[:, (0, 1), (0, 1)] -= table.wobble[:, None] ** 2
     root = np.asarray(np.linalg.cholesky(slope @ own @ np.swapaxes(slope, 1, 2)), np.float64)
-    common = common_of_pixels(table, station, slope[:, 2, 2])
+    common = common_of(table, station, slope, setup.base.scanner.mirrors)
     return Field(
         setup.design,
         plan.parameters.given,
@@ -224,28 +226,49 @@ def field_of(setup: Setup, table: SightingTable) -> Field:
     )
 
 
-def common_of_pixels(table: SightingTable, station: NDArray[np.intp], slope: Array) -> Array:
-    """Return what unlike pixels make of the readings of each station's sightings, in independent parts (N, 3, k).
+def common_of(table: SightingTable, station: NDArray[np.intp], slope: Array, mirrors: Mirrors) -> Array:
+    """Return what the readings of each station's sightings have in common, in independent parts (N, 3, k).
+
+    Unlike pixels move the ranges of images that lie on them alike
+    (:func:`~scanner_sim.tracking.errors.pixel_correlation`), and wobble the angles of what is close in time and in the
+    other angle (:func:`~scanner_sim.optics.deflection.wobble_correlation`).
 
     Parameters
     ----------
     table, station
         Sightings, and the number of the station of each.
     slope
-        ∂measured/∂R of each, shape (N,).
+        ∂(ϑ, φ, measured)/∂(Θ, φ, R) of each, shape (N, 3, 3).
+    mirrors
+        Over which time and angle their wobble changes.
     """
     parts = []
     for number in range(int(station.max()) + 1):
         own = station == number
-        sigma, width, image = (slope * table.pixels)[own], table.image_width[own], table.image[own]
-        apart = (image[:, None] - image) / np.sqrt(width[:, None] * width)
-        values, axes = np.linalg.eigh(sigma[:, None] * sigma * pixel_correlation(apart))
-        kept = values > _FAINT * values[-1]
-        parts.append((own, axes[:, kept] * np.sqrt(values[kept])))
-    result = np.zeros((len(station), 3, max(part.shape[1] for _, part in parts)))
+        width, image = table.image_width[own], table.image[own]
+
+        def alike(values: Array, over: float, own: NDArray[np.bool_] = own) -> Array:
+            return wobble_correlation((values[own][:, None] - values[own]) / over)
+
+        together = alike(table.time, mirrors.wobble_time)
+        theta, phi = (together * alike(table.position[:, 1 - axis], mirrors.wobble_angle) for axis in (0, 1))
+        pixels = pixel_correlation((image[:, None] - image) / np.sqrt(width[:, None] * width))
+        causes = ((0, table.wobble, theta), (1, table.wobble, phi), (2, table.pixels, pixels))
+        moved = [
+            slope[own][:, :, axis, None] * _root(sigma[own], share)[:, None] for axis, sigma, share in causes
+        ]
+        parts.append((own, np.concatenate(moved, axis=2)))
+    result = np.zeros((len(station), 3, max(part.shape[2] for _, part in parts)))
     for own, part in parts:
-        result[own, 2, : part.shape[1]] = part
+        result[own, :, : part.shape[2]] = part
     return result
+
+
+def _root(sigma: Array, correlation: Array) -> Array:
+    """Return A with A Aᵀ the covariance of errors, of the parts that are not faint, shape (n, k)."""
+    values, axes = np.linalg.eigh(sigma[:, None] * sigma * correlation)
+    kept = values > _FAINT * values[-1]
+    return np.asarray(axes[:, kept] * np.sqrt(values[kept]))
 
 
 def reading_slopes(design: Design, by: RangedBy, position: Array) -> Array:

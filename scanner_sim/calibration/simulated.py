@@ -2,9 +2,9 @@
 
 The instrument as built is the truth, and the instrument believes that it is as designed. A sighting is the mean of the
 patterns that followed a target. The white part of its error falls with their number, the mirrors' wobble with the time
-that they span, and the lasting parts stay. The part by unlike pixels is told apart, since targets whose images lie on
-the same pixels share it. Targets at like angles share some of the wobble, too, which the adjustment takes for their
-own. Pixels and wobble are drawn anew for each station.
+that they span, and the lasting parts stay. Two parts are told apart: that by unlike pixels, which targets share whose
+images lie on the same pixels, and wobble, which neighbours in time and angle share. Pixels and wobble are drawn anew
+for each station.
 """
 
 from __future__ import annotations
@@ -105,12 +105,12 @@ def _table(
                 f"station {station.name} could not follow {', '.join(lost)}: hidden, too near or too far"
             )
     position, covariance = np.reshape(positions, (-1, 3)), np.reshape(covariances, (-1, 3, 3))
-    unlike = np.reshape(pixels, (-1, 3)).T
+    unlike = np.reshape(pixels, (-1, 5)).T
     return SightingTable(tuple(stations), tuple(targets), position, covariance, *unlike), tuple(warnings)
 
 
 def _mean(track: Track, target: str) -> tuple[Array, Array, Array] | None:
-    """Return the mean (Θ, φ, R) of the patterns that followed a target, its covariance, and what unlike pixels do."""
+    """Return the mean (Θ, φ, R) of the patterns that followed a target, its covariance, and its shared parts."""
     found = [
         one for one in track.of(target) if one.mode is TrackMode.TRACK and one.status is TrackStatus.MEASURED
     ]
@@ -121,10 +121,14 @@ def _mean(track: Track, target: str) -> tuple[Array, Array, Array] | None:
         ErrorParts.stack([one.errors for one in found]),
     )
     time, same = np.array([one.time for one in found]), np.zeros(len(found))
-    between = common_covariance(parts, position, time, same).mean(axis=(0, 1))
+    between, stays = (
+        common_covariance(parts, position, time, same, lasting=lasting).mean(axis=(0, 1))
+        for lasting in (False, True)
+    )
     covariance = parts.white.mean(axis=0) / len(found) + between
+    wobble = np.sqrt(max(between[0, 0] - stays[0, 0], 0.0)), time.mean()
     unlike = np.sqrt(parts.pixels.mean()), parts.image.mean(), parts.image_width.mean()
-    return position.mean(axis=0), covariance, np.array(unlike)
+    return position.mean(axis=0), covariance, np.array([*unlike, *wobble])
 
 
 def _seen(setup: Setup, number: int) -> dict[str, str]:

@@ -24,7 +24,8 @@ SIGMAS = tuple(f"sigma_{name}" for name in ANGLES)
 CROSS = ("cov_theta_phi_rad2", "cov_theta_range_rad_m", "cov_phi_range_rad_m")
 """Covariances; a table without them has none."""
 PIXELS = ("sigma_pixels_range_m", "image_pixel", "image_width_pixel")
-"""What unlike pixels do; a table without them takes its sightings to be independent."""
+WOBBLE = ("sigma_wobble_rad", "time_s")
+"""What unlike pixels and the mirrors' wobble do; a table without them takes its sightings to be independent."""
 _CORNERS = ((0, 1), (0, 2), (1, 2))
 HEADING = "# scanner-sim sightings of instrument"
 """First line of a table of sightings, with the digest of the instrument's design; a table of your own needs none."""
@@ -53,6 +54,11 @@ class SightingTable:
         have it in common as far as their images lie on the same pixels.
     image, image_width
         Position of the spot's image on the line and its standard deviation [pixel], shape (N,).
+    wobble
+        σ of Θ and of φ by the mirrors' wobble, which is in the covariance [rad], shape (N,): sightings of one station
+        that are close in time and in the other angle have it in common.
+    time
+        When each was made [s], shape (N,).
     """
 
     station: tuple[str, ...]
@@ -62,6 +68,8 @@ class SightingTable:
     pixels: Array
     image: Array
     image_width: Array
+    wobble: Array
+    time: Array
 
 
 def read_points(path: Path, board: str) -> dict[str, tuple[float, float, float]]:
@@ -106,7 +114,8 @@ def read_sightings(path: Path, digest: str, targets: Sequence[str]) -> SightingT
     path
         Columns ``station, target``, ``theta_rad, phi_rad, range_m`` and the ``sigma_`` of each; covariances
         ``cov_theta_phi_rad2, cov_theta_range_rad_m, cov_phi_range_rad_m`` may be there, and the part of σ of the range
-        by unlike pixels, ``sigma_pixels_range_m``, with ``image_pixel`` and ``image_width_pixel``.
+        by unlike pixels, ``sigma_pixels_range_m``, with ``image_pixel`` and ``image_width_pixel``, and that of the
+        angles by wobble, ``sigma_wobble_rad``, with ``time_s``.
     digest
         Of the instrument's design: a table that names another one is refused.
     targets
@@ -129,7 +138,7 @@ def read_sightings(path: Path, digest: str, targets: Sequence[str]) -> SightingT
         )
     faults: list[Fault] = []
     seen: dict[tuple[str, str], int] = {}
-    position, covariance, pixels = [], [], []
+    position, covariance, pixels, wobble = [], [], [], []
     for line, row in rows:
         key = row["station"], row["target"]
         if not row["station"]:
@@ -147,6 +156,7 @@ def read_sightings(path: Path, digest: str, targets: Sequence[str]) -> SightingT
         )
         covariance.append(_covariance(row, line, faults))
         pixels.append(_pixels(row, line, faults))
+        wobble.append(_wobble(row, line, faults))
         if not position[-1][2] > 0.0:
             faults.append(Fault("range_m", f"{position[-1][2]:g} m is no range.", "", line))
     if not seen:
@@ -162,6 +172,7 @@ def read_sightings(path: Path, digest: str, targets: Sequence[str]) -> SightingT
         np.array(position),
         np.array(covariance),
         *np.array(pixels).T,
+        *np.array(wobble).T,
     )
 
 
@@ -170,8 +181,9 @@ def sightings_text(table: SightingTable, digest: str) -> str:
     stream = io.StringIO()
     stream.write(f"{HEADING} {digest}\n")
     writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(("station", "target", *ANGLES, *SIGMAS, *CROSS, *PIXELS))
-    unlike = np.stack([table.pixels, table.image, table.image_width], axis=1).tolist()
+    writer.writerow(("station", "target", *ANGLES, *SIGMAS, *CROSS, *PIXELS, *WOBBLE))
+    shared = (table.pixels, table.image, table.image_width, table.wobble, table.time)
+    unlike = np.stack(shared, axis=1).tolist()
     for station, target, place, matrix, own in zip(
         table.station, table.target, table.position.tolist(), table.covariance, unlike, strict=True
     ):
@@ -272,6 +284,22 @@ def _pixels(row: Mapping[str, str], line: int, faults: list[Fault]) -> tuple[flo
         faults.append(Fault(PIXELS[2], "a width is above 0.", "", line))
         return 0.0, 0.0, 1.0
     return sigma, image, width
+
+
+def _wobble(row: Mapping[str, str], line: int, faults: list[Fault]) -> tuple[float, float]:
+    if not row.get(WOBBLE[0]):
+        return 0.0, 0.0
+    if not row.get(WOBBLE[1]):
+        fault = Fault(WOBBLE[1], f"it is missing, and {WOBBLE[0]} is given.", "Write both, or neither.", line)
+        faults.append(fault)
+        return 0.0, 0.0
+    sigma, time = _number(row, WOBBLE[0], line, faults, _FAR[0]), _number(row, WOBBLE[1], line, faults, 1e9)
+    least = min(_number(row, name, line, [], _FAR[0]) for name in SIGMAS[:2])
+    if not 0.0 <= sigma < least:
+        remedy = f"It is a part of {SIGMAS[0]} and {SIGMAS[1]}."
+        faults.append(Fault(WOBBLE[0], f"{sigma:g} rad are not from 0 to below {least:g} rad.", remedy, line))
+        return 0.0, 0.0
+    return sigma, time
 
 
 def _near(name: str, names: Sequence[str]) -> str:

@@ -19,6 +19,7 @@ from scanner_sim.cli.options import (
     Override,
     Overwrite,
     Peak,
+    PlanKind,
     Pulse,
     Quiet,
     Seed,
@@ -328,6 +329,10 @@ def schema(
     messages: Annotated[
         bool, typer.Option("--messages", help="That of the messages which `serve` understands.")
     ] = False,
+    plan: Annotated[
+        PlanKind | None,
+        typer.Option("--plan", help="That of the plan of a self-calibration or an acceptance test."),
+    ] = None,
 ) -> None:
     """Print the JSON schema of scenarios, by which editors complete and check them.
 
@@ -337,10 +342,17 @@ def schema(
     with reported():
         import json
 
+        from scanner_sim.acceptance.plan import AcceptancePlan
+        from scanner_sim.calibration.plan import SelfCalibration
         from scanner_sim.config import json_schema
         from scanner_sim.serve.messages import messages_schema
 
-        printed = messages_schema() if messages else json_schema()
+        if plan is PlanKind.SELFCAL:
+            printed = json_schema(SelfCalibration, f"plan for {plan}")
+        elif plan is PlanKind.ACCEPTANCE:
+            printed = json_schema(AcceptancePlan, f"plan for {plan}")
+        else:
+            printed = messages_schema() if messages else json_schema()
         typer.echo(json.dumps(printed, indent=2, ensure_ascii=False))
 
 

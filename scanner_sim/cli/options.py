@@ -14,6 +14,13 @@ import typer
 from scanner_sim.cli.report import reported
 
 
+class PlanKind(StrEnum):
+    """Plans whose form is printed."""
+
+    SELFCAL = "selfcal"
+    ACCEPTANCE = "acceptance"
+
+
 class DeviceName(StrEnum):
     """Where to compute."""
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from scanner_sim.config.outline import EACH, outline
 from scanner_sim.config.scenario import Scenario
+from scanner_sim.foundation.parts import Part
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -14,15 +15,15 @@ _NUMERIC = ("minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum")
 _NO_KEYWORDS = ("ge", "gt", "le", "lt")
 
 
-def json_schema() -> dict[str, Any]:
-    """Return the JSON schema of scenario files (draft 2020-12).
+def json_schema(part: type[Part] = Scenario, name: str = "scenario") -> dict[str, Any]:
+    """Return the JSON schema of scenario files, or of those of another part of that ``name`` (draft 2020-12).
 
     It knows keys, choices, units and the bounds of plain numbers; what several values must not be together is
-    found when a scenario is loaded.
+    found when a file is loaded.
     """
-    schema: dict[str, Any] = _tidy(Scenario.model_json_schema(by_alias=True, mode="validation"))
-    _spell_defaults(schema)
-    return {"$schema": DIALECT, **schema, "title": "Scanner Sim scenario"}
+    schema: dict[str, Any] = _tidy(part.model_json_schema(by_alias=True, mode="validation"))
+    _spell_defaults(schema, part)
+    return {"$schema": DIALECT, **schema, "title": f"Scanner Sim {name}"}
 
 
 def _tidy(node: Any) -> Any:
@@ -52,20 +53,21 @@ def _tidy(node: Any) -> Any:
     return tidy
 
 
-def _spell_defaults(schema: dict[str, Any]) -> None:
+def _spell_defaults(schema: dict[str, Any], root: type[Part]) -> None:
     """Write defaults as a file would spell them: with units."""
-    for location, slot in outline().items():
-        part = outline()[location[:-1]].part if location else None
+    slots = outline(root)
+    for location, slot in slots.items():
+        part = slots[location[:-1]].part if location else None
         if part is None or slot.field is None:
             continue
-        node = schema if part is Scenario else schema["$defs"][part.__name__]
-        if location[0] == "scanner" and len(location) > 1:
+        node = schema if part is root else schema["$defs"][part.__name__]
+        if root is Scenario and location[0] == "scanner" and len(location) > 1:
             # What a scenario leaves out its preset has.
             node.pop("required", None)
         if slot.preset is not None and slot.part is None:
             node["properties"][location[-1]]["default"] = slot.preset
         default = slot.field.default
-        entry = outline().get((*location, EACH))
+        entry = slots.get((*location, EACH))
         if slot.dimension is not None and isinstance(default, float):
             node["properties"][location[-1]]["default"] = slot.dimension.format(default)
         elif entry is not None and entry.dimension is not None and isinstance(default, tuple) and default:

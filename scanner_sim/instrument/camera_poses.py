@@ -141,7 +141,7 @@ def camera_series(
     tuple of PoseSeries
         By the method ``camera``, one of each array that is followed, at the middles of the exposures; a frame without
         a pose has its status. How much of their covariances neighbouring frames share, the pixels' pattern, is not told
-        apart: ``lasting`` is NaN. The camera is taken to be what its calibration says, without doubt.
+        apart: ``lasting`` and ``common`` are NaN. The camera is taken to be what its calibration says, without doubt.
 
     Raises
     ------
@@ -182,6 +182,7 @@ def _series_of(poses: CameraPoses, truth: Array) -> PoseSeries:
         truth_position=truth[:, :3, 3],
         truth_rotation=truth[:, :3, :3],
         lasting=np.full_like(poses.covariance, np.nan),
+        common=np.full_like(poses.covariance, np.nan),
     )
 
 

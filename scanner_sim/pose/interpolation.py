@@ -50,19 +50,26 @@ class Interpolated:
     covariance
         Between the observations of a round, shape (rounds, targets, targets, 3, 3).
     lasting
-        Its part that neighbouring rounds have, too: surfaces, pixels and drift.
+        Its part that neighbouring rounds have, too: surfaces, pixels, drift and calibration.
+    common
+        What k errors of the calibration, of unit variance each, make of them, shape (rounds, targets, 3, k): C Cᵀ is a
+        part of ``lasting``.
     """
 
     position: Array
     covariance: Array
     lasting: Array
+    common: Array
 
     def of(self, targets: Sequence[int]) -> Interpolated:
         """Return the observations of some of the targets."""
         chosen = np.asarray(targets)
         rows, columns = chosen[:, None], chosen
         return Interpolated(
-            self.position[:, chosen], self.covariance[:, rows, columns], self.lasting[:, rows, columns]
+            self.position[:, chosen],
+            self.covariance[:, rows, columns],
+            self.lasting[:, rows, columns],
+            self.common[:, chosen],
         )
 
 
@@ -117,7 +124,8 @@ def interpolate(time: Array, position: Array, errors: ErrorParts, at: Array) -> 
         return np.asarray(shares.reshape(rounds, 2, targets, 2, targets, 3, 3).sum(axis=(1, 3)))
 
     moved = (1.0 - share[..., None]) * position + share[..., None] * position[other, column]
-    return Interpolated(moved, white + summed(False), summed(True))
+    common = (weight[..., None, None] * pair.common).reshape(rounds, 2, targets, 3, -1).sum(axis=1)
+    return Interpolated(moved, white + summed(False), summed(True), common)
 
 
 def _second(time: Array, seen: NDArray[np.bool_], at: Array) -> NDArray[np.int64]:

@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 
 SeriesMethod = Literal[Method, "camera"]
 """Methods of the scanner, and the dots in the video camera's frames."""
+_PARTS = ("covariance", "lasting", "common")
 _WEIGHED_ENTRIES = np.array([[1.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 1.0]])
 """Entries of the covariance of (Θ, φ, R) that weigh a target."""
 
@@ -56,8 +57,11 @@ class PoseSeries:
         True pose, of the shapes of ``position`` and ``rotation``; NaN where nobody knows it.
     lasting
         The part of ``covariance`` that neighbouring poses share beyond their common observations, and that no mean over
-        seconds makes smaller: the surfaces' speckle, unlike pixels and drift, shape (n, 6, 6); NaN where it is not
-        known.
+        seconds makes smaller: the surfaces' speckle, unlike pixels, drift and calibration, shape (n, 6, 6); NaN where
+        it is not known.
+    common
+        The part of ``lasting`` by the errors of the calibration, which is in all poses of the instrument and which no
+        mean makes smaller, shape (n, 6, 6); the noise of a pose is ``covariance`` less this. NaN where it is not known.
     gains
         By how much each observation (Θ, φ, R) moves the pose, shape (n, targets, 6, 3); None of relative poses, and
         where a table was read.
@@ -77,6 +81,7 @@ class PoseSeries:
     truth_position: Array
     truth_rotation: Array
     lasting: Array
+    common: Array
     gains: Array | None = None
 
     @property
@@ -189,6 +194,7 @@ def pose_series(
         truth_position=true[:, :3, 3],
         truth_rotation=true[:, :3, :3],
         lasting=between_poses(gains, observations.lasting, gains),
+        common=_in_common(gains, observations.common, gains, observations.common),
         gains=gains,
     )
 
@@ -201,6 +207,18 @@ def between_poses(one: Array, covariance: Array, other: Array) -> Array:
     """
     spread = np.einsum("nijab,njdb->niad", np.nan_to_num(covariance), other)
     return np.asarray(np.einsum("nica,niad->ncd", one, spread))
+
+
+def _in_common(one: Array, moved: Array, other: Array, also: Array) -> Array:
+    """Return the covariance of two poses by errors of unit variance that all observations have in common, (n, 6, 6).
+
+    ``moved`` and ``also`` are what k of them make of the observations, shape (n, targets, 3, k); NaN counts as none.
+    """
+    first, second = (
+        np.einsum("ntca,ntak->nck", gains, np.nan_to_num(common))
+        for gains, common in ((one, moved), (other, also))
+    )
+    return np.asarray(np.einsum("nck,ndk->ncd", first, second))
 
 
 def _gains(
@@ -250,10 +268,14 @@ def relative_series(
     """
     if reference.method != other.method or not np.array_equal(reference.time, other.time):
         raise ValueError("relative poses need series of one method at the same times")
-    shared, lasting = _shared_by(reference, other, observations)
-    between = relative_pose(reference, other, shared)
-    stays = relative_pose(
-        replace(reference, covariance=reference.lasting), replace(other, covariance=other.lasting), lasting
+    shared = _shared_by(reference, other, observations)
+    between, stays, common = (
+        relative_pose(
+            replace(reference, covariance=getattr(reference, part)),
+            replace(other, covariance=getattr(other, part)),
+            own,
+        )
+        for part, own in zip(_PARTS, shared, strict=True)
     )
     true = np.swapaxes(reference.truth_rotation, 1, 2)
     apart = (other.truth_position - reference.truth_position)[..., None]
@@ -274,18 +296,20 @@ def relative_series(
         truth_position=product(true, apart)[..., 0],
         truth_rotation=product(true, other.truth_rotation),
         lasting=stays.covariance,
+        common=common.covariance,
     )
 
 
 def _shared_by(
     one: PoseSeries, other: PoseSeries, observations: Interpolated | None
-) -> tuple[Array | None, Array | None]:
-    """Return the covariance between poses of two objects, and its lasting part, shape (n, 6, 6)."""
+) -> tuple[Array | None, Array | None, Array | None]:
+    """Return the covariance between poses of two objects, and its parts, in the order of ``_PARTS``, (n, 6, 6)."""
     if observations is None or one.gains is None or other.gains is None:
-        return None, None
+        return None, None, None
     first = one.gains.shape[1]
     whole, lasting = (
         between_poses(one.gains, values[:, :first, first:], other.gains)
         for values in (observations.covariance, observations.lasting)
     )
-    return whole, lasting
+    moved = observations.common
+    return whole, lasting, _in_common(one.gains, moved[:, :first], other.gains, moved[:, first:])

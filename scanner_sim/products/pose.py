@@ -37,14 +37,17 @@ _COVARIANCE = tuple(
     for i in range(6)
     for j in range(i, 6)
 )
-_LASTING = "lasting_"
-"""Before the name of a covariance: its part that neighbouring poses share."""
+_PARTS = ("lasting", "common")
+"""Before the name of a covariance: its part that neighbouring poses share, and what of it the calibration makes."""
 _KINDS: dict[str, ColumnKind] = {
     "time_s": "finite",
     **dict.fromkeys(
         (prefix + name for prefix in ("", "truth_") for name in (*_POSITION, *_QUATERNION)), "number"
     ),
-    **dict.fromkeys((prefix + name for prefix in ("", _LASTING) for name, _ in _COVARIANCE), "number"),
+    **dict.fromkeys(
+        (prefix + name for prefix in ("", *(f"{part}_" for part in _PARTS)) for name, _ in _COVARIANCE),
+        "number",
+    ),
     "chi2": "number",
     **dict.fromkeys(("dof", "targets", "status"), "whole"),
 }
@@ -71,7 +74,8 @@ def pose_columns(series: Sequence[PoseSeries]) -> Table:
         ``time_s object method x_m y_m z_m qw qx qy qz``, with ``relative_to`` after the object where they are relative;
         the 21 numbers of the symmetric 6 × 6 covariance of (δt, δω) along the axes of the reference, ``status``
         (:class:`~scanner_sim.pose.status.PoseStatus`), χ², degrees of freedom and number of targets, and the truth as
-        ``truth_x_m`` to ``truth_qz``; then ``lasting_cov_``, the part of the covariance that neighbouring poses share.
+        ``truth_x_m`` to ``truth_qz``; then ``lasting_cov_``, the part of the covariance that neighbouring poses share,
+        and ``common_cov_``, the part of that by the errors of the calibration.
     """
     columns: Table = {
         "time_s": np.concatenate([one.time for one in series]),
@@ -83,7 +87,6 @@ def pose_columns(series: Sequence[PoseSeries]) -> Table:
     columns |= _pose_columns("", [one.position for one in series], [one.rotation for one in series])
     covariance = np.concatenate([one.covariance for one in series])
     columns |= {name: covariance[:, i, j] for name, (i, j) in _COVARIANCE}
-    lasting = np.concatenate([one.lasting for one in series])
     columns["status"] = np.concatenate([one.status for one in series]).astype(np.int32)
     columns["chi2"] = np.concatenate([one.chi2 for one in series])
     columns["dof"] = np.concatenate([one.dof for one in series])
@@ -91,7 +94,10 @@ def pose_columns(series: Sequence[PoseSeries]) -> Table:
     columns |= _pose_columns(
         "truth_", [one.truth_position for one in series], [one.truth_rotation for one in series]
     )
-    return columns | {_LASTING + name: lasting[:, i, j] for name, (i, j) in _COVARIANCE}
+    for part in _PARTS:
+        values = np.concatenate([getattr(one, part) for one in series])
+        columns |= {f"{part}_{name}": values[:, i, j] for name, (i, j) in _COVARIANCE}
+    return columns
 
 
 def about_poses(series: Sequence[PoseSeries], software: str) -> dict[str, object]:
@@ -147,10 +153,11 @@ def _series(name: str, relative_to: str, method: SeriesMethod, columns: Columns)
     def together(names: tuple[str, ...], prefix: str = "") -> Array:
         return np.stack([columns[prefix + name] for name in names], axis=-1)
 
-    covariance, lasting = np.empty((2, len(columns["time_s"]), 6, 6))
-    for label, (i, j) in _COVARIANCE:
-        covariance[:, i, j] = covariance[:, j, i] = columns[label]
-        lasting[:, i, j] = lasting[:, j, i] = columns[_LASTING + label]
+    whole = np.empty((1 + len(_PARTS), len(columns["time_s"]), 6, 6))
+    for part, prefix in zip(whole, ("", *(f"{name}_" for name in _PARTS)), strict=True):
+        for label, (i, j) in _COVARIANCE:
+            part[:, i, j] = part[:, j, i] = columns[prefix + label]
+    covariance, lasting, common = whole
     return PoseSeries(
         name=name,
         relative_to=relative_to,
@@ -166,4 +173,5 @@ def _series(name: str, relative_to: str, method: SeriesMethod, columns: Columns)
         truth_position=together(_POSITION, "truth_"),
         truth_rotation=rotation_from_quaternion(together(_QUATERNION, "truth_")),
         lasting=lasting,
+        common=common,
     )

@@ -13,6 +13,7 @@ from pydantic import Field
 from scanner_sim.foundation.arithmetic import applied, cholesky
 from scanner_sim.foundation.parts import Part
 from scanner_sim.foundation.units import Length
+from scanner_sim.ranging.spot_light import spot_shift
 from scanner_sim.tracking.centroid import Centroid, better_of, circle_fit, hit_centroid
 from scanner_sim.tracking.disc_fit import disc_fit
 from scanner_sim.tracking.plane import TargetPlane, target_plane
@@ -117,6 +118,7 @@ def measure_target(
     pointing: ArrayLike = 0.0,
     axis_separation: float | None = None,
     baseline: float = 0.0,
+    triangulates: bool = False,
 ) -> Measurement:
     """Return where patterns see a target.
 
@@ -135,6 +137,9 @@ def measure_target(
         D_g [m], by which the angles become points; None takes targets to be round in the angles.
     baseline
         Distance d from the laser to the lens that sees its light [m]: the side towards the lens is brighter.
+    triangulates
+        Whether ranges come from where the lens sees the spot: what the tilt of a flat target does to the middle of its
+        light is taken off (:func:`~scanner_sim.ranging.spot_light.spot_shift`).
 
     Returns
     -------
@@ -151,7 +156,15 @@ def measure_target(
     response = target_response(
         samples, appearance.kind, np.stack([middle - appearance.depth, middle + appearance.depth], axis=1)
     )
-    see = _Seeing(samples, response, appearance, np.asarray(spot, dtype=np.float64), duty_cycle, pointing)
+    see = _Seeing(
+        samples,
+        response,
+        appearance,
+        np.asarray(spot, dtype=np.float64),
+        duty_cycle,
+        pointing,
+        baseline if triangulates else 0.0,
+    )
     if axis_separation is None or appearance.surface != "flat":
         centre, ranges, sight = see.directly()
         distance = ranges.at
@@ -184,6 +197,7 @@ class _Seeing:
     spot: Array
     duty_cycle: float
     pointing: ArrayLike
+    lever: float
 
     @property
     def is_graded(self) -> bool:
@@ -221,7 +235,9 @@ class _Seeing:
         """Return centres of flat targets, their ranges, the planes' and the planes; the layout is (D_g, d).
 
         The first plane is that of all voxels of the target. On it a circle tells which of them are away from the rim:
-        those at it would tilt the plane, for the light's middle is not the spot's. The second goes through the others.
+        those at it would tilt the plane, for the light's middle is not the spot's. The second goes through the others,
+        as what is left beside the first; that bends where the first leans otherwise, by some micrometres, and what is
+        left beside the second moves the range once more.
         """
         samples, kind = self.samples, self.appearance.kind
         mean = np.stack([samples.theta.mean(axis=1), samples.phi.mean(axis=1)], axis=1)
@@ -233,7 +249,7 @@ class _Seeing:
         told = self._ranged(shown, start)
         ranges = target_ranges(samples, told, kind, start, about, self.stamp, plane=plane, reach=reach)
         planes = _plane_of(ranges, middle, layout, with_errors=self.is_graded)
-        shown, response, _ = self._lay_onto(planes)
+        shown, response, reach = self._lay_onto(planes)
         if not self.fits:
             # Where the disc is fitted, its fit only begins at the circle.
             start = self._circle(shown, response)
@@ -248,8 +264,19 @@ class _Seeing:
         place = shown.angles[rows]
         by_light = None if best.gains is None else best.gains[rows] * response.value[rows, None]
         of_range = (ranges.off(centre)[:, :, None] * ranges.gains).sum(axis=1)
+        left = np.where(of_range != 0.0, samples.range - reach[rows], 0.0)
+        distance = distance[rows] + (of_range * left).sum(axis=1) - self._spot_shift(ranges, layout[0])
         sight = Sight(planes.of(rows), place, by_light, of_range)
-        return centre, distance[rows], ranges, sight
+        return centre, distance, ranges, sight
+
+    def _spot_shift(self, ranges: Ranges, axis_separation: float) -> Array:
+        """Return what the light of spots does to ranges on planes that lean so [m], shape (patterns,)."""
+        if not self.lever:
+            return np.zeros(len(ranges.at))
+        theta, reach = ranges.about[:, 0], np.where(ranges.known, ranges.at, 1.0)
+        slope = ranges.slope[:, 0] / reach, ranges.slope[:, 1] / (reach * np.cos(theta) - axis_separation)
+        shift = spot_shift(reach, theta, self.lever, slope, self.spot * reach)
+        return np.where(ranges.known, shift, 0.0)
 
     def _circle(self, shown: PatternSamples, response: Response) -> Centroid:
         return circle_fit(shown, response, blurred=self.fits, rounds=0 if self.fits else None)

@@ -82,7 +82,7 @@ def runs(
         Interpolated(
             *(
                 np.concatenate([getattr(one, part)[rows] for one in observations])
-                for part in ("position", "covariance", "lasting")
+                for part in ("position", "covariance", "lasting", "common")
             )
         ),
         axis_separation=SEPARATION,

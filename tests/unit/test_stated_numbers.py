@@ -15,6 +15,8 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
+from scanner_sim.acceptance.plan import AcceptancePlan
+from scanner_sim.calibration.plan import SelfCalibration
 from scanner_sim.config.scanner import Scanner
 from scanner_sim.pose.settings import PoseSettings
 from scanner_sim.render.settings import Transport
@@ -61,6 +63,13 @@ def _words(value: Any) -> bool:
 @pytest.mark.parametrize("part", PARTS, ids=lambda part: part.__name__)
 def test_defaults_are_those_that_are_stated(part: type[BaseModel]) -> None:
     assert_stated(dict(numbers(part())), STATED["defaults"][part.__name__])
+
+
+@pytest.mark.parametrize("plan", [AcceptancePlan, SelfCalibration], ids=lambda plan: plan.__name__)
+def test_defaults_of_plans_are_those_that_are_stated(plan: type[BaseModel]) -> None:
+    about = {name: field.default for name, field in plan.model_fields.items()}
+    found = {name: value for name, value in about.items() if isinstance(value, int | float | str)}
+    assert_stated(found, STATED["plans"][plan.__name__])
 
 
 def test_materials_are_those_that_are_stated() -> None:

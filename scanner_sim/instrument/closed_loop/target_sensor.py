@@ -286,6 +286,7 @@ class TargetSensor:
             pointing=np.hypot(self._pointing, unevenness(angles)),
             axis_separation=scanner.mirrors.axis_separation,
             baseline=seen_from(self._scenario),
+            triangulates=self._scenario.rangefinders[0] == "triangulation",
         )
         parts = error_parts(self._scenario, samples, seen, target, motion, speckle)
         seen = replace(seen, position=self._believed.designed(seen.position))

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from calibration_fields import DESIGN, made_field
 from scipy.spatial.transform import Rotation
 
+from scanner_sim import load_scenario
 from scanner_sim.calibration import selfcal
 from scanner_sim.calibration.adjustment import Adjusted, adjust
 from scanner_sim.calibration.selfcal import self_calibrate
-from scanner_sim.calibration.setup import Setup, common_of_pixels, field_of, read_setup, reading_slopes
+from scanner_sim.calibration.setup import Setup, common_of, field_of, read_setup, reading_slopes
 from scanner_sim.calibration.tables import SightingTable
 from scanner_sim.foundation.errors import InputError, ScenarioError
 from scanner_sim.ranging.believed import believed_points
@@ -65,7 +67,9 @@ def exact(setup: Setup) -> SightingTable:
     places = np.concatenate(position)
     covariance = np.tile(np.diag([1e-10, 1e-10, 1e-8]), (len(places), 1, 1))
     none = np.zeros(len(places))
-    return SightingTable(tuple(station), tuple(target), places, covariance, none, none, none + 1.0)
+    return SightingTable(
+        tuple(station), tuple(target), places, covariance, none, none, none + 1.0, none, none
+    )
 
 
 def some(table: SightingTable, kept: list[int]) -> SightingTable:
@@ -75,7 +79,7 @@ def some(table: SightingTable, kept: list[int]) -> SightingTable:
         tuple(table.target[i] for i in kept),
         *(
             getattr(table, name)[kept]
-            for name in ("position", "covariance", "pixels", "image", "image_width")
+            for name in ("position", "covariance", "pixels", "image", "image_width", "wobble", "time")
         ),
     )
 
@@ -252,8 +256,13 @@ def test_unlike_pixels_are_common_to_images_that_lie_on_them() -> None:
     image, width = np.array([10.0, 11.0, 40.0, 10.0]), np.array([2.0, 2.0, 2.0, 2.0])
     pixels, slope = np.array([1e-5, 2e-5, 1e-5, 1e-5]), np.array([-0.1, -0.1, -0.2, -0.1])
     none = np.zeros((4, 3))
-    table = SightingTable(("a",) * 3 + ("b",), tuple("1234"), none, np.zeros((4, 3, 3)), pixels, image, width)
-    made = common_of_pixels(table, np.array([0, 0, 0, 1]), slope)
+    table = SightingTable(
+        ("a",) * 3 + ("b",), tuple("1234"), none, np.zeros((4, 3, 3)), pixels, image, width, *np.zeros((2, 4))
+    )
+    slopes = np.eye(3) * np.stack([slope, slope, slope], axis=1)[:, None]
+    made = common_of(
+        table, np.array([0, 0, 0, 1]), slopes, load_scenario(yaml.safe_load(BASE)).scanner.mirrors
+    )
     assert not made[:, :2].any()
     found = np.einsum("ik,jk->ij", made[:3, 2], made[:3, 2])
     square = ((image[:3, None] - image[:3]) / 2.0) ** 2
@@ -261,3 +270,34 @@ def test_unlike_pixels_are_common_to_images_that_lie_on_them() -> None:
     expected = read[:, None] * read * (1.0 - 0.5 * square) * np.exp(-0.25 * square)
     np.testing.assert_allclose(found, expected, atol=2e-3 * (read**2).sum())
     assert (made[3, 2] ** 2).sum() == pytest.approx(1e-12)
+
+
+def test_wobble_is_common_to_what_is_close_in_time_and_in_the_other_angle() -> None:
+    """Claim: Θ of two sightings has σ² in common at one time and one φ, whatever their Θ; nothing two wobble times or
+    two wobble angles apart, nor between stations; R, by which the reading of a range goes, none. So does φ with Θ."""
+    time = np.array([0.0, 0.0, 0.1, 0.0, 0.0])
+    position = np.array([[0.0, 0.0, 3.0], [0.3, 0.0, 3.0], [0.0, 0.0, 3.0], [0.0, 0.3, 3.0], [0.0, 0.0, 3.0]])
+    none = np.zeros(5)
+    table = SightingTable(
+        ("a",) * 4 + ("b",),
+        tuple("12345"),
+        position,
+        np.zeros((5, 3, 3)),
+        none,
+        none,
+        none + 1.0,
+        none + 2e-6,
+        time,
+    )
+    mirrors = load_scenario(yaml.safe_load(BASE)).scanner.mirrors
+    assert (mirrors.wobble_time, mirrors.wobble_angle) == (0.05, 0.05)
+    slopes = np.tile(np.eye(3), (5, 1, 1))
+    slopes[:, 2, 0] = -0.2
+    made = common_of(table, np.array([0, 0, 0, 0, 1]), slopes, mirrors)
+    found = np.einsum("ick,jdk->ijcd", made[:4], made[:4]) / 4e-12
+    wanted = np.zeros((4, 4, 2))
+    wanted[range(4), range(4)] = 1.0
+    wanted[0, 1, 0] = wanted[1, 0, 0] = 1.0
+    wanted[0, 3, 1] = wanted[3, 0, 1] = 1.0
+    np.testing.assert_allclose(found[:, :, (0, 1), (0, 1)], wanted, atol=1e-3)
+    np.testing.assert_allclose(found[:, :, 2, 0], -0.2 * wanted[:, :, 0], atol=1e-3)

@@ -16,7 +16,7 @@ def test_a_sighting_is_the_mean_of_the_visits_that_followed() -> None:
     """Claim: visits that search do not count; white parts fall with the number of visits, lasting ones do not.
 
     The mirrors wobble anew from visit to visit, 80 ms apart, if that takes them 10 ms, and not if it takes an hour.
-    What unlike pixels do is told apart, as a standard deviation.
+    What unlike pixels and wobble do is told apart, as standard deviations.
     """
     track = make_track(seconds=1.2)
     target = track.targets[0].name
@@ -37,7 +37,9 @@ def test_a_sighting_is_the_mean_of_the_visits_that_followed() -> None:
         wanted = wanted + np.mean([one.errors.surface + one.errors.shared for one in records], axis=0)
         wanted -= np.diag([9e-12, 9e-12, 0.0]) * share * (1.0 - 1.0 / len(records))
         np.testing.assert_allclose(covariance, wanted, rtol=1e-3, atol=1e-15)
-        np.testing.assert_allclose(unlike, (2e-4, 80.0, 1.2), rtol=1e-12)
+        left = 3e-6 * (1.0 - share * (1.0 - 1.0 / len(records))) ** 0.5
+        when = np.mean([one.time for one in records])
+        np.testing.assert_allclose(unlike, (2e-4, 80.0, 1.2, left, when), rtol=1e-3)
 
 
 def replace_errors(**changes: float) -> dict[str, np.ndarray]:

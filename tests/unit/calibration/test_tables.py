@@ -35,12 +35,14 @@ def test_sightings_come_back(table: Path) -> None:
         np.array([1e-5, 0.0]),
         np.array([300.25, 410.5]),
         np.array([1.25, 1.5]),
+        np.array([1e-7, 0.0]),
+        np.array([0.25, 1.75]),
     )
     table.write_text(sightings_text(made, "0123456789ab"), encoding="utf-8")
     found = read_sightings(table, "0123456789ab", ("near/1", "near/b"))
     assert (found.station, found.target) == (made.station, made.target)
     np.testing.assert_array_equal(found.position, made.position)
-    for name in ("pixels", "image", "image_width"):
+    for name in ("pixels", "image", "image_width", "wobble", "time"):
         np.testing.assert_array_equal(getattr(found, name), getattr(made, name))
     np.testing.assert_allclose(found.covariance, made.covariance, rtol=1e-14)
 

@@ -70,7 +70,8 @@ def series(errors: np.ndarray, covariance: np.ndarray, status: np.ndarray) -> Po
     zeros = np.zeros(count)
     return PoseSeries(
         "node", "", "joint", zeros, errors[:, :3], turn, np.broadcast_to(covariance, (count, 6, 6)).copy(), zeros,
-        zeros.astype(np.int64), zeros.astype(np.int64), status, np.zeros((count, 3)), truth, np.zeros((count, 6, 6)),
+        zeros.astype(np.int64), zeros.astype(np.int64), status, np.zeros((count, 3)), truth,
+        *np.zeros((2, count, 6, 6)),
     )  # fmt: skip
 
 

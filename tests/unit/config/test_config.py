@@ -10,8 +10,10 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from scanner_sim import Scenario, load_scenario
+from scanner_sim.cli import app
 from scanner_sim.config import json_schema, resolved_yaml, scenario_from_text
 from scanner_sim.config.document import read_document
 from scanner_sim.config.outline import locations_of_key, outline
@@ -397,6 +399,20 @@ def test_the_schema_is_draft_2020_12_and_spells_units() -> None:
     assert "exclusiveMinimum" not in json.dumps(power)
     references = re.findall(r'"#/\$defs/(\w+)"', json.dumps(schema))
     assert set(references) == set(schema["$defs"])
+
+
+@pytest.mark.parametrize(("kind", "part"), [("selfcal", "Board"), ("acceptance", "LengthBar")])
+def test_plans_have_a_schema_too(kind: str, part: str) -> None:
+    """Claim: the printed schema of a plan has its keys, spells units, and refers to nothing that it has not."""
+    printed = CliRunner().invoke(app, ["schema", "--plan", kind])
+    assert printed.exit_code == 0, printed.output
+    schema = json.loads(printed.output)
+    assert schema["title"] == f"Scanner Sim plan for {kind}"
+    assert {"schema", "base", "seed"} <= set(schema["properties"])
+    assert set(re.findall(r'"#/\$defs/(\w+)"', json.dumps(schema))) == set(schema["$defs"])
+    diameter = json.dumps(schema["$defs"][part]["properties"]["diameter"])
+    assert "pattern" in diameter
+    assert schema["additionalProperties"] is False
 
 
 def test_every_key_has_a_description_for_editors() -> None:

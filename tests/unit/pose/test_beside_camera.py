@@ -41,6 +41,7 @@ def series(time: np.ndarray, method: SeriesMethod, sigma: np.ndarray, seed: int 
         truth_position=position,
         truth_rotation=turned.as_matrix(),
         lasting=np.full((count, 6, 6), np.nan),
+        common=np.full((count, 6, 6), np.nan),
     )
 
 

@@ -111,6 +111,7 @@ def series(
         truth_position=placed,
         truth_rotation=rotation,
         lasting=np.zeros((1, 6, 6)),
+        common=np.zeros((1, 6, 6)),
     )
 
 
@@ -168,6 +169,7 @@ def test_covariances_between_targets_are_carried_to_the_pose(method: Method) -> 
     sigma = np.array([20e-6, 30e-6, 1e-3])
     root = rng.normal(size=(12, 12)) * np.tile(sigma, 4)[:, None] / 4.0
     shared = (root @ root.T).reshape(4, 3, 4, 3).transpose(0, 2, 1, 3)
+    by_calibration = shared.copy()
     alone = np.zeros((4, 4, 3, 3))
     alone[np.arange(4), np.arange(4)] = np.diag(sigma**2)
     alone[np.arange(4), np.arange(4), 0, 2] = alone[np.arange(4), np.arange(4), 2, 0] = 6e-9
@@ -175,7 +177,7 @@ def test_covariances_between_targets_are_carried_to_the_pose(method: Method) -> 
 
     def found(moved: np.ndarray, between: np.ndarray) -> PoseSeries:
         place = np.stack([theta, phi, r], axis=-1)[None] + moved
-        sighted = Interpolated(place, between[None], 0.5 * between[None])
+        sighted = Interpolated(place, between[None], 0.5 * between[None], root.reshape(1, 4, 3, -1))
         return pose_series("plate", points, np.zeros(1), sighted, axis_separation=0.05, method=method)
 
     base = found(np.zeros((4, 3)), alone)
@@ -196,6 +198,10 @@ def test_covariances_between_targets_are_carried_to_the_pose(method: Method) -> 
     scale = np.sqrt(np.diag(wanted))
     np.testing.assert_allclose((got.covariance[0] - wanted) / (scale[:, None] * scale), 0.0, atol=0.01)
     np.testing.assert_allclose(got.lasting, 0.5 * got.covariance, rtol=0.02, atol=1e-3 * got.covariance.max())
+    # Errors of the calibration come as a root of what they make of all targets.
+    wanted = np.einsum("iax,ijxy,jby->ab", gains, by_calibration, gains)
+    scale = np.sqrt(np.diag(wanted))
+    np.testing.assert_allclose((got.common[0] - wanted) / (scale[:, None] * scale), 0.0, atol=0.02)
 
 
 def test_what_two_objects_share_cancels_in_their_relative_pose() -> None:
@@ -203,7 +209,10 @@ def test_what_two_objects_share_cancels_in_their_relative_pose() -> None:
     a, b = series("a", [0.0, 0.0, 8.0], 0.0), series("b", [1.0, 0.0, 8.0], 0.0)
     gains = np.zeros((1, 1, 6, 3))
     gains[0, 0, 1, 1] = 8.0
-    common = Interpolated(np.zeros((1, 2, 3)), np.full((1, 2, 2, 3, 3), 1e-8), np.zeros((1, 2, 2, 3, 3)))
+    ones = np.full((1, 2, 3, 1), 1e-4)
+    common = Interpolated(
+        np.zeros((1, 2, 3)), np.full((1, 2, 2, 3, 3), 1e-8), np.zeros((1, 2, 2, 3, 3)), ones
+    )
     own = np.zeros((1, 6, 6))
     own[0, 1, 1] = 64.0 * 1e-8
     a, b = (replace(one, covariance=own, gains=gains) for one in (a, b))
@@ -216,6 +225,12 @@ def test_what_two_objects_share_cancels_in_their_relative_pose() -> None:
     assert relative_series(*unlike, mixed).covariance[0, 1, 1] == pytest.approx(
         (2.0 + 3.0 - 2.0) * 64.0 * 1e-8
     )
+    # So it is with errors of the calibration, which move both by 8 × 0.1 mm.
+    a, b = (replace(one, common=own) for one in (a, b))
+    assert relative_series(a, b).common[0, 1, 1] == pytest.approx(2.0 * 64.0 * 1e-8)
+    assert relative_series(a, b, common).common[0, 1, 1] == pytest.approx(0.0, abs=1e-15)
+    unlike_roots = replace(common, common=ones * np.array([1.0, 2.0])[:, None, None])
+    assert relative_series(a, b, unlike_roots).common[0, 1, 1] == pytest.approx((2.0 - 4.0) * 64.0 * 1e-8)
 
 
 def test_what_lasts_is_not_averaged() -> None:
@@ -229,6 +244,27 @@ def test_what_lasts_is_not_averaged() -> None:
     np.testing.assert_allclose(spread, wanted, rtol=1e-9)
     np.testing.assert_allclose(
         own_lasting(interpolate(time, place, stays, at)), wanted - 0.4 * alone, atol=1e-18
+    )
+
+
+def test_no_interpolation_makes_errors_of_the_calibration_smaller() -> None:
+    """Claim: what is interpolated has the K that both have; another K at the second one counts by its share."""
+    time, place, covariance, at = observations()
+    moved = np.arange(6.0).reshape(3, 2) * 1e-4 + np.zeros((*time.shape, 3, 2))
+    errors = replace(ErrorParts.all_white(covariance), common=moved)
+    found = interpolate(time, place, errors, at)
+    np.testing.assert_allclose(found.common, moved, rtol=1e-12)
+    np.testing.assert_array_equal(found.of([2, 0]).common, found.common[:, [2, 0]])
+    alone = interpolate(time, place, replace(errors, common=np.zeros((*time.shape, 3, 0))), at)
+    np.testing.assert_allclose(
+        found.lasting - alone.lasting, np.einsum("rtck,rudk->rtucd", moved, moved), rtol=1e-9, atol=1e-18
+    )
+    grown = replace(errors, common=moved * (1.0 + np.arange(len(time)))[:, None, None, None])
+    counted = interpolate(time, place + np.arange(len(time))[:, None, None], errors, at).position
+    np.testing.assert_allclose(
+        interpolate(time, place, grown, at).common,
+        (1.0 + counted - found.position)[..., None] * moved,
+        rtol=1e-9,
     )
 
 

@@ -121,6 +121,7 @@ def series() -> PoseSeries:
         chi2=np.array([3.0, 4.0]), dof=np.array([5, 6]), targets=np.array([7, 8]),
         status=np.array([0, 1], dtype=np.int8), truth_position=np.arange(6.0).reshape(2, 3) + 0.25,
         truth_rotation=rotation_from_vector(turns + 0.01), lasting=np.stack([positive(6, 3), positive(6, 4)]),
+        common=np.stack([positive(6, 5), positive(6, 6)]),
     )  # fmt: skip
 
 
@@ -142,6 +143,7 @@ def test_columns_of_poses_hold_what_their_names_say() -> None:
             label = f"cov_{names[i]}_{names[j]}_{unit}"
             np.testing.assert_array_equal(columns[label], one.covariance[:, i, j])
             np.testing.assert_array_equal(columns[f"lasting_{label}"], one.lasting[:, i, j])
+            np.testing.assert_array_equal(columns[f"common_{label}"], one.common[:, i, j])
     for name in ("chi2", "dof", "targets", "status"):
         np.testing.assert_array_equal(columns[name], getattr(one, name))
 

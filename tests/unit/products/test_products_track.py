@@ -186,12 +186,12 @@ def test_poses_are_read_as_they_were_written(track: Track, tmp_path: Path) -> No
         for name in ("time", "position", "chi2", "dof", "targets", "status", "truth_position"):
             np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
         # Quaternions round, and of a covariance the upper half is written.
-        for name in ("rotation", "truth_rotation", "covariance", "lasting"):
+        for name in ("rotation", "truth_rotation", "covariance", "lasting", "common"):
             np.testing.assert_allclose(getattr(one, name), getattr(two, name), rtol=1e-12, atol=1e-15)
     text = (tmp_path / "run" / "pose.csv").read_text().splitlines()
     assert text[0].startswith("time_s,object,method,x_m,y_m,z_m,qw,qx,qy,qz,cov_tx_tx_m2,")
     assert "cov_tx_rx_m_rad" in text[0]
-    assert text[0].endswith("lasting_cov_rz_rz_rad2")
+    assert text[0].endswith("common_cov_rz_rz_rad2")
     assert "cov_rz_rz_rad2,status,chi2,dof,targets,truth_x_m" in text[0]
 
 
