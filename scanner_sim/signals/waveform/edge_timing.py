@@ -22,6 +22,7 @@ from scanner_sim.signals.waveform.edges import Edges, EdgeTable, cross, edge_tab
 from scanner_sim.signals.waveform.filter import Noise, SampledPulse
 
 _FRACTION_NODES = 64
+_SUMMIT_NODES = 65
 _PHASES = 256
 _LEAST_SLOPE = 1e-6
 
@@ -134,7 +135,7 @@ class EdgeTiming:
             Sample, shift [sample] and its variance [sample²], height [digital number], and whether all went well.
         """
         three = three_samples(waveforms, peak, active)
-        position, height = vertex(*three)
+        position, height = self._summit(three)
         level = height * dr.opaque(auto.Float, self.fraction)
         edges = cross(waveforms, peak, level, active)
         at = dr.clip(edges.lead, 0.0, 1.0) * (_FRACTION_NODES - 1.001)
@@ -159,7 +160,7 @@ class EdgeTiming:
     def _fraction_table(self) -> Float:
         """Delay of the pulse behind its crossing of the fraction [sample], over the position between samples."""
         waveforms, truth, top = send_all_phases(self.pulse, self.photodiode, self.digitiser, _PHASES)
-        _, height = vertex(*three_samples(waveforms, top, top >= 0))
+        _, height = self._summit(three_samples(waveforms, top, top >= 0))
         edges = cross(waveforms, top, height * self.fraction, top >= 0)
         dr.eval(edges)
         lead = edges.lead.numpy().astype(np.float64)
@@ -167,6 +168,32 @@ class EdgeTiming:
         order = np.argsort(lead)
         nodes = np.linspace(0.0, 1.0, _FRACTION_NODES)
         return auto.Float(np.interp(nodes, lead[order], delay[order], period=1.0).astype(np.float32))
+
+    def _summit(self, three: tuple[Float, Float, Float]) -> tuple[Float, Float]:
+        """Return position [sample] and height of the peak by three samples about it, whichever is the highest.
+
+        Of a pulse that is no Gaussian :func:`vertex` tells other heights by the samples on one side than by those on
+        the other, and noise decides which are taken.
+        """
+        position, height = vertex(*three)
+        at = (position + 1.0) * (0.5 * _SUMMIT_NODES - 0.501)
+        first = auto.UInt32(at)
+        left, right = (dr.gather(auto.Float, self._summit_table, first + step) for step in (0, 1))
+        return position, height / dr.fma(at - auto.Float(first), right - left, left)
+
+    @cached_property
+    def _summit_table(self) -> Float:
+        """Height by :func:`vertex` over that of the pulse, for positions from −1 to 1 sample."""
+        waveforms, _, top = send_all_phases(self.pulse, self.photodiode, self.digitiser, _PHASES)
+        found = [
+            vertex(*three_samples(waveforms, auto.UInt32(auto.Int32(top) + step), top >= 0))
+            for step in (-1, 0, 1)
+        ]
+        position, height = (np.concatenate([each[part].numpy() for each in found]) for part in (0, 1))
+        inside, order = np.abs(position) < 1.0, np.argsort(position)
+        order = order[inside[order]]
+        share = np.interp(np.linspace(-1.0, 1.0, _SUMMIT_NODES), position[order], height[order])
+        return auto.Float((share / share[_SUMMIT_NODES // 2]).astype(np.float32))
 
     @cached_property
     def course(self) -> ShotCourse:

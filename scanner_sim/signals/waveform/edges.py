@@ -28,8 +28,8 @@ Array = NDArray[np.float64]
 
 _LARGEST = 1e6
 """Largest amplitude over the level in the table."""
-_AMPLITUDES, _PHASES, _FRACTIONS = 800, 192, 96
-_ROWS_PER_SAMPLE, _MOST_ROWS = 64, 4096
+_AMPLITUDES, _PHASES, _FRACTIONS = 800, 384, 384
+_ROWS_PER_SAMPLE, _MOST_ROWS = 512, 8192
 _MAX_STEPS = 4096
 
 
