@@ -88,4 +88,7 @@ def shot_covariance(lag: int, middle: Array, sigma: float, light: Callable[[Arra
     taps = colouring_taps(sigma)
     both = taps[: taps.size - lag] * taps[lag:]
     away = np.arange(both.size) - taps.size // 2
-    return np.asarray(sum(share * light(middle - 0.5 * lag - step) for share, step in zip(both, away, strict=True)))
+    found = np.zeros(middle.shape)
+    for share, step in zip(both, away, strict=True):
+        found += share * light(middle - 0.5 * lag - step)
+    return found
