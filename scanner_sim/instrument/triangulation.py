@@ -139,7 +139,7 @@ class Triangulation:
         return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
 
     def white(self, theta: Float, shots: Shots | None) -> tuple[Float, Float, Float]:
-        """Return the light of a white surface (:func:`~scanner_sim.instrument.expected_light.white_light`), and the sweep.
+        """Return :func:`~scanner_sim.instrument.expected_light.white_light`, and the sweep.
 
         Of what nobody knows where it moves, as a line that is measured by itself, the beam is taken to rest.
         """

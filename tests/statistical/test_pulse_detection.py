@@ -146,8 +146,8 @@ def pulls(
 ) -> tuple[np.ndarray, float]:
     """Return errors over σ of 40 000 pulses with all noise, converter and 30 nW of background; and 1/k² of the level.
 
-    ``level`` of the leading edge over the noise; by default its own. k is the level over the noise at the crossing, that
-    of the pulse's light included.
+    ``level`` of the leading edge over the noise; by default its own. k is the level over the noise at the crossing,
+    that of the pulse's light included.
     """
     diode = Photodiode()
     noise = noise_sigma(diode, CLOCK, 3e-8)

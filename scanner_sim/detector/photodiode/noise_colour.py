@@ -71,8 +71,8 @@ def shot_covariance(lag: int, middle: Array, sigma: float, light: Callable[[Arra
 
     The noise at the samples is that of :func:`colouring_taps` c behind white noise of the variance L at the samples'
     times: Σ_k c_k c_{k+lag} L(t − k) for the earlier one at t. For electronics that are slow against the samples it is
-    ∫ h(t − u) h(t + lag − u) L(u) du; at a standard deviation of 0.66 samples it is within 10 % of that about a pulse, and
-    far out on its skirts, where neighbours share less, by a quarter below.
+    ∫ h(t − u) h(t + lag − u) L(u) du; at a standard deviation of 0.66 samples it is within 10 % of that about a pulse,
+    and far out on its skirts, where neighbours share less, by a quarter below.
 
     Parameters
     ----------

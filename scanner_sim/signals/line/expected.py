@@ -138,7 +138,9 @@ class ExpectedSpot:
         """
         baseline, steep = beside(pixel, self.baseline, math.tan(STEEP_SWEEP))
         distance = self.range(pixel, sine, cosine)
-        magnification = self._position(pixel) * self.seen_at(pixel, cosine).stretch / (distance - baseline * sine)
+        magnification = (
+            self._position(pixel) * self.seen_at(pixel, cosine).stretch / (distance - baseline * sine)
+        )
         length = over(steep * magnification * distance, self.pitch) * self.sweep
         return length * length * (1.0 / 12.0)
 

@@ -47,9 +47,7 @@ def height_slopes(position: Float, height: Float, three: tuple[Float, Float, Flo
         0.5 * position * (position + 1.0),
     )
     least = dr.maximum(1e-3 * three[1], 1e-30)
-    return [
-        height * weight / dr.maximum(value, least) for weight, value in zip(weights, three, strict=True)
-    ]
+    return [height * weight / dr.maximum(value, least) for weight, value in zip(weights, three, strict=True)]
 
 
 def three_samples(waveforms: Waveforms, peak: UInt32, active: Mask) -> tuple[Float, Float, Float]:

@@ -25,7 +25,7 @@ Array = NDArray[np.float64]
 FormName: TypeAlias = Literal["position", "sigma"]
 
 LINE = 49
-"""Pixels of the judge's line: the 24 to each side that the program's fit reads at most, and so the core of a wider spot."""
+"""Pixels of the judge's line: the 24 to each side that the program's fit reads at most, the core of a wider spot."""
 FIT = "maximum_likelihood"
 
 

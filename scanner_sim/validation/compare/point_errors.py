@@ -129,7 +129,9 @@ def _predict_points(setting: ComparisonSetup) -> dict[str, Predicted]:
         per_pixel = closed.range_per_pixel(position.distance, position.theta)
         bias = -per_pixel * (systematic + seen.centre - seen.chief)
         p = seen.centre - closed.pixel(0.0)
-        accuracy = per_pixel * (lens_extent(setting, position) / 16.0 * p + position_rounding(setting, position))
+        accuracy = per_pixel * (
+            lens_extent(setting, position) / 16.0 * p + position_rounding(setting, position)
+        )
         if chosen.bias_correction == "computed":
             accuracy += per_pixel * _TABLE
         along = dict(
