@@ -24,9 +24,9 @@ _WIDEST_MASS = 1.3
 """That from which the seven pixels of the centre of mass cut the spot: they do not reach 2.7 of it."""
 _WIDEST_FIT = 8.0
 """That from which 24 pixels to each side do not reach three of it."""
-_FAR_OFF, _LOOKED_AT = 100.0, 65
 _FEW_GRAINS = 1.5
 """Standard deviation of the beam's image, in grains λN, below which it has few of them."""
+_FAR_OFF, _LOOKED_AT = 100.0, 65
 """Farthest range at which the speckle is looked at, over the nearest, and number of ranges."""
 
 _MOTION_INSTANTS = 257
