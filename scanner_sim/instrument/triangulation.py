@@ -139,10 +139,7 @@ class Triangulation:
         return dark_line(scanner.position_sensor, scenario.processing, scanner.dwell, self.spot, self.bias)
 
     def white(self, theta: Float, shots: Shots | None) -> tuple[Float, Float, Float]:
-        """Return :func:`~scanner_sim.instrument.expected_light.white_light`, and the sweep.
-
-        Of what nobody knows where it moves, as a line that is measured by itself, the beam is taken to rest.
-        """
+        """Return the light of a white surface, and the sweep; a line by itself is taken to be of a beam at rest."""
         seeds = None if shots is None else shots.seeds
         resting = shots is None and self.scenario.scan.even_travel is None
         sweep = 0.0 if resting else self.travel(shots)[0]
