@@ -41,7 +41,7 @@ _MARGIN = 4.0
 MOST_PIXELS = 24
 """Largest number of pixels to each side; wider spots are judged by their core."""
 _CURVATURE = 0.03
-"""Relative error of the curvature 1/(s² + 1/12) of a spot integrated over pixels, from s = 0.35 pixel."""
+"""Relative error of the curvature 1/(s² + 1/12) of a spot integrated over pixels, from s = 0.46 pixel."""
 _NOISE_ALLOWANCE = 3.0
 """Mean square of the residuals, over their variance, that noise alone hardly exceeds."""
 _SAWTOOTH = 1.0 / 12.0

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from claims import mean
 from scipy.stats import norm
 
 from scanner_sim.analytic import beam, estimators, noise, retroreflector, speckle, time_of_flight
@@ -194,3 +195,20 @@ def test_a_lens_beside_the_laser_sees_the_sheet_aslant() -> None:
     expected = float(retroreflector.intensity(sheet, delta)) * math.pi * 0.01**2 * math.cos(delta) * 0.7 * 3.0
     found = retroreflector.offset_power(2.0, 3.0, sheet, 2.0, 0.02, 0.7)
     assert float(found) == pytest.approx(expected / 8.0, rel=1e-6)
+
+
+def test_light_over_two_planes_goes_by_their_corner() -> None:
+    """Claim: from a plane at 5 m by a wall at x = 1 m no way is shorter than 5 m and that of the mirrored lens, √29 m;
+    the share is ∫ ρ²/π² cosθ₁ cosθ₂/r² cosθ₃ cosθ₄/b² dA over the wall, to 1e-4 by 200 × 200 sums of Gauss and 5 σ."""
+    rays, field = 40_000, 0.6
+    way, share = time_of_flight.corner_echoes([0, 0, 1, 5.0], [1, 0, 0, 1.0], 0.5, field, rays, 3)
+    seen = share > 0.0
+    assert 5.0 + math.sqrt(29.0) - 1e-9 <= way[seen].min() < 5.0 + math.sqrt(29.0) + 0.01
+    node, weight = np.polynomial.legendre.leggauss(200)
+    low = 1.0 / math.tan(field)
+    z, dz = low + 0.5 * (node[:, None] + 1.0) * (5.0 - low), 0.5 * (5.0 - low) * weight[:, None]
+    edge = np.sqrt((math.tan(field) * z) ** 2 - 1.0)
+    y, dy = edge * node, edge * weight
+    r, b = np.sqrt(1.0 + y**2 + (z - 5.0) ** 2), np.sqrt(1.0 + y**2 + z**2)
+    wanted = np.sum(0.25 / math.pi**2 * (5.0 - z) / r / r / r**2 * (1.0 / b) * (z / b) / b**2 * dy * dz)
+    assert mean(rays * share, float(wanted), slack=1e-4 * float(wanted))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from scanner_sim.calibration.adjustment import Unknowns, adjust
 from scanner_sim.calibration.network import Field, ScaleBars
 from scanner_sim.calibration.observability import correlations, unobserved
-from scanner_sim.calibration.starts import start_of
+from scanner_sim.calibration.starts import fit_board, start_of
 from scanner_sim.foundation.errors import InputError
 from scanner_sim.optics.parameters import INDEX
 from scanner_sim.ranging.believed import VoxelReadings
@@ -213,3 +214,15 @@ def test_a_station_that_sees_no_board_of_the_others_is_a_fault() -> None:
     few = np.flatnonzero((field.sightings.station != 2) | (np.arange(len(field.sightings)) % 9 == 0))
     with pytest.raises(InputError, match="station s2"):
         start_of(field.seeing(few))
+
+
+def test_a_board_that_is_bent_keeps_its_pose_and_tells_the_bend() -> None:
+    """Claim: corners of a square that lie by turns 2 mm before and behind it move no rigid motion; of the coordinates,
+    a third of which err, the misfit is 2 mm/√3."""
+    local = np.array([[0.2, 0.2, 0.0], [-0.2, 0.2, 0.0], [-0.2, -0.2, 0.0], [0.2, -0.2, 0.0]])
+    turn, place = Rotation.from_rotvec([0.3, -0.5, 0.2]).as_matrix(), np.array([0.4, -0.1, 5.0])
+    bent = local + np.outer([2e-3, -2e-3, 2e-3, -2e-3], [0.0, 0.0, 1.0])
+    rotation, position, misfit = fit_board(local, bent @ turn.T + place)
+    np.testing.assert_allclose(rotation, turn, atol=1e-9)
+    np.testing.assert_allclose(position, place, atol=1e-9)
+    assert misfit == pytest.approx(2e-3 / math.sqrt(3.0))

@@ -175,6 +175,20 @@ def test_readings_that_err_together_weigh_by_their_covariance() -> None:
     np.testing.assert_allclose(mixed.sightings.sigma, field.sightings.sigma, rtol=1e-12)
 
 
+def test_sightings_scatter_by_their_own_covariance_as_readings(folder: Path) -> None:
+    """Claim: root rootᵀ = J (C − pixels² of the range) Jᵀ, with J the slopes of the readings."""
+    setup = setup_of(folder)
+    table = exact(setup)
+    shape = np.array([[1e-5, 0.0, 0.0], [3e-6, 2e-5, 0.0], [1e-4, -2e-4, 8e-4]])
+    pixels = np.linspace(1e-4, 5e-4, len(table.position))
+    covariance = np.tile(shape @ shape.T, (len(pixels), 1, 1))
+    covariance[:, 2, 2] += pixels**2
+    root = field_of(setup, replace(table, covariance=covariance, pixels=pixels)).sightings.root
+    slopes = reading_slopes(setup.design, setup.by, table.position)
+    for made, slope in zip(root, slopes, strict=True):
+        np.testing.assert_allclose(made @ made.T, slope @ shape @ shape.T @ slope.T, rtol=1e-6, atol=1e-18)
+
+
 def test_exact_sightings_leave_an_instrument_as_designed(folder: Path) -> None:
     setup = setup_of(folder, ("survey: 0.1 mm", "survey: 0 mm"))
     found = self_calibrate(setup, exact(setup))

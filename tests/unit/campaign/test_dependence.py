@@ -59,6 +59,8 @@ def test_gaps_of_a_block_are_no_change() -> None:
     values[at > 0.6, 0] = np.nan
     found = by_bin("a", "m", at, values, np.zeros((60, 0)))
     assert found.change < 0.5
+    np.testing.assert_array_equal(found.points[0], at)
+    assert np.abs(found.points[1]).max() < 0.5
 
 
 def test_a_change_is_found_with_its_size() -> None:

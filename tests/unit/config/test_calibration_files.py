@@ -56,6 +56,18 @@ def test_a_file_gives_values_and_covariance(tmp_path: Path) -> None:
     assert found.root.shape == (len(NAMES), 2)
 
 
+@pytest.mark.parametrize(("apart", "errors"), [(1e-7, 2), (1e-15, 1)])
+def test_what_is_nearly_one_combination_keeps_what_rounding_leaves_of_it(apart: float, errors: int) -> None:
+    """Claim: of two parameters of correlation 1 − a the difference keeps its variance 2 a σ² unless a is rounding."""
+    covariance = np.zeros((len(NAMES), len(NAMES)))
+    pair = np.ix_(*2 * ([INDEX["base"], INDEX["theta_zero"]],))
+    covariance[pair] = 9e-12 * np.array([[1.0, 1.0 - apart], [1.0 - apart, 1.0]])
+    root = Calibration(np.zeros(len(NAMES)), covariance, design_of(SCANNER)).root
+    assert root.shape == (len(NAMES), errors)
+    difference = root[INDEX["base"]] - root[INDEX["theta_zero"]]
+    assert difference @ difference == pytest.approx(2.0 * apart * 9e-12, rel=1e-6, abs=1e-25)
+
+
 def test_what_is_written_is_read_back(tmp_path: Path) -> None:
     random = np.random.default_rng(2)
     values, root = 1e-4 * random.standard_normal(len(NAMES)), 1e-5 * random.standard_normal((len(NAMES), 4))

@@ -291,3 +291,7 @@ def test_packets_fill_the_pupil_and_those_at_its_edge_count_in_part() -> None:
     wide, tall = packets_of(optics, 4.0, 1.0, SHARP), packets_of(optics, 1.0, 4.0, SHARP)
     assert wide.energy == pytest.approx(tall.energy)
     assert wide.sigma > tall.sigma
+
+
+def test_an_array_is_as_long_as_all_its_pixels() -> None:
+    assert sensor(pixels=96, pitch=10e-6).length == pytest.approx(0.96e-3, rel=1e-12)

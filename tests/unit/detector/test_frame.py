@@ -125,6 +125,15 @@ def test_a_settled_control_has_its_target() -> None:
         assert level == pytest.approx(0.7, rel=1e-4)
 
 
+def test_full_pixels_count_as_full_to_the_control() -> None:
+    """Claim: with half of the pixels full, at half of the converter's range, the others reach 0.2 of it for 0.35."""
+    well = FrameSensor(**EVEN).full_well
+    sensor = FrameSensor(**{**EVEN, "bits": 12, "black_level": 0, "gain": 2.0 * well / 4095.0})
+    light = np.repeat([1e4 * well, 0.4 * well / 0.01], 50).reshape(10, 10)
+    control = AutomaticExposure(type="automatic", measure="mean", target=0.35)
+    assert control.settled(sensor, light) == pytest.approx(0.01, rel=1e-4)
+
+
 def test_strewn_light_falls_where_it_is_said() -> None:
     glare = Glare(veil=0.1, width=2.0, ghost=0.01)
     point = np.zeros((101, 121))

@@ -97,6 +97,20 @@ def test_a_scene_beyond_the_ambiguity_range_is_doubted() -> None:
     assert "149.9 m" in next(pulse.range_warnings(151.0))
 
 
+def test_a_record_must_hold_a_pulse_and_four_samples(device: Device) -> None:
+    """Claim: of records some 13 samples apart those are refused that leave less than four beside a pulse."""
+    pulse, taken, refused = Pulse(width=16e-9), {}, []
+    for far in (4.0, 6.0, 8.0, 14.0):
+        digitiser = Digitiser(rate=1e9, gate=(0.5, far))
+        try:
+            taken[digitiser.samples] = PulseDetector(pulse, Photodiode(), digitiser, PulseDetection()).half
+        except InputError:
+            refused.append(digitiser.samples)
+    (half,) = set(taken.values())
+    assert 0 < max(refused) < 2 * half + 4 <= min(taken)
+    assert min(taken) - max(refused) < 20
+
+
 def test_a_level_beyond_the_saturation_is_refused(device: Device) -> None:
     detection = PulseDetection(timing="leading_edge", level=1e-3)
     with pytest.raises(InputError, match="not below the saturation"):

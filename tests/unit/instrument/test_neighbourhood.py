@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -153,3 +154,24 @@ def test_encoders_are_known_as_at_the_time_of_their_shots(monkeypatch: pytest.Mo
     monkeypatch.setattr(neighbourhood, "raster_aim", noted)
     neighbourhood._fuse_again(scenario(), part, rows, columns)
     assert asked[0].tolist() == [row * COLUMNS + column for row in (2, 4) for column in (1, 3, 7)]
+
+
+@pytest.mark.parametrize("sigma", [1.0, 1e-6])
+def test_speckle_is_shared_as_energy_and_as_place_within_what_is_stated(
+    monkeypatch: pytest.MonkeyPatch, sigma: float
+) -> None:
+    """Claim: of speckle's variance a quarter, which lies on the surface, is shared as the centroid is, the rest as the
+    energy; sweeps leave 0.5 and 0.8 of them; all together is σ², of which speckle makes no more than there is."""
+    packets = SimpleNamespace(ratio=0.5, sigma=2.0, energy=0.1, on_surface=0.25)
+    monkeypatch.setattr(neighbourhood, "_packets", lambda *_: (packets, (0.8, 0.5)))
+    monkeypatch.setattr(neighbourhood, "_contrast", lambda _: 0.7)
+    known, reach = scenario(), np.full((1, 1), R)
+    raster = Raster(reach, reach, reach, reach)
+    found = neighbourhood._range_noise(known, reach, np.full((1, 1), sigma), raster)
+    parts = [float(part[0, 0]) for part in (found.own, found.energy, found.position)]
+    assert sum(parts) == pytest.approx(sigma**2)
+    assert parts[1] / parts[2] == pytest.approx(0.75 * 0.8 / (0.25 * 0.5))
+    receiver, pitch = known.scanner.receiver, known.scanner.position_sensor.pitch
+    pixel = R**2 * pitch / (receiver.focal_length * receiver.baseline)
+    speckle = (0.7 * pixel) ** 2 * 0.1 * (0.75 * 0.8 + 0.25 * 0.5)
+    assert parts[1] + parts[2] == pytest.approx(min(speckle, sigma**2))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from scanner_sim.instrument.closed_loop.situation import Situation
 from scanner_sim.instrument.closed_loop.windows import Windows, _span
-from scanner_sim.instrument.time_slots import TimeSlots
+from scanner_sim.instrument.time_slots import TimeSlots, angles_moved
 from scanner_sim.instrument.triangulation import Triangulation
 from scanner_sim.optics.line_image import sharp_everywhere
 from scanner_sim.render.device import Device
@@ -150,3 +150,17 @@ def test_another_sky_or_another_place_is_rendered_anew_and_the_same_is_not(windo
     assert windows.rendered == 1
     windows.layers(windows.key(aim(), Situation(ITEMS, ITEMS, Sky())))
     assert windows.rendered == 2
+
+
+def test_corners_move_by_the_angle_at_the_scanner() -> None:
+    """Claim: a corner at (1, 0, 0) of a frame 5 m away that turns by 90° about z goes from (1, 0, 5) to (0, 2, 5) if
+    the frame moves by 1 m along y meanwhile: √5 m at a distance of √29 m."""
+    before, after = np.tile(np.eye(4), (2, 1, 1, 1))
+    before[0, 2, 3] = 5.0
+    after[0] = [[0.0, -1.0, 0.0, 0.0], [1.0, 0.0, 0.0, 1.0], [0.0, 0.0, 1.0, 5.0], [0.0, 0.0, 0.0, 1.0]]
+    corners = np.zeros((3, 8))
+    corners[0, 0] = 1.0
+    moved = angles_moved(corners, before, after)
+    assert moved.shape == (1, 8)
+    assert moved[0, 0] == pytest.approx(math.sqrt(5.0 / 29.0))
+    np.testing.assert_allclose(moved[0, 1:], 1.0 / math.sqrt(26.0))

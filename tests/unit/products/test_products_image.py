@@ -68,6 +68,15 @@ def assert_same(one: RangeImage, other: RangeImage) -> None:
 
 
 class TestImage:
+    def test_its_text_tells_the_ends_and_the_median_in_their_units(self) -> None:
+        """Claim: nearest and farthest valid range in m, and the middle of their σ, from 1 to 2 mm, in mm."""
+        image = make_image()
+        valid = image["status"] == 0
+        near, far = np.sort(image["range_m"][valid])[[0, -1]]
+        sigma = np.sort(image["sigma_range_m"][valid])
+        middle = 0.5 * (sigma[(len(sigma) - 1) // 2] + sigma[len(sigma) // 2])
+        assert f", from {near:.4g} m to {far:.4g} m, median σ {middle / 1e-3:.3g} mm" in repr(image)
+
     def test_layers_cannot_be_written_to_and_are_not_copies(self) -> None:
         own = {name: np.array(layer) for name, layer in make_image().channels.items()}
         image = replace(make_image(), channels=own)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scanner_sim.foundation.status import Status
 from scanner_sim.ranging.mixed_voxels import is_faint, is_mixed
 from scanner_sim.ranging.shared_noise import SharedNoise
-from scanner_sim.ranging.uneven import Raster, relief, texture
+from scanner_sim.ranging.uneven import Raster, is_rugged, relief, texture
 
 Array = NDArray[np.float64]
 
@@ -65,6 +65,17 @@ def test_a_parabola_bends_by_its_second_difference(swept: bool) -> None:
     found = relief(ranges, noise(), NONE, raster(pitch, swept), NOWHERE)
     spot = SPOT * math.sqrt(1.0 + pitch**2 / 12.0) if swept else SPOT
     np.testing.assert_allclose(found[2:-2, 4:-4], 0.3 * spot * curvature * pitch * SPOT, rtol=1e-6)
+
+
+def test_bends_are_certain_only_over_two_spots() -> None:
+    """Claim: second differences 2e-4 k² over k voxels reach 5 √6 σ = 1.2e-3 at k = 3, which is looked at where voxels
+    are half a spot apart, and not where they are three apart."""
+    at = np.arange(21.0)
+    ranges = np.tile(5.0 + 0.5 * 2e-4 * at**2, (9, 1))
+    step = (NONE + np.where(at < 10.0, 0.5, 3.0)) * SPOT
+    found = is_rugged(ranges, noise(1e-8), Raster(step, step, NONE + SPOT, NONE))
+    assert found[:, 4:9].all()
+    assert not found[:, 12:].any()
 
 
 def test_a_step_counts_two_fifths() -> None:

@@ -6,6 +6,7 @@ import math
 from types import SimpleNamespace
 from typing import Any
 
+import drjit as dr
 import mitsuba
 import numpy as np
 import pytest
@@ -90,3 +91,35 @@ def test_between_rows_the_background_is_interpolated(device: Device, row: float,
     panorama = Panorama(view, layer, layer, layer, layer)
     found = panorama.look(layer, mi.Float(row), mi.Float(1.0))
     assert float(found[0]) == pytest.approx(wanted, rel=1e-6)
+
+
+def test_paths_of_a_lane_leave_their_extremes_their_sum_and_the_first_surface(
+    device: Device, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Claim: of direct light 3, 1, 2 (and 4, 6, 5) the least is 1 (4) and the most 3 (6); the indirect adds up."""
+    from scanner_sim.render.background import paths
+
+    mi: Any = mitsuba
+
+    def trace(loaded: Any, light: Any, bounces: int, origin: Any, *rest: Any) -> tuple[Any, Any]:
+        own = paths.Radiance(origin.x, 0.0 * origin.x, 10.0 * origin.x, 100.0 * origin.x)
+        return own, paths.FirstHit(mi.UInt32(origin.y), mi.Vector3f(origin.y), mi.Vector3f(origin.x))
+
+    def view(number: Any) -> tuple[Any, Any, Any]:
+        direct = mi.Float([3.0, 4.0]) + dr.select(number == 1, mi.Float([-2.0, 2.0]), 0.0)
+        direct += dr.select(number == 2, mi.Float([-1.0, 1.0]), 0.0)
+        return mi.Vector3f(direct, mi.Float(number) + 7.0, 0.0), None, None
+
+    monkeypatch.setattr(paths, "trace_paths", trace)
+    loaded: Any = SimpleNamespace(bodies=())
+    light: Any = None
+    sums, first = paths.sum_paths(loaded, light, 1, view, mi.Bool([True, True]), mi.UInt32(3))
+    for part, wanted in (
+        (sums.least, [1.0, 4.0]),
+        (sums.most, [3.0, 6.0]),
+        (sums.indirect, [60.0, 150.0]),
+        (sums.indirect_out, [600.0, 1500.0]),
+        (first.material, [7, 7]),
+        (first.point.x, [3.0, 4.0]),
+    ):
+        np.testing.assert_allclose(part.numpy(), wanted)

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from scanner_sim import load_scenario
 from scanner_sim.cli import app
 from scanner_sim.instrument.scene_warnings import scene_warnings
+from scanner_sim.render import interpenetration
 from scanner_sim.render.interpenetration import Interpenetration, interpenetrations
 from scanner_sim.scene.files.loader import load_scene
 from scanner_sim.scene.objects import Scene
@@ -145,3 +146,13 @@ def test_check_and_run_tell_it(small_scenario: str, tmp_path: Path) -> None:
             told = CliRunner().invoke(app, [verb, str(tmp_path / "small.yaml"), *change, *more, *overwrite])
             assert told.exit_code == 0, told.output
             assert " ".join(told.stderr.split()).count("'wall' and 'ball' stand in one another") == times
+
+
+def test_a_point_behind_more_surfaces_than_are_looked_through_is_left_out(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Claim: a ball 0.2 m deep in a box is found where nine surfaces may be passed, and not where one may."""
+    deep = BALL | {"position": (0, 0, 8.7)}
+    for most, count in ((9, 1), (1, 0)):
+        monkeypatch.setattr(interpenetration, "_MOST_SURFACES", most)
+        assert len(found(BOX, deep)) == count

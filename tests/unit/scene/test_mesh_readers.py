@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import math
 import struct
 import zipfile
 from pathlib import Path
@@ -15,6 +16,7 @@ import pytest
 import trimesh
 
 from scanner_sim.foundation.errors import InputError
+from scanner_sim.scene.files import gltf_files
 from scanner_sim.scene.files.file_meshes import FileMesh
 from scanner_sim.scene.files.gltf_geometry import triangles_of
 from scanner_sim.scene.files.mesh_cleaning import cleaned
@@ -216,7 +218,7 @@ def test_obj_with_odd_normals_has_parts_by_name(tmp_path: Path) -> None:
     assert mesh.triangles.normals is None
     said = "; ".join(mesh.notes)
     assert "normal" in said
-    assert "fewer than three corners" in said
+    assert "1 × face of fewer than three corners: left out" in said
 
 
 def test_stl_solids_are_parts(tmp_path: Path) -> None:
@@ -321,3 +323,10 @@ def test_the_files_of_a_mesh_are_known(tmp_path: Path) -> None:
     written(tmp_path, "a.bin", b"\0")
     text = json.dumps(gltf(buffers=[{"byteLength": 1, "uri": "a.bin"}]))
     assert files_of_mesh(written(tmp_path, "a.gltf", text)) == {tmp_path / "a.bin"}
+
+
+def test_a_gltf_node_scales_then_turns_then_moves() -> None:
+    """Claim: (1, 1, 1) scaled by 2, 3, 4, turned by 90° about z and moved by 1 along x comes to (−2, 2, 4)."""
+    half = math.sqrt(0.5)
+    node = {"scale": [2.0, 3.0, 4.0], "rotation": [0.0, 0.0, half, half], "translation": [1.0, 0.0, 0.0]}
+    np.testing.assert_allclose(gltf_files._matrix(node) @ np.ones(4), [-2.0, 2.0, 4.0, 1.0], atol=1e-12)

@@ -178,6 +178,7 @@ def test_moves_hold_from_their_times_on() -> None:
     np.testing.assert_allclose(poses[:, 0, 3], [0.5, 1.25, 9.0])
     turned = 0.5 * math.pi + 0.05
     np.testing.assert_allclose(poses[2, :2, 0], [math.cos(turned), math.sin(turned)], atol=1e-12)
+    np.testing.assert_allclose(poses[:2, :3, :3], np.tile(np.eye(3), (2, 1, 1)), atol=1e-15)
     before = read({"type": "moves", "moves": [first], "before": {"type": "twist", "velocity": (0, 2, 0)}})
     np.testing.assert_allclose(
         before.scanner_from_object([0.5, 1.0], np.eye(4))[:, :3, 3], [[0, 1, 0], [1, 0, 5]]

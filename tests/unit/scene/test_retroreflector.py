@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -190,3 +191,12 @@ def test_back_of_a_sheet_and_light_from_below_are_dark(device: Any) -> None:
         found, density = bsdf.eval_pdf(mi.BSDFContext(), si, mi.Vector3f(0.0, 0.0, wo))
         assert found[0][0] == 0.0
         assert density[0] == 0.0
+
+
+def test_renderer_and_scenario_have_the_same_sheet_by_default(device: Any) -> None:
+    import mitsuba as mi
+
+    bsdf, lobe = mi.load_dict({"type": "retroreflector"}), RetroLobe()
+    assert lobe.half_width == pytest.approx(math.radians(0.35))
+    found = [float(np.ravel(np.asarray(part))[0]) for part in (bsdf.half_width, bsdf.retro_share)]
+    assert found == pytest.approx([lobe.half_width, lobe.retro_share])

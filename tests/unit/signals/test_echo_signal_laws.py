@@ -29,7 +29,7 @@ from scanner_sim.scan.protocol import Aim
 from scanner_sim.signals.waveform.calibration import peak_of, send
 from scanner_sim.signals.waveform.detection import PulseDetector
 from scanner_sim.signals.waveform.edge_noise import ShotCourse, Tap, delay_variance
-from scanner_sim.signals.waveform.edge_timing import vertex
+from scanner_sim.signals.waveform.edge_timing import three_samples, vertex
 from scanner_sim.signals.waveform.edges import _send_pulses, cross
 from scanner_sim.signals.waveform.filter import (
     MatchedFilter,
@@ -123,12 +123,27 @@ def test_a_timing_filter_is_blind_to_height_and_tells_delay_one_to_one() -> None
     made = MatchedFilter.of(response, Noise(coloured=1.0, white=0.1, per_current=0.0, sigma=0.66))
     pulse = SampledPulse(response, 0.66)
     away = np.arange(-made.half, made.half + 1.0)
+    assert made.search @ pulse.values(away) == pytest.approx(1.0)
     for phase, taps in zip(np.arange(-64, 65) / 64, made.shift, strict=True):
         shape = pulse.values(away - phase)
         slope = (pulse.values(away - phase - 1e-3) - pulse.values(away - phase + 1e-3)) / 2e-3
         assert taps @ shape == pytest.approx(0.0, abs=1e-6)
         assert taps @ slope == pytest.approx(1.0, rel=2e-3)
         assert made.amplitude[round(64 * phase) + 64] @ shape == pytest.approx(1.0, rel=1e-9)
+
+
+def test_a_pulse_is_heard_down_to_a_share_of_its_peak() -> None:
+    """Claim: a Gaussian of 10 samples falls to 1e-4 of its peak at 10 √(2 ln 1e4) = 42.9, and to half over 23.5."""
+    pulse = SampledPulse(PulseResponse(64.0), 6.0)
+    assert pulse.half == 43 + 2
+    assert pulse.width == pytest.approx(20.0 * math.sqrt(2.0 * math.log(2.0)), abs=0.1)
+
+
+def test_nothing_of_a_pulse_arrives_outside_of_its_span() -> None:
+    """Claim: less than 1e-9 of pulses of 3, smoothed by 4 samples, is left outside of either end."""
+    low, high = PulseResponse(9.0).span(16.0)
+    assert high == -low
+    assert norm.sf(high / 5.0) < 1e-9
 
 
 @pytest.mark.parametrize("neighbour", [0.3, -0.2, 0.8])
@@ -160,6 +175,12 @@ class Records:
 
     def address(self, sample: Any, place: Any) -> Any:
         return place * self.samples + sample
+
+
+def test_each_record_has_its_own_three_samples_about_its_own_peak() -> None:
+    records: Any = Records(np.arange(12.0).reshape(2, 6))
+    found = three_samples(records, auto.UInt32([1, 4]), auto.Bool([True, True]))
+    assert [part.numpy().tolist() for part in found] == [[0.0, 9.0], [1.0, 10.0], [2.0, 11.0]]
 
 
 def test_a_level_is_crossed_on_chords_between_samples() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import drjit as dr
@@ -25,7 +26,7 @@ from scanner_sim.signals.line.bias import Bias, _Template
 from scanner_sim.signals.line.bias_table import BiasTable
 from scanner_sim.signals.line.calibration import SensorCalibration
 from scanner_sim.signals.line.digital_line import Baseline, baseline_beside, no_baseline
-from scanner_sim.signals.line.estimators import estimate
+from scanner_sim.signals.line.estimators import _curvature_inflation, estimate
 from scanner_sim.signals.line.expected import ExpectedSpot
 from scanner_sim.signals.line.likelihood import Width, inverse_of
 from scanner_sim.signals.line.validation import _fit, _quantile, judge_shape, white_charge
@@ -112,6 +113,31 @@ def test_a_correction_is_taken_off_and_stretches_the_error(device: Device) -> No
     found = estimate("gaussian", around, width, lambda position, _: (0.1 * position, auto.Float(0.1)))
     assert number(found.shift) == pytest.approx(0.9 * number(plain.shift), rel=1e-5)
     assert number(found.variance) == pytest.approx(0.81 * number(plain.variance), rel=1e-5)
+
+
+@pytest.mark.parametrize("method", ["parabola", "gaussian"])
+def test_noise_of_the_curvature_widens_a_vertex(device: Device, method: Any) -> None:
+    """Claim: 1/(1 − var B/B²), B = 2 f₀ − f₋₁ − f₁ of charges or their logarithms, with the noise of pixels and of
+    speckle, each at its own step: here speckle's share grows to one side."""
+    charge, variance = np.array([1e4, 3e4, 2.5e4]), np.array([1e5, 2e5, 4e5])
+    share = np.array([1e-3, 2e-3, 3e-3])
+
+    def speckle(slopes: Any, charges: Any, shift: Any) -> Any:
+        return sum(share[step + 1] * dr.square(slopes[step] * charges[step]) for step in (-1, 0, 1))
+
+    def around(step: int) -> Any:
+        return auto.Float(charge[step + 1]), auto.Float(variance[step + 1])
+
+    pixels: Any = around
+    pixels.floor_sigma = auto.Float(1.0)
+    known: Any = SimpleNamespace(propagated_variance=speckle)
+    found = _curvature_inflation(method, pixels, auto.Float(0.2), known)
+    point, slope = (charge, 1.0) if method == "parabola" else (np.log(charge), 1.0 / charge)
+    slopes = np.array([-1.0, 2.0, -1.0]) * slope
+    noise = np.sum(slopes**2 * variance) + np.sum(share * (slopes * charge) ** 2)
+    curvature = 2.0 * point[1] - point[0] - point[2]
+    assert float(found[0]) == pytest.approx(1.0 / (1.0 - noise / curvature**2), rel=1e-5)
+    assert noise / curvature**2 > 1e-4
 
 
 def test_a_window_that_may_stand_at_two_places_adds_their_scatter(device: Device) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from types import SimpleNamespace
 from typing import Any
 
 import drjit.auto.ad as auto
 import numpy as np
 import own_estimators
 import pytest
+from prototype import Digitiser, Photodiode, Pulse
 from scipy.special import ndtr
 
 from scanner_sim import InputError, ScenarioError, load_scenario, register_peak, register_pulse, simulate
@@ -18,13 +20,14 @@ from scanner_sim.config import resolved_yaml, scenario_from_text
 from scanner_sim.detector.photodiode.pulse_response import PulseResponse
 from scanner_sim.foundation.status import Status
 from scanner_sim.instrument.instrument import Instrument
-from scanner_sim.optics.pulse import Pulse
+from scanner_sim.render.device import Device
 from scanner_sim.signals.line.own_peak import KnownLines
 from scanner_sim.signals.own import estimated
 from scanner_sim.signals.processing import PEAKS
+from scanner_sim.signals.waveform.detection import PulseDetector
 from scanner_sim.signals.waveform.filter import Noise, SampledPulse, moments_of
 from scanner_sim.signals.waveform.own_pulse import KnownRecords
-from scanner_sim.signals.waveform.settings import PULSES
+from scanner_sim.signals.waveform.settings import PULSES, PulseDetection
 
 
 @pytest.fixture(autouse=True)
@@ -239,3 +242,18 @@ def test_the_numbers_given_are_the_instruments(small_scenario: str) -> None:
     np.testing.assert_allclose(steps, np.rint(steps), atol=1e-6)
     np.testing.assert_allclose(np.sort(image["peak_px"].ravel()), np.sort(
         own_estimators.centroid(seen["lines"], known)[0]), rtol=2.0**-23)  # fmt: skip
+
+
+def test_a_delay_is_a_sample_and_a_fraction_from_the_start(device: Device) -> None:
+    """Claim: 12.75 and 30.25 samples after the record's start are kept to single precision, σ in samples."""
+    digitiser = Digitiser(rate=1e9)
+    made = PulseDetector(Pulse(), Photodiode(), digitiser, PulseDetection())
+
+    def mine(records: Any, known: Any) -> Any:
+        return known.time[0] + np.array([12.75, 30.25]) / 1e9, np.full(2, 2e-10), np.zeros(2, dtype=int)
+
+    count = digitiser.samples
+    records: Any = SimpleNamespace(shots=2, samples=count, records=lambda: np.zeros((2, count), np.float32))
+    found = made._detect_by(mine, records, auto.Float([1e-12, 1e-12]))
+    np.testing.assert_allclose(found.sample.numpy() + found.fraction.numpy(), [12.75, 30.25], rtol=1e-6)
+    np.testing.assert_allclose(found.sigma.numpy(), 0.2, rtol=1e-6)

@@ -305,3 +305,12 @@ def test_patterns_are_measured_together_as_each_alone(kind: str, separation: flo
             "found",
         ):
             np.testing.assert_array_equal(getattr(many, name)[position], getattr(one, name)[0], err_msg=name)
+
+
+def test_a_voxel_without_a_range_leaves_the_others_theirs() -> None:
+    """Claim: NaN for the range of every ninth voxel leaves the range of the disc to the others, to 1e-5 m."""
+    reach = DISTANCE / np.cos(off())
+    gaps = np.where(np.arange(len(reach)) % 9 == 0, np.nan, reach)
+    whole, found = seen(voxels(reach)), seen(voxels(gaps))
+    assert np.isfinite(found.position).all()
+    np.testing.assert_allclose(found.position, whole.position, atol=1e-5)

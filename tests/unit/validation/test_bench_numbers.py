@@ -11,6 +11,7 @@ import pytest
 from scanner_sim import load_scenario
 from scanner_sim.validation.compare import test_bench as stand
 from scanner_sim.validation.compare.closed_forms import ClosedForms
+from scanner_sim.validation.compare.mixed_scenes import MixedScene, _stripes
 
 SCAN = {"rows": 2, "columns": 2, "horizontal": (-0.1, 0.1), "vertical": (-0.1, 0.1)}
 
@@ -34,3 +35,24 @@ def test_lens_and_filter_both_take_light(filter_: Any, passed: float) -> None:
     scanner = {"receiver": {"transmission": 0.6}, "filter": filter_}
     scenario = load_scenario({"schema": 1, "scan": SCAN, "scanner": scanner})
     assert ClosedForms(scenario).peak_transmission == pytest.approx(passed)
+
+
+def test_stripes_stand_side_by_side_and_are_as_wide_as_drawn() -> None:
+    """Claim: each is from 10 to 12 mm wide and begins where the last one ends, and together they are wider than the
+    field, on a board that is turned."""
+    scene = MixedScene("stripes", 3, tilt=0.4, widths=(10e-3, 12e-3))
+    items: Any = _stripes(np.random.default_rng(1), scene)
+    width, height = np.array([item["size"] for item in items]).T
+    x, y, z = np.array([item["position"] for item in items]).T
+    assert 10e-3 <= width.min() < 10.5e-3 < 11.5e-3 < width.max() <= 12e-3
+    along = np.hypot(x[1:] - x[:-1], z[1:] - z[:-1])
+    np.testing.assert_allclose(along, 0.5 * (width[1:] + width[:-1]), rtol=1e-9)
+    tilt, turn = (part["angle"] for part in items[0]["rotation"])
+    np.testing.assert_allclose((scene.distance - z) * np.cos(turn), x * np.sin(turn), atol=1e-12)
+    field = 2.0 * scene.half * scene.distance
+    assert x[0] < -0.5 * field
+    assert x[-1] > 0.5 * field
+    assert (height * np.cos(tilt) > field).all()
+    assert not y.any()
+    bright = [item["material"]["reflectance"] for item in items]
+    assert bright[:4] == [0.05, 0.8, 0.05, 0.8]

@@ -15,7 +15,7 @@ from scanner_sim.analytic.echo_budget import EchoInstrument
 from scanner_sim.analytic.spot import share_within_height
 from scanner_sim.foundation.constants import PLANCK, SPEED_OF_LIGHT
 from scanner_sim.foundation.frames import rotation_about
-from scanner_sim.validation.compare import light, noise, pulses, shape
+from scanner_sim.validation.compare import coverage, light, noise, pulses, shape, time_walk
 from scanner_sim.validation.compare import test_bench as stand
 from scanner_sim.validation.compare.closed_forms import ClosedForms, EstimatorForms
 from scanner_sim.validation.compare.comparison_setup import ComparisonSetup, FlatTarget
@@ -245,6 +245,22 @@ def test_sunlight_behind_the_filter_counts_photons() -> None:
     assert band.counted(1.5e-6, (0.9e-6, 1.7e-6), 0.0, 5770.0) == pytest.approx(wanted, rel=1e-6)
 
 
+def test_sunlight_counts_against_the_laser_where_it_drifted_to() -> None:
+    """Claim: a line at the half maximum of the filter, 30 nm off, has half the light, beside which sunlight doubles."""
+
+    def told(drift: float) -> EchoInstrument:
+        scanner = {
+            "laser": {"drift": drift},
+            "filter": {"bandwidth": 60e-9, "shape": "cavities", "blocking": 0.0},
+        }
+        lit = {"sun": {"direction": (0.0, 0.0, -1.0)}}
+        return echo_instrument_of(setting(ranging="tof", scanner=scanner, lighting=lit).scenario, GREY)
+
+    usual, off = told(0.0), told(30e-9)
+    assert off.transmission == pytest.approx(0.5 * usual.transmission)
+    assert off.sunlight == pytest.approx(2.0 * usual.sunlight)
+
+
 def test_an_echo_has_its_peak_and_the_dark_its_noise() -> None:
     """Claim: E ρ A T/(π R²) over √(2π) times the width of pulse and electronics, times M R₀; noise i²B and step²/12."""
     told = setting(ranging="both")
@@ -292,3 +308,46 @@ def test_echoes_are_of_light_to_which_the_photodiode_responds() -> None:
     dark = dataclasses.replace(seeing, scenario=unlit)
     assert pulses.echo_peak(dark, R, GREY) == 0.0
     assert echo_instrument_of(dark.scenario, GREY).transmission == 0.0
+
+
+def test_plates_of_a_walk_return_a_ratio_of_the_level(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Claim: with echoes of 8e-5 ρ/R² A the level is a sixteenth of a white plate's at the farthest place, or of half
+    the saturation where that is less; at every place the reflectance makes the echo ``ratio`` times as high."""
+    monkeypatch.setattr(time_walk, "echo_peak", lambda _, distance, rho: 8e-5 * rho / distance**2)
+    monkeypatch.setattr(time_walk, "echo_range", lambda _: R)
+    known = setting()
+    places = np.array(time_walk._walk_ranges(known))
+    step = 0.5 * SPEED_OF_LIGHT / known.scenario.scanner.lidar.digitiser.rate
+    np.testing.assert_allclose(places, R + step * ((np.arange(8) + 0.5) / 8.0 - 0.5))
+    saturation = known.scenario.scanner.lidar.photodiode.saturation
+    level = min(8e-5 / places[-1] ** 2, 0.5 * saturation) / 16.0
+    for ratio in (2.0, 16.0):
+        reflectance = np.array(time_walk._walk_reflectances(known, ratio))
+        np.testing.assert_allclose(8e-5 * reflectance / places**2, ratio * level, rtol=1e-12)
+
+
+@pytest.mark.parametrize("moving", [True, False])
+def test_pulls_are_errors_over_what_is_stated_of_them(monkeypatch: pytest.MonkeyPatch, moving: bool) -> None:
+    """Claim: (R − R₀)/σ_R and eᵀ C⁻¹ e of valid voxels with the stated covariance, eᵀ e if mirrors do not err."""
+    random, count = np.random.default_rng(4), coverage._FEWEST + 5
+    mirrors = {} if moving else dict.fromkeys(("jitter", "wobble", "synchronisation", "readout_noise"), 0.0)
+    known = setting(scanner={"mirrors": mirrors | ({} if moving else {"readout_step": 0.0})})
+    root = random.normal(size=(count, 3, 3)) * 1e-3
+    stated, error = root @ np.swapaxes(root, 1, 2), 1e-3 * random.normal(size=(count, 3))
+    theta, phi = random.uniform(-0.2, 0.2, (2, count))
+    points = judge.point_from_shot(R, theta, phi, ClosedForms(known.scenario).D) + error
+    layers = {"truth.range_m": np.full(count, R), "truth.theta_rad": theta, "truth.phi_rad": phi}
+    layers |= {"range_m": R + error[:, 0], "sigma_range_m": np.full(count, 2e-3), "status": np.zeros(count)}
+    layers["status"][0] = 4
+    for i, one in enumerate("xyz"):
+        layers |= {f"P.{one.upper()}": points[:, i], f"sigma_{one}_m": np.sqrt(stated[:, i, i])}
+        layers |= {f"cov_{'xyz'[j]}{one}_m2": stated[:, j, i] for j in range(i)}
+    good = np.ones(count, dtype=bool)
+    good[1] = False
+    monkeypatch.setattr(coverage, "_on_planes", lambda *_: iter([(layers, good)]))
+    ((pull, squares),) = coverage._pulls(known, "triangulation")
+    np.testing.assert_allclose(pull, error[2:, 0] / 2e-3, rtol=1e-9)
+    wanted = [
+        e @ (np.linalg.solve(c, e) if moving else e) for e, c in zip(error[2:], stated[2:], strict=True)
+    ]
+    np.testing.assert_allclose(squares, wanted, rtol=1e-6)

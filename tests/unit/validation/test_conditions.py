@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from scanner_sim.validation.studies.conditions import ECLIPSED, ESTIMATES, LIT, SHADED, Condition, classify
+from scanner_sim.validation.studies.conditions import ESTIMATES, Condition, classify
 
 WELL = 1e6
 
@@ -18,10 +18,10 @@ def one(visible: float = 1.0, in_view: float = 0.0, brightest: float = 0.0, lit:
     ("lit", "condition"),
     [
         (1.0, Condition.NORMAL),
-        (LIT, Condition.NORMAL),
-        (LIT - 1e-9, Condition.PARTIAL_SHADOW),
-        (SHADED, Condition.PARTIAL_SHADOW),
-        (SHADED - 1e-9, Condition.FULL_SHADOW),
+        (0.95, Condition.NORMAL),
+        (0.95 - 1e-9, Condition.PARTIAL_SHADOW),
+        (0.05, Condition.PARTIAL_SHADOW),
+        (0.05 - 1e-9, Condition.FULL_SHADOW),
         (0.0, Condition.FULL_SHADOW),
     ],
 )
@@ -42,8 +42,8 @@ def test_the_gravest_condition_counts() -> None:
 
 
 def test_a_sliver_of_the_sun_is_light() -> None:
-    assert one(visible=ECLIPSED) is Condition.NORMAL
-    assert one(visible=0.5 * ECLIPSED) is Condition.NO_LIGHT
+    assert one(visible=0.01) is Condition.NORMAL
+    assert one(visible=0.0099) is Condition.NO_LIGHT
 
 
 def test_moments_are_classified_together() -> None:

@@ -56,6 +56,22 @@ def test_a_spherical_dent_is_deepest_in_its_middle_and_ends_at_its_rim() -> None
     )
 
 
+def test_the_dented_tile_is_as_large_and_as_deep_as_published() -> None:
+    """Claim: 0.2 m wide, 5 mm deep in its middle, level beyond 38 mm, and each square of the grid is two triangles."""
+    lines = tiles._dented(41).splitlines()
+    start = lines.index("end_header") + 1
+    points = np.array([line.split() for line in lines[start : start + 41**2]], dtype=np.float64)
+    faces = np.array([line.split() for line in lines[start + 41**2 :]], dtype=np.int64)
+    assert (points[:, :2].min(), points[:, :2].max()) == (-0.1, 0.1)
+    from_axis = np.hypot(points[:, 0], points[:, 1])
+    assert points[from_axis < 1e-9, 2] == pytest.approx(5e-3)
+    assert not points[from_axis > 0.038, 2].any()
+    assert len(faces) == 2 * 40**2
+    a, b, c = (points[faces[:, 1 + corner], :2] for corner in range(3))
+    area = 0.5 * np.abs(np.linalg.det(np.stack([b - a, c - a], axis=-1)))
+    np.testing.assert_allclose(area, 0.5 * 0.005**2, rtol=1e-6)
+
+
 def test_a_crossing_has_the_standard_error_that_it_states() -> None:
     """Claim: the place where a rising ratio is one errs as stated. Set-up: R² over 9.5 m, 3 % noise, 3000 curves."""
     random = np.random.default_rng(3)

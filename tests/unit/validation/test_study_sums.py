@@ -113,10 +113,14 @@ def test_a_budget_without_an_array_goes_over_the_gate_at_even_places_between_sam
     assert budget.modes_of(timed) == ("tof",)
 
 
-def test_the_shots_of_a_budget_fill_its_course_of_time_evenly() -> None:
+@pytest.mark.parametrize("stepped", [True, False])
+def test_the_shots_of_a_budget_fill_its_course_of_time_evenly(stepped: bool) -> None:
     """Claim: n shots are T/n apart, in an order that does not go with the deflection."""
-    known = scenario()
+    sweep = {"columns": 5, "rows": 2, "horizontal": (-0.2, -0.1204), "vertical": (0.0, 0.1)}
+    # 484 shots, and 486, which the golden ratio's multiple divides.
+    known = scenario() if stepped else load_scenario({"schema": 1, "scan": sweep})
     aim = budget._aim(known)
+    assert aim.time.size == (484 if stepped else 486)
     whole = budget.course_time(known)
     np.testing.assert_allclose(np.sort(aim.time), np.arange(aim.time.size) * whole / aim.time.size, rtol=1e-9)
     # The correlation of a random order would be 1/√484.
